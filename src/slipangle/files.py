@@ -1,0 +1,78 @@
+"""Files are written to a temporary name beside the target, then renamed: never half a file."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+from slipangle.errors import OutputError
+
+
+def output_folder(path: str | Path) -> Path:
+    """Create the folder if needed and make sure that it can be written.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be created or written.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OutputError(
+            f"the output folder '{folder}' cannot be written ({reason}); expected a folder with write "
+            "permission: name another one with --out"
+        ) from None
+    return folder
+
+
+def check_output(path: str | Path) -> Path:
+    """Make sure that a folder could be written, without creating anything.
+
+    Raises
+    ------
+    OutputError
+        If it, or the nearest folder above it that exists, cannot be written.
+    """
+    folder = Path(path)
+    existing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
+    if not existing.is_dir():
+        raise OutputError(f"the output folder '{folder}' cannot be made ('{existing}' is a file); name another one")
+    output_folder(existing)
+    return folder
+
+
+def write_atomic(path: str | Path, content: str | bytes) -> Path:
+    """Write ``content`` to ``path`` whole or not at all.
+
+    Raises
+    ------
+    OutputError
+        If the place cannot be written.
+    """
+    target = Path(path)
+    raw = content.encode() if isinstance(content, str) else content
+    folder = output_folder(target.parent)
+    handle, name = tempfile.mkstemp(dir=folder, prefix=f".{target.name}.", suffix=".tmp")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(raw)
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(name, 0o666 & ~umask)
+        os.replace(name, target)
+    except OSError as error:
+        Path(name).unlink(missing_ok=True)
+        raise OutputError(
+            f"'{target}' cannot be written ({error.strerror or error}); expected a writable file: "
+            "close the program that holds it, or name another place"
+        ) from None
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+    return target
