@@ -1,0 +1,114 @@
+"""Numerics of centre lines: splines over arc length, interpolation between samples, speed under limits."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from scipy import interpolate
+
+from slipangle.errors import FormatError, MissingFileError, TooShortError
+
+
+def sample_spline(
+    x: np.ndarray, y: np.ndarray, *, closed: bool, smoothing: float, spacing: float
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Samples of a spline evenly over arc length, and the arc length at the given points."""
+    chord = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    degree: Literal[3, 5] = 5 if len(x) > 5 else 3
+    knots, _ = interpolate.splprep([x, y], u=chord, k=degree, s=len(x) * smoothing**2, per=int(closed), quiet=1)
+
+    def derivative(u: np.ndarray, order: int) -> np.ndarray:
+        return np.asarray(interpolate.splev(u, knots, der=order), dtype=float)
+
+    fine = np.linspace(0.0, chord[-1], max(int(chord[-1] / (0.2 * spacing)), 50 * len(x)) + 1)
+    middle = 0.5 * (fine[1:] + fine[:-1])
+    speed, speed_mid = (np.hypot(*derivative(u, 1)) for u in (fine, middle))
+    pieces = np.diff(fine) * (speed[:-1] + 4 * speed_mid + speed[1:]) / 6
+    arc = np.concatenate([[0.0], np.cumsum(pieces)])
+    s = np.linspace(0.0, arc[-1], max(round(arc[-1] / spacing), 4) + 1)
+    u = np.asarray(interpolate.CubicHermiteSpline(arc, fine, 1 / speed)(s))
+    u[0], u[-1] = 0.0, chord[-1]
+    px, py = derivative(u, 0)
+    dx, dy = derivative(u, 1)
+    ddx, ddy = derivative(u, 2)
+    samples = {
+        "s": s,
+        "X": px,
+        "Y": py,
+        "psi": np.unwrap(np.arctan2(dy, dx)),
+        "curvature": (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3,
+    }
+    return samples, np.interp(chord, fine, arc)
+
+
+def hermite(values: np.ndarray, slopes: np.ndarray, i: np.ndarray, t: np.ndarray, h: float) -> np.ndarray:
+    """Cubic through values and slopes, at the fraction ``t`` of the interval from sample ``i`` on, length ``h``."""
+    a, b, da, db = values[i], values[i + 1], h * slopes[i], h * slopes[i + 1]
+    return a + t * (da + t * (3 * (b - a) - 2 * da - db + t * (2 * (a - b) + da + db)))
+
+
+def edge_between(values: np.ndarray | None, i: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Distance to an edge between samples; beside the end of a marked stretch, the marked one."""
+    if values is None:
+        return np.full(len(i), np.inf)
+    a, b = values[i], values[i + 1]
+    both = np.isfinite(a) & np.isfinite(b)
+    return np.where(both, (1 - t) * np.where(both, a, 0.0) + t * np.where(both, b, 0.0), np.minimum(a, b))
+
+
+def limit_rise(
+    v: np.ndarray, k: np.ndarray, h: float, a_y: float, a_x: float, passes: int, *, closed: bool
+) -> np.ndarray:
+    """Speed that rises no faster than the friction ellipse allows."""
+    v = v.copy()
+    for _ in range(passes):
+        if closed:
+            v[0] = min(v[0], v[-1])
+        for i in range(len(v) - 1):
+            used = min(v[i] * v[i] * k[i] / a_y, 1.0)
+            free = a_x * math.sqrt(1.0 - used * used)
+            v[i + 1] = min(v[i + 1], math.sqrt(v[i] * v[i] + 2 * h * free))
+    return v
+
+
+def read_track(file: str | Path) -> np.ndarray:
+    """Numbers of a track file, shape (n, 2) or (n, 4): x, y and, if there, width to the right and left. [m]
+
+    Raises
+    ------
+    MissingFileError
+        If there is no such file.
+    FormatError
+        If a line does not hold two or four numbers, as many as the first.
+    """
+    source = Path(file)
+    try:
+        text = source.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise MissingFileError(
+            f"the track '{source}' cannot be read ({error.strerror or error}); expected a CSV file: check the path"
+        ) from None
+    rows: list[list[float]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        content = line.split("#")[0].strip()
+        if not content:
+            continue
+        try:
+            row = [float(c) for c in content.replace(";", ",").replace(",", " ").split()]
+        except ValueError:
+            raise FormatError(
+                f"line {number} of '{source.name}' is {content!r}; expected numbers x, y, width right, width left"
+            ) from None
+        if len(row) not in (2, 4) or len(row) != len(rows[0] if rows else row):
+            raise FormatError(
+                f"line {number} of '{source.name}' has {len(row)} numbers; expected x, y or x, y, width right, "
+                "width left on every line"
+            )
+        rows.append(row)
+    table = np.array(rows)
+    if len(table) < 4:
+        raise TooShortError(f"'{source.name}' has {len(table)} points; expected at least 4")
+    return table

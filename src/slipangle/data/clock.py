@@ -1,0 +1,258 @@
+"""From time stamps to a uniform sample time: gaps, jitter, mixed rates, clocks that jump back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from slipangle.errors import NotFiniteError, SampleTimeError, TimeError, TooShortError
+
+_SUSTAINED = 5  # this many steps in a row at another rate are another rate, not gaps
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grid:
+    """Uniform instants found in time stamps.
+
+    Parameters
+    ----------
+    dt : float
+        Sample time. [s]
+    pieces : tuple of (start, stop)
+        Rows of each uninterrupted stretch, ``stop`` exclusive.
+    start_times : tuple of float
+        Time of each stretch's first sample. [s]
+    exact : bool
+        Whether the stamps lie on the grid (up to their own rounding); if not, `onto` interpolates.
+    notes : tuple of str
+        What was seen in the stamps and what was done about it.
+    """
+
+    dt: float
+    pieces: tuple[tuple[int, int], ...]
+    start_times: tuple[float, ...]
+    exact: bool
+    notes: tuple[str, ...] = ()
+
+    def onto(self, t: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, tuple[int, ...]]:
+        """Put the rows of ``table``, stamped ``t``, on the grid.
+
+        Parameters
+        ----------
+        t : array, shape (n,)
+            Time stamps. [s]
+        table : array, shape (n, n_channels)
+            One row per stamp.
+
+        Returns
+        -------
+        values, starts
+            The rows of all stretches one after another, shape (m, n_channels), and where each starts.
+        """
+        rows, starts, count = [], [], 0
+        for (a, b), t0 in zip(self.pieces, self.start_times, strict=True):
+            part = table[a:b]
+            if not self.exact:
+                n = int((t[b - 1] - t0) / self.dt + 1e-6) + 1
+                instants = t0 + self.dt * np.arange(n)
+                part = np.column_stack([np.interp(instants, t[a:b], column) for column in part.T])
+            rows.append(part)
+            starts.append(count)
+            count += len(part)
+        return np.vstack(rows), tuple(starts)
+
+
+def find_grid(
+    t: np.ndarray,
+    *,
+    dt: float | None = None,
+    jitter: float = 0.2,
+    gap: float = 1.5,
+    shortest: int = 2,
+    row_name: Callable[[int], str] = lambda row: f"sample {row}",
+    what: str = "the log",
+) -> Grid:
+    """Find the uniform grid behind time stamps.
+
+    Parameters
+    ----------
+    t : array, shape (n,)
+        Time stamps. [s]
+    dt : float, optional
+        Sample time; by default the median step, rounded where the stamps allow it. [s]
+    jitter : float
+        Largest deviation of one step from ``dt``, as a share of ``dt``, that is put back on the grid by
+        linear interpolation.
+    gap : float
+        A step above ``gap * dt`` ends one stretch and starts the next.
+    shortest : int
+        Stretches with fewer samples are dropped, and a note says so.
+    row_name : callable
+        Turns a row number into words, such as ``line 12``.
+    what : str
+        Name of the log, for messages.
+
+    Raises
+    ------
+    NotFiniteError
+        If a stamp is NaN or infinite.
+    TimeError
+        If stamps repeat or go back, if the sample time changes, or if the jitter is too large.
+    SampleTimeError
+        If ``dt`` is given and the stamps disagree.
+    TooShortError
+        If no stretch is long enough.
+
+    >>> grid = find_grid(np.array([0.0, 0.1, 0.2, 0.5, 0.6, 0.7]))
+    >>> round(grid.dt, 9), grid.pieces
+    (0.1, ((0, 3), (3, 6)))
+    """
+    t = np.asarray(t, dtype=float)
+    if len(t) < shortest or len(t) < 2:
+        raise TooShortError(
+            f"{what} has {len(t)} samples; expected at least {max(shortest, 2)}: record longer or choose another part"
+        )
+    steps = _rising_steps(t, row_name, what)
+    given, dt = dt, float(np.median(steps)) if dt is None else dt
+    if given is not None and abs(np.median(steps) / given - 1) > 0.02:
+        raise SampleTimeError(
+            f"{what} is sampled every {np.median(steps):.6g} s, the setting dt says {given:g} s; expected the same: "
+            "correct dt, or leave it out and resample after reading"
+        )
+    _one_rate(t, steps, dt, row_name, what)
+    edges = [0, *(np.flatnonzero(steps > gap * dt) + 1).tolist(), len(t)]
+    spans = list(pairwise(edges))
+    pieces = tuple((a, b) for a, b in spans if b - a >= max(shortest, 1))
+    if not pieces:
+        longest = max(b - a for a, b in spans)
+        raise TooShortError(
+            f"the longest of {len(spans)} uninterrupted stretches of {what} has {longest} samples; "
+            f"expected at least {shortest}: record without gaps or lower the limit"
+        )
+    if given is None:
+        dt = _rounded(_slope(t, pieces, dt), t, pieces)
+    notes = _gap_notes(t, spans, pieces, row_name)
+    worst = _off_grid(t, pieces, dt)
+    exact = worst <= max(0.02 * dt, 1.01 * _resolution(t, dt))
+    if not exact:
+        notes += _jitter_note(t, steps, dt, jitter, gap, row_name, what)
+    return Grid(dt=dt, pieces=pieces, start_times=tuple(float(t[a]) for a, _ in pieces), exact=exact, notes=notes)
+
+
+def _rising_steps(t: np.ndarray, row_name: Callable[[int], str], what: str) -> np.ndarray:
+    if not np.isfinite(t).all():
+        row = int(np.flatnonzero(~np.isfinite(t))[0])
+        raise NotFiniteError(
+            f"the time of {what} is {t[row]} at {row_name(row)}; expected a number: delete or repair that row"
+        )
+    steps = np.diff(t)
+    bad = np.flatnonzero(steps <= 0)
+    if len(bad):
+        row = int(bad[0]) + 1
+        verb = "repeats" if t[row] == t[row - 1] else "goes back"
+        raise TimeError(
+            f"the time of {what} {verb} at {row_name(row)}: {t[row - 1]:.10g} s, then {t[row]:.10g} s"
+            f"{f' ({len(bad)} such places)' if len(bad) > 1 else ''}; expected rising time: delete those rows, or read "
+            "the parts before and after as two logs"
+        )
+    return steps
+
+
+def _one_rate(t: np.ndarray, steps: np.ndarray, dt: float, row_name: Callable[[int], str], what: str) -> None:
+    """Raise where the sample time changes for a while (not for single long steps, which are gaps)."""
+    if len(steps) < _SUSTAINED:
+        return
+    windows = np.lib.stride_tricks.sliding_window_view(steps, _SUSTAINED)
+    local = np.median(windows, axis=1)
+    steady = np.abs(windows - local[:, None]).max(axis=1) < 0.2 * local
+    other = np.flatnonzero(steady & ((local > 1.3 * dt) | (local < 0.7 * dt)))
+    if len(other):
+        i = int(other[0])
+        place = i if i else int(np.flatnonzero(np.abs(steps / local[0] - 1) > 0.2)[0])
+        before, after = (dt, local[i]) if i else (local[0], dt)
+        raise TimeError(
+            f"{what} changes its sample time at {row_name(place)} (t = {t[place]:.6g} s) from {before:.4g} to "
+            f"{after:.4g} s; expected one sample time: read the parts on their own, resample() them alike and join() "
+            "them"
+        )
+
+
+def _slope(t: np.ndarray, pieces: tuple[tuple[int, int], ...], dt: float) -> float:
+    """Sample time from the longest stretch, by least squares."""
+    a, b = max(pieces, key=lambda p: p[1] - p[0])
+    if b - a < 3:
+        return dt
+    k = np.arange(b - a) - (b - a - 1) / 2
+    return float(k @ (t[a:b] - t[a]) / (k @ k))
+
+
+def _rounded(dt: float, t: np.ndarray, pieces: tuple[tuple[int, int], ...]) -> float:
+    """A round sample time or rate if the stamps fit it as well."""
+    own = _off_grid(t, pieces, dt)
+    for digits in (2, 3, 4, 6):
+        allowed = own + (0.1 if digits == 2 else 0.01) * dt
+        nice = (float(f"{dt:.{digits - 1}e}"), 1 / float(f"{1 / dt:.{digits - 1}e}"))
+        worst, best = min((_off_grid(t, pieces, n), n) for n in nice)
+        if worst < allowed:
+            return best
+    return dt
+
+
+def _off_grid(t: np.ndarray, pieces: tuple[tuple[int, int], ...], dt: float) -> float:
+    """Largest distance of a stamp from its stretch's grid. [s]"""
+    return max(float(np.abs(t[a:b] - t[a] - dt * np.arange(b - a)).max()) for a, b in pieces)
+
+
+def _resolution(t: np.ndarray, dt: float) -> float:
+    """Last decimal place of the stamps, at most a tenth of the sample time. [s]"""
+    noise = 2 * float(np.spacing(np.abs(t).max()))
+    for decimals in range(1, 9):
+        if 10.0**-decimals > 10 * noise and np.abs(t - np.round(t, decimals)).max() <= noise:
+            return min(10.0**-decimals, 0.1 * dt)
+    return 0.0
+
+
+def _gap_notes(
+    t: np.ndarray,
+    spans: list[tuple[int, int]],
+    pieces: tuple[tuple[int, int], ...],
+    row_name: Callable[[int], str],
+) -> tuple[str, ...]:
+    notes = []
+    if len(spans) > 1:
+        places = [f"{t[a] - t[a - 1]:.3g} s at {row_name(a)} (t = {t[a - 1]:.6g} s)" for a, _ in spans[1:]]
+        more = f" and {len(places) - 5} more" if len(places) > 5 else ""
+        count = "1 gap splits" if len(places) == 1 else f"{len(places)} gaps split"
+        notes.append(f"{count} the log: " + ", ".join(places[:5]) + more)
+    dropped = [s for s in spans if s not in pieces]
+    if dropped:
+        lost = sum(b - a for a, b in dropped)
+        notes.append(f"{len(dropped)} stretches too short to use were dropped, {lost} samples in all")
+    return tuple(notes)
+
+
+def _jitter_note(
+    t: np.ndarray,
+    steps: np.ndarray,
+    dt: float,
+    jitter: float,
+    gap: float,
+    row_name: Callable[[int], str],
+    what: str,
+) -> tuple[str, ...]:
+    inside = np.where(steps > gap * dt, dt, steps)
+    deviation = np.abs(inside - dt) / dt
+    row = int(np.argmax(deviation))
+    if deviation[row] > jitter:
+        raise TimeError(
+            f"{what} mixes sample times: the step after {row_name(row)} (t = {t[row]:.6g} s) is {steps[row]:.4g} s, "
+            f"the others {dt:.4g} s; expected steps within {100 * jitter:g} % of each other: allow more with jitter=, "
+            "or repair the clock"
+        )
+    return (
+        f"time steps vary by up to {100 * deviation[row]:.2g} % of {dt:.6g} s: interpolated linearly onto a "
+        "uniform grid",
+    )

@@ -1,0 +1,443 @@
+"""`Dataset`: uniformly sampled recordings of named channels with units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from math import isclose
+from typing import Self
+
+import numpy as np
+from scipy import interpolate, signal
+
+from slipangle.errors import (
+    MissingColumnError,
+    NotFiniteError,
+    ParameterError,
+    SampleTimeError,
+    TooShortError,
+    UnitError,
+    nearest,
+)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Name and SI unit of one column."""
+
+    name: str
+    unit: str = "-"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dataset:
+    """One or several recordings ("experiments") of the same channels at one sample time.
+
+    Experiments are stored one after another; `experiments` gives each as a data set of its own.
+    A gap in a log ends one experiment and starts the next: nothing is interpolated across it.
+
+    Parameters
+    ----------
+    values : array, shape (n_samples, n_channels)
+        All samples, SI units, finite.
+    channels : sequence of Channel
+        One per column.
+    dt : float
+        Sample time. [s]
+    inputs, outputs : sequence of str
+        Which channels drive the system and which are to be explained, in order. The others ride along.
+    starts : sequence of int
+        Row at which each experiment starts; the first is 0.
+    start_times : sequence of float
+        Time of each experiment's first sample. [s]
+    name : str
+        What the data are, for reports.
+    notes : sequence of str
+        What was done to the data and what was seen in them.
+
+    Raises
+    ------
+    NotFiniteError
+        If a value is NaN or infinite.
+    MissingColumnError
+        If an input or output is not a channel.
+    """
+
+    values: np.ndarray
+    channels: tuple[Channel, ...]
+    dt: float
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    starts: tuple[int, ...] = (0,)
+    start_times: tuple[float, ...] = (0.0,)
+    name: str = "data"
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.values, dtype=float)
+        if values.flags.writeable:
+            values = values.copy()  # the caller's array stays the caller's
+        if values.ndim == 1:
+            values = values[:, None]
+        object.__setattr__(self, "values", values)
+        for key in ("channels", "inputs", "outputs", "starts", "start_times", "notes"):
+            given = getattr(self, key)
+            object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
+        if values.shape[1] != len(self.channels):
+            raise ParameterError(
+                f"the data have {values.shape[1]} columns but {len(self.channels)} channel names; expected one "
+                "name per column: give a Channel for each"
+            )
+        if len(set(self.names)) != len(self.names):
+            raise ParameterError(f"channel names repeat in {list(self.names)}; expected each once: rename one")
+        if not self.dt > 0:
+            raise SampleTimeError(f"the sample time is {self.dt} s; expected a positive number: check the clock")
+        if len(self.starts) != len(self.start_times):
+            raise ParameterError(
+                f"{len(self.starts)} starts but {len(self.start_times)} start times; expected one time per experiment"
+            )
+        self._check_starts(len(values))
+        for name in (*self.inputs, *self.outputs):
+            self.index(name)
+        if not np.isfinite(values).all():
+            row, column = np.argwhere(~np.isfinite(values))[0]
+            count = int((~np.isfinite(values[:, column])).sum())
+            raise NotFiniteError(
+                f"channel '{self.names[column]}' holds {count} NaN or infinite samples, the first at sample {row}; "
+                "expected finite numbers: cut that stretch (it then becomes a gap) or repair the log"
+            )
+        values.setflags(write=False)
+
+    def _check_starts(self, n: int) -> None:
+        if n == 0:
+            raise TooShortError(f"'{self.name}' holds no sample; expected at least one: check what was cut away")
+        edges = (*self.starts, n)
+        if not self.starts or self.starts[0] != 0 or any(b <= a for a, b in pairwise(edges)):
+            raise ParameterError(
+                f"'{self.name}' has {n} samples and experiments starting at rows {list(self.starts)[:12]}; "
+                f"expected rising rows from 0 to below {n}: give the first row of each experiment"
+            )
+
+    @classmethod
+    def from_arrays(
+        cls,
+        inputs: Mapping[str, np.ndarray],
+        outputs: Mapping[str, np.ndarray],
+        dt: float,
+        *,
+        extra: Mapping[str, np.ndarray] | None = None,
+        units: Mapping[str, str] | None = None,
+        name: str = "data",
+    ) -> Self:
+        """One experiment from one array per channel, already in SI units.
+
+        >>> data = Dataset.from_arrays({"delta": np.zeros(5)}, {"r": np.ones(5)}, 0.1)
+        >>> data.n_samples, data.u.shape
+        (5, (5, 1))
+        """
+        columns = {**inputs, **outputs, **(extra or {})}
+        lengths = {len(np.asarray(c)) for c in columns.values()}
+        if len(lengths) > 1:
+            raise ParameterError(f"channels have lengths {sorted(lengths)}; expected one length: cut them alike")
+        known = units or {}
+        return cls(
+            values=np.column_stack([np.asarray(c, dtype=float) for c in columns.values()]),
+            channels=tuple(Channel(n, known.get(n, "-")) for n in columns),
+            dt=dt,
+            inputs=tuple(inputs),
+            outputs=tuple(outputs),
+            name=name,
+        )
+
+    # ---- looking -----------------------------------------------------------------------------------------------
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Channel names, in column order."""
+        return tuple(c.name for c in self.channels)
+
+    @property
+    def n_samples(self) -> int:
+        """Samples of all experiments together."""
+        return len(self.values)
+
+    @property
+    def duration(self) -> float:
+        """Length of all experiments together. [s]"""
+        return self.n_samples * self.dt
+
+    @property
+    def stops(self) -> tuple[int, ...]:
+        """Row after the last of each experiment."""
+        return (*self.starts[1:], self.n_samples)
+
+    @property
+    def t(self) -> np.ndarray:
+        """Time of every sample, shape (n_samples,). [s]"""
+        return np.concatenate(
+            [
+                t0 + self.dt * np.arange(b - a)
+                for t0, a, b in zip(self.start_times, self.starts, self.stops, strict=True)
+            ]
+        )
+
+    @property
+    def u(self) -> np.ndarray:
+        """Inputs, shape (n_samples, n_inputs)."""
+        return self.values[:, [self.index(n) for n in self.inputs]]
+
+    @property
+    def y(self) -> np.ndarray:
+        """Outputs, shape (n_samples, n_outputs)."""
+        return self.values[:, [self.index(n) for n in self.outputs]]
+
+    def index(self, name: str) -> int:
+        """Column of a channel.
+
+        Raises
+        ------
+        MissingColumnError
+            If there is none of that name; the nearest names are given.
+        """
+        try:
+            return self.names.index(name)
+        except ValueError:
+            raise MissingColumnError(
+                f"'{self.name}' has no channel '{name}'; {nearest(name, self.names)}: use one of these names"
+            ) from None
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Samples of one channel, shape (n_samples,)."""
+        return self.values[:, self.index(name)]
+
+    def unit(self, name: str) -> str:
+        """Unit of a channel."""
+        return self.channels[self.index(name)].unit
+
+    @property
+    def experiments(self) -> tuple[Self, ...]:
+        """Each experiment as a data set of its own."""
+        return tuple(
+            replace(self, values=self.values[a:b], starts=(0,), start_times=(t0,))
+            for t0, a, b in zip(self.start_times, self.starts, self.stops, strict=True)
+        )
+
+    def __iter__(self) -> Iterator[Self]:
+        return iter(self.experiments)
+
+    def __len__(self) -> int:
+        return self.n_samples
+
+    # ---- making new ones ---------------------------------------------------------------------------------------
+
+    def select(self, *, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> Self:
+        """The same samples with other inputs and outputs."""
+        return replace(
+            self,
+            inputs=self.inputs if inputs is None else tuple(inputs),
+            outputs=self.outputs if outputs is None else tuple(outputs),
+        )
+
+    def with_channel(self, name: str, values: np.ndarray, unit: str = "-") -> Self:
+        """The data with one channel added or replaced."""
+        column = np.asarray(values, dtype=float).reshape(-1, 1)
+        if len(column) != self.n_samples:
+            raise ParameterError(
+                f"channel '{name}' has {len(column)} samples, the data have {self.n_samples}; expected the same"
+            )
+        if name in self:
+            i = self.index(name)
+            table = self.values.copy()
+            table[:, i] = column[:, 0]
+            channels = (*self.channels[:i], Channel(name, unit), *self.channels[i + 1 :])
+        else:
+            table = np.hstack([self.values, column])
+            channels = (*self.channels, Channel(name, unit))
+        return replace(self, values=table, channels=channels)
+
+    def with_note(self, note: str) -> Self:
+        """The data with one more line in `notes`."""
+        return replace(self, notes=(*self.notes, note))
+
+    def head(self, n: int) -> Self:
+        """The first ``n`` samples of a single experiment."""
+        if len(self.starts) > 1:
+            raise ParameterError("head() of several experiments is ambiguous: take it of one of data.experiments")
+        return replace(self, values=self.values[:n])
+
+    def rows(self, start: int, stop: int) -> Self:
+        """Samples ``start`` to ``stop`` (exclusive); experiment borders inside stay borders."""
+        start, stop = max(start, 0), min(stop, self.n_samples)
+        if stop <= start:
+            raise TooShortError(
+                f"rows {start} to {stop} of '{self.name}' hold no sample; expected "
+                f"0 <= start < stop <= {self.n_samples}"
+            )
+        parts = [
+            (max(a, start), min(b, stop), t0 + (max(a, start) - a) * self.dt)
+            for t0, a, b in zip(self.start_times, self.starts, self.stops, strict=True)
+            if a < stop and b > start
+        ]
+        return replace(
+            self,
+            values=self.values[start:stop],
+            starts=tuple(a - start for a, _, _ in parts),
+            start_times=tuple(t0 for _, _, t0 in parts),
+        )
+
+    def split(self, fraction: float) -> tuple[Self, Self]:
+        """The first ``fraction`` of the samples for training, the rest for testing; never mixed.
+
+        >>> train, test = Dataset.from_arrays({"u": np.zeros(10)}, {"y": np.zeros(10)}, 0.1).split(0.7)
+        >>> train.n_samples, test.n_samples, round(float(test.t[0]), 9)
+        (7, 3, 0.7)
+        """
+        if not 0 < fraction < 1:
+            raise ParameterError(f"the training share is {fraction}; expected a number between 0 and 1, such as 0.7")
+        n = round(fraction * self.n_samples)
+        if n < 2 or self.n_samples - n < 2:
+            raise TooShortError(
+                f"'{self.name}' has {self.n_samples} samples, a split at {fraction} leaves {n} and "
+                f"{self.n_samples - n}; expected at least 2 on each side: record longer or move the split"
+            )
+        return self.rows(0, n), self.rows(n, self.n_samples)
+
+    def resample(self, dt: float, *, cutoff: float | None = None) -> Self:
+        """Another sample time, with a zero-phase anti-alias filter first.
+
+        Parameters
+        ----------
+        dt : float
+            New sample time. [s]
+        cutoff : float, optional
+            Corner frequency of the low-pass [Hz]; by default 0.4 of the new sample rate when slowing down.
+
+        Notes
+        -----
+        Fourth-order Butterworth run forwards and backwards, then interpolation to the new instants
+        (cubic after the low-pass, where the record is smooth; linear otherwise, which never
+        overshoots a step), inside each experiment. Forwards and backwards halve the amplitude at the
+        corner and keep the phase; a filtered record must not be used to measure causality.
+        """
+        if not dt > 0:
+            raise SampleTimeError(f"the new sample time is {dt} s; expected a positive number")
+        slower = dt > self.dt * (1 + 1e-9)
+        corner = cutoff if cutoff is not None else (0.4 / dt if slower else None)
+        if corner is not None and not 0 < corner < 0.5 / self.dt:
+            raise ParameterError(
+                f"the filter corner is {corner} Hz; expected between 0 and half the sample rate, {0.5 / self.dt:g} Hz"
+            )
+        pieces, starts, row = [], [], 0
+        for part in self.experiments:
+            x = part.values
+            if corner is not None:
+                sos = signal.butter(4, corner, fs=1 / self.dt, output="sos")
+                pad = min(27, len(x) - 1)
+                x = signal.sosfiltfilt(sos, x, axis=0, padlen=pad)
+            n = int((part.n_samples - 1) * self.dt / dt + 1e-9) + 1
+            pieces.append(_at(x, np.arange(n) * dt / self.dt, smooth=corner is not None))
+            starts.append(row)
+            row += n
+        how = f"resampled from {1 / self.dt:g} to {1 / dt:g} Hz" + (
+            f" after a zero-phase low-pass at {corner:g} Hz" if corner is not None else ""
+        )
+        return replace(self, values=np.vstack(pieces), dt=dt, starts=tuple(starts), notes=(*self.notes, how))
+
+    def hold_mean(self) -> Self:
+        """Each input as its mean over the interval to the next sample, instead of its value at the sample.
+
+        A `Model` holds its inputs for a sample; a logged input goes on moving meanwhile. Driving the model
+        with the sampled value makes it late by half a sample, which an identification takes for lag of the
+        vehicle. The mean of both ends removes that to second order. Not for inputs that a controller held.
+        """
+        table = self.values.copy()
+        for a, b in zip(self.starts, self.stops, strict=True):
+            for name in self.inputs:
+                x = self.values[a:b, self.index(name)]
+                table[a : b - 1, self.index(name)] = 0.5 * (x[:-1] + x[1:])
+        return replace(self, values=table, notes=(*self.notes, "inputs are means over each sample interval"))
+
+    def detrend(self, offsets: Mapping[str, float] | None = None) -> tuple[Self, dict[str, float]]:
+        """Subtract offsets from the input and output channels.
+
+        Parameters
+        ----------
+        offsets : mapping, optional
+            Offset of each channel; by default the channel's mean. Give the training data's offsets to
+            treat test data alike.
+
+        Returns
+        -------
+        data, offsets
+            The new data and what was subtracted.
+        """
+        names = (*self.inputs, *self.outputs)
+        used = dict(offsets) if offsets is not None else {n: float(self[n].mean()) for n in names}
+        table = self.values.copy()
+        for name, value in used.items():
+            table[:, self.index(name)] -= value
+        return replace(self, values=table), used
+
+    def require_dt(self, dt: float, who: str = "the model") -> None:
+        """Raise unless the data have this sample time.
+
+        Raises
+        ------
+        SampleTimeError
+            If the sample times differ by more than 1e-6 of their value.
+        """
+        if not isclose(self.dt, dt, rel_tol=1e-6):
+            raise SampleTimeError(
+                f"'{self.name}' is sampled at {self.dt:g} s, {who} works at {dt:g} s; expected the same: "
+                f"use data.resample({dt:g})"
+            )
+
+
+def _at(x: np.ndarray, position: np.ndarray, *, smooth: bool) -> np.ndarray:
+    """Rows of ``x`` at fractional row numbers."""
+    nearest_row = np.rint(position).astype(int)
+    if np.abs(position - nearest_row).max(initial=0.0) < 1e-6:
+        return x[np.minimum(nearest_row, len(x) - 1)]
+    order = 3 if smooth and len(x) > 3 else 1
+    return interpolate.make_interp_spline(np.arange(len(x)), x, k=order, axis=0)(position)
+
+
+def join(*parts: Dataset, name: str | None = None) -> Dataset:
+    """Several data sets as experiments of one.
+
+    Raises
+    ------
+    ParameterError
+        If there is nothing to join.
+    SampleTimeError, MissingColumnError, UnitError
+        If the sample times, channels or units differ.
+    """
+    if not parts:
+        raise ParameterError("join() got no data sets; expected at least one: pass them one after another")
+    first = parts[0]
+    tables, starts, times, notes, row = [], [], [], list(first.notes), 0
+    for part in parts:
+        part.require_dt(first.dt, f"'{first.name}'")
+        for channel in first.channels:
+            if "-" not in (given := part.unit(channel.name), channel.unit) and given != channel.unit:
+                raise UnitError(
+                    f"channel '{channel.name}' is in '{given}' in '{part.name}' and in "
+                    f"'{channel.unit}' in '{first.name}'; expected one unit: convert one of them to SI when reading"
+                )
+        tables.append(np.column_stack([part[n] for n in first.names]))
+        starts += [row + s for s in part.starts]
+        times += part.start_times
+        notes += [n for n in part.notes if n not in notes]
+        row += part.n_samples
+    return replace(
+        first,
+        values=np.vstack(tables),
+        starts=tuple(starts),
+        start_times=tuple(times),
+        name=name or first.name,
+        notes=tuple(notes),
+    )

@@ -1,0 +1,262 @@
+"""Spikes and jumps in a recording: found, named with time and size, and removed only on request."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from scipy import ndimage
+
+from slipangle import units
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError, UnitError
+
+_NORMAL_P99 = 2.5758  # 99 % of a normal law lies within this many standard deviations
+FASTEST: Mapping[str, float] = MappingProxyType({"speed": 15.0})
+"""Largest believable change per second, by quantity, SI: no tire accelerates a car by more than about 1.5 g."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spike:
+    """A few samples that leave the signal and come back."""
+
+    channel: str
+    row: int
+    t: float
+    size: float
+    samples: int
+    unit: str
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        lasts = "a single sample" if self.samples == 1 else f"{self.samples} samples"
+        return f"{self.channel} has a spike of {self.size:+.3g} {self.unit} at t = {self.t:.2f} s, {lasts}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Jump:
+    """One step between two samples that is too large for the signal."""
+
+    channel: str
+    row: int
+    t: float
+    size: float
+    unit: str
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        return f"{self.channel} jumps by {self.size:+.3g} {self.unit} in one sample at t = {self.t:.2f} s"
+
+
+def _spread(residual: np.ndarray) -> float:
+    """Standard deviation of the bulk, not swayed by outliers nor by long stretches of rest."""
+    size = np.abs(residual)
+    return float(max(1.4826 * np.median(size), np.percentile(size, 99) / _NORMAL_P99))
+
+
+def level_step(x: np.ndarray) -> float:
+    """Step between the levels a quantised signal takes; 0 if it is not quantised.
+
+    >>> round(level_step(np.round(np.sin(np.arange(500.0)), 1)), 9)
+    0.1
+    """
+    levels = np.unique(x)
+    if not 3 < len(levels) < 0.25 * len(x):
+        return 0.0
+    gaps = np.diff(levels)
+    return float(np.median(gaps[gaps > 1e-9 * np.ptp(x)]))
+
+
+def _checked(width: int, threshold: float) -> None:
+    if width < 3 or width % 2 == 0:
+        raise ParameterError(f"the median's width is {width} samples; expected an odd number from 3 on, such as 5")
+    if not threshold > 0:
+        raise ParameterError(
+            f"the threshold is {threshold}; expected a positive number of standard deviations, such as 12"
+        )
+
+
+def _median(x: np.ndarray, width: int) -> np.ndarray:
+    return ndimage.median_filter(x, width, mode="nearest")
+
+
+def find_spikes(data: Dataset, channel: str, *, width: int = 5, threshold: float = 12.0) -> tuple[Spike, ...]:
+    """Samples that stand out from the median of their neighbourhood and are alone in it.
+
+    At the very ends of a recording a spike cannot be told from a step and is not reported.
+
+    Parameters
+    ----------
+    data : Dataset
+        The recording.
+    channel : str
+        Which channel.
+    width : int
+        Samples of the running median, odd; spikes of up to ``(width - 1) / 2`` samples are found.
+    threshold : float
+        How far a sample must stand out, in standard deviations of the bulk of all samples.
+
+    Returns
+    -------
+    tuple of Spike
+        In order of time; ``size`` is the distance from the running median.
+
+    Raises
+    ------
+    MissingColumnError, ParameterError
+        If there is no such channel, or the settings make no sense.
+    """
+    _checked(width, threshold)
+    unit = data.unit(channel)
+    residual = np.concatenate([p[channel] - _median(p[channel], width) for p in data.experiments])
+    floor = max(1e-4 * float(np.ptp(data[channel])), level_step(data[channel]) / 4)
+    limit = threshold * max(_spread(residual), floor)
+    size = np.abs(residual)
+    stands_out = np.asarray(size > limit)
+    found, t = [], data.t
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], stands_out.astype(int), [0]])))
+    for start, stop in edges.reshape(-1, 2).tolist():
+        peak = start + int(np.argmax(size[start:stop]))
+        tall = np.flatnonzero(size[max(peak - 2 * width, 0) : peak + 2 * width + 1] > 0.3 * size[peak])
+        samples = int(tall[-1] - tall[0]) + 1
+        if samples <= width // 2:
+            found.append(
+                Spike(
+                    channel=channel,
+                    row=peak,
+                    t=float(t[peak]),
+                    size=float(residual[peak]),
+                    samples=samples,
+                    unit=unit,
+                )
+            )
+    return tuple(found)
+
+
+def despike(data: Dataset, channel: str, width: int = 5, threshold: float = 12.0) -> tuple[Dataset, list[Spike]]:
+    """Replace spikes, and nothing else, by the median of their neighbourhood.
+
+    Parameters
+    ----------
+    data : Dataset
+        The recording.
+    channel : str
+        Which channel.
+    width, threshold
+        See `find_spikes`.
+
+    Returns
+    -------
+    data, spikes
+        The repaired recording, with one note per spike, and the spikes. Without spikes the data are
+        returned as they are.
+
+    Raises
+    ------
+    MissingColumnError, ParameterError
+        If there is no such channel, or the settings make no sense.
+    """
+    spikes = list(find_spikes(data, channel, width=width, threshold=threshold))
+    if not spikes:
+        return data, spikes
+    smooth = np.concatenate([_median(p[channel], width) for p in data.experiments])
+    column = data[channel].copy()
+    for spike in spikes:
+        rows = slice(max(spike.row - spike.samples + 1, 0), spike.row + spike.samples)
+        near = np.abs(column[rows] - smooth[rows]) > 0.3 * abs(spike.size)
+        column[rows] = np.where(near, smooth[rows], column[rows])
+    repaired = data.with_channel(channel, column, data.unit(channel))
+    for spike in spikes:
+        repaired = repaired.with_note(f"{spike.sentence}: replaced by the median of {width} samples")
+    return repaired, spikes
+
+
+def find_jumps(
+    data: Dataset,
+    channel: str,
+    *,
+    threshold: float = 12.0,
+    fastest: float | None = None,
+    skip: tuple[Spike, ...] = (),
+) -> tuple[Jump, ...]:
+    """Steps from one sample to the next that are too large.
+
+    For a speed the limit is physical, 15 m/s2 by default, or 4.5 standard deviations of the bulk of all
+    steps where the sensor is noisier, and three quarters of it must not be the trend around the step. For
+    other channels a step must exceed ``threshold`` standard deviations, stand apart from the steps beside it, and
+    stay: the mean of the three samples after and before must differ by most of it.
+
+    Parameters
+    ----------
+    data : Dataset
+        The recording.
+    channel : str
+        Which channel.
+    threshold : float
+        In standard deviations of the steps.
+    fastest : float, optional
+        Largest believable change per second, in the channel's unit; replaces the rule above.
+    skip : tuple of Spike
+        Spikes found before; their flanks are no jumps.
+
+    Returns
+    -------
+    tuple of Jump
+        In order of time; ``t`` is the first sample after the step.
+
+    Raises
+    ------
+    MissingColumnError, ParameterError
+        If there is no such channel, or the threshold is not positive.
+    """
+    _checked(5, threshold)
+    unit = data.unit(channel)
+    limit = fastest if fastest is not None else FASTEST.get(_quantity(unit))
+    near_spikes = {row for s in skip for row in range(s.row - s.samples, s.row + s.samples + 2)}
+    found, offset = [], 0
+    for part in data.experiments:
+        x = part[channel]
+        if len(x) > 8:
+            if limit is None:
+                rows = _rows_apart(x, threshold)
+            else:  # noise is no jump: 4.5 standard deviations of all steps are always believable
+                steps = np.diff(x)
+                rows = _rows_above(x, max(limit * data.dt, 4.5 * _spread(steps - np.median(steps))))
+            found += [
+                Jump(channel=channel, row=offset + k, t=float(part.t[k]), size=float(x[k] - x[k - 1]), unit=unit)
+                for k in rows
+                if offset + k not in near_spikes
+            ]
+        offset += len(x)
+    return tuple(found)
+
+
+def _quantity(unit: str) -> str:
+    try:
+        return units.quantity(unit)
+    except UnitError:
+        return ""
+
+
+def _rows_above(x: np.ndarray, limit: float) -> list[int]:
+    """Steps above the limit of which most is not the trend around them (braking, say)."""
+    steps = np.diff(x)
+    apart = np.abs(steps - _median(steps, 11)) > 0.75 * limit
+    return (np.flatnonzero((np.abs(steps) > limit) & apart) + 1).tolist()
+
+
+def _rows_apart(x: np.ndarray, threshold: float) -> list[int]:
+    steps = np.diff(x)
+    excess = steps - _median(steps, 7)
+    rows = np.flatnonzero(np.abs(excess) > threshold * max(_spread(excess), 1e-4 * np.ptp(x))) + 1
+    kept = []
+    for k in rows.tolist():
+        if 3 <= k <= len(x) - 3 and x[k] != x[k - 1]:
+            stays = (x[k : k + 3].mean() - x[k - 3 : k].mean()) / (x[k] - x[k - 1])
+            if 0.6 < stays < 1.4:
+                kept.append(k)
+    return kept

@@ -1,0 +1,217 @@
+"""What a race log needs beyond a log: metres from latitude and longitude, laps, corners with their phases."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+from scipy import ndimage
+
+from slipangle.data.dataset import Dataset, join
+from slipangle.errors import ParameterError, TooShortError
+
+EARTH = 6_371_008.8  # mean radius of the earth [m], IUGG
+Phase = Literal["entry", "middle", "exit"]
+
+
+def equirectangular(
+    latitude: np.ndarray, longitude: np.ndarray, *, origin: tuple[float, float] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """East and north of the origin, from angles in radians. [m, m]
+
+    Good over a race track: the error grows with the square of the distance, about 0.1 m at 1 km and 45 degrees.
+
+    Parameters
+    ----------
+    latitude, longitude : array, shape (n,)
+        North and east positive. [rad]
+    origin : (float, float), optional
+        Latitude and longitude of the origin [rad]; by default the first sample.
+
+    Raises
+    ------
+    ParameterError
+        If a latitude is beyond a pole (such as degrees would be) or there is no sample.
+
+    References
+    ----------
+    .. [1] J. P. Snyder, Map Projections: A Working Manual, USGS, 1987, sec. 12.
+
+    >>> x, y = equirectangular(np.array([0.0, 1e-4]), np.array([0.0, 0.0]))
+    >>> round(float(y[1]), 2), float(x[1])
+    (637.1, 0.0)
+    """
+    lat, lon = np.asarray(latitude, dtype=float), np.asarray(longitude, dtype=float)
+    if len(lat) == 0 or np.abs(lat).max() > np.pi / 2 or np.abs(lon).max() > 2 * np.pi:
+        raise ParameterError(
+            f"{len(lat)} latitudes up to {np.abs(lat).max(initial=0.0):g} rad; expected at least one, within pi/2: "
+            "convert degrees with slipangle.units.deg"
+        )
+    lat0, lon0 = origin if origin is not None else (float(lat[0]), float(lon[0]))
+    around = np.angle(np.exp(1j * (lon - lon0)))  # across the date line too
+    return EARTH * np.cos(lat0) * around, EARTH * (lat - lat0)
+
+
+def with_position(data: Dataset, latitude: str = "latitude", longitude: str = "longitude") -> Dataset:
+    """The data with X (east) and Y (north) [m] from channels in radians; see `equirectangular`."""
+    x, y = equirectangular(data[latitude], data[longitude])
+    return data.with_channel("X", x, "m").with_channel("Y", y, "m")
+
+
+def lap_starts(data: Dataset, *, gate: tuple[float, float], heading: float, width: float = 30.0) -> np.ndarray:
+    """Rows of the first samples after crossing a gate in its direction.
+
+    Parameters
+    ----------
+    data : Dataset
+        With X and Y. [m]
+    gate : (float, float)
+        Middle of the gate. [m]
+    heading : float
+        Direction of travel through it, from the X axis. [rad]
+    width : float
+        Of the gate. [m]
+
+    Returns
+    -------
+    array of int
+        Rising rows; empty where the gate is never crossed.
+
+    Raises
+    ------
+    ParameterError
+        If the width is not positive.
+    """
+    if not width > 0:
+        raise ParameterError(f"the gate is {width} m wide; expected a positive width")
+    found, offset = [], 0
+    for part in data.experiments:
+        dx, dy = part["X"] - gate[0], part["Y"] - gate[1]
+        along = dx * np.cos(heading) + dy * np.sin(heading)
+        across = -dx * np.sin(heading) + dy * np.cos(heading)
+        crossed = (along[:-1] < 0) & (along[1:] >= 0) & (np.abs(across[1:]) <= 0.5 * width)
+        found.append(offset + 1 + np.flatnonzero(crossed))
+        offset += part.n_samples
+    return np.concatenate(found).astype(int)
+
+
+def laps(data: Dataset, starts: np.ndarray) -> Dataset:
+    """Complete laps as experiments; what lies before the first and after the last crossing is left out.
+
+    Raises
+    ------
+    TooShortError
+        If there are fewer than two crossings in every experiment.
+    """
+    parts = []
+    for a, b in zip(data.starts, data.stops, strict=True):
+        rows = [int(row) for row in starts if a <= row < b]
+        parts += [data.rows(i, j) for i, j in pairwise(rows)]
+    if not parts:
+        raise TooShortError(
+            f"'{data.name}' crosses the gate {len(starts)} times; expected at least twice in one piece for a lap: "
+            "move the gate or take a longer record"
+        )
+    return join(*parts, name=data.name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Corner:
+    """A stretch of turning.
+
+    Parameters
+    ----------
+    start, stop : int
+        First row and the row after the last.
+    apex : int
+        Row of the largest lateral acceleration, in size.
+    left : bool
+        Whether it turns left.
+    """
+
+    start: int
+    stop: int
+    apex: int
+    left: bool
+
+    def phase(self, row: int) -> Phase:
+        """Entry until halfway to the apex, exit from halfway after it, the middle between."""
+        if row < self.start + (self.apex - self.start) / 2:
+            return "entry"
+        return "exit" if row >= self.apex + (self.stop - self.apex) / 2 else "middle"
+
+
+def corners(data: Dataset, *, a_y: float = 3.0, shortest: float = 1.0, smooth: float = 0.5) -> tuple[Corner, ...]:
+    """Stretches in which the lateral acceleration ``v_x r`` stays above a threshold, in one direction.
+
+    Parameters
+    ----------
+    data : Dataset
+        With v_x [m/s] and r [rad/s].
+    a_y : float
+        Threshold. [m/s2]
+    shortest : float
+        Shorter stretches are no corners. [s]
+    smooth : float
+        Length of the moving mean that the acceleration passes first. [s]
+
+    Raises
+    ------
+    ParameterError
+        If the threshold is not positive.
+    """
+    if not a_y > 0:
+        raise ParameterError(f"a_y is {a_y} m/s2; expected a positive threshold, such as 3")
+    found, offset = [], 0
+    for part in data.experiments:
+        size = max(1, round(smooth / part.dt))
+        lateral = ndimage.uniform_filter1d(part["v_x"] * part["r"], size, mode="nearest")
+        for sign in (1.0, -1.0):
+            labels, count = ndimage.label(sign * lateral > a_y)  # type: ignore[misc]
+            for rows in ndimage.find_objects(labels, max_label=count):
+                a, b = rows[0].start, rows[0].stop
+                if (b - a) * part.dt >= shortest:
+                    apex = a + int(np.argmax(np.abs(lateral[a:b])))
+                    found.append(Corner(start=offset + a, stop=offset + b, apex=offset + apex, left=sign > 0))
+        offset += part.n_samples
+    return tuple(sorted(found, key=lambda corner: corner.start))
+
+
+def rmse_by_phase(error: np.ndarray, found: tuple[Corner, ...]) -> dict[str, float]:
+    """RMSE of samples in corner entries, middles and exits and on straights, in the error's unit; NaN where none.
+
+    Parameters
+    ----------
+    error : array, shape (n_samples,)
+        Measured minus predicted.
+    found : tuple of Corner
+        From the same data.
+    """
+    names = np.full(len(error), "straight", dtype="<U8")
+    for corner in found:
+        for row in range(corner.start, corner.stop):
+            names[row] = corner.phase(row)
+    kinds = ("straight", "entry", "middle", "exit")
+    return {
+        kind: float(np.sqrt(np.mean(error[names == kind] ** 2))) if (names == kind).any() else float("nan")
+        for kind in kinds
+    }
+
+
+def rmse_by_level(error: np.ndarray, level: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """RMSE of the samples whose ``|level|``, such as the lateral acceleration, lies in each bin; NaN where none.
+
+    Parameters
+    ----------
+    error, level : array, shape (n_samples,)
+        Error and what it is sorted by.
+    edges : array, shape (n_bins + 1,)
+        Rising; the last bin takes its upper end too.
+    """
+    where = np.digitize(np.abs(level), edges) - 1
+    where[np.abs(level) == edges[-1]] = len(edges) - 2
+    return np.array(
+        [np.sqrt(np.mean(error[where == k] ** 2)) if (where == k).any() else np.nan for k in range(len(edges) - 1)]
+    )

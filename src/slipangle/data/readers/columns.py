@@ -1,0 +1,331 @@
+"""Columns of a log file, whatever its format, become the channels of a `Dataset`: names, units, time, gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal, Protocol
+
+import numpy as np
+
+from slipangle import units
+from slipangle.data.channels import STANDARD
+from slipangle.data.clock import find_grid
+from slipangle.data.dataset import Channel, Dataset
+from slipangle.errors import (
+    FormatError,
+    MissingColumnError,
+    NotFiniteError,
+    ParameterError,
+    SampleTimeError,
+    TimeError,
+    TooShortError,
+    UnitError,
+    nearest,
+)
+
+_TIME_NAMES = ("t", "time", "timestamp", "zeit", "tempo")
+_EPOCH = 1e7  # larger first stamps count from the log's start [s]
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a log file.
+
+    Parameters
+    ----------
+    source : str or int
+        Name in the file's header, with or without its unit, or position from 0.
+    unit : str, optional
+        Unit of the file's numbers; by default the one in the header.
+    factor : float
+        The converted numbers are multiplied by this: -1 turns a sign, 1/13.4 a steering wheel into a
+        road wheel.
+    override : bool
+        Use ``unit`` even if the header names another one.
+    """
+
+    source: str | int
+    unit: str | None = None
+    factor: float = 1.0
+    override: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Header:
+    """A column heading: as written, and its name and unit apart."""
+
+    text: str
+    name: str
+    unit: str | None = None
+
+
+class Table(Protocol):
+    """What a reader knows of a file before units and time are settled."""
+
+    @property
+    def name(self) -> str:
+        """The file, for messages."""
+        ...
+
+    @property
+    def headers(self) -> tuple[Header, ...]:
+        """One per column."""
+        ...
+
+    @property
+    def named(self) -> bool:
+        """Whether the file names its columns."""
+        ...
+
+    def numbers(self, column: int) -> np.ndarray:
+        """The numbers of one column, NaN where a cell is empty, shape (n_rows,)."""
+        ...
+
+    def row_name(self, row: int) -> str:
+        """A row in words, such as ``line 12``."""
+        ...
+
+
+def find_column(table: Table, source: str | int, channel: str) -> int:
+    """Position of a column.
+
+    Raises
+    ------
+    MissingColumnError
+        If there is none; the nearest names are given.
+    ParameterError
+        If two columns have that name.
+    """
+    count = len(table.headers)
+    if isinstance(source, int):
+        if -count <= source < count:
+            return source % count
+        raise MissingColumnError(
+            f"{table.name} has no column number {source} for channel '{channel}'; expected 0 to {count - 1}: "
+            "count from 0"
+        )
+    for key in ("text", "name"):
+        found = [i for i, h in enumerate(table.headers) if getattr(h, key) == source]
+        if len(found) == 1:
+            return found[0]
+        if found:
+            raise ParameterError(
+                f"{table.name} has {len(found)} columns named '{source}'; expected one: choose by position, "
+                f"such as Column({found[0]})"
+            )
+    if not table.named:
+        raise MissingColumnError(
+            f"{table.name} has no header, so no column '{source}' for channel '{channel}'; expected a first line with "
+            f"names: add one, or choose by position, Column(0) to Column({count - 1})"
+        )
+    known = [h.name for h in table.headers]
+    raise MissingColumnError(
+        f"{table.name} has no column '{source}' for channel '{channel}'; {nearest(source, known)}: correct the name"
+    )
+
+
+def _column(table: Table, name: str, column: Column, assumed: list[str]) -> tuple[np.ndarray, str]:
+    """Numbers of one column in SI, and their unit; names without any unit are added to ``assumed``."""
+    i = find_column(table, column.source, name)
+    header, standard = table.headers[i], STANDARD.get(name)
+    what = f"column '{header.name}' of {table.name} (channel '{name}')"
+    unit = column.unit if column.unit is not None else header.unit
+    if (
+        column.unit is not None
+        and header.unit is not None
+        and not column.override
+        and units.known(header.unit)
+        and units.canonical(column.unit) != units.canonical(header.unit)
+    ):
+        raise UnitError(
+            f"{what} is in {header.unit!r} by its header and in {column.unit!r} by the settings; expected one unit: "
+            "correct the wrong one, or set override=True if it is the header"
+        )
+    guessed = unit is None
+    if unit is None:
+        unit = standard.unit if standard else "-"
+        assumed.append(name)
+    numbers = table.numbers(i)
+    values = units.to_si(numbers, unit, expected=standard.unit if standard else None, what=what) * column.factor
+    largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
+    if guessed and standard and largest > standard.largest:
+        raise UnitError(
+            f"{what} names no unit and reaches {largest:.4g}; expected at most {standard.largest:.4g} "
+            f"{standard.unit}: name the unit, in the header as '{header.name} [deg]' or as Column('{header.name}', "
+            "'deg')"
+        )
+    return values, units.si_unit(unit)
+
+
+def as_columns(
+    table: Table, columns: Mapping[str, Column | str] | Sequence[str] | None, exclude: set[int]
+) -> dict[str, Column]:
+    """Channel names and where they come from; by default every column under its own name."""
+    if columns is None:
+        kept = [(i, h.name) for i, h in enumerate(table.headers) if i not in exclude]
+        for i, n in kept:
+            if sum(n == other for _, other in kept) > 1:
+                raise FormatError(
+                    f"{table.name} has several columns named '{n}'; expected each name once: rename one, or choose "
+                    f"columns by position, such as Column({i})"
+                )
+        return {n: Column(i) for i, n in kept}
+    if isinstance(columns, Mapping):
+        return {n: Column(c) if isinstance(c, str) else c for n, c in columns.items()}
+    if isinstance(columns, str):
+        columns = (columns,)
+    return {n: Column(n) for n in columns}
+
+
+def _time(
+    table: Table, time: Column | str | None, dt: float | None, epoch: bool, said: list[str]
+) -> tuple[np.ndarray | None, int | None]:
+    """Time stamps [s] and the position of their column."""
+    column = Column(time) if isinstance(time, str) else time
+    if column is None:
+        found = [i for i, h in enumerate(table.headers) if h.name.lower() in _TIME_NAMES]
+        if not found and dt is None:
+            known = ", ".join(repr(h.name) for h in table.headers[:12])
+            raise TimeError(
+                f"{table.name} has no time column that is known by its name and no sample time is given (columns: "
+                f"{known}); expected a column such as 't' or 'time': name it with time=, or give dt="
+            )
+        if not found:
+            return None, None
+        column = Column(found[0])
+    i = find_column(table, column.source, "t")
+    header = table.headers[i]
+    what = f"the time column '{header.name}' of {table.name}"
+    t = units.to_si(table.numbers(i), column.unit or header.unit or "s", expected="s", what=what) * column.factor
+    if not epoch and len(t) and t[0] > _EPOCH:
+        said.append(f"time counts from {t[0]:.9g} s, the first stamp")
+        t = t - t[0]
+    return t, i
+
+
+def _cut_missing(
+    table: Table, names: Sequence[str], values: np.ndarray, t: np.ndarray, nan: Literal["error", "gap"]
+) -> tuple[np.ndarray, str]:
+    """Rows that are complete (bool), and a note; raise if rows are not and must be."""
+    missing = ~np.isfinite(values)
+    whole = np.asarray(~missing.any(axis=1))
+    if whole.all():
+        return whole, ""
+    column = int(np.argmax(missing.sum(axis=0)))
+    flags = missing[:, column].astype(int)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags, [0]])))
+    runs = edges.reshape(-1, 2)
+    a, b = runs[np.argmax(runs[:, 1] - runs[:, 0])]
+    seen = (
+        f"channel '{names[column]}' of {table.name} has {flags.sum()} missing samples (NaN, infinite or empty) in "
+        f"{len(runs)} run{'s' if len(runs) > 1 else ''}, the longest {b - a} samples from {table.row_name(int(a))} to "
+        f"{table.row_name(int(b - 1))} (t = {t[a]:.6g} to {t[b - 1]:.6g} s)"
+    )
+    if nan == "error":
+        raise NotFiniteError(f"{seen}; expected numbers throughout: repair the log, or split it there with nan='gap'")
+    return whole, f"{seen}: {int((~whole).sum())} rows cut, each run a gap"
+
+
+def assemble(
+    table: Table,
+    columns: Mapping[str, Column | str] | Sequence[str] | None,
+    *,
+    time: Column | str | None,
+    dt: float | None,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    nan: Literal["error", "gap"],
+    jitter: float,
+    shortest: int,
+    experiment: str | None,
+    epoch: bool,
+    name: str,
+    notes: Sequence[str] = (),
+) -> Dataset:
+    """Build the data set: units to SI, time to a uniform grid, gaps to experiments.
+
+    Parameters are those of `slipangle.data.readers.csv.read_csv`; ``epoch`` keeps time stamps that count
+    from 1970 as they are.
+
+    Raises
+    ------
+    SlipangleError
+        One of its kinds per kind of bad input; see `read_csv`.
+    """
+    if nan not in ("error", "gap"):
+        raise ParameterError(f"nan is {nan!r}; expected 'error' or 'gap': choose one")
+    said: list[str] = list(notes)
+    assumed: list[str] = []
+    t, time_column = _time(table, time, dt, epoch, said)
+    label = find_column(table, experiment, "experiment") if experiment is not None else None
+    chosen = as_columns(table, columns, {i for i in (time_column, label) if i is not None})
+    if not chosen:
+        raise MissingColumnError(f"no column of {table.name} was chosen; expected at least one channel: name some")
+    found = {n: _column(table, n, c, assumed) for n, c in chosen.items()}
+    for kind, wanted in (("input", inputs), ("output", outputs)):
+        for n in (wanted,) if isinstance(wanted, str) else wanted:
+            if n not in found:
+                raise MissingColumnError(
+                    f"the {kind} '{n}' is not among the channels read from {table.name}; {nearest(n, found)}: use one "
+                    "of these, or add it to columns"
+                )
+    if assumed:
+        said.append(f"no unit named for {', '.join(assumed)}: taken as SI")
+    values = np.column_stack([v for v, _ in found.values()])
+    clocked = t is not None
+    stamps = t if t is not None else (dt or 1.0) * np.arange(len(values))
+    whole, note = _cut_missing(table, list(found), values, stamps, nan)
+    said += [note] if note else []
+    rows = np.flatnonzero(whole)
+    borders = [0, len(rows)]
+    if label is not None:
+        borders = [0, *(np.flatnonzero(np.diff(table.numbers(label)[rows]) != 0) + 1).tolist(), len(rows)]
+    tables, starts, times, count, step = [], [], [], 0, dt
+    for a, b in pairwise(borders):
+        part = rows[a:b]
+        if len(part) == 1 and step is not None and shortest <= 1:
+            piece, begins, clock = values[part], (0,), (float(stamps[part[0]]),)
+        else:
+            grid = find_grid(
+                stamps[part],
+                dt=step,
+                jitter=jitter if clocked else 0.0,
+                shortest=shortest,
+                row_name=lambda k, part=part: table.row_name(int(part[k])),
+                what=table.name,
+            )
+            step = step or grid.dt
+            piece, begins = grid.onto(stamps[part], values[part])
+            clock = grid.start_times
+            said += grid.notes
+        tables.append(piece)
+        starts += [count + s for s in begins]
+        times += clock
+        count += len(piece)
+    if step is None or count < max(shortest, 1):
+        raise TooShortError(f"{table.name} holds {count} samples; expected at least {shortest}: record longer")
+    return Dataset(
+        values=np.vstack(tables),
+        channels=tuple(Channel(n, unit) for n, (_, unit) in found.items()),
+        dt=step,
+        inputs=tuple((inputs,) if isinstance(inputs, str) else inputs),
+        outputs=tuple((outputs,) if isinstance(outputs, str) else outputs),
+        starts=tuple(starts),
+        start_times=tuple(times),
+        name=name,
+        notes=tuple(said),
+    )
+
+
+def check_dt(dt: float | None) -> None:
+    """Raise unless ``dt`` is None or positive.
+
+    Raises
+    ------
+    SampleTimeError
+        If it is not.
+    """
+    if dt is not None and not (np.isfinite(dt) and dt > 0):
+        raise SampleTimeError(f"the sample time dt is {dt} s; expected a positive number, such as 0.01: correct it")

@@ -1,0 +1,380 @@
+"""Text tables (CSV, TSV, blank-separated) to `Dataset` and back."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from slipangle import units
+from slipangle.data.dataset import Dataset
+from slipangle.data.readers.columns import Column, Header, assemble, check_dt
+from slipangle.errors import FormatError, MissingFileError, TooShortError, nearest
+from slipangle.files import write_atomic
+
+_MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "+inf", "-inf", "infinity"}
+_COMMENTS = ("#", "%", "//")
+_OURS = "# slipangle: "
+
+
+@dataclass(frozen=True, kw_only=True)
+class TextTable:
+    """A text file cut into cells; see `slipangle.data.readers.columns.Table`."""
+
+    name: str
+    headers: tuple[Header, ...]
+    named: bool
+    lines: tuple[str, ...]
+    line_numbers: tuple[int, ...]
+    delimiter: str | None
+    decimal_comma: bool
+    meta: Mapping[str, Any]
+
+    def row_name(self, row: int) -> str:
+        """The row as ``line`` and its number in the file, counted from 1."""
+        return f"line {self.line_numbers[row]}"
+
+    def numbers(self, column: int) -> np.ndarray:
+        """The numbers of one column, NaN where a cell is empty, shape (n_rows,).
+
+        Raises
+        ------
+        FormatError
+            If a cell is not a number; its line and column are given.
+        """
+        if self._table is not None:
+            return self._table[:, column]
+        return np.array([self._number(row, column) for row in range(len(self.lines))])
+
+    @cached_property
+    def _table(self) -> np.ndarray | None:
+        """All numbers at once, or None if a cell somewhere is empty or foreign."""
+        if self.decimal_comma:
+            return None
+        try:
+            return np.loadtxt(self.lines, delimiter=self.delimiter, ndmin=2, comments=None)
+        except (ValueError, IndexError):
+            return None
+
+    @cached_property
+    def _split(self) -> list[list[str]]:
+        return [_cells(line, self.delimiter) for line in self.lines]
+
+    def _number(self, row: int, column: int) -> float:
+        cell = self._split[row][column].strip()
+        text = cell.replace(",", ".") if self.decimal_comma else cell
+        try:
+            return float(text)
+        except ValueError:
+            if text.lower() in _MISSING:
+                return np.nan
+            raise FormatError(
+                f"{self.name}, {self.row_name(row)}, column '{self.headers[column].name}' holds {cell!r}; expected a "
+                "number: correct the cell, or leave it empty and read with nan='gap'"
+            ) from None
+
+
+def _cells(line: str, delimiter: str | None) -> list[str]:
+    if delimiter is None:
+        return line.split()
+    try:
+        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    except csv.Error as error:
+        raise FormatError(
+            f"a line that starts with {line[:40]!r} cannot be cut into cells ({error}); expected text cut by "
+            f"{delimiter!r}: export the log again, or name the separator with delimiter="
+        ) from None
+
+
+def _text(path: Path) -> str:
+    """The file's text in whichever common encoding it has."""
+    if not path.is_file():
+        kind = "is a folder" if path.is_dir() else "does not exist"
+        folder = path.parent
+        others = [p.name for p in folder.iterdir() if p.is_file()] if folder.is_dir() else []
+        near = f"in '{folder}' {nearest(path.name, others)}" if folder.is_dir() else f"there is no folder '{folder}'"
+        raise MissingFileError(f"the log '{path}' {kind}; expected a file, {near}: correct the path")
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise MissingFileError(
+            f"the log '{path}' cannot be read ({error.strerror}); expected a readable file: check its permissions"
+        ) from None
+    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return raw.decode("utf-16", errors="replace")
+    if b"\0" in raw[:4096]:
+        raise FormatError(f"'{path}' is not a text file; expected comma-separated text: export the log as CSV")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
+def _delimiter(lines: Sequence[str]) -> str | None:
+    """The separator that cuts most lines into the same number of cells; None for blanks."""
+    best, score = None, (0.0, 0)
+    for candidate in (";", "\t", ",", None):
+        counts = [len(_cells(line.strip() if candidate is None else line, candidate)) for line in lines]
+        usual = max(set(counts), key=counts.count)
+        share = counts.count(usual) / len(counts)
+        if usual > 1 and (share > score[0] + 1e-9):
+            best, score = candidate, (share, usual)
+    return best
+
+
+def _is_number(cell: str, decimal_comma: bool = False) -> bool:
+    text = cell.strip()
+    if text.lower() in _MISSING:
+        return True
+    try:
+        float(text.replace(",", ".") if decimal_comma else text)
+    except ValueError:
+        return False
+    return True
+
+
+def parse_heading(text: str) -> Header:
+    """Name and unit of a column heading.
+
+    Brackets always hold a unit; parentheses and what follows a comma only if it is a known one.
+
+    >>> parse_heading("vx(m/s)").name, parse_heading("brake [kPa]").unit, parse_heading("acc x (IMU)").name
+    ('vx', 'kPa', 'acc x (IMU)')
+    """
+    clean = text.strip().strip("\"'").strip()
+    bracket = re.fullmatch(r"(.+?)\s*\[([^\[\]]*)\]", clean)
+    if bracket:
+        return Header(text=clean, name=bracket[1], unit=bracket[2].strip())
+    for pattern in (r"(.+?)\s*\(([^()]*)\)", r"(.+?)\s*,\s*([^,]+)"):
+        match = re.fullmatch(pattern, clean)
+        if match and match[2].strip() and units.known(match[2]):
+            return Header(text=clean, name=match[1], unit=match[2].strip())
+    return Header(text=clean, name=clean)
+
+
+def _headings(cells: list[str], unit_row: list[str] | None) -> tuple[Header, ...]:
+    headers = [parse_heading(c) for c in cells]
+    if unit_row is not None:
+        cleaned = [u.strip().strip("[]()") for u in unit_row]
+        headers = [
+            h if h.unit is not None or not u else Header(text=h.text, name=h.name, unit=u)
+            for h, u in zip(headers, cleaned, strict=True)
+        ]
+    return tuple(headers)
+
+
+def read_table(path: str | Path, *, delimiter: str | None = None, skip_lines: int = 0) -> TextTable:
+    """Cut a text file into headings and rows; no number is read yet.
+
+    Raises
+    ------
+    MissingFileError, FormatError, TooShortError
+        If the file is missing, not text, ragged or empty.
+    """
+    path = Path(path)
+    name = f"'{path.name}'"
+    lines = _text(path).splitlines()
+    comments: list[str] = []
+    body: list[tuple[int, str]] = []
+    meta: dict[str, Any] = {}
+    for number, line in enumerate(lines[skip_lines:], start=skip_lines + 1):
+        text = line.strip()
+        if text.startswith(_OURS):
+            meta = _meta(text[len(_OURS) :], name, number)
+        elif text.startswith(_COMMENTS):
+            comments.append(text.lstrip("#%/ ").strip())
+        elif text.strip(",;\t "):
+            body.append((number, line))
+    if not body:
+        raise TooShortError(f"the log {name} is empty; expected a header line and rows of numbers: export it again")
+    sample = [line for _, line in body[:50]]
+    cut = delimiter if delimiter is not None else _delimiter(sample)
+    comma = cut in (";", "\t") and any(re.search(r"\d,\d", line) for line in sample)
+    rows = [_cells(line, cut) for line in sample]
+    named, headers, skip = _find_headings(rows, comments, cut, comma)
+    body = body[skip:]
+    if not body:
+        raise TooShortError(f"the log {name} has headings but no rows; expected rows of numbers: export it again")
+    _check_ragged(body, cut, len(headers), name)
+    return TextTable(
+        name=name,
+        headers=headers,
+        named=named,
+        lines=tuple(line for _, line in body),
+        line_numbers=tuple(number for number, _ in body),
+        delimiter=cut,
+        decimal_comma=comma,
+        meta=meta,
+    )
+
+
+def _find_headings(
+    rows: list[list[str]], comments: list[str], delimiter: str | None, comma: bool
+) -> tuple[bool, tuple[Header, ...], int]:
+    """Whether there are headings, what they are, and how many lines of the body they take."""
+    if not all(_is_number(c, comma) for c in rows[0]):
+        second = rows[1] if len(rows) > 1 and len(rows[1]) == len(rows[0]) else []
+        cleaned = [c.strip().strip("[]()") for c in second]
+        has_units = bool(second) and not any(_is_number(c) and c for c in second) and all(map(units.known, cleaned))
+        return True, _headings(rows[0], second if has_units else None), 2 if has_units else 1
+    for comment in reversed(comments):
+        cells = _cells(comment, delimiter)
+        if len(cells) == len(rows[0]) and not all(_is_number(c, comma) for c in cells):
+            return True, _headings(cells, None), 0
+    return False, tuple(Header(text=f"column {i}", name=f"column {i}") for i in range(len(rows[0]))), 0
+
+
+def _check_ragged(body: list[tuple[int, str]], delimiter: str | None, width: int, name: str) -> None:
+    for number, line in body:
+        if delimiter is None or '"' in line:
+            count = len(_cells(line, delimiter))
+        else:
+            count = line.count(delimiter) + 1  # the same, faster
+        if count != width:
+            raise FormatError(
+                f"{name}, line {number} has {count} cells; expected {width} like the header: complete or delete the "
+                "line (a log cut off while writing ends like this), leave lines above the header out with skip_lines=, "
+                "or name the separator with delimiter="
+            )
+
+
+def _meta(text: str, name: str, number: int) -> dict[str, Any]:
+    try:
+        found = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise FormatError(
+            f"{name}, line {number} should hold what write_csv noted but is not JSON ({error}); expected the line as "
+            "written: restore or delete it"
+        ) from None
+    return found if isinstance(found, dict) else {}
+
+
+def read_csv(
+    path: str | Path,
+    columns: Mapping[str, Column | str] | Sequence[str] | None = None,
+    *,
+    time: Column | str | None = None,
+    dt: float | None = None,
+    inputs: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+    nan: Literal["error", "gap"] = "error",
+    jitter: float = 0.2,
+    shortest: int = 2,
+    delimiter: str | None = None,
+    skip_lines: int = 0,
+    experiment: str | None = None,
+    name: str | None = None,
+) -> Dataset:
+    """Read a text table into a `Dataset`, converting units at the door.
+
+    Separator (``,`` ``;`` tab or blanks), comment lines (``#``, ``%``), a heading in the last comment
+    line, a line of units under the heading, decimal commas and the encoding are recognised.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    columns : mapping or sequence, optional
+        Channel name to `Column` (or to the heading's name); a sequence takes columns under their own
+        names; by default all columns are read.
+    time : Column or str, optional
+        The time column; by default one called t, time or timestamp.
+    dt : float, optional
+        Sample time, for files without time; beside time stamps it must agree with them. [s]
+    inputs, outputs : sequence of str
+        Channels that drive the system, and that are to be explained.
+    nan : {"error", "gap"}
+        Whether missing numbers are an error or cut the log into experiments.
+    jitter : float
+        Largest variation of a time step, as a share of it, that is put back on the grid. Steps above
+        1.5 sample times are gaps: they split the log into experiments.
+    shortest : int
+        Experiments with fewer samples are dropped, and a note says so.
+    delimiter : str, optional
+        Separator, if it is not recognised.
+    skip_lines : int
+        Lines to leave out at the top.
+    experiment : str, optional
+        A column whose changes of value start a new experiment.
+    name : str, optional
+        What the data are; by default the file's name.
+
+    Returns
+    -------
+    Dataset
+        SI units; `Dataset.notes` says what was assumed, cut or interpolated.
+
+    Raises
+    ------
+    MissingFileError
+        If the file does not exist or cannot be read.
+    FormatError
+        If a cell is not a number (line and column are given) or a line has too few cells.
+    MissingColumnError
+        If a column is missing; the nearest names are given.
+    UnitError
+        If a unit is unknown, of another quantity than the channel's name demands, contradicted by the
+        header, or missing where the numbers cannot be SI.
+    NotFiniteError
+        If numbers are missing and ``nan`` is "error".
+    TimeError, SampleTimeError
+        If time goes back, repeats or mixes sample times, or ``dt`` disagrees.
+    TooShortError
+        If there are too few samples.
+    """
+    check_dt(dt)
+    table = read_table(path, delimiter=delimiter, skip_lines=skip_lines)
+    meta = table.meta
+    return assemble(
+        table,
+        columns,
+        time=time,
+        dt=dt if dt is not None else meta.get("dt"),
+        inputs=inputs or tuple(n for n in meta.get("inputs", ()) if columns is None or n in columns),
+        outputs=outputs or tuple(n for n in meta.get("outputs", ()) if columns is None or n in columns),
+        nan=nan,
+        jitter=jitter,
+        shortest=1 if meta else shortest,
+        experiment=experiment or meta.get("experiment"),
+        epoch=bool(meta),
+        name=name or meta.get("name") or Path(path).stem,
+        notes=meta.get("notes", ()),
+    )
+
+
+def write_csv(data: Dataset, path: str | Path) -> Path:
+    """Write a data set so that `read_csv` gives it back bit for bit.
+
+    The first line is a comment with sample time, inputs, outputs and notes; headings are
+    ``name [unit]``; numbers have 17 digits. Several experiments get a column ``experiment``.
+
+    Raises
+    ------
+    OutputError
+        If the place cannot be written; nothing is left half-written.
+    UnitError
+        If a channel's unit is not one that can be read back.
+    """
+    meta = {
+        "name": data.name,
+        "dt": data.dt,
+        "inputs": data.inputs,
+        "outputs": data.outputs,
+        "notes": data.notes,
+        "experiment": "experiment" if len(data.starts) > 1 else None,
+    }
+    headings = ["t [s]"] + [f"{c.name} [{units.canonical(c.unit)}]" for c in data.channels]
+    columns = [data.t, *data.values.T]
+    if len(data.starts) > 1:
+        headings.insert(1, "experiment [-]")
+        columns.insert(1, np.repeat(np.arange(len(data.starts)), np.diff((*data.starts, data.n_samples))))
+    quoted = [f'"{h}"' if "," in h else h for h in headings]
+    rows = [",".join(f"{v:.17g}" for v in row) for row in zip(*(c.tolist() for c in columns), strict=True)]
+    return write_atomic(path, "\n".join([_OURS + json.dumps(meta), ",".join(quoted), *rows]) + "\n")

@@ -1,0 +1,415 @@
+"""Tire property files (``.tir``): read, look up in SI, change values, write back.
+
+The format is a TeimOrbit text: ``[SECTION]`` headings, ``KEY = value $comment`` lines, whole-line comments
+(``!`` and ``$``) and tables of numbers. `TirFile` keeps every line, so an unchanged file is written back
+byte for byte, with its comments, unknown keys, order and line ends. What the coefficients mean is the
+business of `slipangle.models.magic_formula`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from slipangle.data.readers.tir_units import Units, read_units
+from slipangle.errors import FormatError, MissingFileError, ParameterError, nearest
+from slipangle.files import write_atomic
+
+_SECTION = re.compile(r"\[\s*([^\]]+?)\s*\]\s*$")
+_KEY = re.compile(r"[A-Za-z_][\w.\-]*$")
+_WORD = re.compile(r"[A-Za-z_][\w .\-/]*$")
+# These headings hold words about the file; a key such as MASS there is a unit, not a number.
+_DESCRIPTIVE = ("UNITS", "MDI_HEADER")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TirLine:
+    """One line of the file.
+
+    Parameters
+    ----------
+    text : str
+        The line as it stands, without its line end.
+    number : int
+        Line number, from 1; 0 for a line that was added.
+    section : str
+        Heading that it stands under, in capitals; empty before the first.
+    key : str
+        Key in capitals; empty where the line is no entry.
+    value : float, str or None
+        What stands behind ``=``, in the units of the file; ``None`` where that is blank.
+    comment : str
+        Comment behind the value.
+    row : tuple of float
+        The numbers, where the line belongs to a table.
+    """
+
+    text: str
+    number: int = 0
+    section: str = ""
+    key: str = ""
+    value: float | str | None = None
+    comment: str = ""
+    row: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TirFile:
+    r"""A tire property file, line by line.
+
+    Parameters
+    ----------
+    lines : tuple of TirLine
+        Every line, comments and blanks included.
+    name : str
+        Name for messages, usually the path.
+    newline : str
+        Line end of the file.
+    encoding : str
+        Encoding of the file.
+    final_newline : bool
+        Whether the last line ends with a line end.
+
+    >>> tir = parse_tir("[UNITS]\nLENGTH = 'mm'\n[DIMENSION]\nUNLOADED_RADIUS = 344.0 $free radius\n")
+    >>> tir.number("UNLOADED_RADIUS")
+    0.34400000000000003
+    >>> tir.with_values({"UNLOADED_RADIUS": 0.35}).text.splitlines()[-1]
+    'UNLOADED_RADIUS = 350   $free radius'
+    """
+
+    lines: tuple[TirLine, ...]
+    name: str = "tir"
+    newline: str = "\n"
+    encoding: str = "utf-8"
+    final_newline: bool = True
+    units: Units = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "units", read_units(self._unit_entries(), self.name))
+        self._refuse_contradictions()
+
+    # ---- look up -----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def entries(self) -> dict[str, TirLine]:
+        """Entries by key, headings that describe the file ([UNITS], [MDI_HEADER]) left out; the first one counts."""
+        found: dict[str, TirLine] = {}
+        for line in self.lines:
+            if line.key and line.section not in _DESCRIPTIVE and (line.key not in found):
+                found[line.key] = line
+        return found
+
+    @property
+    def sections(self) -> tuple[str, ...]:
+        """Headings in order, in capitals."""
+        return tuple(dict.fromkeys(line.section for line in self.lines if line.section))
+
+    def get(self, key: str) -> float | str | None:
+        """Value as written, in the units of the file; ``None`` where the key is absent or blank."""
+        line = self.entries.get(key.upper())
+        return None if line is None else line.value
+
+    def number(self, key: str) -> float | None:
+        """Value in SI units; ``None`` where the key is absent or blank.
+
+        Raises
+        ------
+        FormatError
+            If the value is a word, with its line number.
+        """
+        line = self.entries.get(key.upper())
+        if line is None or line.value is None:
+            return None
+        if isinstance(line.value, str):
+            raise FormatError(
+                f"line {line.number} of '{self.name}' gives {line.key} the value {line.value!r}; expected a number: "
+                "correct that line"
+            )
+        return line.value * self.units.factor(line.key)
+
+    def word(self, key: str) -> str:
+        """Value as text in capitals; empty where the key is absent or blank."""
+        value = self.get(key)
+        return "" if value is None else str(value).strip().upper()
+
+    @cached_property
+    def numbers(self) -> dict[str, float]:
+        """Every number of the file, SI units, by key."""
+        found: dict[str, float] = {}
+        for key, line in self.entries.items():
+            if isinstance(line.value, float):
+                found[key] = line.value * self.units.factor(key)
+        return found
+
+    @cached_property
+    def tables(self) -> dict[str, np.ndarray]:
+        """Tables by heading, shape (n_rows, n_columns), in the units of the file."""
+        rows: dict[str, list[tuple[float, ...]]] = {}
+        for line in self.lines:
+            if line.row:
+                rows.setdefault(line.section, []).append(line.row)
+        return {section: np.array(r) for section, r in rows.items()}
+
+    @property
+    def fit_type(self) -> int | None:
+        """FITTYP, the version number of the Magic Formula; ``None`` where the file does not say."""
+        value = self.number("FITTYP")
+        return None if value is None else round(value)
+
+    # ---- change and write --------------------------------------------------------------------------------------
+
+    def with_values(
+        self,
+        values: Mapping[str, float | str],
+        *,
+        comments: Mapping[str, str] | None = None,
+        section: Mapping[str, str] | None = None,
+    ) -> TirFile:
+        """A copy with some values replaced or added; everything else stays as it is.
+
+        Parameters
+        ----------
+        values : mapping
+            New values by key; numbers in SI units, written in the units of the file with all their digits.
+        comments : mapping, optional
+            New comments by key.
+        section : mapping, optional
+            Heading for keys that the file does not have yet.
+
+        Raises
+        ------
+        ParameterError
+            If a key is new and no heading is given for it.
+        """
+        comments, section = comments or {}, section or {}
+        pending = {key.upper(): value for key, value in values.items()}
+        lines: list[TirLine] = []
+        for line in self.lines:
+            known = self.entries.get(line.key) if line.key else None
+            if known is line and (line.key in pending or line.key in comments):
+                value = pending.pop(line.key) if line.key in pending else line.value
+                stored = self._stored(line.key, value) if value is not line.value else value
+                lines.append(_rewritten(line, stored, comments.get(line.key, line.comment)))
+            else:
+                lines.append(line)
+        for key, value in pending.items():
+            heading = section.get(key, "").upper()
+            if not heading:
+                raise ParameterError(
+                    f"'{self.name}' has no {key}; {nearest(key, self.entries)}: use one of these, or name the section "
+                    "to add it to"
+                )
+            _insert(lines, heading, _new_line(heading, key, self._stored(key, value), comments.get(key, "")))
+        return replace(self, lines=tuple(lines))
+
+    def _stored(self, key: str, value: float | str | None) -> float | str | None:
+        if value is None or isinstance(value, str):
+            return value
+        factor = self.units.factor(key)
+        return float(value) if factor == 1.0 else float(f"{float(value) / factor:.15g}")
+
+    @property
+    def text(self) -> str:
+        """The file as text."""
+        return self.newline.join(line.text for line in self.lines) + (self.newline if self.final_newline else "")
+
+    def write(self, path: str | Path) -> Path:
+        """Write the file, whole or not at all.
+
+        Raises
+        ------
+        OutputError
+            If the place cannot be written.
+        """
+        return write_atomic(path, self.text.encode(self.encoding))
+
+    # ---- checks ------------------------------------------------------------------------------------------------
+
+    def _unit_entries(self) -> list[tuple[str, str, int]]:
+        return [
+            (line.key, str(line.value), line.number)
+            for line in self.lines
+            if line.section == "UNITS" and line.key and line.value is not None
+        ]
+
+    def _refuse_contradictions(self) -> None:
+        first: dict[str, TirLine] = {}
+        for line in self.lines:
+            if not line.key or line.section in _DESCRIPTIVE or not isinstance(line.value, float):
+                continue
+            other = first.setdefault(line.key, line)
+            if other.value != line.value:
+                raise FormatError(
+                    f"'{self.name}' gives {line.key} twice, {other.value:g} in line {other.number} and {line.value:g} "
+                    f"in line {line.number}; expected one value: delete one of the lines"
+                )
+        self.units.check_plausible(self.numbers, self.name)
+
+
+def read_tir(path: str | Path) -> TirFile:
+    """Read a tire property file.
+
+    Raises
+    ------
+    MissingFileError
+        If the file does not exist or cannot be read.
+    FormatError
+        If a line cannot be read, with its number.
+    UnitError
+        If [UNITS] names an unknown unit or mixes systems, or the numbers do not fit the units.
+    """
+    try:
+        raw = Path(path).read_bytes()
+    except OSError as error:
+        raise MissingFileError(
+            f"the tire file '{path}' cannot be read ({error.strerror or error}); expected a .tir file: check the path"
+        ) from None
+    if b"\0" in raw:
+        raise FormatError(f"'{path}' is a binary file; expected the text of a .tir file: choose another file")
+    encoding = "utf-8-sig" if raw.startswith(b"\xef\xbb\xbf") else "utf-8"
+    try:
+        text = raw.decode(encoding)
+    except UnicodeDecodeError:
+        encoding = "latin-1"
+        text = raw.decode(encoding)
+    return parse_tir(text, name=str(path), encoding=encoding)
+
+
+def parse_tir(text: str, *, name: str = "tir", encoding: str = "utf-8") -> TirFile:
+    """Read the text of a tire property file; errors as in `read_tir`."""
+    newline = "\r\n" if "\r\n" in text else "\n"
+    raw = text.split(newline)
+    final = raw[-1] == ""
+    if final:
+        raw.pop()
+    lines: list[TirLine] = []
+    section = ""
+    for number, line in enumerate(raw, start=1):
+        parsed = _parse_line(line, number, section, name)
+        section = parsed.section
+        lines.append(parsed)
+    if not any(line.key for line in lines):
+        raise FormatError(
+            f"'{name}' holds no 'KEY = value' line; expected a tire property file with sections such as [MODEL] and "
+            "[VERTICAL]: choose another file"
+        )
+    return TirFile(lines=tuple(lines), name=name, newline=newline, encoding=encoding, final_newline=final)
+
+
+def _parse_line(text: str, number: int, section: str, name: str) -> TirLine:
+    body, comment = _split_comment(text)
+    body = body.strip()
+    if not body or body.startswith("{"):
+        return TirLine(text=text, number=number, section=section, comment=comment)
+    heading = _SECTION.match(body)
+    if heading:
+        return TirLine(text=text, number=number, section=heading[1].upper(), comment=comment)
+    key, equals, value = (part.strip() for part in body.partition("="))
+    if equals and _KEY.match(key):
+        return TirLine(
+            text=text,
+            number=number,
+            section=section,
+            key=key.upper(),
+            value=_parse_value(value, key, number, name),
+            comment=comment,
+        )
+    row = tuple(_to_float(word) for word in body.split())
+    if equals or not section or not all(math.isfinite(x) for x in row):
+        raise FormatError(
+            f"line {number} of '{name}' reads {text.strip()[:60]!r}; expected a [SECTION], a 'KEY = value' line, "
+            "a row of numbers or a comment after '!' or '$': correct that line"
+        )
+    return TirLine(text=text, number=number, section=section, comment=comment, row=row)
+
+
+def _split_comment(text: str) -> tuple[str, str]:
+    """The line before its comment, and the comment; quoted '!' and '$' do not start one."""
+    quote = ""
+    for i, char in enumerate(text):
+        if quote:
+            quote = "" if char == quote else quote
+        elif char in "'\"":
+            quote = char
+        elif char in "!$":
+            return text[:i], text[i + 1 :].strip()
+    return text, ""
+
+
+def _parse_value(value: str, key: str, number: int, name: str) -> float | str | None:
+    if not value:
+        return None
+    if value[0] in "'\"":
+        if len(value) > 1 and value.endswith(value[0]):
+            return value[1:-1].strip()
+    else:
+        found = _to_float(value)
+        if math.isfinite(found):
+            return found
+        if _WORD.match(value) and value.lower() not in ("nan", "inf", "infinity"):
+            return value
+    hint = " (a point, not a comma, separates decimals)" if "," in value else ""
+    raise FormatError(
+        f"line {number} of '{name}' gives {key} the value {value!r}; expected a number or a quoted text{hint}: "
+        "correct that line"
+    )
+
+
+def _to_float(word: str) -> float:
+    """The number, Fortran's exponent D included; NaN where it is none."""
+    try:
+        return float(word)
+    except ValueError:
+        try:
+            return (
+                float(re.sub(r"[dD]", "e", word, count=1)) if re.fullmatch(r"[-+.\d]+[dD][-+]?\d+", word) else math.nan
+            )
+        except ValueError:
+            return math.nan
+
+
+def _format(value: float | str | None) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, str):
+        return f"'{value}'"
+    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
+
+
+def _rewritten(line: TirLine, value: float | str | None, comment: str) -> TirLine:
+    """The line with another value and comment, its layout kept where they fit."""
+    body, _ = _split_comment(line.text)
+    start = body.index("=") + 1
+    lead = body[start:][: len(body[start:]) - len(body[start:].lstrip())] if body[start:].strip() else " "
+    tail_at = line.text.find("$", len(body)) if len(body) < len(line.text) else -1
+    mark = line.text[len(body)] if len(body) < len(line.text) else "$"
+    head = body[:start] + lead + _format(value)
+    if not comment:
+        text = head
+    elif comment == line.comment and len(body) < len(line.text):
+        text = head + " " * max(1, len(body) - len(head)) + line.text[len(body) :]
+    else:
+        text = head + " " * max(1, (tail_at if tail_at > 0 else len(body)) - len(head)) + mark + comment
+    return replace(line, text=text, value=value, comment=comment)
+
+
+def _new_line(section: str, key: str, value: float | str | None, comment: str) -> TirLine:
+    text = f"{key:<24} = {_format(value)}"
+    return TirLine(
+        text=f"{text:<48}${comment}" if comment else text, section=section, key=key, value=value, comment=comment
+    )
+
+
+def _insert(lines: list[TirLine], section: str, new: TirLine) -> None:
+    """Put a line behind the last entry of its section, or open the section at the end."""
+    for i in range(len(lines) - 1, -1, -1):
+        if lines[i].section == section and (lines[i].key or lines[i].row or _SECTION.match(lines[i].text.strip())):
+            lines.insert(i + 1, new)
+            return
+    lines.extend([TirLine(text=f"[{section}]", section=section), new])

@@ -1,0 +1,385 @@
+"""Tire-rig files of the FSAE Tire Test Consortium (Calspan): ``.mat`` and ``.dat`` to `TireData`.
+
+Channels have the consortium's names: SA slip angle, SL slip ratio on the effective radius (SL = 0 gives FX = 0; SR, on
+the loaded radius, only where there is no SL), FX, FY, FZ, MX, MZ, IA inclination, P pressure, V speed. Files are meant
+to be in SAE axes (x forward, y right, z down) with FZ negative, degrees, km/h and kPa, or in the same with pounds,
+miles per hour and psi; units are taken from the file where it names them. The sign system is read off the data, never
+off a name.
+
+References
+----------
+.. [1] SAE J670, Vehicle Dynamics Terminology, 2008.
+.. [2] E. M. Kasprzak, D. Gentz, The Formula SAE Tire Test Consortium: tire testing and data handling, SAE 2006-01-3606.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slipangle.data.readers.mat5 import read_mat5
+from slipangle.data.tire_data import TireData
+from slipangle.errors import (
+    ExcitationError,
+    FormatError,
+    MissingColumnError,
+    MissingFileError,
+    TooShortError,
+    UnitError,
+    nearest,
+)
+from slipangle.units import known as unit_known
+from slipangle.units import quantity, to_si
+
+# channel: (unit expected in metric files, unit in files of pounds and inches)
+_CHANNELS = {
+    "SA": ("deg", "deg"),
+    "SL": ("-", "-"),
+    "SR": ("-", "-"),
+    "FX": ("N", "lbf"),
+    "FY": ("N", "lbf"),
+    "FZ": ("N", "lbf"),
+    "MX": ("N m", "ft lbf"),
+    "MZ": ("N m", "ft lbf"),
+    "IA": ("deg", "deg"),
+    "P": ("kPa", "psi"),
+    "V": ("km/h", "mph"),
+}
+_NEEDED = ("SA", "FX", "FY", "FZ")
+_SPELLINGS = {"lb": "lbf", "lbs": "lbf", "kph": "km/h", "kmh": "km/h", "ft-lb": "ft lbf", "ft-lbs": "ft lbf"}
+_SPELLINGS |= {"n-m": "N m", "n*m": "N m", "none": "-", "unitless": "-", "[-]": "-", "lb-ft": "ft lbf"}
+_UNLOADED = 0.1  # samples below this share of the median load are not a test
+
+
+@dataclass(frozen=True)
+class SignSystem:
+    """Which way the axes of a file point, as its data show.
+
+    Parameters
+    ----------
+    z_down : bool
+        The load is negative, so z points down and y to the right.
+    slip_opposes : bool
+        A positive slip angle gives F_y below zero.
+    slip_ratio_turned : bool
+        A positive slip ratio brakes.
+    moment_turned : bool
+        The aligning moment does not align in right-handed axes, so M_z points the other way.
+    """
+
+    z_down: bool
+    slip_opposes: bool
+    slip_ratio_turned: bool = False
+    moment_turned: bool = False
+
+    @property
+    def name(self) -> str:
+        """Name of the axis system.
+
+        >>> SignSystem(True, True).name, SignSystem(False, True).name
+        ('SAE', 'ISO-W')
+        """
+        if self.z_down:
+            return "SAE" if self.slip_opposes else "adapted SAE"
+        return "ISO-W" if self.slip_opposes else "ISO with the slip angle turned round"
+
+
+def read_ttc(path: str | Path, *, name: str = "") -> TireData:
+    """Read a run of the Tire Test Consortium.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.mat`` (one variable per channel, MATLAB 7 or older) or ``.dat`` (a title, channel names, units, numbers).
+    name : str
+        Name for reports; the file's name by default.
+
+    Returns
+    -------
+    TireData
+        In the signs of docs/nomenclature.md; its notes say which sign system was found and what was left out.
+
+    Raises
+    ------
+    MissingFileError, FormatError, MissingColumnError, UnitError, ExcitationError, TooShortError
+        With the file, the line or channel, and what to do.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise MissingFileError(f"'{file}' does not exist; expected a .mat or .dat file: check the path")
+    suffix = file.suffix.lower()
+    if suffix == ".mat":
+        columns, units = _read_mat(file)
+    elif suffix in (".dat", ".txt"):
+        columns, units = _read_dat(file)
+    else:
+        raise FormatError(f"'{file}' ends in '{suffix}'; expected .mat or .dat: export the run in one of these")
+    return from_channels(columns, units, name=name or file.stem)
+
+
+def from_channels(columns: Mapping[str, np.ndarray], units: Mapping[str, str], *, name: str = "run") -> TireData:
+    """Rig channels as `TireData`.
+
+    Parameters
+    ----------
+    columns : mapping of str to array, shape (n_samples,)
+        Channels by the consortium's names.
+    units : mapping of str to str
+        Units by channel; those left out are of the metric files (deg, km/h, kPa, N).
+    name : str
+        Name for messages and reports.
+
+    Raises
+    ------
+    MissingColumnError, UnitError, ExcitationError, TooShortError
+        As `read_ttc`.
+    """
+    missing = [c for c in _NEEDED if c not in columns]
+    if missing:
+        raise MissingColumnError(
+            f"'{name}' has no channel {missing[0]}; {nearest(missing[0], columns)}: expected SA, FX, FY and FZ"
+        )
+    lengths = {len(columns[c]) for c in _CHANNELS if c in columns}
+    if len(lengths) > 1:
+        raise FormatError(f"the channels of '{name}' have {sorted(lengths)} samples; expected as many in each")
+    si = _to_si(columns, units, name)
+    finite = np.all([np.isfinite(v) for v in si.values()], axis=0)
+    loaded = np.abs(si["FZ"]) > _UNLOADED * np.median(np.abs(si["FZ"][finite])) if finite.any() else finite
+    upright = np.sign(si["FZ"]) == np.sign(np.median(si["FZ"][finite])) if finite.any() else finite
+    keep = finite & loaded & upright
+    if keep.sum() < 20:
+        raise TooShortError(f"'{name}' has {int(keep.sum())} loaded samples; expected at least 20: check FZ")
+    slip = "SL" if "SL" in si else "SR" if "SR" in si else ""
+    picked = {key: value[keep] for key, value in si.items()}
+    system = detect_signs(picked, slip_ratio=slip, name=name)
+    notes = [f"sign system of the data: {system.name}" + _sentence(picked, system)]
+    if len(finite) > keep.sum():
+        notes.append(f"{len(finite) - int(keep.sum())} of {len(finite)} samples without load or number left out")
+    if slip == "SR":
+        notes.append("slip ratio from SR, on the loaded radius: F_x does not vanish at zero slip")
+    if not slip:
+        notes.append("no slip ratio in the file: taken as free rolling")
+    down, opposes = (-1.0 if system.z_down else 1.0), (-1.0 if system.slip_opposes else 1.0)
+    moment = down * (-1.0 if system.moment_turned else 1.0)
+    kappa = np.zeros(int(keep.sum())) if not slip else picked[slip] * (-1.0 if system.slip_ratio_turned else 1.0)
+    return TireData(
+        slip_ratio=np.where(kappa > 0, kappa / (1 + np.maximum(kappa, 0)), kappa),  # counted on the larger speed
+        slip_angle=picked["SA"] * (opposes * down),
+        load=np.abs(picked["FZ"]),
+        F_x=picked["FX"],
+        F_y=picked["FY"] * down,
+        M_x=picked.get("MX"),
+        M_z=None if "MZ" not in picked else picked["MZ"] * moment,
+        camber=picked.get("IA"),
+        pressure=picked.get("P"),
+        speed=picked.get("V"),
+        name=name,
+        notes=tuple(notes),
+    )
+
+
+def detect_signs(si: Mapping[str, np.ndarray], *, slip_ratio: str, name: str) -> SignSystem:
+    """Read the sign system off the data.
+
+    The load's sign tells where z points; the correlation of SA and FY tells the slip angle, that of slip ratio and
+    FX the slip ratio, that of MZ and FY at small slip angles the moment, which aligns in right-handed axes.
+
+    Raises
+    ------
+    ExcitationError
+        If no slip moves, or slip angle and side force do not go together.
+    """
+    angle, ratio = si["SA"], si.get(slip_ratio, np.zeros(len(si["SA"])))
+    cornering = np.ptp(np.quantile(angle, (0.01, 0.99))) > math.radians(2.0)
+    driving = np.ptp(np.quantile(ratio, (0.01, 0.99))) > 0.03
+    if not cornering and not driving:
+        raise ExcitationError(
+            f"in '{name}' neither slip angle nor slip ratio moves; expected a sweep: choose a cornering or "
+            "drive/brake run"
+        )
+    opposes = True  # SAE and ISO-W agree on this
+    if np.ptp(angle) > math.radians(0.5):
+        weight = np.abs(si["FZ"])
+        link = _correlation(angle, si["FY"] / weight, ratio, limit=0.02 if driving else math.inf)
+        if abs(link) > 0.3:
+            opposes = link < 0
+        elif cornering:
+            raise ExcitationError(
+                f"slip angle and side force of '{name}' hardly go together (correlation {link:.2f}); expected at least "
+                "0.3 either way: check that SA and FY belong together"
+            )
+    turned = False
+    if driving:
+        turned = float(np.corrcoef(ratio, si["FX"] / np.abs(si["FZ"]))[0, 1]) < 0
+    moment = False
+    if "MZ" in si and cornering:
+        small = (np.abs(angle) < math.radians(3.0)) & (np.abs(ratio) < 0.02)
+        if small.sum() > 20 and np.std(si["MZ"][small]) > 0:
+            moment = float(np.corrcoef(si["MZ"][small], si["FY"][small])[0, 1]) > 0.3
+    return SignSystem(bool(np.median(si["FZ"]) < 0), bool(opposes), turned, moment)
+
+
+def _correlation(angle: np.ndarray, friction: np.ndarray, ratio: np.ndarray, *, limit: float) -> float:
+    near = np.abs(ratio) < limit
+    if near.sum() < 20 or np.std(angle[near]) == 0 or np.std(friction[near]) == 0:
+        return 0.0
+    return float(np.corrcoef(angle[near], friction[near])[0, 1])
+
+
+def _sentence(si: Mapping[str, np.ndarray], system: SignSystem) -> str:
+    parts = [
+        f"FZ is {'negative' if system.z_down else 'positive'}",
+        f"SA > 0 gives FY {'< 0' if system.slip_opposes else '> 0'}",
+    ]
+    if system.slip_ratio_turned:
+        parts.append("a positive slip ratio brakes")
+    if "MZ" in si and system.moment_turned:
+        parts.append("MZ points against right-handed axes")
+    return f" ({', '.join(parts)})"
+
+
+def _to_si(columns: Mapping[str, np.ndarray], units: Mapping[str, str], name: str) -> dict[str, np.ndarray]:
+    given = {c: _unit(units[c], c, name) for c in _CHANNELS if c in columns and units.get(c, "").strip()}
+    force = {given[c] for c in ("FX", "FY", "FZ") if c in given}
+    if len(force) > 1:
+        which = ", ".join(f"{c} in {given[c]}" for c in ("FX", "FY", "FZ") if c in given)
+        raise UnitError(
+            f"'{name}' mixes units of force: {which}; expected one for all: correct the units or the columns"
+        )
+    pounds = force == {"lbf"}
+    si: dict[str, np.ndarray] = {}
+    for channel, (metric, imperial) in _CHANNELS.items():
+        if channel not in columns:
+            continue
+        expected = imperial if pounds else metric
+        unit = given.get(channel, expected)
+        if quantity(unit) == "ratio" and quantity(expected) != "ratio":
+            unit = expected
+        values = np.asarray(columns[channel], dtype=float).ravel()
+        si[channel] = to_si(values, unit, expected=expected, what=f"{channel} of '{name}'")
+    _check_magnitudes(si, name)
+    return si
+
+
+def _check_magnitudes(si: Mapping[str, np.ndarray], name: str) -> None:
+    """Units that contradict the numbers: a file that says degrees and holds radians, or pounds beside newtons."""
+    angle = np.nanmax(np.abs(si["SA"])) if np.isfinite(si["SA"]).any() else 0.0
+    if 0 < angle < math.radians(0.5) and "SL" not in si and "SR" not in si:
+        raise UnitError(
+            f"SA of '{name}' reaches {np.rad2deg(angle):.2g} degrees only; expected a sweep of degrees: it may be in "
+            "radians, then convert it or name its unit"
+        )
+    load = np.nanmedian(np.abs(si["FZ"])) if np.isfinite(si["FZ"]).any() else 0.0
+    for channel in ("FX", "FY"):
+        typical = np.nanquantile(np.abs(si[channel]), 0.98) if np.isfinite(si[channel]).any() else 0.0
+        if load > 0 and typical > 5.0 * load:
+            raise UnitError(
+                f"{channel} of '{name}' reaches {typical / load:.3g} times the load; expected at most 5: FZ and "
+                f"{channel} seem to be in different units, newtons and pounds"
+            )
+
+
+def _unit(text: str, channel: str, name: str) -> str:
+    plain = text.strip()
+    unit = _SPELLINGS.get(plain.lower(), plain)
+    if not unit_known(unit):
+        raise UnitError(
+            f"'{name}' gives {channel} in '{plain}', an unknown unit; expected such as "
+            f"'{_CHANNELS[channel][0]}': correct the units of the file"
+        )
+    return unit
+
+
+def _read_mat(file: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    raw = read_mat5(file)
+    columns = {
+        key: np.asarray(value, dtype=float).ravel()
+        for key, value in raw.items()
+        if key in _CHANNELS and isinstance(value, np.ndarray) and value.dtype.kind == "f"
+    }
+    units: dict[str, str] = {}
+    channel = raw.get("channel")
+    if isinstance(channel, dict) and {"name", "units"} <= set(channel):
+        names, texts = (_words(channel[key]) for key in ("name", "units"))
+        units = dict(zip(names, texts, strict=False))
+    if not columns:
+        found = list(raw)
+        raise MissingColumnError(
+            f"'{file}' has none of the channels SA, FX, FY, FZ; it holds {', '.join(found[:8]) or 'nothing'}: expected "
+            "one variable per channel"
+        )
+    return columns, units
+
+
+def _words(value: Any) -> list[str]:
+    """Texts of a struct's field, whether it is one cell of texts or one text per element."""
+    found: list[str] = []
+    for item in np.atleast_1d(value):
+        found += [str(v).strip() for v in item] if isinstance(item, np.ndarray) else [str(item).strip()]
+    return found
+
+
+def _read_dat(file: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+    head = next((k for k, line in enumerate(lines[:50]) if {"SA", "FY", "FZ"} <= set(_cells(line))), None)
+    if head is None:
+        raise FormatError(
+            f"'{file}' has no line of channel names in its first 50 lines; expected one with SA, FX, FY and FZ: check "
+            "that it is a run of the Tire Test Consortium"
+        )
+    names = _cells(lines[head])
+    first = head + 1
+    units: dict[str, str] = {}
+    if first < len(lines) and not _is_numbers(lines[first]):
+        texts = _cells(lines[first])
+        if len(texts) == len(names):
+            units = dict(zip(names, texts, strict=True))
+        first += 1
+    rows = []
+    for k in range(first, len(lines)):
+        cells = _cells(lines[k])
+        if not cells:
+            continue
+        if len(cells) != len(names):
+            raise FormatError(
+                f"line {k + 1} of '{file}' has {len(cells)} values; expected {len(names)}, one per channel: repair or "
+                "delete that line"
+            )
+        try:
+            rows.append([float(c) for c in cells])
+        except ValueError:
+            bad = next(c for c in cells if not _is_number(c))
+            raise FormatError(
+                f"line {k + 1} of '{file}' holds '{bad}'; expected a number: repair or delete that line"
+            ) from None
+    if not rows:
+        raise TooShortError(f"'{file}' has channel names but no line of numbers; expected a run")
+    table = np.array(rows)
+    return {n: table[:, k] for k, n in enumerate(names)}, units
+
+
+def _cells(line: str) -> list[str]:
+    """Cells of a line: between tabs, else commas or semicolons, else blanks."""
+    for separator in ("\t", ";", ","):
+        if separator in line:
+            return [c.strip() for c in line.strip("\n").split(separator) if c.strip() or separator != "\t"]
+    return re.split(r"\s+", line.strip()) if line.strip() else []
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_numbers(line: str) -> bool:
+    cells = _cells(line)
+    return bool(cells) and all(_is_number(c) for c in cells)

@@ -1,0 +1,455 @@
+"""CSV in and out: what is recognised, what is refused and with which sentence."""
+
+import math
+
+import numpy as np
+import pytest
+
+from slipangle import errors
+from slipangle.data.dataset import Channel, Dataset, join
+from slipangle.data.readers import Column, read, read_csv, write_csv
+from slipangle.data.readers.csv import parse_heading
+
+GOOD = "t [s],delta [deg],yaw [deg/s]\n" + "".join(f"{0.01 * k:.2f},{math.sin(k):.6f},{k * 0.5}\n" for k in range(30))
+
+
+def table(rows, head="t,delta,r"):
+    return head + "\n" + "\n".join(",".join(str(c) for c in row) for row in rows) + "\n"
+
+
+def steady(n=30, dt=0.01, t0=0.0):
+    return [[round(t0 + dt * k, 9), round(0.1 * math.sin(k), 6), round(0.2 * math.cos(k), 6)] for k in range(n)]
+
+
+@pytest.fixture
+def log(tmp_path):
+    def write(text, name="run.csv", encoding="utf-8"):
+        path = tmp_path / name
+        path.write_bytes(text.encode(encoding))
+        return path
+
+    return write
+
+
+# ---- what is recognised ------------------------------------------------------------------------------------------
+
+
+def test_units_are_converted_at_the_door(log):
+    data = read_csv(log(GOOD), {"delta": "delta", "r": "yaw"}, inputs=["delta"], outputs=["r"])
+    assert data.dt == 0.01
+    assert [c for c in data.channels] == [Channel("delta", "rad"), Channel("r", "rad/s")]
+    assert data["r"][7] == pytest.approx(np.deg2rad(3.5), rel=1e-15)
+    assert data.inputs == ("delta",)
+    assert data.outputs == ("r",)
+    assert data.name == "run"
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "unit"),
+    [
+        ("vx(m/s)", "vx", "m/s"),
+        ("brake [kPa]", "brake", "kPa"),
+        ("throttle_ped_cmd(%)", "throttle_ped_cmd", "%"),
+        ("ax(m/s^2)", "ax", "m/s^2"),
+        ('"yaw rate [°/s]"', "yaw rate", "°/s"),
+        ("acc x (IMU)", "acc x (IMU)", None),
+        ("W (IMU)", "W (IMU)", None),
+        ("v_x", "v_x", None),
+        ("time [sec]", "time", "sec"),
+        ("Speed, km/h", "Speed", "km/h"),
+        ("FX_N", "FX_N", None),
+        ("weird [furlong]", "weird", "furlong"),
+    ],
+)
+def test_headings(text, name, unit):
+    heading = parse_heading(text)
+    assert (heading.name, heading.unit) == (name, unit)
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", " ", ", ", "   "])
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_separators_and_line_ends(log, delimiter, newline):
+    text = table(steady()).replace(",", delimiter).replace("\n", newline)
+    data = read_csv(log(text))
+    assert data.names == ("delta", "r")
+    np.testing.assert_array_equal(data.values, [row[1:] for row in steady()])
+
+
+def test_decimal_comma_with_semicolons(log):
+    text = table(steady()).replace(",", ";").replace(".", ",")
+    np.testing.assert_array_equal(read_csv(log(text)).values, [row[1:] for row in steady()])
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_encodings(log, encoding):
+    data = read_csv(log(table(steady(), "t,delta [°],r [°/s]"), encoding=encoding))
+    assert data.unit("delta") == "rad"
+    assert data["delta"][5] == pytest.approx(np.deg2rad(steady()[5][1]), rel=1e-15)
+
+
+def test_comments_and_a_heading_inside_them(log):
+    text = "# logger 4.2\n# t(s),delta(rad),r(rad/s)\n" + table(steady(), "# end of preamble")
+    data = read_csv(log(text))
+    assert data.names == ("delta", "r")
+    assert not any("no unit" in n for n in data.notes)
+
+
+def test_a_line_of_units_under_the_heading(log):
+    data = read_csv(log(table([["s", "deg", "rad/s"], *steady()])))
+    assert data["delta"][3] == pytest.approx(np.deg2rad(steady()[3][1]), rel=1e-15)
+    assert data["r"][3] == steady()[3][2]
+
+
+def test_columns_by_position_without_heading(log):
+    text = table(steady()).split("\n", 1)[1]
+    data = read_csv(log(text, "run.dat"), {"delta": Column(1, "rad"), "r": Column(-1, "rad/s")}, time=Column(0))
+    np.testing.assert_array_equal(data["r"], [row[2] for row in steady()])
+
+
+def test_lines_above_the_heading_can_be_left_out(log):
+    assert read_csv(log("Event, Targa\nCar\n" + table(steady())), skip_lines=2).n_samples == 30
+
+
+def test_factor_turns_a_sign(log):
+    data = read_csv(log(table(steady())), {"delta": Column("delta", "rad", factor=-0.5)})
+    np.testing.assert_array_equal(data["delta"], [-0.5 * row[1] for row in steady()])
+
+
+def test_text_columns_that_are_not_asked_for_do_not_matter(log):
+    rows = [[*row, "lap one"] for row in steady()]
+    assert read_csv(log(table(rows, "t,delta,r,lap")), ["delta", "r"]).n_samples == 30
+
+
+def test_time_in_other_units_and_epoch(log):
+    rows = [[1_700_000_000_000 + 10 * k, *row[1:]] for k, row in enumerate(steady())]
+    data = read_csv(log(table(rows, "time [ms],delta,r")))
+    assert data.dt == 0.01
+    assert data.start_times == (0.0,)
+    assert any("1.7e+09 s" in n for n in data.notes)
+
+
+def test_si_is_assumed_aloud(log):
+    assert "no unit named for delta, r: taken as SI" in read_csv(log(table(steady()))).notes
+
+
+def test_experiment_column_splits(log):
+    rows = [[*row, int(k >= 12)] for k, row in enumerate(steady())]
+    assert read_csv(log(table(rows, "t,delta,r,lap")), ["delta", "r"], experiment="lap").starts == (0, 12)
+
+
+# ---- gaps --------------------------------------------------------------------------------------------------------
+
+
+def test_gaps_split_and_nothing_is_interpolated(log):
+    rows = steady(60)
+    kept = rows[:20] + rows[23:45] + rows[47:]
+    data = read_csv(log(table(kept)))
+    assert data.starts == (0, 20, 42)
+    assert data.start_times == pytest.approx((0.0, 0.23, 0.47))
+    np.testing.assert_array_equal(data.values, [row[1:] for row in kept])
+    assert "2 gaps split the log: 0.04 s at line 22 (t = 0.19 s), 0.03 s at line 44 (t = 0.44 s)" in data.notes
+
+
+@pytest.mark.parametrize("cell", ["", "nan", "NaN", "NA", "inf", "-inf"])
+def test_missing_numbers_split_on_request(log, cell):
+    rows = steady(40)
+    for k in (10, 11, 12, 30):
+        rows[k][2] = cell
+    path = log(table(rows))
+    data = read_csv(path, nan="gap")
+    assert data.starts == (0, 10, 27)
+    kept = [row[1:] for k, row in enumerate(rows) if k not in (10, 11, 12, 30)]
+    np.testing.assert_array_equal(data.values, kept)
+    with pytest.raises(errors.NotFiniteError) as caught:
+        read_csv(path)
+    for part in ("channel 'r'", "4 missing", "2 runs", "3 samples from line 12 to line 14", "t = 0.1 to 0.12", "gap"):
+        assert part in str(caught.value)
+
+
+def test_missing_numbers_split_without_a_time_column(log):
+    rows = [row[1:] for row in steady(40)]
+    rows[15][0] = ""
+    data = read_csv(log(table(rows, "delta,r")), dt=0.1, nan="gap")
+    assert data.starts == (0, 15)
+    assert data.start_times == pytest.approx((0.0, 1.6))
+
+
+# ---- what is refused, and how ------------------------------------------------------------------------------------
+
+ROWS = steady()
+BAD_TIME = [*ROWS[:10], [0.05, 0, 0], *ROWS[10:]]
+SLOWER = [*ROWS, *steady(30, 0.02, ROWS[-1][0] + 0.02)]
+CASES = {
+    "empty file": ("", {}, errors.TooShortError, ["'run.csv'", "is empty", "expected a header line", "export"]),
+    "only comments": ("# a\n# b\n", {}, errors.TooShortError, ["is empty"]),
+    "no rows": ("t,delta,r\n", {}, errors.TooShortError, ["headings but no rows", "expected rows"]),
+    "one row": (table(ROWS[:1]), {}, errors.TooShortError, ["1 samples", "at least 2", "record longer"]),
+    "too short": (table(ROWS), {"shortest": 31}, errors.TooShortError, ["30 samples", "at least 31"]),
+    "only short pieces": (
+        table(ROWS[:4] + ROWS[8:12]),
+        {"shortest": 6},
+        errors.TooShortError,
+        ["longest of 2", "4 samples", "at least 6"],
+    ),
+    "missing column": (
+        table(ROWS, "t,steer,yawRate"),
+        {"columns": {"r": Column("yawrat", "rad/s")}},
+        errors.MissingColumnError,
+        ["'run.csv'", "'yawrat'", "channel 'r'", "nearest are 'yawRate'", "correct"],
+    ),
+    "no such position": (
+        table(ROWS),
+        {"columns": {"r": Column(3, "rad/s")}},
+        errors.MissingColumnError,
+        ["column number 3", "0 to 2"],
+    ),
+    "name without heading": (
+        table(ROWS).split("\n", 1)[1],
+        {"columns": ["r"], "dt": 0.01},
+        errors.MissingColumnError,
+        ["no header", "Column(0) to Column(2)"],
+    ),
+    "missing input": (
+        table(ROWS),
+        {"inputs": ["Delta"]},
+        errors.MissingColumnError,
+        ["input 'Delta'", "nearest are 'delta'"],
+    ),
+    "missing output": (table(ROWS), {"outputs": ["rr"]}, errors.MissingColumnError, ["output 'rr'", "'r'"]),
+    "column twice": (table(ROWS, "t,r,r"), {}, errors.FormatError, ["several columns named 'r'", "Column(1)"]),
+    "column twice, asked for": (
+        table(ROWS, "t,r,r"),
+        {"columns": ["r"]},
+        errors.ParameterError,
+        ["2 columns named 'r'", "by position"],
+    ),
+    "not a number": (
+        table([*ROWS[:6], [0.06, "abc", 0.1], *ROWS[7:]]),
+        {},
+        errors.FormatError,
+        ["'run.csv'", "line 8", "column 'delta'", "'abc'", "expected a number", "correct the cell"],
+    ),
+    "thousands separator": (
+        table([*ROWS[:6], ["0,06", "1.234,5", "0,1"], *ROWS[7:]]).replace(",", ";").replace("1.234;5", "1.234,5"),
+        {},
+        errors.FormatError,
+        ["line 8", "cells"],
+    ),
+    "cut-off line": (
+        table(ROWS) + "0.30,0.1",
+        {},
+        errors.FormatError,
+        ["line 32", "2 cells", "expected 3", "delete the line"],
+    ),
+    "quotes that swallow cells": (
+        table([*ROWS[:6], ['"0.06', '0.1"', "0.2"], *ROWS[7:]]),
+        {},
+        errors.FormatError,
+        ["line 8", "2 cells", "expected 3"],
+    ),
+    "endless cell": (
+        table([*ROWS[:2], ["1" * 200_000 + '"', '"', "0"]]),
+        {},
+        errors.FormatError,
+        ["cannot be cut into cells"],
+    ),
+    "not text": ("\0\1\2\3", {}, errors.FormatError, ["not a text file", "CSV"]),
+    "time goes back": (
+        table(BAD_TIME),
+        {},
+        errors.TimeError,
+        ["goes back", "line 12", "0.09 s, then 0.05 s", "expected rising", "delete"],
+    ),
+    "time repeats": (
+        table([*ROWS[:10], ROWS[9], *ROWS[10:]]),
+        {},
+        errors.TimeError,
+        ["repeats", "line 12", "0.09 s, then 0.09 s"],
+    ),
+    "time missing": (table([*ROWS[:4], ["", 0, 0], *ROWS[5:]]), {}, errors.NotFiniteError, ["time", "line 6"]),
+    "slower later": (
+        table(SLOWER),
+        {},
+        errors.TimeError,
+        ["changes its sample time at line 31", "t = 0.29", "from 0.01 to 0.02 s", "resample"],
+    ),
+    "faster later": (
+        table([*steady(30, 0.02), *steady(40, 0.01, 0.59)]),
+        {},
+        errors.TimeError,
+        ["changes its sample time at line 31", "t = 0.58", "from 0.02 to 0.01 s"],
+    ),
+    "one odd step": (
+        table([*ROWS[:10], [0.0965, 0, 0], *ROWS[11:]]),
+        {},
+        errors.TimeError,
+        ["mixes sample times", "after line 12 (t = 0.0965 s)", "0.0135 s", "0.01 s", "within 20 %", "jitter="],
+    ),
+    "dt disagrees": (table(ROWS), {"dt": 0.02}, errors.SampleTimeError, ["every 0.01 s", "0.02 s", "correct dt"]),
+    "dt negative": (table(ROWS), {"dt": -1.0}, errors.SampleTimeError, ["-1.0 s", "positive"]),
+    "no time": (
+        table(ROWS, "clock,delta,r"),
+        {},
+        errors.TimeError,
+        ["no time column", "'clock', 'delta', 'r'", "time=", "dt="],
+    ),
+    "time in metres": (table(ROWS, "t [m],delta,r"), {}, errors.UnitError, ["time column 't'", "length", "time"]),
+    "unit of another quantity": (
+        table(ROWS, "t,delta [rad],r [m/s]"),
+        {},
+        errors.UnitError,
+        ["column 'r'", "channel 'r'", "'m/s'", "speed", "angular rate", "'rad/s'", "correct the unit"],
+    ),
+    "unit of another quantity in the settings": (
+        table(ROWS),
+        {"columns": {"r": Column("r", "m/s")}},
+        errors.UnitError,
+        ["channel 'r'", "speed", "angular rate"],
+    ),
+    "header and settings disagree": (
+        table(ROWS, "t,delta [deg],r"),
+        {"columns": {"delta": Column("delta", "rad")}},
+        errors.UnitError,
+        ["'deg' by its header", "'rad' by the settings", "override"],
+    ),
+    "unknown unit": (table(ROWS, "t,delta [grd],r"), {}, errors.UnitError, ["'grd'", "nearest", "'rad'"]),
+    "degrees passed off as SI": (
+        table([[0.01 * k, 30 * math.sin(k), 0.1] for k in range(30)]),
+        {},
+        errors.UnitError,
+        ["column 'delta'", "names no unit", "reaches 30;", "1.6 rad", "'deg'"],
+    ),
+    "nan is misspelt": (table(ROWS), {"nan": "drop"}, errors.ParameterError, ["'drop'", "'error' or 'gap'"]),
+    "nothing chosen": ("t\n0\n1\n2\n", {}, errors.MissingColumnError, ["no column", "at least one"]),
+    "broken note of ours": ("# slipangle: {oops\n" + table(ROWS), {}, errors.FormatError, ["line 1", "JSON"]),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_bad_input_gets_one_sentence(log, case):
+    text, options, kind, parts = CASES[case]
+    with pytest.raises(errors.SlipangleError) as caught:
+        read_csv(log(text), **options)
+    assert type(caught.value) is kind
+    message = str(caught.value)
+    assert "\n" not in message
+    assert "expected" in message or "nearest" in message or "there are" in message
+    for part in parts:
+        assert part in message, message
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_damaged_files_never_raise_anything_else(log, seed):
+    rng = np.random.default_rng(seed)
+    alphabet = list("0123456789.,;\t -+eE#%[]()\"'\nnaNinf\u00b0/\0")
+    for _ in range(8):
+        text = list(GOOD)
+        for _ in range(int(rng.choice([1, 3, 20, 100]))):
+            where = int(rng.integers(len(text)))
+            if rng.random() < 0.6:
+                text[where] = str(rng.choice(alphabet))
+            else:
+                del text[where : where + int(rng.integers(1, 9))]
+                text = text or ["x"]
+        said = ""
+        try:
+            data = read_csv(log("".join(text)), nan=str(rng.choice(["error", "gap"])))
+            assert np.isfinite(data.values).all()
+        except errors.SlipangleError as error:
+            said = str(error)
+        assert "\n" not in said
+
+
+def test_missing_file_offers_its_neighbours(log):
+    path = log(GOOD, "run_1.csv")
+    with pytest.raises(errors.MissingFileError, match=r"run1\.csv' does not exist; .*nearest are 'run_1\.csv'"):
+        read_csv(path.with_name("run1.csv"))
+    with pytest.raises(errors.MissingFileError, match="there is no folder"):
+        read_csv(path.parent / "nowhere" / "run.csv")
+    with pytest.raises(errors.MissingFileError, match="is a folder"):
+        read_csv(path.parent)
+
+
+def test_override_trusts_the_settings(log):
+    path = log(table(steady(), "t,delta [deg],r"))
+    data = read_csv(path, {"delta": Column("delta", "rad", override=True)})
+    assert data["delta"][4] == steady()[4][1]
+
+
+def test_read_dispatches_on_the_suffix(log):
+    assert read(log(GOOD, "run.TXT"), ["delta"]).n_samples == 30
+    with pytest.raises(errors.FormatError, match=r"suffix '\.mf4' .* expected one of \.csv, \.txt, \.dat"):
+        read("run.mf4")
+
+
+# ---- jitter ------------------------------------------------------------------------------------------------------
+
+
+def test_rounded_stamps_are_not_touched(log):
+    rows = [[round(k / 60, 3), math.sin(k), math.cos(k)] for k in range(200)]
+    data = read_csv(log(table(rows)))
+    assert data.dt == pytest.approx(1 / 60, rel=1e-12)
+    np.testing.assert_array_equal(data.values, np.array(rows)[:, 1:])
+    assert not any("interpolated" in n for n in data.notes)
+
+
+@pytest.mark.parametrize("amount", [0.05, 0.12, 0.3])
+def test_jitter_is_put_back_on_the_grid(log, amount):
+    rng = np.random.default_rng(1)
+    t = 0.01 * np.arange(500) + rng.uniform(-amount, amount, 500) * 0.005
+    t[0] = 0.0
+    rows = np.column_stack([t, np.sin(2 * t), np.cos(2 * t)])
+    path = log(table(rows.tolist()))
+    if amount > 0.2:
+        with pytest.raises(errors.TimeError, match="mixes sample times"):
+            read_csv(path)
+        return
+    data = read_csv(path)
+    assert data.dt == pytest.approx(0.01, rel=1e-4)
+    assert any("interpolated linearly" in n for n in data.notes)
+    np.testing.assert_allclose(data["delta"], np.sin(2 * data.t), atol=1e-4)
+
+
+# ---- round trips -------------------------------------------------------------------------------------------------
+
+
+def some_data(n=50, seed=0, **options):
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=(n, 3)) * [1e-7, 1.0, 1e9]
+    channels = (Channel("delta", "rad"), Channel("v_x", "m/s"), Channel("odd, name (of mine)", "-"))
+    return Dataset(values=values, channels=channels, **{"dt": 0.05, **options})
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        some_data(),
+        some_data(n=1),
+        some_data(dt=1 / 3, start_times=(149.99,)),
+        some_data(inputs=("delta", "v_x"), outputs=("odd, name (of mine)",), name="a, b", notes=("x\ny", "ü")),
+        some_data(starts=(0, 1, 20), start_times=(0.0, 3.7, 1.0)),
+        some_data(starts=(0, 20), start_times=(1.7e9, 1.8e9)),
+        join(some_data(seed=1), some_data(seed=2), some_data(seed=3)),
+    ],
+    ids=lambda d: f"{d.n_samples}x{len(d.starts)}",
+)
+def test_written_data_read_back_identically(tmp_path, data):
+    path = write_csv(data, tmp_path / "sub" / "run.csv")
+    back = read(path)
+    np.testing.assert_array_equal(back.values, data.values)
+    for key in ("channels", "dt", "inputs", "outputs", "starts", "start_times", "name", "notes"):
+        assert getattr(back, key) == getattr(data, key), key
+    assert [p.name for p in path.parent.iterdir()] == ["run.csv"]
+
+
+def test_writing_to_an_impossible_place(tmp_path):
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(errors.OutputError, match="cannot be written"):
+        write_csv(some_data(), tmp_path / "file" / "run.csv")
+
+
+def test_unknown_unit_is_not_written(tmp_path):
+    data = some_data().with_channel("z", np.zeros(50), "furlong")
+    with pytest.raises(errors.UnitError):
+        write_csv(data, tmp_path / "run.csv")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,85 @@
+"""MATLAB files: the same content as SciPy reads, and one sentence for every damaged byte."""
+
+import contextlib
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from slipangle.data.readers.mat5 import read_mat5
+from slipangle.errors import FormatError
+
+CONTENT = {
+    "SA": np.linspace(-12, 12, 50)[:, None],
+    "matrix": np.arange(12.0).reshape(3, 4),
+    "cube": np.arange(24, dtype=np.int16).reshape(2, 3, 4),
+    "flags": np.array([[True, False]]),
+    "single": np.float32(2.5),
+    "text": "Calspan run 7 µ",
+    "rows": np.array(["ab", "cde"]),
+    "empty": np.empty((0, 0)),
+    "cell": np.array(["deg", np.arange(3.0), "N"], dtype=object),
+    "channel": {"name": np.array(["SA", "FZ"], dtype=object), "units": np.array(["deg", "N"], dtype=object)},
+}
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_content_is_what_was_written(tmp_path, compressed):
+    savemat(tmp_path / "a.mat", CONTENT, do_compression=compressed)
+    found = read_mat5(tmp_path / "a.mat")
+    for name in ("SA", "matrix", "cube", "flags"):
+        assert found[name].shape == CONTENT[name].shape
+        assert np.array_equal(found[name], CONTENT[name])
+    assert found["single"].item() == 2.5
+    assert found["text"] == CONTENT["text"]
+    assert list(found["rows"]) == ["ab", "cde"]
+    assert found["empty"].size == 0
+    assert found["cell"][0] == "deg"
+    assert np.array_equal(found["cell"][1].ravel(), np.arange(3.0))
+    assert list(found["channel"]["units"][0]) == ["deg", "N"]
+
+
+def test_other_kinds_are_left_out(tmp_path):
+    from scipy.sparse import csc_array
+
+    savemat(tmp_path / "a.mat", {"s": csc_array((10**5, 10**5)), "x": np.ones((2, 1))})
+    assert list(read_mat5(tmp_path / "a.mat")) == ["x"]
+
+
+@pytest.mark.parametrize(
+    ("raw", "message"),
+    [
+        (b"", "not a MATLAB file"),
+        (b"x" * 200, "not a MATLAB file"),
+        (b"\x89HDF\r\n\x1a\n" + b"x" * 600, r"MATLAB 7.3 file; .*save\(\.\.\., '-v7'\)"),
+        (b" " * 512 + b"\x89HDF\r\n\x1a\n" + b"x" * 90, "MATLAB 7.3"),
+    ],
+)
+def test_other_files(tmp_path, raw, message):
+    (tmp_path / "a.mat").write_bytes(raw)
+    with pytest.raises(FormatError, match=message):
+        read_mat5(tmp_path / "a.mat")
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_cut_files_say_so(tmp_path, compressed):
+    savemat(tmp_path / "a.mat", {"x": np.random.default_rng(0).normal(size=500)}, do_compression=compressed)
+    raw = (tmp_path / "a.mat").read_bytes()
+    (tmp_path / "a.mat").write_bytes(raw[: len(raw) - 100])
+    with pytest.raises(FormatError, match=r"damaged after 0 variables \(an element is longer than the file\)"):
+        read_mat5(tmp_path / "a.mat")
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_no_byte_can_break_it(tmp_path, compressed):
+    file = tmp_path / "a.mat"
+    savemat(file, CONTENT, do_compression=compressed)
+    whole = file.read_bytes()
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        raw = bytearray(whole)
+        for at in rng.integers(120, len(raw), rng.integers(1, 8)):
+            raw[at] = rng.integers(0, 256)
+        file.write_bytes(bytes(raw))
+        with contextlib.suppress(FormatError):
+            read_mat5(file)
