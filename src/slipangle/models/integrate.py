@@ -1,0 +1,157 @@
+"""From a state derivative to a discrete-time step: Euler, Runge-Kutta 4, Radau IIA.
+
+A derivative is ``f(x, u) -> dx/dt`` written with `slipangle.ops`; a step is ``F(x, u) -> x`` one sample
+time later with ``u`` held constant, and works on whatever ``f`` works on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+import casadi as ca
+import numpy as np
+
+from slipangle.errors import ParameterError, nearest
+from slipangle.ops import is_symbolic
+
+Derivative = Callable[[Any, Any], Any]
+Step = Callable[[Any, Any], Any]
+Method = Literal["euler", "rk4", "radau"]
+
+
+def euler(f: Derivative, dt: float, substeps: int = 1) -> Step:
+    """Explicit Euler (first order), the "Taylor" scheme of [1]_ eq. 5-2.
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    """
+    h = dt / substeps
+
+    def step(x: Any, u: Any) -> Any:
+        for _ in range(substeps):
+            x = x + h * f(x, u)
+        return x
+
+    return step
+
+
+def rk4(f: Derivative, dt: float, substeps: int = 1) -> Step:
+    """Classical Runge-Kutta of fourth order with ``substeps`` equal steps per sample."""
+    h = dt / substeps
+
+    def step(x: Any, u: Any) -> Any:
+        for _ in range(substeps):
+            k1 = f(x, u)
+            k2 = f(x + 0.5 * h * k1, u)
+            k3 = f(x + 0.5 * h * k2, u)
+            k4 = f(x + h * k3, u)
+            x = x + (h / 6) * (k1 + 2 * k2 + 2 * k3 + k4)
+        return x
+
+    return step
+
+
+_ROOT6 = np.sqrt(6.0)
+# Radau IIA, 3 stages, order 5: Hairer & Wanner, Solving Ordinary Differential Equations II, table IV.5.6.
+RADAU_A = np.array(
+    [
+        [(88 - 7 * _ROOT6) / 360, (296 - 169 * _ROOT6) / 1800, (-2 + 3 * _ROOT6) / 225],
+        [(296 + 169 * _ROOT6) / 1800, (88 + 7 * _ROOT6) / 360, (-2 - 3 * _ROOT6) / 225],
+        [(16 - _ROOT6) / 36, (16 + _ROOT6) / 36, 1 / 9],
+    ]
+)
+
+
+SHORTENED = (1.0, 0.5, 0.2, 0.05, 0.01)  # lengths of a Newton step that are tried
+
+
+def radau_iia(f: Derivative, dt: float, n_states: int, n_inputs: int, substeps: int = 1, iterations: int = 12) -> Step:
+    """Three-stage Radau IIA (order 5, L-stable): for stiff wheel dynamics.
+
+    The stage equations are solved by ``iterations`` damped Newton steps with the exact Jacobian. Numbers and
+    symbols go through the same CasADi function, so both give the same result.
+
+    Parameters
+    ----------
+    f : callable
+        State derivative.
+    dt : float
+        Sample time. [s]
+    n_states, n_inputs : int
+        Lengths of x and u.
+    substeps, iterations : int
+        Implicit steps per sample, and Newton steps in each.
+    """
+    x = ca.SX.sym("x", n_states)
+    u = ca.SX.sym("u", n_inputs)
+    h = dt / substeps
+    stages = ca.SX.sym("k", n_states, 3)
+    residual = ca.vertcat(*[stages[:, i] - f(x + h * ca.mtimes(stages, ca.DM(RADAU_A[i])), u) for i in range(3)])
+    newton = ca.Function("newton", [stages, x, u], [residual, ca.jacobian(residual, ca.vec(stages))])
+    size = ca.Function("size", [stages, x, u], [ca.sumsqr(residual)])
+    x0, u0 = ca.MX.sym("x", n_states), ca.MX.sym("u", n_inputs)
+
+    def improve(k: ca.MX, now: ca.MX) -> ca.MX:
+        r, jacobian = newton(k, now, u0)
+        return k - ca.reshape(ca.solve(jacobian, r), n_states, 3)
+
+    def descend(k: ca.MX, now: ca.MX) -> ca.MX:
+        """A Newton step shortened to where the residual is least: saturated tires send full steps astray."""
+        move = improve(k, now) - k
+        best, least = k + SHORTENED[0] * move, size(k + SHORTENED[0] * move, now, u0)
+        for share in SHORTENED[1:]:
+            tried = size(k + share * move, now, u0)
+            better = tried < least
+            best, least = ca.if_else(better, k + share * move, best), ca.if_else(better, tried, least)
+        return best
+
+    k = ca.MX.zeros(n_states, 3)  # not the slope now, which throws stiff wheels past the peak of the tire
+    for _ in range(iterations - 1):
+        k = descend(k, x0)
+    # Only the last Newton step is differentiated: at the solution that is the implicit function theorem.
+    stages_of = ca.Function("stages", [x0, u0], [k], {"is_diff_in": [False, False]})
+    now = x0
+    for _ in range(substeps):
+        now = now + h * ca.mtimes(improve(stages_of(now, u0), now), ca.DM(RADAU_A[2]))
+    advance = ca.Function("radau_iia", [x0, u0], [now])
+
+    def step(x: Any, u: Any) -> Any:
+        if is_symbolic(x, u):
+            return advance(x, u)
+        x, u = np.asarray(x, dtype=float), np.asarray(u, dtype=float)
+        if x.ndim == 1:
+            return advance(x, u).full()[:, 0]
+        return advance.map(x.shape[1])(x, np.broadcast_to(u, (u.shape[0], x.shape[1]))).full()
+
+    return step
+
+
+def discretise(
+    f: Derivative,
+    dt: float,
+    *,
+    n_states: int,
+    n_inputs: int,
+    method: Method = "rk4",
+    substeps: int = 1,
+) -> Step:
+    """The step of the named method.
+
+    Raises
+    ------
+    ParameterError
+        If the method is unknown or ``substeps`` is not positive.
+    """
+    if substeps < 1:
+        raise ParameterError(f"substeps is {substeps}; expected a whole number of at least 1")
+    if method == "euler":
+        return euler(f, dt, substeps)
+    if method == "rk4":
+        return rk4(f, dt, substeps)
+    if method == "radau":
+        return radau_iia(f, dt, n_states, n_inputs, substeps)
+    raise ParameterError(
+        f"the integrator is {method!r}; {nearest(str(method), ['euler', 'rk4', 'radau'])}: use one of these"
+    )

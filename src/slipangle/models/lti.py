@@ -1,0 +1,154 @@
+"""Responses of linear systems at the speed of matrix products: whole blocks of samples at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+CHUNK = 1 << 15  # samples whose temporary arrays stay in the cache
+
+
+@dataclass(frozen=True, kw_only=True)
+class LTI:
+    """``x(k+1) = A x(k) + B u(k) + f``, ``y(k) = C x(k) + D u(k) + g``, numbers only.
+
+    `respond` cuts the record into blocks of ``block`` samples. Within a block the outputs are one product with
+    the impulse response; from block to block the state obeys the same kind of equation with ``A**block``, which is
+    solved by the same method. So the cost is that of matrix products, and sequential work is a small share.
+
+    Parameters
+    ----------
+    A : array, shape (n_states, n_states)
+    B : array, shape (n_states, n_inputs)
+    C : array, shape (n_outputs, n_states)
+    D : array, shape (n_outputs, n_inputs)
+    f : array, shape (n_states,), optional
+        Constant drive of the state.
+    g : array, shape (n_outputs,), optional
+        Constant part of the output.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    f: np.ndarray | None = None
+    g: np.ndarray | None = None
+
+    @property
+    def block(self) -> int:
+        """Samples per block."""
+        wide = max(self.B.shape[1], self.C.shape[0])
+        return 8 if wide > 8 else 16 if wide > 2 else 32
+
+    @cached_property
+    def _blocks(self) -> tuple[np.ndarray, ...]:
+        """Transposed maps of one block: state to state, inputs to state, state and inputs to outputs, constants."""
+        a, b, c, d = self.A, self.B, self.C, self.D
+        (nx, nu), ny, length = b.shape, len(c), self.block
+        f = np.zeros(nx) if self.f is None else self.f
+        g = np.zeros(ny) if self.g is None else self.g
+        observe = np.empty((length, ny, nx))  # C A^i
+        reach = np.empty((length, nx, nu))  # A^i B
+        drift = np.zeros((length + 1, nx))  # sum of A^j f for j < i
+        now, then = c, b
+        power: Any = np.eye(nx)
+        for i in range(length):
+            observe[i], reach[i] = now, then
+            now, then, power = now @ a, a @ then, power @ a
+            drift[i + 1] = a @ drift[i] + f
+        impulse = np.concatenate([d[None], observe[:-1] @ b])  # D, C B, C A B, ...
+        toeplitz = np.zeros((length, ny, length, nu))
+        for i in range(length):
+            toeplitz[i, :, : i + 1] = impulse[i::-1].transpose(1, 0, 2)
+        return (
+            power.T.copy(),
+            reach[::-1].transpose(0, 2, 1).reshape(length * nu, nx).copy(),
+            observe.reshape(length * ny, nx).T.copy(),
+            toeplitz.reshape(length * ny, length * nu).T.copy(),
+            drift[-1].copy(),
+            (drift[:-1] @ c.T + g).ravel(),
+        )
+
+    def respond(self, x0: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Outputs at every row of ``u`` and the state one sample after the last.
+
+        Parameters
+        ----------
+        x0 : array, shape (n_states,)
+            State at the first row.
+        u : array, shape (n_samples, n_inputs)
+
+        Returns
+        -------
+        y : array, shape (n_samples, n_outputs)
+        x : array, shape (n_states,)
+        """
+        x = np.array(x0, dtype=float)
+        n, ny, length = len(u), len(self.C), self.block
+        y = np.empty((n, ny))
+        per_chunk = max(1, CHUNK // length) * length
+        done = 0
+        with np.errstate(over="ignore", invalid="ignore"):  # an unstable system; the caller looks
+            while n - done >= length:
+                size = min(per_chunk, (n - done) // length * length)
+                x = self._whole_blocks(x, u[done : done + size], y[done : done + size])
+                done += size
+            for k in range(done, n):
+                y[k] = self.C @ x + self.D @ u[k]
+                x = self.A @ x + self.B @ u[k]
+                if self.f is not None:
+                    x = x + self.f
+            if self.g is not None:
+                y[done:] += self.g
+        return y, x
+
+    def _whole_blocks(self, x: np.ndarray, u: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Fill ``y`` for a whole number of blocks; returns the state after them."""
+        power, reach, observe, toeplitz, drift, constant = self._blocks
+        wide = np.ascontiguousarray(u, dtype=float).reshape(len(u) // self.block, -1)
+        starts = recurrence(power.T, wide @ reach + drift, x)
+        out = y.reshape(len(wide), -1)
+        np.matmul(wide, toeplitz, out=out)
+        out += starts[:-1] @ observe
+        out += constant
+        return starts[-1]
+
+
+def recurrence(A: np.ndarray, v: np.ndarray, x0: np.ndarray) -> np.ndarray:
+    """States of ``x(k+1) = A x(k) + v(k)``, shape (..., n + 1, n_states), the first being ``x0``.
+
+    Parameters
+    ----------
+    A : array, shape (n_states, n_states)
+    v : array, shape (..., n, n_states)
+    x0 : array, shape (..., n_states)
+
+    >>> recurrence(np.array([[0.5]]), np.ones((3, 1)), np.zeros(1)).ravel().tolist()
+    [0.0, 1.0, 1.5, 1.75]
+    """
+    n, nx = v.shape[-2:]
+    x = np.empty((*v.shape[:-2], n + 1, nx))
+    x[..., 0, :] = x0
+    length = 8
+    whole = n // length if n > 4 * length else 0
+    if whole:
+        powers = [np.eye(nx)]
+        for _ in range(length):
+            powers.append(powers[-1] @ A)
+        toeplitz = np.zeros((length, nx, length, nx))  # v(j) to x(i + 1)
+        for i in range(length):
+            for j in range(i + 1):
+                toeplitz[i, :, j] = powers[i - j]
+        flat = toeplitz.reshape(length * nx, length * nx)
+        wide = v[..., : whole * length, :].reshape(*v.shape[:-2], whole, length * nx)
+        starts = recurrence(powers[length], wide @ flat[-nx:].T, x0)
+        inside = wide @ flat.T
+        inside += starts[..., :-1, :] @ np.vstack(powers[1:]).T
+        x[..., 1 : whole * length + 1, :] = inside.reshape(*v.shape[:-2], whole * length, nx)
+    for k in range(whole * length, n):
+        x[..., k + 1, :] = x[..., k, :] @ A.T + v[..., k, :]
+    return x

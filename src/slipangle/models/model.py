@@ -1,0 +1,415 @@
+"""`Model`: what every identified model is, and `Trajectory`: what it predicts."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from typing import Any, final
+
+import casadi as ca
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError, SimulationError, TooShortError
+from slipangle.ops import Vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One of several training runs, for a table that hides none of them.
+
+    Parameters
+    ----------
+    seed : int
+        Of the start weights and of the order of the batches.
+    score : float
+        Smallest free-run error on the part of the training data held out for it: RMSE over the standard deviation
+        of the output. [-]
+    epoch, epochs : int
+        Epoch of the smallest error, whose weights are kept, and the last one trained.
+    seconds : float
+        Time of this run. [s]
+    curve : array, shape (n_checks, 2)
+        Epoch and free-run error at every check.
+    note : str
+        What went wrong, if anything.
+    """
+
+    seed: int
+    score: float
+    epoch: int
+    epochs: int
+    seconds: float
+    curve: np.ndarray = field(repr=False)
+    note: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitInfo:
+    """How a model was fitted: estimates, their covariance and what to be careful about.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The parameters that were free.
+    values : array, shape (n_free,)
+        Their estimates, SI units.
+    covariance : array, shape (n_free, n_free)
+        Covariance of the estimates.
+    noise_std : array, shape (n_outputs,)
+        Standard deviation of the residuals on the training data.
+    n_samples : int
+        Residuals per output.
+    units : tuple of str
+        Unit of each parameter.
+    seconds : float
+        Time that the fit took. [s]
+    method : str
+        One line for the report: criterion, solver, covariance.
+    warnings : tuple of str
+        Sentences, such as the names of parameters that the data do not determine.
+    train_name : str
+        Name of the training data.
+    train_span : tuple of float
+        First and last time of the training data. [s]
+    trials : tuple of Trial
+        Every training run, for models that are trained from random starts.
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+    noise_std: np.ndarray
+    n_samples: int
+    units: tuple[str, ...] = ()
+    seconds: float = 0.0
+    method: str = ""
+    warnings: tuple[str, ...] = ()
+    train_name: str = ""
+    train_span: tuple[float, float] = (0.0, 0.0)
+    trials: tuple[Trial, ...] = ()
+
+    @property
+    def std(self) -> np.ndarray:
+        """Standard deviation of each estimate."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def interval(self, level: float = 0.95) -> np.ndarray:
+        """Confidence interval of each estimate, shape (n_free, 2), from the normal distribution."""
+        from scipy.stats import norm
+
+        half = norm.ppf(0.5 + level / 2) * self.std
+        return np.column_stack([self.values - half, self.values + half])
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation matrix of the estimates."""
+        std = np.where(self.std > 0, self.std, 1.0)
+        return self.covariance / np.outer(std, std)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileInfo(FitInfo):
+    """`FitInfo` whose intervals at one level come from the profile likelihood, which keeps its level on bent valleys.
+
+    Parameters
+    ----------
+    limits : array, shape (n_free, 2)
+        Interval of each estimate.
+    level : float
+        Their confidence level.
+    """
+
+    limits: np.ndarray
+    level: float = 0.95
+
+    def interval(self, level: float = 0.95) -> np.ndarray:
+        """Confidence interval of each estimate; by the profile at its own level, else from the covariance."""
+        return self.limits if level == self.level else super().interval(level)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectory:
+    """Predicted outputs beside what was measured.
+
+    Parameters
+    ----------
+    t : array, shape (n_samples,)
+        Time. [s]
+    y : array, shape (n_samples, n_outputs)
+        Predicted outputs; where `predicted` is false, the measured ones the model started from.
+    measured : array, shape (n_samples, n_outputs)
+        Measured outputs.
+    predicted : array of bool, shape (n_samples,)
+        Samples that the model predicted and on which it is judged.
+    outputs : tuple of str
+        Output names.
+    kind : str
+        ``"free run"`` or ``"k-step-ahead"``.
+    starts : tuple of int
+        First row of each experiment.
+    """
+
+    t: np.ndarray
+    y: np.ndarray
+    measured: np.ndarray
+    predicted: np.ndarray
+    outputs: tuple[str, ...]
+    kind: str = "free run"
+    starts: tuple[int, ...] = field(default=(0,))
+
+    @property
+    def error(self) -> np.ndarray:
+        """Measured minus predicted, shape (n_samples, n_outputs)."""
+        return self.measured - self.y
+
+    def channel(self, name: str) -> np.ndarray:
+        """Predicted samples of one output."""
+        return self.y[:, self.outputs.index(name)]
+
+
+class Model(abc.ABC):
+    """A discrete-time state space: everything that can be identified, validated and controlled with.
+
+    Subclasses are frozen and supply `initial_state`, `step` and `output`; the last two must work on
+    numbers and on CasADi symbols (write them with `slipangle.ops`). The state ``x`` at a sample belongs
+    to that sample: ``y[k] = output(x[k], u[k])`` and ``x[k+1] = step(x[k], u[k])``. A model that can take in
+    measurements overrides `correct`.
+
+    Attributes
+    ----------
+    dt : float
+        Sample time. [s]
+    inputs, outputs, states : tuple of str
+        Names; their counts are the lengths of u, y and x.
+    memory : int
+        How many leading samples `initial_state` reads. A free run starts after them and never sees a
+        measured output again.
+    fit_info : FitInfo or None
+        How the model was fitted, where it was.
+    """
+
+    dt: float
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    states: tuple[str, ...]
+    memory: int = 1
+    fit_info: FitInfo | None = None
+
+    @abc.abstractmethod
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """State at sample ``memory - 1``, from the first ``memory`` samples (``data`` holds no others)."""
+
+    @abc.abstractmethod
+    def step(self, x: Vector, u: Vector) -> Vector:
+        """State one sample later."""
+
+    @abc.abstractmethod
+    def output(self, x: Vector, u: Vector) -> Vector:
+        """Outputs at the same sample."""
+
+    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
+        """State after measuring ``y`` at the same sample; by default nothing is corrected."""
+        return x
+
+    @property
+    def n_states(self) -> int:
+        """Length of x."""
+        return len(self.states)
+
+    @property
+    def n_inputs(self) -> int:
+        """Length of u."""
+        return len(self.inputs)
+
+    @property
+    def n_outputs(self) -> int:
+        """Length of y."""
+        return len(self.outputs)
+
+    # ---- the loops are final -----------------------------------------------------------------------------------
+
+    @cached_property
+    def functions(self) -> tuple[ca.Function, ca.Function, ca.Function]:
+        """`step`, `output` and `correct` as CasADi functions ``(x, u)``, ``(x, u)``, ``(x, u, y)``."""
+
+        def build(kind: Any) -> tuple[ca.Function, ca.Function, ca.Function]:
+            x, u, y = (
+                kind.sym("x", self.n_states),
+                kind.sym("u", self.n_inputs),
+                kind.sym("y", self.n_outputs),
+            )
+            return (
+                ca.Function("step", [x, u], [ca.densify(self.step(x, u))]),
+                ca.Function("output", [x, u], [ca.densify(self.output(x, u))]),
+                ca.Function("correct", [x, u, y], [ca.densify(self.correct(x, u, y))]),
+            )
+
+        try:  # scalar expressions evaluate faster; models built on other CasADi functions may need matrices
+            return build(ca.SX)
+        except (RuntimeError, NotImplementedError):
+            return build(ca.MX)
+
+    def check(self, data: Dataset) -> None:
+        """Raise unless the data have this model's sample time, inputs and outputs and enough samples.
+
+        Raises
+        ------
+        SampleTimeError, MissingColumnError, TooShortError
+            With what to do about it.
+        """
+        data.require_dt(self.dt)
+        for name in (*self.inputs, *self.outputs):
+            data.index(name)
+        for part in data.experiments:
+            if part.n_samples <= self.memory:
+                raise TooShortError(
+                    f"an experiment of '{data.name}' has {part.n_samples} samples, the model starts from "
+                    f"{self.memory}; expected more: leave that experiment out or record longer"
+                )
+
+    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Outputs at every row of ``u`` after the first, which belongs to ``x0``; linear models have a faster way."""
+        step, output, _ = self.functions
+        return evaluate(output, roll_out(step, x0, u[:-1])[1:], u[1:])
+
+    def _track(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """States at every row after the first, which belongs to ``x0``, each given the outputs of the rows before."""
+        step, _, correct = self.functions
+        x, now, seen = (ca.MX.sym(n, k) for n, k in (("x", self.n_states), ("u", self.n_inputs), ("y", self.n_outputs)))
+        observe = ca.Function("observe", [x, ca.vertcat(now, seen)], [step(correct(x, now, seen), now)])
+        return roll_out(observe, np.asarray(step(x0, u[0])).ravel(), np.hstack([u, y])[1:-1])
+
+    def _advance(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """One step from many states at once, rows are samples."""
+        return evaluate(self.functions[0], x, u)
+
+    @final
+    def simulate(self, data: Dataset, *, start: Sequence[np.ndarray] | None = None) -> Trajectory:
+        """Free run: from the first `memory` samples on, only the inputs are used.
+
+        Parameters
+        ----------
+        data : Dataset
+            Inputs, and the first `memory` samples of the outputs; one free run per experiment.
+        start : sequence of array, shape (n_states,) each, optional
+            State of each experiment at its sample ``memory - 1``; by default what `initial_state` says.
+
+        Raises
+        ------
+        ParameterError
+            If there is not one state per experiment.
+        SimulationError
+            If the state leaves the finite numbers, with the sample at which it does.
+        """
+        self.check(data)
+        data = data.select(inputs=self.inputs, outputs=self.outputs)
+        if start is not None and len(start) != len(data.starts):
+            raise ParameterError(f"{len(start)} start states for {len(data.starts)} experiments; expected one for each")
+        pieces, mask = [], []
+        for i, part in enumerate(data.experiments):
+            m = self.memory
+            head = part.head(m)
+            x0 = np.asarray(self.initial_state(head) if start is None else start[i], dtype=float)
+            y = self._free_run(x0, part.u[m - 1 :])
+            bad = ~np.isfinite(y).all(axis=1)
+            if bad.any():
+                k = m + int(np.argmax(bad))
+                raise SimulationError(
+                    f"the free run leaves the finite numbers at sample {k} (t = {part.t[k]:g} s) of '{data.name}'; "
+                    "expected a stable model: fit with a stability constraint, other lags or on more data"
+                )
+            pieces += [head.y, y]
+            mask.append(np.arange(part.n_samples) >= m)
+        return self._trajectory(data, pieces, mask, "free run")
+
+    @final
+    def predict(self, data: Dataset, steps: int = 1) -> Trajectory:
+        """Prediction ``steps`` samples ahead of the last measured output used; 1 is one-step-ahead."""
+        if steps < 1:
+            raise ParameterError(f"steps is {steps}; expected a whole number of at least 1")
+        self.check(data)
+        data = data.select(inputs=self.inputs, outputs=self.outputs)
+        output = self.functions[1]
+        pieces, mask = [], []
+        for part in data.experiments:
+            m = self.memory
+            x0 = np.asarray(self.initial_state(part.head(m)), dtype=float)
+            u = part.u
+            states = self._track(x0, u[m - 1 :], part.y[m - 1 :])
+            for k in range(steps - 1):
+                states = self._advance(states[:-1], u[m + k : m + k + len(states) - 1])
+            first = m + steps - 1
+            predicted = evaluate(output, states, u[first:])
+            pieces.append(np.vstack([part.y[:first], predicted]))
+            mask.append(np.arange(part.n_samples) >= first)
+        kind = "one-step-ahead" if steps == 1 else f"{steps}-step-ahead"
+        return self._trajectory(data, pieces, mask, kind)
+
+    def _trajectory(self, data: Dataset, pieces: list, mask: list, kind: str) -> Trajectory:
+        return Trajectory(
+            t=data.t,
+            y=np.vstack(pieces),
+            measured=data.y,
+            predicted=np.concatenate(mask),
+            outputs=self.outputs,
+            kind=kind,
+            starts=data.starts,
+        )
+
+
+def roll_out(step: ca.Function, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """States from repeated steps, shape (n + 1, n_states), the first being ``x0``."""
+    x = np.empty((len(u) + 1, len(x0)))
+    x[0] = x0
+    if len(u) == 0:
+        return x
+    chunk = 256  # samples per call of the virtual machine
+    now = np.array(x0, dtype=float)
+    inputs = np.empty((chunk, u.shape[1]))
+    out = np.empty((chunk, len(x0)))
+    run = _bind(_repeated(step, chunk), [now, inputs], out)
+    for done in range(0, len(u), chunk):
+        n = min(chunk, len(u) - done)
+        inputs[:n] = u[done : done + n]
+        inputs[n:] = inputs[n - 1]
+        run()
+        x[done + 1 : done + 1 + n] = out[:n]
+        now[:] = out[n - 1]
+    return x
+
+
+def evaluate(function: ca.Function, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """``function(x, u)`` at every row, shape (n, n_out)."""
+    n = len(x)
+    out = np.empty((n, function.size1_out(0)))
+    if n:
+        arguments = [np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(u, dtype=float)]
+        _bind(_mapped(function, n), arguments, out)()
+    return out
+
+
+@lru_cache(maxsize=32)
+def _repeated(step: ca.Function, count: int) -> ca.Function:
+    """``count`` steps in a row; making one takes longer than running it."""
+    return step.mapaccum("roll_out", count, {"base": 4})
+
+
+@lru_cache(maxsize=32)
+def _mapped(function: ca.Function, count: int) -> ca.Function:
+    return function.map(count)
+
+
+def _bind(function: Any, arguments: list[np.ndarray], result: np.ndarray) -> Any:
+    """A call that reads the argument arrays and writes the result array in place (rows are samples)."""
+    buffer, run = function.buffer()
+    for i, array in enumerate(arguments):
+        buffer.set_arg(i, array.data)
+    buffer.set_res(0, result.data)
+
+    def call(keep: Any = (buffer, function)) -> None:  # they must outlive the call
+        run()
+
+    return call

@@ -1,0 +1,71 @@
+"""`ParameterSet`: frozen records whose fields carry unit, meaning and range."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
+
+from slipangle.errors import ParameterError, nearest
+from slipangle.ops import is_symbolic, is_traced
+from slipangle.units import SI
+
+__all__ = ["SI", "Annotated", "ParameterSet"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterSet:
+    """Base of parameter records; every field is ``Annotated[float, SI(unit, doc, lower, upper)]``.
+
+    One record feeds the range check, the bounds of identification and the report.
+
+    Raises
+    ------
+    ParameterError
+        If a value is outside its range; symbols and tracers are not checked.
+    """
+
+    def __post_init__(self) -> None:
+        for name, meta in self.metadata().items():
+            value = getattr(self, name)
+            if is_symbolic(value) or is_traced(value):
+                continue
+            if not meta.lower <= value <= meta.upper:
+                raise ParameterError(
+                    f"{type(self).__name__}.{name} ({meta.doc}) is {value:g} {meta.unit}; expected "
+                    f"{meta.lower:g} to {meta.upper:g} {meta.unit}: check the value and its unit"
+                )
+
+    @classmethod
+    def metadata(cls) -> dict[str, SI]:
+        """`SI` of every field, in order."""
+        hints = get_type_hints(cls, include_extras=True)
+        found: dict[str, SI] = {}
+        for f in fields(cls):
+            hint = hints[f.name]
+            if get_origin(hint) is Annotated:
+                for meta in get_args(hint)[1:]:
+                    if isinstance(meta, SI):
+                        found[f.name] = meta
+        return found
+
+    @classmethod
+    def si(cls, name: str) -> SI:
+        """`SI` of one field.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such parameter; the nearest names are given.
+        """
+        known = cls.metadata()
+        if name not in known:
+            raise ParameterError(
+                f"{cls.__name__} has no parameter '{name}'; {nearest(name, known)}: use one of these names"
+            )
+        return known[name]
+
+    def with_values(self, **values: Any) -> Self:
+        """A copy with some values replaced (numbers or symbols)."""
+        for name in values:
+            self.si(name)
+        return replace(self, **values)
