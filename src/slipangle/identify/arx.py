@@ -1,0 +1,212 @@
+"""ARX by least squares."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ExcitationError, ParameterError, TooShortError
+from slipangle.identify.excitation import require_identifiable
+from slipangle.identify.lags import Windows, triangle
+from slipangle.models.arx import ARXModel
+from slipangle.models.model import FitInfo
+
+
+@dataclass(frozen=True, kw_only=True)
+class ARX:
+    """Least-squares ARX estimator. [1]_ eqs. 4-5 to 4-9.
+
+    The Gram matrix of the regressors is built from lag products, one per lag difference, with the products at both
+    ends of each experiment taken off exactly; where it is ill-conditioned, or the residual is too small for it, a
+    QR factorisation made block by block takes over. Neither stores the regressors.
+
+    Parameters
+    ----------
+    na, nb : int
+        Past outputs and past inputs used, at least 1.
+    nk : int
+        Samples from input to output, at least 1.
+    offset : bool
+        Estimate a constant too; for data whose mean was not removed.
+
+    Raises
+    ------
+    ParameterError
+        If an order is below 1.
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    """
+
+    na: int
+    nb: int
+    nk: int = 1
+    offset: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("na", "nb", "nk"):
+            if getattr(self, name) < 1:
+                raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least 1")
+
+    def fit(self, data: Dataset) -> ARXModel:
+        """Model of all outputs from all inputs of ``data``; experiments are never joined.
+
+        Raises
+        ------
+        ExcitationError
+            If the regressors are collinear, with the names of those.
+        TooShortError
+            If no experiment is longer than the lags, or there are fewer samples than parameters.
+        """
+        began = time.perf_counter()
+        ny, nu = len(data.outputs), len(data.inputs)
+        require_identifiable(data, self.na * ny + self.nb * nu + self.offset)
+        regression = _Regression(self, data)
+        labels = self._labels(data)
+        theta, inverse, sigma, solver = regression.solve(labels)
+        if self.offset:  # the signals were shifted by their means
+            theta[-1] = regression.constant(theta)
+        info = FitInfo(
+            names=tuple(f"{o}: {label}" if ny > 1 else label for o in data.outputs for label in labels),
+            values=theta.T.ravel(),
+            covariance=np.kron(sigma, regression.unshifted(inverse)),
+            noise_std=np.sqrt(np.diag(sigma)),
+            n_samples=regression.count,
+            units=("-",) * theta.size,
+            seconds=time.perf_counter() - began,
+            method=f"least squares on the one-step-ahead error, {solver}; covariance for white residuals",
+            train_name=data.name,
+            train_span=(data.start_times[0], data.start_times[-1] + (data.stops[-1] - data.starts[-1] - 1) * data.dt),
+        )
+        A = -theta[: self.na * ny].T.reshape(ny, self.na, ny).transpose(1, 0, 2)
+        B = theta[self.na * ny : self.na * ny + self.nb * nu].T.reshape(ny, self.nb, nu).transpose(1, 0, 2)
+        return ARXModel(
+            A=A,
+            B=B,
+            c=theta[-1] if self.offset else None,
+            nk=self.nk,
+            dt=data.dt,
+            inputs=data.inputs,
+            outputs=data.outputs,
+            fit_info=info,
+        )
+
+    def _labels(self, data: Dataset) -> list[str]:
+        past_y = [f"{o}(k-{i})" for i in range(1, self.na + 1) for o in data.outputs]
+        past_u = [f"{n}(k-{j})" for j in range(self.nk, self.nk + self.nb) for n in data.inputs]
+        return past_y + past_u + (["1"] if self.offset else [])
+
+
+class _Regression:
+    """Normal equations of one fit, or the triangular factor where those would lose digits."""
+
+    def __init__(self, settings: ARX, data: Dataset) -> None:
+        na, nb, nk = settings.na, settings.nb, settings.nk
+        self.na, self.nb, self.offset, self.data = na, nb, settings.offset, data
+        self.ny, self.nu = len(data.outputs), len(data.inputs)
+        names = tuple(dict.fromkeys((*data.outputs, *data.inputs)))
+        # in file order where possible: contiguous columns are read without gathering
+        names = tuple(sorted(names, key=data.index))
+        m, nc = max(na, nb + nk - 1), len(names)
+        self.shift = np.array([data[n].mean() for n in names]) if settings.offset else None
+        self.windows = Windows(data=data, names=names, lags=m + 1, shift=self.shift)
+        self.count = self.windows.count
+        if self.count == 0:
+            raise TooShortError(
+                f"no experiment of '{data.name}' is longer than the {m} samples that the lags reach back; expected a "
+                "longer one: record without gaps or choose fewer lags"
+            )
+        y, u = [names.index(n) for n in data.outputs], [names.index(n) for n in data.inputs]
+        self.columns = [(m - i) * nc + c for i in range(1, na + 1) for c in y]
+        self.columns += [(m - j) * nc + c for j in range(nk, nk + nb) for c in u]
+        self.targets = [m * nc + c for c in y]
+        self.y_mean = self.shift[y] if self.shift is not None else np.zeros(self.ny)
+        self.u_mean = self.shift[u] if self.shift is not None else np.zeros(self.nu)
+        self.n_regressors = len(self.columns) + self.offset
+        if self.count <= self.n_regressors:
+            raise TooShortError(
+                f"'{data.name}' gives {self.count} equations for {self.n_regressors} parameters per output; expected "
+                "more equations than parameters: record longer or choose fewer lags"
+            )
+
+    def solve(self, labels: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
+        """Coefficients (n_regressors, ny), inverse of the Gram matrix, residual covariance, how they were found."""
+        gram = self._gram()
+        scale = np.sqrt(np.diag(gram))
+        scale[scale == 0] = 1.0
+        found = self._from_gram(gram / np.outer(scale, scale), scale)
+        if found is not None:
+            return (*found, "Gram matrix of lag products")
+        return (*self._from_triangle(scale, labels), "blocked QR")
+
+    def _gram(self) -> np.ndarray:
+        """Of regressors, constant last, then targets."""
+        products, sums = self.windows.gram()
+        pick = self.columns + self.targets
+        gram = products[np.ix_(pick, pick)]
+        if self.offset:
+            at, p = sums[pick], len(self.columns)
+            gram = np.insert(np.insert(gram, p, at, axis=0), p, np.insert(at, p, self.count), axis=1)
+        return gram
+
+    def _from_gram(self, gram: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """Solution by Cholesky, or None where it would have fewer than about seven digits."""
+        p = self.n_regressors
+        values = np.linalg.eigvalsh(gram[:p, :p])
+        if values[0] < 1e-8 * values[-1]:
+            return None
+        factor = linalg.cho_factor(gram[:p, :p])
+        theta = linalg.cho_solve(factor, gram[:p, p:])
+        unexplained = gram[p:, p:] - gram[p:, :p] @ theta
+        if np.any(np.diag(unexplained) < 1e-9):
+            return None
+        sigma = unexplained * np.outer(scale[p:], scale[p:]) / (self.count - p)
+        inverse = linalg.cho_solve(factor, np.eye(p)) / np.outer(scale[:p], scale[:p])
+        return theta * scale[p:] / scale[:p, None], inverse, (sigma + sigma.T) / 2
+
+    def _from_triangle(self, scale: np.ndarray, labels: list[str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Solution by an R-only QR; a rank below the number of regressors is refused, with their names."""
+        p = self.n_regressors
+        order = [p - 1, *range(p - 1)] if self.offset else list(range(p))  # the constant comes first there
+        wide = scale[[*order, *range(p, p + self.ny)]]
+        r = triangle(self.windows, self.columns + self.targets, constant=self.offset, scale=wide)
+        r11, r12, r22 = r[:p, :p], r[:p, p:], r[p:, p:]
+        factors: Any = linalg.qr(r11, pivoting=True)
+        q, rr, pivot = factors
+        size = np.abs(np.diag(rr))
+        rank = int(np.sum(size > 100 * np.finfo(float).eps * np.sqrt(self.count) * size[0])) if size[0] > 0 else 0
+        if rank < p:
+            raise ExcitationError(
+                f"{p} regressors of '{self.data.name}' have rank {rank}: "
+                f"{', '.join(labels[order[j]] for j in pivot[rank:])} depend on the others; expected independent "
+                "ones: choose fewer lags, drop an input, or record richer excitation"
+            )
+        solved = linalg.solve_triangular(rr, np.hstack([q.T @ r12, np.eye(p)]))
+        theta, root = np.empty((p, self.ny)), np.empty((p, p))
+        theta[pivot], root[pivot] = solved[:, : self.ny], solved[:, self.ny :]
+        back = np.argsort(order)
+        theta, root = (theta / wide[:p, None])[back] * scale[p:], (root / wide[:p, None])[back]
+        sigma = r22.T @ r22 * np.outer(scale[p:], scale[p:]) / (self.count - p)
+        return theta, root @ root.T, sigma
+
+    def constant(self, theta: np.ndarray) -> np.ndarray:
+        """The constant for signals whose means were not subtracted."""
+        return theta[-1] + self.y_mean - self._means @ theta[:-1]
+
+    def unshifted(self, inverse: np.ndarray) -> np.ndarray:
+        """The inverse Gram matrix for signals whose means were not subtracted."""
+        if not self.offset:
+            return inverse
+        back = np.eye(self.n_regressors)
+        back[-1, :-1] = -self._means
+        return back @ inverse @ back.T
+
+    @property
+    def _means(self) -> np.ndarray:
+        return np.concatenate([np.tile(self.y_mean, self.na), np.tile(self.u_mean, self.nb)])

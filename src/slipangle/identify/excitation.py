@@ -1,0 +1,53 @@
+"""Checks of training data that every estimator makes before it starts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ExcitationError, MissingColumnError, TooShortError
+
+
+def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[str, ...] | None = None) -> None:
+    """Raise unless the data have inputs, outputs, movement and enough samples.
+
+    Parameters
+    ----------
+    data : Dataset
+        Training data.
+    n_parameters : int
+        Parameters to be estimated per output.
+    scheduling : tuple of str, optional
+        Given for physics: inputs, such as v_x, that need not move; then one moving other input is enough.
+        By default every input must move.
+
+    Raises
+    ------
+    MissingColumnError, ExcitationError, TooShortError
+        With the channel or the count at fault.
+    """
+    if not data.inputs or not data.outputs:
+        missing = "inputs" if not data.inputs else "outputs"
+        raise MissingColumnError(
+            f"'{data.name}' names no {missing}; expected at least one: use data.select({missing}=[...])"
+        )
+    if data.n_samples < 2 * n_parameters + 2:
+        raise TooShortError(
+            f"'{data.name}' has {data.n_samples} samples for {n_parameters} parameters; expected at least "
+            f"{2 * n_parameters + 2}: record longer or choose a smaller model"
+        )
+    still = [name for name in (*data.inputs, *data.outputs) if _is_constant(data[name])]
+    if scheduling is not None:
+        driving = [name for name in data.inputs if name not in scheduling] or list(data.inputs)
+        if any(name not in still for name in driving):
+            still = [name for name in still if name not in data.inputs]
+    for name in still:
+        role = "input" if name in data.inputs else "output"
+        raise ExcitationError(
+            f"the {role} '{name}' of '{data.name}' is constant at {data[name][0]:g} over {data.n_samples} samples; "
+            "expected a signal that moves: use a stretch of the log with excitation or leave the channel out"
+        )
+
+
+def _is_constant(x: np.ndarray) -> bool:
+    return bool(np.ptp(x) <= 1e-12 * max(1.0, float(np.abs(x).max())))

@@ -1,0 +1,185 @@
+"""Free-run error of any model written as symbols, with forward sensitivities: the fit behind nonlinear black boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipangle.identify.levenberg import Descent, descend
+from slipangle.identify.sensitivity import Triangles, reduce_rows
+from slipangle.models.model import evaluate, roll_out
+
+Function = Callable[[Any, Any, Any], Any]  # (x, u, p)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeRunPoint:
+    """Parameters, and the state at the first sample of each experiment."""
+
+    p: np.ndarray
+    x0: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeRunFit:
+    """Outcome of `FreeRun.fit`.
+
+    Parameters
+    ----------
+    p : array, shape (n_parameters,)
+    x0 : array, shape (n_experiments, n_states)
+        States at the experiments' first samples.
+    rmse : array, shape (n_outputs,)
+        Free-run error on the training data, in the outputs' units.
+    covariance : array, shape (n_parameters, n_parameters)
+        Given white residuals and the prior.
+    converged : bool
+    steps : int
+    """
+
+    p: np.ndarray
+    x0: np.ndarray
+    rmse: np.ndarray
+    covariance: np.ndarray
+    converged: bool
+    steps: int
+
+
+class FreeRun:
+    """Squared free-run error of ``x(k+1) = step(x, u, p)``, ``y = output(x, u, p)`` and its derivatives.
+
+    Parameters
+    ----------
+    step, output : callable
+        ``(x, u, p)``, symbol-safe.
+    n_states, n_parameters : int
+        Lengths of x and p.
+    records : list of (array, array)
+        Inputs and outputs of each experiment, shapes (n, n_inputs) and (n, n_outputs).
+    error : array, shape (n_outputs,)
+        Typical error of each output, by which it is divided.
+    free_x0 : tuple of int
+        States whose initial value is estimated for each experiment; the others stay as given.
+    prior : (array, array), optional
+        Mean and standard deviation of each parameter, infinite where nothing is known beforehand.
+    """
+
+    def __init__(
+        self,
+        step: Function,
+        output: Function,
+        *,
+        n_states: int,
+        n_parameters: int,
+        records: list[tuple[np.ndarray, np.ndarray]],
+        error: np.ndarray,
+        free_x0: tuple[int, ...] = (),
+        prior: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> None:
+        self.records, self.error, self.prior, self.free_x0 = records, np.asarray(error, dtype=float), prior, free_x0
+        self.nx, self.np = n_states, n_parameters
+        nu, self.ny = records[0][0].shape[1], records[0][1].shape[1]
+        self.n_rows = sum(len(u) for u, _ in records) * self.ny
+        m = self.np + len(free_x0)
+        x, u, p = ca.SX.sym("x", self.nx), ca.SX.sym("u", nu), ca.SX.sym("p", self.np)
+        s = ca.SX.sym("s", self.nx, m)
+        drive = ca.vertcat(u, p)
+        nxt, seen = step(x, u, p), output(x, u, p)
+
+        def slopes(value: Any) -> Any:
+            return ca.mtimes(ca.jacobian(value, x), s) + ca.horzcat(
+                ca.jacobian(value, p), ca.SX.zeros(value.shape[0], len(free_x0))
+            )
+
+        def function(name: str, state: Any, value: Any) -> ca.Function:
+            return ca.Function(name, [state, drive], [ca.densify(value)])
+
+        both = ca.vertcat(x, ca.vec(s))
+        self.plain = function("step", x, nxt), function("output", x, seen)
+        self.sensitive = (
+            function("steps", both, ca.vertcat(nxt, ca.vec(slopes(nxt)))),
+            function("outputs", both, ca.vertcat(seen, ca.vec(slopes(seen)))),
+        )
+
+    def run(self, p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Free run, shape (n, n_outputs)."""
+        step, output = self.plain
+        drive = np.hstack([u, np.broadcast_to(p, (len(u), self.np))])
+        return evaluate(output, roll_out(step, x0, drive[:-1]), drive)
+
+    def cost(self, point: FreeRunPoint) -> float:
+        """Weighted squared error, with the prior's share; infinite where the free run is."""
+        total = 0.0
+        with np.errstate(over="ignore", invalid="ignore"):
+            for x0, (u, y) in zip(point.x0, self.records, strict=True):
+                total += float(np.sum(((y - self.run(point.p, x0, u)) / self.error) ** 2))
+        total += float(np.sum(self._prior(point)[1] ** 2))
+        return total if np.isfinite(total) else np.inf
+
+    def _prior(self, point: FreeRunPoint) -> tuple[np.ndarray, np.ndarray]:
+        """Derivative and errors of the rows that the prior adds."""
+        if self.prior is None:
+            return np.zeros((0, self.np)), np.zeros(0)
+        mean, std = self.prior
+        return np.diag(1 / std), (mean - point.p) / std
+
+    def linearise(self, point: FreeRunPoint) -> Triangles:
+        """Triangles of [x0, p | error]."""
+        k = len(self.free_x0)
+        m = self.np + k
+        work = Triangles(k, self.np)
+        step, output = self.sensitive
+        slope = np.zeros((self.nx, m))
+        slope[list(self.free_x0), self.np :] = np.eye(k)
+        for x0, (u, y) in zip(point.x0, self.records, strict=True):
+            drive = np.hstack([u, np.broadcast_to(point.p, (len(u), self.np))])
+            states = roll_out(step, np.concatenate([x0, slope.T.ravel()]), drive[:-1])
+            full = evaluate(output, states, drive)
+            local = full[:, self.ny :].reshape(-1, m, self.ny).transpose(0, 2, 1) / self.error[:, None]
+            error = (y - full[:, : self.ny]) / self.error
+            rows = np.concatenate([local[:, :, self.np :], local[:, :, : self.np], error[:, :, None]], axis=2)
+            work.add(rows.reshape(-1, m + 1))
+            work.close()
+        by_p, pull = self._prior(point)
+        if len(pull):
+            work.shared = reduce_rows(np.vstack([work.shared, np.column_stack([by_p, pull])]))
+        return work
+
+    def fit(self, p: np.ndarray, x0: np.ndarray, *, max_iterations: int = 60) -> FreeRunFit:
+        """Levenberg-Marquardt from given parameters and initial states."""
+
+        def linearise(point: FreeRunPoint) -> tuple[np.ndarray, np.ndarray, Any]:
+            work = self.linearise(point)
+            return work.shared[: self.np, : self.np], work.shared[: self.np, self.np], work
+
+        def move(point: FreeRunPoint, work: Any, eta: np.ndarray) -> FreeRunPoint:
+            moved = point.x0.copy()
+            if self.free_x0:
+                moved[:, list(self.free_x0)] += work.solve_locals(eta)
+            return FreeRunPoint(p=point.p + eta, x0=moved)
+
+        start = FreeRunPoint(p=np.array(p, dtype=float), x0=np.array(x0, dtype=float).reshape(len(self.records), -1))
+        found = descend(start, cost=self.cost, linearise=linearise, move=move, max_iterations=max_iterations)
+        return self._report(found)
+
+    def _report(self, found: Descent) -> FreeRunFit:
+        point = found.point
+        r = self.linearise(point).shared[: self.np, : self.np]
+        norms = np.maximum(np.linalg.norm(r, axis=0), 1e-300)
+        spread = np.linalg.pinv(r / norms, rcond=1e-10) / norms[:, None]
+        squares = np.zeros(self.ny)
+        for x0, (u, y) in zip(point.x0, self.records, strict=True):
+            squares += np.sum((y - self.run(point.p, x0, u)) ** 2, axis=0)
+        variance = found.cost / max(1, self.n_rows - self.np)
+        return FreeRunFit(
+            p=point.p,
+            x0=point.x0,
+            rmse=np.sqrt(squares * self.ny / self.n_rows),
+            covariance=spread @ spread.T * variance,
+            converged=found.converged,
+            steps=found.steps,
+        )

@@ -1,0 +1,119 @@
+"""Free runs under both protocols: from the first samples alone, or from the initial state that fits the record best."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal, get_args
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError, nearest
+from slipangle.models.model import Model, Trajectory
+
+Start = Literal["first samples", "least squares"]
+LONGEST = 2000  # samples that the initial state is fitted to; later ones hardly depend on it
+
+
+def free_run(model: Model, data: Dataset, *, start: Start = "first samples") -> Trajectory:
+    """Free run of every experiment.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    data : Dataset
+        Test data.
+    start : {"first samples", "least squares"}
+        ``"first samples"``: the state that the model reads from its first `memory` samples; no later measured output
+        is used. ``"least squares"``: the state that makes the free run fit the measured outputs best; it looks at
+        outputs that are then predicted, so it flatters models that forget slowly.
+
+    Raises
+    ------
+    ParameterError
+        If ``start`` is something else.
+    SimulationError
+        If the state leaves the finite numbers.
+    """
+    known = get_args(Start)
+    if start not in known:
+        raise ParameterError(f"start is '{start}'; expected one of {', '.join(known)}: {nearest(start, known)}")
+    if start == "first samples":
+        return model.simulate(data)
+    model.check(data)
+    chosen = data.select(inputs=model.inputs, outputs=model.outputs)
+    states = [initial_state(model, part) for part in chosen.experiments]
+    return replace(model.simulate(data, start=states), kind="free run, least-squares start")
+
+
+def initial_state(model: Model, data: Dataset, *, iterations: int = 30) -> np.ndarray:
+    """State at sample ``memory - 1`` with the smallest squared free-run error, shape (n_states,).
+
+    Levenberg-Marquardt from what `Model.initial_state` says, each output divided by its standard deviation, over the
+    first 2000 samples. For a linear model this is least squares; states that the outputs do not show stay where they
+    were.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    data : Dataset
+        One experiment.
+    iterations : int
+        Limit on steps.
+
+    Raises
+    ------
+    SimulationError
+        If the free run from the model's own initial state is not finite.
+    """
+    m = model.memory
+    part = data.select(inputs=model.inputs, outputs=model.outputs).rows(0, m + LONGEST)
+    model.simulate(part)  # raises where there is nothing to improve
+    spread = part.y.std(axis=0)
+    spread[spread == 0] = 1.0
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        y = model._free_run(x, part.u[m - 1 :])
+        return ((y - part.y[m:]) / spread).ravel()
+
+    x = np.asarray(model.initial_state(part.head(m)), dtype=float)
+    e = residual(x)
+    damping = 0.0
+    for _ in range(iterations):
+        jacobian = _jacobian(residual, x)
+        step = _damped(jacobian, e, damping)
+        with np.errstate(over="ignore", invalid="ignore"):
+            trial = residual(x + step)
+        before, after = float(e @ e), float(trial @ trial)
+        if np.isfinite(after) and after < before:
+            x, e, damping = x + step, trial, damping / 10 if damping > 1e-9 else 0.0
+            if before - after <= 1e-9 * before:
+                break
+        elif damping > 1e6 or (np.isfinite(after) and after <= before * (1 + 1e-12)):
+            break
+        else:
+            damping = max(10 * damping, 1e-6)
+    return x
+
+
+def _jacobian(residual: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+    """Central differences; a free run costs far less than symbolic sensitivities."""
+    columns = []
+    for i in range(len(x)):
+        h = np.zeros(len(x))
+        h[i] = 1e-5 * (1 + abs(x[i]))
+        columns.append((residual(x + h) - residual(x - h)) / (2 * h[i]))
+    return np.column_stack(columns)
+
+
+def _damped(jacobian: np.ndarray, e: np.ndarray, damping: float) -> np.ndarray:
+    """Step of least length among those that minimise the linearised error, columns scaled alike."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    scale[~(scale > 1e-12 * scale.max(initial=0.0))] = np.inf  # not seen in the outputs
+    u, s, v = np.linalg.svd(jacobian / scale, full_matrices=False)
+    strong = s > 1e-8 * s[0]  # directions of the state that the outputs do not show stay where they are
+    gain = np.divide(s, s * s + damping, out=np.zeros_like(s), where=strong)
+    return -(v.T @ (gain * (u.T @ e))) / scale

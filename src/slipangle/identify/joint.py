@@ -1,0 +1,338 @@
+"""Physics and a network on its state derivative, fitted together to the whole free run."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ModelWarning, ParameterError
+from slipangle.identify.excitation import require_identifiable
+from slipangle.identify.marquardt import improve
+from slipangle.identify.training import Progress
+from slipangle.models.ensemble import EnsembleModel
+from slipangle.models.hybrid import NeuralBicycle
+from slipangle.models.model import FitInfo, Trial
+from slipangle.models.networks import MLP, Activation, Scaling
+from slipangle.models.nonlinear_bicycle import NonlinearBicycle
+
+FREE = (
+    "C_f",
+    "C_r",
+    "inertia_z",
+    "mu_f",
+    "mu_r",
+    "steering_lag",
+    "steering_offset",
+    "yaw_rate_bias",
+    "l_f",
+    "transfer_x",
+    "friction_load",
+    "stiffness_load",
+    "E_f",
+    "E_r",
+    "brake_rear",
+    "compliance",
+    "transfer_f",
+    "transfer_r",
+)
+_REACH = {"v_y": 5.0, "r": 1.0}  # size of the network's outputs [m/s2, rad/s2]
+_LEAST_LAG = 0.02  # the step integrates a faster steering lag inaccurately [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint:
+    """Levenberg-Marquardt on the free run of `NeuralBicycle`: physics and network move together.
+
+    The network starts at zero correction, so every run starts at the fitted physics; ridge priors hold weights near
+    zero and parameters near their start values. Channels named in ``also`` that the training data hold are fitted
+    too, with a weight and an offset each: they steady the state and are no part of the model's output.
+
+    Parameters
+    ----------
+    start : NonlinearBicycle
+        The physics, best fitted before by `slipangle.identify.greybox.GreyBox`.
+    free : tuple of str
+        Parameters that move with the network.
+    hidden : tuple of int
+        Neurons of each hidden layer.
+    activation : {"tanh", "sigmoid", "elu"}
+        Of the hidden layers.
+    weight_prior, parameter_prior : float
+        Precision of the priors, per sample and per unit of scaled weight or relative parameter.
+    also : tuple of str
+        Of ``"v_y"`` and ``"a_y"``: measured channels that are fitted along.
+    also_weight : float
+        Weight of a channel fitted along; an output has 1.
+    iterations : int
+        Limit on accepted steps.
+    holdout : float
+        Share at the end of the training data that only chooses the step to stop at; 0 works all steps on all data.
+    seeds : tuple of int
+        One run each.
+
+    Raises
+    ------
+    ParameterError
+        If a setting is out of range.
+
+    References
+    ----------
+    .. [1] L. Ljung, System Identification, 2nd ed., 1999, sec. 10.2: Gauss-Newton with sensitivities.
+    """
+
+    start: NonlinearBicycle
+    free: tuple[str, ...] = FREE
+    hidden: tuple[int, ...] = (12,)
+    activation: Activation = "tanh"
+    weight_prior: float = 1e-6
+    parameter_prior: float = 1e-4
+    also: tuple[str, ...] = ()
+    also_weight: float = 0.15
+    iterations: int = 80
+    holdout: float = 0.0
+    seeds: tuple[int, ...] = (0,)
+
+    def __post_init__(self) -> None:
+        for key in ("free", "hidden", "also", "seeds"):
+            given = getattr(self, key)
+            object.__setattr__(self, key, tuple(given) if isinstance(given, (tuple, list, range)) else (given,))
+        for name in self.free:
+            self.start.params.si(name)
+        if any(n < 1 for n in self.hidden) or not self.hidden:
+            raise ParameterError(f"the hidden layers are {self.hidden}; expected at least one with at least 1 neuron")
+        if not (self.weight_prior > 0 and self.parameter_prior > 0):
+            raise ParameterError(
+                f"the priors are {self.weight_prior} and {self.parameter_prior}; expected them positive, such as 1e-6"
+            )
+        unknown = [name for name in self.also if name not in ("v_y", "a_y")]
+        if unknown:
+            raise ParameterError(f"'{unknown[0]}' cannot be fitted along; expected 'v_y' or 'a_y'")
+        if not 0 <= self.holdout <= 0.5:
+            raise ParameterError(f"holdout is {self.holdout}; expected a share from 0 to 0.5, such as 0.2")
+        if self.iterations < 1 or not self.seeds:
+            raise ParameterError(
+                f"{self.iterations} iterations and {len(self.seeds)} seeds; expected at least one of each"
+            )
+
+    def fit(self, data: Dataset, *, progress: Progress | None = None) -> NeuralBicycle:
+        """The model of the seed with the smallest error (on the held-out part, if there is one)."""
+        models = self.fit_all(data, progress=progress)
+        return min(models, key=lambda m: m.fit_info.trials[0].score if m.fit_info else np.inf)
+
+    def fit_ensemble(self, data: Dataset, *, progress: Progress | None = None) -> EnsembleModel:
+        """The models of all seeds as one."""
+        models = self.fit_all(data, progress=progress)
+        infos = [m.fit_info for m in models if m.fit_info is not None]
+        info = replace(
+            infos[0], seconds=sum(i.seconds for i in infos), trials=tuple(t for i in infos for t in i.trials)
+        )
+        return EnsembleModel(members=models, fit_info=info)
+
+    def fit_all(self, data: Dataset, *, progress: Progress | None = None) -> tuple[NeuralBicycle, ...]:
+        """One model per seed.
+
+        Raises
+        ------
+        MissingColumnError, ExcitationError, TooShortError
+            If the data cannot identify the physics.
+
+        Warns
+        -----
+        ModelWarning
+            If a run never improved on the physics it started from.
+        """
+        began = time.perf_counter()
+        names = tuple(n for n in self.also if n in data and n not in self.start.outputs)
+        chosen = data.select(inputs=self.start.inputs, outputs=(*self.start.outputs, *names))
+        self.start.check(chosen)
+        require_identifiable(chosen, len(self.free), scheduling=("v_x", "v_x_dot"))
+        inner, held = (chosen, None) if self.holdout == 0 else chosen.split(1 - self.holdout)
+        from slipangle.identify import descent
+
+        models = []
+        with descent.precision("double"):
+            fit = _Fit(self, inner, held, n_judged=len(self.start.outputs))
+            for i, seed in enumerate(self.seeds):
+                told = _share(progress, i, len(self.seeds))
+                models.append(fit.run(seed, data, time.perf_counter() - began, told))
+                began = time.perf_counter()
+        return tuple(models)
+
+
+def _share(progress: Progress | None, i: int, n: int) -> Any:
+    if progress is None:
+        return lambda share, error: None
+    return lambda share, error: progress((i + share) / n, f"joint fit, seed {i + 1} of {n}, relative error {error:.4f}")
+
+
+@dataclass
+class _Fit:
+    """The least-squares problem, compiled once for all seeds."""
+
+    settings: Joint
+    inner: Dataset
+    held: Dataset | None
+    n_judged: int
+    unrolled: Any = field(init=False)
+
+    def __post_init__(self) -> None:
+        from slipangle.identify.unrolled import Unrolled
+
+        s = self.settings
+        outputs = self.inner.outputs
+        lag = max(s.start.params.steering_lag, _LEAST_LAG)
+        params: Any = s.start.params.with_values(steering_lag=lag)
+        size = np.std(self.inner.y, axis=0)
+        speeds = self.inner[s.start.inputs[1]]
+        self.template = NeuralBicycle(
+            params=params,
+            dt=s.start.dt,
+            outputs=outputs,
+            substeps=max(1, round(s.start.dt / 0.025)),
+            network=self.network(0),
+            most_v_y=float(0.35 * np.abs(speeds).max()),
+            most_r=float(2.0 * np.abs(self.inner["r"]).max()) if "r" in self.inner else 2.0,
+        )
+        self.scale = np.array([_unit(params, name) for name in s.free])
+        self.unrolled = Unrolled(self.template, s.free, self.scale, size)
+        self.weights = np.where(np.arange(len(outputs)) < self.n_judged, 1.0, s.also_weight) / size
+        start = self.unrolled.pack(self.network(0))
+        n = len(s.free)
+        metadata = [params.si(name) for name in s.free]
+        self.lower = np.concatenate(
+            [np.array([m.lower for m in metadata]) / self.scale, np.full(len(start) - n, -np.inf)]
+        )
+        self.upper = np.concatenate(
+            [np.array([m.upper for m in metadata]) / self.scale, np.full(len(start) - n, np.inf)]
+        )
+        if "steering_lag" in s.free:
+            i = s.free.index("steering_lag")
+            self.lower[i] = _LEAST_LAG / self.scale[i]
+        ny = len(outputs)
+        self.precision = np.concatenate(
+            [np.full(n, s.parameter_prior), np.full(len(start) - n - ny, s.weight_prior), np.full(ny, 1e-6)]
+        )
+        self.precision[len(start) - ny : len(start) - ny + self.n_judged] = 1e6  # judged outputs have no free offset
+        self.centre = np.concatenate([start[:n], np.zeros(len(start) - n)])
+
+    def network(self, seed: int) -> MLP:
+        """Random hidden layers, no output."""
+        s, data = self.settings, self.inner
+        v_y = data["v_y"] if "v_y" in data else np.array([-1.5, 1.5])
+        factor = [float(np.std(v_y)) + 0.1, float(np.std(data["r"])), float(np.std(data["delta"]))]
+        offset = [0.0, 0.0, 0.0, 0.0, float(np.mean(data["v_x"])), 0.0]
+        factor += [factor[2], float(np.std(data["v_x"])) + 0.1, float(np.std(data["v_x_dot"])) + 0.1]
+        net = MLP.random(
+            (6, *s.hidden, 2),
+            activation=s.activation,
+            seed=seed,
+            input_scaling=Scaling(offset=np.array(offset), factor=np.array(factor)),
+            output_scaling=Scaling(offset=np.zeros(2), factor=np.array([_REACH["v_y"], _REACH["r"]])),
+        )
+        return replace(net, weights=(*net.weights[:-1], 0.0 * net.weights[-1]))
+
+    # ---- the free run as a least-squares problem ---------------------------------------------------------------
+
+    def error(self, theta: np.ndarray, data: Dataset) -> np.ndarray:
+        """Weighted errors of every output, shape (n, n_outputs)."""
+        parts = data.experiments
+        runs = [self.unrolled.outputs(theta, self.unrolled.start(theta, p), p.u) for p in parts]
+        return np.concatenate([np.asarray(y) - p.y[1:] for y, p in zip(runs, parts, strict=True)]) * self.weights
+
+    def judged(self, theta: np.ndarray, data: Dataset) -> float:
+        """RMSE of the model's outputs over their standard deviation, free run."""
+        e = self.error(theta, data)[:, : self.n_judged]
+        size = np.std(data.y[:, : self.n_judged], axis=0) * self.weights[: self.n_judged]
+        return float(np.sqrt(np.mean((e / size) ** 2)))
+
+    def cost(self, theta: np.ndarray) -> float:
+        """Mean squared weighted error and priors."""
+        e = self.error(theta, self.inner)
+        return float(np.sum(e * e)) / len(e) + float(self.precision @ (theta - self.centre) ** 2)
+
+    def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gauss-Newton matrix and gradient, per sample."""
+        n = len(theta)
+        hessian, gradient, rows = np.zeros((n, n)), np.zeros(n), 0
+        for part in self.inner.experiments:
+            y, j = self.unrolled.derivatives(theta, self.unrolled.start(theta, part), part.u)
+            e = (np.asarray(y) - part.y[1:]) * self.weights
+            j = (np.asarray(j) * self.weights[:, None]).reshape(-1, n)
+            hessian += j.T @ j
+            gradient += j.T @ e.ravel()
+            rows += len(e)
+        return hessian / rows + np.diag(self.precision), gradient / rows + self.precision * (theta - self.centre)
+
+    def run(self, seed: int, data: Dataset, spent: float, told: Any) -> NeuralBicycle:
+        """Levenberg-Marquardt from one seed."""
+        began, s = time.perf_counter(), self.settings
+        judge = self.held if self.held is not None else self.inner
+        theta = self.unrolled.pack(self.network(seed))
+        cost, damping = self.cost(theta), 1e-3
+        best, score = theta, self.judged(theta, judge)
+        curve, epoch, k = [(0, score)], 0, 0
+        for k in range(1, s.iterations + 1):
+            found = improve(
+                theta,
+                cost,
+                damping,
+                linearised=self.linearised,
+                evaluate=self.cost,
+                lower=self.lower,
+                upper=self.upper,
+            )
+            if found is None:
+                break
+            theta, new_cost, damping = found
+            now = self.judged(theta, judge)
+            curve.append((k, now))
+            told(k / s.iterations, now)
+            if now < score or self.held is None:
+                best, score, epoch = theta, now, k
+            flat = cost - new_cost < 1e-5 * cost
+            cost = new_cost
+            if flat:
+                break
+        model = self.unrolled.unpack(best, self.settings.start.outputs)
+        note = "" if epoch else "never improved on the physics it started from"
+        if note:
+            warnings.warn(
+                f"seed {seed}: {note}; expected a smaller error: other seeds or priors", ModelWarning, stacklevel=4
+            )
+        seconds = spent + time.perf_counter() - began
+        trial = Trial(seed=seed, score=score, epoch=epoch, epochs=k, seconds=seconds, curve=np.array(curve), note=note)
+        return replace(model, fit_info=self._info(best, data, trial))
+
+    def _info(self, theta: np.ndarray, data: Dataset, trial: Trial) -> FitInfo:
+        s, n = self.settings, len(self.settings.free)
+        hessian, _ = self.linearised(theta)
+        e = self.error(theta, self.inner)
+        sigma2 = float(np.mean(e[:, : self.n_judged] ** 2))
+        posterior = np.linalg.inv(hessian)[:n, :n] * sigma2 / len(e)
+        noise = np.std(e[:, : self.n_judged] / self.weights[: self.n_judged], axis=0)
+        along = [name for name in self.inner.outputs[self.n_judged :]]
+        return FitInfo(
+            names=s.free,
+            values=theta[:n] * self.scale,
+            covariance=posterior * np.outer(self.scale, self.scale),
+            noise_std=noise,
+            n_samples=len(e),
+            units=tuple(self.template.params.si(name).unit for name in s.free),
+            seconds=trial.seconds,
+            method=f"free-run error{' with ' + ', '.join(along) if along else ''}, Levenberg-Marquardt over "
+            f"{len(theta)} parameters and weights, ridge priors; covariance for white residuals, given the priors",
+            train_name=data.name,
+            train_span=(float(data.t[0]), float(data.t[-1])),
+            trials=(trial,),
+        )
+
+
+def _unit(params: Any, name: str) -> float:
+    """Scale of a parameter: its value, or a share of its range where that is nearly zero."""
+    meta, value = params.si(name), abs(float(getattr(params, name)))
+    return value if value > 1e-2 * (meta.upper - meta.lower) or value > 0.1 else 0.05 * (meta.upper - meta.lower)

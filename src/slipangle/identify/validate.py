@@ -1,0 +1,213 @@
+"""An honest verdict on a model: free run beside one-step-ahead, on data it was not fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError
+from slipangle.identify import metrics
+from slipangle.models.model import Model, Trajectory
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """Metrics of one output over the predicted samples; see `slipangle.identify.metrics`."""
+
+    rmse: float
+    r2: float
+    fit: float
+    vaf: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Residuals:
+    """Residual tests of one output.
+
+    Parameters
+    ----------
+    lags : array, shape (n_lags,)
+        Lags of the cross-correlations, in samples; `autocorrelation` uses those from 0 on.
+    autocorrelation : array, shape (max_lag + 1,)
+        Of the one-step-ahead residual, 1 at lag 0.
+    cross : array, shape (n_inputs, n_lags)
+        Correlation of the free-run residual at k + lag with each input at k.
+    band : float
+        Half width of the 99 % band of white residuals.
+    cross_band : array, shape (n_inputs,)
+        Half width of the 99 % band of an input that does not correlate, given both signals' colour.
+    white_p : float
+        p value of the Ljung-Box test that the one-step-ahead residual is white.
+    sentences : tuple of str
+        What follows, for a reader.
+    """
+
+    lags: np.ndarray
+    autocorrelation: np.ndarray
+    cross: np.ndarray
+    band: float
+    cross_band: np.ndarray
+    white_p: float
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validation:
+    """Verdict on one model; `free_run_scores` and the others are keyed by output name."""
+
+    name: str
+    model: Model
+    free_run: Trajectory
+    one_step: Trajectory
+    free_run_scores: dict[str, Score]
+    one_step_scores: dict[str, Score]
+    residuals: dict[str, Residuals]
+    inputs: tuple[str, ...]
+
+
+def score(trajectory: Trajectory, output: str) -> Score:
+    """Metrics of one output over the samples that were predicted."""
+    i = trajectory.outputs.index(output)
+    y, y_hat = trajectory.measured[trajectory.predicted, i], trajectory.y[trajectory.predicted, i]
+    return Score(
+        rmse=float(metrics.rmse(y, y_hat)),
+        r2=float(metrics.r2(y, y_hat)),
+        fit=float(metrics.fit(y, y_hat)),
+        vaf=float(metrics.vaf(y, y_hat)),
+    )
+
+
+def validate(
+    model: Model, data: Dataset, *, name: str | None = None, max_lag: int = 40, on_training_data: bool = False
+) -> Validation:
+    """Judge a model on data it was not fitted to.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    data : Dataset
+        Test data; one free run per experiment.
+    name : str, optional
+        Name for reports, by default the model's class.
+    max_lag : int
+        Largest lag of the residual tests. [samples]
+    on_training_data : bool
+        Allow data that overlap the training data, for a training score.
+
+    Raises
+    ------
+    ParameterError
+        If the data overlap those the model was fitted to.
+    """
+    if not on_training_data:
+        require_unseen(model, data)
+    free, one = model.simulate(data), model.predict(data)
+    chosen = data.select(inputs=model.inputs, outputs=model.outputs)
+    return Validation(
+        name=name or type(model).__name__,
+        model=model,
+        free_run=free,
+        one_step=one,
+        free_run_scores={o: score(free, o) for o in model.outputs},
+        one_step_scores={o: score(one, o) for o in model.outputs},
+        residuals={o: residual_tests(free, one, chosen, o, max_lag) for o in model.outputs},
+        inputs=model.inputs,
+    )
+
+
+def require_unseen(model: Model, data: Dataset) -> None:
+    """Raise if the model was fitted to any of these samples.
+
+    Raises
+    ------
+    ParameterError
+        With how many samples overlap and where.
+    """
+    info = model.fit_info
+    if info is None or info.train_name != data.name:
+        return
+    first, last = info.train_span
+    t = data.t
+    shared = (t >= first - 1e-9) & (t <= last + 1e-9)
+    if shared.any():
+        raise ParameterError(
+            f"{int(shared.sum())} of {data.n_samples} samples of '{data.name}' (from t = {t[shared][0]:g} s) were "
+            f"used to fit the model ({first:g} to {last:g} s); expected other data: validate on the test part, or "
+            "pass on_training_data=True for a training score"
+        )
+
+
+def residual_tests(free: Trajectory, one: Trajectory, data: Dataset, output: str, max_lag: int = 40) -> Residuals:
+    """Whiteness of the one-step-ahead residual, correlation of the free-run residual with the inputs.
+
+    Source: L. Ljung, System Identification, 2nd ed., 1999, sec. 16.6; the band of the cross-correlation
+    is Bartlett's, which allows for the colour of both signals.
+    """
+    i = one.outputs.index(output)
+    e = one.error[one.predicted, i]
+    n = len(e)
+    max_lag = max(1, min(max_lag, n // 4))
+    auto = _correlation(e, e, max_lag)[max_lag:]
+    q = n * (n + 2) * np.sum(auto[1:] ** 2 / (n - np.arange(1, max_lag + 1)))
+    p = float(stats.chi2.sf(q, max_lag))
+    z = float(stats.norm.ppf(0.995))
+    band = z / np.sqrt(n)
+
+    ef = free.error[free.predicted, i]
+    cross, cross_band = [], []
+    for j in range(len(data.inputs)):
+        u = data.u[free.predicted, j]
+        if np.ptp(u) < 1e-12 * max(1.0, float(np.abs(u).max())):
+            cross.append(np.zeros(2 * max_lag + 1))
+            cross_band.append(z / np.sqrt(len(ef)))
+            continue
+        long = min(len(ef) // 4, 10 * max_lag)
+        rho_e, rho_u = _correlation(ef, ef, long), _correlation(u, u, long)
+        spread = max(1.0, float(np.sum(rho_e * rho_u)))
+        cross.append(_correlation(ef, u, max_lag))
+        cross_band.append(z * np.sqrt(spread / len(ef)))
+    return Residuals(
+        lags=np.arange(-max_lag, max_lag + 1),
+        autocorrelation=auto,
+        cross=np.array(cross).reshape(len(cross), 2 * max_lag + 1),
+        band=band,
+        cross_band=np.array(cross_band),
+        white_p=p,
+        sentences=_residual_sentences(auto, band, p, cross, cross_band, data),
+    )
+
+
+def _residual_sentences(
+    auto: np.ndarray, band: float, p: float, cross: list, cross_band: list, data: Dataset
+) -> tuple[str, ...]:
+    outside = int(np.sum(np.abs(auto[1:]) > band))
+    said = [
+        f"the one-step-ahead residual is {'white' if p > 0.01 else 'not white'} (Ljung-Box p = {p:.2g}, {outside} of "
+        f"{len(auto) - 1} lags outside the 99 % band)"
+    ]
+    for name, values, width in zip(data.inputs, cross, cross_band, strict=True):
+        half = len(values) // 2
+        past = np.abs(values[half:])  # residual after the input
+        if past.max() > width:
+            lag = int(np.argmax(past))
+            said.append(
+                f"the free-run error still depends on {name} (correlation {values[half + lag]:+.2f} at "
+                f"{lag * data.dt:.2f} s): dynamics are missing or an input delay is not modelled"
+            )
+        else:
+            said.append(f"the free-run error does not depend on {name}")
+    return tuple(said)
+
+
+def _correlation(a: np.ndarray, b: np.ndarray, max_lag: int) -> np.ndarray:
+    """Correlation of a(k + lag) with b(k) for lag = -max_lag .. max_lag."""
+    a, b = a - a.mean(), b - b.mean()
+    size = 1 << int(np.ceil(np.log2(2 * len(a))))
+    raw = np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)
+    lags = np.concatenate([raw[-max_lag:], raw[: max_lag + 1]])
+    scale = np.sqrt(np.sum(a * a) * np.sum(b * b))
+    return lags / scale if scale > 0 else np.zeros_like(lags)

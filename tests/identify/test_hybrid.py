@@ -1,0 +1,247 @@
+"""Hybrids and joint models: they find what is missing, switch off where they do not help, adapt to a session."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import MissingColumnError, ParameterError, TooShortError
+from slipangle.identify.greybox import GreyBox
+from slipangle.identify.hybrid import Adapt, Hybrid, restarted
+from slipangle.identify.joint import Joint
+from slipangle.identify.narx import NARX
+from slipangle.identify.narx_free_run import FreeRunNARX
+from slipangle.identify.training import Stage
+from slipangle.identify.validate import score
+from slipangle.models.arx import ARXModel
+from slipangle.models.hybrid import HybridModel, NeuralBicycle
+from slipangle.models.networks import MLP, Scaling
+from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
+
+PARAMS = NonlinearBicycleParams(
+    mass=982.0, inertia_z=900.0, wheelbase=2.4, l_f=1.3, C_f=6e4, C_r=9e4, steering_lag=0.05
+)
+SMALL = NARX(
+    na=2, nb=2, hidden=(8,), activation="tanh", holdout=0.2, stages=(Stage(horizon=1, epochs=60, learning_rate=3e-3),)
+)
+
+
+def drive(n=1200, dt=0.05, seed=0):
+    """Smooth steering and speed, inputs of the bicycle at the limit."""
+    rng = np.random.default_rng(seed)
+    kernel = np.hanning(31) / np.hanning(31).sum()
+    delta = 0.1 * np.convolve(rng.standard_normal(n + 30), kernel, "valid")
+    v_x = 25 + 8 * np.convolve(rng.standard_normal(n + 30), kernel, "valid").cumsum() * dt
+    v_x = np.clip(v_x, 12, 40)
+    return Dataset.from_arrays(
+        {"delta": delta, "v_x": v_x, "v_x_dot": np.gradient(v_x, dt)}, {"r": np.zeros(n)}, dt, name=f"drive {seed}"
+    )
+
+
+def made_by(model, data):
+    return data.with_channel("r", model.simulate(data).channel("r"), "rad/s")
+
+
+def linear_plant():
+    return ARXModel(A=[-1.4, 0.6], B=[0.5, 0.3], dt=0.05, inputs=("delta",), outputs=("r",))
+
+
+# ---- discrepancy ---------------------------------------------------------------------------------------------------
+
+
+def nonlinear_response(n=1500, seed=0):
+    """An ARX model's output plus a static, squared, lagged effect of the input."""
+    data = drive(n, seed=seed).select(inputs=("delta",))
+    y = linear_plant().simulate(data).y[:, 0]
+    extra = np.zeros(n)
+    for k in range(1, n):
+        extra[k] = 0.8 * extra[k - 1] + 50.0 * data["delta"][k - 1] ** 2
+    return data.with_channel("r", y + extra, "rad/s")
+
+
+def test_discrepancy_explains_what_the_base_leaves():
+    train, test = nonlinear_response().split(0.7)
+    settings = FreeRunNARX(start=SMALL, iterations=60)
+    model = Hybrid(base=linear_plant(), discrepancy=settings).fit(train)
+    assert model.gain == 1
+    before, after = (score(m.simulate(test), "r").rmse for m in (model.base, model))
+    assert after < 0.5 * before
+    added = model.contribution(test)[:, 0]
+    left = test["r"] - model.base.simulate(test).y[:, 0]
+    assert np.corrcoef(added[20:], left[20:])[0, 1] > 0.85
+
+
+def test_discrepancy_that_cannot_help_switches_itself_off():
+    data = drive(900).select(inputs=("delta",))
+    y = linear_plant().simulate(data).y[:, 0]
+    noisy = data.with_channel("r", y + 0.02 * np.random.default_rng(5).standard_normal(len(y)), "rad/s")
+    model = Hybrid(base=linear_plant(), discrepancy=SMALL, folds=2).fit(noisy)
+    assert model.gain == 0
+    assert "the discrepancy is off" in model.fit_info.warnings[-1]
+    assert model.simulate(noisy).y == pytest.approx(model.base.simulate(noisy).y, abs=1e-12)
+
+
+def test_hybrid_keeps_the_base_model_and_says_how_it_was_fitted():
+    data, base = nonlinear_response(600), linear_plant()
+    model = Hybrid(base=base, discrepancy=SMALL, folds=0).fit(data)
+    assert isinstance(model, HybridModel)
+    assert model.base is base
+    assert model.fit_info.method.startswith("discrepancy of ARXModel")
+    assert model.fit_info.train_name == data.name
+
+
+@pytest.mark.parametrize("kwargs", [{"folds": -1}, {"worth": 1.0}])
+def test_settings_out_of_range(kwargs):
+    with pytest.raises(ParameterError, match=next(iter(kwargs))):
+        Hybrid(base=linear_plant(), **kwargs)
+
+
+def test_gain_and_outputs_are_checked():
+    good = Hybrid(base=linear_plant(), discrepancy=SMALL, folds=0).fit(nonlinear_response(400))
+    with pytest.raises(ParameterError, match=r"gain is 1\.5"):
+        replace(good, gain=1.5)
+    with pytest.raises(ParameterError, match="same, in the same order"):
+        replace(good, discrepancy=replace(good.discrepancy, outputs=("v_y",)))
+
+
+def test_free_run_steps_lower_the_free_run_error():
+    train, test = nonlinear_response().split(0.7)
+    start = SMALL
+    adam, newton = start.fit(train), FreeRunNARX(start=start, iterations=15).fit(train)
+    before, after = (score(m.simulate(train), "r").rmse for m in (adam, newton))
+    assert after < 0.5 * before
+    assert score(newton.simulate(test), "r").fit > score(adam.simulate(test), "r").fit
+    curve = newton.fit_info.trials[0].curve
+    assert np.all(np.diff(curve[:, 1]) < 0)
+
+
+# ---- physics and network together ----------------------------------------------------------------------------------
+
+
+def plant():
+    """The bicycle with a yaw moment that the physics lacks."""
+    sizes = Scaling(offset=[0.0, 0.0, 0.0, 0.0, 25.0, 0.0], factor=[1.0, 0.3, 0.1, 0.1, 8.0, 4.0])
+    network = MLP.random(
+        (6, 5, 2),
+        activation="tanh",
+        seed=7,
+        input_scaling=sizes,
+        output_scaling=Scaling(offset=[0.0, 0.0], factor=[1.0, 0.5]),
+    )
+    return NeuralBicycle(params=PARAMS, network=network, dt=0.05, substeps=2)
+
+
+@pytest.fixture(scope="module")
+def jointly():
+    """Base model, two seeds of the joint model, unseen data."""
+    train, test = made_by(plant(), drive(900, seed=1)), made_by(plant(), drive(900, seed=2))
+    start = NonlinearBicycle(params=PARAMS, dt=0.05, substeps=2)
+    joint = Joint(start=start, free=("C_f", "C_r", "inertia_z"), hidden=(6,), iterations=12, seeds=(0, 1))
+    return start, joint.fit_ensemble(train), test
+
+
+def test_joint_finds_what_the_physics_lacks(jointly):
+    start, ensemble, test = jointly
+    before = score(start.simulate(test), "r").rmse
+    for member in ensemble.members:
+        assert score(member.simulate(test), "r").rmse < 0.5 * before
+        assert member.fit_info.seconds > 0
+    assert score(ensemble.simulate(test), "r").rmse < 0.4 * before
+    assert len(ensemble.fit_info.trials) == 2
+    assert ensemble.spread(test)[1:].max() > 0
+
+
+def test_joint_never_sees_outputs_after_the_start(jointly):
+    _, ensemble, test = jointly
+    garbage = test["r"].copy()
+    garbage[1:] = 1e3
+    spoiled = test.with_channel("r", garbage)
+    for model in (ensemble, *ensemble.members):
+        assert np.array_equal(model.simulate(test).y[1:], model.simulate(spoiled).y[1:])
+
+
+def test_the_compiled_derivative_is_that_of_the_model(jointly):
+    """Sensitivities of the free run in JAX against differences of the CasADi model."""
+    from slipangle.identify import descent
+    from slipangle.identify.unrolled import Unrolled
+
+    model, data = plant(), drive(60, seed=3)
+    free = ("C_f", "steering_offset", "yaw_rate_bias")
+    scale = np.array([6e4, 0.01, 0.01])
+    with descent.precision("double"):
+        unrolled = Unrolled(model, free, scale, np.array([1.0]))
+        theta = unrolled.pack(model.network)
+        y, jacobian = unrolled.derivatives(theta, unrolled.start(theta, data), data.u)
+        y, jacobian = np.asarray(y), np.asarray(jacobian)
+    assert y[:, 0] == pytest.approx(model.simulate(data).y[1:, 0], abs=1e-12)
+    x0 = model.initial_state(data)  # of the same numbers in both runs: the start state is not differentiated
+    for i in (0, 1, 2, 10, 40, len(theta) - 1):
+        step = np.zeros(len(theta))
+        step[i] = 1e-5
+        ends = [unrolled.unpack(theta + s * step, ("r",)).simulate(data, start=[x0]).y[1:, 0] for s in (1, -1)]
+        offset = 1.0 if i == len(theta) - 1 else 0.0
+        assert jacobian[:, 0, i] == pytest.approx((ends[0] - ends[1]) / 2e-5 + offset, rel=1e-4, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "word"),
+    [
+        ({"hidden": ()}, "hidden"),
+        ({"weight_prior": 0.0}, "priors"),
+        ({"also": ("X",)}, "'X'"),
+        ({"holdout": 0.9}, "holdout"),
+        ({"iterations": 0}, "iterations"),
+        ({"free": ("C_x",)}, "C_x"),
+    ],
+)
+def test_joint_settings_out_of_range(kwargs, word):
+    with pytest.raises(ParameterError, match=word):
+        Joint(start=NonlinearBicycle(params=PARAMS, dt=0.05), **kwargs)
+
+
+def test_no_input_makes_the_neural_bicycle_leave_its_bounds():
+    model = plant()
+    rng = np.random.default_rng(0)
+    x = np.zeros(3)
+    for _ in range(400):
+        x = model.step(x, np.array([rng.uniform(-0.6, 0.6), rng.uniform(0, 90), rng.uniform(-15, 10)]))
+        assert abs(x[0]) <= model.most_v_y
+        assert abs(x[1]) <= model.most_r
+
+
+# ---- another session -----------------------------------------------------------------------------------------------
+
+
+def test_offsets_of_another_session_come_back():
+    model = NonlinearBicycle(params=PARAMS, dt=0.05, substeps=2)
+    data = made_by(model, drive(1000, seed=4))
+    other = data.with_channel("delta", data["delta"] + 0.012).with_channel("r", data["r"] - 0.02)
+    adapted = Adapt(outputs=("r",)).fit(model, other)
+    assert adapted.inputs_at_zero["delta"] == pytest.approx(0.012, abs=5e-4)
+    assert adapted.outputs_at_zero["r"] == pytest.approx(-0.02, abs=5e-4)
+    late = other.with_channel("r", np.where(np.arange(1000) < 600, other["r"], 9.0))
+    assert Adapt(outputs=("r",)).fit(model, late).inputs_at_zero == adapted.inputs_at_zero
+    with pytest.raises(TooShortError, match="30 s"):
+        Adapt().fit(model, other.rows(0, 300))
+    with pytest.raises(MissingColumnError, match="'Delta'"):
+        Adapt(inputs=("Delta",)).fit(model, other.with_channel("Delta", other["delta"]))
+
+
+def test_restarts_cut_the_record_and_lose_nothing_but_stubs():
+    model = linear_plant()
+    data = nonlinear_response(505)
+    cut = restarted(model, data, 5.0)
+    assert cut.starts == (0, 100, 200, 300, 400, 500)
+    assert cut.n_samples == 505
+    assert restarted(model, data.rows(0, 502), 5.0).n_samples == 500
+    with pytest.raises(TooShortError, match="starts from"):
+        restarted(model, data, 0.05)
+
+
+def test_greybox_fits_the_neural_bicycle_as_any_other():
+    """It is an ODE model like the rest: its physical parameters alone can be moved, the network fixed."""
+    truth = plant()
+    data = made_by(truth, drive(400, seed=6))
+    start = replace(truth, params=PARAMS.with_values(C_f=5e4))
+    assert GreyBox(start=start, free=("C_f",)).fit(data).params.C_f == pytest.approx(6e4, rel=1e-3)
