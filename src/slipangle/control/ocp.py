@@ -1,0 +1,360 @@
+"""`OCP`: model, cost and limits of an optimal control problem, the one description all solvers share.
+
+Solvers read its arrays and its two functions, `dynamics` and `stage`; none of them sees names.
+"""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass, field
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipangle.control.terms import Limits, Weights, require_names
+from slipangle.data.path import Preview
+from slipangle.errors import ParameterError
+from slipangle.models.model import Model
+from slipangle.ops import Scalar, cos, sin, stack
+
+PATH_ERRORS = ("e_x", "e_y", "e_psi")
+POSE = ("X", "Y", "psi")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reference:
+    """What the vehicle should do over the horizon.
+
+    Parameters
+    ----------
+    tracked : array, shape (horizon + 1, n_references)
+        Wanted values of ``ocp.references``, in that order, now and at each step. SI units.
+    exogenous : array, shape (horizon, n_exogenous)
+        Inputs that are not decided, in the order of ``ocp.exogenous``. SI units.
+    inputs : array, shape (horizon, n_controls), optional
+        Wanted inputs, from which R counts; zero by default.
+    corridor : array, shape (horizon + 1, 2), optional
+        Distance from the path to the lane's right and left edge [m], for an `OCP` with a corridor.
+    """
+
+    tracked: np.ndarray
+    exogenous: np.ndarray
+    inputs: np.ndarray | None = None
+    corridor: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class OCP:
+    """Track a reference over a horizon. [1]_ eqs. 5-3 to 5-8.
+
+    ``J = sum_{i=0}^{N-1} (|y_i - q_i|^2_Q + |u_i - r_i|^2_R + |u_i - u_{i-1}|^2_S + slack) + |y_N - q_N|^2_terminal``
+    subject to the model, where ``u_{-1}`` is the input applied before and x_0 the state now. Weights are
+    diagonal, by name. A tracked name is a state or an output of the model or, for a model with X, Y and psi,
+    an error relative to the reference pose: ``e_x`` along, ``e_y`` to the left of, ``e_psi`` in heading.
+
+    Parameters
+    ----------
+    model : Model
+        Predicts; its sample time is the step of the problem.
+    horizon : int
+        Steps N.
+    Q : Weights
+        On tracked states, outputs and path errors.
+    R, S : Weights
+        On inputs, and on their change from step to step.
+    terminal : Weights, optional
+        On tracked quantities at the end; Q by default.
+    controls : tuple of str
+        Inputs that are decided; by default those named in R, S, limits or rates. The others are exogenous:
+        the reference brings their values.
+    limits : Limits
+        On decided inputs, always kept; on states, outputs and path errors, at every step after now
+        (an output that depends on an input also now).
+    rates : Limits
+        On the change of decided inputs, per second.
+    slack, slack_linear : Weights
+        Names in them have soft limits: weight of the squared, of the plain excess. A plain weight that is
+        large enough keeps the limit exactly whenever that is possible. Limits of other names are hard.
+    corridor : float, optional
+        Vehicle width to keep between the edges of the lane [m]: limits ``e_y`` by the reference's corridor.
+
+    Raises
+    ------
+    ParameterError
+        If a name is not known (with the nearest ones), the horizon is below 1, nothing is tracked or decided.
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023. There the sums run over i = 0..N-1 and S from i = 1; here the
+       last state and the first change count too.
+    """
+
+    model: Model
+    _: KW_ONLY
+    horizon: int
+    Q: Weights
+    R: Weights = field(default_factory=Weights)
+    S: Weights = field(default_factory=Weights)
+    terminal: Weights | None = None
+    controls: tuple[str, ...] = ()
+    limits: Limits = field(default_factory=Limits)
+    rates: Limits = field(default_factory=Limits)
+    slack: Weights = field(default_factory=Weights)
+    slack_linear: Weights = field(default_factory=Weights)
+    corridor: float | None = None
+
+    def __post_init__(self) -> None:
+        model = self.model
+        if not (isinstance(self.horizon, int) and self.horizon >= 1):
+            raise ParameterError(f"the horizon is {self.horizon!r}; expected a whole number of at least 1")
+        named = (*self.R, *self.S, *self.limits, *self.rates)
+        chosen = (self.controls,) if isinstance(self.controls, str) else tuple(self.controls)
+        require_names(chosen, model.inputs, "controls", "use inputs of the model")
+        if len(set(chosen)) < len(chosen):
+            raise ParameterError(f"controls repeat in {list(chosen)}; expected each input once")
+        controls = tuple(chosen) or tuple(n for n in model.inputs if n in named)
+        object.__setattr__(self, "controls", controls)
+        if not controls:
+            raise ParameterError(
+                f"no input is decided; expected some of {list(model.inputs)}: name one in controls, R, S, "
+                "limits or rates"
+            )
+        trackable = self._trackable
+        for what, weights in (("Q", self.Q), ("terminal", self.terminal or {})):
+            require_names(weights, trackable, what)
+        if not (self.Q or self.terminal):
+            raise ParameterError(f"nothing is tracked; expected weights on some of {trackable}: set Q")
+        for what, names in (("R", self.R), ("S", self.S), ("rates", self.rates)):
+            require_names(names, controls, what, "use a decided input")
+        require_names(self.limits, (*controls, *trackable), "limits", "use a decided input, a state or an output")
+        for what, weights in (("slack", self.slack), ("slack_linear", self.slack_linear)):
+            require_names(weights, self.limited, what, "use a state or output that has a limit")
+        for name, (lower, upper) in self.rates.items():
+            if not lower <= 0 <= upper:
+                raise ParameterError(f"the rate limit of '{name}' is ({lower}, {upper}); expected one that contains 0")
+        if self.corridor is not None:
+            if not self.corridor > 0:
+                raise ParameterError(f"the corridor's vehicle width is {self.corridor} m; expected a positive number")
+            require_names(("e_y",), trackable, "corridor", "use a model with X, Y and psi, such as OnGround(model)")
+
+    # ---- names -------------------------------------------------------------------------------------------------
+
+    @property
+    def _trackable(self) -> list[str]:
+        known = dict.fromkeys((*self.model.states, *self.model.outputs))
+        if set(POSE) <= known.keys():
+            known.update(dict.fromkeys(PATH_ERRORS))
+        return list(known)
+
+    @property
+    def dt(self) -> float:
+        """Step of the problem. [s]"""
+        return self.model.dt
+
+    @property
+    def exogenous(self) -> tuple[str, ...]:
+        """Inputs that are not decided, in the model's order."""
+        return self._undecided
+
+    @cached_property
+    def _undecided(self) -> tuple[str, ...]:
+        return tuple(n for n in self.model.inputs if n not in self.controls)
+
+    @cached_property
+    def tracked(self) -> tuple[str, ...]:
+        """Quantities with a weight in Q or at the end, the rows of the error in `stage`."""
+        return tuple(dict.fromkeys((*self.Q, *(self.terminal or ()))))
+
+    @cached_property
+    def limited(self) -> tuple[str, ...]:
+        """States, outputs and path errors with a limit, the rows of the second result of `stage`."""
+        names = [n for n in self.limits if n not in self.controls]
+        return tuple(dict.fromkeys((*names, *(("e_y",) if self.corridor is not None else ()))))
+
+    @cached_property
+    def references(self) -> tuple[str, ...]:
+        """Quantities whose wanted values the reference brings; path errors need the pose."""
+        plain = [n for n in self.tracked if n not in PATH_ERRORS]
+        pose = POSE if set(PATH_ERRORS) & {*self.tracked, *self.limited} else ()
+        return tuple(dict.fromkeys((*plain, *pose)))
+
+    @cached_property
+    def soft(self) -> tuple[str, ...]:
+        """Limited quantities whose limits may be exceeded at a price."""
+        return tuple(n for n in self.limited if n in self.slack or n in self.slack_linear)
+
+    # ---- functions ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def dynamics(self) -> ca.Function:
+        """``(x, u, w) -> x`` one step later; u decided, w exogenous inputs."""
+        x, u, w, full, _ = self._symbols
+        return ca.Function("dynamics", [x, u, w], [self.model.functions[0](x, full)], ["x", "u", "w"], ["next"])
+
+    @cached_property
+    def stage(self) -> ca.Function:
+        """``(x, u, w, p) -> errors of `tracked`, values of `limited```; p the wanted values of `references`."""
+        x, u, w, full, p = self._symbols
+        y = self.model.functions[1](x, full)
+        values: dict[str, Scalar] = {name: y[i] for i, name in enumerate(self.model.outputs)}
+        values.update({name: x[i] for i, name in enumerate(self.model.states)})
+        wanted: dict[str, Scalar] = {name: p[i] for i, name in enumerate(self.references)}
+        if set(POSE) <= wanted.keys():
+            dx, dy, psi = values["X"] - wanted["X"], values["Y"] - wanted["Y"], wanted["psi"]
+            values["e_x"] = cos(psi) * dx + sin(psi) * dy
+            values["e_y"] = cos(psi) * dy - sin(psi) * dx
+            values["e_psi"] = values["psi"] - psi
+        error = [values[n] - (wanted[n] if n not in PATH_ERRORS else 0.0) for n in self.tracked]
+        limited = [values[n] for n in self.limited]
+        empty = type(x)(0, 1)
+        results = [stack(error), stack(limited) if limited else empty]
+        return ca.Function("stage", [x, u, w, p], results, ["x", "u", "w", "p"], ["error", "limited"])
+
+    @property
+    def _symbols(self) -> tuple[Any, Any, Any, Any, Any]:
+        """x, u, w, the model's input vector and p; scalar expressions where the model allows."""
+        kind: Any = ca.SX if all(f.is_a("SXFunction") for f in self.model.functions[:2]) else ca.MX
+        x, u, w, p = (
+            kind.sym(name, n)
+            for name, n in (
+                ("x", self.model.n_states),
+                ("u", len(self.controls)),
+                ("w", len(self.exogenous)),
+                ("p", len(self.references)),
+            )
+        )
+        parts = [
+            u[self.controls.index(n)] if n in self.controls else w[self.exogenous.index(n)] for n in self.model.inputs
+        ]
+        return x, u, w, ca.vertcat(*parts), p
+
+    @cached_property
+    def limited_now(self) -> np.ndarray:
+        """Which limited quantities depend on the input at the same step, shape (n_limited,).
+
+        Those are limited now too, the others from the next step on.
+        """
+        x, u, w, p = (ca.MX.sym(self.stage.name_in(i), self.stage.size1_in(i)) for i in range(4))
+        jacobian = ca.Function("j", [x, u, w, p], [ca.jacobian(self.stage(x, u, w, p)[1], u)])
+        pattern = np.asarray(ca.DM(jacobian.sparsity_out(0), 1.0).full()) != 0
+        return pattern.any(axis=1) if len(self.limited) else np.zeros(0, dtype=bool)
+
+    # ---- arrays ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Q and terminal over `tracked`, R and S over `controls`."""
+        end = self.Q if self.terminal is None else self.terminal
+        return (
+            _row(self.Q, self.tracked),
+            _row(end, self.tracked),
+            _row(self.R, self.controls),
+            _row(self.S, self.controls),
+        )
+
+    @cached_property
+    def input_bounds(self) -> np.ndarray:
+        """Lower and upper bound of each control, shape (n_controls, 2); infinite where there is none."""
+        return _rows(self.limits, self.controls)
+
+    @cached_property
+    def step_bounds(self) -> np.ndarray:
+        """Lower and upper bound of the change of each control in one step, shape (n_controls, 2)."""
+        return _rows(self.rates, self.controls) * self.dt
+
+    @cached_property
+    def slack_weights(self) -> tuple[np.ndarray, np.ndarray]:
+        """Squared and plain weight of each of `soft`."""
+        return _row(self.slack, self.soft), _row(self.slack_linear, self.soft)
+
+    def state_bounds(self, reference: Reference) -> np.ndarray:
+        """Bounds of `limited` now and at each step, shape (horizon + 1, n_limited, 2)."""
+        bounds = np.broadcast_to(_rows(self.limits, self.limited), (self.horizon + 1, len(self.limited), 2)).copy()
+        if self.corridor is not None and reference.corridor is not None:
+            i, half = self.limited.index("e_y"), 0.5 * self.corridor
+            right, left = reference.corridor.T
+            both = np.isfinite(right) & np.isfinite(left)
+            middle = 0.5 * (np.where(both, left, 0.0) - np.where(both, right, 0.0))
+            lower, upper = half - right, left - half
+            narrow = lower > upper  # than the vehicle: keep to the lane's middle
+            bounds[:, i, 0] = np.maximum(bounds[:, i, 0], np.where(narrow, middle, lower))
+            bounds[:, i, 1] = np.minimum(bounds[:, i, 1], np.where(narrow, middle, upper))
+        return bounds
+
+    # ---- references --------------------------------------------------------------------------------------------
+
+    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
+        """`Reference` from a look along a path.
+
+        Parameters
+        ----------
+        preview : Preview
+            From ``path.ahead(s, ocp.horizon, ocp.dt)``, horizon + 1 rows. X, Y, psi, v_x, r and curvature come from
+            it; other tracked quantities, such as v_y, are wanted at zero.
+        **exogenous : array, shape (horizon,), or float
+            Exogenous inputs; ``v_x`` comes from the preview unless given.
+
+        Raises
+        ------
+        ParameterError
+            If an exogenous input is missing or unknown, or the preview has another number of rows.
+        """
+        rows = self.horizon + 1
+        if len(preview) != rows:
+            raise ParameterError(
+                f"the preview has {len(preview)} rows; expected horizon + 1 = {rows}: "
+                f"use path.ahead(s, {self.horizon}, dt)"
+            )
+        require_names(exogenous, self.exogenous, "reference()", "use an input that is not decided")
+        known = {n: getattr(preview, n) for n in (*POSE, "v_x", "r", "curvature")}
+        given: dict[str, Any] = {"v_x": preview.v_x[:-1], "curvature": preview.curvature[:-1], **exogenous}
+        for name in self.exogenous:
+            if name not in given:
+                raise ParameterError(
+                    f"the exogenous input '{name}' is not in the preview; expected its values: "
+                    f"say mpc.reference(preview, {name}=...), or decide it by naming it in controls"
+                )
+        columns = [known[n] if n in known else np.zeros(rows) for n in self.references]
+        inputs = [np.broadcast_to(np.asarray(given[n], dtype=float), (self.horizon,)) for n in self.exogenous]
+        return Reference(
+            tracked=np.column_stack(columns) if columns else np.empty((rows, 0)),
+            exogenous=np.column_stack(inputs) if inputs else np.empty((self.horizon, 0)),
+            corridor=np.column_stack([preview.right, preview.left]),
+        )
+
+    @cached_property
+    def _shapes(self) -> dict[str, tuple[tuple[int, int], list[str]]]:
+        """Shape and columns of each array of a reference."""
+        n = self.horizon
+        return {
+            "tracked": ((n + 1, len(self.references)), list(self.references)),
+            "exogenous": ((n, len(self.exogenous)), list(self.exogenous)),
+            "inputs": ((n, len(self.controls)), list(self.controls)),
+            "corridor": ((n + 1, 2), ["right", "left"]),
+        }
+
+    def check_reference(self, reference: Reference) -> None:
+        """Raise unless the arrays of a reference have the shapes of this problem.
+
+        Raises
+        ------
+        ParameterError
+            With the array, its shape and the one expected.
+        """
+        for key, (shape, names) in self._shapes.items():
+            given = getattr(reference, key)
+            if given is not None and np.shape(given) != shape:
+                raise ParameterError(f"reference.{key} has shape {np.shape(given)}; expected {shape}, columns {names}")
+        if self.corridor is not None and reference.corridor is None:
+            raise ParameterError(
+                "the reference has no corridor; expected one for this problem: use mpc.reference(preview)"
+            )
+
+
+def _row(weights: Weights, names: tuple[str, ...]) -> np.ndarray:
+    return np.array([weights.get(n, 0.0) for n in names], dtype=float)
+
+
+def _rows(limits: Limits, names: tuple[str, ...]) -> np.ndarray:
+    return np.array([limits.get(n, (-np.inf, np.inf)) for n in names], dtype=float).reshape(len(names), 2)

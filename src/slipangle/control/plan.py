@@ -1,0 +1,196 @@
+"""`Plan`: what a controller wants to do, and `Status`: how its solver ended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from slipangle.control.ocp import OCP, Reference
+
+
+class Status(Enum):
+    """Outcome of one solve, with a sentence."""
+
+    SOLVED = "optimal within tolerance"
+    ACCEPTABLE = "optimal within the solver's wider, acceptable tolerance"
+    REAL_TIME = "one real-time iteration from the last plan: as good as optimal while the vehicle follows it"
+    ITERATION_LIMIT = "the iteration limit was reached before the optimum: allow more iterations or a shorter horizon"
+    STALLED = "no further progress was possible before the optimum: rescale the weights or loosen the tolerance"
+    TIME_OUT = "the deadline passed before the optimum: allow more time, a shorter horizon or a faster solver"
+    INFEASIBLE = "no input keeps every hard limit from this state: give the limits of states a slack weight"
+    NOT_FINITE = "the state, the reference or the model's prediction is NaN or infinite: check the measurements"
+    FAILED = "the solver stopped without an answer: check the scale of weights and limits"
+
+    @property
+    def solved(self) -> bool:
+        """Whether the answer is an optimum, or a real-time iteration towards it."""
+        return self in (Status.SOLVED, Status.ACCEPTABLE, Status.REAL_TIME)
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether the answer, though no optimum yet, may be a plan if it keeps every constraint."""
+        return self in (Status.ITERATION_LIMIT, Status.STALLED, Status.TIME_OUT)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """Inputs and predicted states over the horizon.
+
+    Parameters
+    ----------
+    u : array, shape (horizon, n_controls)
+        Decided inputs; the first row is to be applied now. Always finite and within limits and rates.
+    x : array, shape (horizon + 1, n_states)
+        Predicted states from now on; zeros where the state is unknown and never was.
+    status : Status
+        How the solver ended.
+    seconds : float
+        Wall time of the whole call. [s]
+    cost : float
+        Value of the cost; NaN for a fallback.
+    iterations : int
+        Of the solver.
+    controls : tuple of str
+        Names of the columns of u.
+    age : int
+        0 if u is this call's solution; k if it is a fallback, the k-th in a row.
+    stopping : bool
+        Whether u is the safe stop law, because no recent plan is left; the speed should go to zero.
+    detail : str
+        What a solver that stopped said.
+    residual : float
+        Of the optimality conditions at the end of the solve, as far as the solver knows it: of the last quadratic
+        program (real-time iteration), or the last relative change of an input (converged).
+    memory : object
+        What the solver needs for its next start.
+    """
+
+    u: np.ndarray
+    x: np.ndarray
+    status: Status
+    seconds: float
+    cost: float
+    iterations: int
+    controls: tuple[str, ...]
+    age: int = 0
+    stopping: bool = False
+    detail: str = ""
+    residual: float = float("nan")
+    memory: Any = field(default=None, repr=False, compare=False)
+
+    @property
+    def command(self) -> np.ndarray:
+        """Inputs to apply now, shape (n_controls,)."""
+        return self.u[0]
+
+    @property
+    def message(self) -> str:
+        """One sentence on where the command comes from."""
+        if self.age == 0:
+            return self.status.value
+        source = "the safe stop law" if self.stopping else "the last good plan, shifted"
+        said = f" ({self.detail})" if self.detail else ""
+        return f"{self.status.value}{said}; the command is {source} (fallback {self.age} in a row)"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Start:
+    """What one solve starts from: state, last applied input, reference, and a guess of the answer."""
+
+    x: np.ndarray
+    applied: np.ndarray
+    reference: Reference
+    guess_u: np.ndarray
+    guess_x: np.ndarray
+    memory: Any = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Solution:
+    """What a solver returns; ``violation`` is the largest excess over any constraint, ``residual`` of optimality."""
+
+    u: np.ndarray
+    x: np.ndarray
+    status: Status
+    cost: float
+    iterations: int
+    violation: float
+    residual: float = float("nan")
+    memory: Any = None
+
+
+class Engine(Protocol):
+    """A solver built for one problem."""
+
+    def solve(self, start: Start) -> Solution:
+        """Solve from a state."""
+        ...
+
+
+@runtime_checkable
+class Resumes(Protocol):
+    """An engine that shifts the plan before and finds its first guess by itself."""
+
+    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
+        """Solve from a state and the plan of the step before, if there is one."""
+        ...
+
+
+@runtime_checkable
+class Prepares(Protocol):
+    """An engine that can do most of its work before the state is known."""
+
+    def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:
+        """Linearise around a plan, shifted, for the next solve."""
+        ...
+
+
+class Backend(Protocol):
+    """Settings of a solver; `build` makes the engine for a problem."""
+
+    def build(self, ocp: OCP, deadline: float | None) -> Engine:
+        """Build once per problem; ``deadline`` bounds the time of one solve. [s]"""
+        ...
+
+
+def shifted(rows: np.ndarray, steps: int = 1) -> np.ndarray:
+    """Rows moved up by some steps, the last one repeated.
+
+    >>> shifted(np.array([[1.0], [2.0], [3.0]])).ravel()
+    array([2., 3., 3.])
+    """
+    index = np.minimum(np.arange(len(rows)) + steps, len(rows) - 1)
+    return rows[index]
+
+
+def within(u: np.ndarray, applied: np.ndarray, bounds: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Inputs clipped to bounds and to the allowed change per step, from the applied one on.
+
+    Parameters
+    ----------
+    u : array, shape (horizon, n_controls)
+        Inputs.
+    applied : array, shape (n_controls,)
+        The input applied before.
+    bounds, steps : array, shape (n_controls, 2)
+        Of the inputs and of their change from row to row.
+    """
+    change = np.diff(u, axis=0, prepend=applied[None])
+    if ((u >= bounds[:, 0]) & (u <= bounds[:, 1]) & (change >= steps[:, 0]) & (change <= steps[:, 1])).all():
+        return u
+    out = np.empty_like(u)
+    last = np.clip(applied, bounds[:, 0], bounds[:, 1])
+    for i in range(len(u)):
+        moved = np.clip(u[i], last + steps[:, 0], last + steps[:, 1])
+        out[i] = last = np.clip(moved, bounds[:, 0], bounds[:, 1])
+    return out
+
+
+def count(plans: Sequence[Plan]) -> dict[Status, int]:
+    """How often each status occurs."""
+    return {s: n for s in Status if (n := sum(p.status is s for p in plans))}

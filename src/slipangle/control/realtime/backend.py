@@ -1,0 +1,73 @@
+"""`RealTime`: settings of the fast solver."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from functools import cache
+
+from slipangle.control.ocp import OCP
+from slipangle.control.plan import Engine
+from slipangle.control.realtime.engine import CompiledEngine
+from slipangle.control.realtime.interpreted import InterpretedEngine
+from slipangle.control.realtime.program import source
+from slipangle.errors import ModelWarning, ParameterError
+from slipangle.models import compiled
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealTime:
+    """Real-time iteration ([1]_) in compiled code: Gauss-Newton steps on the condensed problem.
+
+    The first plan is iterated to convergence from the inputs held and the states rolled out, so it needs no
+    guess; later ones take `iterations` steps each from the plan before, shifted.
+
+    Parameters
+    ----------
+    iterations : int
+        Gauss-Newton steps per plan; 0 iterates to convergence every time.
+    tolerance : float
+        Of converged solutions: largest change of an input in the last step, relative to half its range.
+    max_iterations : int
+        Most steps to convergence.
+    newton : float
+        Accuracy of the implicit integrator's stages, relative to 1 + |state|.
+
+    References
+    ----------
+    .. [1] M. Diehl, H. G. Bock, J. P. Schloeder, SIAM J. Control Optim. 43, 1714-1736, 2005.
+    """
+
+    iterations: int = 1
+    tolerance: float = 1e-9
+    max_iterations: int = 100
+    newton: float = 1e-7
+
+    def __post_init__(self) -> None:
+        if not (self.iterations >= 0 and self.max_iterations >= 1):
+            raise ParameterError(
+                f"iterations is {self.iterations}, max_iterations {self.max_iterations}; expected at least 0 and 1"
+            )
+        if not (self.tolerance > 0 and self.newton > 0):
+            raise ParameterError(
+                f"tolerance is {self.tolerance}, newton {self.newton}; expected positive numbers, such as 1e-9 and 1e-7"
+            )
+
+    def build(self, ocp: OCP, deadline: float | None = None) -> Engine:
+        """Compile the problem, or take it from the cache.
+
+        Warns
+        -----
+        ModelWarning
+            Once, without a C compiler: the same algorithm then runs on CasADi's virtual machine, slower.
+        """
+        library = compiled.library(source(ocp), name="mpc") if compiled.compiler() else None
+        if library is not None:
+            return CompiledEngine(ocp, library, self, deadline)
+        _say_once(compiled.sentence())
+        return InterpretedEngine(ocp, self, deadline)
+
+
+@cache
+def _say_once(sentence: str) -> None:
+    warnings.warn(sentence, ModelWarning, stacklevel=4)

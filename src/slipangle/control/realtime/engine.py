@@ -1,0 +1,198 @@
+"""The compiled solver of one problem, called with as little in between as possible."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.ocp import OCP, Reference
+from slipangle.control.plan import Plan, Solution, Start, Status
+from slipangle.control.realtime.program import COUNTS, FIELDS, implicit
+
+OUTCOMES = (
+    Status.SOLVED,
+    Status.REAL_TIME,
+    Status.ITERATION_LIMIT,
+    Status.STALLED,
+    Status.TIME_OUT,
+    Status.INFEASIBLE,
+    Status.NOT_FINITE,
+    Status.FAILED,
+)
+CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS = range(4)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Memory:
+    """What the next start needs beside inputs and states: stage slopes of the integrator, and whose solve it was."""
+
+    serial: int
+    engine: int
+    u: np.ndarray
+    x: np.ndarray
+    k: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """Time spent inside the compiled code by the last solve, by the monotonic clock. [s]"""
+
+    total: float
+    prepare: float
+    feedback: float
+
+
+class CompiledEngine:
+    """Engine on a loaded library; see `slipangle.control.realtime.program.source`."""
+
+    def __init__(self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None) -> None:
+        self.ocp = ocp
+        self._library = library
+        library.rt_new.restype = ctypes.c_void_p
+        library.rt_at.restype = ctypes.c_void_p
+        library.rt_at.argtypes = [ctypes.c_void_p, ctypes.c_int]
+        library.rt_free.argtypes = [ctypes.c_void_p]
+        library.rt_free.restype = None
+        for call in (library.rt_solve, library.rt_prepare, library.rt_feedback):
+            call.argtypes, call.restype = [ctypes.c_void_p], ctypes.c_int
+        self._work = library.rt_new()
+        if not self._work:
+            raise MemoryError("no memory for the solver")
+        self._pointer = ctypes.c_void_p(self._work)
+        self._call = library.rt_solve
+        n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
+        parts = implicit(ocp)
+        shapes: dict[str, tuple[int, ...]] = {
+            "x0": (nx,),
+            "applied": (nu,),
+            "w": (n, len(ocp.exogenous)),
+            "p": (n + 1, len(ocp.references)),
+            "r": (n, nu),
+            "bounds": (n + 1, len(ocp.limited), 2),
+            "u": (n, nu),
+            "x": (n + 1, nx),
+            "k": (n, 3 * len(parts.core) if parts else 0),
+        }
+        view: dict[str, np.ndarray] = {}
+        for i, name in enumerate((*FIELDS, *COUNTS)):
+            shape = shapes.get(name, (1,))
+            size = int(np.prod(shape))
+            kind = ctypes.c_int64 if name in COUNTS else ctypes.c_double
+            block: Any = (kind * max(size, 1)).from_address(library.rt_at(self._pointer, i))
+            view[name] = np.frombuffer(block, dtype=np.int64 if name in COUNTS else float)[:size].reshape(shape)
+        self._view = view
+        self._x0, self._applied, self._w, self._p, self._r = (view[n] for n in ("x0", "applied", "w", "p", "r"))
+        self._u, self._x, self._k, self._bounds = (view[n] for n in ("u", "x", "k", "bounds"))
+        self._cost, self._residual, self._violation = (view[n] for n in ("cost", "residual", "violation"))
+        self._iterations, self._fresh = view["iterations"], view["fresh"]
+        view["tolerance"][0] = settings.tolerance
+        view["newton"][0] = settings.newton
+        view["max_iterations"][0] = settings.max_iterations
+        view["fixed"][0] = settings.iterations
+        view["time_limit"][0] = np.inf if deadline is None else deadline
+        self._limited = bool(ocp.limited)
+        if self._limited and ocp.corridor is None:
+            empty = Reference(tracked=self._p, exogenous=self._w)
+            self._bounds[:] = ocp.state_bounds(empty)
+        self._serial = 0
+        self._settings = settings
+        self._ready: Memory | None = None
+
+    def __del__(self) -> None:
+        work, self._work = getattr(self, "_work", None), None
+        if work:
+            self._library.rt_free(ctypes.c_void_p(work))
+
+    def solve(self, start: Start) -> Solution:
+        """Solve from a state and a guess; see `slipangle.control.plan.Start`."""
+        self._ready = None
+        self._set(start.x, start.applied, start.reference)
+        self._u[:], self._x[:] = start.guess_u, start.guess_x
+        self._fresh[0] = GIVEN
+        return self._run()
+
+    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
+        """Solve from a state and the plan of the step before, which is shifted; without one, from nothing."""
+        memory = previous.memory if previous is not None else None
+        ready, self._ready = self._ready, None
+        if ready is not None and ready is memory and self._same(applied, reference):
+            self._x0[:] = x
+            return self._run(self._library.rt_feedback)
+        self._set(x, applied, reference)
+        if isinstance(memory, Memory) and memory.engine == id(self):
+            self._recall(memory)
+            self._fresh[0] = CONTINUE
+        elif previous is not None and previous.u.shape == self._u.shape:
+            self._u[:-1], self._u[-1] = previous.u[1:], previous.u[-1]
+            self._fresh[0] = GIVEN_INPUTS
+        else:
+            self._fresh[0] = FROM_NOTHING
+        return self._run()
+
+    def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:
+        """Linearise and condense around a plan, shifted, before the state is known.
+
+        A following `resume` from the same plan and reference then only solves the quadratic program.
+        """
+        memory = previous.memory
+        if not (isinstance(memory, Memory) and memory.engine == id(self)) or self._settings.iterations != 1:
+            return
+        self._set(memory.x[1], applied, reference)
+        self._recall(memory)
+        if OUTCOMES[self._library.rt_prepare(self._pointer)] is Status.SOLVED:
+            self._ready = memory
+        self._serial += 1
+
+    def _recall(self, memory: Memory) -> None:
+        if memory.serial != self._serial:
+            self._u[:], self._x[:], self._k[:] = memory.u, memory.x, memory.k
+
+    def _same(self, applied: np.ndarray, reference: Reference) -> bool:
+        inputs = 0.0 if reference.inputs is None else reference.inputs
+        return bool(
+            (self._p == reference.tracked).all()
+            and (self._w == reference.exogenous).all()
+            and (self._applied == applied).all()
+            and (self._r == inputs).all()
+            and (self.ocp.corridor is None or (self._bounds == self.ocp.state_bounds(reference)).all())
+        )
+
+    @property
+    def timing(self) -> Timing:
+        """Time of the last solve inside the compiled code."""
+        view = self._view
+        return Timing(
+            total=float(view["seconds"][0]),
+            prepare=float(view["seconds_prepare"][0]),
+            feedback=float(view["seconds_feedback"][0]),
+        )
+
+    def _set(self, x: np.ndarray, applied: np.ndarray, reference: Reference) -> None:
+        self._x0[:] = x
+        self._applied[:] = applied
+        self._w[:] = reference.exogenous
+        self._p[:] = reference.tracked
+        if reference.inputs is None:
+            self._r.fill(0.0)
+        else:
+            self._r[:] = reference.inputs
+        if self._limited and self.ocp.corridor is not None:
+            self._bounds[:] = self.ocp.state_bounds(reference)
+
+    def _run(self, call: Any = None) -> Solution:
+        status = OUTCOMES[(call or self._call)(self._pointer)]
+        self._serial += 1
+        u, x = self._u.copy(), self._x.copy()
+        return Solution(
+            u=u,
+            x=x,
+            status=status,
+            cost=float(self._cost[0]),
+            iterations=int(self._iterations[0]),
+            violation=float(self._violation[0]),
+            residual=float(self._residual[0]),
+            memory=Memory(serial=self._serial, engine=id(self), u=u, x=x, k=self._k.copy()),
+        )

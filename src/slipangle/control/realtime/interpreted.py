@@ -1,0 +1,371 @@
+"""The same algorithm without a compiler: CasADi's virtual machine for the model, NumPy and DAQP for the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import daqp
+import numpy as np
+
+from slipangle.control.ocp import OCP, Reference
+from slipangle.control.plan import Plan, Solution, Start, Status, shifted, within
+from slipangle.control.realtime.interpreted_model import bind, dense, newton_node
+from slipangle.control.realtime.program import (
+    dynamics_function,
+    implicit,
+    input_scale,
+    limit_rows,
+    slack_of_limited,
+    stage_function,
+)
+
+PAIRS = 12
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Memory:
+    """Stage slopes of the integrator, for the next start."""
+
+    k: np.ndarray
+    engine: int
+
+
+@dataclass(eq=False)
+class Linear:
+    """Everything known at one iterate: next states, errors, limited values and their derivatives."""
+
+    next: np.ndarray
+    A: np.ndarray
+    B: np.ndarray
+    e: np.ndarray
+    limited: np.ndarray
+    Ex: np.ndarray
+    Eu: np.ndarray
+    Lx: np.ndarray
+    Lu: np.ndarray
+
+    @property
+    def finite(self) -> bool:
+        """Whether it can be used."""
+        return bool(np.isfinite(self.next).all() and np.isfinite(self.A).all() and np.isfinite(self.e).all())
+
+
+class InterpretedEngine:
+    """Engine of `RealTime` on a computer without a C compiler."""
+
+    def __init__(self, ocp: OCP, settings: Any, deadline: float | None) -> None:
+        self.ocp, self._settings = ocp, settings
+        self._limit = np.inf if deadline is None else deadline
+        n, _, nu = self._sizes = ocp.horizon, ocp.model.n_states, len(ocp.controls)
+        self._parts = implicit(ocp)
+        self._nk = 3 * len(self._parts.core) if self._parts else 0
+        node = newton_node(ocp, self._parts) if self._parts else dense(dynamics_function(ocp))
+        self._node, self._node_in, self._node_out = bind(node, n)
+        self._stage, self._stage_in, self._stage_out = bind(dense(stage_function(ocp)), n + 1)
+        self._scale = input_scale(ocp)
+        self._weights = ocp.weights
+        rows = limit_rows(ocp)
+        self._limit_at = np.array([i for i, _ in rows], dtype=int), np.array([j for _, j in rows], dtype=int)
+        plain, square = slack_of_limited(ocp)
+        self._plain, self._square = plain[self._limit_at[1]], square[self._limit_at[1]]
+        self._soft = np.isfinite(self._plain)
+        rated = np.isfinite(ocp.step_bounds).any(axis=1)
+        change = np.eye(n * nu) - np.eye(n * nu, k=-nu)
+        self._rated = np.flatnonzero(np.tile(rated, n))
+        self._change = change[self._rated]
+        q, end, r, s = self._weights
+        both = np.tile(self._scale, n)
+        self._quadratic = both[:, None] * (change.T @ np.diag(np.tile(s, n)) @ change + np.diag(np.tile(r, n))) * both
+        self._weight_rows = np.vstack([np.tile(q, (n, 1)), end])
+        self._k = np.zeros((n, self._nk))
+
+    # ---- starts ------------------------------------------------------------------------------------------------
+
+    def solve(self, start: Start) -> Solution:
+        """Solve from a state and a guess, to convergence."""
+        self._k[:] = 0.0
+        return self._run(start.x, start.applied, start.reference, start.guess_u, np.array(start.guess_x), False)
+
+    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
+        """Solve from a state and the plan of the step before; without one, from nothing."""
+        ocp, (n, _, nu) = self.ocp, self._sizes
+        memory = previous.memory if previous is not None else None
+        known = previous is not None and previous.u.shape == (n, nu)
+        u = shifted(previous.u) if known and previous is not None else np.tile(applied, (n, 1))
+        u = within(u, applied, ocp.input_bounds, ocp.step_bounds)
+        warm = isinstance(memory, Memory) and memory.engine == id(self)
+        if warm and previous is not None and isinstance(memory, Memory):
+            self._k[:] = shifted(memory.k)
+            states = shifted(previous.x)
+            states[0] = x
+            if n > 1:  # the last state is a guess; the solver closes the gap
+                states[-1] = 2 * states[-2] - states[-3]
+        else:
+            self._k[:] = 0.0
+            states = np.empty((n + 1, len(x)))
+            states[0] = x
+            for i in range(n):
+                states[i + 1] = np.asarray(ocp.dynamics(states[i], u[i], reference.exogenous[i])).ravel()
+        return self._run(x, applied, reference, np.array(u), states, warm)
+
+    def _run(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, states: np.ndarray, warm: bool
+    ) -> Solution:
+        self._x0, self._applied, self._reference = x, applied, reference
+        self._bounds = self.ocp.state_bounds(reference)[self._limit_at] if len(self.ocp.limited) else np.empty((0, 2))
+        self._wanted = np.zeros_like(u) if reference.inputs is None else np.asarray(reference.inputs, dtype=float)
+        self._until = perf_counter() + self._limit
+        if warm and self._settings.iterations:
+            u, states, status, cost, count, residual = self._iterate(u, states)
+            violation = 0.0
+        else:
+            u, states, status, cost, count, residual, violation = self._converge(u, states)
+        return Solution(
+            u=u,
+            x=states,
+            status=status,
+            cost=cost,
+            iterations=count,
+            violation=violation,
+            residual=residual,
+            memory=Memory(k=self._k.copy(), engine=id(self)),
+        )
+
+    # ---- the parts ---------------------------------------------------------------------------------------------
+
+    def _linearise(self, u: np.ndarray, x: np.ndarray, *, exact: bool) -> Linear:
+        n, nx, nu = self._sizes
+        w = self._reference.exogenous
+        given = self._node_in
+        given[0][:], given[1][:], given[2][:] = x[:-1], u, w
+        if self._parts:
+            for _ in range(25 if exact else 1):
+                given[3][:] = self._k
+                self._node()
+                self._k[:] = self._node_out[3]
+                if not np.abs(self._k - given[3]).max() * self.ocp.dt > 10 * self._settings.newton:
+                    break
+        else:
+            self._node()
+        later, a, b = self._node_out[:3]
+        given = self._stage_in
+        given[0][:], given[3][:] = x, self._reference.tracked
+        given[1][:-1], given[1][-1] = u, u[-1]
+        given[2][:-1], given[2][-1] = w, w[-1]
+        self._stage()
+        out = self._stage_out
+        ne, nl = out[0].shape[1], out[1].shape[1]
+        return Linear(
+            next=later.copy(),
+            A=a.reshape(n, nx, nx).transpose(0, 2, 1).copy(),
+            B=b.reshape(n, nu, nx).transpose(0, 2, 1) * self._scale,
+            e=out[0].copy(),
+            limited=out[1].copy(),
+            Ex=out[2].reshape(n + 1, nx, ne).transpose(0, 2, 1).copy(),
+            Eu=out[3].reshape(n + 1, nu, ne).transpose(0, 2, 1) * self._scale,
+            Lx=out[4].reshape(n + 1, nx, nl).transpose(0, 2, 1).copy(),
+            Lu=out[5].reshape(n + 1, nu, nl).transpose(0, 2, 1) * self._scale,
+        )
+
+    def _condense(self, m: Linear, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, Any]:
+        """Hessian, gradient, and rows of the errors and of the limited quantities by the scaled inputs."""
+        n, nx, nu = self._sizes
+        size = n * nu
+        G = np.zeros((n + 1, nx, size + 1))  # last column: the state without a step in the inputs
+        G[0, :, -1] = self._x0 - x[0]
+        defect = m.next - x[1:]
+        for i in range(n):
+            step = G[i + 1]
+            np.matmul(m.A[i], G[i], out=step)
+            step[:, i * nu : (i + 1) * nu] = m.B[i]
+            step[:, -1] += defect[i]
+        E = m.Ex @ G
+        L = m.Lx @ G
+        for rows, inputs in ((E, m.Eu), (L, m.Lu)):
+            if inputs.any():
+                for i in np.flatnonzero(inputs.any(axis=(1, 2))):
+                    at = min(i, n - 1) * nu
+                    rows[i, :, at : at + nu] += inputs[i]
+        E[:, :, -1] += m.e
+        L[:, :, -1] += m.limited
+        flat = E.reshape(-1, size + 1)
+        weighted = flat * self._weight_rows.reshape(-1, 1)
+        both = flat[:, :-1].T @ weighted
+        _, _, r, s = self._weights
+        change = u - np.vstack([self._applied, u[:-1]])
+        pull = s * change
+        pull[:-1] -= s * change[1:]
+        gradient = both[:, -1] + ((r * (u - self._wanted) + pull) * self._scale).ravel()
+        return both[:, :-1] + self._quadratic, gradient, G, L[self._limit_at]
+
+    def _quadratic_program(
+        self, H: np.ndarray, g: np.ndarray, L: np.ndarray, u: np.ndarray
+    ) -> tuple[Status, np.ndarray, np.ndarray]:
+        """Scaled step and multipliers of the limited rows."""
+        ocp, (n, _, nu), scale = self.ocp, self._sizes, np.tile(self._scale, self.ocp.horizon)
+        size, soft, limits = n * nu, np.flatnonzero(self._soft), len(self._plain)
+        H = H + np.eye(size) * 1e-12 * max(np.diag(H).max(), 1e-300)
+        low, high = ((np.tile(b, n) - u.ravel()) / scale for b in ocp.input_bounds.T)
+        change = (u - np.vstack([self._applied, u[:-1]])).ravel()[self._rated]
+        step_low, step_high = (np.tile(b, n)[self._rated] - change for b in ocp.step_bounds.T)
+        values = L[:, -1]
+        below, above = self._bounds[:, 0] - values, self._bounds[:, 1] - values
+        hard = np.flatnonzero(~self._soft)
+        many = len(soft)
+        if many == 0 and len(self._rated) == 0 and limits == 0:
+            A, lower, upper = np.zeros((0, size)), low, high
+        else:
+            pad = np.zeros((len(self._rated) + len(hard), many))
+            top = np.hstack([np.vstack([self._change * scale, L[hard, :-1]]), pad])
+            one = np.eye(many)
+            A = np.vstack([top, np.hstack([L[soft, :-1], -one]), np.hstack([L[soft, :-1], one])])
+            inf = np.full(many, np.inf)
+            lower = np.concatenate([low, np.zeros(many), step_low, below[hard], -inf, below[soft]])
+            upper = np.concatenate([high, inf, step_high, above[hard], above[soft], inf])
+            H = np.block([[H, np.zeros((size, many))], [np.zeros((many, size)), np.diag(self._square[soft] + 1e-9)]])
+            g = np.concatenate([g, self._plain[soft]])
+        z, _, flag, info = daqp.solve(
+            np.ascontiguousarray(H),
+            g,
+            np.ascontiguousarray(A),
+            np.minimum(upper, 1e30),
+            np.maximum(lower, -1e30),
+            primal_tol=1e-9,
+            dual_tol=1e-10,
+        )
+        if flag != 1:
+            return (Status.INFEASIBLE if flag == -1 else Status.FAILED), np.zeros(size), np.zeros(limits)
+        multipliers = np.zeros(limits)
+        if limits:
+            lam = np.asarray(info["lam"])[size + many + len(self._rated) :]
+            multipliers[hard] = lam[: len(hard)]
+            multipliers[soft] = lam[len(hard) : len(hard) + many] + lam[len(hard) + many :]
+        return Status.SOLVED, np.asarray(z)[:size], multipliers
+
+    def _iterate(self, u: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, Status, float, int, float]:
+        """A fixed number of full steps."""
+        n, _, nu = self._sizes
+        cost, size = float("nan"), 0.0
+        for count in range(self._settings.iterations):
+            m = self._linearise(u, x, exact=False)
+            if not m.finite:
+                return u, x, Status.NOT_FINITE, cost, count, size
+            H, g, G, L = self._condense(m, x, u)
+            status, step, _ = self._quadratic_program(H, g, L, u)
+            if status is not Status.SOLVED:
+                return u, x, status, cost, count, size
+            u = u + step.reshape(n, nu) * self._scale
+            dx = G[:, :, :-1] @ step + G[:, :, -1]
+            at = np.vstack([step.reshape(n, nu), step.reshape(n, nu)[-1:]])
+            e = m.e + (m.Ex @ dx[:, :, None] + m.Eu @ at[:, :, None])[:, :, 0]
+            x = x + dx
+            cost, size = 2 * self._half_cost(e, u), float(np.abs(step).max())
+            if perf_counter() > self._until:
+                return u, x, Status.TIME_OUT, cost, count + 1, size
+        return u, x, Status.REAL_TIME, cost, self._settings.iterations, size
+
+    def _half_cost(self, e: np.ndarray, u: np.ndarray) -> float:
+        _, _, r, s = self._weights
+        change = u - np.vstack([self._applied, u[:-1]])
+        total = (self._weight_rows * e * e).sum() + (r * (u - self._wanted) ** 2).sum() + (s * change * change).sum()
+        return 0.5 * float(total)
+
+    def _excess(self, limited: np.ndarray) -> np.ndarray:
+        return np.maximum(np.maximum(limited - self._bounds[:, 1], self._bounds[:, 0] - limited), 0.0)
+
+    def _paid(self, excess: np.ndarray) -> float:
+        soft = self._soft
+        return float((self._plain[soft] * excess[soft] + 0.5 * self._square[soft] * excess[soft] ** 2).sum())
+
+    def _converge(
+        self, u: np.ndarray, x: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, Status, float, int, float, float]:
+        """Steps with a line search on an exact penalty function, corrected along remembered steps."""
+        n, _, nu = self._sizes
+        penalty, hard_penalty, past = np.zeros_like(x), 0.0, [np.inf] * 3
+        pairs: list[tuple[np.ndarray, np.ndarray]] = []
+        old: tuple[np.ndarray, np.ndarray] | None = None
+        status, cost, violation, size, count = Status.ITERATION_LIMIT, float("nan"), np.inf, np.inf, 0
+        multipliers = np.zeros(len(self._plain))
+        m = self._linearise(u, x, exact=True)
+        if not m.finite:
+            return u, x, Status.NOT_FINITE, cost, 0, size, violation
+        for count in range(1, self._settings.max_iterations + 1):
+            H, g, G, L = self._condense(m, x, u)
+            slope = g + multipliers @ L[:, :-1]
+            if old is not None and count > 3:
+                pairs = [*pairs, ((u.ravel() - old[0]) / np.tile(self._scale, n), slope - old[1])][-PAIRS:]
+            for step, change in pairs:
+                H = _secant(H, step, change)
+            done, step, multipliers = self._quadratic_program(H, g, L, u)
+            if done is not Status.SOLVED:
+                return u, x, done, cost, count - 1, size, violation
+            old = (u.ravel().copy(), g + multipliers @ L[:, :-1])
+            du, dx = step.reshape(n, nu) * self._scale, G[:, :, :-1] @ step + G[:, :, -1]
+            at = np.vstack([step.reshape(n, nu), step.reshape(n, nu)[-1:]])
+            e_after = m.e + (m.Ex @ dx[:, :, None] + m.Eu @ at[:, :, None])[:, :, 0]
+            penalty = np.maximum(penalty, 1.5 * np.abs(self._adjoint(m, e_after, multipliers)))
+            if (~self._soft).any():
+                hard_penalty = max(hard_penalty, 1.5 * float(np.abs(multipliers[~self._soft]).max()))
+
+            here, _, violation = self._merit(m, u, x, penalty, hard_penalty)
+            after = self._half_cost(e_after, u + du) + self._paid(self._excess(L[:, :-1] @ step + L[:, -1]))
+            predicted, size, t = max(here - after, 0.0), float(np.abs(step).max()), 1.0
+            tolerance = self._settings.tolerance
+            last = violation <= 1e-6 and (
+                size <= tolerance or (size <= 1e3 * tolerance and predicted <= 1e-12 * abs(here))
+            )
+            past[count % 3] = here
+            allowed = max(p for p in past if p < np.inf)
+            k = self._k.copy()
+            while True:
+                trial_u, trial_x = u + t * du, x + t * dx
+                m = self._linearise(trial_u, trial_x, exact=True)
+                there, half, violation = self._merit(m, trial_u, trial_x, penalty, hard_penalty)
+                late = perf_counter() > self._until
+                if there <= allowed - 1e-4 * t * predicted + 1e-13 * abs(here) or last or late or t < 1e-6:
+                    break
+                t *= 0.5
+                self._k[:] = k
+            if not np.isfinite(there):
+                return u, x, Status.NOT_FINITE, cost, count, size, np.inf
+            u, x, cost = trial_u, trial_x, 2 * half
+            if last or late or t < 1e-6:
+                status = Status.SOLVED if last else Status.TIME_OUT if late else Status.STALLED
+                break
+        return u, x, status, cost, count, size, violation
+
+    def _merit(
+        self, m: Linear, u: np.ndarray, x: np.ndarray, penalty: np.ndarray, hard_penalty: float
+    ) -> tuple[float, float, float]:
+        """Exact penalty function, half the cost, and the largest violation."""
+        if not m.finite:
+            return np.inf, np.inf, np.inf
+        defect = np.vstack([x[0] - self._x0, m.next - x[1:]])
+        excess = self._excess(m.limited[self._limit_at])
+        half = self._half_cost(m.e, u) + self._paid(excess)
+        miss = excess[~self._soft]
+        total = half + float((penalty * np.abs(defect)).sum()) + hard_penalty * float(miss.sum())
+        return total, half, max(float(np.abs(defect).max()), float(miss.max(initial=0.0)))
+
+    def _adjoint(self, m: Linear, e: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """Multipliers of the dynamics."""
+        n = self._sizes[0]
+        forced = ((self._weight_rows * e)[:, None, :] @ m.Ex)[:, 0]
+        np.add.at(forced, self._limit_at[0], multipliers[:, None] * m.Lx[self._limit_at])
+        for i in reversed(range(n)):
+            forced[i] += m.A[i].T @ forced[i + 1]
+        return forced
+
+
+def _secant(H: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """BFGS correction, damped after Powell."""
+    z = H @ step
+    old, seen = float(z @ step), float(change @ step)
+    if not old > 0:
+        return H
+    keep = 0.8 * old / (old - seen) if seen < 0.2 * old else 1.0
+    y = keep * change + (1 - keep) * z
+    return H + np.outer(y, y) / float(y @ step) - np.outer(z, z) / old

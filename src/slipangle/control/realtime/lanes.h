@@ -1,0 +1,256 @@
+/* Elementary functions on LANES doubles at once, for generated model code.
+
+   Errors are a few units in the last place where the argument is moderate (|x| < 1e5 for sine and cosine);
+   functions that vehicle models use rarely go through the C library lane by lane. */
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#ifndef LANES
+#ifdef __AVX512F__
+#define LANES 8
+#else
+#define LANES 4
+#endif
+#endif
+
+typedef double V __attribute__((vector_size(8 * LANES), aligned(8 * LANES)));
+typedef int64_t I __attribute__((vector_size(8 * LANES), aligned(8 * LANES)));
+
+#define INLINE static inline __attribute__((always_inline, unused))
+
+INLINE V v_all(double a)
+{
+    V z = {0};
+    return z + a;
+}
+INLINE V v_pick(I mask, V a, V b)
+{
+    return (V)((mask & (I)a) | (~mask & (I)b));
+}
+INLINE V v_fabs(V a)
+{
+    return (V)((I)a & INT64_MAX);
+}
+INLINE V v_copysign(V a, V b)
+{
+    return (V)(((I)a & INT64_MAX) | ((I)b & INT64_MIN));
+}
+INLINE V v_fmin(V a, V b)
+{
+    return v_pick(a < b, a, b);
+}
+INLINE V v_fmax(V a, V b)
+{
+    return v_pick(a > b, a, b);
+}
+INLINE V v_true(I mask)
+{
+    return (V)(mask & (I)v_all(1.0));
+}
+INLINE V v_and(V a, V b)
+{
+    return v_true((a != 0.0) & (b != 0.0));
+}
+INLINE V v_or(V a, V b)
+{
+    return v_true((a != 0.0) | (b != 0.0));
+}
+INLINE V v_not(V a)
+{
+    return v_true(a == 0.0);
+}
+INLINE V v_if(V condition, V a)
+{
+    return (V)((condition != 0.0) & (I)a);
+}
+INLINE V v_sign(V a)
+{
+    return v_true(a > 0.0) - v_true(a < 0.0);
+}
+INLINE V v_nearest(V a)
+{
+    return (a + 0x1.8p52) - 0x1.8p52;
+}
+
+#define LANE_BY_LANE(name, call)                       \
+    static __attribute__((noinline, unused)) V v_##name(V a) \
+    {                                                  \
+        for (int i = 0; i < LANES; i++)                \
+            a[i] = call(a[i]);                         \
+        return a;                                      \
+    }
+#define LANE_BY_LANE_2(name, call)                          \
+    static __attribute__((noinline, unused)) V v_##name(V a, V b) \
+    {                                                       \
+        for (int i = 0; i < LANES; i++)                     \
+            a[i] = call(a[i], b[i]);                        \
+        return a;                                           \
+    }
+LANE_BY_LANE(asin, asin)
+LANE_BY_LANE(acos, acos)
+LANE_BY_LANE(sinh, sinh)
+LANE_BY_LANE(cosh, cosh)
+LANE_BY_LANE(asinh, asinh)
+LANE_BY_LANE(acosh, acosh)
+LANE_BY_LANE(atanh, atanh)
+LANE_BY_LANE(log, log)
+LANE_BY_LANE(log1p, log1p)
+LANE_BY_LANE(expm1, expm1)
+LANE_BY_LANE(erf, erf)
+LANE_BY_LANE(floor, floor)
+LANE_BY_LANE(ceil, ceil)
+LANE_BY_LANE(far_sin, sin)
+LANE_BY_LANE(far_cos, cos)
+LANE_BY_LANE_2(pow, pow)
+LANE_BY_LANE_2(fmod, fmod)
+LANE_BY_LANE_2(remainder, remainder)
+
+#if defined(__AVX512F__) && LANES == 8
+#include <immintrin.h>
+INLINE V v_sqrt(V a)
+{
+    return (V)_mm512_sqrt_pd((__m512d)a);
+}
+#elif defined(__AVX__) && LANES == 4
+#include <immintrin.h>
+INLINE V v_sqrt(V a)
+{
+    return (V)_mm256_sqrt_pd((__m256d)a);
+}
+#else
+LANE_BY_LANE(sqrt, sqrt)
+#endif
+
+INLINE int v_any(I mask)
+{
+    int64_t any = 0;
+    for (int i = 0; i < LANES; i++)
+        any |= mask[i];
+    return any != 0;
+}
+
+/* Sine and cosine: x = k pi/2 + r with pi/2 in three parts, Taylor series on |r| <= pi/4. */
+INLINE V v_quarter(V x, V *k)
+{
+    V n = v_nearest(x * 0x1.45f306dc9c883p-1);
+    *k = n;
+    V r = x - n * 0x1.921fb54400000p+0;
+    r = r - n * 0x1.0b4611a600000p-34;
+    return r - n * 0x1.3198a2e037073p-69;
+}
+INLINE V v_sin_series(V r)
+{
+    V z = r * r;
+    V p = z * (-1.0 / 1307674368000.0) + 1.0 / 6227020800.0;
+    p = p * z - 1.0 / 39916800.0;
+    p = p * z + 1.0 / 362880.0;
+    p = p * z - 1.0 / 5040.0;
+    p = p * z + 1.0 / 120.0;
+    p = p * z - 1.0 / 6.0;
+    return r + r * z * p;
+}
+INLINE V v_cos_series(V r)
+{
+    V z = r * r;
+    V p = z * (1.0 / 20922789888000.0) - 1.0 / 87178291200.0;
+    p = p * z + 1.0 / 479001600.0;
+    p = p * z - 1.0 / 3628800.0;
+    p = p * z + 1.0 / 40320.0;
+    p = p * z - 1.0 / 720.0;
+    p = p * z + 1.0 / 24.0;
+    return (1.0 - 0.5 * z) + z * z * p;
+}
+INLINE V v_turn(V r, V n)
+{
+    /* sine of r + n pi/2, n whole: the low bits of n + 1.5 * 2^52 are those of n */
+    I k = (I)(n + 0x1.8p52);
+    V value = v_pick(-(k & 1), v_cos_series(r), v_sin_series(r));
+    return (V)((I)value ^ ((k & 2) << 62));
+}
+INLINE V v_sin(V x)
+{
+    V n, r = v_quarter(x, &n);
+    V y = v_turn(r, n);
+    I far = ~(v_fabs(x) < 1e5);
+    return __builtin_expect(v_any(far), 0) ? v_pick(far, v_far_sin(x), y) : y;
+}
+INLINE V v_cos(V x)
+{
+    V n, r = v_quarter(x, &n);
+    V y = v_turn(r, n + 1.0);
+    I far = ~(v_fabs(x) < 1e5);
+    return __builtin_expect(v_any(far), 0) ? v_pick(far, v_far_cos(x), y) : y;
+}
+INLINE V v_tan(V x)
+{
+    return v_sin(x) / v_cos(x);
+}
+
+/* Arc tangent of y / x for x > 0 through the octant nearest to 0, pi/4 or pi/2; one division. */
+INLINE V v_octant(V y, V x)
+{
+    V a = v_fabs(y);
+    I steep = a > 2.414213562373095 * x, middle = a > 0.4142135623730951 * x;
+    V top = v_pick(steep, -x, v_pick(middle, a - x, a));
+    V bottom = v_pick(steep, a, v_pick(middle, a + x, x));
+    V base = v_pick(steep, v_all(1.5707963267948966), v_pick(middle, v_all(0.7853981633974483), v_all(0.0)));
+    V t = top / bottom, z = t * t;
+    V p = z * 0.01511376508271356 - 0.03338782448748951;
+    p = p * z + 0.044995007283918385;
+    p = p * z - 0.052173125739150616;
+    p = p * z + 0.058768340045912165;
+    p = p * z - 0.06666205259974159;
+    p = p * z + 0.07692281099937581;
+    p = p * z - 0.09090908059031183;
+    p = p * z + 0.11111111085322109;
+    p = p * z - 0.1428571428532971;
+    p = p * z + 0.19999999999997015;
+    p = p * z - 0.33333333333333326;
+    return v_copysign(base + (t + t * z * p), y);
+}
+INLINE V v_atan(V x)
+{
+    return v_octant(x, v_all(1.0));
+}
+INLINE V v_atan2(V y, V x)
+{
+    V a = v_octant(y, v_fabs(x));
+    a = v_pick((v_fabs(x) == 0.0) & (y == 0.0), v_copysign(v_all(0.0), y), a);
+    return v_pick((I)x < 0, v_copysign(v_all(3.141592653589793), y) - a, a);
+}
+
+/* Exponential: x = k ln 2 + r, Taylor series on |r| <= ln(2)/2;
+   beyond the range of doubles, their ends. */
+INLINE V v_exp_inside(V x)
+{
+    V t = x * 1.4426950408889634 + 0x1.8p52, n = t - 0x1.8p52;
+    V r = x - n * 0x1.62e42fefa0000p-1;
+    r = r - n * 0x1.cf79abc9e3b3ap-40;
+    V p = r * (1.0 / 479001600.0) + 1.0 / 39916800.0;
+    p = p * r + 1.0 / 3628800.0;
+    p = p * r + 1.0 / 362880.0;
+    p = p * r + 1.0 / 40320.0;
+    p = p * r + 1.0 / 5040.0;
+    p = p * r + 1.0 / 720.0;
+    p = p * r + 1.0 / 120.0;
+    p = p * r + 1.0 / 24.0;
+    p = p * r + 1.0 / 6.0;
+    p = p * r + 0.5;
+    V e = 1.0 + (r + r * r * p);
+    return (V)((I)e + ((I)t << 52));
+}
+INLINE V v_exp(V x)
+{
+    return v_exp_inside(v_pick(x > 709.0, v_all(709.0), v_pick(x < -708.0, v_all(-708.0), x)));
+}
+INLINE V v_tanh(V x)
+{
+    V e = v_exp_inside(v_pick(v_fabs(x) > 20.0, v_copysign(v_all(40.0), x), x + x));
+    return 1.0 - 2.0 / (e + 1.0);
+}
+INLINE V v_hypot(V a, V b)
+{
+    return v_sqrt(a * a + b * b);
+}

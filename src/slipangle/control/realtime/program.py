@@ -1,0 +1,407 @@
+"""One optimal control problem as one C source: sizes, model code, quadratic program, algorithm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipangle.control.ocp import OCP
+from slipangle.control.realtime.emit import elimination_code, lanes_code, nonzeros, scalar_code
+from slipangle.models.integrate import RADAU_A
+from slipangle.models.vehicles import OdeModel
+from slipangle.ops import is_symbolic
+
+MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
+FIELDS = (  # of the C struct, as seen from Python
+    "x0 applied w p r bounds tolerance time_limit newton u x k cost violation step residual seconds seconds_prepare "
+    "seconds_feedback"
+).split()
+COUNTS = "max_iterations fixed fresh iterations qp_iterations".split()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Implicit:
+    """A state derivative whose states fall into a core that feeds back on itself and quadratures behind it."""
+
+    core: tuple[int, ...]
+    rest: tuple[int, ...]
+    derivative: ca.Function
+    slopes: ca.Function
+    quadrature: ca.Function
+
+
+def input_scale(ocp: OCP) -> np.ndarray:
+    """Unit of each control inside the quadratic program: half its range, or 1."""
+    low, high = ocp.input_bounds.T
+    with np.errstate(invalid="ignore"):
+        half = 0.5 * (high - low)
+    return np.where(np.isfinite(half) & (half > 0), half, 1.0)
+
+
+def symbols(ocp: OCP, kind: Any = ca.SX) -> tuple[Any, Any, Any, Any, Any]:
+    """x, u, w, the model's input vector and p."""
+    x, u, w, p = (
+        kind.sym(n, k)
+        for n, k in (
+            ("x", ocp.model.n_states),
+            ("u", len(ocp.controls)),
+            ("w", len(ocp.exogenous)),
+            ("p", len(ocp.references)),
+        )
+    )
+    parts = [u[ocp.controls.index(n)] if n in ocp.controls else w[ocp.exogenous.index(n)] for n in ocp.model.inputs]
+    return x, u, w, ca.vertcat(*parts), p
+
+
+def implicit(ocp: OCP) -> Implicit | None:
+    """The parts of a model integrated by one step of Radau IIA, or None for other models."""
+    model = ocp.model
+    if not (isinstance(model, OdeModel) and model.method == "radau" and model.substeps == 1):
+        return None
+    x, u, w, full, _ = symbols(ocp)
+    rate = model.derivative(x, full)
+    if not is_symbolic(rate):
+        return None
+    derivative = ca.Function("derivative", [x, u, w], [ca.densify(rate)])
+    pattern = np.array(ca.DM(ca.jacobian(rate, x).sparsity(), 1).full()) != 0
+    core = _core(pattern)
+    rest = _order([a for a in range(len(pattern)) if a not in core], pattern)
+    if not core or rest is None:
+        return None
+    f = rate[list(core)]
+    slopes = ca.Function("core", [x, u, w], [ca.densify(f), ca.jacobian(f, x[list(core)]), ca.jacobian(f, u)])
+    k = ca.SX.sym("k", 3, len(core))  # one column per core state
+    h = model.dt
+    places = [ca.SX(x) for _ in range(3)]
+    for c, a in enumerate(core):
+        for j in range(3):
+            places[j][a] = x[a] + h * ca.mtimes(ca.DM(RADAU_A[j]).T, k[:, c])
+    later = ca.SX(x)
+    for a in rest:
+        slope = ca.vertcat(*[derivative(places[j], u, w)[a] for j in range(3)])
+        for j in range(3):
+            places[j][a] = x[a] + h * ca.mtimes(ca.DM(RADAU_A[j]).T, slope)
+        later[a] = x[a] + h * ca.mtimes(ca.DM(RADAU_A[2]).T, slope)
+    q = later[list(rest)]
+    flat = ca.vec(k)
+    quadrature = ca.Function("quadrature", [flat, x, u, w], [q, *(ca.jacobian(q, v) for v in (flat, x, u))])
+    return Implicit(core=core, rest=tuple(rest), derivative=derivative, slopes=slopes, quadrature=quadrature)
+
+
+def _core(pattern: np.ndarray) -> tuple[int, ...]:
+    """States that lie on a cycle of influence or influence one, those with the fewest neighbours first."""
+    n = len(pattern)
+    reach = pattern.T.copy()  # reach[b, a]: b influences a
+    for m in range(n):
+        reach |= np.outer(reach[:, m], reach[m])
+    cyclic = np.diag(reach)
+    core = [b for b in range(n) if cyclic[b] or (reach[b] & cyclic).any()]
+    inner = pattern[np.ix_(core, core)]
+    degree = inner.sum(axis=0) + inner.sum(axis=1)
+    return tuple(core[i] for i in np.argsort(degree, kind="stable"))
+
+
+def _order(states: list[int], pattern: np.ndarray) -> list[int] | None:
+    """States in an order in which each depends on earlier ones only."""
+    done: list[int] = []
+    left = list(states)
+    while left:
+        ready = [a for a in left if not any(pattern[a, b] for b in left)]
+        if not ready:
+            return None
+        done += ready
+        left = [a for a in left if a not in ready]
+    return done
+
+
+def stage_function(ocp: OCP) -> ca.Function:
+    """``(x, u, w, p) -> error, limited`` and their derivatives by x and u."""
+    base = scalar_code(ocp.stage)
+    x, u, w, _, p = symbols(ocp, ca.SX if base is not None else ca.MX)
+    error, limited = (base or ocp.stage)(x, u, w, p)
+    parts = [error, limited, *(ca.jacobian(v, z) for v in (error, limited) for z in (x, u))]
+    return ca.Function("stage", [x, u, w, p], parts)
+
+
+def dynamics_function(ocp: OCP) -> ca.Function:
+    """``(x, u, w) -> next`` and its derivatives by x and u."""
+    base = scalar_code(ocp.dynamics)
+    x, u, w, _, _ = symbols(ocp, ca.SX if base is not None else ca.MX)
+    later = (base or ocp.dynamics)(x, u, w)
+    return ca.Function("dynamics", [x, u, w], [later, ca.jacobian(later, x), ca.jacobian(later, u)])
+
+
+def limit_rows(ocp: OCP) -> list[tuple[int, int]]:
+    """Stage and index of each limited quantity in the quadratic program."""
+    now = [(0, j) for j in range(len(ocp.limited)) if ocp.limited_now[j]]
+    return now + [(i, j) for i in range(1, ocp.horizon + 1) for j in range(len(ocp.limited))]
+
+
+def slack_of_limited(ocp: OCP) -> tuple[np.ndarray, np.ndarray]:
+    """Plain weight (infinite: hard) and squared weight of each limited quantity, for half the cost."""
+    plain, square = np.full(len(ocp.limited), np.inf), np.zeros(len(ocp.limited))
+    squares, plains = ocp.slack_weights
+    for name, s, p in zip(ocp.soft, squares, plains, strict=True):
+        plain[ocp.limited.index(name)], square[ocp.limited.index(name)] = 0.5 * p, s
+    return plain, square
+
+
+def source(ocp: OCP, *, lanes: int = 0) -> str:
+    """The whole C source.
+
+    Parameters
+    ----------
+    ocp : OCP
+        The problem; everything but states, references and bounds of a corridor is compiled in.
+    lanes : int
+        Columns per vector; by default what the processor has.
+    """
+    stage = stage_function(ocp)
+    stage_lanes = scalar_code(stage)
+    parts = implicit(ocp)
+    plain = None if parts else scalar_code(dynamics_function(ocp))
+    if plain is not None and plain.n_instructions() > MOST_INSTRUCTIONS:
+        plain = None
+    called: list[ca.Function] = []
+    code: list[str] = []
+    if parts:
+        code += _implicit_code(parts)
+    elif plain is not None:
+        code.append(lanes_code(plain, "explicit_dynamics"))
+    else:
+        called.append(_by_row(dynamics_function(ocp), "called_dynamics"))
+    if stage_lanes is not None:
+        code.append(lanes_code(stage_lanes, "lanes_stage"))
+    else:
+        called.append(_by_row(stage, "called_stage"))
+    kinds = ["RADAU" if parts else "EXPLICIT" if plain is not None else "CALLED"]
+    kinds.append("EXPLICIT" if stage_lanes is not None else "CALLED")
+    head = [f"#define LANES {lanes}"] if lanes else []
+    return "\n".join(
+        [
+            "/* Generated from one optimal control problem. */",
+            "#define _POSIX_C_SOURCE 200809L",
+            _pragma(code),
+            "#include <stdlib.h>",
+            "#include <time.h>",
+            *head,
+            _casadi_code(called) if called else "",
+            _text("lanes.h"),
+            _sizes(ocp, stage, parts, kinds),
+            *code,
+            _scratch(called, bool(parts)),
+            _text("qp.c"),
+            _text("work.c"),
+            _text("stages.c"),
+            _text("solver.c"),
+            _fields(),
+        ]
+    )
+
+
+def _pragma(code: Sequence[str]) -> str:
+    """Long straight-line code is compiled with less effort."""
+    return '#pragma GCC optimize("O1")' if sum(map(len, code)) > 1_500_000 else ""
+
+
+def _implicit_code(parts: Implicit) -> list[str]:
+    pattern = _core_pattern(parts)
+    n = len(parts.core)
+    newton = [
+        {3 * b + m for b in range(n) if pattern[a, b] or a == b for m in range(3)} for a in range(n) for _ in "123"
+    ]
+    code = [lanes_code(parts.slopes, "core"), elimination_code(newton, "newton")]
+    if parts.rest:
+        code.append(lanes_code(parts.quadrature, "quadrature"))
+    return code
+
+
+def _core_pattern(parts: Implicit) -> np.ndarray:
+    return np.array(ca.DM(parts.slopes.sparsity_out(1), 1).full()) != 0
+
+
+def _by_row(function: ca.Function, name: str) -> ca.Function:
+    """The function with dense outputs stored by row, by differentiating through CasADi's matrix code."""
+    inputs = [ca.MX.sym(function.name_in(i), function.size1_in(i)) for i in range(function.n_in())]
+    outputs = function.call(inputs)
+    return ca.Function(name, inputs, [ca.densify(o).T if o.shape[1] > 1 else ca.densify(o) for o in outputs])
+
+
+def _casadi_code(functions: Iterable[ca.Function]) -> str:
+    generator = ca.CodeGenerator("called", {"with_header": False, "verbose": False})
+    for f in functions:
+        generator.add(f)
+    return generator.dump()
+
+
+def _text(name: str) -> str:
+    return (files("slipangle.control.realtime") / name).read_text(encoding="utf-8")
+
+
+def _array(kind: str, name: str, values: Sequence[Any] | np.ndarray) -> str:
+    def write(v: Any) -> str:
+        if kind == "int":
+            return str(int(v))
+        return "INFINITY" if v == np.inf else "-INFINITY" if v == -np.inf else repr(float(v))
+
+    listed = ", ".join(write(v) for v in values) or "0"
+    return f"static const {kind} {name}[] = {{{listed}}};"
+
+
+def _patterns(name: str, sparsity: ca.Sparsity) -> list[str]:
+    rows = nonzeros(sparsity)
+    first = np.concatenate([[0], np.cumsum([len(r) for r in rows])])
+    return [_array("int", f"{name}_FIRST", first), _array("int", f"{name}_AT", [c for r in rows for c in r])]
+
+
+def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str]) -> str:
+    n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
+    rows = limit_rows(ocp)
+    rated = [j for j in range(nu) if np.isfinite(ocp.step_bounds[j]).any()]
+    core = len(parts.core) if parts else 0
+    numbers = {
+        "N": n,
+        "NX": nx,
+        "NU": nu,
+        "NW": len(ocp.exogenous),
+        "NP": len(ocp.references),
+        "NE": len(ocp.tracked),
+        "NL": len(ocp.limited),
+        "NC": core,
+        "NK": 3 * core,
+        "NQ": len(parts.rest) if parts else 0,
+        "QN": n * nu,
+        "QR": n * len(rated),
+        "QD": len(rows),
+        "N_LIMITS": len(rows),
+    }
+    q, end, r, s = ocp.weights
+    plain, square = slack_of_limited(ocp)
+    lines = ["#define EXPLICIT 0", "#define RADAU 1", "#define CALLED 2"]
+    lines += [f"#define DYNAMICS {kinds[0]}", f"#define STAGE {kinds[1]}", "#define M1(n) ((n) > 0 ? (n) : 1)"]
+    lines += [f"#define {k} {v}" for k, v in numbers.items()]
+    lines += [
+        _array("double", "WEIGHT_Q", q),
+        _array("double", "WEIGHT_END", end),
+        _array("double", "WEIGHT_R", r),
+        _array("double", "WEIGHT_S", s),
+        _array("double", "SCALE", input_scale(ocp)),
+        _array("double", "INPUT_LOW", ocp.input_bounds[:, 0]),
+        _array("double", "INPUT_HIGH", ocp.input_bounds[:, 1]),
+        _array("double", "STEP_LOW", ocp.step_bounds[:, 0]),
+        _array("double", "STEP_HIGH", ocp.step_bounds[:, 1]),
+        _array("double", "LIMIT_PLAIN", plain),
+        _array("double", "LIMIT_SQUARE", square),
+        _array("int", "LIMIT_STAGE", [i for i, _ in rows]),
+        _array("int", "LIMIT_WHICH", [j for _, j in rows]),
+        _array("int", "E_INPUT", [bool(row) for row in nonzeros(stage.sparsity_out(3))]),
+        *_patterns("E", stage.sparsity_out(2)),
+    ]
+    if parts:
+        lines += [
+            f"#define STEP {ocp.dt!r}",
+            _array("int", "CORE", parts.core),
+            _array("int", "CORE_AT", _core_pattern(parts).ravel()),
+            _array("int", "REST", parts.rest),
+            _array("double", "RADAU_H", (ocp.dt * RADAU_A).ravel()),
+            _array("double", "RADAU_REST", np.linalg.solve(ocp.dt * RADAU_A, np.ones(3))),
+            *_patterns("Q", parts.quadrature.sparsity_out(1)),
+        ]
+        lines += _patterns("A", _step_pattern(parts, nx))
+    else:
+        lines += _patterns("A", dynamics_function(ocp).sparsity_out(1))
+    return "\n".join(lines) + "\n"
+
+
+def _step_pattern(parts: Implicit, nx: int) -> ca.Sparsity:
+    """Nonzeros of the derivative of the next state by the state."""
+    core, rest = list(parts.core), list(parts.rest)
+    filled = np.eye(nx, dtype=bool)
+    inner = _core_pattern(parts) | np.eye(len(core), dtype=bool)
+    for _ in core:
+        inner = (inner.astype(int) @ inner.astype(int)) > 0
+    filled[np.ix_(core, core)] = inner
+    by_slope = np.array(ca.DM(parts.quadrature.sparsity_out(1), 1).full()) != 0
+    by_state = np.array(ca.DM(parts.quadrature.sparsity_out(2), 1).full()) != 0
+    for i, a in enumerate(rest):
+        used = by_slope[i].reshape(len(core), 3).any(axis=1)
+        filled[a] |= by_state[i]
+        filled[a, core] |= (used[:, None] & inner).any(axis=0)
+    rows, columns = np.nonzero(filled)
+    return ca.Sparsity.triplet(nx, nx, rows.tolist(), columns.tolist())
+
+
+def _scratch(called: Sequence[ca.Function], is_implicit: bool) -> str:
+    lines = ["typedef struct {"]
+    lines.append("    V x[NX], u[NU], w[M1(NW)], p[M1(NP)], next[NX], A[NX * NX], B[NX * NU], e[M1(NE)], l[M1(NL)];")
+    lines.append("    V E[M1(NE * NX)], D[M1(NE * NU)], LX[M1(NL * NX)], LU[M1(NL * NU)];")
+    if is_implicit:
+        lines.append("    V k[NK], d[NK], kept[NK], way[NK], m[NK * NK], s[(NC + NU) * NK];")
+        lines.append("    V f[3 * NC], fx[3 * NC * NC], fu[3 * NC * NU];")
+        lines.append("    V q[M1(NQ)], qk[M1(NQ * NK)], qx[M1(NQ * NX)], qu[M1(NQ * NU)];")
+    if called:
+        lines.append(f"    double work[{1 + max(f.sz_w() for f in called)}];")
+        lines.append(f"    long long int iw[{1 + max(f.sz_iw() for f in called)}];")
+    return "\n".join([*lines, "} Scratch;\n"])
+
+
+def _fields() -> str:
+    """Addresses for Python, in the order of FIELDS and COUNTS."""
+    names = [*FIELDS, *COUNTS]
+    lines = ["void *rt_at(Work *s, int i)", "{", "    switch (i) {"]
+    lines += [f"    case {i}: return &s->{name};" for i, name in enumerate(names)]
+    return "\n".join([*lines, "    }", "    return NULL;", "}", ""])
+
+
+def qp_source(most_inputs: int, most_rows: int) -> str:
+    """C source of the quadratic program alone, for any size up to the given one; see ``qp_new`` in its last part."""
+    return "\n".join(
+        [
+            "#define _POSIX_C_SOURCE 200809L\n#define QP_ANY_SIZE",
+            f"#define QN {most_inputs}\n#define QR 1\n#define QD {most_rows}",
+            "#include <stdlib.h>\n#include <time.h>",
+            _text("lanes.h"),
+            _text("qp.c"),
+            """
+Qp *qp_new(void)
+{
+    void *at = NULL;
+    return posix_memalign(&at, 64, sizeof(Qp)) ? NULL : memset(at, 0, sizeof(Qp));
+}
+void qp_free(Qp *q)
+{
+    free(q);
+}
+/* H, A by row; limits, weights: inputs first, then rows of A. */
+int qp_run(Qp *q, int n, int m, const double *H, const double *g, const double *A, const double *lo, const double *hi,
+           const double *plain, const double *square, int warm, double *u, double *lambda, double *kkt)
+{
+    q->n = n, q->rates = 0, q->dense = m, q->until = INFINITY;
+    memset(q->H, 0, sizeof q->H);
+    memset(q->C, 0, sizeof q->C);
+    memset(q->g, 0, sizeof q->g);
+    for (int a = 0; a < n; a++) {
+        for (int b = a; b < n; b++)
+            ((double *)q->H)[a * QL + b] = H[a * n + b];
+        q->g[a] = g[a];
+    }
+    for (int i = 0; i < m; i++)
+        memcpy((double *)q->C + i * QL, A + i * n, sizeof(double) * (size_t)n);
+    memcpy(q->lo, lo, sizeof(double) * (size_t)(n + m));
+    memcpy(q->hi, hi, sizeof(double) * (size_t)(n + m));
+    memcpy(q->plain, plain, sizeof(double) * (size_t)(n + m));
+    memcpy(q->square, square, sizeof(double) * (size_t)(n + m));
+    int status = qp_factor(q) ? qp_solve(q, warm) : QP_NUMBER;
+    memcpy(u, q->u, sizeof(double) * (size_t)n);
+    memcpy(lambda, q->lambda, sizeof(double) * (size_t)(n + m));
+    *kkt = q->kkt;
+    return status;
+}
+""",
+        ]
+    )

@@ -1,0 +1,478 @@
+/* Strictly convex quadratic program with limits of rows, hard or at a price, by a dual active-set method:
+
+       minimise  1/2 u'Hu + g'u + sum_i phi_i(excess of row i over its limits)
+       phi_i(e) = infinite for hard rows, plain_i e + square_i e^2 / 2 for soft ones.
+
+   Rows are the inputs themselves, differences of two inputs, and dense rows. Starting from the unconstrained
+   optimum, the most violated row enters while stationarity is kept (Goldfarb, Idnani, Math. Program. 27, 1983). A soft
+   row is one more kind of event: its multiplier may rise to `plain` with the limit kept (KEPT); beyond, the limit is
+   exceeded by (multiplier - plain) / square (PAID), or by whatever is needed when square is zero (SPENT). */
+
+#define QT (QN + QR + QD)                             /* rows */
+#define QL ((QN + LANES - 1) / LANES * LANES)         /* inputs, padded */
+#define QLT ((QT + LANES - 1) / LANES * LANES)
+
+enum { FREE, KEPT, PAID, SPENT };
+enum { QP_SOLVED, QP_INFEASIBLE, QP_LIMIT, QP_LATE, QP_NUMBER };
+
+typedef struct {
+    V H[QN * QL / LANES];  /* upper triangle by row */
+    V U[QN * QL / LANES];  /* factor, H = U'U */
+    V Y[QT * QL / LANES];  /* rows times the inverse of U, where `have` says so */
+    V C[(QD + 1) * QL / LANES];
+    double g[QL], u[QL], start[QL], xi[QL], inverse[QN];
+    double lo[QT], hi[QT], square[QT], plain[QT]; /* plain: infinite for hard rows */
+    double lambda[QT];                            /* positive at an upper limit */
+    double lam[QT], sign[QT], limit[QT], step[QT], rhs[QT];
+    double G[QT * QLT], F[QT * QLT];
+    double kkt, until;
+    int after[QR + 1], before[QR + 1]; /* differences u[after] - u[before]; before < 0: u[after] alone */
+    int n, rates, dense, k, iterations, limit_iterations;
+    int row[QT], mode[QT];
+    char have[QT];
+} Qp;
+
+#ifdef QP_ANY_SIZE
+#define Q_N (q->n)
+#define Q_R (q->rates)
+#define Q_D (q->dense)
+#else
+#define Q_N QN
+#define Q_R QR
+#define Q_D QD
+#endif
+
+static double now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+INLINE double dot(const double *a, const double *b, int n)
+{
+    V sum = {0}, x, y;
+    int i = 0;
+    for (; i + LANES <= n; i += LANES) {
+        memcpy(&x, a + i, sizeof x);
+        memcpy(&y, b + i, sizeof y);
+        sum += x * y;
+    }
+    double total = 0;
+    for (int j = 0; j < LANES; j++)
+        total += sum[j];
+    for (; i < n; i++)
+        total += a[i] * b[i];
+    return total;
+}
+INLINE void add(double *restrict y, double a, const double *restrict x, int n)
+{
+    for (int i = 0; i < n; i++)
+        y[i] += a * x[i];
+}
+
+/* U'y = c in place, c zero before `first`; U x = y in place. */
+static void forward(const Qp *q, double *c, int first)
+{
+    const double *U = (const double *)q->U;
+    for (int j = first; j < Q_N; j++) {
+        c[j] *= q->inverse[j];
+        add(c + j + 1, -c[j], U + j * QL + j + 1, Q_N - j - 1);
+    }
+}
+static void backward(const Qp *q, double *y)
+{
+    const double *U = (const double *)q->U;
+    for (int j = Q_N - 1; j >= 0; j--)
+        y[j] = (y[j] - dot(U + j * QL + j + 1, y + j + 1, Q_N - j - 1)) * q->inverse[j];
+}
+
+/* Factor of H; a diagonal too small for its column is raised, which keeps such an input where it is. */
+static int qp_factor(Qp *q)
+{
+    const double *H = (const double *)q->H;
+    double *U = (double *)q->U;
+    memcpy(U, H, sizeof(double) * (size_t)(Q_N * QL));
+    double top = 0;
+    for (int j = 0; j < Q_N; j++)
+        top = fmax(top, H[j * QL + j]);
+    for (int j = 0; j < Q_N; j++) {
+        double d = U[j * QL + j];
+        if (!(d > 1e-13 * H[j * QL + j] && d > 1e-30 * top))
+            return 0;
+        d = sqrt(d);
+        q->inverse[j] = 1 / d;
+        for (int b = j; b < Q_N; b++)
+            U[j * QL + b] *= q->inverse[j];
+        for (int a = j + 1; a < Q_N; a++)
+            add(U + a * QL + a, -U[j * QL + a], U + j * QL + a, Q_N - a);
+    }
+    memset(q->have, 0, sizeof q->have);
+    return 1;
+}
+
+INLINE double row_value(const Qp *q, int i, const double *u)
+{
+    if (i < Q_N)
+        return u[i];
+    i -= Q_N;
+    if (i < Q_R)
+        return u[q->after[i]] - (q->before[i] < 0 ? 0 : u[q->before[i]]);
+    return dot((const double *)q->C + (i - Q_R) * QL, u, Q_N);
+}
+static void row_add(const Qp *q, int i, double a, double *into)
+{
+    if (i < Q_N) {
+        into[i] += a;
+        return;
+    }
+    i -= Q_N;
+    if (i < Q_R) {
+        into[q->after[i]] += a;
+        if (q->before[i] >= 0)
+            into[q->before[i]] -= a;
+        return;
+    }
+    add(into, a, (const double *)q->C + (i - Q_R) * QL, Q_N);
+}
+static const double *row_y(Qp *q, int i)
+{
+    double *y = (double *)q->Y + i * QL;
+    if (!q->have[i]) {
+        memset(y, 0, sizeof(double) * QL);
+        row_add(q, i, 1.0, y);
+        int first = i < Q_N ? i : 0;
+        forward(q, y, first);
+        q->have[i] = 1;
+    }
+    return y;
+}
+
+INLINE double softness(const Qp *q, int a)
+{
+    return q->mode[q->row[a]] == PAID ? 1 / q->square[q->row[a]] : 0.0;
+}
+static void refactor(Qp *q, int from)
+{
+    for (int a = from; a < q->k; a++)
+        for (int b = 0; b <= a; b++) {
+            double v = q->G[a * QLT + b] - dot(q->F + a * QLT, q->F + b * QLT, b);
+            if (b < a)
+                q->F[a * QLT + b] = v / q->F[b * QLT + b];
+            else {
+                v += softness(q, a);
+                double least = 1e-14 * (q->G[a * QLT + a] + softness(q, a));
+                q->F[a * QLT + a] = sqrt(v > least ? v : least);
+            }
+        }
+}
+static void solve_working(const Qp *q, double *r)
+{
+    for (int a = 0; a < q->k; a++)
+        r[a] = (r[a] - dot(q->F + a * QLT, r, a)) / q->F[a * QLT + a];
+    for (int a = q->k - 1; a >= 0; a--) {
+        r[a] /= q->F[a * QLT + a];
+        for (int b = 0; b < a; b++)
+            r[b] -= q->F[a * QLT + b] * r[a];
+    }
+}
+static void enter(Qp *q, int p, double sign, double limit, double lam, int mode)
+{
+    int k = q->k;
+    const double *y = row_y(q, p);
+    q->row[k] = p, q->sign[k] = sign, q->limit[k] = limit, q->lam[k] = lam, q->mode[p] = mode;
+    for (int a = 0; a <= k; a++)
+        q->G[k * QLT + a] = dot(row_y(q, q->row[a]), y, Q_N) * sign * q->sign[a];
+    q->k = k + 1;
+    refactor(q, k);
+}
+static void leave(Qp *q, int a, int mode)
+{
+    q->mode[q->row[a]] = mode;
+    for (int b = a; b + 1 < q->k; b++) {
+        q->row[b] = q->row[b + 1], q->sign[b] = q->sign[b + 1];
+        q->limit[b] = q->limit[b + 1], q->lam[b] = q->lam[b + 1];
+        for (int c = 0; c <= b; c++)
+            q->G[b * QLT + c] = q->G[(b + 1) * QLT + c + (c >= a)];
+    }
+    q->k--;
+    refactor(q, a);
+}
+
+/* One step of iterative refinement of u and the multipliers of the working rows. */
+static void refine(Qp *q)
+{
+    const double *H = (const double *)q->H;
+    double *z = q->xi;
+    for (int a = 0; a < QL; a++)
+        z[a] = a < Q_N ? -q->g[a] : 0;
+    for (int a = 0; a < Q_N; a++) {
+        z[a] -= dot(H + a * QL + a, q->u + a, Q_N - a);
+        add(z + a + 1, -q->u[a], H + a * QL + a + 1, Q_N - a - 1);
+    }
+    for (int i = 0; i < QT; i++)
+        if (q->mode[i] == SPENT)
+            row_add(q, i, -q->lambda[i], z);
+    for (int a = 0; a < q->k; a++)
+        row_add(q, q->row[a], -q->lam[a] * q->sign[a], z);
+    forward(q, z, 0);
+    for (int a = 0; a < q->k; a++) {
+        int i = q->row[a];
+        double miss = q->sign[a] * row_value(q, i, q->u) - q->limit[a];
+        if (q->mode[i] == PAID)
+            miss -= (q->lam[a] - q->plain[i]) / q->square[i];
+        q->rhs[a] = q->sign[a] * dot(row_y(q, i), z, Q_N) + miss;
+    }
+    solve_working(q, q->rhs);
+    for (int a = 0; a < q->k; a++) {
+        q->lam[a] += q->rhs[a];
+        add(z, -q->rhs[a] * q->sign[a], row_y(q, q->row[a]), Q_N);
+    }
+    backward(q, z);
+    add(q->u, 1.0, z, Q_N);
+}
+
+/* Largest violation of the optimality conditions, relative to the size of their terms. */
+static double qp_residual(Qp *q)
+{
+    const double *H = (const double *)q->H;
+    double *z = q->xi, size = 1e-300, worst = 0;
+    for (int a = 0; a < Q_N; a++) {
+        if (!(fabs(q->u[a]) < INFINITY && fabs(q->g[a]) < INFINITY))
+            return INFINITY;
+        z[a] = q->g[a];
+        size = fmax(size, fabs(q->g[a]));
+    }
+    for (int a = 0; a < Q_N; a++) {
+        z[a] += dot(H + a * QL + a, q->u + a, Q_N - a);
+        add(z + a + 1, q->u[a], H + a * QL + a + 1, Q_N - a - 1);
+    }
+    for (int i = 0; i < Q_N + Q_R + Q_D; i++)
+        if (q->lambda[i] != 0)
+            row_add(q, i, q->lambda[i], z);
+    for (int a = 0; a < Q_N; a++)
+        worst = fmax(worst, fabs(z[a]) / size);
+    for (int i = 0; i < Q_N + Q_R + Q_D; i++) {
+        double v = row_value(q, i, q->u), l = q->lambda[i];
+        double over = fmax(v - q->hi[i], q->lo[i] - v), paid = 0;
+        if (l != 0) {
+            double e = l > 0 ? v - q->hi[i] : q->lo[i] - v, m = fabs(l);
+            if (m > q->plain[i] && q->square[i] > 0)
+                paid = (m - q->plain[i]) / q->square[i];
+            if (m < q->plain[i] || q->square[i] > 0 || e < 0) /* else it may be exceeded by any amount */
+                worst = fmax(worst, fabs(e - paid) / (1 + fabs(l > 0 ? q->hi[i] : q->lo[i]) + fabs(v)));
+        } else if (over > 0 && !(q->plain[i] <= 0 && q->square[i] <= 0))
+            worst = fmax(worst, over / (1 + fabs(v)));
+        if (!(worst < INFINITY))
+            return INFINITY;
+    }
+    return worst;
+}
+
+#define CLOSE 1e-10 /* a row counts as violated beyond this, relative to its limit */
+
+/* The row that is violated most; `back` says that a SPENT row does not exceed its limit any more. */
+static int most_violated(const Qp *q, double *sign, int *back)
+{
+    double worst = 0;
+    int p = -1;
+    for (int i = 0; i < Q_N + Q_R + Q_D; i++) {
+        if (q->mode[i] == KEPT || q->mode[i] == PAID)
+            continue;
+        double v = row_value(q, i, q->u), e, s;
+        if (q->mode[i] == SPENT) {
+            s = q->lambda[i] > 0 ? 1 : -1;
+            double b = s > 0 ? q->hi[i] : -q->lo[i];
+            e = (b - s * v) / (1 + fabs(b));
+        } else {
+            double over = v - q->hi[i], under = q->lo[i] - v;
+            s = over > under ? 1 : -1;
+            e = s > 0 ? over / (1 + fabs(q->hi[i])) : under / (1 + fabs(q->lo[i]));
+            if (q->plain[i] <= 0 && q->square[i] <= 0)
+                continue;
+        }
+        if (e > worst) {
+            worst = e, p = i, *sign = s;
+            *back = q->mode[i] == SPENT;
+        }
+    }
+    return worst > CLOSE ? p : -1;
+}
+
+/* Multipliers of the working rows from scratch; rows whose multiplier has left its range change their mode. */
+static int settle(Qp *q)
+{
+    for (int round = 0; round <= 2 * QT; round++) {
+        memcpy(q->u, q->start, sizeof q->u);
+        for (int a = 0; a < q->k; a++)
+            q->lam[a] = 0;
+        refine(q);
+        int a = -1, to = FREE;
+        double worst = 0;
+        for (int b = 0; b < q->k; b++) {
+            int i = q->row[b];
+            double low = q->mode[i] == PAID ? q->plain[i] : 0, high = q->mode[i] == KEPT ? q->plain[i] : INFINITY;
+            double e = fmax(low - q->lam[b], q->lam[b] - high);
+            if (e > worst)
+                worst = e, a = b, to = q->lam[b] > high ? PAID : q->mode[i] == PAID && q->plain[i] > 0 ? KEPT : FREE;
+        }
+        if (a < 0)
+            return 1;
+        if (to == FREE)
+            leave(q, a, FREE);
+        else if (to == PAID && q->square[q->row[a]] <= 0)
+            return 0;
+        else {
+            q->mode[q->row[a]] = to;
+            refactor(q, a);
+        }
+    }
+    return 0;
+}
+
+/* Bring row p to its limit (or, if it is SPENT and back inside, lower its multiplier until it is on the limit). */
+static int bring(Qp *q, int p, double sign, int back)
+{
+    double limit = sign > 0 ? q->hi[p] : -q->lo[p], plain = q->plain[p], square = q->square[p];
+    double lam = back ? plain : 0, way = back ? -1 : 1;
+    int mode = plain <= 0 ? PAID : KEPT;
+    double *r = q->rhs, *z = q->xi;
+    for (;;) {
+        if (++q->iterations > q->limit_iterations)
+            return QP_LIMIT;
+        if ((q->iterations & 15) == 0 && now() > q->until)
+            return QP_LATE;
+        const double *y = row_y(q, p);
+        for (int a = 0; a < Q_N; a++)
+            z[a] = sign * y[a];
+        for (int a = 0; a < q->k; a++)
+            r[a] = q->sign[a] * sign * dot(row_y(q, q->row[a]), y, Q_N);
+        solve_working(q, r);
+        double own = dot(y, y, Q_N), rate = 0;
+        for (int a = 0; a < q->k; a++) {
+            add(z, -r[a] * q->sign[a], row_y(q, q->row[a]), Q_N);
+            rate += softness(q, a) * r[a] * r[a];
+        }
+        rate += dot(z, z, Q_N);
+        double miss = way * (sign * row_value(q, p, q->u) - limit);
+        if (mode == PAID) {
+            miss -= (lam - plain) / square;
+            rate += 1 / square;
+        }
+        double full = rate > 1e-12 * own ? fmax(miss, 0) / rate : INFINITY, t = full;
+        int blocks = -1, itself = 0;
+        for (int a = 0; a < q->k; a++) {
+            int i = q->row[a];
+            double d = -way * r[a], to = INFINITY;
+            if (full == INFINITY && r[a] * r[a] * q->G[a * QLT + a] < 1e-18 * own)
+                continue; /* rounding: this row has no part in the dependence */
+            if (d < 0)
+                to = (q->lam[a] - (q->mode[i] == PAID ? q->plain[i] : 0)) / -d;
+            else if (d > 0 && q->mode[i] == KEPT)
+                to = (q->plain[i] - q->lam[a]) / d;
+            if (to < t)
+                t = fmax(to, 0), blocks = a;
+        }
+        double own_end = way < 0 ? lam : mode == KEPT ? plain - lam : INFINITY;
+        if (own_end < t)
+            t = own_end, blocks = -1, itself = 1;
+        if (!(t < INFINITY))
+            return QP_INFEASIBLE;
+        lam += way * t;
+        for (int a = 0; a < q->k; a++)
+            q->lam[a] -= way * t * r[a];
+        backward(q, z);
+        add(q->u, -way * t, z, Q_N);
+        if (itself) {
+            if (way < 0) {
+                q->mode[p] = FREE, q->lambda[p] = 0;
+                return QP_SOLVED;
+            }
+            if (square <= 0) {
+                q->mode[p] = SPENT, q->lambda[p] = sign * plain;
+                return QP_SOLVED;
+            }
+            mode = PAID;
+        } else if (blocks < 0) {
+            q->lambda[p] = 0;
+            enter(q, p, sign, limit, lam, mode);
+            return QP_SOLVED;
+        } else {
+            int i = q->row[blocks], up = -way * r[blocks] > 0;
+            if (q->mode[i] == PAID && q->plain[i] > 0) {
+                q->mode[i] = KEPT;
+                refactor(q, blocks);
+            } else if (!up)
+                leave(q, blocks, FREE);
+            else if (q->square[i] > 0) {
+                q->mode[i] = PAID;
+                refactor(q, blocks);
+            } else {
+                q->lambda[i] = q->sign[blocks] * q->plain[i];
+                leave(q, blocks, SPENT);
+            }
+        }
+    }
+}
+
+static int qp_attempt(Qp *q, int warm)
+{
+    int rows = Q_N + Q_R + Q_D, status = QP_SOLVED;
+    q->iterations = 0;
+    q->limit_iterations = 20 * rows + 50;
+    memset(q->lambda, 0, sizeof q->lambda);
+    for (int a = 0; a < QL; a++)
+        q->start[a] = a < Q_N ? -q->g[a] : 0;
+    forward(q, q->start, 0);
+    backward(q, q->start);
+    int old = warm ? q->k : 0;
+    q->k = 0;
+    for (int a = 0; a < old; a++) {
+        int i = q->row[a], mode = q->mode[i];
+        double sign = q->sign[a], limit = sign > 0 ? q->hi[i] : -q->lo[i];
+        q->mode[i] = FREE;
+        if (a < QN && fabs(limit) < INFINITY)
+            enter(q, i, sign, limit, 0, mode);
+    }
+    if (old) {
+        for (int i = 0; i < rows; i++) {
+            int kept = 0;
+            for (int a = 0; a < q->k; a++)
+                kept |= q->row[a] == i;
+            if (!kept)
+                q->mode[i] = FREE;
+        }
+        if (!settle(q))
+            old = 0;
+    }
+    if (!old) {
+        q->k = 0;
+        memset(q->mode, 0, sizeof q->mode);
+        memcpy(q->u, q->start, sizeof q->u);
+    }
+    for (int round = 0; round < 4; round++) {
+        double sign = 1;
+        int p, back = 0;
+        while (status == QP_SOLVED && (p = most_violated(q, &sign, &back)) >= 0)
+            status = bring(q, p, sign, back);
+        refine(q);
+        if (status != QP_SOLVED || most_violated(q, &sign, &back) < 0)
+            break;
+    }
+    for (int a = 0; a < q->k; a++)
+        q->lambda[q->row[a]] = q->sign[a] * fmax(q->lam[a], 0);
+    q->kkt = qp_residual(q);
+    if (!(q->kkt < INFINITY))
+        return status == QP_SOLVED ? QP_NUMBER : status;
+    return status == QP_SOLVED && q->kkt > 1e-8 ? QP_NUMBER : status;
+}
+
+/* Solve from the working rows of the solve before (`warm`) or from none. The answer is u and lambda; its residual,
+   kkt, is measured on the problem itself, whatever happened on the way. */
+static int qp_solve(Qp *q, int warm)
+{
+    int status = qp_attempt(q, warm);
+    if (warm && status != QP_SOLVED && status != QP_LATE)
+        status = qp_attempt(q, 0);
+    return status;
+}

@@ -1,0 +1,212 @@
+/* Next state of all steps and errors of all stages with their derivatives, LANES columns at a time. */
+
+INLINE int column(int first, int count, int lane, int last)
+{
+    int i = first + (lane < count ? lane : count - 1);
+    return i < last ? i : last;
+}
+
+static void gather(V *to, const double *from, int width, int first, int count, int last)
+{
+    for (int lane = 0; lane < LANES; lane++) {
+        const double *at = from + column(first, count, lane, last) * width;
+        for (int a = 0; a < width; a++)
+            to[a][lane] = at[a];
+    }
+}
+
+static void scatter(const V *from, double *to, int width, int first, int count, int last)
+{
+    for (int lane = 0; lane < count && first + lane <= last; lane++) {
+        double *at = to + (first + lane) * width;
+        for (int a = 0; a < width; a++)
+            at[a] = from[a][lane];
+    }
+}
+
+#if DYNAMICS == RADAU
+
+/* Stage slopes that carry the fast states to where they settle: short, growing, linearly implicit Euler steps. */
+static void settle_fast_states(Scratch *c, I which)
+{
+    V y[NX], m[NC * NC], b[NC];
+    for (int a = 0; a < NX; a++)
+        y[a] = c->x[a];
+    for (double h = 1e-3 * STEP; h < 0.3 * STEP; h *= 1.6) {
+        core(y, c->u, c->w, c->f, c->fx, c->fu);
+        for (int i = 0; i < NC; i++) {
+            b[i] = h * c->f[i];
+            for (int j = 0; j < NC; j++)
+                m[i * NC + j] = (i == j ? 1.0 : 0.0) - h * c->fx[i * NC + j];
+        }
+        for (int k = 0; k < NC; k++)
+            for (int i = k + 1; i < NC; i++) {
+                V f = m[i * NC + k] / m[k * NC + k];
+                for (int j = k; j < NC; j++)
+                    m[i * NC + j] -= f * m[k * NC + j];
+                b[i] -= f * b[k];
+            }
+        for (int i = NC - 1; i >= 0; i--) {
+            for (int j = i + 1; j < NC; j++)
+                b[i] -= m[i * NC + j] * b[j];
+            b[i] /= m[i * NC + i];
+            y[CORE[i]] += b[i];
+        }
+    }
+    for (int i = 0; i < NK; i++) {
+        V slope = RADAU_REST[i % 3] * (y[CORE[i / 3]] - c->x[CORE[i / 3]]);
+        c->k[i] = v_pick(which & (slope == slope), slope, v_pick(which, v_all(0.0), c->k[i]));
+    }
+}
+
+/* Three-stage Radau IIA with exact Newton steps. The core states (those that feed back on each other) are
+   implicit; the others follow by quadrature. Stage slopes k are kept between calls. The last factors also give the
+   derivatives, by the implicit function theorem. */
+static void integrate(Scratch *c, double tolerance)
+{
+    V at[NX], before = v_all(INFINITY), t = v_all(1.0);
+    for (int a = 0; a < NX; a++)
+        at[a] = c->x[a];
+    for (int round = 0; round < 50; round++) {
+        for (int j = 0; j < 3; j++) {
+            for (int a = 0; a < NC; a++) {
+                const V *k = c->k + 3 * a;
+                at[CORE[a]] = c->x[CORE[a]] + (RADAU_H[3 * j] * k[0] + RADAU_H[3 * j + 1] * k[1] + RADAU_H[3 * j + 2] * k[2]);
+            }
+            core(at, c->u, c->w, c->f + j * NC, c->fx + j * NC * NC, c->fu + j * NC * NU);
+        }
+        for (int a = 0; a < NC; a++)
+            for (int j = 0; j < 3; j++) {
+                V *row = c->m + (3 * a + j) * NK;
+                const V *fx = c->fx + (j * NC + a) * NC;
+                for (int b = 0; b < NC; b++)
+                    if (CORE_AT[a * NC + b] || a == b)
+                        for (int l = 0; l < 3; l++)
+                            row[3 * b + l] = -RADAU_H[3 * j + l] * fx[b] + (a == b && j == l ? 1.0 : 0.0);
+                c->d[3 * a + j] = c->k[3 * a + j] - c->f[j * NC + a];
+            }
+        V size = {0};
+        for (int i = 0; i < NK; i++) {
+            V r = STEP * c->d[i] / (1.0 + v_fabs(c->x[CORE[i / 3]]));
+            size += r * r;
+        }
+        /* wheels past the peak of their tire throw a full step too far: halve it until the residual falls */
+        I worse = ~(size <= before) & ~(size <= tolerance * tolerance) & (t > 1e-4);
+        newton_factor(c->m);
+        newton_solve(c->m, c->d);
+        I moving = worse;
+        for (int i = 0; i < NK; i++) {
+            V scale = 1.0 + v_fabs(c->x[CORE[i / 3]]);
+            moving |= ~(v_fabs(c->d[i]) * STEP <= tolerance * scale);
+        }
+        t = v_pick(worse, 0.5 * t, v_all(1.0));
+        before = v_pick(worse, before, size);
+        for (int i = 0; i < NK; i++) {
+            c->kept[i] = v_pick(worse, c->kept[i], c->k[i]);
+            c->way[i] = v_pick(worse, c->way[i], c->d[i]);
+            c->k[i] = c->kept[i] - t * c->way[i];
+        }
+        if (!v_any(moving))
+            break;
+        if (round == 14) { /* once more, from wheels at rest in their slip */
+            settle_fast_states(c, moving);
+            before = v_pick(moving, v_all(INFINITY), before);
+        }
+        if (round == 49)
+            for (int i = 0; i < NK; i++)
+                c->k[i] = v_pick(moving, v_all(NAN), c->k[i]);
+    }
+    for (int b = 0; b < NC + NU; b++) {
+        V *s = c->s + b * NK;
+        for (int a = 0; a < NC; a++)
+            for (int j = 0; j < 3; j++)
+                s[3 * a + j] = b < NC ? c->fx[(j * NC + a) * NC + b] : c->fu[(j * NC + a) * NU + b - NC];
+        newton_solve(c->m, s);
+    }
+    for (int a = 0; a < NC; a++) {
+        const V *k = c->k + 3 * a;
+        c->next[CORE[a]] = c->x[CORE[a]] + (RADAU_H[6] * k[0] + RADAU_H[7] * k[1] + RADAU_H[8] * k[2]);
+        for (int b = 0; b < NC + NU; b++) {
+            const V *s = c->s + b * NK + 3 * a;
+            V slope = RADAU_H[6] * s[0] + RADAU_H[7] * s[1] + RADAU_H[8] * s[2];
+            if (b < NC)
+                c->A[CORE[a] * NX + CORE[b]] = slope + (a == b ? 1.0 : 0.0);
+            else
+                c->B[CORE[a] * NU + b - NC] = slope;
+        }
+    }
+#if NQ > 0
+    quadrature(c->k, c->x, c->u, c->w, c->q, c->qk, c->qx, c->qu);
+    for (int a = 0; a < NQ; a++) {
+        int row = REST[a];
+        c->next[row] = c->q[a];
+        for (int b = 0; b < NX; b++)
+            c->A[row * NX + b] = c->qx[a * NX + b];
+        for (int b = 0; b < NU; b++)
+            c->B[row * NU + b] = c->qu[a * NU + b];
+        for (int b = 0; b < NC + NU; b++) {
+            V sum = {0};
+            for (int i = Q_FIRST[a]; i < Q_FIRST[a + 1]; i++)
+                sum += c->qk[a * NK + Q_AT[i]] * c->s[b * NK + Q_AT[i]];
+            if (b < NC)
+                c->A[row * NX + CORE[b]] += sum;
+            else
+                c->B[row * NU + b - NC] += sum;
+        }
+    }
+#endif
+}
+
+#endif
+
+static void evaluate_dynamics(Work *s, int first, int count)
+{
+    Scratch *c = &s->scratch;
+#if DYNAMICS == CALLED
+    for (int i = first; i < first + count && i < N; i++) {
+        const double *in[3] = {s->x + i * NX, s->u + i * NU, s->w + i * NW};
+        double *out[3] = {s->next + i * NX, s->A + i * NX * NX, s->B + i * NX * NU};
+        called_dynamics(in, out, c->iw, c->work, 0);
+    }
+#else
+    gather(c->x, s->x, NX, first, count, N - 1);
+    gather(c->u, s->u, NU, first, count, N - 1);
+    gather(c->w, s->w, NW, first, count, N - 1);
+#if DYNAMICS == RADAU
+    gather(c->k, s->k, NK, first, count, N - 1);
+    integrate(c, s->newton);
+    scatter(c->k, s->k, NK, first, count, N - 1);
+#else
+    explicit_dynamics(c->x, c->u, c->w, c->next, c->A, c->B);
+#endif
+    scatter(c->next, s->next, NX, first, count, N - 1);
+    scatter(c->A, s->A, NX * NX, first, count, N - 1);
+    scatter(c->B, s->B, NX * NU, first, count, N - 1);
+#endif
+}
+
+static void evaluate_stage(Work *s, int first)
+{
+    Scratch *c = &s->scratch;
+#if STAGE == CALLED
+    for (int i = first; i < first + LANES && i <= N; i++) {
+        int at = i < N ? i : N - 1;
+        const double *in[4] = {s->x + i * NX, s->u + at * NU, s->w + at * NW, s->p + i * NP};
+        double *out[6] = {s->e + i * NE, s->l + i * NL, s->E + i * NE * NX, s->D + i * NE * NU,
+                          s->LX + i * NL * NX, s->LU + i * NL * NU};
+        called_stage(in, out, c->iw, c->work, 0);
+    }
+#else
+    gather(c->x, s->x, NX, first, LANES, N);
+    gather(c->u, s->u, NU, first, LANES, N - 1);
+    gather(c->w, s->w, NW, first, LANES, N - 1);
+    gather(c->p, s->p, NP, first, LANES, N);
+    lanes_stage(c->x, c->u, c->w, c->p, c->e, c->l, c->E, c->D, c->LX, c->LU);
+    scatter(c->e, s->e, NE, first, LANES, N);
+    scatter(c->l, s->l, NL, first, LANES, N);
+    scatter(c->E, s->E, NE * NX, first, LANES, N);
+    scatter(c->D, s->D, NE * NU, first, LANES, N);
+    scatter(c->LX, s->LX, NL * NX, first, LANES, N);
+    scatter(c->LU, s->LU, NL * NU, first, LANES, N);
+#endif
+}

@@ -1,0 +1,62 @@
+"""Without a compiler the same controller runs, gives the same answers and says so once."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slipangle.control.plan import Status
+from slipangle.control.realtime import RealTime, backend
+from slipangle.errors import ModelWarning
+from slipangle.models import compiled
+from tests.control.realtime.test_realtime import CONVERGED, car, drive, problem, situation
+from tests.models.all_models import ALL_MODELS
+
+
+@pytest.fixture
+def no_compiler(monkeypatch):
+    monkeypatch.setenv("SLIPANGLE_CC", "none")
+    backend._say_once.cache_clear()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        yield
+
+
+def test_it_says_so_once(monkeypatch):
+    monkeypatch.setenv("SLIPANGLE_CC", "none")
+    backend._say_once.cache_clear()
+    with pytest.warns(ModelWarning, match="no C compiler"):
+        car(horizon=2).prepare()
+    car(horizon=3).prepare()  # a second warning would be an error
+
+
+@pytest.mark.parametrize("name", ["bicycle", "state space", "NARX", "bicycle on the ground"])
+def test_same_answer_as_ipopt(no_compiler, name):
+    mpc = problem(ALL_MODELS[name], np.random.default_rng(0), 6)
+    ours = replace(mpc, solver=CONVERGED)
+    for seed in range(3):
+        x, reference, before = situation(mpc, seed)
+        mine, theirs = ours.plan(x, reference, applied=before), mpc.plan(x, reference, applied=before)
+        assert mine.status is Status.SOLVED
+        assert mine.cost == pytest.approx(theirs.cost, rel=1e-6)
+        assert mine.command == pytest.approx(theirs.command, abs=3e-5 * mpc.input_bounds[:, 1].max())
+
+
+@pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
+def test_same_drive_as_compiled(monkeypatch, no_compiler):
+    slow = [plan for *_, plan in drive(car(solver=RealTime()), steps=40)]
+    monkeypatch.delenv("SLIPANGLE_CC")
+    fast = [plan for *_, plan in drive(car(solver=RealTime()), steps=40)]
+    for a, b in zip(slow, fast, strict=True):
+        assert a.status is b.status
+        assert a.command / [0.03, 2500] == pytest.approx(b.command / [0.03, 2500], abs=2e-3)
+
+
+def test_bad_states_fall_back(no_compiler):
+    mpc = car(horizon=5)
+    *_, (x, reference, previous, _) = drive(mpc, steps=4)
+    plan = mpc.plan(x * np.nan, reference, previous)
+    assert plan.age == 1
+    assert np.isfinite(plan.u).all()
+    assert mpc.plan(x, reference, plan).age == 0

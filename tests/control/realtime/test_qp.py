@@ -1,0 +1,106 @@
+"""The compiled quadratic program: optimality on its own terms, against DAQP, with trouble on purpose."""
+
+import daqp
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from slipangle.models import compiled
+from tests.control.realtime.qps import INFEASIBLE, SOLVED, Solver, draw, residual
+
+pytestmark = pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
+
+
+def infeasible(problem):
+    """Whether a linear program finds no point within the hard rows, and by how much the best one misses them."""
+    _, g, A, lo, hi, plain, _ = problem
+    n, hard = len(g), ~np.isfinite(plain)
+    C = np.vstack([np.eye(n), A])[hard]
+    G, b = np.vstack([C, -C]), np.r_[hi[hard], -lo[hard]]
+    finite = np.isfinite(b)
+    cost = np.r_[np.zeros(n), 1.0]
+    found = linprog(
+        cost,
+        A_ub=np.c_[G[finite], -np.ones(finite.sum())],
+        b_ub=b[finite],
+        bounds=[(None, None)] * n + [(0, None)],
+    )
+    return found.fun
+
+
+def check(seeds, *, soft=True):
+    """Every answer is optimal to 1e-8 or reported; returns how many were reported as what."""
+    solve = Solver()
+    counts = {}
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        problem = draw(rng, soft=soft)
+        status, u, lam, kkt = solve(problem)
+        counts[status] = counts.get(status, 0) + 1
+        if status == SOLVED:
+            assert kkt <= 1e-8, seed
+            assert residual(problem, u, lam) <= 1e-8, seed
+        elif status == INFEASIBLE:
+            assert infeasible(problem) > 1e-9, seed
+    return counts
+
+
+def test_random_problems_are_solved_or_reported_and_none_is_wrong():
+    counts = check(range(600))
+    assert counts[SOLVED] >= 550
+    assert counts[INFEASIBLE] >= 3
+    assert counts[SOLVED] + counts[INFEASIBLE] >= 0.999 * 600
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_random_problems():
+    counts = check(range(100_000))
+    assert counts[SOLVED] + counts[INFEASIBLE] >= 99_900
+
+
+@pytest.mark.parametrize("kind", ["plain", "degenerate", "ill", "tight", "box", "equal"])
+def test_same_as_daqp(kind):
+    solve = Solver()
+    compared = 0
+    for seed in range(40):
+        problem = draw(np.random.default_rng([seed, 7]), soft=False, kind=kind)
+        H, g, A, lo, hi, _, _ = problem
+        status, u, _, _ = solve(problem)
+        big = [np.clip(b, -1e30, 1e30) for b in (hi, lo)]
+        theirs, _, flag, _ = daqp.solve(
+            H, g.copy(), A.copy() if len(A) else np.zeros((0, len(g))), *big, primal_tol=1e-10, dual_tol=1e-12
+        )
+        if status == SOLVED and flag == 1:
+            compared += 1
+            gap = 0.5 * u @ H @ u + g @ u - (0.5 * theirs @ H @ theirs + g @ theirs)
+            assert abs(gap) <= 1e-7 * (1 + abs(g @ u)), seed
+    assert compared >= 25
+
+
+def test_a_warm_start_changes_no_answer():
+    cold, warm = Solver(), Solver()
+    rng = np.random.default_rng(3)
+    for seed in range(60):
+        problem = draw(np.random.default_rng(seed), kind="plain")
+        H, g, A, lo, hi, plain, square = problem
+        warm(problem)
+        for _ in range(4):
+            g = g + 0.3 * rng.standard_normal(len(g)) * np.abs(g).mean()
+            moved = (H, g, A, lo, hi, plain, square)
+            first, second = cold(moved), warm(moved, warm=True)
+            assert first[0] == second[0]
+            if first[0] == SOLVED:
+                assert second[1] == pytest.approx(first[1], abs=1e-7 * (1 + np.abs(first[1]).max()))
+
+
+def test_nan_and_indefinite_problems_are_reported():
+    solve = Solver()
+    H, g, A, lo, hi, plain, square = draw(np.random.default_rng(0), kind="plain")
+    n = len(g)
+    for bad in (
+        (H, np.full(n, np.nan), A, lo, hi, plain, square),
+        (H * np.nan, g, A, lo, hi, plain, square),
+        (-H, g, A, lo, hi, plain, square),
+        (np.zeros((n, n)), g, A, lo, hi, plain, square),
+    ):
+        assert solve(bad)[0] != SOLVED

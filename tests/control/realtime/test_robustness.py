@@ -1,0 +1,138 @@
+"""Closed loops under wrong parameters, lost friction, noise, delay, dropped measurements and killed solves."""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slipangle.control.mpc import MPC
+from slipangle.control.plan import Plan, Status
+from slipangle.control.realtime import RealTime
+from slipangle.control.terms import Limits
+from slipangle.data.manoeuvres import double_lane_change
+from slipangle.models import compiled
+from slipangle.models.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
+from slipangle.models.tires import Tire
+from slipangle.models.vehicles import SingleTrack
+from tests.control.realtime.test_realtime import car
+
+pytestmark = pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
+PATH = double_lane_change(20.0, blend=12.0)
+
+
+class Slippery(Tire):
+    """Another tire on a road of lower friction."""
+
+    def __init__(self, tire, friction):
+        self.tire, self.friction = tire, friction
+
+    def forces(self, slip_ratio, slip_angle, load, *, camber=0.0, friction=1.0):
+        return self.tire.forces(slip_ratio, slip_angle, load, camber=camber, friction=friction * self.friction)
+
+
+def plant(rng, friction):
+    """The car with parameters that the controller does not know, up to 20 % off."""
+    params = replace(
+        SOUSA_TABLE_6_1,
+        mass=2500.0 * rng.uniform(0.8, 1.2),
+        inertia_z=2200.0 * rng.uniform(0.8, 1.2),
+        l_f=1.35 * rng.uniform(0.9, 1.1),
+        radius=0.42 * rng.uniform(0.95, 1.05),
+    )
+    tire = Slippery(SOUSA_TABLE_6_2, friction)
+    return SingleTrack(params=params, dt=0.1, tire_f=tire, tire_r=tire).functions[0]
+
+
+class Killed:
+    """The real-time solver, killed or broken in some of its solves."""
+
+    def __init__(self, rng, share):
+        self.rng, self.share, self.kills = rng, share, 0
+
+    def build(self, ocp, deadline):
+        self.engine = RealTime().build(ocp, deadline)
+        return self
+
+    def solve(self, start):
+        return self.engine.solve(start)
+
+    def resume(self, x, applied, reference, previous):
+        solution = self.engine.resume(x, applied, reference, previous)
+        if self.rng.random() < self.share:
+            self.kills += 1
+            how = self.rng.integers(3)
+            if how == 0:
+                raise RuntimeError("killed")
+            if how == 1:
+                return replace(solution, u=solution.u * np.nan)
+            return replace(solution, status=Status.FAILED)
+        return solution
+
+
+def loop(mpc: MPC, killed: Killed, plants, seed: int) -> Counter:
+    """One drive; whatever happens, every command is finite, within limits, and every fallback is counted."""
+    rng = np.random.default_rng(seed)
+    killed.rng = np.random.default_rng([seed, 1])
+    dry, wet = plants
+    slippery_from = rng.integers(10, 60)
+    delayed, dropped, noisy = rng.random() < 0.5, rng.uniform(0, 0.1), rng.uniform(0, 2)
+    x = mpc.model.straight(rng.uniform(15, 23), X=PATH.start[0], Y=rng.normal(0, 0.3))
+    size = noisy * np.array([0.05, 0.02, 0.005, 0.1, 0.1, 0.02, 0.02, 0.002])
+    plan: Plan | None = None
+    waiting, seen, s, counts = np.zeros(2), Counter(), 0.0, Counter()
+    before, kills = np.zeros(2), killed.kills
+    low, high = mpc.input_bounds.T
+    for k in range(70):
+        measured = x + size * rng.standard_normal(8)
+        lost = rng.random() < dropped
+        if lost:
+            measured[rng.integers(8)] = np.nan
+            seen["lost"] += 1
+        if np.isfinite(measured[[5, 6]]).all():
+            s = PATH.project(measured[5], measured[6], s).s
+        plan = mpc.plan(measured, mpc.reference(PATH.ahead(s, mpc.horizon, 0.1), T_r=0.0), plan)
+        counts[plan.status] += 1
+        seen["fallback"] += plan.age > 0
+        assert np.isfinite(plan.u).all()
+        assert np.isfinite(plan.x).all()
+        assert (plan.u >= low).all()
+        assert (plan.u <= high).all()
+        changes = np.diff(np.vstack([before, plan.u]), axis=0)
+        assert (np.abs(changes) <= mpc.step_bounds[:, 1] * (1 + 1e-9)).all()
+        assert plan.age == 0 or plan.message.count("fallback") == 1
+        applied, waiting = (waiting, plan.command) if delayed else (plan.command, plan.command)
+        before = plan.command
+        x = np.asarray((wet if k >= slippery_from else dry)(x, [*applied, 0.0])).ravel()
+        if not np.isfinite(x).all():
+            break
+    bad = sum(n for status, n in counts.items() if not status.solved and not status.unfinished)
+    assert seen["fallback"] >= bad
+    assert seen["fallback"] >= seen["lost"] * (not killed.share)
+    assert killed.kills - kills <= seen["fallback"]
+    return counts + Counter({"fallbacks": seen["fallback"]})
+
+
+def loops(seeds, plants_of=8):
+    """Many loops on a few plants; totals of all statuses."""
+    rng = np.random.default_rng(0)
+    killed = Killed(rng, 0.03)
+    mpc = car(solver=killed, rates=Limits(delta=0.5 / 3, T_f=20000.0))
+    totals: Counter = Counter()
+    cars = [(plant(rng, 1.0), plant(rng, rng.uniform(0.3, 0.6))) for _ in range(plants_of)]
+    for seed in seeds:
+        totals += loop(mpc, killed, cars[seed % plants_of], seed)
+    return totals
+
+
+def test_a_few_random_loops():
+    totals = loops(range(12), plants_of=2)
+    assert totals["fallbacks"] > 20  # kills and losses happened and were survived
+    assert totals[Status.REAL_TIME] > 0.7 * 12 * 70
+
+
+@pytest.mark.slow
+def test_a_thousand_random_loops():
+    totals = loops(range(1000), plants_of=20)
+    assert totals["fallbacks"] > 1000
+    assert totals[Status.REAL_TIME] > 0.7 * 1000 * 70
