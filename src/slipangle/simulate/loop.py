@@ -1,0 +1,310 @@
+"""`closed_loop`: a plant, a controller and a path."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from slipangle.control.driver import DriverState, SpeedDriver
+from slipangle.control.ocp import Reference
+from slipangle.control.plan import Plan
+from slipangle.control.terms import Values, require_names
+from slipangle.data.path import Path, Preview
+from slipangle.errors import ParameterError, SampleTimeError
+from slipangle.models.model import Model
+from slipangle.simulate.plants import Plant, Simulation
+from slipangle.simulate.run import End, Run
+
+FAR = 20.0  # m from the path: the drive is over
+STOPPING = 5.0  # m/s2, deceleration of a plant whose speed is an input
+
+
+class Controller(Protocol):
+    """What `closed_loop` needs of a controller; `MPC` has it."""
+
+    @property
+    def model(self) -> Model:
+        """What it predicts with; its outputs are the measurements it wants."""
+        ...
+
+    @property
+    def dt(self) -> float:
+        """Time between plans. [s]"""
+        ...
+
+    @property
+    def horizon(self) -> int:
+        """Steps it looks ahead."""
+        ...
+
+    @property
+    def controls(self) -> tuple[str, ...]:
+        """Inputs it decides."""
+        ...
+
+    @property
+    def exogenous(self) -> tuple[str, ...]:
+        """Inputs of its model that it does not decide."""
+        ...
+
+    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
+        """What to track, from a look along the path."""
+        ...
+
+    def plan(
+        self,
+        x: np.ndarray,
+        reference: Reference | Preview,
+        previous: Plan | None = None,
+        *,
+        applied: np.ndarray | None = None,
+    ) -> Plan:
+        """What to do from a state, shape (n_states,)."""
+        ...
+
+
+def closed_loop(
+    plant: Plant,
+    controller: Controller,
+    path: Path,
+    *,
+    duration: float | None = None,
+    driver: SpeedDriver | None = None,
+    held: Values | None = None,
+    x0: np.ndarray | None = None,
+    width: float = 1.8,
+    sample: float = 0.01,
+    progress: Callable[[float], None] | None = None,
+) -> Run:
+    """Drive along a path.
+
+    The plant runs at its own step, the controller at its own, the speed driver at ``sample``. The state of
+    the controller's model is predicted with `Model.step` and corrected with the measurements by
+    `Model.correct`; the preview starts at the measured speed. Inputs of the plant come, in this order, from
+    the controller, from the driver, from ``held``, and ``v_x`` from the path's speed profile.
+
+    Parameters
+    ----------
+    plant : Plant
+        Measures at least X, Y, psi and v_x.
+    controller : MPC or the like
+        Plans on the outputs of its model, which the plant must measure.
+    path : Path
+        With a speed profile.
+    duration : float, optional
+        When to stop at the latest [s]; by default at the end of an open path, after one lap of a closed one.
+    driver : SpeedDriver, optional
+        Holds the speed of a plant whose speed is a state, unless the controller does.
+    held : Values, optional
+        Constant inputs that nobody else sets.
+    x0 : array, shape (n_states,), optional
+        Where the plant starts; by default straight ahead at the path's start and speed.
+    width : float
+        Vehicle width, for `Run.inside`. [m]
+    sample : float
+        Time between samples of the result and steps of the driver. [s]
+    progress : callable, optional
+        Called with the fraction of the path that is done.
+
+    Raises
+    ------
+    ParameterError
+        If a measurement or an input has no source, or the path has no speed profile.
+    SampleTimeError
+        If the sample times do not divide each other.
+    """
+    loop = _Loop(plant, controller, path, driver, held or Values(), sample)
+    limit = _time_limit(path) if duration is None else duration
+    if not limit > 0:
+        raise ParameterError(f"the duration is {limit} s; expected a positive time")
+    X, Y, psi = path.start
+    start = plant.straight(loop.speed(0.0), X=X, Y=Y, psi=psi) if x0 is None else np.asarray(x0, dtype=float)
+    simulation = loop.begin(start)
+    end = None
+    while end is None:
+        loop.plan(simulation)
+        if progress is not None:
+            progress(min(max(loop.s / path.length, 0.0), 1.0))
+        for _ in range(loop.per_plan):
+            end = loop.record(simulation, limit, stop_at_end=duration is None or not path.closed)
+            if end is not None:
+                break
+            loop.drive(simulation)
+    return loop.result(end, width)
+
+
+def _time_limit(path: Path) -> float:
+    """Three times what the profile takes, for a vehicle that lost its speed."""
+    if path.v_x is None:
+        raise ParameterError(f"'{path.name}' has no speed profile; expected one: use path.with_speed(20.0)")
+    return 3.0 * float(np.sum(path.spacing / np.maximum(path.v_x[:-1], 0.5))) + 5.0
+
+
+@dataclass
+class _Loop:
+    """State of the drive between steps."""
+
+    plant: Plant
+    controller: Controller
+    path: Path
+    driver: SpeedDriver | None
+    held: Values
+    sample: float
+    s: float = 0.0
+    tick: int = 0
+    x: np.ndarray = field(default_factory=lambda: np.empty(0))
+    model_inputs: np.ndarray = field(default_factory=lambda: np.empty(0))
+    command: np.ndarray = field(default_factory=lambda: np.empty(0))
+    driving: DriverState = field(default_factory=DriverState)
+    plans: list[Plan] = field(default_factory=list)
+    times: list[float] = field(default_factory=list)
+    rows: list[np.ndarray] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        if self.path.v_x is None:
+            _time_limit(self.path)
+        if self.driver is not None and not math.isclose(self.driver.dt, self.sample):
+            self.driver = replace(self.driver, dt=self.sample)
+        self.per_sample = _ratio(self.sample, self.plant.dt, "the sample time of the run", "the plant's")
+        self.per_plan = _ratio(self.controller.dt, self.sample, "the controller's step", "the sample time of the run")
+        model, plant = self.controller.model, self.plant
+        needed = dict.fromkeys(("X", "Y", "psi", *model.outputs, *self.controller.exogenous))
+        require_names(needed, (*plant.channels, "v_x"), "the controller", "use a plant that measures it, see OnGround")
+        require_names(("v_x",), plant.channels, "the loop", "use a plant that measures its speed")
+        require_names(self.controller.controls, plant.model.inputs, "the controller", "use a plant with this input")
+        require_names(self.held, plant.model.inputs, "held", "use an input of the plant")
+        shares = self.driver.inputs(0.0) if self.driver is not None else {}
+        require_names(shares, plant.model.inputs, "the driver", "share its output over inputs of the plant")
+        self.base = np.zeros(plant.model.n_inputs)
+        for j, name in enumerate(plant.model.inputs):
+            if name in self.controller.controls or name in shares or name == "v_x":
+                continue
+            if name not in self.held:
+                raise ParameterError(
+                    f"nobody sets the plant's input '{name}'; expected a source: give driver=SpeedDriver(...), or "
+                    f"held=Values({name}=0.0)"
+                )
+            self.base[j] = self.held[name]
+
+    # ---- one step ----------------------------------------------------------------------------------------------
+
+    def speed(self, s: float) -> float:
+        """Wanted speed: the path's, or zero when the controller wants to stop. [m/s]"""
+        if self.plans and self.plans[-1].stopping:
+            return 0.0
+        return self.path.speed(s)
+
+    def begin(self, x: np.ndarray) -> Simulation:
+        """Start the plant and the controller's model."""
+        inputs = self.base.copy()
+        names = self.plant.model.inputs
+        if "v_x" in names:
+            inputs[names.index("v_x")] = self.speed(0.0)
+        self.command = inputs
+        simulation = self.plant.start(x, inputs)
+        true = simulation.true()
+        self.s = self.path.project(true["X"], true["Y"]).s
+        self.x = np.array([true.get(n, 0.0) for n in self.controller.model.states])
+        return simulation
+
+    def plan(self, simulation: Simulation) -> None:
+        """Measure, estimate the state of the controller's model, plan."""
+        controller, measured = self.controller, simulation.measure()
+        model = controller.model
+        applied = None if not self.plans else self.plans[-1].command
+        now = dict(measured)
+        if applied is not None:
+            now.update(zip(controller.controls, applied.tolist(), strict=True))
+        inputs = np.array([now[n] for n in model.inputs])
+        y = np.array([measured[n] for n in model.outputs])
+        step, _, correct = model.functions
+        if self.plans:
+            self.x = np.asarray(step(self.x, self.model_inputs).full()).ravel()
+        if np.isfinite(y).all() and np.isfinite(inputs).all():
+            self.x = np.asarray(correct(self.x, inputs, y).full()).ravel()
+        v_x = measured["v_x"]
+        if all(math.isfinite(measured[n]) for n in ("X", "Y")):
+            self.s = self.path.project(measured["X"], measured["Y"], self.s).s
+        preview = self.path.ahead(
+            self.s, controller.horizon, controller.dt, v_x=v_x if math.isfinite(v_x) else self.speed(self.s)
+        )
+        exogenous = {n: measured[n] for n in controller.exogenous if n != "v_x"}
+        plan = controller.plan(
+            self.x, controller.reference(preview, **exogenous), self.plans[-1] if self.plans else None
+        )
+        for name, value in zip(controller.controls, plan.command, strict=True):
+            inputs[model.inputs.index(name)] = value
+        self.model_inputs = inputs
+        self.plans.append(plan)
+        self.times.append(self.tick * self.sample)
+
+    def drive(self, simulation: Simulation) -> None:
+        """Set the plant's inputs and advance it by one sample."""
+        names, u = self.plant.model.inputs, self.base.copy()
+        if self.driver is not None:
+            wanted = self.speed(self.s)
+            slope = (self.speed(self.s + 0.5) - self.speed(self.s - 0.5)) * wanted
+            output, self.driving = self.driver.step(self.driving, wanted, simulation.measure()["v_x"], slope)
+            for name, value in self.driver.inputs(output).items():
+                u[names.index(name)] = value
+        if "v_x" in names:
+            j, most = names.index("v_x"), STOPPING * self.sample
+            change = self.speed(self.s) - self.command[j]
+            u[j] = self.command[j] + (max(change, -most) if self.plans[-1].stopping else change)
+        for name, value in zip(self.controller.controls, self.plans[-1].command, strict=True):
+            u[names.index(name)] = value
+        self.command = u
+        simulation.advance(u, self.per_sample)
+        self.tick += 1
+
+    def record(self, simulation: Simulation, limit: float, *, stop_at_end: bool) -> End | None:
+        """Note the state of the plant; why the drive is over, if it is."""
+        true = simulation.true()
+        if not np.isfinite(simulation.x).all():
+            return End.NOT_FINITE
+        foot = self.path.project(true["X"], true["Y"], self.rows[-1][1] if self.rows else self.s)
+        e_psi = math.remainder(true["psi"] - foot.psi, 2 * math.pi)
+        row = [self.tick * self.sample, foot.s, foot.e_y, e_psi, true["v_x"]]
+        self.rows.append(np.concatenate([row, simulation.x, simulation.inputs]))
+        if abs(foot.e_y) > FAR:
+            return End.LEFT_PATH
+        if stop_at_end and foot.s >= self.path.length:
+            return End.FINISHED
+        return End.TIME if row[0] >= limit - 1e-9 else None
+
+    def result(self, end: End, width: float) -> Run:
+        """The drive so far."""
+        model = self.plant.model
+        table = np.array(self.rows).reshape(len(self.rows), 5 + model.n_states + model.n_inputs)
+        line = self.path.at(table[:, 1])
+        return Run(
+            t=table[:, 0],
+            states=table[:, 5 : 5 + model.n_states],
+            inputs=table[:, 5 + model.n_states :],
+            state_names=tuple(model.states),
+            input_names=tuple(model.inputs),
+            path=self.path,
+            s=table[:, 1],
+            reference=np.column_stack([line.X, line.Y, line.psi, line.v_x]),
+            e_y=table[:, 2],
+            e_psi=table[:, 3],
+            v_x=table[:, 4],
+            t_plan=np.array(self.times),
+            plans=tuple(replace(p, memory=None) for p in self.plans),
+            controls=tuple(self.controller.controls),
+            end=end,
+            width=width,
+        )
+
+
+def _ratio(long: float, short: float, what: str, other: str) -> int:
+    ratio = round(long / short)
+    if ratio < 1 or not math.isclose(ratio * short, long, rel_tol=1e-6):
+        raise SampleTimeError(
+            f"{what} is {long:g} s, {other} is {short:g} s; expected a whole multiple: choose another of the two"
+        )
+    return ratio

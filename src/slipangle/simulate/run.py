@@ -1,0 +1,142 @@
+"""`Run`: what happened in a closed loop, ready to be judged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from slipangle.control.plan import Plan, Status, count
+from slipangle.data.path import Path
+from slipangle.errors import ParameterError, nearest
+
+
+class End(Enum):
+    """Why a drive ended."""
+
+    FINISHED = "the end of the path was reached"
+    TIME = "the given duration was over"
+    LEFT_PATH = "the vehicle went too far from the path"
+    NOT_FINITE = "the plant's state left the finite numbers"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """A closed-loop drive.
+
+    Parameters
+    ----------
+    t : array, shape (n,)
+        Time of the samples. [s]
+    states : array, shape (n, n_states)
+        True states of the plant.
+    inputs : array, shape (n, n_inputs)
+        Inputs that acted on the plant, after delay and lag.
+    state_names, input_names : tuple of str
+        Names of the columns.
+    path : Path
+        What was to be followed.
+    s : array, shape (n,)
+        Arc length of the nearest point of the path. [m]
+    reference : array, shape (n, 4)
+        X, Y [m], psi [rad], v_x [m/s] of the path there.
+    e_y : array, shape (n,)
+        Distance of the centre of gravity from the path, positive to its left. [m]
+    e_psi : array, shape (n,)
+        Heading minus the path's, between -pi and pi. [rad]
+    v_x : array, shape (n,)
+        Speed. [m/s]
+    t_plan : array, shape (n_plans,)
+        Time of each plan. [s]
+    plans : tuple of Plan
+        What the controller wanted at each of its steps.
+    controls : tuple of str
+        Inputs it decides.
+    end : End
+        Why the drive ended.
+    width : float
+        Vehicle width, for `inside`. [m]
+    """
+
+    t: np.ndarray
+    states: np.ndarray
+    inputs: np.ndarray
+    state_names: tuple[str, ...]
+    input_names: tuple[str, ...]
+    path: Path
+    s: np.ndarray
+    reference: np.ndarray
+    e_y: np.ndarray
+    e_psi: np.ndarray
+    v_x: np.ndarray
+    t_plan: np.ndarray
+    plans: tuple[Plan, ...]
+    controls: tuple[str, ...]
+    end: End
+    width: float = 0.0
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Samples of a state or input of the plant, or of a path error, shape (n,).
+
+        Raises
+        ------
+        ParameterError
+            If there is none of that name; the nearest names are given.
+        """
+        if name in self.state_names:
+            return self.states[:, self.state_names.index(name)]
+        if name in self.input_names:
+            return self.inputs[:, self.input_names.index(name)]
+        derived = {"s": self.s, "e_y": self.e_y, "e_psi": self.e_psi, "v_x": self.v_x, "e_v": self.e_v}
+        if name in derived:
+            return derived[name]
+        known = (*self.state_names, *self.input_names, *derived)
+        raise ParameterError(f"the run has no channel '{name}'; {nearest(name, known)}: use one of these names")
+
+    @property
+    def e_v(self) -> np.ndarray:
+        """Speed minus the path's, shape (n,). [m/s]"""
+        return self.v_x - self.reference[:, 3]
+
+    def error(self, name: str) -> np.ndarray:
+        """Tracking error: ``"y"`` across the path [m], ``"psi"`` in heading [rad], ``"v_x"`` in speed [m/s]."""
+        errors = {"y": self.e_y, "psi": self.e_psi, "v_x": self.e_v}
+        if name not in errors:
+            raise ParameterError(f"there is no tracking error '{name}'; {nearest(name, errors)}: use one of these")
+        return errors[name]
+
+    def rmse(self, name: str = "y") -> float:
+        """Root mean square of a tracking error, see `error`."""
+        return float(np.sqrt(np.mean(self.error(name) ** 2)))
+
+    def max(self, name: str = "y") -> float:
+        """Largest magnitude of a tracking error, see `error`."""
+        return float(np.abs(self.error(name)).max())
+
+    @property
+    def inside(self) -> bool:
+        """Whether the vehicle's width stayed between the edges of the lane wherever they are marked."""
+        lane = self.path.at(self.s)
+        half = 0.5 * self.width
+        return bool(np.all((self.e_y + half <= lane.left) & (self.e_y - half >= -lane.right)))
+
+    @property
+    def commands(self) -> np.ndarray:
+        """First inputs of the plans, shape (n_plans, n_controls)."""
+        return np.array([p.command for p in self.plans]).reshape(len(self.plans), len(self.controls))
+
+    @property
+    def seconds(self) -> np.ndarray:
+        """Wall time of each plan, shape (n_plans,). [s]"""
+        return np.array([p.seconds for p in self.plans])
+
+    @property
+    def statuses(self) -> dict[Status, int]:
+        """How often each solver status occurred."""
+        return count(self.plans)
+
+    @property
+    def fallbacks(self) -> int:
+        """Steps at which the command did not come from a fresh plan."""
+        return sum(p.age > 0 for p in self.plans)
