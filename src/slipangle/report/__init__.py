@@ -1,0 +1,48 @@
+"""Figures, tables and one self-contained HTML page.
+
+Every figure function returns a plotly figure that also shows in a notebook; `Page` puts figures, tables and verdicts
+into one file that opens from disk.
+"""
+
+from slipangle.report.diagnostics import correlogram, forest, horizon_curves
+from slipangle.report.drives import Signal, Span, signals, solver_histogram, solver_time
+from slipangle.report.maps import Body, path_map, track_map
+from slipangle.report.page import Fact, Figure, Finding, Findings, Grid, Number, Page, Section, Text, Verdict
+from slipangle.report.plots import correlation, measured_vs_simulated, rainclouds, trajectories
+from slipangle.report.tables import Column, Record, Row, ScoreRow, Table, parameter_table, record_table, score_table
+
+__all__ = [
+    "Body",
+    "Column",
+    "Fact",
+    "Figure",
+    "Finding",
+    "Findings",
+    "Grid",
+    "Number",
+    "Page",
+    "Record",
+    "Row",
+    "ScoreRow",
+    "Section",
+    "Signal",
+    "Span",
+    "Table",
+    "Text",
+    "Verdict",
+    "correlation",
+    "correlogram",
+    "forest",
+    "horizon_curves",
+    "measured_vs_simulated",
+    "parameter_table",
+    "path_map",
+    "rainclouds",
+    "record_table",
+    "score_table",
+    "signals",
+    "solver_histogram",
+    "solver_time",
+    "track_map",
+    "trajectories",
+]

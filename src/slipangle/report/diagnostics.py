@@ -1,0 +1,245 @@
+"""Figures that ask whether to trust a model: residual correlations and parameter intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import plotly.graph_objects as go
+
+from slipangle.data.dataset import Channel
+from slipangle.errors import ParameterError
+from slipangle.identify.compare import HorizonErrors
+from slipangle.models.model import FitInfo
+from slipangle.report.style import (
+    INK,
+    SLATE,
+    VERMILION,
+    axis_title,
+    compact,
+    escape,
+    new_figure,
+    pretty_unit,
+    same_length,
+    series_style,
+    wrap,
+)
+
+__all__ = ["correlogram", "forest", "horizon_curves"]
+
+
+def correlogram(
+    lags: np.ndarray,
+    values: np.ndarray,
+    *,
+    band: float,
+    label: str,
+    dt: float | None = None,
+    index: int = 0,
+    level: float = 0.99,
+) -> go.Figure:
+    """Correlation over lag with the confidence band; lags outside it are marked in another colour and shape.
+
+    Parameters
+    ----------
+    lags : array, shape (n_lags,)
+        In samples; for residuals against an input, positive lags are inputs in the past.
+    values : array, shape (n_lags,)
+        Correlation, -1 to 1.
+    band : float
+        Half width within which white residuals stay at the given level.
+    label : str
+        What is correlated, for the ordinate, such as ``"autocorrelation of the residuals"``.
+    dt : float, optional
+        Sample time; the abscissa is then in seconds. [s]
+    index : int
+        Colour of the model, as in the other figures.
+    level : float
+        Confidence level of the band, for its label.
+
+    Raises
+    ------
+    ParameterError
+        If the lengths differ.
+    """
+    lags, values = np.asarray(lags, dtype=float), np.asarray(values, dtype=float)
+    same_length("lags", len(lags), values=values)
+    x = lags if dt is None else lags * dt
+    colour, _ = series_style(index)
+    outside = (np.abs(values) > band) & ~((lags == 0) & (values > 0.999))
+    size = 6 if len(lags) <= 50 else 4
+    figure = new_figure(300, hovermode="closest")
+    figure.add_hrect(y0=-band, y1=band, fillcolor=SLATE.faded(0.22), line_width=0, layer="below")
+    figure.add_scatter(
+        x=np.column_stack([x, x, np.full(len(x), np.nan)]).ravel(),
+        y=compact(np.column_stack([np.zeros(len(x)), values, np.full(len(x), np.nan)]).ravel()),
+        mode="lines",
+        line={"color": colour.light, "width": 1.2},
+        hoverinfo="skip",
+        showlegend=False,
+    )
+    for mask, name, shade, symbol in (
+        (~outside, f"inside the {100 * level:g} % band", colour, "circle"),
+        (outside, "outside", VERMILION if index != 1 else INK, "diamond"),
+    ):
+        if mask.any():
+            figure.add_scatter(
+                x=x[mask],
+                y=compact(values[mask]),
+                mode="markers",
+                marker={"color": shade.light, "size": size if symbol == "circle" else size + 1, "symbol": symbol},
+                name=name,
+                hovertemplate="lag %{x:.4g}: %{y:.3f}<extra></extra>",
+            )
+    top = max(1.15 * float(np.nanmax(values, initial=0.0)), 1.8 * band)
+    bottom = min(1.15 * float(np.nanmin(values, initial=0.0)), -1.8 * band)
+    figure.update_layout(
+        xaxis={"title": {"text": f"lag [{'samples' if dt is None else 's'}]"}},
+        yaxis={
+            "title": {"text": f"{wrap(label, 24)} [-]"},
+            "range": [max(bottom, -1.1), min(top, 1.1)],
+            "zeroline": True,
+            "zerolinecolor": SLATE.light,
+        },
+    )
+    return figure
+
+
+def horizon_curves(curves: Mapping[str, HorizonErrors], channel: Channel) -> go.Figure:
+    """RMSE over how far each model looks ahead, its free run as a dashed line.
+
+    Parameters
+    ----------
+    curves : mapping of str to HorizonErrors
+        By model, from `slipangle.identify.compare.horizon_errors`.
+    channel : Channel
+        Which output, and its unit.
+
+    Raises
+    ------
+    ParameterError
+        If there is no curve.
+    """
+    if not curves:
+        raise ParameterError("there is no curve to draw; got an empty mapping, expected at least one model: add one")
+    figure = new_figure(360, hovermode="x unified")
+    shown = sorted({float(f"{k * found.dt:.3g}") for found in curves.values() for k in found.horizons})
+    for i, (name, found) in enumerate(curves.items()):
+        column = found.outputs.index(channel.name)
+        colour, _ = series_style(i)
+        seconds = found.horizons * found.dt
+        figure.add_scatter(
+            x=seconds,
+            y=compact(found.rmse[:, column]),
+            mode="lines+markers",
+            name=escape(name),
+            line={"color": colour.light},
+            legendgroup=name,
+        )
+        figure.add_scatter(
+            x=seconds[[0, -1]],
+            y=np.full(2, found.free_run[column]),
+            mode="lines",
+            line={"color": colour.light, "width": 1, "dash": "dash"},
+            legendgroup=name,
+            showlegend=False,
+            hoverinfo="skip",
+        )
+    figure.update_layout(
+        xaxis={
+            "title": {"text": "looking ahead [s]"},
+            "type": "log",
+            "tickvals": shown,
+            "ticktext": [f"{value:g}" for value in shown],
+        },
+        yaxis={"title": {"text": axis_title(channel, lines=2, prefix="RMSE of ")}, "rangemode": "tozero"},
+    )
+    return figure
+
+
+def forest(
+    fit: FitInfo, *, references: Mapping[str, float] | None = None, level: float = 0.95, cap: float = 100.0
+) -> go.Figure:
+    """Confidence interval of each parameter, relative to its estimate.
+
+    Parameters
+    ----------
+    fit : FitInfo
+        Estimates and covariance.
+    references : mapping, optional
+        True or published values, drawn as diamonds on the same scale.
+    level : float
+        Confidence level.
+    cap : float
+        Intervals wider than this end in arrows that state the width. [%]
+    """
+    known = {k: v for k, v in (references or {}).items() if k in fit.names}
+    interval, value = fit.interval(level), np.asarray(fit.values, dtype=float)
+    scale = np.where(value != 0, np.abs(value), np.nan)
+    half = 100 * (interval[:, 1] - value) / scale
+    spot = {k: 100 * (v - value[fit.names.index(k)]) / scale[fit.names.index(k)] for k, v in known.items()}
+    shown = [h for h in (*half, *np.abs(list(spot.values()))) if np.isfinite(h) and h <= cap]
+    reach = 1.15 * max([*shown, 1.0]) if np.all(half <= cap) else 1.15 * cap
+    figure = new_figure(110 + 38 * len(fit.names), hovermode="closest")
+    rows = np.arange(len(fit.names))[::-1].astype(float)
+    wide = ~(half <= cap)
+    for k, row in enumerate(rows):
+        span = min(float(np.nan_to_num(half[k], nan=np.inf)), reach)
+        colour = VERMILION if wide[k] else INK
+        figure.add_scatter(
+            x=[-span, span], y=[row, row], mode="lines", line={"color": colour.light, "width": 2}, hoverinfo="skip"
+        )
+        if wide[k]:
+            width = f"±{half[k]:.0f} %" if np.isfinite(half[k]) else "unbounded"
+            figure.add_scatter(
+                x=[-reach, reach],
+                y=[row, row],
+                mode="markers",
+                marker={"symbol": ["triangle-left", "triangle-right"], "size": 10, "color": colour.light},
+                hoverinfo="skip",
+            )
+            figure.add_annotation(
+                x=reach, y=row, text=width, showarrow=False, xanchor="right", yshift=13, font={"color": colour.light}
+            )
+    figure.update_traces(showlegend=False)
+    figure.add_scatter(
+        x=np.zeros(len(rows)),
+        y=rows,
+        mode="markers",
+        marker={"size": 9, "color": [(VERMILION if w else INK).light for w in wide]},
+        name=f"estimate, {100 * level:g} % interval",
+        customdata=[f"{v:.5g} {escape(pretty_unit(u))}" for v, u in zip(value, _units(fit), strict=True)],
+        hovertemplate="%{customdata}<extra></extra>",
+    )
+    if spot:
+        figure.add_scatter(
+            x=np.clip(list(spot.values()), -reach, reach),
+            y=[rows[fit.names.index(k)] for k in spot],
+            mode="markers",
+            marker={"symbol": "diamond-open", "size": 11, "color": series_style(0)[0].light, "line": {"width": 2}},
+            name="reference",
+            customdata=[f"{v:.5g}" for v in known.values()],
+            hovertemplate="reference %{customdata}<extra></extra>",
+        )
+    figure.update_layout(
+        xaxis={
+            "title": {"text": "difference from the estimate [%]"},
+            "range": [-1.06 * reach, 1.06 * reach],
+            "zeroline": True,
+            "zerolinecolor": SLATE.light,
+        },
+        yaxis={
+            "title": {"text": ""},
+            "tickvals": rows,
+            "ticktext": [escape(n) for n in fit.names],
+            "range": [-0.7, len(rows) - 0.3],
+            "showline": False,
+            "ticks": "",
+            "fixedrange": True,
+        },
+    )
+    return figure
+
+
+def _units(fit: FitInfo) -> tuple[str, ...]:
+    return fit.units or ("-",) * len(fit.names)

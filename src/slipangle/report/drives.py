@@ -1,0 +1,321 @@
+"""Figures over time: recorded signals, inputs with their limits, solver time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+
+from slipangle.data.dataset import Channel
+from slipangle.errors import ParameterError
+from slipangle.report.style import (
+    BLUE,
+    GROUND,
+    INK,
+    SLATE,
+    VERMILION,
+    axis_title,
+    compact,
+    escape,
+    new_figure,
+    same_length,
+    thin,
+    with_gaps,
+)
+
+__all__ = ["Signal", "Span", "signals", "solver_histogram", "solver_time"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signal:
+    """One channel over time, with its limits where it has any.
+
+    Parameters
+    ----------
+    channel : Channel
+        Name and unit.
+    values : array, shape (n,)
+        Samples, in the channel's unit.
+    reference : array, shape (n,), optional
+        What it should have been.
+    lower, upper : float, optional
+        Limits, in the channel's unit.
+    held : bool
+        True for a signal that is constant between samples, such as a controller's output.
+    """
+
+    channel: Channel
+    values: np.ndarray
+    reference: np.ndarray | None = None
+    lower: float | None = None
+    upper: float | None = None
+    held: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Span:
+    """A stretch of time with a name, such as the training data. [s]"""
+
+    start: float
+    end: float
+    label: str
+
+
+def signals(
+    t: np.ndarray,
+    rows: Sequence[Signal],
+    *,
+    spans: Sequence[Span] = (),
+    starts: Sequence[int] = (0,),
+    points: int = 4000,
+) -> go.Figure:
+    """Signals in panels above each other on one time axis, with their limits.
+
+    Parameters
+    ----------
+    t : array, shape (n,)
+        Time. [s]
+    rows : sequence of Signal
+        One panel each, from the top.
+    spans : sequence of Span
+        Shaded and named stretches of time.
+    starts : sequence of int
+        First row of each experiment; no line joins two of them.
+    points : int
+        About how many points each line keeps.
+
+    Raises
+    ------
+    ParameterError
+        If there is no signal or a length differs from that of ``t``.
+    """
+    if not rows:
+        raise ParameterError("there is no signal to draw; got an empty sequence, expected at least one Signal: add one")
+    t = np.asarray(t, dtype=float)
+    n = len(rows)
+    figure = new_figure(90 + 150 * n, hovermode="x unified", showlegend=any(s.reference is not None for s in rows))
+    gap = 0.22 / (n + 1)
+    height = (1 - gap * (n - 1)) / n
+    for k, signal in enumerate(rows):
+        same_length("t", len(t), **{signal.channel.name: signal.values})
+        axis = "y" if k == 0 else f"y{k + 1}"
+        top = 1 - k * (height + gap)
+        _panel(figure, t, signal, axis, starts, points, first=all(s.reference is None for s in rows[:k]))
+        figure.update_layout(
+            {
+                axis.replace("y", "yaxis"): {
+                    "title": {"text": axis_title(signal.channel, lines=2)},
+                    "domain": [max(top - height, 0.0), top],
+                }
+            }
+        )
+    last = "y" if n == 1 else f"y{n}"
+    figure.update_layout(xaxis={"title": {"text": "time t [s]"}, "anchor": last, "hoverformat": ".2f"})
+    for k, span in enumerate(spans):
+        figure.add_shape(
+            type="rect",
+            x0=span.start,
+            x1=span.end,
+            y0=0,
+            y1=1,
+            xref="x",
+            yref="paper",
+            fillcolor=SLATE.faded((0.05, 0.18)[k % 2]),
+            line={"width": 0},
+            layer="below",
+        )
+        figure.add_annotation(
+            x=(span.start + span.end) / 2,
+            y=1,
+            xref="x",
+            yref="paper",
+            yanchor="bottom",
+            text=escape(span.label),
+            showarrow=False,
+            font={"color": SLATE.light},
+        )
+    if spans:
+        figure.update_layout(margin={"t": 32}, legend={"y": 1.06})
+    return figure
+
+
+def _panel(
+    figure: go.Figure, t: np.ndarray, signal: Signal, axis: str, starts: Sequence[int], points: int, *, first: bool
+) -> None:
+    shape = "hv" if signal.held else "linear"
+    name = escape(signal.channel.name)
+    x, y = with_gaps(t, np.asarray(signal.values, dtype=float), starts)
+    rows = thin(y, points)
+    if signal.reference is not None:
+        same_length("t", len(t), reference=signal.reference)
+        v = with_gaps(t, np.asarray(signal.reference, dtype=float), starts)[1]
+        keep = thin(v, points)
+        figure.add_scatter(
+            x=x[keep],
+            y=compact(v[keep]),
+            mode="lines",
+            line={"color": SLATE.light, "width": 2, "dash": "dash"},
+            name="reference",
+            legendgroup="reference",
+            showlegend=first,
+            yaxis=axis,
+            hovertemplate="%{y:.4g}",
+        )
+    figure.add_scatter(
+        x=x[rows],
+        y=compact(y[rows]),
+        mode="lines",
+        line={"color": BLUE.light, "width": 1.4, "shape": shape},
+        name=name,
+        showlegend=False,
+        yaxis=axis,
+        hovertemplate="%{y:.4g}",
+    )
+    for limit in (signal.lower, signal.upper):
+        if limit is not None and np.isfinite(limit):
+            figure.add_shape(
+                type="line",
+                x0=0,
+                x1=1,
+                y0=limit,
+                y1=limit,
+                xref="x domain",
+                yref=axis,
+                line={"color": VERMILION.light, "width": 1.4, "dash": "dash"},
+            )
+            figure.add_annotation(
+                x=1,
+                y=limit,
+                xref="x domain",
+                yref=axis,
+                text=f"limit {limit:.4g}",
+                showarrow=False,
+                xanchor="right",
+                yanchor="top" if limit == signal.upper else "bottom",
+                font={"color": VERMILION.light, "size": 12},
+            )
+    finite = [v for v in (signal.lower, signal.upper) if v is not None and np.isfinite(v)]
+    if finite:
+        low, high = min(np.nanmin(y), *finite), max(np.nanmax(y), *finite)
+        pad = 0.08 * (high - low) or 1.0
+        figure.update_layout({axis.replace("y", "yaxis"): {"range": [low - pad, high + pad]}})
+
+
+def solver_time(
+    seconds: np.ndarray, *, deadline: float, failed: np.ndarray | None = None, points: int = 4000
+) -> go.Figure:
+    """Time per control step, with the deadline and the steps that did not solve.
+
+    Parameters
+    ----------
+    seconds : array, shape (n_steps,)
+        Time of each step. [s]
+    deadline : float
+        The controller's step. [s]
+    failed : array of bool, shape (n_steps,), optional
+        Steps whose solver did not report success.
+    points : int
+        About how many points the line keeps.
+    """
+    ms = 1e3 * np.asarray(seconds, dtype=float)
+    rows = thin(ms, points)
+    figure = new_figure(340, hovermode="closest")
+    figure.add_scatter(
+        x=rows,
+        y=compact(ms[rows]),
+        mode="lines",
+        line={"color": BLUE.light, "width": 1.2},
+        name="solver",
+        hovertemplate="step %{x}: %{y:.3g} ms<extra></extra>",
+    )
+    if failed is not None:
+        same_length("seconds", len(ms), failed=failed)
+        bad = np.flatnonzero(failed)
+        if len(bad):
+            figure.add_scatter(
+                x=bad,
+                y=compact(ms[bad]),
+                mode="markers",
+                marker={"symbol": "x", "size": 9, "color": VERMILION.light},
+                name=f"not solved ({len(bad)})",
+                hovertemplate="step %{x}: %{y:.3g} ms, not solved<extra></extra>",
+            )
+    figure.add_scatter(
+        x=[0, max(len(ms) - 1, 1)],
+        y=[1e3 * deadline] * 2,
+        mode="lines",
+        line={"color": VERMILION.light, "width": 1.6, "dash": "dash"},
+        name=f"deadline {1e3 * deadline:g} ms",
+        hoverinfo="skip",
+    )
+    figure.update_layout(
+        xaxis={"title": {"text": "control step [-]"}},
+        yaxis={"title": {"text": "time per step [ms]"}, "type": "log", **_decades(ms, 1e3 * deadline)},
+    )
+    return figure
+
+
+def solver_histogram(seconds: np.ndarray, *, deadline: float, bins: int = 40) -> go.Figure:
+    """Distribution of the time per control step on a logarithmic axis, with the deadline.
+
+    Parameters
+    ----------
+    seconds : array, shape (n_steps,)
+        Time of each step. [s]
+    deadline : float
+        The controller's step. [s]
+    bins : int
+        How many bars, evenly spaced in the logarithm.
+    """
+    ms = 1e3 * np.asarray(seconds, dtype=float)
+    ms = ms[np.isfinite(ms) & (ms > 0)]
+    if len(ms) == 0:
+        raise ParameterError("there is no solver time above zero; expected one per control step: run the loop first")
+    low, high = np.log10(ms.min()), np.log10(ms.max())
+    edges = np.logspace(low - 0.02, high + 0.02, bins + 1)
+    counts, _ = np.histogram(ms, edges)
+    figure = new_figure(340, hovermode="closest", showlegend=False, bargap=0)
+    figure.add_bar(
+        x=np.sqrt(edges[:-1] * edges[1:]),
+        y=counts,
+        width=np.diff(edges),
+        marker={"color": BLUE.faded(0.55), "line": {"color": GROUND.light, "width": 1}},
+        hovertemplate="%{x:.3g} ms: %{y} steps<extra></extra>",
+    )
+    median, slowest = np.median(ms), np.percentile(ms, 99)
+    for value, text, colour in (
+        (median, f"median {median:.3g} ms", INK),
+        (slowest, f"99 % {slowest:.3g} ms", INK),
+        (1e3 * deadline, f"deadline {1e3 * deadline:g} ms", VERMILION),
+    ):
+        figure.add_scatter(
+            x=[value, value],
+            y=[0, 1.08 * counts.max()],
+            mode="lines",
+            line={"color": colour.light, "width": 1.6, "dash": "dash" if colour is VERMILION else "dot"},
+            hovertemplate=text + "<extra></extra>",
+            name=text,
+        )
+    figure.update_layout(
+        showlegend=True,
+        xaxis={"title": {"text": "time per step [ms]"}, "type": "log", **_decades(ms, 1e3 * deadline)},
+        yaxis={"title": {"text": "steps [-]"}, "rangemode": "tozero"},
+    )
+    figure.data[0].update(showlegend=False)
+    return figure
+
+
+def _decades(ms: np.ndarray, deadline: float) -> dict[str, object]:
+    """Range over data and deadline with ticks at 1, 2, 5 of each decade, in plain numbers."""
+    positive = ms[np.isfinite(ms) & (ms > 0)]
+    low, high = min([*positive, deadline]), max([*positive, deadline])
+    ticks = [m * 10.0**p for p in range(-5, 7) for m in (1, 2, 5) if 0.5 * low <= m * 10.0**p <= 2 * high]
+    if len(ticks) > 9:
+        ticks = [v for v in ticks if f"{v:e}".startswith("1")]
+    return {
+        "range": [float(np.log10(low)) - 0.15, float(np.log10(high)) + 0.15],
+        "tickvals": ticks,
+        "ticktext": [f"{v:g}" for v in ticks],
+    }

@@ -1,0 +1,267 @@
+"""Figures seen from above: the track coloured by error, the closed-loop path between lane boundaries."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+
+from slipangle.data.dataset import Channel
+from slipangle.errors import ParameterError
+from slipangle.report.style import (
+    BLUE,
+    INK,
+    RISING,
+    SIGNED,
+    SLATE,
+    VERMILION,
+    EqualScale,
+    axis_title,
+    colourscale,
+    compact,
+    largest,
+    new_figure,
+    same_length,
+    thin,
+    unit_title,
+    with_gaps,
+)
+
+__all__ = ["Body", "path_map", "track_map"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """Outline of the vehicle seen from above: length ahead and behind of the centre of gravity, width. [m]"""
+
+    front: float = 2.2
+    rear: float = 2.2
+    width: float = 1.8
+
+
+def track_map(
+    X: np.ndarray,
+    Y: np.ndarray,
+    value: np.ndarray,
+    *,
+    channel: Channel,
+    label: str = "",
+    signed: bool = False,
+    starts: Sequence[int] = (0,),
+    points: int = 4000,
+) -> go.Figure:
+    """The driven path seen from above, coloured by a value; axes of equal scale.
+
+    Parameters
+    ----------
+    X, Y : array, shape (n,)
+        Position in the ground frame. [m]
+    value : array, shape (n,)
+        What to colour by, in the channel's unit; NaN is drawn as a thin line only.
+    channel : Channel
+        What the value belongs to, and its unit.
+    label : str
+        Title of the colour bar before the unit; by default the error's absolute value.
+    signed : bool
+        True colours by the value around zero, false by its absolute value.
+    starts : sequence of int
+        First row of each experiment.
+    points : int
+        At most this many dots; of each stretch the one with the largest value remains.
+
+    Raises
+    ------
+    ParameterError
+        If the lengths differ or no value is finite.
+    """
+    X, Y, value = (np.asarray(a, dtype=float) for a in (X, Y, value))
+    same_length("X", len(X), Y=Y, value=value)
+    if not np.isfinite(value).any():
+        raise ParameterError("no value is finite; expected an error per position: simulate the model first")
+    shown = value if signed else np.abs(value)
+    rows = largest(shown, points)
+    rows = rows[np.isfinite(shown[rows])]
+    reach = float(np.nanmax(np.abs(shown))) or 1.0
+    if label:
+        title = unit_title(label, channel.unit)
+    else:
+        title = axis_title(channel, prefix="error of " if signed else "absolute error of ")
+    figure = new_figure(540, showlegend=False, hovermode="closest")
+    x, y = with_gaps(X, Y, starts)
+    thinned = np.unique(np.concatenate([thin(x, points), thin(y, points)]))
+    figure.add_scatter(
+        x=compact(x[thinned]),
+        y=compact(y[thinned]),
+        mode="lines",
+        line={"color": SLATE.light, "width": 1},
+        hoverinfo="skip",
+    )
+    figure.add_scatter(
+        x=compact(X[rows]),
+        y=compact(Y[rows]),
+        mode="markers",
+        marker={
+            "size": 6,
+            "color": compact(shown[rows]),
+            "colorscale": colourscale(SIGNED if signed else RISING),
+            "cmin": -reach if signed else 0.0,
+            "cmax": reach,
+            "colorbar": _colour_bar(title),
+        },
+        hovertemplate="X %{x:.1f} m, Y %{y:.1f} m<br>%{marker.color:.3g}<extra></extra>",
+    )
+    _start_arrow(figure, X, Y)
+    _equal_axes(figure, (float(np.ptp(X)), float(np.ptp(Y))), frame=130)
+    return figure
+
+
+def _colour_bar(title: str) -> dict[str, object]:
+    return {
+        "title": {"text": title, "side": "top", "font": {"size": 13}},
+        "tickfont": {"size": 12},
+        "orientation": "h",
+        "x": 0,
+        "xanchor": "left",
+        "y": 1.0,
+        "yanchor": "bottom",
+        "len": 0.75,
+        "thickness": 12,
+        "outlinewidth": 0,
+        "xpad": 0,
+        "ypad": 4,
+    }
+
+
+def _start_arrow(figure: go.Figure, X: np.ndarray, Y: np.ndarray) -> None:
+    away = np.hypot(X - X[0], Y - Y[0])
+    size = max(np.ptp(X), np.ptp(Y))
+    ahead = int(np.argmax(away > 0.02 * size)) if size > 0 else 0
+    if ahead == 0:
+        return
+    dx, dy = (X[ahead] - X[0]) / away[ahead], (Y[ahead] - Y[0]) / away[ahead]
+    figure.add_annotation(
+        x=X[0] + 0.05 * size * dx,
+        y=Y[0] + 0.05 * size * dy,
+        ax=X[0],
+        ay=Y[0],
+        axref="x",
+        ayref="y",
+        text="",
+        showarrow=True,
+        arrowhead=2,
+        arrowwidth=2.4,
+        arrowcolor=INK.light,
+    )
+    figure.add_annotation(x=X[0], y=Y[0], text="start", showarrow=False, xshift=-24 * dy, yshift=24 * dx)
+
+
+def _equal_axes(figure: go.Figure, size: tuple[float, float], frame: float) -> None:
+    scale = EqualScale(ratio=1.05 * size[1] / max(size[0], 1e-9), frame=frame)
+    figure.update_layout(
+        height=scale.height(),
+        meta=scale.meta,
+        xaxis={"title": {"text": "X [m]"}, "constrain": "domain"},
+        yaxis={"title": {"text": "Y [m]"}, "scaleanchor": "x", "constrain": "domain"},
+    )
+
+
+def path_map(
+    X: np.ndarray,
+    Y: np.ndarray,
+    psi: np.ndarray,
+    *,
+    reference: np.ndarray | None = None,
+    left: np.ndarray | None = None,
+    right: np.ndarray | None = None,
+    body: Body | None = None,
+    outlines: int = 16,
+    points: int = 4000,
+) -> go.Figure:
+    """Closed-loop path between the lane boundaries, with the vehicle's outline along it.
+
+    Parameters
+    ----------
+    X, Y, psi : array, shape (n,)
+        Path of the centre of gravity and heading in the ground frame. [m, m, rad]
+    reference, left, right : array, shape (m, 2), optional
+        Reference path and lane boundaries; NaN rows are gaps. [m]
+    body : Body, optional
+        The vehicle's outline, drawn at evenly spaced places.
+    outlines : int
+        How many outlines.
+    points : int
+        About how many points each line keeps.
+
+    Notes
+    -----
+    A course more than six times as long as wide is drawn with Y stretched, which the axis title says.
+    """
+    X, Y, psi = (np.asarray(a, dtype=float) for a in (X, Y, psi))
+    same_length("X", len(X), Y=Y, psi=psi)
+    figure = new_figure(440, hovermode="closest")
+    bounds = [np.asarray(b, dtype=float) for b in (left, right) if b is not None]
+    for k, side in enumerate(bounds):
+        figure.add_scatter(
+            x=side[:, 0],
+            y=side[:, 1],
+            mode="lines",
+            line={"color": VERMILION.light, "width": 2},
+            name="lane boundary",
+            legendgroup="lane",
+            showlegend=k == 0,
+            hoverinfo="skip",
+        )
+    if reference is not None:
+        reference = np.asarray(reference, dtype=float)
+        figure.add_scatter(
+            x=reference[:, 0],
+            y=reference[:, 1],
+            mode="lines",
+            line={"color": SLATE.light, "width": 2, "dash": "dash"},
+            name="reference",
+            hoverinfo="skip",
+        )
+    if body is not None:
+        x, y = _outlines(X, Y, psi, body, outlines)
+        figure.add_scatter(
+            x=compact(x),
+            y=compact(y),
+            mode="lines",
+            line={"color": BLUE.light, "width": 1},
+            fill="toself",
+            fillcolor=BLUE.faded(0.12),
+            name="vehicle",
+            hoverinfo="skip",
+        )
+    rows = np.unique(np.concatenate([thin(X, points // 2), thin(Y, points // 2)]))
+    figure.add_scatter(
+        x=compact(X[rows]),
+        y=compact(Y[rows]),
+        mode="lines",
+        line={"color": INK.light, "width": 2},
+        name="centre of gravity",
+        hovertemplate="X %{x:.1f} m, Y %{y:.2f} m<extra></extra>",
+    )
+    edge = np.vstack([np.column_stack([X, Y]), *bounds, *([] if reference is None else [reference])])
+    span = np.nanmax(edge, axis=0) - np.nanmin(edge, axis=0)
+    if span[0] > 6 * span[1]:
+        reach = np.nanmax(edge, axis=0)[0] + 0.03 * span[0]
+        figure.update_layout(
+            xaxis={"title": {"text": "X [m]"}, "range": [reach - 1.06 * span[0], reach]},
+            yaxis={"title": {"text": "Y [m]<br>(stretched)"}},
+        )
+    else:
+        _equal_axes(figure, (float(span[0]), float(span[1])), frame=110)
+    return figure
+
+
+def _outlines(X: np.ndarray, Y: np.ndarray, psi: np.ndarray, body: Body, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the rectangles one after another, NaN between them."""
+    s = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(X), np.diff(Y)))])
+    rows = np.unique(np.searchsorted(s, np.linspace(0, s[-1], count)).clip(0, len(X) - 1))
+    ahead = np.array([body.front, body.front, -body.rear, -body.rear, body.front, np.nan])
+    side = 0.5 * body.width * np.array([1, -1, -1, 1, 1, np.nan])
+    c, n = np.cos(psi[rows])[:, None], np.sin(psi[rows])[:, None]
+    return (X[rows, None] + c * ahead - n * side).ravel(), (Y[rows, None] + n * ahead + c * side).ravel()

@@ -1,0 +1,100 @@
+/* Draws the page's figures from the JSON beside them, in light or dark, for screen or paper. */
+(() => {
+  "use strict";
+  const settings = JSON.parse(document.getElementById("figure-settings").textContent);
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  const plots = Array.from(document.querySelectorAll(".plot"));
+  let printing = false;
+
+  function coloured(text) {
+    if (!dark.matches || printing) return text;
+    return text.replace(settings.pattern, (light) => settings.dark[light]);
+  }
+  settings.pattern = new RegExp(
+    Object.keys(settings.dark).map((c) => c.replace(/[()]/g, "\\$&")).join("|"), "g");
+
+  function specification(plot) {
+    const spec = JSON.parse(coloured(document.getElementById(plot.id + "-data").textContent));
+    const layout = spec.layout;
+    if (layout.meta && layout.meta.ratio) { /* axes of equal scale: no empty ground above and below */
+      const height = layout.meta.ratio * (plot.clientWidth - 80) + layout.meta.frame;
+      layout.height = Math.round(Math.min(Math.max(height, 240), 640));
+      plot.style.height = layout.height + "px";
+    }
+    layout.template = JSON.parse(coloured(JSON.stringify(settings.template)));
+    layout.autosize = true;
+    if (plot.clientWidth < 520) narrow(layout);
+    const touch = window.matchMedia("(hover: none)").matches;
+    if (touch) layout.dragmode = false; /* a finger on a figure scrolls the page */
+    return {
+      data: spec.data,
+      layout: layout,
+      config: { displaylogo: false, responsive: !printing, displayModeBar: touch ? false : "hover",
+        modeBarButtonsToRemove: ["select2d", "lasso2d"] },
+    };
+  }
+
+  function narrow(layout) {
+    const base = layout.template.layout;
+    base.font.size = 12;
+    base.margin = { l: 52, r: 8, t: base.margin.t, b: base.margin.b };
+    for (const key of ["xaxis", "yaxis"]) base[key].title.font.size = 12;
+    base.xaxis.nticks = 5;
+  }
+
+  function draw(plot) {
+    const spec = specification(plot);
+    return window.Plotly.react(plot, spec.data, spec.layout, spec.config);
+  }
+
+  let waiting = [];
+  function drawAll() {
+    waiting = plots.slice();
+    next();
+  }
+  function next() {
+    const plot = waiting.shift();
+    if (!plot) return;
+    draw(plot);
+    window.setTimeout(next, 0);
+  }
+
+  let wasNarrow = null;
+  function onResize() {
+    const now = window.innerWidth < 600;
+    if (wasNarrow !== null && now !== wasNarrow) drawAll();
+    wasNarrow = now;
+  }
+
+  function beforePrint() {
+    printing = true;
+    waiting = [];
+    document.documentElement.classList.add("printing"); /* the paper's width, before measuring */
+    for (const plot of plots) draw(plot);
+  }
+  function afterPrint() {
+    printing = false;
+    document.documentElement.classList.remove("printing");
+    drawAll();
+  }
+
+  const links = new Map(Array.from(document.querySelectorAll("nav a")).map((a) => [a.hash.slice(1), a]));
+  const seen = new Set();
+  const watcher = new IntersectionObserver((entries) => {
+    for (const e of entries) e.isIntersecting ? seen.add(e.target.id) : seen.delete(e.target.id);
+    const first = Array.from(links.keys()).find((id) => seen.has(id));
+    if (!first) return;
+    for (const [id, a] of links) {
+      if (id === first) a.setAttribute("aria-current", "location");
+      else a.removeAttribute("aria-current");
+    }
+  }, { rootMargin: "-15% 0px -55% 0px" });
+  document.querySelectorAll("main section").forEach((s) => watcher.observe(s));
+
+  window.addEventListener("beforeprint", beforePrint);
+  window.addEventListener("afterprint", afterPrint);
+  window.addEventListener("resize", onResize);
+  dark.addEventListener("change", drawAll);
+  onResize();
+  drawAll();
+})();

@@ -1,0 +1,348 @@
+"""One self-contained HTML page: verdict first, then what it rests on."""
+
+from __future__ import annotations
+
+import html
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+from plotly.utils import PlotlyJSONEncoder
+
+from slipangle.errors import ParameterError
+from slipangle.files import write_atomic
+from slipangle.report.style import dark_map, pretty_unit, template
+from slipangle.report.tables import Cell, Table, Tone, command_html, number, published, typeset
+
+__all__ = ["Block", "Fact", "Figure", "Finding", "Findings", "Grid", "Number", "Page", "Section", "Text", "Verdict"]
+
+# Nothing is fetched: the browser itself refuses any request this page might make.
+_POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Number:
+    """A key number with what it is compared to.
+
+    Parameters
+    ----------
+    label : str
+        What it is, such as ``"fit of the yaw rate, free run"``.
+    value : float or str
+        The number; text is shown as it is.
+    unit : str
+        Its unit.
+    reference : float or str or None
+        What it is compared to, in the same unit.
+    reference_label : str
+        Whose the reference is.
+    note : str
+        A remark in small print.
+    digits : int
+        Significant digits of value and reference.
+    """
+
+    label: str
+    value: Cell
+    unit: str = ""
+    reference: Cell = None
+    reference_label: str = "thesis"
+    note: str = ""
+    digits: int = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """A judgement in one sentence, with the numbers it rests on.
+
+    Parameters
+    ----------
+    title : str
+        What is judged.
+    sentence : str
+        The judgement, in plain words.
+    tone : {"good", "fair", "poor"}
+        How it is meant; shown as word, shape and colour.
+    numbers : tuple of Number
+        The key numbers.
+    command : str
+        What reproduces them.
+    """
+
+    title: str
+    sentence: str
+    tone: Tone
+    numbers: tuple[Number, ...] = ()
+    command: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figure:
+    """A figure with its title and explanation.
+
+    Parameters
+    ----------
+    title : str
+        What is seen.
+    figure : plotly.graph_objects.Figure
+        From `slipangle.report`'s functions, or any other.
+    caption : str
+        How to read it.
+    command : str
+        What reproduces it.
+    """
+
+    title: str
+    figure: go.Figure
+    caption: str = ""
+    command: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grid:
+    """Figures side by side where there is room, below each other where there is not."""
+
+    figures: tuple[Figure, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One thing seen in the data, as a sentence; without a tone it is a plain fact."""
+
+    sentence: str
+    tone: Tone | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Findings:
+    """A list of findings."""
+
+    title: str
+    items: tuple[Finding, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Text:
+    """Paragraphs of plain text, separated by empty lines."""
+
+    text: str
+
+
+Block = Verdict | Figure | Grid | Table | Findings | Text
+
+
+@dataclass(frozen=True, kw_only=True)
+class Section:
+    """A part of the page with an entry in the navigation.
+
+    Parameters
+    ----------
+    title : str
+        Heading.
+    blocks : tuple of Block
+        What it holds, in order.
+    lead : str
+        One or two sentences under the heading.
+    short : str
+        Name in the navigation; by default the title.
+    """
+
+    title: str
+    blocks: tuple[Block, ...]
+    lead: str = ""
+    short: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fact:
+    """Where the page comes from: version, data file, hash, machine, time."""
+
+    label: str
+    value: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """A report that opens from disk without a network.
+
+    Parameters
+    ----------
+    title, subtitle : str
+        Heading of the page.
+    sections : tuple of Section
+        The verdict first.
+    facts : tuple of Fact
+        Provenance, at the foot.
+    command : str
+        What made the page, at the foot.
+
+    Notes
+    -----
+    plotly.js is in the file once; a content security policy forbids every request. All texts are escaped.
+    """
+
+    title: str
+    sections: tuple[Section, ...]
+    subtitle: str = ""
+    facts: tuple[Fact, ...] = ()
+    command: str = ""
+
+    def write(self, path: str | Path) -> Path:
+        """Write the page whole or not at all, and return where it is.
+
+        Raises
+        ------
+        OutputError
+            If the place cannot be written.
+        """
+        return write_atomic(path, self.to_html())
+
+    def to_html(self) -> str:
+        """The whole page."""
+        if not self.sections:
+            raise ParameterError(f"the page '{self.title}' has no section; expected at least one: add the verdict")
+        ids = _Ids({"figure-settings"})
+        names = [ids.new(section.short or section.title) for section in self.sections]
+        links = "".join(
+            f'<li><a href="#{name}">{html.escape(section.short or section.title)}</a></li>'
+            for name, section in zip(names, self.sections, strict=True)
+        )
+        body = "".join(_section(section, name, ids) for name, section in zip(names, self.sections, strict=True))
+        subtitle = f'<p class="subtitle">{typeset(self.subtitle)}</p>' if self.subtitle else ""
+        return (
+            '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+            f"<title>{html.escape(self.title)}</title>\n<style>\n{_asset('page.css')}</style>\n</head>\n<body>\n"
+            f'<div class="layout">\n<nav aria-label="Sections"><p class="name">slipangle</p><ol>{links}</ol></nav>\n'
+            f"<header><h1>{html.escape(self.title)}</h1>{subtitle}</header>\n"
+            "<main>\n<noscript><p>The figures need JavaScript; verdict and tables do not.</p></noscript>\n"
+            f"{body}{self._footer()}</main>\n</div>\n{_scripts()}</body>\n</html>\n"
+        )
+
+    def _footer(self) -> str:
+        facts = "".join(f"<dt>{html.escape(f.label)}</dt><dd>{html.escape(f.value)}</dd>" for f in self.facts)
+        inside = (f"<dl>{facts}</dl>" if facts else "") + command_html(self.command)
+        return f"<footer>{inside}</footer>\n" if inside else ""
+
+
+class _Ids:
+    """Unique element ids from titles."""
+
+    def __init__(self, taken: set[str]) -> None:
+        self._taken = taken
+
+    def new(self, title: str) -> str:
+        stem = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-") or "part"
+        name, k = stem, 2
+        while name in self._taken or f"{name}-data" in self._taken:
+            name, k = f"{stem}-{k}", k + 1
+        self._taken |= {name, f"{name}-data"}
+        return name
+
+
+def _section(section: Section, name: str, ids: _Ids) -> str:
+    lead = f'<p class="lead">{typeset(section.lead)}</p>' if section.lead else ""
+    blocks = "".join(_block(block, ids) for block in section.blocks)
+    return f'<section id="{name}"><h2>{html.escape(section.title)}</h2>{lead}{blocks}</section>\n'
+
+
+def _block(block: Block, ids: _Ids) -> str:
+    match block:
+        case Verdict():
+            return _verdict(block)
+        case Figure():
+            return _figure(block, ids)
+        case Grid():
+            kind = "grid three" if len(block.figures) == 3 else "grid"
+            return f'<div class="{kind}">{"".join(_figure(f, ids) for f in block.figures)}</div>'
+        case Table():
+            return f'<div class="block"><h3>{html.escape(block.title)}</h3>{block.to_html()}</div>'
+        case Findings():
+            items = "".join(
+                f'<li><span class="{f"mark {i.tone}" if i.tone else "plain"}" title="{i.tone or "fact"}"></span>'
+                f"<span>{typeset(i.sentence)}</span></li>"
+                for i in block.items
+            )
+            return f'<div class="block"><h3>{html.escape(block.title)}</h3><ul class="findings">{items}</ul></div>'
+        case Text():
+            return "".join(f"<p>{typeset(part.strip())}</p>" for part in block.text.split("\n\n") if part.strip())
+    raise ParameterError(
+        f"a section holds a {type(block).__name__}; expected Verdict, Figure, Grid, Table, Findings or Text: wrap it"
+    )
+
+
+def _verdict(verdict: Verdict) -> str:
+    numbers = "".join(_number(n) for n in verdict.numbers)
+    return (
+        f'<div class="verdict"><h3 class="tone"><span class="mark {verdict.tone}"></span>'
+        f'<span>{html.escape(verdict.title)}: <span class="{verdict.tone}">{verdict.tone}</span></span></h3>'
+        f'<p class="sentence">{typeset(verdict.sentence)}</p>'
+        + (f'<dl class="numbers">{numbers}</dl>' if numbers else "")
+        + command_html(verdict.command)
+        + "</div>"
+    )
+
+
+def _number(item: Number) -> str:
+    unit = pretty_unit(item.unit) if item.unit not in ("", "-") else ""
+    shown = f'<span class="unit">{html.escape(unit)}</span>' if unit else ""
+    parts = [
+        f"<dt>{html.escape(item.label)}</dt>",
+        f'<dd class="value">{html.escape(number(item.value, item.digits))}{shown}</dd>',
+    ]
+    if item.reference is not None:
+        value = "\u00a0".join([published(item.reference, item.digits), *([unit] if unit else [])])
+        whose = html.escape(item.reference_label)
+        parts.append(f'<dd class="reference">{html.escape(value)} <span>{whose}</span></dd>')
+    if item.note:
+        parts.append(f'<dd class="remark">{typeset(item.note)}</dd>')
+    return f"<div>{''.join(parts)}</div>"
+
+
+def _figure(figure: Figure, ids: _Ids) -> str:
+    name = ids.new(f"figure {figure.title}")
+    spec: dict[str, Any] = figure.figure.to_dict()
+    layout = dict(spec.get("layout", {}))
+    layout.pop("template", None)  # the page holds the one template of all figures
+    height = layout.get("height", 450)
+    data = _json({"data": spec.get("data", []), "layout": layout})
+    under = f"<p>{typeset(figure.caption)}</p>" if figure.caption else ""
+    under += command_html(figure.command)
+    return (
+        f'<div class="block"><h3>{html.escape(figure.title)}</h3>'
+        f'<div class="plot" id="{name}" style="height:{height:g}px" role="img" '
+        f'aria-label="{html.escape(figure.title)}"></div><script type="application/json" id="{name}-data">'
+        f"{data}</script>" + (f'<div class="caption">{under}</div>' if under else "") + "</div>"
+    )
+
+
+def _json(value: object) -> str:
+    """JSON that can stand inside a script element."""
+    text = json.dumps(value, cls=PlotlyJSONEncoder, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _scripts() -> str:
+    settings = _json({"template": template().to_plotly_json(), "dark": dark_map()})
+    return (
+        f'<script type="application/json" id="figure-settings">{settings}</script>\n'
+        f"<script>{get_plotlyjs()}</script>\n<script>\n{_asset('page.js')}</script>\n"
+    )
+
+
+@cache
+def _asset(name: str) -> str:
+    return resources.files("slipangle.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def figures(blocks: Sequence[Block]) -> list[Figure]:
+    """All figures among the blocks, those in grids too."""
+    return [f for b in blocks for f in (b.figures if isinstance(b, Grid) else (b,)) if isinstance(f, Figure)]

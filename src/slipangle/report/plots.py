@@ -1,0 +1,314 @@
+"""Figures that set a model's output beside the measured one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+from scipy.stats import gaussian_kde
+
+from slipangle.data.dataset import Channel
+from slipangle.errors import ParameterError, nearest
+from slipangle.models.model import Trajectory
+from slipangle.report.style import (
+    INK,
+    SLATE,
+    EqualScale,
+    axis_title,
+    compact,
+    escape,
+    new_figure,
+    nice_step,
+    pretty_unit,
+    same_length,
+    series_style,
+    thin,
+    with_gaps,
+    wrap,
+)
+
+__all__ = ["correlation", "measured_vs_simulated", "rainclouds", "trajectories"]
+
+
+def measured_vs_simulated(
+    t: np.ndarray,
+    measured: np.ndarray,
+    simulated: Mapping[str, np.ndarray],
+    *,
+    channel: Channel,
+    starts: Sequence[int] = (0,),
+    points: int = 4000,
+) -> go.Figure:
+    """Measured and simulated output over time, with the error below on the same time axis.
+
+    Parameters
+    ----------
+    t : array, shape (n,)
+        Time. [s]
+    measured : array, shape (n,)
+        Measured output, in the channel's unit.
+    simulated : mapping of str to array, shape (n,)
+        Output of each model; NaN where the model did not predict.
+    channel : Channel
+        Which output, and its unit.
+    starts : sequence of int
+        First row of each experiment; no line joins two of them.
+    points : int
+        About how many points each line keeps; longer series are drawn by the lowest and highest
+        sample of each bin.
+
+    Raises
+    ------
+    ParameterError
+        If the lengths differ or there is no model.
+    """
+    t, measured = np.asarray(t, dtype=float), np.asarray(measured, dtype=float)
+    same_length("t", len(t), measured=measured)
+    same_length("t", len(t), **simulated)
+    _at_least_one(simulated)
+    x, y = with_gaps(t, measured, starts)
+    models = [(escape(name), with_gaps(t, np.asarray(v, dtype=float), starts)[1]) for name, v in simulated.items()]
+    rows = np.arange(len(x))
+    if len(x) > points:  # the same rows for every line, so that hovering compares like with like
+        share = max(points // (2 * len(models) + 1), 200)
+        lines = [y, *(v for _, v in models), *(y - v for _, v in models)]
+        rows = np.unique(np.concatenate([thin(v, share) for v in lines]))
+    x, y = x[rows], y[rows]
+    figure = new_figure(520, hovermode="x unified")
+    figure.add_scatter(x=x, y=compact(y), name="measured", line={"color": INK.light, "width": 1.6})
+    for index, (name, values) in enumerate(models):
+        colour, dash = series_style(index)
+        line = {"color": colour.light, "width": 1.3, "dash": dash}
+        v = values[rows]
+        figure.add_scatter(x=x, y=compact(v), name=name, line=line, legendgroup=name)
+        figure.add_scatter(
+            x=x, y=compact(y - v), name=f"error of {name}", line=line, legendgroup=name, showlegend=False, yaxis="y2"
+        )
+    figure.update_traces(mode="lines", hovertemplate="%{y:.4g}")
+    figure.update_layout(
+        xaxis={"title": {"text": "time t [s]"}, "anchor": "y2", "hoverformat": ".2f"},
+        yaxis={"title": {"text": axis_title(channel, lines=2)}, "domain": [0.36, 1.0]},
+        yaxis2={
+            "title": {"text": f"error<br>[{escape(pretty_unit(channel.unit))}]"},
+            "domain": [0.0, 0.3],
+            "zeroline": True,
+            "zerolinecolor": SLATE.light,
+        },
+    )
+    return figure
+
+
+def trajectories(models: Mapping[str, Trajectory], channel: Channel, *, points: int = 4000) -> go.Figure:
+    """`measured_vs_simulated` for one output of several models on the same data.
+
+    Raises
+    ------
+    ParameterError
+        If the trajectories do not hold that output or are not of the same samples.
+    """
+    _at_least_one(models)
+    first = next(iter(models.values()))
+    for name, trajectory in models.items():
+        if channel.name not in trajectory.outputs:
+            raise ParameterError(
+                f"the trajectory of '{name}' has no output '{channel.name}'; "
+                f"{nearest(channel.name, trajectory.outputs)}"
+            )
+    column = first.outputs.index(channel.name)
+    return measured_vs_simulated(
+        first.t,
+        first.measured[:, column],
+        {name: np.where(tr.predicted, tr.channel(channel.name), np.nan) for name, tr in models.items()},
+        channel=channel,
+        starts=first.starts,
+        points=points,
+    )
+
+
+def rainclouds(errors: Mapping[str, np.ndarray], *, channel: Channel, points: int = 300, seed: int = 0) -> go.Figure:
+    """Raincloud of each model's error: density above, quartile box, single samples below [1]_.
+
+    Parameters
+    ----------
+    errors : mapping of str to array, shape (n,)
+        Measured minus simulated, in the channel's unit; NaN is left out. Lengths may differ.
+    channel : Channel
+        Which output, and its unit.
+    points : int
+        At most this many samples are drawn as rain, the two extremes always among them.
+    seed : int
+        Seed of the draw and of the jitter.
+
+    Raises
+    ------
+    ParameterError
+        If there is no model, or a model has no finite error.
+
+    References
+    ----------
+    .. [1] M. Allen et al., Raincloud plots: a multi-platform tool for robust data visualization,
+       Wellcome Open Research 4:63, 2019.
+    """
+    _at_least_one(errors)
+    rng = np.random.default_rng(seed)
+    figure = new_figure(80 + 160 * len(errors), showlegend=False)
+    for index, (name, values) in enumerate(errors.items()):
+        e = np.asarray(values, dtype=float)
+        e = e[np.isfinite(e)]
+        if len(e) == 0:
+            raise ParameterError(
+                f"the errors of '{name}' hold no finite sample; expected some: simulate the model first"
+            )
+        row = float(len(errors) - 1 - index)
+        _raincloud(figure, e, row, index, name, points, rng)
+        gap = ", " if len(name) <= 22 else "<br>"
+        rmse = f"RMSE {np.sqrt(np.mean(e**2)):.3g} {escape(pretty_unit(channel.unit))}"
+        figure.add_annotation(
+            text=f"<b>{wrap(name, 44)}</b>{gap}{rmse}",
+            x=0,
+            y=row + 0.43,
+            xref="x domain",
+            showarrow=False,
+            xanchor="left",
+            yanchor="bottom",
+            align="left",
+        )
+    figure.update_layout(
+        xaxis={
+            "title": {"text": f"{axis_title(channel, prefix='error of ')}"},
+            "zeroline": True,
+            "zerolinecolor": SLATE.light,
+        },
+        yaxis={"visible": False, "range": [-0.4, len(errors) - 0.28], "fixedrange": True},
+        hovermode="closest",
+    )
+    return figure
+
+
+def _raincloud(
+    figure: go.Figure, e: np.ndarray, row: float, index: int, name: str, points: int, rng: np.random.Generator
+) -> None:
+    colour, dash = series_style(index)
+    label = escape(name)
+    if np.ptp(e) > 0:
+        grid = np.linspace(e.min(), e.max(), 256)
+        sample = e if len(e) <= 20_000 else rng.choice(e, 20_000, replace=False)
+        density = gaussian_kde(sample)(grid)
+        cloud = row + 0.1 + 0.32 * density / density.max()
+        figure.add_scatter(
+            x=compact(np.concatenate([grid, grid[::-1]])),
+            y=compact(np.concatenate([cloud, np.full(len(grid), row + 0.1)])),
+            mode="lines",
+            fill="toself",
+            fillcolor=colour.faded(0.35),
+            line={"color": colour.light, "width": 1, "dash": dash},
+            hoverinfo="skip",
+            name=label,
+        )
+    q1, median, q3 = np.percentile(e, [25, 50, 75])
+    reach = 1.5 * (q3 - q1)
+    inside = e[(e >= q1 - reach) & (e <= q3 + reach)]
+    figure.add_box(
+        q1=[q1],
+        median=[median],
+        q3=[q3],
+        lowerfence=[inside.min()],
+        upperfence=[inside.max()],
+        y=[row],
+        orientation="h",
+        width=0.13,
+        boxpoints=False,
+        line={"color": colour.light, "width": 1.6},
+        fillcolor=colour.faded(0.15),
+        name=label,
+    )
+    drawn = e
+    if len(e) > points:
+        middle = rng.choice(len(e), points - 2, replace=False)
+        drawn = e[np.unique(np.concatenate([middle, [int(e.argmin()), int(e.argmax())]]))]
+    figure.add_scatter(
+        x=compact(drawn),
+        y=compact(row - 0.19 + rng.uniform(-0.07, 0.07, len(drawn))),
+        mode="markers",
+        marker={"color": colour.faded(0.5), "size": 4},
+        hovertemplate="%{x:.4g}<extra>" + label + "</extra>",
+        name=label,
+    )
+
+
+def correlation(
+    measured: np.ndarray,
+    simulated: np.ndarray,
+    *,
+    channel: Channel,
+    limits: tuple[float, float] | None = None,
+    index: int = 0,
+    points: int = 2500,
+) -> go.Figure:
+    """Simulated over measured output with the identity line and R2; axes of equal scale.
+
+    Parameters
+    ----------
+    measured, simulated : array, shape (n,)
+        In the channel's unit; samples with NaN are left out.
+    channel : Channel
+        Which output, and its unit.
+    limits : tuple of float, optional
+        Lowest and highest value of both axes, to set several models side by side; by default from the data.
+    index : int
+        Colour of the model, as in the other figures.
+    points : int
+        At most about this many samples are drawn, evenly chosen; R2 is of all.
+
+    Raises
+    ------
+    ParameterError
+        If the lengths differ or fewer than two samples are finite.
+    """
+    y, y_hat = np.asarray(measured, dtype=float), np.asarray(simulated, dtype=float)
+    same_length("measured", len(y), simulated=y_hat)
+    good = np.isfinite(y) & np.isfinite(y_hat)
+    y, y_hat = y[good], y_hat[good]
+    if len(y) < 2:
+        raise ParameterError(f"{len(y)} samples are finite; expected at least 2: simulate the model on the data first")
+    spread = float(np.sum((y - y.mean()) ** 2))
+    r2 = 1.0 - float(np.sum((y - y_hat) ** 2)) / spread if spread > 0 else float("nan")
+    low, high = limits or (float(min(y.min(), y_hat.min())), float(max(y.max(), y_hat.max())))
+    pad = 0.04 * (high - low) or 1.0
+    ends = [low - pad, high + pad]
+    rows = np.arange(0, len(y), max(1, -(-len(y) // points)))
+    colour, _ = series_style(index)
+    figure = new_figure(420, showlegend=False, hovermode="closest", meta=EqualScale(ratio=1.0, frame=60).meta)
+    figure.add_scatter(
+        x=compact(y[rows]),
+        y=compact(y_hat[rows]),
+        mode="markers",
+        marker={"size": 4, "color": colour.faded(0.4)},
+        hovertemplate="measured %{x:.4g}<br>simulated %{y:.4g}<extra></extra>",
+    )
+    figure.add_scatter(
+        x=ends, y=ends, mode="lines", line={"color": INK.light, "width": 1.2, "dash": "dash"}, hoverinfo="skip"
+    )
+    figure.add_annotation(
+        text=f"R² = {r2:.4f}",
+        x=0.03,
+        y=0.98,
+        xref="x domain",
+        yref="y domain",
+        showarrow=False,
+        xanchor="left",
+        yanchor="top",
+        font={"size": 15},
+    )
+    axis = {"range": ends, "dtick": nice_step(ends[1] - ends[0]), "constrain": "domain"}
+    figure.update_layout(
+        xaxis={**axis, "title": {"text": axis_title(channel, prefix="measured ")}},
+        yaxis={**axis, "title": {"text": axis_title(channel, lines=2, prefix="simulated ")}, "scaleanchor": "x"},
+    )
+    return figure
+
+
+def _at_least_one(models: Mapping[str, object]) -> None:
+    if not models:
+        raise ParameterError("there is no model to draw; got an empty mapping, expected name -> values: add one")

@@ -1,0 +1,442 @@
+"""Tables once, shown twice: aligned text for the terminal, HTML for the page."""
+
+from __future__ import annotations
+
+import html
+import io
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
+from slipangle.errors import ParameterError
+from slipangle.models.model import FitInfo
+from slipangle.report.style import pretty_unit
+
+__all__ = [
+    "Cell",
+    "Column",
+    "Record",
+    "Row",
+    "ScoreRow",
+    "Table",
+    "Tone",
+    "number",
+    "parameter_table",
+    "record_table",
+    "score_table",
+]
+
+Tone = Literal["good", "fair", "poor"]
+Cell = str | float | int | bool | None
+
+
+_UNIT = r"(?:%|°|[kmµ]?[msgNV]|Hz|rad|deg|km|kg|bar|rpm)(?:/(?:s|h|rad|deg)[²2]?|[ ]?m[²2])?"
+_BEFORE_UNIT = re.compile(rf"(\d) ({_UNIT})(?![\w/])")
+
+
+def number(value: Cell, digits: int = 4) -> str:
+    """A value in ``digits`` significant digits, plain where that reads well.
+
+    >>> number(81.4567), number(-1234567.0), number(0.000012345), number(None), number(True)
+    ('81.46', '-1 235 000', '1.234e-05', '–', 'yes')
+    """
+    if value is None:
+        return "–"
+    if isinstance(value, str):
+        return value
+    if isinstance(value, (bool, np.bool_)):
+        return "yes" if value else "no"
+    if isinstance(value, (int, np.integer)):
+        return f"{int(value):,}".replace(",", " ")
+    value = float(value)
+    if math.isnan(value):
+        return "n/a"
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    if value == 0:
+        return "0"
+    size = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if not -4 <= size < 9:
+        return f"{value:.{digits - 1}e}"
+    rounded = round(value, digits - 1 - size)
+    return f"{rounded:,.{max(digits - 1 - size, 0)}f}".replace(",", " ")
+
+
+@dataclass(frozen=True)
+class Column:
+    """Heading of a column: title, unit, how its numbers are written.
+
+    Parameters
+    ----------
+    title : str
+        Such as ``"fit"``.
+    unit : str
+        Shown in brackets beside the title.
+    digits : int
+        Significant digits of its numbers.
+    words : bool
+        True for text: aligned to the left and allowed to wrap.
+    """
+
+    title: str
+    unit: str = ""
+    digits: int = 4
+    words: bool = False
+
+    @property
+    def heading(self) -> str:
+        """Title and unit."""
+        return f"{self.title} [{pretty_unit(self.unit)}]" if self.unit else self.title
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row: a cell per column, with how it is meant, the command that reproduces it and a remark."""
+
+    cells: tuple[Cell, ...]
+    tone: Tone | None = None
+    command: str = ""
+    note: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table with a title, for terminal and page.
+
+    Parameters
+    ----------
+    title : str
+        What the table holds.
+    columns : tuple of Column
+        Headings.
+    rows : tuple of Row
+        One cell per column each.
+    caption : str
+        Explanation under the table.
+    warnings : tuple of str
+        Sentences that a reader must not miss.
+    command : str
+        Command that reproduces the whole table.
+
+    Raises
+    ------
+    ParameterError
+        If a row has another number of cells than there are columns.
+    """
+
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    caption: str = ""
+    warnings: tuple[str, ...] = ()
+    command: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "columns", tuple(self.columns))
+        object.__setattr__(self, "rows", tuple(self.rows))
+        for k, row in enumerate(self.rows):
+            if len(row.cells) != len(self.columns):
+                raise ParameterError(
+                    f"row {k} of the table '{self.title}' has {len(row.cells)} cells; expected {len(self.columns)}, "
+                    "one per column: add or drop cells"
+                )
+
+    def texts(self) -> list[list[str]]:
+        """Every cell as text, row by row."""
+        return [[number(c, col.digits) for c, col in zip(r.cells, self.columns, strict=True)] for r in self.rows]
+
+    def to_rich(self) -> RichTable:
+        """The table for a rich console; user text is not taken as markup."""
+        table = RichTable(
+            title=Text(self.title, style="bold"),
+            box=SIMPLE_HEAD,
+            title_justify="left",
+            caption=Text(self.caption) if self.caption else None,
+            caption_justify="left",
+            pad_edge=False,
+        )
+        for column in self.columns:
+            table.add_column(
+                Text(column.heading),
+                justify="left" if column.words else "right",
+                no_wrap=not column.words,
+                overflow="fold",
+            )
+        styles = {"good": "green", "fair": "yellow", "poor": "bold red", None: ""}
+        for row, texts in zip(self.rows, self.texts(), strict=True):
+            table.add_row(*(Text(t) for t in texts), style=styles[row.tone])
+        return table
+
+    def to_text(self, width: int = 120) -> str:
+        """The table as aligned plain text without colour, notes and commands below it."""
+        stream = io.StringIO()
+        console = Console(file=stream, width=width, color_system=None, highlight=False, emoji=False, markup=False)
+        console.print(self.to_rich())
+        lines = [line.rstrip() for line in stream.getvalue().splitlines()]
+        first = [texts[0] if texts else "" for texts in self.texts()]
+        lines += [f"warning: {sentence}" for sentence in self.warnings]
+        lines += [f"{name}: {row.note}" for name, row in zip(first, self.rows, strict=True) if row.note]
+        commands = [self.command, *(row.command for row in self.rows)]
+        lines += [f"$ {command}" for command in dict.fromkeys(commands) if command]
+        return "\n".join(lines).strip("\n") + "\n"
+
+    def to_html(self) -> str:
+        """The table as HTML; all text is escaped."""
+        head = "".join(
+            f'<th scope="col"{"" if c.words else " class=num"}>{html.escape(c.heading)}</th>' for c in self.columns
+        )
+        body = "".join(self._row_html(row, texts) for row, texts in zip(self.rows, self.texts(), strict=True))
+        table = f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+        under = f"<p>{typeset(self.caption)}</p>" if self.caption else ""
+        under += command_html(self.command)
+        items = "".join(
+            f'<li><span class="mark poor" title="warning"></span><span>{typeset(w)}</span></li>' for w in self.warnings
+        )
+        table += f'<ul class="findings">{items}</ul>' if items else ""
+        return table + (f'<div class="caption">{under}</div>' if under else "")
+
+    def _row_html(self, row: Row, texts: Sequence[str]) -> str:
+        cells = []
+        for k, (text, column) in enumerate(zip(texts, self.columns, strict=True)):
+            mark = f'<span class="mark {row.tone}" title="{row.tone}"></span>' if k == 0 and row.tone else ""
+            tag, scope = ("th", ' scope="row"') if k == 0 else ("td", "")
+            kind = (' class="short"' if len(text) <= 24 else "") if column.words else ' class="num"'
+            cells.append(f"<{tag}{scope}{kind}>{mark}{html.escape(text)}</{tag}>")
+        extra = (f'<p class="note">{typeset(row.note)}</p>' if row.note else "") + command_html(row.command)
+        if not extra:
+            return f"<tr>{''.join(cells)}</tr>"
+        return (
+            f'<tr class="with-extra">{"".join(cells)}</tr>'
+            f'<tr class="extra"><td colspan="{len(self.columns)}">{extra}</td></tr>'
+        )
+
+
+def typeset(text: str) -> str:
+    r"""Escaped text in which no line breaks between a number and its unit, with ± for +-.
+
+    >>> typeset("5 < 165 s of <b>").split(" ")[2:]
+    ['165\xa0s', 'of', '&lt;b&gt;']
+    """
+    return html.escape(_BEFORE_UNIT.sub("\\1\u00a0\\2", text.replace(" +- ", " ± ")))
+
+
+def command_html(command: str) -> str:
+    """A command in monospace, for the page."""
+    return f'<pre class="command"><code>{html.escape(command)}</code></pre>' if command else ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record:
+    """One reproduced number beside the thesis' own, and whether it is as good as asked.
+
+    Parameters
+    ----------
+    row : str
+        Table and row of the thesis, such as ``"table 8.2, M1"``.
+    quantity : str
+        What was measured, with its unit.
+    thesis : float or str or None
+        The published value; None where there is none.
+    here : float or str
+        The value found here.
+    bound : str
+        What must hold, in words, such as ``">= 79"``.
+    holds : bool or None
+        Whether it does; None where nothing is asked.
+    note : str
+        What differs from the thesis' conditions.
+    """
+
+    row: str
+    quantity: str
+    thesis: float | str | None
+    here: float | str
+    bound: str = ""
+    holds: bool | None = None
+    note: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """The record in types that JSON knows; NaN and infinity become None."""
+        return {f.name: _plain(getattr(self, f.name)) for f in fields(self)}
+
+
+def published(value: Cell, digits: int = 4) -> str:
+    """A number of somebody else's, without digits that they did not give.
+
+    >>> published(0.054), published(72.87), published(5.0)
+    ('0.054', '72.87', '5')
+    """
+    text = number(value, digits)
+    if isinstance(value, (float, np.floating)) and "." in text and "e" not in text:
+        text = text.rstrip("0").rstrip(".")
+    return text
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def record_table(records: Sequence[Record], *, title: str = "Reproduced results", command: str = "") -> Table:
+    """Records as a table; a row whose bound does not hold is marked poor."""
+    return Table(
+        title=title,
+        columns=(
+            Column("row", words=True),
+            Column("quantity", words=True),
+            Column("thesis"),
+            Column("here"),
+            Column("bound"),
+            Column("holds"),
+        ),
+        rows=tuple(
+            Row(
+                (r.row, r.quantity, published(r.thesis), r.here, r.bound, r.holds),
+                tone=None if r.holds is None else "good" if r.holds else "poor",
+                note=r.note,
+            )
+            for r in records
+        ),
+        command=command,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreRow:
+    """How well one output of one model is predicted; fit and VAF in percent, RMSE in the output's unit.
+
+    Parameters
+    ----------
+    model, channel, unit : str
+        Whose output.
+    kind : str
+        ``"free run"`` or ``"one-step-ahead"``.
+    fit, vaf, r2, rmse : float or None
+        As in `docs/nomenclature.md`. [%, %, -, unit]
+    tone : str, optional
+        How the row is meant.
+    command, note : str
+        What reproduces it; a remark.
+    """
+
+    model: str
+    channel: str
+    unit: str
+    kind: str
+    fit: float | None
+    vaf: float | None
+    r2: float | None
+    rmse: float | None
+    tone: Tone | None = None
+    command: str = ""
+    note: str = ""
+
+
+def score_table(
+    scores: Sequence[ScoreRow],
+    *,
+    title: str = "Free run beside one-step-ahead",
+    caption: str = "",
+    command: str = "",
+) -> Table:
+    """Scores of models and published results, one row each."""
+    units = {s.unit for s in scores}
+    shared = units.pop() if len(units) == 1 else ""
+    return Table(
+        title=title,
+        columns=(
+            Column("model", words=True),
+            Column("output", words=True),
+            Column("prediction", words=True),
+            Column("fit", "%"),
+            Column("VAF", "%"),
+            Column("R²", "-"),
+            Column("RMSE", shared, 3),
+        ),
+        rows=tuple(
+            Row(
+                (s.model, s.channel, s.kind, s.fit, s.vaf, s.r2, _with_unit(s.rmse, "" if shared else s.unit)),
+                tone=s.tone,
+                command=s.command,
+                note=s.note,
+            )
+            for s in scores
+        ),
+        caption=caption,
+        command=command,
+    )
+
+
+def _with_unit(value: float | None, unit: str) -> Cell:
+    return f"{number(value, 3)} {pretty_unit(unit)}" if value is not None and unit and unit != "-" else value
+
+
+def parameter_table(
+    fit: FitInfo,
+    *,
+    references: Mapping[str, float] | None = None,
+    reference_title: str = "reference",
+    level: float = 0.95,
+    title: str = "Parameters",
+    command: str = "",
+) -> Table:
+    """Estimates with their confidence intervals; an interval wider than the estimate itself is marked poor.
+
+    Parameters
+    ----------
+    fit : FitInfo
+        Estimates, covariance, warnings.
+    references : mapping, optional
+        True or published values by parameter name.
+    reference_title : str
+        Heading of their column.
+    level : float
+        Confidence level.
+    title, command : str
+        Title, and the command that reproduces the table.
+    """
+    known = references or {}
+    interval = fit.interval(level)
+    half = (interval[:, 1] - interval[:, 0]) / 2
+    rows = []
+    for k, name in enumerate(fit.names):
+        value = float(fit.values[k])
+        share = 100 * half[k] / abs(value) if value else math.nan
+        tone: Tone = "poor" if not share <= 100 else "fair" if share > 20 else "good"
+        cells: list[Cell] = [name, pretty_unit(fit.units[k]) if fit.units else "-"]
+        cells += [_to_digit(value, half[k]), _to_digit(interval[k, 0], half[k]), _to_digit(interval[k, 1], half[k])]
+        cells += [share, *([published(known.get(name), 6)] if known else [])]
+        rows.append(Row(tuple(cells), tone=tone))
+    percent = f"{100 * level:g} %"
+    columns = [Column("parameter", words=True), Column("unit", words=True), Column("estimate")]
+    columns += [Column(f"{percent} from"), Column("to"), Column("half width", "%", 2)]
+    columns += [Column(reference_title)] if known else []
+    return Table(
+        title=title,
+        columns=tuple(columns),
+        rows=tuple(rows),
+        caption=f"{fit.method[0].upper()}{fit.method[1:].rstrip('.')}." if fit.method else "",
+        warnings=fit.warnings,
+        command=command,
+    )
+
+
+def _to_digit(value: float, half: float) -> str:
+    """A value written to the second significant digit of its uncertainty.
+
+    >>> _to_digit(112345.678, 2345.6), _to_digit(0.123456, 0.0021)
+    ('112 300', '0.1235')
+    """
+    if not (math.isfinite(value) and math.isfinite(half)) or half <= 0 or value == 0:
+        return number(value)
+    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(half)) + 2
+    return number(value, min(max(digits, 2), 8))

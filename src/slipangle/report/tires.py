@@ -1,0 +1,202 @@
+"""Tables and page of a tire: forces at given conditions, its curves, and how it follows its measurements."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from slipangle.data.tire_data import TireData
+from slipangle.errors import ParameterError
+from slipangle.models.model import FitInfo
+from slipangle.models.tires import Tire
+from slipangle.report.page import Fact, Figure, Finding, Findings, Grid, Page, Section
+from slipangle.report.tables import Column, Row, Table, parameter_table
+from slipangle.report.tire_figures import (
+    QUANTITIES,
+    OperatingRange,
+    Quantity,
+    combined_slip,
+    fit_figure,
+    force_text,
+    forces,
+    predicted,
+    pure_slip,
+    residual_histogram,
+)
+
+__all__ = ["evaluate_table", "fit_errors", "informations", "tire_page"]
+
+
+def evaluate_table(
+    tire: Tire,
+    *,
+    slip_ratio: Sequence[float] | np.ndarray,
+    slip_angle: Sequence[float] | np.ndarray,
+    load: Sequence[float] | np.ndarray,
+    camber: Sequence[float] | np.ndarray = (0.0,),
+) -> Table:
+    """Forces and moments at every combination of the given conditions, one row each.
+
+    Parameters
+    ----------
+    tire : Tire
+        Any tire.
+    slip_ratio, slip_angle, load, camber : sequence of float
+        Conditions. [-, rad, N, rad]
+    """
+    grid = np.meshgrid(*(np.atleast_1d(np.asarray(v, dtype=float)) for v in (load, camber, slip_angle, slip_ratio)))
+    weight, gamma, angle, ratio = (g.transpose(1, 0, 2, 3).ravel() for g in grid)
+    found = tire.forces(ratio, angle, weight, camber=gamma)
+    columns = [np.broadcast_to(np.asarray(v, dtype=float), ratio.shape) for v in found]
+    rows = tuple(
+        Row(
+            (
+                float(weight[k]),
+                math.degrees(gamma[k]),
+                math.degrees(angle[k]),
+                float(ratio[k]),
+                *(float(c[k]) for c in columns),
+            )
+        )
+        for k in range(len(ratio))
+    )
+    heads = (("load", "N"), ("camber", "deg"), ("slip angle", "deg"), ("slip ratio", "-"), ("F_x", "N"), ("F_y", "N"))
+    heads += (("M_x", "N m"), ("M_y", "N m"), ("M_z", "N m"))
+    return Table(title="Forces and moments", columns=tuple(Column(t, u) for t, u in heads), rows=rows)
+
+
+def tire_page(
+    tire: Tire,
+    *,
+    title: str,
+    data: TireData | None = None,
+    loads: Sequence[float] = (),
+    camber: float = 0.0,
+    facts: Sequence[Fact] = (),
+    command: str = "",
+) -> Page:
+    """A page of one tire: its curves, and how it follows the measurements where they are given.
+
+    Parameters
+    ----------
+    tire : Tire
+        Any tire.
+    title : str
+        Heading, such as the file's name.
+    data : TireData, optional
+        What it was fitted to.
+    loads : sequence of float
+        Loads to draw. [N]
+    camber : float
+        Inclination to draw. [rad]
+    facts : sequence of Fact
+        Provenance.
+    command : str
+        What made the page.
+    """
+    sections = [_curves(tire, loads, camber)]
+    if data is not None:
+        sections.insert(0, _fit(tire, data))
+    return Page(
+        title=title,
+        subtitle=f"{_kind(tire)}; a positive slip ratio drives, a positive slip angle gives a force to the left",
+        sections=tuple(sections),
+        facts=tuple(facts),
+        command=command,
+    )
+
+
+def _kind(tire: Tire) -> str:
+    """Class of the tire in words.
+
+    >>> from slipangle.models.tires_physical import BrushTire
+    >>> _kind(BrushTire(C_alpha=5e4, C_s=6e4))
+    'Brush tire'
+    """
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", type(tire).__name__).lower()
+    return words[0].upper() + words[1:]
+
+
+def _curves(tire: Tire, loads: Sequence[float], camber: float) -> Section:
+    where = OperatingRange.of(tire, loads=loads)
+    blocks = []
+    for quantity in ("F_x", "F_y", "M_z"):
+        slip = 0.5 * (where.slip_ratio if quantity == "F_x" else where.slip_angle)
+        probe = forces(tire, *((slip, 0.0) if quantity == "F_x" else (0.0, slip)), where.loads[-1], camber)
+        if np.any(np.asarray(getattr(probe, quantity)) != 0):
+            figure = pure_slip(tire, quantity, loads=loads, camber=camber)  # type: ignore[arg-type]
+            over = "slip ratio" if quantity == "F_x" else "slip angle"
+            blocks.append(Figure(title=f"{quantity} over {over}", figure=figure, caption="One line per vertical load."))
+    middle = where.loads[len(where.loads) // 2]
+    blocks.append(
+        Figure(
+            title="Combined slip",
+            figure=combined_slip(tire, load=middle, camber=camber),
+            caption=f"At {force_text(middle)}: each line holds the slip angle while the slip ratio runs.",
+        )
+    )
+    return Section(title="Forces over slip", short="Curves", blocks=tuple(blocks))
+
+
+def fit_errors(tire: Tire, data: TireData) -> Table:
+    """RMSE of each measured output, the spread of the data and R2; F_x where the wheel is driven or braked."""
+    rows = []
+    found = predicted(tire, data)
+    for quantity in _measured(data):
+        measured = getattr(data, quantity)
+        error = measured - np.broadcast_to(getattr(found, quantity), measured.shape)
+        if quantity == "F_x":  # rolling resistance is no part of slip forces
+            driven = np.abs(data.slip_ratio) > 0.005
+            if not driven.any():
+                continue
+            measured, error = measured[driven], error[driven]
+        spread, rms = float(np.std(measured)), float(np.sqrt(np.mean(error**2)))
+        share = 1 - rms**2 / spread**2 if spread > 0 else math.nan
+        rows.append(Row((quantity, QUANTITIES[quantity][1], rms, spread, share)))
+    columns = (Column("output", words=True), Column("unit", words=True), Column("RMSE"), Column("spread of the data"))
+    return Table(title="How far off", columns=(*columns, Column("R²", "-")), rows=tuple(rows))
+
+
+def _measured(data: TireData) -> list[Quantity]:
+    quantities: tuple[Quantity, ...] = ("F_x", "F_y", "M_z", "M_x")
+    return [q for q in quantities if getattr(data, q) is not None]
+
+
+def _fit(tire: Tire, data: TireData) -> Section:
+    blocks: list[Any] = [fit_errors(tire, data)]
+    if data.notes:
+        blocks.append(Findings(title="What was seen in the data", items=tuple(Finding(sentence=n) for n in data.notes)))
+    for quantity in _measured(data):
+        try:
+            figure = fit_figure(tire, data, quantity)
+        except ParameterError:
+            continue
+        blocks.append(
+            Figure(
+                title=f"{quantity}: measured and fitted",
+                figure=figure,
+                caption="Points are measured, lines fitted, at the camber nearest to zero; residuals below.",
+            )
+        )
+    bars = [
+        Figure(title=f"Residuals of {q}, all samples", figure=residual_histogram(tire, data, q))
+        for q in ("F_x", "F_y")
+        if np.any(getattr(data, q) != 0)
+    ]
+    blocks.append(Grid(figures=tuple(bars)))
+    for name, info in informations(tire):
+        blocks.append(parameter_table(info, title=f"Coefficients{name}"))
+    return Section(title="Fit to measurements", short="Fit", blocks=tuple(blocks))
+
+
+def informations(tire: Any) -> list[tuple[str, FitInfo]]:
+    """Estimates with intervals: of the tire, or of each of its curves."""
+    own = getattr(tire, "fit_info", None)
+    if own is not None and own.names:
+        return [("", own)]
+    curves = ((f", {n}", getattr(getattr(tire, n, None), "fit_info", None)) for n in ("longitudinal", "lateral"))
+    return [(name, info) for name, info in curves if info is not None and info.names]
