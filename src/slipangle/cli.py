@@ -1,0 +1,54 @@
+"""The command line: ``slipangle demo | run | data | reproduce | bench``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from slipangle.commands import data, job, models, reproduce, tire
+from slipangle.errors import SlipangleError
+
+_STORY = """\
+From a vehicle's drive log to an identified model to a predictive controller.
+
+Start here:
+  slipangle demo                              the whole job on a built-in car, no data needed
+  slipangle run examples/ferrari_250lm.toml   the same on a real race car's log
+  slipangle data list                         public data sets, with licence and origin
+  slipangle reproduce table-8.2               a table of the thesis, with our number beside the printed one
+"""
+_EXITS = """\
+Exit code: 0 done, 1 a bound did not hold or a file is not the published one, 2 bad input (one sentence on
+standard error says what to do)."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command and return its exit code."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    options = _parser().parse_args(given)
+    try:
+        return options.function(options)
+    except SlipangleError as error:
+        print(f"slipangle: {error}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:
+        return 0
+    except KeyboardInterrupt:
+        print("slipangle: stopped; nothing was half-written", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(prog="slipangle", description=_STORY, epilog=_EXITS, formatter_class=raw)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    as_json = argparse.ArgumentParser(add_help=False)
+    as_json.add_argument("--json", action="store_true", help="print JSON on standard output, and nothing else there")
+    for group in (job, models, tire, data, reproduce):
+        group.add(commands, as_json)
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,86 @@
+"""``slipangle demo`` and ``slipangle run``: the main job."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from slipangle.commands.progress import Bar
+from slipangle.files import check_output, write_atomic
+
+
+def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) -> None:
+    """Describe the commands."""
+    raw = argparse.RawDescriptionHelpFormatter
+    demo = commands.add_parser(
+        "demo",
+        parents=[as_json],
+        formatter_class=raw,
+        help="the whole job on a built-in car; needs no data",
+        description="Drive a built-in car through excitation manoeuvres, log it with sensor noise, identify a bicycle\n"
+        "and an ARX model from that log, judge them on data they have not seen, track the ISO 3888-1 double\n"
+        "lane change with MPC on the identified bicycle, and write a page.",
+        epilog="The folder then also holds the log (drive_log.csv) and the job (demo.toml): change it and use 'run'.",
+    )
+    demo.add_argument("--out", default="slipangle-out/demo", help="folder for the results (default: %(default)s)")
+    demo.set_defaults(function=_demo)
+
+    run = commands.add_parser(
+        "run",
+        parents=[as_json],
+        formatter_class=raw,
+        help="the whole job on your log, as a TOML file says",
+        description="Read a log, identify models, judge them on data they have not seen, build a predictive\n"
+        "controller, and write a page. FILE.toml says which log, channels, units, models and manoeuvre;\n"
+        "examples/ferrari_250lm.toml explains the entries.",
+        epilog="With --json: free_run.<channel>.fit|vaf|rmse of the first model, models.<name>... of all.",
+    )
+    run.add_argument("file", metavar="FILE.toml")
+    run.add_argument("--out", help="folder for the results; overrides the file's 'out'")
+    run.set_defaults(function=_run)
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from slipangle.workflow.demo import prepare_demo
+
+    check_output(options.out)
+    with Bar(quiet=options.json) as bar:
+        settings = prepare_demo(options.out, progress=lambda share: bar(0.15 * share, "test drive of the built-in car"))
+        return _job(settings, options.out, options.json, bar.part(0.15, 1.0), bar, ["slipangle", "demo"])
+
+
+def _run(options: argparse.Namespace) -> int:
+    with Bar(quiet=options.json) as bar:
+        return _job(Path(options.file), options.out, options.json, bar, bar, ["slipangle", "run", options.file])
+
+
+def _job(file: Path, out: str | None, as_json: bool, progress: Bar, bar: Bar, command: list[str]) -> int:
+    from slipangle.workflow.job import run_job
+    from slipangle.workflow.page import build_page
+    from slipangle.workflow.settings import read_settings
+
+    settings = read_settings(file)
+    folder = Path(out if out is not None else settings.out)
+    check_output(folder)
+    outcome = run_job(settings, progress)
+    progress(0.96, "writing the page")
+    html = build_page(outcome, command).to_html()
+    page = write_atomic(folder / "index.html", html)
+    write_atomic(folder / "metrics.json", outcome.to_json())
+    progress(1.0, "done")
+    bar.close()
+    if as_json:
+        print(outcome.to_json(), end="")
+    else:
+        _print_verdict(outcome)
+        print(f"\nThe page: {page.resolve()}")
+    return 0
+
+
+def _print_verdict(outcome: object) -> None:
+    from slipangle.workflow.job import Outcome
+    from slipangle.workflow.page import summary
+
+    if isinstance(outcome, Outcome):
+        for sentence in summary(outcome):
+            print(sentence)

@@ -1,0 +1,211 @@
+"""``slipangle identify``, ``validate`` and ``compare``: models as files."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from slipangle.commands.progress import Bar
+from slipangle.errors import ConfigError
+from slipangle.files import check_output
+
+if TYPE_CHECKING:
+    from slipangle.data.dataset import Dataset
+    from slipangle.identify.compare import Comparison
+    from slipangle.models.model import Model
+    from slipangle.workflow.settings import Settings
+
+
+def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) -> None:
+    """Describe the commands."""
+    raw = argparse.RawDescriptionHelpFormatter
+    identify = commands.add_parser(
+        "identify",
+        parents=[as_json],
+        formatter_class=raw,
+        help="fit the models of a job and keep each as a readable file",
+        description="Read the log that FILE.toml names, fit its models to the training part, and write each to a JSON\n"
+        "file that 'validate', 'compare' and slipangle.models.storage.load read.",
+    )
+    identify.add_argument("file", metavar="FILE.toml", help="a job, as for 'slipangle run'")
+    identify.add_argument("--out", default="slipangle-out/models", help="folder for the models (default: %(default)s)")
+    identify.set_defaults(function=_identify)
+
+    for name, text, many in (
+        ("validate", "judge one model: free run beside one-step-ahead, residuals", False),
+        ("compare", "rank models by their free run, k steps ahead beside it", True),
+    ):
+        sub = commands.add_parser(
+            name,
+            parents=[as_json],
+            formatter_class=raw,
+            help=text,
+            description=f"{text[0].upper()}{text[1:]}. The data are those of the job FILE.toml: its test part, or\n"
+            "all of it with --whole, for a log that no model was fitted to.",
+        )
+        sub.add_argument("models", metavar="MODEL.json", nargs="+" if many else 1)
+        sub.add_argument("--data", required=True, metavar="FILE.toml", help="the job whose data to use")
+        sub.add_argument("--whole", action="store_true", help="use all of the data, not only the test part")
+        if many:
+            sub.add_argument("--out", help="also write a page with the free runs and errors over the horizon there")
+        sub.set_defaults(function=_compare if many else _validate)
+
+
+def _identify(options: argparse.Namespace) -> int:
+    from slipangle.models.storage import save
+    from slipangle.workflow.job import identify
+
+    check_output(options.out)
+    with Bar(quiet=options.json) as bar:
+        settings, data = _data(options.file)
+        train, _ = data.split(settings.data.train)
+        found: dict[str, Model] = {}
+        for i, wanted in enumerate(settings.model):
+            bar(i / len(settings.model), f"identifying {wanted.name}")
+            found[wanted.name] = identify(wanted, train)
+    paths = {name: save(model, Path(options.out) / f"{_slug(name)}.json") for name, model in found.items()}
+    warned = {name: list(m.fit_info.warnings) if m.fit_info else [] for name, m in found.items()}
+    if options.json:
+        print(json.dumps({n: {"file": str(p), "warnings": warned[n]} for n, p in paths.items()}, indent=2))
+        return 0
+    for name, path in paths.items():
+        print(f"{name}: {path}")
+        for sentence in warned[name]:
+            print(f"  {sentence}")
+    return 0
+
+
+def _validate(options: argparse.Namespace) -> int:
+    from slipangle.identify.validate import validate
+
+    models = _models(options.models)
+    name, model = next(iter(models.items()))
+    verdict = validate(model, _test(options), name=name)
+    rows = [
+        (kind, output, score)
+        for kind, scores in (("free run", verdict.free_run_scores), ("one-step-ahead", verdict.one_step_scores))
+        for output, score in scores.items()
+    ]
+    said = [s for tests in verdict.residuals.values() for s in tests.sentences]
+    if options.json:
+        found: dict[str, dict] = {"free_run": {}, "one_step_ahead": {}}
+        for kind, output, s in rows:
+            entry = {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse, "r2": s.r2}
+            found[kind.replace(" ", "_").replace("-", "_")][output] = entry
+        print(json.dumps(found | {"residuals": said}, indent=2))
+        return 0
+    for kind, output, s in rows:
+        print(f"{kind:16} {output:8} fit {s.fit:7.2f} %   VAF {s.vaf:7.2f} %   RMSE {s.rmse:.4g}   R2 {s.r2:.4f}")
+    print(*said, sep="\n")
+    return 0
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from slipangle.identify.compare import compare
+
+    if options.out:
+        check_output(options.out)
+    test = _test(options)
+    result = compare(_models(options.models), test)
+    page = _comparison_page(result, test, options) if options.out else None
+    if options.json:
+        rows = [
+            {
+                "model": e.name,
+                "free_run": {o: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse} for o, s in e.scores.items()},
+            }
+            | ({"failure": e.failure} if e.failure else {})
+            for e in result.entries
+        ]
+        print(json.dumps(rows, indent=2))
+        return 0
+    print(f"free run on {result.n_samples} samples of {result.data_name}, the best first")
+    for entry in result.entries:
+        scores = "   ".join(f"{o}: fit {s.fit:.2f} %, VAF {s.vaf:.2f} %" for o, s in entry.scores.items())
+        print(f"{entry.name:28} {scores or entry.failure}")
+    if page is not None:
+        print(f"\nThe page: {page.resolve()}")
+    return 0
+
+
+def _comparison_page(result: Comparison, test: Dataset, options: argparse.Namespace) -> Path:
+    """Free runs, error clouds and errors over the horizon of all models that did not fail."""
+    from slipangle.data.dataset import Channel
+    from slipangle.identify.compare import horizon_errors
+    from slipangle.report import Figure, Page, ScoreRow, Section, horizon_curves, rainclouds, score_table, trajectories
+
+    good = [e for e in result.entries if not e.failure]
+    runs = {e.name: e.free_run for e in good if e.free_run is not None}
+    ahead = {e.name: horizon_errors(e.model, test) for e in good}
+    sections = []
+    for output in result.outputs:
+        channel = Channel(output, test.unit(output))
+        errors = {n: t.error[t.predicted, t.outputs.index(output)] for n, t in runs.items()}
+        rows = [
+            ScoreRow(
+                model=e.name,
+                channel=output,
+                unit=channel.unit,
+                kind="free run",
+                fit=s.fit,
+                vaf=s.vaf,
+                r2=s.r2,
+                rmse=s.rmse,
+            )
+            for e in good
+            for s in [e.scores[output]]
+        ]
+        blocks = (
+            score_table(rows, title=f"Ranking, {output}"),
+            Figure(title=f"Free runs, {output}", figure=trajectories(runs, channel)),
+            Figure(title=f"Free-run error of {output}", figure=rainclouds(errors, channel=channel)),
+            Figure(
+                title=f"Error over the horizon, {output}",
+                figure=horizon_curves(ahead, channel),
+                caption="Prediction from measured outputs up to so long before; dashed: the free run.",
+            ),
+        )
+        sections.append(Section(title=f"Output {output}", blocks=blocks))
+    page = Page(
+        title="Comparison of models",
+        subtitle=f"{result.data_name}, {result.n_samples} samples that none was fitted to",
+        sections=tuple(sections),
+        command=f"slipangle compare {' '.join(options.models)} --data {options.data}",
+    )
+    return page.write(Path(options.out) / "comparison.html")
+
+
+def _data(file: str) -> tuple[Settings, Dataset]:
+    from slipangle.workflow.job import condition, load_data
+    from slipangle.workflow.settings import read_settings
+
+    settings = read_settings(file)
+    return settings, condition(load_data(settings), settings)
+
+
+def _test(options: argparse.Namespace) -> Dataset:
+    settings, data = _data(options.data)
+    return data if options.whole else data.split(settings.data.train)[1]
+
+
+def _models(files: list[str]) -> dict[str, Model]:
+    from slipangle.models.model import Model
+    from slipangle.models.storage import load
+
+    found: dict[str, Model] = {}
+    for file in files:
+        record = load(file)
+        if not isinstance(record, Model):
+            raise ConfigError(
+                f"'{file}' holds a {type(record).__name__}; expected a model: name a file that 'slipangle identify' "
+                "wrote"
+            )
+        found[Path(file).stem] = record
+    return found
+
+
+def _slug(name: str) -> str:
+    return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") or "model"

@@ -1,0 +1,65 @@
+"""A progress bar on standard error that appears only when the work takes over a second."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+
+PATIENCE = 1.0  # s before the bar appears
+
+
+class Bar:
+    """Callable as ``bar(share, what)``; quiet for machines."""
+
+    def __init__(self, *, quiet: bool = False) -> None:
+        self._quiet = quiet or not sys.stderr.isatty()
+        self._began = time.monotonic()
+        self._shown: Progress | None = None
+        self._task = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __call__(self, share: float, what: str) -> None:
+        """Show that ``share`` (0 to 1) is done, and what is being done."""
+        if self._quiet:
+            return
+        if self._shown is None:
+            if time.monotonic() - self._began < PATIENCE and share < 1.0:
+                return
+            columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
+            self._shown = Progress(*columns, console=Console(stderr=True), transient=True)
+            self._shown.start()
+            self._task = self._shown.add_task(what, total=1.0)
+        if self._task is not None:
+            self._shown.update(self._task, completed=share, description=what)
+
+    def part(self, start: float, stop: float) -> Bar:
+        """A bar whose 0 to 1 is this one's ``start`` to ``stop``."""
+        return _Part(self, start, stop)
+
+    def close(self) -> None:
+        """Remove the bar."""
+        if self._shown is not None:
+            self._shown.stop()
+            self._shown, self._task = None, None
+            self._quiet = True
+
+
+class _Part(Bar):
+    def __init__(self, whole: Bar, start: float, stop: float) -> None:
+        super().__init__(quiet=True)
+        self._whole, self._start, self._stop = whole, start, stop
+
+    def __call__(self, share: float, what: str) -> None:
+        self._whole(self._start + share * (self._stop - self._start), what)

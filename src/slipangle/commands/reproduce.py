@@ -1,0 +1,51 @@
+"""``slipangle reproduce`` and ``slipangle bench``: numbers with their bounds."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+from slipangle.commands.progress import Bar
+
+
+def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) -> None:
+    """Describe the commands."""
+    for name, text, more in (
+        ("reproduce", "tables of the thesis beside our numbers", "An experiment is named as in the thesis: table-8.2."),
+        ("bench", "speed beside peers, in one run", "Needs a checkout: benchmarks/bench_NAME.py."),
+    ):
+        sub = commands.add_parser(
+            name,
+            parents=[as_json],
+            help=text,
+            description=f"{text[0].upper()}{text[1:]}. {more} Without a name, list them.",
+            epilog="Records: row, quantity, thesis, here, bound, holds, note. Exit code 1 if one does not hold.",
+        )
+        sub.add_argument("names", nargs="*", metavar="NAME")
+        sub.set_defaults(function=_reproduce)
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    from slipangle import experiments
+    from slipangle.report.tables import record_table
+
+    bench = options.command == "bench"
+    if not options.names:
+        known = experiments.benchmark_names() if bench else experiments.names()
+        print(json.dumps(known) if options.json else "\n".join(known))
+        return 0
+    find = experiments.find_benchmark if bench else experiments.find
+    modules = [(name, find(name)) for name in options.names]
+    results = []
+    for name, module in modules:
+        with Bar(quiet=options.json) as bar:
+            results.append((name, (module.bench if bench else module.reproduce)(bar)))
+    if options.json:
+        rows = [{"name": name, **record.to_dict()} for name, result in results for record in result.records]
+        print(json.dumps(rows, indent=2))
+    else:
+        for name, result in results:
+            command = f"slipangle {options.command} {name}"
+            print(record_table(result.records, title=result.title, command=command).to_text())
+            print(f"{result.protocol}\n")
+    return 0 if all(result.holds for _, result in results) else 1

@@ -1,0 +1,292 @@
+"""``slipangle tire eval | fit | plot | convert``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import re
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from slipangle.commands.progress import Bar
+from slipangle.errors import ConfigError, FormatError
+from slipangle.files import check_output
+
+if TYPE_CHECKING:
+    from slipangle.data.tire_data import TireData
+    from slipangle.models.tires import Tire
+
+_MODELS = "mf61, magic, linear, brush, dugoff, rbf:N, mlp:N,N,... (N neurons)"
+_FILES = "a .tir file, or a tire that slipangle saved as .json"
+
+
+def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) -> None:
+    """Describe the commands."""
+    raw = argparse.RawDescriptionHelpFormatter
+    tire = commands.add_parser(
+        "tire",
+        help="tires: eval, fit, plot, convert",
+        description="Evaluate, fit, draw and convert tires. A positive slip ratio drives, a positive slip angle gives\n"
+        "a force to the left; loads are positive.",
+        formatter_class=raw,
+    )
+    actions = tire.add_subparsers(dest="action", required=True, metavar="ACTION")
+
+    sub = actions.add_parser("eval", parents=[as_json], help="forces and moments at given slips and loads")
+    sub.add_argument("file", metavar="FILE", help=_FILES)
+    _conditions(sub)
+    sub.set_defaults(function=_eval)
+
+    sub = actions.add_parser("fit", parents=[as_json], help="fit a tire to runs of a rig (FSAE TTC .mat, .dat)")
+    sub.add_argument("files", nargs="+", metavar="FILE", help="runs of one tire: cornering, drive/brake")
+    sub.add_argument("--model", default="mf61", help=f"{_MODELS} (default: %(default)s)")
+    sub.add_argument("--radius", type=float, default=0.3, help="unloaded radius for mf61 [m] (default: %(default)s)")
+    sub.add_argument("--inputs", default="", help="of networks besides slip: load, or load,camber")
+    sub.add_argument("--seed", type=int, default=0, help="of the random starts (default: %(default)s)")
+    sub.add_argument("--out", metavar="FILE", help="write the tire: .tir (mf61) or .json")
+    sub.add_argument("--page", metavar="FILE.html", help="write a page with measurements, fit and residuals")
+    sub.set_defaults(function=_fit)
+
+    sub = actions.add_parser("plot", parents=[as_json], help="a page of force over slip and load, combined slip")
+    sub.add_argument("file", metavar="FILE", help=_FILES)
+    sub.add_argument("--load", type=_numbers, default=(), metavar="N,...", help="loads [N]")
+    sub.add_argument("--camber", type=float, default=0.0, metavar="DEG", help="inclination [deg]")
+    sub.add_argument("--out", default="tire.html", metavar="FILE.html", help="default: %(default)s")
+    sub.set_defaults(function=_plot)
+
+    sub = actions.add_parser("convert", parents=[as_json], help="write a tire as .tir in SI units, or as .json")
+    sub.add_argument("file", metavar="FILE", help=_FILES)
+    sub.add_argument("out", metavar="OUT", help=".tir or .json")
+    sub.add_argument("--mirror", action="store_true", help="for the other side of the vehicle (.json only)")
+    sub.set_defaults(function=_convert)
+
+
+def _conditions(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--slip-ratio", type=_numbers, default=(0.0,), metavar="LIST", help="such as 0,0.05 or 0:0.2:0.05")
+    sub.add_argument("--slip-angle", type=_numbers, default=(0.0,), metavar="LIST", help="[deg], such as -10:10:2")
+    sub.add_argument("--load", type=_numbers, required=True, metavar="LIST", help="[N], such as 2000,4000")
+    sub.add_argument("--camber", type=_numbers, default=(0.0,), metavar="LIST", help="[deg]")
+    sub.add_argument("--extrapolate", action="store_true", help="evaluate outside the file's range, with a warning")
+
+
+def _eval(options: argparse.Namespace) -> int:
+    from slipangle.report.tires import evaluate_table
+
+    tire = read_tire(options.file, extrapolate=options.extrapolate)
+    with _warnings_printed():
+        table = evaluate_table(
+            tire,
+            slip_ratio=options.slip_ratio,
+            slip_angle=[math.radians(a) for a in options.slip_angle],
+            load=options.load,
+            camber=[math.radians(c) for c in options.camber],
+        )
+    if options.json:
+        heads = [f"{c.title} [{c.unit}]" for c in table.columns]
+        print(json.dumps([dict(zip(heads, row.cells, strict=True)) for row in table.rows], indent=2))
+    else:
+        print(table.to_text(), end="")
+    return 0
+
+
+def _fit(options: argparse.Namespace) -> int:
+    from slipangle.data.readers.ttc import read_ttc
+    from slipangle.data.tire_data import joined
+    from slipangle.models.storage import save
+    from slipangle.report.page import Fact
+    from slipangle.report.tables import parameter_table
+    from slipangle.report.tires import fit_errors, informations, tire_page
+
+    model = _estimator(options)
+    for path in (options.out, options.page):
+        if path:
+            check_output(Path(path).parent)
+    if options.out and Path(options.out).suffix.lower() not in (".tir", ".json"):
+        raise FormatError(
+            f"'{options.out}' ends in neither .tir nor .json; expected one of them: name the tire's file so"
+        )
+    if options.out and Path(options.out).suffix.lower() == ".tir" and options.model != "mf61":
+        raise FormatError(f"a {options.model} tire has no place in a .tir file; expected .json, or --model mf61")
+    with Bar(quiet=options.json) as bar:
+        bar(0.05, "reading")
+        data = joined([read_ttc(path) for path in options.files])
+        bar(0.2, f"fitting {options.model} to {data.n_samples} samples")
+        with _warnings_printed():
+            tire = model(data)
+    command = f"slipangle tire fit {' '.join(options.files)} --model {options.model}"
+    if options.out:
+        _write(tire, options.out, save)
+    if options.page:
+        facts = tuple(Fact(label="file", value=path) for path in options.files)
+        tire_page(tire, title=data.name, data=data, facts=facts, command=command).write(options.page)
+    errors = fit_errors(tire, data)
+    tables = [parameter_table(info, title=f"Coefficients{name}") for name, info in informations(tire)]
+    if options.json:
+        content = {"samples": data.n_samples, "notes": list(data.notes), "errors": [list(r.cells) for r in errors.rows]}
+        content["coefficients"] = [
+            {"name": n, "value": float(v), "std": float(s)}
+            for _, info in informations(tire)
+            for n, v, s in zip(info.names, info.values, info.std, strict=True)
+        ]
+        content["written"] = [path for path in (options.out, options.page) if path]
+        print(json.dumps(content, indent=2))
+        return 0
+    print(*(f"{note}" for note in data.notes), sep="\n")
+    for table in (errors, *tables):
+        print(table.to_text())
+    print(*(f"wrote {path}" for path in (options.out, options.page) if path), sep="\n")
+    return 0
+
+
+def _plot(options: argparse.Namespace) -> int:
+    from slipangle.report.tires import tire_page
+
+    check_output(Path(options.out).parent)
+    tire = read_tire(options.file, extrapolate=True)
+    page = tire_page(
+        tire,
+        title=Path(options.file).name,
+        loads=options.load,
+        camber=math.radians(options.camber),
+        command=f"slipangle tire plot {options.file}",
+    )
+    path = page.write(options.out)
+    print(json.dumps({"written": str(path)}) if options.json else f"wrote {path}")
+    return 0
+
+
+def _convert(options: argparse.Namespace) -> int:
+    from dataclasses import replace
+
+    from slipangle.models.magic_formula import MagicFormulaTire
+    from slipangle.models.storage import save
+
+    tire: Any = read_tire(options.file, extrapolate=False)
+    check_output(Path(options.out).parent)
+    if options.mirror:
+        if not isinstance(tire, MagicFormulaTire):
+            raise ConfigError("only a Magic Formula tire can be mirrored; expected a .tir file: leave --mirror out")
+        tire = replace(tire, mirrored=not tire.mirrored)
+    if isinstance(tire, MagicFormulaTire):
+        tire = replace(tire, source=None)  # every coefficient anew, in SI units
+    path = _write(tire, options.out, save)
+    print(json.dumps({"written": str(path)}) if options.json else f"wrote {path}")
+    return 0
+
+
+def read_tire(path: str | Path, *, extrapolate: bool = False) -> Tire:
+    """Tire of a ``.tir`` file or of a JSON file that slipangle saved.
+
+    Raises
+    ------
+    MissingFileError, FormatError
+        If there is no such file, or it is not one of a tire.
+    """
+    from slipangle.models.magic_formula import MagicFormulaTire
+    from slipangle.models.storage import load
+    from slipangle.models.tires import Tire
+
+    suffix = Path(path).suffix.lower()
+    outside = "extrapolate" if extrapolate else "error"
+    if suffix == ".tir":
+        with _warnings_printed():
+            return MagicFormulaTire.from_tir(path, outside=outside)
+    if suffix != ".json":
+        raise FormatError(f"'{path}' ends in '{suffix}'; expected {_FILES}")
+    found = load(path)
+    if not isinstance(found, Tire):
+        raise FormatError(f"'{path}' holds a {type(found).__name__}; expected a tire")
+    return found
+
+
+def _write(tire: Any, out: str, save: Any) -> Path:
+    from slipangle.identify.magic_formula import confidence
+    from slipangle.models.magic_formula import MagicFormulaTire
+
+    suffix = Path(out).suffix.lower()
+    if suffix == ".json":
+        return save(tire, out)
+    if suffix != ".tir":
+        raise FormatError(f"'{out}' ends in neither .tir nor .json; expected one of them: name the tire's file so")
+    if not isinstance(tire, MagicFormulaTire):
+        raise FormatError(f"a {type(tire).__name__} has no place in a .tir file; expected .json as suffix")
+    if tire.mirrored:
+        raise FormatError("a mirrored tire has no place in a .tir file; expected .json as suffix, or no --mirror")
+    comments = {} if tire.fit_info is None else confidence(tire.fit_info)
+    return tire.write_tir(out, comments=comments)
+
+
+def _estimator(options: argparse.Namespace) -> Any:
+    """The fit that ``--model`` names, as a function of the data."""
+    from slipangle.identify.curves import MagicCurveFit, MLPCurveFit, RBFCurveFit
+    from slipangle.identify.magic_formula import MagicFormulaFit, typical
+    from slipangle.identify.tires import CurveTireFit
+    from slipangle.models.tires import LinearTire
+    from slipangle.models.tires_physical import BrushTire, DugoffTire
+
+    name, seed = options.model, options.seed
+    inputs: Any = tuple(part for part in options.inputs.split(",") if part)
+    if name == "mf61":
+        return lambda data: MagicFormulaFit(start=typical(data, radius=options.radius), seed=seed).fit(data)
+    if name == "magic":
+        curve = MagicCurveFit(seed=seed)
+        return CurveTireFit(longitudinal=curve, lateral=curve).fit
+    physical: dict[str, Any] = {"linear": LinearTire, "brush": BrushTire, "dugoff": DugoffTire}
+    if name in physical:
+        return lambda data: _physical(physical[name](C_alpha=5e4, C_s=5e4), data, seed)
+    network = re.fullmatch(r"(rbf|mlp):(\d+(?:,\d+)*)", name)
+    if network is None:
+        raise ConfigError(f"there is no tire model '{name}'; expected one of {_MODELS}")
+    sizes = tuple(int(n) for n in network[2].split(","))
+    if network[1] == "rbf" and len(sizes) != 1:
+        raise ConfigError(f"a radial basis function network has one layer, '{name}' names {len(sizes)}; expected rbf:N")
+    fit = RBFCurveFit(neurons=sizes[0], seed=seed) if network[1] == "rbf" else MLPCurveFit(hidden=sizes, seed=seed)
+    return CurveTireFit(longitudinal=fit, lateral=fit, inputs=inputs).fit
+
+
+def _physical(start: Any, data: TireData, seed: int) -> Any:
+    """Stiffness in the directions that the data move in, and friction where the model has it."""
+    from slipangle.identify.tires import TireFit
+
+    linear = "mu" not in start.metadata()
+    limit = 0.02 if linear else 10.0
+    near = (abs(data.slip_angle) < limit) & (abs(data.slip_ratio) < limit)
+    moves = {"C_alpha": data.slip_angle[near], "C_s": data.slip_ratio[near]}
+    free = tuple(name for name, slip in moves.items() if len(slip) and slip.max() - slip.min() > 0.02)
+    free += () if linear else ("mu",)
+    return TireFit(start=start, free=free, slip_limit=limit, seed=seed).fit(data)
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    """``1,2,3`` or ``start:stop:step``, both ends included.
+
+    >>> _numbers("0:0.2:0.1"), _numbers("5,-3")
+    ((0.0, 0.1, 0.2), (5.0, -3.0))
+    """
+    try:
+        if ":" in text:
+            start, stop, step = (float(part) for part in text.split(":"))
+            count = math.floor((stop - start) / step + 1e-9) + 1
+            if not 1 <= count <= 100_000:
+                raise ValueError
+            return tuple(round(start + k * step, 12) for k in range(count))
+        return tuple(float(part) for part in text.split(","))
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is no list of numbers; expected such as 0,0.05 or 0:0.2:0.05"
+        ) from None
+
+
+@contextmanager
+def _warnings_printed() -> Iterator[None]:
+    """Show warnings as plain sentences on standard error, each once."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    for sentence in dict.fromkeys(str(w.message) for w in caught):
+        print(f"slipangle: {sentence}", file=sys.stderr)

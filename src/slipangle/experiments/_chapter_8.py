@@ -1,0 +1,197 @@
+"""What the tables of chapter 8 share: the Ferrari run with its channels, settings of every model, records.
+
+Protocol: Ferrari 250 LM, Targa Sixty-Six 2014 (Revs Program at Stanford), 550 s at 100 Hz; steering despiked,
+zero-phase low-pass at 8 Hz, 20 Hz. First 70 % to fit, one free run over the last 165 s; the measured output is used at
+the first samples only, as many as the model needs.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset, join
+from slipangle.data.public import ferrari_250lm, load
+from slipangle.errors import IdentifiabilityWarning, ModelWarning
+from slipangle.identify.compare import Estimator
+from slipangle.identify.greybox import GreyBox
+from slipangle.identify.hybrid import restarted
+from slipangle.identify.narx import NARX
+from slipangle.identify.narx_free_run import FreeRunNARX
+from slipangle.identify.training import Stage
+from slipangle.identify.validate import Score, score
+from slipangle.models.catalogue import FERRARI_250LM
+from slipangle.models.model import Model
+from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, with_speed_derivative
+from slipangle.models.vehicles import Bicycle
+from slipangle.report.tables import Record
+
+SEEDS = (0, 1, 2, 3, 4)
+LAGGED = ("delta", "v_x", "v_x_dot")
+PRODUCT = ("delta", "v_x", "delta_v_x")
+STAGES = (Stage(horizon=1, epochs=200), Stage(horizon=40, epochs=400, learning_rate=3e-3))
+FIRST = ("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_lag", "steering_offset", "yaw_rate_bias")
+SECOND = (*FIRST, "l_f", "transfer_x", "friction_load", "stiffness_load")
+WINDOW = 28.0  # s; what the thesis' RMSE column suggests for the length of its test part
+RESTART = 10.0  # s
+
+
+def channels(data: Dataset) -> Dataset:
+    """The data with the channels that the models of chapter 8 take; pieces below one second are left out."""
+    data = with_speed_derivative(data)
+    data = data.with_channel("delta_v_x", data["delta"] * data["v_x"], "rad m/s").select(inputs=LAGGED, outputs=("r",))
+    long = [part for part in data.experiments if part.duration > 1.0]
+    return data if len(long) == len(data.experiments) else join(*long, name=data.name)
+
+
+def ferrari() -> tuple[Dataset, Dataset]:
+    """Training and test part."""
+    return channels(ferrari_250lm()).split(0.7)
+
+
+def session() -> Dataset:
+    """Another session of the same car, 20 Hz."""
+    return channels(load("ferrari-250lm-session"))
+
+
+def narx(seed: int, stages: Sequence[Stage] = STAGES) -> NARX:
+    """Settings of the discrepancies of M1 and M4."""
+    return NARX(na=5, nb=5, hidden=(30, 30), stages=tuple(stages), holdout=0.0, seeds=(seed,))
+
+
+def free_run_narx(seed: int) -> FreeRunNARX:
+    """Settings of M4 and of M3's discrepancy: a small network, Adam on windows, then Gauss-Newton on the free run."""
+    stages = (
+        Stage(horizon=1, epochs=100, learning_rate=3e-3),
+        Stage(horizon=40, epochs=150, learning_rate=3e-3),
+    )
+    return FreeRunNARX(start=NARX(na=5, nb=5, hidden=(12,), activation="tanh", stages=stages, seeds=(seed,)))
+
+
+def bicycle(train: Dataset, free: tuple[str, ...]) -> Bicycle:
+    """M1 as in the thesis."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", IdentifiabilityWarning)
+        return GreyBox(start=Bicycle(params=FERRARI_250LM, dt=train.dt), free=free).fit(train)
+
+
+def nonlinear_bicycle(train: Dataset) -> NonlinearBicycle:
+    """M1 with Magic Formula axles and load transfer, eight, then twelve free parameters."""
+    start = NonlinearBicycleParams(mass=982.0, inertia_z=900.0, wheelbase=2.4, l_f=1.35, C_f=6e4, C_r=9e4)
+    model = NonlinearBicycle(params=start, dt=train.dt, substeps=3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", IdentifiabilityWarning)
+        for free in (FIRST, SECOND):
+            model = GreyBox(start=model, free=free, max_iterations=40).fit(train)
+    return model
+
+
+def quietly(estimator: Estimator, data: Dataset) -> Any:
+    """``estimator.fit(data)`` without the warnings that every seed's row shows anyway."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        warnings.simplefilter("ignore", IdentifiabilityWarning)
+        return estimator.fit(data)
+
+
+# ---- judging -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """One model on the test part.
+
+    Parameters
+    ----------
+    free : Score
+        One free run over all of it.
+    restarted : float
+        Fit of free runs that start anew every 10 s. [%]
+    windows : array, shape (n_windows,)
+        Fit of the one free run over each 28 s. [%]
+    seconds : float
+        Time of the fit. [s]
+    """
+
+    free: Score
+    restarted: float
+    windows: np.ndarray
+    seconds: float
+
+
+def judge(model: Model, test: Dataset) -> Verdict:
+    """Free run over the whole test part, restarts beside it, scatter of windows."""
+    run = model.simulate(test)
+    output = model.outputs[0]
+    anew = model.simulate(restarted(model, test, RESTART))
+    n = round(WINDOW / test.dt)
+    windows = []
+    for a in range(model.memory, test.n_samples - n + 1, n):
+        inside = np.zeros(test.n_samples, dtype=bool)
+        inside[a : a + n] = True
+        windows.append(score(replace(run, predicted=run.predicted & inside), output).fit)
+    seconds = model.fit_info.seconds if model.fit_info is not None else float("nan")
+    return Verdict(
+        free=score(run, output), restarted=score(anew, output).fit, windows=np.array(windows), seconds=seconds
+    )
+
+
+def records(
+    row: str,
+    verdicts: Sequence[Verdict],
+    *,
+    printed: tuple[float, float] | None,
+    fit: float | None,
+    vaf: float | None = None,
+    unit: str = "r",
+    slowest: float | None = None,
+    seeds: Sequence[int] = (),
+) -> list[Record]:
+    """Fit, VAF, distance of the restarts and time of one row; medians where there are seeds."""
+    every = (
+        f"seeds {', '.join(f'{s}: {v.free.fit:.2f}' for s, v in zip(seeds, verdicts, strict=True))}" if seeds else ""
+    )
+    scatter = np.concatenate([v.windows for v in verdicts])
+    note = f"{WINDOW:g} s windows {scatter.min():.1f} to {scatter.max():.1f}"
+    medians = {
+        f"fit of {unit} [%]": (float(np.median([v.free.fit for v in verdicts])), fit, 0),
+        f"VAF of {unit} [%]": (float(np.median([v.free.vaf for v in verdicts])), vaf, 1),
+    }
+    made = [
+        Record(
+            row=row,
+            quantity=quantity,
+            thesis=printed[i] if printed else None,
+            here=here,
+            bound="" if least is None else f">= {least:g}",
+            holds=None if least is None else here >= least,
+            note="; ".join(filter(None, (every, note))) if i == 0 else "",
+        )
+        for quantity, (here, least, i) in medians.items()
+    ]
+    apart = max((v.restarted - v.free.fit for v in verdicts), key=abs)
+    made.append(
+        Record(
+            row=row,
+            quantity=f"restarts every {RESTART:g} s, change of fit [%]",
+            thesis=None,
+            here=apart,
+            note="the largest of all seeds" if seeds else "",
+        )
+    )
+    seconds = float(np.median([v.seconds for v in verdicts]))
+    made.append(
+        Record(
+            row=row,
+            quantity="time of one fit [s]",
+            thesis=None,
+            here=seconds,
+            bound="" if slowest is None else f"<= {slowest:g}",
+            holds=None if slowest is None else seconds <= slowest,
+        )
+    )
+    return made

@@ -1,0 +1,484 @@
+"""The page of a job: verdict first, then what it rests on."""
+
+from __future__ import annotations
+
+import platform
+import shlex
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from importlib.metadata import version
+
+import numpy as np
+
+from slipangle.data.dataset import Channel, Dataset
+from slipangle.identify.validate import Validation
+from slipangle.models.arx import ARXModel
+from slipangle.report import (
+    Body,
+    Fact,
+    Figure,
+    Finding,
+    Findings,
+    Grid,
+    Number,
+    Page,
+    ScoreRow,
+    Section,
+    Signal,
+    Span,
+    Text,
+    Verdict,
+    correlation,
+    correlogram,
+    forest,
+    parameter_table,
+    path_map,
+    rainclouds,
+    score_table,
+    signals,
+    solver_histogram,
+    solver_time,
+    track_map,
+    trajectories,
+)
+from slipangle.report.page import Block
+from slipangle.report.tables import Tone, number
+from slipangle.simulate.run import Run
+from slipangle.units import deg
+from slipangle.workflow.job import Outcome
+from slipangle.workflow.settings import PublishedSettings
+
+GOOD, FAIR = 75.0, 50.0  # %, free-run fit from which a model is called good, fair
+
+
+def build_page(outcome: Outcome, command: list[str]) -> Page:
+    """The whole page; ``command`` is what made it, printed under its numbers."""
+    said = shlex.join(command)
+    return Page(
+        title=outcome.settings.title,
+        subtitle=outcome.settings.subtitle,
+        sections=tuple(_sections(outcome, said)),
+        facts=_facts(outcome),
+        command=said,
+    )
+
+
+def _sections(outcome: Outcome, command: str) -> Iterator[Section]:
+    yield Section(title="Verdict", blocks=tuple(_verdicts(outcome, command)))
+    for name in outcome.validations[0].model.outputs:
+        yield _fit_section(outcome, name, command)
+    yield _parameter_section(outcome, command)
+    yield _residual_section(outcome)
+    yield _data_section(outcome)
+    if outcome.run is not None:
+        yield _drive_section(outcome, outcome.run, command)
+
+
+# ---- verdict -------------------------------------------------------------------------------------------------------
+
+
+def _verdicts(outcome: Outcome, command: str) -> Iterator[Verdict]:
+    for i, v in enumerate(outcome.validations):
+        published = outcome.settings.model[i].published
+        for name in v.model.outputs:
+            yield _model_verdict(outcome, v, name, published, command)
+    if outcome.run is not None:
+        yield _drive_verdict(outcome, outcome.run, command)
+
+
+def _model_verdict(
+    outcome: Outcome, v: Validation, name: str, published: PublishedSettings | None, command: str
+) -> Verdict:
+    score = v.free_run_scores[name]
+    tone: Tone = "good" if score.fit >= GOOD else "fair" if score.fit >= FAIR else "poor"
+    how = {
+        "good": "follows the test drive closely",
+        "fair": "follows the test drive roughly",
+        "poor": "does not follow the test drive",
+    }[tone]
+    sentence = (
+        f"From inputs alone, “{v.name}” {how}: fit {score.fit:.1f} % of {_spoken(name)} over "
+        f"{outcome.test.duration:.0f} s that it was not fitted to."
+    )
+    warned = len(v.model.fit_info.warnings) if v.model.fit_info else 0
+    if warned:
+        sentence += (
+            f" Trust its predictions more than its parameters: {warned} warning{'s' if warned > 1 else ''} on what the "
+            "data do not determine stand below."
+        )
+    unit = outcome.data.unit(name)
+    if published is None:
+        numbers = (
+            Number(label=f"fit of {name}, free run", value=score.fit, unit="%"),
+            Number(label="VAF", value=score.vaf, unit="%"),
+            Number(label="RMSE", value=score.rmse, unit=unit, digits=3),
+        )
+    else:
+        theirs = published.source
+        numbers = (
+            Number(
+                label=f"fit of {name}, free run",
+                value=score.fit,
+                unit="%",
+                reference=published.fit,
+                reference_label=theirs,
+            ),
+            Number(label="VAF", value=score.vaf, unit="%", reference=published.vaf, reference_label=theirs),
+            Number(
+                label="RMSE", value=score.rmse, unit=unit, reference=published.rmse, reference_label=theirs, digits=3
+            ),
+        )
+    return Verdict(title=f"{v.name}, {_spoken(name)}", sentence=sentence, tone=tone, numbers=numbers, command=command)
+
+
+def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
+    wanted = outcome.settings.controller
+    if wanted is None:
+        raise AssertionError
+    seconds = run.seconds[1:]
+    median, late = float(np.median(seconds)), float(np.percentile(seconds, 99))
+    in_time = late < wanted.dt
+    tone: Tone = "good" if run.inside and run.fallbacks == 0 and in_time else "fair" if run.inside else "poor"
+    where = "stays inside its lanes" if run.inside else "leaves its lanes"
+    sentence = (
+        f"An MPC on “{wanted.model}” drives {_MANOEUVRE[wanted.manoeuvre]} at {wanted.v_x:g} m/s and {where}, "
+        f"{100 * run.rmse('y'):.1f} cm (RMS) from the path. The plant is {outcome.plant}."
+    )
+    if run.fallbacks:
+        sentence += f" {run.fallbacks} of {len(run.plans)} commands came from an older plan."
+    numbers = (
+        Number(label="lateral error, RMS", value=run.rmse("y"), unit="m", digits=3),
+        Number(label="lateral error, largest", value=run.max("y"), unit="m", digits=3),
+        Number(label="solver, median", value=1000 * median, unit="ms", digits=3),
+        Number(
+            label="solver, 99th percentile",
+            value=1000 * late,
+            unit="ms",
+            digits=3,
+            note=f"deadline {1000 * wanted.dt:g} ms",
+        ),
+    )
+    return Verdict(title="Closed loop", sentence=sentence, tone=tone, numbers=numbers, command=command)
+
+
+_MANOEUVRE = {
+    "iso3888-1": "the ISO 3888-1 double lane change",
+    "iso3888-2": "the ISO 3888-2 obstacle avoidance",
+    "lane-changes": "a sequence of lane changes",
+}
+_SOLVER = {
+    "ipopt": "multiple shooting, Ipopt to convergence",
+    "realtime": "multiple shooting, one Gauss-Newton iteration a step in compiled code",
+}
+_SPOKEN = {
+    "r": "the yaw rate",
+    "v_y": "the lateral velocity",
+    "v_x": "the speed",
+    "a_y": "the lateral acceleration",
+    "beta": "the side slip angle",
+}
+
+
+def _spoken(name: str) -> str:
+    return _SPOKEN.get(name, f"the {name}")
+
+
+# ---- the model -----------------------------------------------------------------------------------------------------
+
+
+def _fit_section(outcome: Outcome, name: str, command: str) -> Section:
+    channel = Channel(name, outcome.data.unit(name))
+    judged = {v.name: v for v in outcome.validations if name in v.model.outputs}
+    free = {label: v.free_run for label, v in judged.items()}
+    errors = {label: _error(v, name) for label, v in judged.items()}
+    extent = max(float(np.abs(t.measured[:, t.outputs.index(name)]).max()) for t in free.values())
+    scatter = tuple(
+        Figure(
+            title=f"{label}: {name} measured and simulated",
+            figure=correlation(
+                t.measured[t.predicted, t.outputs.index(name)],
+                t.channel(name)[t.predicted],
+                channel=channel,
+                limits=(-extent, extent),
+                index=i,
+            ),
+        )
+        for i, (label, t) in enumerate(free.items())
+    )
+    first = next(iter(judged.values()))
+    blocks: list[Block] = [
+        Figure(
+            title=f"{_spoken(name)[4:].capitalize()}, measured and simulated",
+            figure=trajectories(free, channel),
+            caption="One free run over the whole test part: after the first samples the models see inputs only. "
+            "Drag to zoom, double-click to reset; click a name to hide it.",
+            command=command,
+        ),
+        score_table(
+            _score_rows(outcome, judged, name),
+            caption="Training rows show what overfitting would; the verdict counts the test rows only.",
+        ),
+        Figure(
+            title=f"Error of {_spoken(name)}",
+            figure=rainclouds(errors, channel=channel),
+            caption="Density, quartiles and single samples of measured minus simulated.",
+        ),
+        Grid(figures=scatter),
+    ]
+    place = _position(outcome.test)
+    if place is not None:
+        t = first.free_run
+        value = np.where(t.predicted, t.error[:, t.outputs.index(name)], np.nan)
+        blocks.append(
+            Figure(
+                title=f"Where on the track {first.name} errs",
+                figure=track_map(*place, value, channel=channel, starts=t.starts),
+                caption="Test part. Colour is the size of the free-run error.",
+            )
+        )
+    return Section(title=f"Free run: {_spoken(name)}", short=f"Free run: {name}", blocks=tuple(blocks))
+
+
+def _error(v: Validation, name: str) -> np.ndarray:
+    t = v.free_run
+    return t.error[t.predicted, t.outputs.index(name)]
+
+
+def _score_rows(outcome: Outcome, judged: dict[str, Validation], name: str) -> list[ScoreRow]:
+    unit, rows = outcome.data.unit(name), []
+    training = {v.name: v for v in outcome.training}
+    published = {m.name: m.published for m in outcome.settings.model}
+    for label, v in judged.items():
+        for kind, score in (
+            ("free run, test", v.free_run_scores[name]),
+            ("one-step-ahead, test", v.one_step_scores[name]),
+            ("free run, training", training[label].free_run_scores[name]),
+        ):
+            rows.append(
+                ScoreRow(
+                    model=label,
+                    channel=name,
+                    unit=unit,
+                    kind=kind,
+                    fit=score.fit,
+                    vaf=score.vaf,
+                    r2=score.r2,
+                    rmse=score.rmse,
+                )
+            )
+        theirs = published[label]
+        if theirs is not None:
+            rows.append(
+                ScoreRow(
+                    model=theirs.source,
+                    channel=name,
+                    unit=unit,
+                    kind="free run, test",
+                    fit=theirs.fit,
+                    vaf=theirs.vaf,
+                    r2=None,
+                    rmse=theirs.rmse,
+                    note="published",
+                )
+            )
+    return rows
+
+
+def _position(data: Dataset) -> tuple[np.ndarray, np.ndarray] | None:
+    """X and Y where they were logged, else dead-reckoned from speed and yaw rate."""
+    if "X" in data and "Y" in data:
+        return data["X"], data["Y"]
+    if "v_x" not in data or "r" not in data:
+        return None
+    v_y = data["v_y"] if "v_y" in data else np.zeros(data.n_samples)
+    psi = np.cumsum(data["r"]) * data.dt
+    X = np.cumsum(data["v_x"] * np.cos(psi) - v_y * np.sin(psi)) * data.dt
+    Y = np.cumsum(data["v_x"] * np.sin(psi) + v_y * np.cos(psi)) * data.dt
+    return X, Y
+
+
+def _parameter_section(outcome: Outcome, command: str) -> Section:
+    blocks: list[Block] = []
+    for v in outcome.validations:
+        info = v.model.fit_info
+        if info is None:
+            continue
+        if isinstance(v.model, ARXModel):
+            blocks.append(_poles(v.name, v.model, len(info.names)))
+            continue
+        blocks.append(parameter_table(info, title=f"Parameters of {v.name}", command=command))
+        blocks.append(Figure(title=f"Confidence of {v.name}", figure=forest(info)))
+    if outcome.delay_check:
+        items = tuple(Finding(sentence=s, tone="fair") for s in outcome.delay_check)
+        blocks.append(Findings(title="What the steering delay does to the parameters", items=items))
+    return Section(
+        title="Parameters",
+        lead="Estimates with 95 % confidence intervals. A warning names what the data do not determine.",
+        blocks=tuple(blocks),
+    )
+
+
+def _poles(name: str, model: ARXModel, count: int) -> Findings:
+    """What an ARX model's coefficients mean; the coefficients themselves are in metrics.json."""
+    said = [f"{count} coefficients with their intervals are in metrics.json; the poles say what they mean"]
+    for pole in sorted(model.poles, key=abs, reverse=True):
+        if pole.imag < 0 or abs(pole) < 0.3:
+            continue
+        rate = np.log(pole.astype(complex)) / model.dt
+        swing = f", {abs(rate.imag) / (2 * np.pi):.2g} Hz" if abs(rate.imag) > 1e-9 else ""
+        stable = "decays" if rate.real < 0 else "grows: the model is unstable"
+        said.append(f"a mode that {stable} with a time constant of {number(1 / abs(rate.real), 2)} s{swing}")
+    return Findings(title=f"Modes of {name}", items=tuple(Finding(sentence=s) for s in said))
+
+
+def _residual_section(outcome: Outcome) -> Section:
+    blocks: list[Block] = []
+    for i, v in enumerate(outcome.validations):
+        for name, tests in v.residuals.items():
+            half = len(tests.lags) // 2
+            figures = [
+                Figure(
+                    title=f"{v.name}: one-step-ahead residual of {name}",
+                    figure=correlogram(
+                        tests.lags[half + 1 :],
+                        tests.autocorrelation[1:],
+                        band=tests.band,
+                        label="autocorrelation",
+                        dt=outcome.data.dt,
+                        index=i,
+                    ),
+                )
+            ]
+            figures += [
+                Figure(
+                    title=f"{v.name}: free-run residual of {name} against {u}",
+                    figure=correlogram(
+                        tests.lags,
+                        tests.cross[j],
+                        band=float(tests.cross_band[j]),
+                        label=f"correlation with {u}",
+                        dt=outcome.data.dt,
+                        index=i,
+                    ),
+                )
+                for j, u in enumerate(v.inputs)
+            ]
+            blocks.append(Grid(figures=tuple(figures)))
+            items = tuple(Finding(sentence=f"{v.name}, {name}: {s}") for s in tests.sentences)
+            blocks.append(Findings(title=f"{v.name}, {name}: what the residuals say", items=items))
+    return Section(
+        title="Residuals",
+        lead="What a model leaves unexplained. A perfect model leaves white noise that does not depend on the inputs; "
+        "the bands hold 99 % of the lags of such a model.",
+        blocks=tuple(blocks),
+    )
+
+
+# ---- the data ------------------------------------------------------------------------------------------------------
+
+
+def _data_section(outcome: Outcome) -> Section:
+    q, data = outcome.quality, outcome.data
+    used = {*data.inputs, *data.outputs}
+    noticed = [f for f in (*q.spikes, *q.jumps, *q.clippings) if f.channel in used]
+    items = [Finding(sentence=q.clock_sentence)]
+    items += [Finding(sentence=f.sentence, tone="fair") for f in noticed]
+    plain = [f for f in (*q.stretches, *q.offsets, *q.excitations, *q.resolutions) if f.channel in used]
+    items += [Finding(sentence=f.sentence) for f in (*q.delays, *plain)]
+    others = sum(f.channel not in used for f in (*q.spikes, *q.jumps, *q.clippings, *q.stretches))
+    if others:
+        items.append(Finding(sentence=f"{others} more spikes, jumps or stretches in channels not used here"))
+    blocks: list[Block] = [Findings(title="Seen in the log, before anything was changed", items=tuple(items))]
+    if data.notes:
+        done = tuple(Finding(sentence=note) for note in data.notes)
+        blocks.append(Findings(title="Done to the data", items=done))
+    rows = [Signal(channel=Channel(n, data.unit(n)), values=data[n]) for n in (*data.inputs, *data.outputs)]
+    edge = float(outcome.test.t[0])
+    spans = (
+        Span(start=float(data.t[0]), end=edge, label="training"),
+        Span(start=edge, end=float(data.t[-1]), label="test"),
+    )
+    blocks.append(
+        Figure(
+            title="The log as identified from",
+            figure=signals(data.t, rows, spans=spans, starts=data.starts),
+            caption="Models are fitted to the training part and judged on the test part.",
+        )
+    )
+    return Section(title="Data", blocks=tuple(blocks))
+
+
+# ---- the controller ------------------------------------------------------------------------------------------------
+
+
+def _drive_section(outcome: Outcome, run: Run, command: str) -> Section:
+    wanted = outcome.settings.controller
+    if wanted is None:
+        raise AssertionError
+    right, left = run.path.boundaries()
+    limit = deg(wanted.delta_max)
+    rows = [
+        Signal(channel=Channel("delta", "rad"), values=run["delta"], lower=-limit, upper=limit, held=True),
+        Signal(channel=Channel("e_y", "m"), values=run.e_y),
+        Signal(channel=Channel("e_psi", "rad"), values=run.e_psi),
+        Signal(channel=Channel("v_x", "m/s"), values=run.v_x, reference=run.reference[:, 3]),
+        Signal(channel=Channel("r", "rad/s"), values=run["r"]),
+    ]
+    failed = np.array([p.age > 0 for p in run.plans])
+    blocks: list[Block] = [
+        Figure(
+            title="Driven path and lanes",
+            figure=path_map(
+                run["X"],
+                run["Y"],
+                run["psi"],
+                reference=np.column_stack([run.path.X, run.path.Y]),
+                left=left,
+                right=right,
+                body=Body(width=wanted.width),
+            ),
+            caption="Lane edges as the standard sets them for the vehicle's width. The line to follow is ours: "
+            "the standard prescribes lanes only.",
+            command=command,
+        ),
+        Figure(
+            title="Command, errors and motion",
+            figure=signals(run.t, rows),
+            caption=f"Steering is limited to {wanted.delta_max:g} deg and {wanted.delta_rate_max:g} deg/s.",
+        ),
+        Grid(
+            figures=(
+                Figure(
+                    title="Solver time of each step",
+                    figure=solver_time(run.seconds[1:], deadline=wanted.dt, failed=failed[1:]),
+                ),
+                Figure(title="Solver time, spread", figure=solver_histogram(run.seconds[1:], deadline=wanted.dt)),
+            )
+        ),
+        Text(
+            text=f"Horizon {wanted.horizon} steps of {1000 * wanted.dt:g} ms, {_SOLVER[wanted.solver]}; the first "
+            f"step, which starts cold, took {1000 * run.seconds[0]:.1f} ms and is left out of the "
+            f"statistics. Plant: {outcome.plant}, stepped at 1 kHz, with sensor noise."
+        ),
+    ]
+    return Section(title="Controller in closed loop", short="Closed loop", blocks=tuple(blocks))
+
+
+def _facts(outcome: Outcome) -> tuple[Fact, ...]:
+    q = outcome.quality
+    return (
+        Fact(label="made by", value=f"slipangle {version('slipangle')}, Python {platform.python_version()}"),
+        Fact(label="on", value=f"{platform.system()} {platform.machine()}"),
+        Fact(label="at", value=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")),
+        Fact(label="data", value=f"{outcome.data.name}: {q.samples} samples, {q.duration:.4g} s"),
+        Fact(
+            label="split",
+            value=f"first {100 * outcome.settings.data.train:g} % to fit, one free run over the remaining "
+            f"{outcome.test.duration:.0f} s to judge",
+        ),
+    )
+
+
+def summary(outcome: Outcome) -> list[str]:
+    """The verdicts as sentences for the terminal."""
+    return [f"{v.title}: {v.tone}. {v.sentence}" for v in _verdicts(outcome, "")]

@@ -1,0 +1,138 @@
+"""``slipangle tire``: what it prints and writes, and one sentence for every mistake."""
+
+import argparse
+import json
+
+import numpy as np
+import pytest
+
+from slipangle.commands import tire
+from slipangle.commands.tire import read_tire
+from slipangle.errors import ConfigError, FormatError, MissingFileError, OutputError, ParameterError
+from slipangle.models.magic_formula import MagicFormulaTire
+from slipangle.models.storage import save
+from slipangle.models.tires_neural import NeuralTire
+from slipangle.models.tires_physical import BrushTire
+from tests.rig import TIRE, channels, write_dat, write_mat
+
+
+def run(*arguments):
+    parser = argparse.ArgumentParser()
+    as_json = argparse.ArgumentParser(add_help=False)
+    as_json.add_argument("--json", action="store_true")
+    tire.add(parser.add_subparsers(), as_json)
+    options = parser.parse_args(["tire", *map(str, arguments)])
+    return options.function(options)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rig")
+    write_mat(folder / "cornering.mat", {k: v[::2] for k, v in channels().items()})
+    write_dat(folder / "drive.dat", {k: v[::8] for k, v in channels("drive/brake").items()})
+    return folder / "cornering.mat", folder / "drive.dat"
+
+
+@pytest.fixture
+def tir(tmp_path):
+    return TIRE.write_tir(tmp_path / "tire.tir")
+
+
+def test_eval(tir, capsys):
+    assert run("eval", tir, "--slip-angle=-5:5:5", "--slip-ratio", "0,0.1", "--load", "600,900", "--json") == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert len(rows) == 12
+    row = next(r for r in rows if (r["load [N]"], r["slip angle [deg]"], r["slip ratio [-]"]) == (900, 5, 0.1))
+    expected = TIRE.forces(0.1, np.deg2rad(5.0), 900.0)
+    assert row["F_y [N]"] == pytest.approx(expected.F_y, rel=1e-9)
+    assert row["F_x [N]"] == pytest.approx(expected.F_x, rel=1e-9)
+    assert run("eval", tir, "--load", "600") == 0
+    assert "slip angle [deg]" in capsys.readouterr().out
+
+
+def test_eval_outside_the_range(tmp_path, capsys):
+    from dataclasses import replace
+
+    from slipangle.models.mf_limits import Limits
+
+    path = replace(TIRE, limits=Limits(load=(100.0, 1500.0))).write_tir(tmp_path / "tire.tir")
+    with pytest.raises(ParameterError, match="load is 5000 N; expected 100 to 1500 N"):
+        run("eval", path, "--load", "5000")
+    assert run("eval", path, "--load", "5000", "--extrapolate") == 0
+    assert "slipangle: the tire is extrapolated: load is 5000 N" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("model", "kind", "extra"),
+    [("brush", BrushTire, ()), ("mlp:2,2", NeuralTire, ("--inputs", "load")), ("rbf:2", NeuralTire, ())],
+)
+def test_fit_writes_a_tire_that_can_be_read(model, kind, extra, runs, tmp_path, capsys):
+    out, page = tmp_path / "tire.json", tmp_path / "fit.html"
+    assert run("fit", *runs, "--model", model, "--out", out, "--page", page, *extra, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert "sign system of the data: SAE" in told["notes"][0]
+    assert told["written"] == [str(out), str(page)]
+    assert {row[0] for row in told["errors"]} == {"F_x", "F_y", "M_z", "M_x"}
+    assert isinstance(read_tire(out), kind)
+    assert "Fit to measurements" in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_fit_of_magic_formula_6_1(runs, tmp_path, capsys):
+    assert run("fit", *runs, "--radius", "0.26", "--out", tmp_path / "a.tir") == 0
+    shown = capsys.readouterr().out
+    assert "PDY1" in shown
+    assert "95 % interval" in (tmp_path / "a.tir").read_text(encoding="utf-8")
+    back = read_tire(tmp_path / "a.tir")
+    assert back.forces(0.0, 0.1, 667.0).F_y == pytest.approx(TIRE.forces(0.0, 0.1, 667.0).F_y, rel=0.02)
+
+
+def test_plot(tir, tmp_path, capsys):
+    page = tmp_path / "page.html"
+    assert run("plot", tir, "--load", "400,800", "--out", page) == 0
+    assert f"wrote {page}" in capsys.readouterr().out
+    text = page.read_text(encoding="utf-8")
+    assert "Combined slip" in text
+    assert "M_z over slip angle" in text
+    assert "400 N" in text
+
+
+def test_convert_there_and_back(tir, tmp_path, capsys):
+    assert run("convert", tir, tmp_path / "a.json") == 0
+    assert run("convert", tmp_path / "a.json", tmp_path / "b.tir") == 0
+    assert run("convert", tir, tmp_path / "m.json", "--mirror") == 0
+    a, b, m = (read_tire(p) for p in (tir, tmp_path / "b.tir", tmp_path / "m.json"))
+    at = (0.02, np.linspace(-0.2, 0.2, 21), 700.0)
+    assert b.forces(*at).F_y == pytest.approx(a.forces(*at).F_y, rel=1e-12)
+    assert m.forces(0.02, -at[1], 700.0).F_y == pytest.approx(-a.forces(*at).F_y, rel=1e-12)
+    assert isinstance(b, MagicFormulaTire)
+
+
+def test_mistakes(tir, runs, tmp_path):
+    brush = save(BrushTire(C_alpha=5e4, C_s=6e4), tmp_path / "brush.json")
+    cases = [
+        (("eval", tmp_path / "no.tir", "--load", "1"), MissingFileError, "no.tir"),
+        (("eval", tmp_path / "a.txt", "--load", "1"), FormatError, "ends in '.txt'; expected a .tir file"),
+        (("fit", *runs, "--model", "mf62"), ConfigError, "no tire model 'mf62'; expected one of mf61"),
+        (("fit", *runs, "--model", "rbf:2,2"), ConfigError, "has one layer"),
+        (("fit", *runs, "--model", "brush", "--out", tmp_path / "x.tir"), FormatError, "no place in a .tir file"),
+        (("fit", *runs, "--out", tmp_path / "x.doc"), FormatError, "neither .tir nor .json"),
+        (("fit", *runs, "--model", "mlp:2", "--inputs", "lode"), ParameterError, "no input 'lode'; nearest"),
+        (("fit", tmp_path / "no.mat"), MissingFileError, "does not exist"),
+        (("plot", tir, "--out", tir / "x.html"), OutputError, "is a file"),
+        (("convert", brush, tmp_path / "x.tir"), FormatError, "BrushTire has no place in a .tir file"),
+        (("convert", brush, tmp_path / "x.json", "--mirror"), ConfigError, "only a Magic Formula tire can be mirrored"),
+        (("convert", tir, tmp_path / "x.tir", "--mirror"), FormatError, "mirrored tire has no place"),
+    ]
+    for arguments, error, message in cases:
+        with pytest.raises(error) as caught:
+            run(*arguments)
+        assert message in str(caught.value), arguments
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["a", "1:2", "0:1:0", "0:1e9:1e-9", "1,,2"])
+def test_lists_that_are_none(text, tir, capsys):
+    with pytest.raises(SystemExit):
+        run("eval", tir, "--load", text)
+    assert "is no list of numbers" in capsys.readouterr().err

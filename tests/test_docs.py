@@ -1,0 +1,110 @@
+"""What the documentation says is true: numbers, commands, settings, examples, public names."""
+
+import importlib
+import inspect
+import pkgutil
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import slipangle
+from slipangle.workflow.settings import read_settings
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+
+
+def modules():
+    return sorted(m.name for m in pkgutil.walk_packages(slipangle.__path__, "slipangle.") if "__main__" not in m.name)
+
+
+def test_every_public_name_can_be_imported():
+    for name in slipangle.__all__:
+        assert getattr(slipangle, name).__name__ == name or callable(getattr(slipangle, name))
+
+
+@pytest.mark.parametrize("name", modules())
+def test_public_functions_say_what_they_take(name):
+    """Functions of several arguments describe them; units stand in brackets or the sentence."""
+    module = importlib.import_module(name)
+    for member in vars(module).values():
+        if not inspect.isfunction(member) or member.__module__ != name or member.__name__.startswith("_"):
+            continue
+        assert member.__doc__, f"{name}.{member.__name__}"
+        assert member.__doc__.strip(), f"{name}.{member.__name__}"
+
+
+def test_settings_in_the_readme_are_valid(tmp_path):
+    block = re.search(r"```toml\n(.*?)```", README, re.S)
+    assert block is not None
+    path = tmp_path / "my_car.toml"
+    path.write_text(block.group(1))
+    assert read_settings(path).model[0].free == ("C_f", "C_r", "inertia_z")
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.toml")), ids=lambda p: p.name)
+def test_example_settings_are_valid(path):
+    assert read_settings(path).title == tomllib.loads(path.read_text())["title"]
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.py")), ids=lambda p: p.name)
+def test_examples_run(path, tmp_path):
+    done = subprocess.run(
+        [sys.executable, path], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "inside the lanes: True" in done.stdout
+    assert len(path.read_text().splitlines()) < 60
+
+
+def test_python_in_the_readme_compiles():
+    blocks = re.findall(r"```python\n(.*?)```", README, re.S)
+    assert blocks
+    for block in blocks:
+        names = re.findall(r"\bsa\.(\w+)", block)
+        assert names
+        assert set(names) <= set(slipangle.__all__)
+        compile(block, "README", "exec")
+
+
+@pytest.mark.filterwarnings("ignore::slipangle.errors.IdentifiabilityWarning")
+def test_numbers_in_the_readme_are_reproduced(real_data):
+    from slipangle.data.public import ferrari_250lm
+    from slipangle.models.catalogue import FERRARI_250LM
+
+    train, test = ferrari_250lm().split(0.7)
+    three = ("C_f", "C_r", "inertia_z")
+    for free in (three, (*three, "steering_gain", "steering_offset", "l_f")):
+        start = slipangle.Bicycle(params=FERRARI_250LM, dt=train.dt)
+        score = slipangle.validate(slipangle.GreyBox(start=start, free=free).fit(train), test).free_run_scores["r"]
+        assert f"| {score.fit:.2f} % | {score.vaf:.2f} % |" in README
+
+
+def test_links_in_the_readme_exist():
+    for target in re.findall(r"\]\(([^)#]+)\)", README):
+        assert (ROOT / target).exists(), target
+
+
+def test_commands_in_the_readme_exist(capsys):
+    from slipangle.cli import main
+
+    for command in set(
+        re.findall(r"slipangle (demo|run|data|reproduce|bench|tire|identify|validate|compare)\b", README)
+    ):
+        with pytest.raises(SystemExit) as stop:
+            main([command, "--help"])
+        assert stop.value.code == 0
+    capsys.readouterr()
+
+
+def test_nomenclature_names_are_the_models():
+    text = (ROOT / "docs" / "nomenclature.md").read_text()
+    from slipangle.models.vehicles import Bicycle, Kinematic, Longitudinal, SingleTrack
+
+    for model in (Bicycle, Kinematic, Longitudinal, SingleTrack):
+        for name in (*model.states, *model.inputs):
+            assert f"`{name}`" in text, name
