@@ -1,10 +1,7 @@
 """Speed of the Magic Formula 6.1, combined slip, all five outputs: NumPy beside C compiled from the same symbols.
 
-    python benchmarks/bench_magic_formula.py [FILE.tir]
-
-Without a file a tire with every coefficient of 6.1 set is used. One thread throughout; each number is the median
-over repeated batches, with the 99th percentile of the batch times beside it. No peer stands
-beside it: none that evaluates Magic Formula 6.1 files was found on PyPI (MFeval and the Magic Formula Tyre Library
+The tire has every coefficient of 6.1 set, so that no branch of the equations is left out. No peer stands beside it:
+none that evaluates Magic Formula 6.1 files was found among Python packages (MFeval and the Magic Formula Tyre Library
 are for MATLAB).
 """
 
@@ -12,27 +9,22 @@ from __future__ import annotations
 
 import ctypes
 import re
-import shutil
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import fields
-from pathlib import Path
 
 import casadi as ca
 import numpy as np
 
+from slipangle.experiments import Progress, Reproduction
+from slipangle.models.compiled import library, sentence
 from slipangle.models.magic_formula import MagicFormulaTire
 from slipangle.models.mf_coefficients import MF61Coefficients
+from slipangle.report.tables import Record
 
-BATCH = 100_000
-REPEATS = 40
-OPTIONS = {
-    "C, scalar": ["-O3", "-march=native", "-fno-math-errno"],
-    "C, vector math": ["-O3", "-march=native", "-ffast-math", "-fopenmp-simd"],
-}
+BATCH, ROUNDS = 100_000, 40
+LEAST = {"NumPy": 0.5, "C, scalar": 2.0, "C, vector math": 2.0}  # million evaluations per second
+FLAGS = {"C, scalar": ("-fno-math-errno",), "C, vector math": ("-ffast-math", "-fopenmp-simd")}
 
 
 def full_tire() -> MagicFormulaTire:
@@ -63,20 +55,20 @@ def inputs(tire: MagicFormulaTire, n: int) -> list[np.ndarray]:
     ]
 
 
-def compiled(tire: MagicFormulaTire, flags: list[str], folder: Path) -> Callable[..., None]:
-    """The forces of the tire as a C loop over samples, generated from the CasADi expression."""
+def source(tire: MagicFormulaTire) -> str:
+    """C loop over samples, generated from the CasADi expression of the forces."""
     symbols = [ca.SX.sym(name) for name in ("s", "alpha", "load", "camber")]
     forces = tire.forces(*symbols[:3], camber=symbols[3])
     expression = ca.cse(ca.vertcat(*forces))
     generator = ca.CodeGenerator("forces.c")
     generator.add(ca.Function("forces", symbols, ca.vertsplit(expression)))
-    source = generator.dump()
-    start = source.index("static int casadi_f0(")
-    body = source[source.index("{", start) + 1 : source.index("return 0;", start)]
+    text = generator.dump()
+    start = text.index("static int casadi_f0(")
+    body = text[text.index("{", start) + 1 : text.index("return 0;", start)]
     body = re.sub(r"arg\[(\d)\]\? arg\[\d\]\[0\] : 0", r"in\1[i]", body)
     body = re.sub(r"if \(res\[(\d)\]!=0\) res\[\d\]\[0\]=", r"out\1[i]=", body)
     names = [f"const double* restrict in{i}" for i in range(4)] + [f"double* restrict out{i}" for i in range(5)]
-    loop = f"""#include <math.h>
+    return f"""#include <math.h>
 #define casadi_real double
 static inline double casadi_sq(double x) {{ return x * x; }}
 static inline double casadi_fabs(double x) {{ return fabs(x); }}
@@ -88,50 +80,66 @@ void run(long n, {", ".join(names)}) {{
   for (long i = 0; i < n; ++i) {{ {body} }}
 }}
 """
-    code, library = folder / "forces.c", folder / f"forces{abs(hash(tuple(flags)))}.so"
-    code.write_text(loop)
-    compiler = shutil.which("cc") or sys.exit("no C compiler (cc) found")
-    subprocess.run([compiler, *flags, "-shared", "-fPIC", str(code), "-o", str(library), "-lm"], check=True)
-    run = ctypes.CDLL(str(library)).run
-
-    def call(args: list[np.ndarray], out: list[np.ndarray]) -> None:
-        pointers = [ctypes.c_void_p(a.ctypes.data) for a in (*args, *out)]
-        run(ctypes.c_long(len(args[0])), *pointers)
-
-    return call
 
 
-def timed(call: Callable[[], object]) -> tuple[float, float]:
-    """Median and 99th percentile of the time of a batch. [s]"""
-    for _ in range(3):
-        call()
-    seconds = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        call()
-        seconds.append(time.perf_counter() - start)
-    return float(np.median(seconds)), float(np.percentile(seconds, 99))
+def caller(run: Callable[..., None], args: list[np.ndarray], out: list[np.ndarray]) -> Callable[[], None]:
+    """The compiled loop, bound to its arrays."""
+    pointers = [ctypes.c_void_p(a.ctypes.data) for a in (*args, *out)]
+    return lambda: run(ctypes.c_long(len(args[0])), *pointers)
 
 
-def main() -> None:
-    file = sys.argv[1] if len(sys.argv) > 1 else ""
-    tire = MagicFormulaTire.from_tir(file) if file else full_tire()
+def bench(progress: Progress) -> Reproduction:
+    """Evaluations per second, in turn."""
+    tire = full_tire()
     args = inputs(tire, BATCH)
     reference = tire.forces(*args[:3], camber=args[3])
-    print(
-        f"Magic Formula 6.1, combined slip, F_x F_y M_x M_y M_z, {BATCH} samples a batch, {REPEATS} batches, 1 thread"
+    outputs = {name: [np.empty(BATCH) for _ in range(5)] for name in FLAGS}
+    runs: dict[str, Callable[[], object]] = {"NumPy": lambda: tire.forces(*args[:3], camber=args[3])}
+    for name, flags in FLAGS.items():
+        loaded = library(source(tire), name="bench-magic-formula", flags=flags)
+        if loaded is not None:
+            runs[name] = caller(loaded.run, args, outputs[name])
+    spent: dict[str, list[float]] = {name: [] for name in runs}
+    for i in range(-2, ROUNDS):
+        for name, run in runs.items():
+            progress(max(i, 0) / ROUNDS, f"{name}, round {i + 1}")
+            began = time.process_time()
+            run()
+            if i >= 0:
+                spent[name].append((time.process_time() - began) / BATCH)
+    records = []
+    for name, least in LEAST.items():
+        if name not in runs:
+            records.append(Record(row=name, quantity="evaluations [M/s]", thesis=None, here="not run", note=sentence()))
+            continue
+        rate = 1e-6 / float(np.median(spent[name]))
+        records.append(
+            Record(
+                row=name,
+                quantity="evaluations [M/s], median",
+                thesis=None,
+                here=rate,
+                bound=f">= {least:g}",
+                holds=rate >= least,
+                note=f"p99 {1e-6 / float(np.percentile(spent[name], 99)):.3g} M/s",
+            )
+        )
+        if name in FLAGS:
+            pairs = zip(outputs[name], reference, strict=True)
+            gap = max(float(np.max(np.abs(a - b)) / np.max(np.abs(b))) for a, b in pairs)
+            records.append(
+                Record(
+                    row=name,
+                    quantity="largest difference from NumPy over the largest value",
+                    thesis=None,
+                    here=gap,
+                    bound="<= 1e-12",
+                    holds=gap <= 1e-12,
+                )
+            )
+    return Reproduction(
+        title="Magic Formula 6.1, combined slip, F_x F_y M_x M_y M_z",
+        records=tuple(records),
+        protocol=f"{BATCH} random samples of slip, load and camber a batch, {ROUNDS} batches in turn, process time, "
+        "one thread.",
     )
-    print(f"{'':16}{'M/s (median)':>14}{'ms median':>12}{'ms p99':>10}   largest difference from NumPy")
-    median, p99 = timed(lambda: tire.forces(*args[:3], camber=args[3]))
-    print(f"{'NumPy':16}{BATCH / median / 1e6:14.2f}{median * 1e3:12.2f}{p99 * 1e3:10.2f}")
-    with tempfile.TemporaryDirectory() as folder:
-        for label, flags in OPTIONS.items():
-            out = [np.empty(BATCH) for _ in range(5)]
-            call = compiled(tire, flags, Path(folder))
-            median, p99 = timed(lambda call=call, out=out: call(args, out))
-            error = max(float(np.max(np.abs(a - b)) / np.max(np.abs(b))) for a, b in zip(out, reference, strict=True))
-            print(f"{label:16}{BATCH / median / 1e6:14.2f}{median * 1e3:12.2f}{p99 * 1e3:10.2f}   {error:.1e}")
-
-
-if __name__ == "__main__":
-    main()

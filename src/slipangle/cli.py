@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Sequence
 
@@ -26,7 +27,7 @@ standard error says what to do)."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    options = _parser().parse_args(given)
+    options = _parser().parse_args(_joined(given))
     try:
         return options.function(options)
     except SlipangleError as error:
@@ -37,6 +38,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("slipangle: stopped; nothing was half-written", file=sys.stderr)
         return 130
+
+
+def _joined(given: Sequence[str]) -> list[str]:
+    """Arguments with ``--option -1:1`` as ``--option=-1:1``: argparse takes a leading minus for an option."""
+    joined: list[str] = []
+    for argument in given:
+        if joined and re.match(r"--[a-z][\w-]*$", joined[-1]) and re.match(r"-[.\d]", argument):
+            joined[-1] += f"={argument}"
+        else:
+            joined.append(argument)
+    return joined
 
 
 def _parser() -> argparse.ArgumentParser:

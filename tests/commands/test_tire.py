@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from slipangle.cli import main
 from slipangle.commands import tire
 from slipangle.commands.tire import read_tire
 from slipangle.errors import ConfigError, FormatError, MissingFileError, OutputError, ParameterError
@@ -136,3 +137,11 @@ def test_lists_that_are_none(text, tir, capsys):
     with pytest.raises(SystemExit):
         run("eval", tir, "--load", text)
     assert "is no list of numbers" in capsys.readouterr().err
+
+
+def test_a_list_may_start_with_a_minus(tir, capsys):
+    arguments = ["tire", "eval", str(tir), "--load", "600", "--json", "--slip-angle"]
+    assert main([*arguments, "-5:5:5"]) == 0
+    apart = capsys.readouterr().out
+    assert main([*arguments[:-1], "--slip-angle=-5:5:5"]) == 0
+    assert apart == capsys.readouterr().out

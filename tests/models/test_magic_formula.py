@@ -2,7 +2,6 @@
 
 import csv
 import math
-import time
 from dataclasses import replace
 
 import casadi as ca
@@ -563,16 +562,3 @@ def test_wrong_names_are_refused():
         replace(MF61, side="").mounted("LEFT")
     with pytest.raises(ParameterError, match="no parameter 'PDY7'; nearest are"):
         MF61.with_coefficients(PDY7=1.0)
-
-
-@pytest.mark.slow
-@EVERY
-def test_half_a_million_evaluations_a_second(tire):
-    d = samples(100_000)
-    tire.forces(*list(d.values())[:3], camber=d["camber"])
-    seconds = []
-    for _ in range(10):
-        start = time.perf_counter()
-        tire.forces(*list(d.values())[:3], camber=d["camber"])
-        seconds.append(time.perf_counter() - start)
-    assert len(d["load"]) / np.median(seconds) > 500e3

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from slipangle import experiments
 from slipangle.cli import main
 from slipangle.workflow.demo import prepare_demo
 
@@ -229,6 +230,13 @@ def test_reproduce_and_bench_names(capsys):
     assert "table-8.3" in sentence(capsys)
     assert main(["bench", "nothing"]) == 2
     sentence(capsys)
+
+
+def test_every_named_experiment_and_benchmark_can_run():
+    for name in experiments.names():
+        assert callable(experiments.find(name).reproduce), name
+    for name in experiments.benchmark_names():
+        assert callable(experiments.find_benchmark(name).bench), name
 
 
 def test_a_broken_bound_is_exit_code_1(monkeypatch, capsys):
