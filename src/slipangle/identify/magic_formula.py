@@ -346,8 +346,8 @@ class _Job:
             )
         if edge:
             said.append(
-                f"at the edge of the usual range: {', '.join(edge)}; expected an optimum inside it: check the signs and "
-                "units of the data"
+                f"at the edge of the usual range: {', '.join(edge)}; expected an optimum inside it: check the "
+                "signs and units of the data"
             )
         if not all(s.solution.converged for s in stages):
             said.append("a stage stopped at its budget; expected convergence: raise effort")
