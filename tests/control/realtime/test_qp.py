@@ -55,7 +55,19 @@ def test_random_problems_are_solved_or_reported_and_none_is_wrong():
 @pytest.mark.slow
 def test_a_hundred_thousand_random_problems():
     counts = check(range(100_000))
-    assert counts[SOLVED] + counts[INFEASIBLE] >= 99_900
+    assert counts[SOLVED] > 97_000
+    assert counts[SOLVED] + counts[INFEASIBLE] >= 99_950
+
+
+@pytest.mark.parametrize("seed", [6532, 12010, 24375, 33904, 48031, 73247, 87458, 96038])
+def test_ties_and_limits_that_touch(seed):
+    """Feasible by their draw: a tie among rows, or limits that meet in one point, is no reason to call them empty."""
+    problem = draw(np.random.default_rng(seed))
+    status, u, lam, kkt = Solver()(problem)
+    assert status != INFEASIBLE
+    if status == SOLVED:
+        assert max(kkt, residual(problem, u, lam)) <= 1e-8
+    assert (status == SOLVED) is (seed not in (12010, 87458))  # those two are reported as unsolved
 
 
 @pytest.mark.parametrize("kind", ["plain", "degenerate", "ill", "tight", "box", "equal"])

@@ -20,12 +20,13 @@ typedef struct {
     V U[QN * QL / LANES];  /* factor, H = U'U */
     V Y[QT * QL / LANES];  /* rows times the inverse of U, where `have` says so */
     V C[(QD + 1) * QL / LANES];
-    double g[QL], u[QL], start[QL], xi[QL], inverse[QN];
+    double g[QL], u[QL], start[QL], xi[QL], cancel[QL], inverse[QN];
     double lo[QT], hi[QT], square[QT], plain[QT]; /* plain: infinite for hard rows */
+    double kept_lo[QT], kept_hi[QT];              /* limits before a perturbation */
     double lambda[QT];                            /* positive at an upper limit */
     double lam[QT], sign[QT], limit[QT], step[QT], rhs[QT];
     double G[QT * QLT], F[QT * QLT];
-    double kkt, until;
+    double kkt, until, dependent; /* a row that depends on the others up to this share counts as dependent */
     int after[QR + 1], before[QR + 1]; /* differences u[after] - u[before]; before < 0: u[after] alone */
     int n, rates, dense, k, iterations, limit_iterations;
     int row[QT], mode[QT];
@@ -330,6 +331,32 @@ static int settle(Qp *q)
     return 0;
 }
 
+/* Whether hard rows, weighted so that they cancel, have limits that do not: no u of moderate size keeps them all.
+   Row p has weight 1 and working rows -rhs; without a row p, the weights are the multipliers, grown beyond bounds. */
+static int contradicts(Qp *q, int p, double sign, double limit)
+{
+    double *z = q->cancel, bound = 0, left = 0, size = 0, top = 1;
+    memset(z, 0, sizeof q->cancel);
+    if (p >= 0) {
+        row_add(q, p, sign, z);
+        bound = limit, size = fabs(limit);
+    } else
+        for (int a = 0; a < q->k; a++)
+            if (!(q->plain[q->row[a]] < INFINITY))
+                top = fmax(top, q->lam[a]);
+    for (int a = 0; a < q->k; a++) {
+        int i = q->row[a];
+        double y = p >= 0 ? -q->rhs[a] : q->lam[a] / top;
+        if (q->plain[i] < INFINITY || !(y > 0))
+            continue;
+        row_add(q, i, y * q->sign[a], z);
+        bound += y * q->limit[a], size += fabs(y * q->limit[a]);
+    }
+    for (int a = 0; a < Q_N; a++)
+        left += fabs(z[a]);
+    return bound < -1e-10 * size && left * 1e4 < -bound;
+}
+
 /* Bring row p to its limit (or, if it is SPENT and back inside, lower its multiplier until it is on the limit). */
 static int bring(Qp *q, int p, double sign, int back)
 {
@@ -359,7 +386,7 @@ static int bring(Qp *q, int p, double sign, int back)
             miss -= (lam - plain) / square;
             rate += 1 / square;
         }
-        double full = rate > 1e-12 * own ? fmax(miss, 0) / rate : INFINITY, t = full;
+        double full = rate > q->dependent * own ? fmax(miss, 0) / rate : INFINITY, t = full;
         int blocks = -1, itself = 0;
         for (int a = 0; a < q->k; a++) {
             int i = q->row[a];
@@ -377,7 +404,7 @@ static int bring(Qp *q, int p, double sign, int back)
         if (own_end < t)
             t = own_end, blocks = -1, itself = 1;
         if (!(t < INFINITY))
-            return QP_INFEASIBLE;
+            return contradicts(q, p, sign, limit) ? QP_INFEASIBLE : QP_NUMBER;
         lam += way * t;
         for (int a = 0; a < q->k; a++)
             q->lam[a] -= way * t * r[a];
@@ -462,17 +489,49 @@ static int qp_attempt(Qp *q, int warm)
     for (int a = 0; a < q->k; a++)
         q->lambda[q->row[a]] = q->sign[a] * fmax(q->lam[a], 0);
     q->kkt = qp_residual(q);
+    if ((status == QP_INFEASIBLE || status == QP_NUMBER) && q->kkt <= 1e-8) /* limits that touch, up to rounding */
+        return QP_SOLVED;
     if (!(q->kkt < INFINITY))
         return status == QP_SOLVED ? QP_NUMBER : status;
     return status == QP_SOLVED && q->kkt > 1e-8 ? QP_NUMBER : status;
 }
 
-/* Solve from the working rows of the solve before (`warm`) or from none. The answer is u and lambda; its residual,
-   kkt, is measured on the problem itself, whatever happened on the way. */
+/* Move every limit outwards by a tiny amount of its own, which resolves ties; back to where it was if there is none. */
+static void perturb(Qp *q, double amount)
+{
+    uint32_t state = 1;
+    for (int i = 0; i < Q_N + Q_R + Q_D; i++) {
+        if (amount > 0) {
+            q->kept_lo[i] = q->lo[i], q->kept_hi[i] = q->hi[i];
+            state = state * 1664525u + 1013904223u;
+            double e = amount * (1 + (state >> 8) * 0x1p-24);
+            q->lo[i] -= e * (1 + fabs(q->lo[i]));
+            q->hi[i] += e * (1 + fabs(q->hi[i]));
+        } else
+            q->lo[i] = q->kept_lo[i], q->hi[i] = q->kept_hi[i];
+    }
+}
+
+/* Solve from the working rows of the solve before (`warm`) or from none; if that fails, again from the rows that
+   slightly perturbed problems end with. The answer is u and lambda; its residual, kkt, is measured on the problem
+   itself, whatever happened on the way. */
 static int qp_solve(Qp *q, int warm)
 {
+    q->dependent = 1e-12;
     int status = qp_attempt(q, warm);
     if (warm && status != QP_SOLVED && status != QP_LATE)
         status = qp_attempt(q, 0);
+    q->dependent = 1e-9;
+    for (double amount = 1e-7; amount < 1e-4 && status != QP_SOLVED && status != QP_LATE; amount *= 10) {
+        perturb(q, amount);
+        int other = qp_attempt(q, 0);
+        perturb(q, 0);
+        if (other == QP_SOLVED)
+            other = qp_attempt(q, 1);
+        else if (other == QP_INFEASIBLE || (other != QP_LATE && contradicts(q, -1, 0, 0)))
+            return QP_INFEASIBLE;
+        if (other == QP_SOLVED || other == QP_LATE)
+            status = other;
+    }
     return status;
 }
