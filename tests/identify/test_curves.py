@@ -15,9 +15,9 @@ from slipangle.errors import (
     TooShortError,
     UnitError,
 )
+from slipangle.identify.architecture import ArchitectureSearch
 from slipangle.identify.curves import (
     SOUSA_TABLE_6_7,
-    ArchitectureSearch,
     MagicCurveFit,
     MLPCurveFit,
     RBFCurveFit,

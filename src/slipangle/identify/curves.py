@@ -13,22 +13,15 @@ from __future__ import annotations
 import abc
 import time
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, Literal, NamedTuple, final
+from typing import Any, Literal, final
 
 import casadi as ca
 import numpy as np
 
-from slipangle.errors import (
-    ExcitationError,
-    IdentifiabilityWarning,
-    NotFiniteError,
-    ParameterError,
-    TooShortError,
-    UnitError,
-)
+from slipangle.errors import IdentifiabilityWarning, ParameterError
+from slipangle.identify.curve_data import checked_samples
 from slipangle.identify.multistart import (
     Effort,
     Regression,
@@ -42,7 +35,7 @@ from slipangle.identify.multistart import (
 from slipangle.models.model import FitInfo, ProfileInfo
 from slipangle.models.networks import MLP, RBF, Activation, Kernel, Network, Scaling
 from slipangle.models.tires import MagicCurve
-from slipangle.models.tires_neural import CurveInput, NeuralCurve
+from slipangle.models.tires_neural import NeuralCurve
 
 Solver = Literal["least squares", "ipopt"]
 Range = tuple[float, float]
@@ -157,7 +150,7 @@ class MagicCurveFit(CurveFit):
                 "a network with load as input, or Magic Formula 6.1"
             )
         began = time.perf_counter()
-        samples, target, _ = _checked(slip, friction, None, None, n_parameters=6)
+        samples, target, _ = checked_samples(slip, friction, None, None, n_parameters=6)
         problem = magic_regression(samples, target)
         lower, upper = (np.array([getattr(c, n) for n in _CURVE_NAMES]) for c in (self.lower, self.upper))
         if not np.all(lower < upper):
@@ -253,7 +246,7 @@ class NetworkCurveFit(CurveFit):
             If the data cannot determine a curve.
         """
         began = time.perf_counter()
-        samples, target, inputs = _checked(slip, friction, load, camber, n_parameters=1)
+        samples, target, inputs = checked_samples(slip, friction, load, camber, n_parameters=1)
         network = self.network(Scaling.between(samples.min(axis=0), samples.max(axis=0)))
         lower, upper = self.bounds(network)
         x, theta = ca.SX.sym("x", len(inputs)), ca.SX.sym("theta", network.n_parameters)
@@ -367,150 +360,10 @@ class MLPCurveFit(NetworkCurveFit):
         return f"MLP {{{' '.join(map(str, self.hidden))}}}"
 
 
-class Candidate(NamedTuple):
-    """One architecture of a search: its settings, size and error on samples that it was not fitted to."""
-
-    fit: NetworkCurveFit
-    n_parameters: int
-    rmse: float
-
-
-class SearchResult(NamedTuple):
-    """Curve of the chosen architecture, fitted to all samples, its candidate, and all of them by size."""
-
-    curve: NeuralCurve
-    chosen: Candidate
-    candidates: tuple[Candidate, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ArchitectureSearch:
-    """The smallest network whose error is within a tolerance of the best.
-
-    The error is measured by cross-validation: each fold of every ``folds``-th sample is predicted by a network fitted
-    to the others.
-
-    Parameters
-    ----------
-    candidates : sequence of NetworkCurveFit
-        Architectures to compare.
-    tolerance : float
-        How much larger than the best the error may be, as a share of it.
-    enough : float
-        An error that is good enough however small the best is. [-]
-    folds : int
-        Parts of the data that take turns.
-    """
-
-    candidates: tuple[NetworkCurveFit, ...]
-    tolerance: float = 0.02
-    enough: float = 0.0
-    folds: int = 4
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "candidates", tuple(self.candidates))
-        if not self.candidates:
-            raise ParameterError("there is no candidate; expected at least one, such as MLPCurveFit(hidden=(2, 2))")
-        if self.folds < 2:
-            raise ParameterError(f"folds is {self.folds}; expected at least 2")
-
-    def fit(
-        self,
-        slip: np.ndarray,
-        friction: np.ndarray,
-        *,
-        load: np.ndarray | None = None,
-        camber: np.ndarray | None = None,
-    ) -> SearchResult:
-        """Choose and fit; arguments and exceptions as for `NetworkCurveFit.fit`."""
-        samples, _, inputs = _checked(slip, friction, load, camber, n_parameters=2 * self.folds)
-        friction = np.asarray(friction, dtype=float)
-        # folds from the samples in the order of slip, so that each covers the whole curve
-        rank = np.argsort(np.argsort(samples[:, 0], kind="stable"), kind="stable")
-        scored = []
-        for candidate in self.candidates:
-            error = np.empty(len(friction))
-            for k in range(self.folds):
-                out = rank % self.folds == k
-                parts = dict(zip(inputs[1:], samples[~out, 1:].T, strict=True))
-                curve = candidate.fit(samples[~out, 0], friction[~out], **parts)
-                curve = replace(curve, outside="extrapolate")
-                error[out] = (
-                    friction[out] - curve(*samples[out].T)
-                    if inputs != ("slip", "camber")
-                    else (friction[out] - curve(samples[out, 0], camber=samples[out, 1]))
-                )
-            scored.append(Candidate(candidate, candidate.n_parameters(len(inputs)), float(np.sqrt(np.mean(error**2)))))
-        limit = max(min(c.rmse for c in scored) * (1 + self.tolerance), self.enough)
-        ordered = tuple(sorted(scored, key=lambda c: (c.n_parameters, c.rmse)))
-        chosen = next(c for c in ordered if c.rmse <= limit)
-        return SearchResult(chosen.fit.fit(slip, friction, load=load, camber=camber), chosen, ordered)
-
-
 def _rising(**ranges: Range) -> None:
     for name, (low, high) in ranges.items():
         if not low < high:
             raise ParameterError(f"the bounds of {name} are {low:g} and {high:g}; expected the lower one first")
-
-
-def _checked(
-    slip: np.ndarray,
-    friction: np.ndarray,
-    load: np.ndarray | None,
-    camber: np.ndarray | None,
-    *,
-    n_parameters: int,
-) -> tuple[np.ndarray, np.ndarray, tuple[CurveInput, ...]]:
-    """Samples (n, n_inputs), target (n, 1) and names, or a sentence on what is wrong with them."""
-    given: Sequence[tuple[CurveInput, np.ndarray | None]] = (("slip", slip), ("load", load), ("camber", camber))
-    columns = {name: np.asarray(values, dtype=float).ravel() for name, values in given if values is not None}
-    y = np.asarray(friction, dtype=float).ravel()
-    for name, values in columns.items():
-        if len(values) != len(y):
-            raise ParameterError(f"{len(values)} samples of {name} and {len(y)} of friction; expected as many")
-    if len(y) <= n_parameters:
-        raise TooShortError(
-            f"{len(y)} samples cannot determine {n_parameters} parameters; expected more samples than parameters"
-        )
-    for name, values in (*columns.items(), ("friction", y)):
-        if not np.isfinite(values).all():
-            raise NotFiniteError(
-                f"{name} holds NaN or infinity, first in sample {int(np.argmin(np.isfinite(values)))}; expected finite "
-                "numbers: leave those samples out"
-            )
-    x = columns["slip"]
-    require_both_signs(x)
-    if np.max(np.abs(x)) > np.pi:
-        raise UnitError(
-            f"slip reaches {np.max(np.abs(x)):g}; expected a ratio or radians, at most 3.14: convert percent or "
-            "degrees with units.to_si"
-        )
-    if np.max(np.abs(y)) > 20:
-        raise UnitError(
-            f"friction reaches {np.max(np.abs(y)):g}; expected force over load, at most 20: divide the force by the "
-            "load, both in newtons"
-        )
-    for name in ("load", "camber"):
-        if name in columns and np.ptp(columns[name]) == 0:
-            raise ExcitationError(f"{name} is {columns[name][0]:g} throughout; expected it to vary: leave it out")
-    names: tuple[CurveInput, ...] = tuple(name for name, values in given if values is not None)
-    return np.column_stack(list(columns.values())), y[:, None], names
-
-
-def require_both_signs(slip: np.ndarray, what: str = "slip") -> None:
-    """Raise if a sweep runs on one side of zero only.
-
-    Raises
-    ------
-    ExcitationError
-        With its range.
-    """
-    low, high = float(np.min(slip)), float(np.max(slip))
-    if low >= -0.05 * high or high <= -0.05 * low:
-        raise ExcitationError(
-            f"{what} runs from {low:.4g} to {high:.4g}, on one side of zero only; expected both signs, since shifts "
-            "and shape cannot be told apart otherwise: add the other side, or mirror the data"
-        )
 
 
 def _canonical(solution: Solution, lower: np.ndarray, upper: np.ndarray) -> Solution:

@@ -18,7 +18,7 @@ import numpy as np
 
 from slipangle.data.tire_data import TireData
 from slipangle.errors import ExcitationError, IdentifiabilityWarning, ModelWarning, ParameterError, TooShortError
-from slipangle.identify.curves import require_both_signs
+from slipangle.identify.curve_data import require_both_signs
 from slipangle.identify.magic_formula_coefficients import COMBINED, LATERAL, LONGITUDINAL, MOMENTS, Free
 from slipangle.identify.multistart import Effort, Regression, draw, multistart
 from slipangle.identify.stages import Stage, criterion, expendable, noise, robust_covariance, scaled, unscaled

@@ -15,7 +15,8 @@ import numpy as np
 
 from slipangle.data.tire_data import TireData
 from slipangle.errors import ExcitationError, IdentifiabilityWarning, ParameterError, TooShortError, nearest
-from slipangle.identify.curves import CurveFit, MagicCurveFit, MLPCurveFit, NetworkCurveFit, require_both_signs
+from slipangle.identify.curve_data import require_both_signs
+from slipangle.identify.curves import CurveFit, MagicCurveFit, MLPCurveFit, NetworkCurveFit
 from slipangle.identify.multistart import Effort, Regression, covariance, draw, multistart
 from slipangle.models.model import FitInfo
 from slipangle.models.parameters import ParameterSet
