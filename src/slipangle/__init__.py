@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from slipangle.identify.arx import ARX
     from slipangle.identify.greybox import GreyBox
     from slipangle.identify.narx import NARX
+    from slipangle.identify.recursive import RLS
     from slipangle.identify.validate import Validation, validate
     from slipangle.models.arx import ARXModel
     from slipangle.models.ground import OnGround
@@ -90,6 +91,7 @@ _HOME = {  # where each public name lives; imported on first use, so that `impor
     "slipangle.identify.arx": ("ARX",),
     "slipangle.identify.narx": ("NARX",),
     "slipangle.identify.greybox": ("GreyBox",),
+    "slipangle.identify.recursive": ("RLS",),
     "slipangle.identify.validate": ("Validation", "validate"),
     "slipangle.control.driver": ("SpeedDriver",),
     "slipangle.control.mpc": ("MPC",),
@@ -105,6 +107,7 @@ __all__ = [
     "ARX",
     "MPC",
     "NARX",
+    "RLS",
     "ARXModel",
     "Bicycle",
     "BicycleParams",
