@@ -224,10 +224,14 @@ class OCP:
                 ("p", len(self.references)),
             )
         )
+        return x, u, w, self.all_inputs(u, w), p
+
+    def all_inputs(self, u: Any, w: Any) -> Any:
+        """The model's input vector from decided and exogenous inputs, as symbols."""
         parts = [
             u[self.controls.index(n)] if n in self.controls else w[self.exogenous.index(n)] for n in self.model.inputs
         ]
-        return x, u, w, ca.vertcat(*parts), p
+        return ca.vertcat(*parts)
 
     @cached_property
     def limited_now(self) -> np.ndarray:

@@ -128,6 +128,18 @@ def radau_iia(f: Derivative, dt: float, n_states: int, n_inputs: int, substeps: 
     return step
 
 
+def radau_equations(f: Derivative, dt: float, n_states: int, n_inputs: int) -> ca.Function:
+    """``(x, z, u) -> residual`` of one step of `radau_iia`, for solvers that find the stages themselves.
+
+    The three stages are the columns of ``z``, the last one the state at the end of the step; the residual, of the same
+    shape and in units of the state, is ``inv(A) (z - x) - dt f(z)``.
+    """
+    x, z, u = ca.SX.sym("x", n_states), ca.SX.sym("z", n_states, 3), ca.SX.sym("u", n_inputs)
+    inverse = np.linalg.inv(RADAU_A)
+    columns = [ca.mtimes(z - ca.repmat(x, 1, 3), ca.DM(inverse[i])) - dt * f(z[:, i], u) for i in range(3)]
+    return ca.Function("radau_equations", [x, z, u], [ca.horzcat(*columns)], ["x", "z", "u"], ["residual"])
+
+
 def discretise(
     f: Derivative,
     dt: float,

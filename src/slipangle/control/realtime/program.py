@@ -54,8 +54,7 @@ def symbols(ocp: OCP, kind: Any = ca.SX) -> tuple[Any, Any, Any, Any, Any]:
             ("p", len(ocp.references)),
         )
     )
-    parts = [u[ocp.controls.index(n)] if n in ocp.controls else w[ocp.exogenous.index(n)] for n in ocp.model.inputs]
-    return x, u, w, ca.vertcat(*parts), p
+    return x, u, w, ocp.all_inputs(u, w), p
 
 
 def implicit(ocp: OCP) -> Implicit | None:
