@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from slipangle.data.readers import read
     from slipangle.identify.arx import ARX
     from slipangle.identify.greybox import GreyBox
+    from slipangle.identify.kalman import EKF
     from slipangle.identify.narx import NARX
     from slipangle.identify.recursive import RLS
     from slipangle.identify.validate import Validation, validate
@@ -91,6 +92,7 @@ _HOME = {  # where each public name lives; imported on first use, so that `impor
     "slipangle.identify.arx": ("ARX",),
     "slipangle.identify.narx": ("NARX",),
     "slipangle.identify.greybox": ("GreyBox",),
+    "slipangle.identify.kalman": ("EKF",),
     "slipangle.identify.recursive": ("RLS",),
     "slipangle.identify.validate": ("Validation", "validate"),
     "slipangle.control.driver": ("SpeedDriver",),
@@ -105,6 +107,7 @@ _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
     "ARX",
+    "EKF",
     "MPC",
     "NARX",
     "RLS",
