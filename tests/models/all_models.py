@@ -14,6 +14,8 @@ from slipangle.models.catalogue import (
     SOUSA_TABLE_6_10,
     SOUSA_TABLE_7_2,
 )
+from slipangle.models.custom import Ode
+from slipangle.models.delayed import Delayed
 from slipangle.models.dual_track import DualTrack
 from slipangle.models.emps import Emps, EmpsParams, FrictionCurve
 from slipangle.models.ensemble import EnsembleModel
@@ -32,6 +34,8 @@ from slipangle.models.statespace import StateSpaceModel
 from slipangle.models.tires import LinearTire
 from slipangle.models.tires_neural import NeuralCurve, NeuralTire
 from slipangle.models.vehicles import Bicycle, Kinematic, Longitudinal, LongitudinalParams, SingleTrack
+from slipangle.ops import tanh, where
+from slipangle.units import SI
 
 LIMIT = NonlinearBicycleParams(
     mass=982.0, inertia_z=900.0, wheelbase=2.4, l_f=1.3, C_f=6e4, C_r=9e4, yaw_rate_bias=0.01, compliance=1e-6
@@ -76,6 +80,12 @@ def neural_bicycle(seed, outputs=("r",)):
     sizes = Scaling(offset=[0.0, 0.0, 0.0, 0.0, 25.0, 0.0], factor=[1.0, 0.4, 0.05, 0.05, 15.0, 4.0])
     network = MLP.random((6, 7, 2), activation="tanh", seed=seed, input_scaling=sizes, output_scaling=small(2))
     return NeuralBicycle(params=LIMIT, network=network, dt=0.05, outputs=outputs)
+
+
+def spring(x, u, p):
+    """Mass on a spring with friction and a stop."""
+    friction = p.friction * tanh(x[1] / 0.1) + where(x[0] > 1.0, 50.0 * (x[0] - 1.0), 0.0)
+    return [x[1], (u[0] - p.stiffness * x[0] - friction) / p.mass]
 
 
 ALL_MODELS = {
@@ -263,6 +273,24 @@ ALL_MODELS = {
             outputs=("v_y", "r"),
         ),
         discrepancy=discrepancy(("delta", "v_x"), ("v_y", "r")),
+    ),
+    "equations of one's own": Ode(
+        f=spring,
+        more=lambda x, u, p: {"a": spring(x, u, p)[1], "power": u[0] * x[1]},
+        states=("z", "v"),
+        inputs=("F",),
+        outputs=("z", "a"),
+        params={"mass": (2.0, 0.1, 10.0), "stiffness": (30.0, SI("N/m", "spring", 1.0, 1e3)), "friction": 0.5},
+        begin={"v": 0.1},
+        dt=0.05,
+    ).recorded(),
+    "bicycle with late steering": Delayed(
+        Bicycle(params=FERRARI_250LM, dt=0.05, outputs=("v_y", "r")), delays={"delta": 0.07}, longest=0.1
+    ),
+    "single track, late steering and torque": Delayed(
+        SingleTrack(params=SOUSA_TABLE_6_1, dt=0.001, tire_f=LINEAR, tire_r=LINEAR),
+        delays={"delta": 0.0004, "T_r": 0.002},
+        longest=0.002,
     ),
     "hybrid, switched off": HybridModel(
         base=Bicycle(params=FERRARI_250LM, dt=0.05), discrepancy=discrepancy(("delta",), ("r",)), gain=0.0

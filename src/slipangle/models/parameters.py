@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
 
 from slipangle.errors import ParameterError, nearest
@@ -36,6 +37,7 @@ class ParameterSet:
                 )
 
     @classmethod
+    @cache
     def metadata(cls) -> dict[str, SI]:
         """`SI` of every field, in order."""
         hints = get_type_hints(cls, include_extras=True)

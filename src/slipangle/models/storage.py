@@ -156,6 +156,12 @@ def _encode(value: Any, where: str, known: Mapping[str, type]) -> Any:
         return [_encode(v, f"{where}[{i}]", known) for i, v in enumerate(value)]
     if isinstance(value, Mapping) and all(isinstance(k, str) for k in value):
         return {"map": {k: _encode(v, f"{where}[{k!r}]", known) for k, v in value.items()}}
+    if callable(value):
+        raise ParameterError(
+            f"{where} is a function, which a readable file cannot keep; expected numbers, text or records: save "
+            "model.recorded() where the model is an Ode, or write the function as a frozen dataclass with __call__ and "
+            "name that class in classes=[...] of both save and load"
+        )
     kind = "a symbol" if is_symbolic(value) else f"a {type(value).__name__}"
     raise ParameterError(f"{where} holds {kind}; expected numbers, text or records, which is what a file can keep")
 

@@ -19,6 +19,7 @@ from slipangle.errors import MissingColumnError, ParameterError, nearest
 from slipangle.models.integrate import Method, Step, discretise
 from slipangle.models.model import FitInfo, Model
 from slipangle.models.parameters import ParameterSet
+from slipangle.models.parametrised import Parametrised
 from slipangle.models.tires import Tire, slip_ratio
 from slipangle.ops import Scalar, Vector, atan2, cos, maximum, sin, speed_floor, stack, tan, tanh
 from slipangle.units import SI
@@ -184,7 +185,7 @@ def single_track(x: Vector, u: Vector, p: SingleTrackParams, tire_f: Tire, tire_
 
 
 @dataclass(frozen=True, kw_only=True)
-class OdeModel(Model):
+class OdeModel(Parametrised, Model):
     """A `Model` from a state derivative; subclasses name states and inputs and supply `derivative`.
 
     Parameters

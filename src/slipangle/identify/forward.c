@@ -1,0 +1,187 @@
+/* A free run with forward sensitivities. The generated part before this file defines NX, NW, NP, NY, RADAU (the
+   coefficients A), SHARES (of Newton steps) and the functions rates and outputs, (x, w, p) -> (f, df/dx, df/dp) and the
+   same of the outputs, and slopes, (x, w, p) -> f. Matrices are stored column after column. The m columns of S are
+   derivatives with respect to NP parameters, then to whatever else the start depends on. */
+
+#include <math.h>
+#include <string.h>
+
+#define NK (3 * NX)
+
+/* out (NX, m) = fx S + [fp 0] */
+static void variation(const double *fx, const double *fp, const double *S, double *out, long m)
+{
+    for (long j = 0; j < m; j++) {
+        double *o = out + j * NX;
+        const double *s = S + j * NX;
+        for (int i = 0; i < NX; i++) o[i] = j < NP ? fp[j * NX + i] : 0.0;
+        for (int k = 0; k < NX; k++) {
+            if (s[k] == 0.0) continue;
+            for (int i = 0; i < NX; i++) o[i] += fx[k * NX + i] * s[k];
+        }
+    }
+}
+
+static void explicit_step(double *x, double *S, const double *w, const double *p, double h, int stages, long m,
+                          double *scratch)
+{
+    static const double NODE[4] = {0.0, 0.5, 0.5, 1.0}, WEIGHT[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
+    double f[NX], fx[NX * NX], fp[NX * (NP ? NP : 1)], xs[NX], total[NX];
+    double *K = scratch, *Ss = K + NX * m, *sum = Ss + NX * m;
+    memset(total, 0, sizeof total);
+    memset(sum, 0, sizeof(double) * NX * m);
+    for (int i = 0; i < stages; i++) {
+        const double a = NODE[i] * h, b = stages == 1 ? 1.0 : WEIGHT[i];
+        for (int k = 0; k < NX; k++) xs[k] = x[k] + (i ? a * f[k] : 0.0);
+        for (long k = 0; k < NX * m; k++) Ss[k] = S[k] + (i ? a * K[k] : 0.0);
+        rates(xs, w, p, f, fx, fp);
+        variation(fx, fp, Ss, K, m);
+        for (int k = 0; k < NX; k++) total[k] += b * f[k];
+        for (long k = 0; k < NX * m; k++) sum[k] += b * K[k];
+    }
+    for (int k = 0; k < NX; k++) x[k] += h * total[k];
+    for (long k = 0; k < NX * m; k++) S[k] += h * sum[k];
+}
+
+/* Factorise in place with partial pivoting. */
+static void factorise(double *a, int *pivot)
+{
+    for (int k = 0; k < NK; k++) {
+        int best = k;
+        for (int i = k + 1; i < NK; i++)
+            if (fabs(a[k * NK + i]) > fabs(a[k * NK + best])) best = i;
+        pivot[k] = best;
+        if (best != k)
+            for (int j = 0; j < NK; j++) {
+                const double t = a[j * NK + k];
+                a[j * NK + k] = a[j * NK + best];
+                a[j * NK + best] = t;
+            }
+        for (int i = k + 1; i < NK; i++) a[k * NK + i] /= a[k * NK + k];
+        for (int j = k + 1; j < NK; j++) {
+            const double c = a[j * NK + k];
+            if (c != 0.0)
+                for (int i = k + 1; i < NK; i++) a[j * NK + i] -= a[k * NK + i] * c;
+        }
+    }
+}
+
+static void solve(const double *a, const int *pivot, double *b)
+{
+    for (int k = 0; k < NK; k++) {
+        const double t = b[k];
+        b[k] = b[pivot[k]];
+        b[pivot[k]] = t;
+    }
+    for (int k = 0; k < NK; k++)
+        for (int i = k + 1; i < NK; i++) b[i] -= a[k * NK + i] * b[k];
+    for (int k = NK - 1; k >= 0; k--) {
+        b[k] /= a[k * NK + k];
+        for (int i = 0; i < k; i++) b[i] -= a[k * NK + i] * b[k];
+    }
+}
+
+static void stage_state(const double *x, const double *k, double h, int i, double *out)
+{
+    for (int a = 0; a < NX; a++)
+        out[a] = x[a] + h * (RADAU[i][0] * k[a] + RADAU[i][1] * k[NX + a] + RADAU[i][2] * k[2 * NX + a]);
+}
+
+static double residual(const double *x, const double *k, const double *w, const double *p, double h, double *r)
+{
+    double place[NX], f[NX], size = 0.0;
+    for (int i = 0; i < 3; i++) {
+        stage_state(x, k, h, i, place);
+        slopes(place, w, p, f);
+        for (int a = 0; a < NX; a++) {
+            r[i * NX + a] = k[i * NX + a] - f[a];
+            size += r[i * NX + a] * r[i * NX + a];
+        }
+    }
+    return size;
+}
+
+/* Derivatives of the three stages' rates, and the factorised Newton matrix. */
+static void newton_matrix(const double *x, const double *k, const double *w, const double *p, double h, double *fx,
+                          double *fp, double *matrix, int *pivot)
+{
+    double place[NX], f[NX];
+    for (int i = 0; i < 3; i++) {
+        stage_state(x, k, h, i, place);
+        rates(place, w, p, f, fx + i * NX * NX, fp + i * NX * NP);
+        for (int j = 0; j < 3; j++)
+            for (int c = 0; c < NX; c++)
+                for (int a = 0; a < NX; a++)
+                    matrix[(j * NX + c) * NK + i * NX + a] =
+                        (i == j && a == c) - h * RADAU[i][j] * fx[i * NX * NX + c * NX + a];
+    }
+    factorise(matrix, pivot);
+}
+
+static void implicit_step(double *x, double *S, const double *w, const double *p, double h, long m)
+{
+    double k[NK] = {0}, tried[NK], best[NK], r[NK], matrix[NK * NK];
+    double fx[3 * NX * NX], fp[3 * NX * (NP ? NP : 1)];
+    int pivot[NK];
+    for (int iteration = 0; iteration < ITERATIONS; iteration++) {
+        newton_matrix(x, k, w, p, h, fx, fp, matrix, pivot);
+        residual(x, k, w, p, h, r);
+        solve(matrix, pivot, r);
+        double least = INFINITY, move = 0.0, size = 0.0, spare[NK];
+        for (int a = 0; a < NK; a++) {
+            move = fmax(move, fabs(r[a]));
+            size = fmax(size, fabs(k[a]));
+        }
+        const int last = iteration == ITERATIONS - 1 || move <= 1e-11 * (1.0 + size);
+        for (int s = 0; s < (last ? 1 : N_SHARES); s++) {
+            for (int a = 0; a < NK; a++) tried[a] = k[a] - SHARES[s] * r[a];
+            const double now = last ? 0.0 : residual(x, tried, w, p, h, spare);
+            if (s == 0 || now < least) {
+                least = now;
+                memcpy(best, tried, sizeof best);
+            }
+        }
+        memcpy(k, best, sizeof k);
+        if (last) break;
+    }
+    newton_matrix(x, k, w, p, h, fx, fp, matrix, pivot);
+    for (long j = 0; j < m; j++) {
+        double *s = S + j * NX, d[NK];
+        for (int i = 0; i < 3; i++) {
+            for (int a = 0; a < NX; a++) d[i * NX + a] = j < NP ? fp[i * NX * NP + j * NX + a] : 0.0;
+            for (int c = 0; c < NX; c++)
+                for (int a = 0; a < NX; a++) d[i * NX + a] += fx[i * NX * NX + c * NX + a] * s[c];
+        }
+        solve(matrix, pivot, d);
+        for (int i = 0; i < 3; i++)
+            for (int a = 0; a < NX; a++) s[a] += h * RADAU[2][i] * d[i * NX + a];
+    }
+    for (int i = 0; i < 3; i++)
+        for (int a = 0; a < NX; a++) x[a] += h * RADAU[2][i] * k[i * NX + a];
+}
+
+/* x (NX) and S (NX, m) at the first row are overwritten; out gets NY (1 + m) numbers for each row. stages: 1 is Euler,
+   4 is RK4, 3 is Radau IIA. scratch holds 3 NX m numbers. */
+void free_run(double *x, double *S, const double *w, const double *p, long rows, long m, double h, long substeps,
+              int stages, double *out, double *scratch)
+{
+    double y[NY], yx[NY * NX], yp[NY * (NP ? NP : 1)];
+    for (long k = 0; k < rows; k++) {
+        double *o = out + k * NY * (1 + m);
+        outputs(x, w + k * NW, p, y, yx, yp);
+        memcpy(o, y, sizeof y);
+        for (long j = 0; j < m; j++)
+            for (int i = 0; i < NY; i++) {
+                double total = j < NP ? yp[j * NY + i] : 0.0;
+                for (int c = 0; c < NX; c++) total += yx[c * NY + i] * S[j * NX + c];
+                o[NY + j * NY + i] = total;
+            }
+        if (k + 1 < rows)
+            for (long s = 0; s < substeps; s++) {
+                if (stages == 3)
+                    implicit_step(x, S, w + k * NW, p, h, m);
+                else
+                    explicit_step(x, S, w + k * NW, p, h, stages, m, scratch);
+            }
+    }
+}

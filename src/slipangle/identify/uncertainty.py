@@ -1,0 +1,107 @@
+"""Covariance of least-squares estimates, and sentences about parameters that the data do not determine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slipangle.units import SI
+
+TOO_WIDE = 0.5  # half of a 95 % interval over the value, above which a parameter counts as not determined
+CONDITION = 300.0  # of the Jacobian with columns of one length, above which parameters cannot be told apart
+
+
+def covariance(error: np.ndarray, jacobian: np.ndarray, n_outputs: int) -> tuple[np.ndarray, str]:
+    """Covariance of the unknowns, allowing for coloured residuals when they are; and a few words on how.
+
+    Parameters
+    ----------
+    error : array, shape (n_rows * n_outputs,)
+        Residuals, of about the same size for every output.
+    jacobian : array, shape (n_rows * n_outputs, n)
+        Their derivatives.
+    n_outputs : int
+        Residuals per sample.
+
+    References
+    ----------
+    .. [1] W. K. Newey, K. D. West, Econometrica 55, 1987; bandwidth by D. W. K. Andrews, Econometrica 59, 1991.
+    """
+    dof = max(1, len(error) - jacobian.shape[1])
+    lengths = np.linalg.norm(jacobian, axis=0)
+    lengths = np.where(lengths > 0, lengths, 1.0)
+    even = jacobian / lengths
+    inverse = np.linalg.pinv(even.T @ even, rcond=1e-14, hermitian=True) / np.outer(lengths, lengths)
+    per_sample = error.reshape(-1, n_outputs)
+    lag1 = np.array([_lag_one(per_sample[:, i]) for i in range(n_outputs)])
+    if np.all(np.abs(lag1) < 3.3 / np.sqrt(len(per_sample))):
+        return inverse * float(error @ error) / dof, "covariance for white residuals"
+    scores = (error[:, None] * jacobian).reshape(len(per_sample), n_outputs, -1).sum(axis=1)
+    rho = float(np.clip(np.abs(lag1).max(), 0, 0.999))
+    alpha = 4 * rho**2 / ((1 - rho) ** 2 * (1 + rho) ** 2)
+    width = int(min(1.1447 * (alpha * len(scores)) ** (1 / 3), len(scores) // 4)) + 1
+    meat = scores.T @ scores
+    for lag in range(1, width + 1):
+        gamma = scores[lag:].T @ scores[:-lag]
+        meat += (1 - lag / (width + 1)) * (gamma + gamma.T)
+    result = inverse @ meat @ inverse * len(error) / dof
+    return result, f"covariance for coloured residuals (Newey-West, {width} lags)"
+
+
+def _lag_one(e: np.ndarray) -> float:
+    e = e - e.mean()
+    power = float(e @ e)
+    return float(e[1:] @ e[:-1]) / power if power > 0 else 0.0
+
+
+def undetermined(values: np.ndarray, std: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Which parameters have an interval wider than half their value (or than their scale, where they are about 0)."""
+    size = np.maximum(np.abs(values), scale * (np.abs(values) < 0.02 * scale))
+    return 1.96 * std > TOO_WIDE * size
+
+
+def notes(
+    names: Sequence[str],
+    values: np.ndarray,
+    std: np.ndarray,
+    scale: np.ndarray,
+    metadata: Sequence[SI],
+    jacobian: np.ndarray,
+) -> list[str]:
+    """Sentences that name parameters which the data do not determine, cannot tell apart, or push to a bound.
+
+    Parameters
+    ----------
+    names, values, std, scale, metadata
+        One entry per parameter; ``scale`` is a typical size.
+    jacobian : array, shape (n, n_parameters)
+        Derivatives of the weighted errors.
+    """
+    said = []
+    wide = undetermined(values, std, scale)
+    for name, value, sd, poor, meta in zip(names, values, std, wide, metadata, strict=True):
+        if poor:
+            said.append(
+                f"the data do not determine {name}: {value:.4g} ± {1.96 * sd:.2g} {meta.unit} (95 %); expected "
+                "an interval below half the value: fix it, or add a manoeuvre that moves it"
+            )
+        bounds = [b for b in (meta.lower, meta.upper) if np.isfinite(b)]
+        if any(abs(value - b) < 1e-6 * max(map(abs, bounds)) for b in bounds):
+            said.append(
+                f"{name} ends at its bound, {value:.4g} {meta.unit}; expected an interior optimum: check units, "
+                "signs and the fixed parameters, or widen the range"
+            )
+    norms = np.linalg.norm(jacobian, axis=0)
+    if (norms == 0).any():
+        for name in np.array(names)[norms == 0]:
+            said.append(f"the outputs do not depend on {name}; expected an influence: fix it")
+    elif len(names) > 1:
+        _, s, vt = np.linalg.svd(jacobian / norms, full_matrices=False)
+        if s[0] > CONDITION * s[-1]:
+            group = [n for n, v in zip(names, vt[-1], strict=True) if abs(v) > 0.3]
+            said.append(
+                f"{', '.join(group)} can hardly be told apart (condition number {s[0] / max(s[-1], 1e-300):.0f}); "
+                f"expected below {CONDITION:.0f}: fix one of them, or add a manoeuvre that separates them"
+            )
+    return said

@@ -1,0 +1,247 @@
+"""`Ode`: a model from equations of your own."""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Self
+
+import casadi as ca
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError, nearest
+from slipangle.models.equations import Recorded
+from slipangle.models.parameters import ParameterSet
+from slipangle.models.vehicles import OdeModel
+from slipangle.ops import Scalar, Vector, is_symbolic, is_traced, stack
+from slipangle.units import SI
+
+Equations = Callable[[Vector, Vector, Any], Any]  # (x, u, p) -> rates
+Signals = Callable[[Vector, Vector, Any], Mapping[str, Scalar]]  # (x, u, p) -> more outputs
+
+
+@dataclass(frozen=True)
+class NamedParams(ParameterSet):
+    """Parameters that are named when the program runs, instead of by a class; each is an attribute too.
+
+    Parameters
+    ----------
+    names : tuple of str
+        What they are called.
+    values : tuple of float
+        Their values, SI units.
+    units, docs : tuple of str
+        Unit and meaning of each.
+    lower, upper : tuple of float
+        Range of each.
+
+    >>> p = NamedParams.of({"stiffness": (2e4, SI("N/m", "spring", 1.0, 1e6)), "damping": (1e3, 0.0, 1e5)})
+    >>> p.damping, p.si("stiffness").unit
+    (1000.0, 'N/m')
+    """
+
+    names: tuple[str, ...]
+    values: tuple[float, ...]
+    units: tuple[str, ...]
+    docs: tuple[str, ...]
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        lengths = {f.name: len(getattr(self, f.name)) for f in fields(self)}
+        if len(set(lengths.values())) != 1 or len(set(self.names)) != len(self.names):
+            raise ParameterError(f"{lengths} of {list(self.names)}; expected one of each per name, and each name once")
+        for name in self.names:
+            if not name.isidentifier() or hasattr(type(self), name) or name in lengths:
+                raise ParameterError(f"{name!r} cannot name a parameter; expected a word such as 'stiffness'")
+        for name, value, meta in zip(self.names, self.values, self.metadata().values(), strict=True):
+            if not (is_symbolic(value) or is_traced(value)) and not meta.lower <= value <= meta.upper:
+                raise ParameterError(
+                    f"{name} is {value:g} {meta.unit}; expected {meta.lower:g} to {meta.upper:g} {meta.unit}: check "
+                    "the value and its unit"
+                )
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Self:
+        """From a value by name: a number, ``(value, SI(...))`` or ``(value, lower, upper)``."""
+        values, metas = [], []
+        for name, content in given.items():
+            parts = content if isinstance(content, Sequence) else (content,)
+            value, rest = parts[0], tuple(parts[1:])
+            if rest and isinstance(rest[0], SI) and len(rest) == 1:
+                meta = rest[0]
+            elif len(rest) in (0, 2) and not any(isinstance(r, SI) for r in rest):
+                meta = SI("-", name, *map(float, rest))
+            else:
+                raise ParameterError(
+                    f"the parameter '{name}' is given as {content!r}; expected a number, (value, SI(unit, meaning, "
+                    "lower, upper)) or (value, lower, upper)"
+                )
+            values.append(float(value))
+            metas.append(meta)
+        return cls(
+            names=tuple(given),
+            values=tuple(values),
+            units=tuple(m.unit for m in metas),
+            docs=tuple(m.doc for m in metas),
+            lower=tuple(m.lower for m in metas),
+            upper=tuple(m.upper for m in metas),
+        )
+
+    def __getattr__(self, name: str) -> Any:
+        names = self.__dict__.get("names", ())
+        if name in names:
+            return self.values[names.index(name)]
+        raise AttributeError(f"there is no parameter '{name}'; {nearest(name, names)}")
+
+    def metadata(self) -> dict[str, SI]:  # type: ignore[override]
+        """`SI` of every parameter, in order."""
+        rows = zip(self.names, self.units, self.docs, self.lower, self.upper, strict=True)
+        return {name: SI(unit, doc, lower, upper) for name, unit, doc, lower, upper in rows}
+
+    def si(self, name: str) -> SI:  # type: ignore[override]
+        """`SI` of one parameter."""
+        known = self.metadata()
+        if name not in known:
+            raise ParameterError(f"there is no parameter '{name}'; {nearest(name, known)}: use one of these names")
+        return known[name]
+
+    def with_values(self, **values: Any) -> Self:
+        """A copy with some values replaced (numbers or symbols)."""
+        for name in values:
+            self.si(name)
+        changed = (values.get(n, v) for n, v in zip(self.names, self.values, strict=True))
+        return replace(self, values=tuple(changed))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ode(OdeModel):
+    """A model from equations of your own: simulated, fitted, controlled with and compiled like the built-in ones.
+
+    Parameters
+    ----------
+    f : callable
+        ``f(x, u, p)``, the rates of the states as a list; ``x[0]`` is the first state, ``u[0]`` the first input,
+        ``p.stiffness`` a parameter. Elementary functions come from `slipangle.ops`, so that the equations work on
+        symbols too.
+    states, inputs : tuple of str
+        Their names.
+    params : ParameterSet, or mapping
+        The parameters; a mapping gives each as a number, ``(value, lower, upper)`` or ``(value, SI(unit, meaning,
+        lower, upper))``.
+    dt : float
+        Sample time. [s]
+    outputs : tuple of str
+        Which states, or signals of ``more``, are the outputs; by default all states.
+    more : callable, optional
+        ``more(x, u, p)``, further signals by name, such as ``{"a_y": ...}``.
+    begin : mapping, optional
+        Initial value of states that the data have no channel for; by default 0.
+    method, substeps
+        As for every `OdeModel`; explicit steps are at most 10 ms long unless ``substeps`` says otherwise.
+
+    Raises
+    ------
+    ParameterError
+        If ``f`` gives another number of rates, or cannot work on symbols.
+
+    Notes
+    -----
+    A file cannot keep a function, but the operations that it makes: save ``model.recorded()``. Loaded again it gives
+    the same numbers.
+
+    >>> tank = Ode(
+    ...     f=lambda x, u, p: [(u[0] - p.leak * x[0]) / p.area],
+    ...     states=("level",), inputs=("flow",), params={"area": (2.0, 0.1, 10.0), "leak": 0.5}, dt=0.1,
+    ... )
+    >>> round(float(tank.step([1.0], [0.5])[0]), 9)
+    1.0
+    """
+
+    f: Equations
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    more: Signals | None = None
+    begin: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for key in ("states", "inputs"):
+            given = getattr(self, key)
+            object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
+        if isinstance(self.params, Mapping):
+            object.__setattr__(self, "params", NamedParams.of(self.params))
+        object.__setattr__(self, "begin", dict(self.begin))
+        for name in self.begin:
+            if name not in self.states:
+                raise ParameterError(f"begin names '{name}'; {nearest(name, self.states)}: expected a state")
+        for key in ("f", *(("more",) if self.more is not None else ())):
+            if not callable(getattr(self, key)):
+                raise ParameterError(f"{key} is {getattr(self, key)!r}; expected a function {key}(x, u, p)")
+        if not any(is_symbolic(v) or is_traced(v) for v in self._parameter_values()):
+            self._check_equations()
+        super().__post_init__()
+
+    def __hash__(self) -> int:
+        return hash((self.f, self.more, self.states, self.inputs, self.params, self.dt, self.outputs, self.method))
+
+    def _parameter_values(self) -> list[Any]:
+        return [getattr(self.params, name) for name in self.params.metadata()]
+
+    def _check_equations(self) -> None:
+        x, u = ca.SX.sym("x", self.n_states), ca.SX.sym("u", self.n_inputs)
+        needs = (
+            "expected x[i], u[i], p.name, arithmetic and functions of slipangle.ops, such as ops.sin and ops.where: "
+            f"see {_place(self.f)}"
+        )
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                rates = self.f(x, u, self.params)
+                if self.more is not None:
+                    self.more(x, u, self.params)
+        except Exception as error:
+            said = str(error).strip().partition("\n")[0]
+            raise ParameterError(f"the equations fail on symbols ({type(error).__name__}: {said}); {needs}") from error
+        n = rates.numel() if is_symbolic(rates) else len(rates)
+        if n != self.n_states:
+            raise ParameterError(
+                f"f gives {n} rates for the {self.n_states} states {list(self.states)}; expected one for each, in order"
+            )
+        at = 0.3 + 0.1 * np.arange(self.n_states + self.n_inputs)
+        x_at, u_at = at[: self.n_states], at[self.n_states :]
+        symbolic = ca.Function("f", [x, u], [rates if is_symbolic(rates) else ca.vertcat(*rates)])(x_at, u_at)
+        numeric = np.asarray(self.derivative(x_at, u_at), dtype=float)
+        if not np.allclose(np.asarray(symbolic).ravel(), numeric, rtol=1e-9, atol=1e-12, equal_nan=True):
+            raise ParameterError(f"f gives other rates on symbols than on numbers; {needs}")
+
+    def recorded(self) -> Self:
+        """The same model with its equations written down operation by operation, which `save` can keep.
+
+        Raises
+        ------
+        ParameterError
+            If they hold an operation that cannot be written down.
+        """
+        sizes = self.n_states, self.n_inputs, self.params
+        more = None if self.more is None else Recorded.of(self.more, *sizes)
+        return replace(self, f=Recorded.of(self.f, *sizes), more=more)
+
+    def derivative(self, x: Vector, u: Vector) -> Vector:
+        """The rates that ``f`` gives."""
+        rates = self.f(x, u, self.params)
+        return rates if is_symbolic(rates) or isinstance(rates, np.ndarray) else stack(list(rates))
+
+    def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
+        """What ``more`` gives."""
+        return {} if self.more is None else dict(self.more(x, u, self.params))
+
+    def _start(self, name: str, data: Dataset) -> float:
+        return super()._start(name, data) if name in data else float(self.begin.get(name, 0.0))
+
+
+def _place(f: Any) -> str:
+    code = getattr(inspect.unwrap(f), "__code__", None)
+    return type(f).__name__ if code is None else f"line {code.co_firstlineno} of {code.co_filename}"

@@ -1,0 +1,171 @@
+"""`Recorded`: equations of your own as a list of elementary operations, which a readable file can keep."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Self
+
+import casadi as ca
+import numpy as np
+
+from slipangle import ops
+from slipangle.errors import ParameterError, nearest
+from slipangle.ops import Scalar, Vector
+
+_OPERATIONS: dict[str, tuple[int, int, Callable[..., Scalar]]] = {  # name: CasADi's code, operands, meaning
+    "same": (ca.OP_ASSIGN, 1, lambda a: a),
+    "negative": (ca.OP_NEG, 1, lambda a: -a),
+    "square": (ca.OP_SQ, 1, lambda a: a * a),
+    "twice": (ca.OP_TWICE, 1, lambda a: a + a),
+    "inverse": (ca.OP_INV, 1, lambda a: 1.0 / a),
+    "not": (ca.OP_NOT, 1, lambda a: 1.0 - a),
+    "sqrt": (ca.OP_SQRT, 1, ops.sqrt),
+    "sin": (ca.OP_SIN, 1, ops.sin),
+    "cos": (ca.OP_COS, 1, ops.cos),
+    "tan": (ca.OP_TAN, 1, ops.tan),
+    "asin": (ca.OP_ASIN, 1, ops.asin),
+    "atan": (ca.OP_ATAN, 1, ops.atan),
+    "sinh": (ca.OP_SINH, 1, ops.sinh),
+    "cosh": (ca.OP_COSH, 1, ops.cosh),
+    "tanh": (ca.OP_TANH, 1, ops.tanh),
+    "exp": (ca.OP_EXP, 1, ops.exp),
+    "log": (ca.OP_LOG, 1, ops.log),
+    "abs": (ca.OP_FABS, 1, ops.fabs),
+    "sign": (ca.OP_SIGN, 1, ops.sign),
+    "add": (ca.OP_ADD, 2, lambda a, b: a + b),
+    "subtract": (ca.OP_SUB, 2, lambda a, b: a - b),
+    "multiply": (ca.OP_MUL, 2, lambda a, b: a * b),
+    "divide": (ca.OP_DIV, 2, lambda a, b: a / b),
+    "power": (ca.OP_POW, 2, lambda a, b: a**b),
+    "power_constant": (ca.OP_CONSTPOW, 2, lambda a, b: a**b),
+    "minimum": (ca.OP_FMIN, 2, ops.minimum),
+    "maximum": (ca.OP_FMAX, 2, ops.maximum),
+    "atan2": (ca.OP_ATAN2, 2, ops.atan2),
+    "hypot": (ca.OP_HYPOT, 2, ops.hypot),
+    "less": (ca.OP_LT, 2, lambda a, b: ops.where(a < b, 1.0, 0.0)),
+    "less_equal": (ca.OP_LE, 2, lambda a, b: ops.where(a <= b, 1.0, 0.0)),
+    "equal": (ca.OP_EQ, 2, lambda a, b: ops.where(a == b, 1.0, 0.0)),
+    "not_equal": (ca.OP_NE, 2, lambda a, b: ops.where(a != b, 1.0, 0.0)),
+    "and": (ca.OP_AND, 2, lambda a, b: a * b),
+    "or": (ca.OP_OR, 2, ops.maximum),
+    "if": (ca.OP_IF_ELSE_ZERO, 2, lambda a, b: ops.where(a != 0.0, b, 0.0)),
+}
+_NAME_OF = {code: name for name, (code, _, _) in _OPERATIONS.items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """Functions of states, inputs and parameters, one elementary operation a line.
+
+    Parameters
+    ----------
+    lines : tuple of str
+        Line ``k`` makes value ``k``: ``"x 0"``, ``"u 1"``, ``"p stiffness"``, ``"number 2.5"``, ``"multiply 0 2"`` (of
+        the values of lines 0 and 2), ``"sin 3"`` and so on.
+    results : tuple of int
+        Lines whose values are the results.
+    names : tuple of str
+        Names of the results; empty for rates, which need none.
+
+    Raises
+    ------
+    ParameterError
+        If a line is none of these, with its number.
+    """
+
+    lines: tuple[str, ...]
+    results: tuple[int, ...]
+    names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for k, line in enumerate(self.lines):
+            self._check(k, line)
+        if any(not 0 <= r < len(self.lines) for r in self.results) or len(self.names) not in (0, len(self.results)):
+            raise ParameterError(
+                f"the results {self.results} are named {self.names}; expected lines from 0 to {len(self.lines) - 1}, "
+                "each with a name or none"
+            )
+
+    def _check(self, k: int, line: str) -> None:
+        word, *rest = line.split()
+        if word in _OPERATIONS:
+            fine = len(rest) == _OPERATIONS[word][1] and all(r.isdigit() and int(r) < k for r in rest)
+        elif word in ("x", "u"):
+            fine = len(rest) == 1 and rest[0].isdigit()
+        elif word == "p":
+            fine = len(rest) == 1 and rest[0].isidentifier()
+        else:
+            fine = word == "number" and len(rest) == 1 and _is_number(rest[0])
+        if not fine:
+            raise ParameterError(
+                f"line {k} of the equations is {line!r}; {nearest(word, (*_OPERATIONS, 'x', 'u', 'p', 'number'))}: "
+                "expected an operation on earlier lines, x, u, p or number"
+            )
+
+    @classmethod
+    def of(cls, f: Any, n_states: int, n_inputs: int, params: Any) -> Self:
+        """Record ``f(x, u, p)``, which gives a vector, or values by name.
+
+        Raises
+        ------
+        ParameterError
+            If it has an operation that cannot be recorded.
+        """
+        names = tuple(params.metadata())
+        x, u, p = ca.SX.sym("x", n_states), ca.SX.sym("u", n_inputs), ca.SX.sym("p", len(names))
+        value = f(x, u, params.with_values(**{n: p[i] for i, n in enumerate(names)}))
+        labels = tuple(value) if isinstance(value, dict) else ()
+        flat = list(value.values()) if isinstance(value, dict) else value
+        vector = flat if isinstance(flat, ca.SX) else ca.vertcat(*flat)
+        return cls._from(ca.Function("f", [x, u, p], [ca.densify(vector)]), names, labels)
+
+    @classmethod
+    def _from(cls, function: ca.Function, names: tuple[str, ...], labels: tuple[str, ...]) -> Self:
+        lines: list[str] = []
+        place: dict[int, int] = {}  # where in CasADi's memory: line
+        results = [0] * function.size1_out(0)
+        for k in range(function.n_instructions()):
+            code = function.instruction_id(k)
+            inputs, outputs = function.instruction_input(k), function.instruction_output(k)
+            if code == ca.OP_OUTPUT:
+                results[outputs[1]] = place[inputs[0]]
+                continue
+            if code == ca.OP_CONST:
+                line = f"number {function.instruction_constant(k)!r}"
+            elif code == ca.OP_INPUT:
+                line = f"p {names[inputs[1]]}" if inputs[0] == 2 else f"{'xu'[inputs[0]]} {inputs[1]}"
+            elif code in _NAME_OF:
+                line = " ".join([_NAME_OF[code], *(str(place[i]) for i in inputs[: _OPERATIONS[_NAME_OF[code]][1]])])
+            else:
+                raise ParameterError(
+                    f"the equations use CasADi's operation {code}, which cannot be recorded; expected arithmetic and "
+                    "functions of slipangle.ops"
+                )
+            place[outputs[0]] = len(lines)
+            lines.append(line)
+        return cls(lines=tuple(lines), results=tuple(results), names=labels)
+
+    def __call__(self, x: Vector, u: Vector, p: Any) -> Any:
+        """The results: a list, or a dictionary where they have names."""
+        values: list[Any] = []
+        for line in self.lines:
+            word, *rest = line.split()
+            if word in _OPERATIONS:
+                values.append(_OPERATIONS[word][2](*(values[int(r)] for r in rest)))
+            elif word == "p":
+                values.append(getattr(p, rest[0]))
+            elif word == "number":
+                values.append(np.float64(rest[0]))
+            else:
+                values.append({"x": x, "u": u}[word][int(rest[0])])
+        found = [values[r] for r in self.results]
+        return dict(zip(self.names, found, strict=True)) if self.names else found
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
