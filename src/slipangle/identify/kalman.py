@@ -183,11 +183,12 @@ class RecursiveVehicle:
         self._finite_z = np.zeros(n, dtype=bool)
         arguments = [self._z, self._P, self._before, self._u, self._y, self._seen, self._dt]
         self._function = _filter(settings, self._scales)
-        self._buffer, self._run = self._function.buffer()
+        made: Any = self._function.buffer()
+        self._buffer, self._run = made
         for i, array in enumerate(arguments):
-            self._buffer.set_arg(i, memoryview(array))
+            self._buffer.set_arg(i, array.data)
         for i, array in enumerate([self._z_new, self._P_new, self._error, self._variance]):
-            self._buffer.set_res(i, memoryview(array))
+            self._buffer.set_res(i, array.data)
         self._P[nx:, nx:] = np.diag(self._scales.prior**2)
         self.n_samples = 0
         self.restart()
