@@ -137,7 +137,8 @@ class MPC(OCP):
         finite = bool(np.isfinite(solution.u).all() and np.isfinite(solution.x).all())
         begun = solution.status.unfinished and solution.iterations > 0 and solution.violation <= FEASIBLE
         if not (finite and (solution.status.solved or begun)):
-            return self._fallback(x, wanted, previous, before, solution.status, solution.iterations, begin)
+            status = solution.status if finite or not solution.status.solved else Status.NOT_FINITE
+            return self._fallback(x, wanted, previous, before, status, solution.iterations, begin)
         return Plan(
             u=within(solution.u, before, self.input_bounds, self.step_bounds),
             x=solution.x,

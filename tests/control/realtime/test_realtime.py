@@ -7,7 +7,7 @@ import pytest
 
 from slipangle.control.mpc import MPC
 from slipangle.control.ocp import Reference
-from slipangle.control.plan import Status
+from slipangle.control.plan import Start, Status
 from slipangle.control.realtime import RealTime
 from slipangle.control.terms import Limits, Weights
 from slipangle.data.manoeuvres import double_lane_change
@@ -16,6 +16,7 @@ from slipangle.models.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2, SOUSA_T
 from slipangle.models.ground import OnGround
 from slipangle.models.vehicles import Bicycle, SingleTrack
 from tests.control.linear import double_integrator, lqr, two_masses
+from tests.control.optimality import projected_gradient
 from tests.models.all_models import ALL_MODELS, SIZE, typical
 
 pytestmark = pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
@@ -128,8 +129,8 @@ def test_every_other_model_too(name):
     assert compare(ALL_MODELS[name], range(6)) >= 4
 
 
-def thesis_pairs(seeds, horizon=10):
-    """Plans of both solvers from random states, references and weights of the thesis' problem."""
+def thesis_problems(seeds, horizon=10):
+    """Random weights, states and references of the thesis' problem: seed, both solvers, x, reference, input before."""
     for group in range(0, len(seeds), 10):
         rng = np.random.default_rng([group, 5])
         q, s = 10.0 ** rng.uniform(-0.5, 0.5, 3), 10.0 ** rng.uniform(-0.5, 1, 2)
@@ -147,37 +148,47 @@ def thesis_pairs(seeds, horizon=10):
             x = mpc.model.straight(draw.uniform(15, 25), **pose(path, s0))
             x[[1, 2, 6, 7]] += draw.normal(0, [0.2, 0.05, 0.3, 0.02])
             before = np.array([0.02, 800.0]) * draw.uniform(-1, 1, 2)
-            reference = mpc.reference(path.ahead(s0, horizon, 0.1), T_r=0.0)
-            yield (
-                seed,
-                (
-                    mpc.plan(x, reference, applied=before),
-                    reference_solver.plan(x, reference, applied=before),
-                ),
-            )
+            yield seed, mpc, reference_solver, x, mpc.reference(path.ahead(s0, horizon, 0.1), T_r=0.0), before
+
+
+def assert_same(mine, theirs, seed):
+    assert abs(mine.cost - theirs.cost) <= 1e-8 * abs(theirs.cost), seed
+    assert np.abs((mine.u - theirs.u) / [0.03, 2500.0]).max() <= 1e-5, seed
+    assert mine.x == pytest.approx(theirs.x, abs=1e-5), seed
 
 
 def agree(seeds):
-    count = 0
-    for seed, (mine, theirs) in thesis_pairs(seeds):
+    """How many plans are the same to 1e-5, and how many are two different optima.
+
+    Of two optima, ours has no slope left, and from Ipopt's answer we find Ipopt's.
+    """
+    same = other = 0
+    for seed, mpc, ipopt, x, reference, before in thesis_problems(seeds):
+        mine, theirs = mpc.plan(x, reference, applied=before), ipopt.plan(x, reference, applied=before)
         assert mine.status is Status.SOLVED, seed
         if not theirs.status.solved:
             continue
-        count += 1
-        assert mine.cost <= theirs.cost * (1 + 1e-8), seed
         if abs(mine.cost - theirs.cost) <= 1e-8 * abs(theirs.cost):
-            assert np.abs((mine.u - theirs.u) / [0.03, 2500.0]).max() <= 1e-5, seed
-            assert mine.x == pytest.approx(theirs.x, abs=1e-5), seed
-    return count
+            same += 1
+            assert_same(mine, theirs, seed)
+        else:
+            other += 1
+            assert projected_gradient(mpc, x, reference, before, mine.u) <= 1e-6, seed
+            start = Start(x=x, applied=before, reference=reference, guess_u=theirs.u, guess_x=theirs.x)
+            assert_same(mpc.engine.solve(start), theirs, seed)
+    return same, other
 
 
 def test_the_thesis_problem_agrees_with_ipopt():
-    assert agree(range(8)) >= 7
+    assert agree(range(10))[0] >= 9
 
 
 @pytest.mark.slow
 def test_the_thesis_problem_agrees_with_ipopt_a_thousand_times():
-    assert agree(range(1000)) >= 950
+    same, other = agree(range(1000))
+    print(f"{same} the same to 1e-5, {other} two optima")
+    assert same >= 970
+    assert same + other >= 995
 
 
 @pytest.mark.parametrize("horizon", [1, 2, 9])

@@ -19,8 +19,9 @@ from slipangle.models import compiled
 class RealTime:
     """Real-time iteration ([1]_) in compiled code: Gauss-Newton steps on the condensed problem.
 
-    The first plan is iterated to convergence from the inputs held and the states rolled out, so it needs no
-    guess; later ones take `iterations` steps each from the plan before, shifted.
+    The first plan is iterated to convergence from the inputs held or brought to zero, whichever promises less
+    cost, and the states rolled out, so it needs no guess; later ones take `iterations` steps each from the plan
+    before, shifted.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from slipangle.control.realtime.program import (
     stage_function,
 )
 
-PAIRS = 12
+PAIRS = 24
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -509,8 +509,37 @@ static int converge(Work *s)
     return status;
 }
 
-/* Start from the plan of the step before (CONTINUE: u, x, k as it left them), from nothing (FROM_NOTHING: inputs held,
-   states rolled out), from inputs and states (GIVEN), or from inputs (GIVEN_INPUTS: states rolled out). Only the first
+/* Half the cost of constant inputs, from their roll-out. */
+static double try_inputs(Work *s, const double *u)
+{
+    double cost;
+    for (int i = 0; i < N; i++)
+        memcpy(s->u + i * NU, u, sizeof s->applied);
+    keep_inputs(s);
+    roll_out(s);
+    if (!linearise(s))
+        return INFINITY;
+    merit(s, 0, &cost, NULL);
+    return cost;
+}
+
+/* The inputs held as they are, or brought to zero, whichever promises less. */
+static void start_from_nothing(Work *s)
+{
+    static const double zero[NU];
+    double relaxed = try_inputs(s, zero);
+    memcpy(s->u_from, s->u, sizeof s->u);
+    memcpy(s->x_from, s->x, sizeof s->x);
+    memcpy(s->k_from, s->k, sizeof s->k);
+    if (try_inputs(s, s->applied) > relaxed) {
+        memcpy(s->u, s->u_from, sizeof s->u);
+        memcpy(s->x, s->x_from, sizeof s->x);
+        memcpy(s->k, s->k_from, sizeof s->k);
+    }
+}
+
+/* Start from the plan of the step before (CONTINUE: u, x, k as it left them), from nothing (FROM_NOTHING: constant
+   inputs, states rolled out), from inputs and states (GIVEN), or from inputs (GIVEN_INPUTS: states rolled out). Only the first
    takes a fixed number of iterations. */
 static void start(Work *s)
 {
@@ -524,10 +553,10 @@ static void start(Work *s)
         memset(s->k, 0, sizeof s->k);
     }
     if (s->fresh == FROM_NOTHING)
-        for (int i = 0; i < N; i++)
-            memcpy(s->u + i * NU, s->applied, sizeof s->applied);
-    keep_inputs(s);
-    if (s->fresh == FROM_NOTHING || s->fresh == GIVEN_INPUTS || N == 1)
+        start_from_nothing(s);
+    else
+        keep_inputs(s);
+    if (s->fresh == GIVEN_INPUTS || N == 1)
         roll_out(s);
     else if (s->fresh == CONTINUE) {
         memcpy(s->x, s->x0, sizeof s->x0);

@@ -7,7 +7,7 @@
 enum { SOLVED, ITERATED, ITERATION_LIMIT, STALLED, TIME_OUT, INFEASIBLE, NOT_FINITE, FAILED };
 enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS };
 
-#define PAIRS 12 /* remembered steps and changes of the gradient */
+#define PAIRS 24 /* remembered steps and changes of the gradient */
 
 typedef struct {
     /* what Python sets */
