@@ -15,7 +15,13 @@ from slipangle.models.arx import ARXModel
 
 ORDERS = pytest.mark.parametrize(
     ("na", "nb", "nk", "nu", "ny", "offset"),
-    [(1, 1, 1, 1, 1, False), (2, 3, 1, 2, 1, True), (3, 1, 2, 1, 2, False), (2, 2, 3, 2, 3, True)],
+    [
+        (1, 1, 1, 1, 1, False),
+        (2, 3, 1, 2, 1, True),
+        (3, 1, 2, 1, 2, False),
+        (2, 2, 3, 2, 3, True),
+        (1, 3, 0, 2, 1, False),
+    ],
 )
 
 

@@ -247,6 +247,16 @@ ALL_MODELS = {
         inputs=("delta", "v_x"),
         outputs=("v_y", "r"),
     ),
+    "ARX, MIMO, direct": ARXModel(
+        A=np.array([[[-0.9, 0.1], [0.0, -0.8]], [[0.1, 0.0], [0.05, 0.2]]]),
+        B=np.array([[[1.0, 0.2], [0.3, -0.1]], [[0.1, 0.0], [0.2, 0.1]], [[0.0, 0.1], [0.0, 0.1]]]),
+        c=np.array([0.1, -0.2]),
+        nk=0,
+        dt=0.1,
+        inputs=("delta", "v_x"),
+        outputs=("v_y", "r"),
+    ),
+    "ARX, direct": ARXModel(A=[-0.7], B=[0.2], nk=0, dt=0.1, inputs=("delta",), outputs=("r",)),
     "dual track, front drive": DualTrack(params=SOUSA_CAR_7, dt=0.001, tire_f=PASSENGER_TIRE, tire_r=PASSENGER_TIRE),
     "dual track, limited slip, linear tires in front": DualTrack(
         params=BMW_320I,

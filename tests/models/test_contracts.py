@@ -9,6 +9,8 @@ import pytest
 from slipangle.data.dataset import Dataset
 from slipangle.errors import MissingColumnError, SampleTimeError, SimulationError, TooShortError
 from slipangle.models.arx import ARXModel
+from slipangle.models.narx import NARXModel
+from slipangle.models.networks import MLP
 from tests.models.all_models import ALL_MODELS, SIZE, typical
 
 EVERY = pytest.mark.parametrize("model", ALL_MODELS.values(), ids=ALL_MODELS.keys())
@@ -157,5 +159,16 @@ def test_too_short_for_the_lags():
 
 def test_unstable_free_run_says_where():
     model = ARXModel(A=[-30.0], B=[1.0], dt=0.1, inputs=("delta",), outputs=("r",))
-    with pytest.raises(SimulationError, match=r"sample \d+ \(t = "):
+    data = record(model, n=400)
+    with pytest.raises(SimulationError, match=r"of 'r' leaves.*sample \d+ \(t = .*pole of modulus 30, so it grows"):
+        model.simulate(data)
+    two = replace(data, starts=(0, 10), start_times=(0.0, 100.0))
+    with pytest.raises(SimulationError, match=r"sample \d+ of the experiment from t = 100 s \(t = 1\d\d"):
+        model.simulate(two)
+
+
+def test_a_nonlinear_free_run_that_diverges_says_so():
+    network = MLP(weights=([[3.0, 0.1]], [[1e200]]), biases=([1.0], [0.0]), activation="elu")
+    model = NARXModel(network=network, na=1, nb=1, dt=0.1, inputs=("delta",), outputs=("r",))
+    with pytest.raises(SimulationError, match=r"'r' leaves.*nonlinear feedback grows"):
         model.simulate(record(model, n=400))

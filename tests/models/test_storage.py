@@ -242,7 +242,7 @@ def test_missing_and_unknown_fields(tmp_path):
     [
         ("dt", "0.05", r"ARXModel.dt .* is '0.05'; expected float"),
         ("nk", 1.5, "expected int"),
-        ("nk", 0, "nk is 0"),
+        ("nk", -1, "nk is -1"),
         ("inputs", ["delta", 3], r"expected tuple\[str"),
         ("A", [1.0], "ndarray"),
         ("A", {"array": [[1.0], [1.0, 2.0]]}, "rows of one length"),

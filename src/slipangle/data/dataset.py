@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from math import isclose
 from typing import Self
@@ -172,15 +173,16 @@ class Dataset:
         """Row after the last of each experiment."""
         return (*self.starts[1:], self.n_samples)
 
-    @property
+    @cached_property
     def t(self) -> np.ndarray:
         """Time of every sample, shape (n_samples,). [s]"""
-        return np.concatenate(
-            [
-                t0 + self.dt * np.arange(b - a)
-                for t0, a, b in zip(self.start_times, self.starts, self.stops, strict=True)
-            ]
-        )
+        t = np.empty(self.n_samples)
+        for t0, a, b in zip(self.start_times, self.starts, self.stops, strict=True):
+            t[a:b] = np.arange(b - a)
+            t[a:b] *= self.dt
+            t[a:b] += t0
+        t.setflags(write=False)
+        return t
 
     @property
     def u(self) -> np.ndarray:
@@ -191,6 +193,13 @@ class Dataset:
     def y(self) -> np.ndarray:
         """Outputs, shape (n_samples, n_outputs)."""
         return self.values[:, [self.index(n) for n in self.outputs]]
+
+    def columns(self, names: Sequence[str]) -> np.ndarray:
+        """Samples of some channels, shape (n_samples, n_names); a view to be read only where they are neighbours."""
+        found = [self.index(n) for n in names]
+        if found and found == list(range(found[0], found[0] + len(found))):
+            return self.values[:, found[0] : found[0] + len(found)]
+        return self.values[:, found]
 
     def index(self, name: str) -> int:
         """Column of a channel.

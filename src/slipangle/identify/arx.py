@@ -30,14 +30,14 @@ class ARX:
     na, nb : int
         Past outputs and past inputs used, at least 1.
     nk : int
-        Samples from input to output, at least 1.
+        Samples from input to output; 0 where the output depends on the input at the same sample.
     offset : bool
         Estimate a constant too; for data whose mean was not removed.
 
     Raises
     ------
     ParameterError
-        If an order is below 1.
+        If na or nb is below 1, or nk below 0.
 
     References
     ----------
@@ -50,9 +50,9 @@ class ARX:
     offset: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("na", "nb", "nk"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least 1")
+        for name, least in (("na", 1), ("nb", 1), ("nk", 0)):
+            if getattr(self, name) < least:
+                raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least {least}")
 
     def fit(self, data: Dataset) -> ARXModel:
         """Model of all outputs from all inputs of ``data``; experiments are never joined.
@@ -99,7 +99,7 @@ class ARX:
 
     def _labels(self, data: Dataset) -> list[str]:
         past_y = [f"{o}(k-{i})" for i in range(1, self.na + 1) for o in data.outputs]
-        past_u = [f"{n}(k-{j})" for j in range(self.nk, self.nk + self.nb) for n in data.inputs]
+        past_u = [f"{n}(k-{j})" if j else f"{n}(k)" for j in range(self.nk, self.nk + self.nb) for n in data.inputs]
         return past_y + past_u + (["1"] if self.offset else [])
 
 

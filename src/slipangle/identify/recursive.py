@@ -36,7 +36,7 @@ class RLS:
     na, nb : int
         Past outputs and past inputs used, at least 1.
     nk : int
-        Samples from input to output, at least 1.
+        Samples from input to output; 0 where the output depends on the input at the same sample.
     offset : bool
         Estimate a constant too.
     forgetting : float
@@ -75,9 +75,9 @@ class RLS:
     prior: float | Sequence[float] = 1e12
 
     def __post_init__(self) -> None:
-        for name in ("na", "nb", "nk"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least 1")
+        for name, least in (("na", 1), ("nb", 1), ("nk", 0)):
+            if getattr(self, name) < least:
+                raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least {least}")
         if not 0.0 < self.forgetting <= 1.0:
             raise ParameterError(
                 f"forgetting is {self.forgetting}; expected a factor above 0 and at most 1, such as 0.99"
@@ -308,7 +308,7 @@ class RecursiveARX:
     def _labels(self) -> tuple[str, ...]:
         s = self.settings
         past_y = [f"{o}(k-{i})" for i in range(1, s.na + 1) for o in self.outputs]
-        past_u = [f"{n}(k-{j})" for j in range(s.nk, s.nk + s.nb) for n in self.inputs]
+        past_u = [f"{n}(k-{j})" if j else f"{n}(k)" for j in range(s.nk, s.nk + s.nb) for n in self.inputs]
         return (*past_y, *past_u, *(("1",) if s.offset else ()))
 
     @property

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy.signal import lfilter
 
-from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
-from slipangle.models.model import FitInfo, Model
-from slipangle.ops import Vector, concatenate, matmul
+from slipangle.models import arx_code
+from slipangle.models.lagged import LaggedModel
+from slipangle.models.model import FitInfo
+from slipangle.ops import Vector, matmul
+
+_LONG = 50_000  # samples from which compiling is worth it
 
 
 @dataclass(frozen=True, kw_only=True)
-class ARXModel(Model):
+class ARXModel(LaggedModel):
     """``y(k) = -A_1 y(k-1) - ... - A_na y(k-na) + B_1 u(k-nk) + ... + B_nb u(k-nk-nb+1) + c``. [1]_ eq. 4-5.
 
-    The state holds the lags: y(k), ..., y(k-na+1), then u(k-1), ..., newest first.
+    The state holds the lags, see `slipangle.models.lagged.LaggedModel`.
 
     Parameters
     ----------
@@ -28,7 +32,7 @@ class ARXModel(Model):
     c : array, shape (n_outputs,)
         Constant; zero unless it was asked for.
     nk : int
-        Samples from input to output, at least 1.
+        Samples from input to output; 0 where the output depends on the input at the same sample.
     dt : float
         Sample time. [s]
     inputs, outputs : tuple of str
@@ -61,109 +65,62 @@ class ARXModel(Model):
                 f"A has shape {A.shape} and B {B.shape}; expected (na, {ny}, {ny}) and (nb, {ny}, {nu}) for "
                 f"{ny} outputs and {nu} inputs: one matrix per lag, newest first"
             )
-        if self.nk < 1:
-            raise ParameterError(f"nk is {self.nk}; expected at least 1 sample from input to output")
+        if self.nk < 0:
+            raise ParameterError(f"nk is {self.nk}; expected 0 or more samples from input to output")
         for key, value in (("A", A), ("B", B), ("c", c)):
             value.setflags(write=False)
             object.__setattr__(self, key, value)
 
     @property
-    def na(self) -> int:
+    def na(self) -> int:  # type: ignore[override]
         """Past outputs used."""
         return len(self.A)
 
     @property
-    def nb(self) -> int:
-        """Past inputs used."""
+    def nb(self) -> int:  # type: ignore[override]
+        """Inputs used."""
         return len(self.B)
 
-    @property
-    def memory(self) -> int:  # type: ignore[override]
-        """Samples a free run starts from."""
-        return max(self.na, self.nb + self.nk - 1)
+    @cached_property
+    def _weights(self) -> np.ndarray:
+        """Of the regressors."""
+        return np.hstack([*(-self.A), *self.B])
+
+    def newest(self, regressors: Vector) -> Vector:
+        """Outputs from the lags."""
+        y = matmul(self._weights, regressors)
+        if self.c is None or not self.c.any():
+            return y
+        return (y.T + self.c).T if isinstance(y, np.ndarray) else y + self.c
 
     @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Lagged outputs, then lagged inputs."""
-        past_y = [_lag(n, i) for i in range(self.na) for n in self.outputs]
-        past_u = [_lag(n, i) for i in range(1, self.nb + self.nk - 1) for n in self.inputs]
-        return (*past_y, *past_u)
+    def _taps(self) -> np.ndarray:
+        """Coefficients of the present and past inputs of a free run, shape (n_outputs, n_inputs, n_taps)."""
+        wait = np.zeros((max(self.nk - 1, 0), *self.B.shape[1:]))
+        return np.concatenate([wait, self.B]).transpose(1, 2, 0)
 
-    @property
-    def _weights(self) -> tuple[np.ndarray, np.ndarray]:
-        """Row blocks that give y(k+1) from the state and from u(k)."""
-        ny, nu = len(self.outputs), len(self.inputs)
-        wide = np.zeros((ny, nu * (self.nb + self.nk - 1)))  # over u(k), u(k-1), ...
-        for j in range(self.nb):
-            first = (self.nk - 1 + j) * nu
-            wide[:, first : first + nu] = self.B[j]
-        return np.hstack([*(-self.A), wide[:, nu:]]), wide[:, :nu]
-
-    def step(self, x: Vector, u: Vector) -> Vector:
-        """Next outputs in front, lags shifted by one."""
-        ny, nu = len(self.outputs), len(self.inputs)
-        of_state, of_input = self._weights
-        newest = matmul(of_state, x) + matmul(of_input, u)
-        if self.c is not None and self.c.any():
-            newest = (newest.T + self.c).T if isinstance(newest, np.ndarray) else newest + self.c
-        split = ny * self.na
-        n = len(self.states)
-        parts = [newest] + ([x[: split - ny]] if self.na > 1 else [])
-        if n > split:
-            parts += [u] + ([x[split : n - nu]] if n - nu > split else [])
-        return concatenate(parts)
-
-    def output(self, x: Vector, u: Vector) -> Vector:
-        """The newest outputs."""
-        return x[: len(self.outputs)]
-
-    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
-        """The newest outputs take their measured values."""
-        return concatenate([y, x[len(self.outputs) :]]) if len(self.states) > len(self.outputs) else 1.0 * y
-
-    def initial_state(self, data: Dataset) -> np.ndarray:
-        """Lags read from the first `memory` samples."""
-        y, u = data.select(outputs=self.outputs).y, data.select(inputs=self.inputs).u
-        last = self.memory - 1
-        past_y = [y[last - i] for i in range(self.na)]
-        past_u = [u[last - i] for i in range(1, self.nb + self.nk - 1)]
-        return np.concatenate([*past_y, *past_u]) if past_u else np.concatenate(past_y)
+    def _free_run_into(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> None:
+        """In C where there is a compiler; else digital filters for one output, CasADi for several."""
+        c = np.zeros(len(self.outputs)) if self.c is None else self.c
+        if len(u) >= _LONG:
+            past_y, past_u, drive = self._histories(x0, u)
+            if arx_code.free_run(self.A.transpose(1, 0, 2), self._taps, c, (past_y, past_u), drive, y):
+                return
+        y[:] = self._free_run(x0, u)
 
     def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
         """One output: digital filters (transposed direct form) whose states are set from the lags in ``x0``."""
         if len(self.outputs) > 1 or len(u) < 64:
             return super()._free_run(x0, u)
-        na, nu, reach = self.na, len(self.inputs), self.nb + self.nk - 1
+        past_y, past_u, drive = self._histories(x0, u)
+        past_y, past_u = past_y[::-1, 0], past_u[::-1]  # newest first
         denominator = np.concatenate([[1.0], self.A[:, 0, 0]])
-        past_u = x0[na:].reshape(reach - 1, nu)  # newest first
-        drive = u[:-1, 0]
-        taps, still = self._taps(0), np.zeros(max(na, reach - 1))  # what lagged signals will still add to y
-        still[:na] = [-denominator[i + 1 :] @ x0[: na - i] for i in range(na)]
-        constant = 0.0 if self.c is None else float(self.c[0])
+        still = np.array([-denominator[i + 1 :] @ past_y[: self.na - i] for i in range(self.na)])
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable model; `simulate` says where
-            if nu > 1 or constant:
-                drive = np.full(len(u) - 1, constant)
-                for j in range(nu):
-                    start = np.array([self._taps(j)[i + 1 :] @ past_u[: reach - 1 - i, j] for i in range(reach - 1)])
-                    drive += (
-                        lfilter(self._taps(j), 1.0, u[:-1, j], zi=start)[0] if reach > 1 else self._taps(j) * u[:-1, j]
-                    )
-                taps, still = np.ones(1), still[:na]
-            else:
-                still[: reach - 1] += [taps[i + 1 :] @ past_u[: reach - 1 - i, 0] for i in range(reach - 1)]
-            return lfilter(taps, denominator, drive, zi=still)[0][:, None]
-
-    def _driven(self, j: int, past: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Weighted sum of the present and past samples of one input; ``past`` holds those before ``u``."""
-        taps = self._taps(j)
-        if len(taps) == 1:
-            return taps[0] * u
-        start = np.array([taps[i + 1 :] @ past[: len(past) - i] for i in range(len(past))])
-        return lfilter(taps, 1.0, u, zi=start)[0]
-
-    def _taps(self, j: int) -> np.ndarray:
-        """Weights of u_j(k), u_j(k-1), ... in y(k+1), one output."""
-        return np.concatenate([np.zeros(self.nk - 1), self.B[:, 0, j]])
+            driven = sum(_filtered(taps, past_u[:, j], drive[:, j]) for j, taps in enumerate(self._taps[0]))
+            if self.c is not None:
+                driven = driven + self.c[0]
+            return np.asarray(lfilter([1.0], denominator, driven, zi=still)[0])[:, None]
 
     @property
     def poles(self) -> np.ndarray:
@@ -174,5 +131,9 @@ class ARXModel(Model):
         return np.linalg.eigvals(companion)
 
 
-def _lag(name: str, lag: int) -> str:
-    return f"{name}[k-{lag}]" if lag else f"{name}[k]"
+def _filtered(taps: np.ndarray, past: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Weighted sum of the present and past samples of one input; ``past`` holds those before ``u``, newest first."""
+    if len(taps) == 1:
+        return taps[0] * u
+    start = np.array([taps[i + 1 :] @ past[: len(past) - i] for i in range(len(past))])
+    return np.asarray(lfilter(taps, 1.0, u, zi=start)[0])

@@ -6,7 +6,7 @@ import abc
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Any, final
+from typing import Any, NoReturn, final
 
 import casadi as ca
 import numpy as np
@@ -263,10 +263,10 @@ class Model(abc.ABC):
         data.require_dt(self.dt)
         for name in (*self.inputs, *self.outputs):
             data.index(name)
-        for part in data.experiments:
-            if part.n_samples <= self.memory:
+        for a, b in zip(data.starts, data.stops, strict=True):
+            if b - a <= self.memory:
                 raise TooShortError(
-                    f"an experiment of '{data.name}' has {part.n_samples} samples, the model starts from "
+                    f"an experiment of '{data.name}' has {b - a} samples, the model starts from "
                     f"{self.memory}; expected more: leave that experiment out or record longer"
                 )
 
@@ -274,6 +274,10 @@ class Model(abc.ABC):
         """Outputs at every row of ``u`` after the first, which belongs to ``x0``; linear models have a faster way."""
         step, output, _ = self.functions
         return evaluate(output, roll_out(step, x0, u[:-1])[1:], u[1:])
+
+    def _free_run_into(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> None:
+        """Write `_free_run` to ``y``; models that can do so without an array in between override this."""
+        y[:] = self._free_run(x0, u)
 
     def _track(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> np.ndarray:
         """States at every row after the first, which belongs to ``x0``, each given the outputs of the rows before."""
@@ -305,25 +309,44 @@ class Model(abc.ABC):
             If the state leaves the finite numbers, with the sample at which it does.
         """
         self.check(data)
-        data = data.select(inputs=self.inputs, outputs=self.outputs)
         if start is not None and len(start) != len(data.starts):
             raise ParameterError(f"{len(start)} start states for {len(data.starts)} experiments; expected one for each")
-        pieces, mask = [], []
-        for i, part in enumerate(data.experiments):
-            m = self.memory
-            head = part.head(m)
-            x0 = np.asarray(self.initial_state(head) if start is None else start[i], dtype=float)
-            y = self._free_run(x0, part.u[m - 1 :])
-            bad = ~np.isfinite(y).all(axis=1)
+        u, measured, m = data.columns(self.inputs), data.columns(self.outputs), self.memory
+        y, mask = np.empty((data.n_samples, self.n_outputs)), np.ones(data.n_samples, dtype=bool)
+        for i, (a, b) in enumerate(zip(data.starts, data.stops, strict=True)):
+            if start is None:
+                head = data.rows(a, a + m).select(inputs=self.inputs, outputs=self.outputs)
+                x0 = np.asarray(self.initial_state(head), dtype=float)
+            else:
+                x0 = np.asarray(start[i], dtype=float)
+            y[a : a + m], mask[a : a + m] = measured[a : a + m], False
+            free = y[a + m : b]
+            self._free_run_into(x0, u[a + m - 1 : b], free)
+            with np.errstate(over="ignore", invalid="ignore"):
+                if np.isfinite(free.sum()):  # one pass; a sum may overflow where no entry does
+                    continue
+            bad = ~np.isfinite(free).all(axis=1)
             if bad.any():
-                k = m + int(np.argmax(bad))
-                raise SimulationError(
-                    f"the free run leaves the finite numbers at sample {k} (t = {part.t[k]:g} s) of '{data.name}'; "
-                    "expected a stable model: fit with a stability constraint, other lags or on more data"
-                )
-            pieces += [head.y, y]
-            mask.append(np.arange(part.n_samples) >= m)
-        return self._trajectory(data, pieces, mask, "free run")
+                self._diverged(data, a, m + int(np.argmax(bad)), free)
+        return self._trajectory(data, y, measured, mask, "free run")
+
+    def _diverged(self, data: Dataset, first: int, k: int, free: np.ndarray) -> NoReturn:
+        """Say at which sample of the experiment from row ``first`` on, in which output and why."""
+        gone = ~np.isfinite(free[k - self.memory])
+        names = ", ".join(f"'{name}'" for name, bad in zip(self.outputs, gone, strict=True) if bad)
+        poles = getattr(self, "poles", None)
+        size = 0.0 if poles is None or not len(poles) else float(np.abs(poles).max())
+        why = (
+            f"it has a pole of modulus {size:.6g}, so it grows by that factor per sample"
+            if size > 1
+            else "its nonlinear feedback grows without bound from this start and these inputs"
+        )
+        where = "" if len(data.starts) == 1 else f" of the experiment from t = {data.t[first]:g} s"
+        raise SimulationError(
+            f"the free run of {names} leaves the finite numbers at sample {k}{where} (t = {data.t[first + k]:g} s) of "
+            f"'{data.name}': {why}; expected a stable model: fit with a stability constraint, other lags or on more "
+            "data"
+        )
 
     @final
     def predict(self, data: Dataset, steps: int = 1) -> Trajectory:
@@ -346,14 +369,16 @@ class Model(abc.ABC):
             pieces.append(np.vstack([part.y[:first], predicted]))
             mask.append(np.arange(part.n_samples) >= first)
         kind = "one-step-ahead" if steps == 1 else f"{steps}-step-ahead"
-        return self._trajectory(data, pieces, mask, kind)
+        return self._trajectory(data, np.vstack(pieces), data.y, np.concatenate(mask), kind)
 
-    def _trajectory(self, data: Dataset, pieces: list, mask: list, kind: str) -> Trajectory:
+    def _trajectory(
+        self, data: Dataset, y: np.ndarray, measured: np.ndarray, mask: np.ndarray, kind: str
+    ) -> Trajectory:
         return Trajectory(
             t=data.t,
-            y=np.vstack(pieces),
-            measured=data.y,
-            predicted=np.concatenate(mask),
+            y=y,
+            measured=measured,
+            predicted=mask,
             outputs=self.outputs,
             kind=kind,
             starts=data.starts,

@@ -10,24 +10,24 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError
 from slipangle.models import compiled
-from slipangle.models.model import FitInfo, Model
+from slipangle.models.lagged import LaggedModel
+from slipangle.models.model import FitInfo
 from slipangle.models.network_code import PREAMBLE, emit_forward, packed
 from slipangle.models.networks import MLP, Network
-from slipangle.ops import Vector, concatenate
+from slipangle.ops import Vector
 
 _BLOCK = 4096  # samples per matrix product; keeps the layers in the cache
 _LONG = 200_000  # samples from which running without compiled code is worth a word
 
 
 @dataclass(frozen=True, kw_only=True)
-class NARXModel(Model):
+class NARXModel(LaggedModel):
     """``y(k) = F[y(k-1), ..., y(k-na), u(k-nk), ..., u(k-nk-nb+1)]`` with a network F. [1]_ eq. 4-14
 
-    The network takes the lags newest first, all channels of one lag together, outputs before inputs. The state
-    holds them as in `slipangle.models.arx.ARXModel`: y(k), ..., y(k-na+1), then u(k-1), ....
+    The network takes the lags newest first, all channels of one lag together, outputs before inputs; so does the
+    state, see `slipangle.models.lagged.LaggedModel`.
 
     Parameters
     ----------
@@ -82,53 +82,9 @@ class NARXModel(Model):
             f"outputs={self.outputs}, {type(self.network).__name__} of {self.network.n_parameters} weights)"
         )
 
-    @property
-    def memory(self) -> int:  # type: ignore[override]
-        """Samples a free run starts from."""
-        return max(self.na, self.nb + self.nk - 1)
-
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Lagged outputs, then lagged inputs."""
-        past_y = [_lag(n, i) for i in range(self.na) for n in self.outputs]
-        past_u = [_lag(n, i) for i in range(1, self.nb + self.nk - 1) for n in self.inputs]
-        return (*past_y, *past_u)
-
-    @property
-    def _split(self) -> int:
-        """Entries of the state that are outputs."""
-        return self.na * len(self.outputs)
-
-    def regressors(self, x: Vector, u: Vector) -> Vector:
-        """What the network sees: lagged outputs, then inputs from ``u(k-nk+1)`` back."""
-        nu, n = len(self.inputs), len(self.states)
-        drives = concatenate([u, x[self._split :]]) if n > self._split else u
-        return concatenate([x[: self._split], drives[(self.nk - 1) * nu : (self.nk - 1 + self.nb) * nu]])
-
-    def step(self, x: Vector, u: Vector) -> Vector:
-        """Next outputs in front, lags shifted by one."""
-        ny, nu, n, split = len(self.outputs), len(self.inputs), len(self.states), self._split
-        parts = [self.network(self.regressors(x, u))]
-        parts += [x[: split - ny]] if self.na > 1 else []
-        if n > split:
-            parts += [u] + ([x[split : n - nu]] if n - nu > split else [])
-        return concatenate(parts)
-
-    def output(self, x: Vector, u: Vector) -> Vector:
-        """The newest outputs."""
-        return x[: len(self.outputs)]
-
-    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
-        """The newest outputs take their measured values."""
-        return concatenate([y, x[len(self.outputs) :]]) if len(self.states) > len(self.outputs) else 1.0 * y
-
-    def initial_state(self, data: Dataset) -> np.ndarray:
-        """Lags read from the first `memory` samples."""
-        y, u = data.select(outputs=self.outputs).y, data.select(inputs=self.inputs).u
-        last = self.memory - 1
-        past_y = [y[last - i] for i in range(self.na)]
-        past_u = [u[last - i] for i in range(1, self.nb + self.nk - 1)]
-        return np.concatenate([*past_y, *past_u])
+    def newest(self, regressors: Vector) -> Vector:
+        """Outputs from the lags."""
+        return self.network(regressors)
 
     # ---- fast free run -----------------------------------------------------------------------------------------
 
@@ -139,24 +95,19 @@ class NARXModel(Model):
             if len(u) > _LONG and not compiled.compiler():
                 warnings.warn(f"{len(u)} samples: {compiled.sentence()}", ModelWarning, stacklevel=3)
             return super()._free_run(x0, u)
-        ny, nu = len(self.outputs), len(self.inputs)
-        lags = np.asarray(x0, dtype=float)
-        past_y = lags[: self._split].reshape(-1, ny)[::-1]
-        past_u = lags[self._split :].reshape(-1, nu)[::-1]
+        past_y, past_u, _ = self._histories(x0, u)
         drive = np.ascontiguousarray(np.vstack([past_u, u]), dtype=float)
         n = len(u) - 1
-        y = np.empty((self.na + n, ny))
+        y = np.empty((self.na + n, len(self.outputs)))
         y[: self.na] = past_y
         run(weights.ctypes.data, drive.ctypes.data, n, y.ctypes.data)
         return y[self.na :]
 
     def _track(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> np.ndarray:
         """States given the outputs of the rows before: all lags are measured, so every row is independent."""
-        ny, nu = len(self.outputs), len(self.inputs)
-        n, back = len(u), self.nb + self.nk - 2
-        lags = np.asarray(x0, dtype=float)
-        past_y = np.vstack([lags[: self._split].reshape(-1, ny)[::-1], y[1:]])
-        past_u = np.vstack([lags[self._split :].reshape(-1, nu)[::-1], u])
+        past_y, past_u, _ = self._histories(x0, u)
+        past_y, past_u = np.vstack([past_y, y[1:]]), np.vstack([past_u, u])
+        n, back = len(u), self._reach
         columns = [past_y[self.na - 1 - i :][:n] for i in range(self.na)]
         columns += [past_u[back - i :][:n] for i in range(1, back + 1)]
         return self._advance(np.hstack(columns)[:-1], u[:-1])
@@ -213,7 +164,3 @@ class NARXModel(Model):
                 "",
             ]
         )
-
-
-def _lag(name: str, lag: int) -> str:
-    return f"{name}[k-{lag}]" if lag else f"{name}[k]"
