@@ -7,7 +7,7 @@ import re
 import sys
 from collections.abc import Sequence
 
-from slipangle.commands import data, job, models, reproduce, tire
+from slipangle.commands import data, job, models, reproduce, search, tire
 from slipangle.errors import SlipangleError
 
 _STORY = """\
@@ -57,7 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     as_json = argparse.ArgumentParser(add_help=False)
     as_json.add_argument("--json", action="store_true", help="print JSON on standard output, and nothing else there")
-    for group in (job, models, tire, data, reproduce):
+    for group in (job, models, search, tire, data, reproduce):
         group.add(commands, as_json)
     return parser
 

@@ -3,25 +3,30 @@
 import os
 import sys
 
+import numpy as np
 import pytest
 
 from slipangle.errors import ConfigError, ParameterError
-from slipangle.identify.search import Choice, Range, Search, SearchResult, TrialResult, attempt, columns
+from slipangle.identify.search import Choice, Range, Search, SearchResult, TrialResult, columns
+from slipangle.identify.search_narx import THESIS, WIDER, NarxObjective
+from slipangle.identify.search_pool import Task, attempt
+from slipangle.identify.training import Stage
+from tests.identify.test_hybrid import nonlinear_response
 
 SPACE = {"na": Range(low=1, high=8), "rate": Range(low=1e-4, high=1e-1, log=True), "act": Choice(values=("a", "b"))}
 
 
-def bowl(settings, seed):
+def bowl(settings, seed, report=None):
     return (settings["na"] - 5) ** 2 + abs(settings["rate"] - 0.01) + (settings["act"] == "b") + 1e-9 * seed
 
 
-def picky(settings, seed):
+def picky(settings, seed, report):
     if settings["act"] == "b":
         raise RuntimeError("b is bad")
     return bowl(settings, seed)
 
 
-def deadly(settings, seed):
+def deadly(settings, seed, report):
     if seed == 2:
         os._exit(3)
     return bowl(settings, seed)
@@ -89,10 +94,66 @@ def test_without_the_extra_it_says_what_to_install(monkeypatch):
         quick().run(bowl)
 
 
+def slow_learner(settings, seed, report):
+    """Reports three times; what it says at first is what it says at last, times two."""
+    score = bowl(settings, seed)
+    for k in (3, 2, 1):
+        report(k * score)
+    return score
+
+
+def test_bad_trials_are_given_up_alike_whoever_computes_them(optuna, tmp_path):
+    settings = {"trials": 16, "sampler": "random"}
+    one, two = quick(workers=1, **settings).run(slow_learner), quick(workers=2, **settings).run(slow_learner)
+    assert plain(one) == plain(two)
+    assert one.pruned
+    assert not one.failed
+    assert all(t.number >= 4 and len(t.steps) < 3 for t in one.pruned)  # the first round has nothing to be worse than
+    assert "where the median of earlier trials was" in one.pruned[0].failure
+    every = quick(pruner="none", **settings).run(slow_learner)
+    assert not every.pruned
+    assert every.best.score == one.best.score
+    half = quick(journal=tmp_path / "j", **{**settings, "trials": 7}).run(slow_learner)
+    assert len(half.trials) == 7
+    assert plain(quick(journal=tmp_path / "j", **settings).run(slow_learner)) == plain(one)
+
+
 def test_attempt_never_raises():
-    assert attempt(lambda s, seed: 1 / 0, {}, 0)[2] == "ZeroDivisionError: division by zero"
-    assert attempt(lambda s, seed: float("nan"), {}, 0)[2] == "the score is nan"
-    assert attempt(lambda s, seed: 2.0, {}, 0)[0] == 2.0
+    def one(objective):
+        return attempt(objective, Task(number=0, seed=0, settings={}))
+
+    assert one(lambda s, seed, report: 1 / 0)["failure"] == "ZeroDivisionError: division by zero"
+    assert one(lambda s, seed, report: float("nan"))["failure"] == "the score is nan"
+    assert one(lambda s, seed, report: 2.0)["score"] == 2.0
+
+
+# ---- networks ------------------------------------------------------------------------------------------------------
+
+
+def test_narx_objective_is_the_free_run_error_on_later_stretches():
+    data = nonlinear_response(700)
+    objective = NarxObjective(data=data, stages=(Stage(horizon=1, epochs=30, learning_rate=1e-2),), shares=(0.7, 1.0))
+    settings = {"na": 2, "nb": 2, "layers": 1, "neurons": 4, "activation": "tanh", "learning_rate": 5e-3}
+    told = []
+    score = objective(settings, 3, told.append)
+    assert told == [score]
+    assert objective.estimator(settings, 3).seeds == (3,)
+    assert objective.estimator(settings, 3).stages[0].learning_rate == 5e-3
+    run = objective.estimator(settings, 3).fit(data.rows(0, 490)).simulate(data.rows(490, 700))
+    expected = np.sqrt(np.mean(run.error[run.predicted] ** 2)) / np.std(run.measured[run.predicted])
+    assert score == pytest.approx(expected, rel=1e-9)
+    with pytest.raises(ParameterError, match="shares"):
+        NarxObjective(data=data, shares=(0.5, 0.4))
+
+
+def test_spaces_hold_the_thesis():
+    assert {name: (r.low, r.high) for name, r in THESIS.items()} == {
+        "na": (5, 10),
+        "nb": (5, 10),
+        "layers": (2, 10),
+        "neurons": (30, 50),
+    }
+    assert all(WIDER[n].low <= r.low and WIDER[n].high >= r.high for n, r in THESIS.items())
 
 
 def test_result_table_lists_the_best_first():
@@ -112,6 +173,7 @@ def test_result_table_lists_the_best_first():
         ({"trials": 0}, "trials"),
         ({"workers": 0}, "workers"),
         ({"sampler": "grid"}, "sampler"),
+        ({"pruner": "axe"}, "pruner"),
     ],
 )
 def test_settings_out_of_range(kwargs, word):

@@ -194,6 +194,7 @@ class _Fit:
             dt=s.start.dt,
             outputs=outputs,
             substeps=max(1, round(s.start.dt / 0.025)),
+            memory=s.start.memory,
             network=self.network(0),
             most_v_y=float(0.35 * np.abs(speeds).max()),
             most_r=float(2.0 * np.abs(self.inner["r"]).max()) if "r" in self.inner else 2.0,
@@ -238,11 +239,16 @@ class _Fit:
 
     # ---- the free run as a least-squares problem ---------------------------------------------------------------
 
+    def start(self, theta: np.ndarray, part: Dataset) -> np.ndarray:
+        """State at sample ``memory - 1``, as the fitted model reads it."""
+        return self.unrolled.start(theta, part, self.settings.start.outputs)
+
     def error(self, theta: np.ndarray, data: Dataset) -> np.ndarray:
         """Weighted errors of every output, shape (n, n_outputs)."""
+        m = self.template.memory
         parts = data.experiments
-        runs = [self.unrolled.outputs(theta, self.unrolled.start(theta, p), p.u) for p in parts]
-        return np.concatenate([np.asarray(y) - p.y[1:] for y, p in zip(runs, parts, strict=True)]) * self.weights
+        runs = [self.unrolled.outputs(theta, self.start(theta, p), p.u[m - 1 :]) for p in parts]
+        return np.concatenate([np.asarray(y) - p.y[m:] for y, p in zip(runs, parts, strict=True)]) * self.weights
 
     def judged(self, theta: np.ndarray, data: Dataset) -> float:
         """RMSE of the model's outputs over their standard deviation, free run."""
@@ -260,8 +266,9 @@ class _Fit:
         n = len(theta)
         hessian, gradient, rows = np.zeros((n, n)), np.zeros(n), 0
         for part in self.inner.experiments:
-            y, j = self.unrolled.derivatives(theta, self.unrolled.start(theta, part), part.u)
-            e = (np.asarray(y) - part.y[1:]) * self.weights
+            m = self.template.memory
+            y, j = self.unrolled.derivatives(theta, self.start(theta, part), part.u[m - 1 :])
+            e = (np.asarray(y) - part.y[m:]) * self.weights
             j = (np.asarray(j) * self.weights[:, None]).reshape(-1, n)
             hessian += j.T @ j
             gradient += j.T @ e.ravel()

@@ -1,28 +1,22 @@
 """Search for lags, layers, neurons and other settings, on local processes or a Ray cluster.
 
-Every trial draws its settings from a sampler that knows all finished trials, and is kept in a journal on disk: a
-study that was killed, on either side, goes on where it stopped, and a trial that failed stays with its reason. The
-sampler, pruner and journal are Optuna's; it and Ray are extras (``pip install "slipangle[cluster]"``).
+Every trial draws its settings from a sampler that knows all trials of finished rounds, and is kept in a journal on
+disk: a study that was killed, on either side, goes on where it stopped, and a trial that failed stays with its
+reason. The sampler, pruner and journal are Optuna's; it and Ray are extras (``pip install "slipangle[cluster]"``).
 """
 
 from __future__ import annotations
 
 import importlib
 import math
-import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from slipangle.errors import ConfigError, ParameterError
+from slipangle.identify.search_pool import PRUNED, Cluster, Local, Objective, Task, Value, extra
 from slipangle.identify.training import Progress
-
-Value = int | float | str
-Objective = Callable[[Mapping[str, Value], int], float]  # settings, seed -> score, smaller is better
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +75,8 @@ class TrialResult:
         How long it took. [s]
     failure : str
         Why it has no score.
+    steps : tuple of float
+        What the objective reported on the way.
     """
 
     number: int
@@ -88,6 +84,12 @@ class TrialResult:
     score: float
     seconds: float
     failure: str = ""
+    steps: tuple[float, ...] = ()
+
+    @property
+    def pruned(self) -> bool:
+        """Whether it was given up because earlier trials had been better at the same step."""
+        return self.failure.startswith(PRUNED)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,8 +115,13 @@ class SearchResult:
 
     @property
     def failed(self) -> tuple[TrialResult, ...]:
-        """Trials without a score."""
-        return tuple(trial for trial in self.trials if trial.failure)
+        """Trials that broke, with their reasons; pruned ones did not."""
+        return tuple(trial for trial in self.trials if trial.failure and not trial.pruned)
+
+    @property
+    def pruned(self) -> tuple[TrialResult, ...]:
+        """Trials that were given up on the way."""
+        return tuple(trial for trial in self.trials if trial.pruned)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,6 +149,8 @@ class Search:
         Trials drawn at once, before their results are known.
     sampler : {"tpe", "random"}
         How settings are drawn.
+    pruner : {"median", "none"}
+        Whether a trial is given up when what it reports is worse than the median of finished rounds at that step.
 
     Raises
     ------
@@ -156,7 +165,8 @@ class Search:
     workers: int = 2
     cluster: str | None = None
     round_size: int = 8
-    sampler: str = "tpe"
+    sampler: Literal["tpe", "random"] = "tpe"
+    pruner: Literal["median", "none"] = "median"
 
     def __post_init__(self) -> None:
         if not self.space:
@@ -166,6 +176,8 @@ class Search:
                 raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least 1")
         if self.sampler not in ("tpe", "random"):
             raise ParameterError(f"the sampler is '{self.sampler}'; expected 'tpe' or 'random'")
+        if self.pruner not in ("median", "none"):
+            raise ParameterError(f"the pruner is '{self.pruner}'; expected 'median' or 'none'")
 
     def run(self, objective: Objective, *, progress: Progress | None = None) -> SearchResult:
         """Work through the trials that are missing.
@@ -173,8 +185,9 @@ class Search:
         Parameters
         ----------
         objective : callable
-            From settings and a seed to a score, smaller being better; at module level, so that other processes can
-            import it. What it raises becomes the trial's reason.
+            From settings, a seed and ``report(value)`` to a score, smaller being better; at module level, so that
+            other processes can import it. What it raises becomes the trial's reason. ``report`` takes what is known of
+            the score on the way, and ends the trial where that is not worth going on.
         progress : callable, optional
             Told the share done and the best so far.
 
@@ -183,10 +196,12 @@ class Search:
         ConfigError
             If Optuna, or Ray for a cluster, is not installed, or the journal holds another search.
         """
-        optuna = _extra("optuna")
+        optuna = extra("optuna")
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         study = self._study(optuna)
-        pool: Any = _Cluster(self.cluster) if self.cluster else _Local(self.workers)
+        if len(self._told(study)) >= self.trials:  # all kept: no process is needed
+            return SearchResult(trials=tuple(self._told(study)[: self.trials]))
+        pool: Any = Cluster(self.cluster) if self.cluster else Local(self.workers)
         try:
             while (first := len(self._told(study))) < self.trials:
                 self._round(optuna, study, pool, objective, first, progress)
@@ -206,14 +221,14 @@ class Search:
             storage = optuna.storages.JournalStorage(backend)
         study = optuna.create_study(study_name="slipangle", storage=storage, direction="minimize", load_if_exists=True)
         signature = repr(
-            (sorted((k, repr(v)) for k, v in self.space.items()), self.seed, self.round_size, self.sampler)
+            (sorted((k, repr(v)) for k, v in self.space.items()), self.seed, self.round_size, self.sampler, self.pruner)
         )
         kept = study.user_attrs.get("search")
         if kept is None:
             study.set_user_attr("search", signature)
         elif kept != signature:
             raise ConfigError(
-                f"'{self.journal}' keeps another search (its space, seed, round size or sampler differ); expected the "
+                f"'{self.journal}' keeps another search (space, seed, round size, sampler or pruner differ); expected the "
                 "same: name another journal"
             )
         return study
@@ -227,15 +242,25 @@ class Search:
         drawn = self._drawn(optuna, study, begin, begin + self.round_size)
         done = {trial.number for trial in self._told(study)}
         missing = {number: drawn[number - begin] for number in range(begin, stop) if number not in done}
-        for number, score, seconds, failure in pool.work(objective, missing, self.seed):
-            self._tell(optuna, study, TrialResult(
-                number=number, settings=missing[number], score=score, seconds=seconds, failure=failure
-            ))  # fmt: skip
+        earlier = tuple(t.steps for t in self._told(study) if t.number < begin and not t.failure and t.steps)
+        earlier = earlier if self.pruner == "median" else ()
+        tasks = [Task(number=n, settings=s, seed=self.seed + n, earlier=earlier) for n, s in missing.items()]
+        for number, done in pool.work(objective, tasks):
+            self._tell(optuna, study, TrialResult(number=number, settings=missing[number], **done))
             if progress is not None:
-                told = self._told(study)
-                good = [trial.score for trial in told if not trial.failure]
-                best = f"best {min(good):.4g}" if good else "none succeeded yet"
-                progress(len(told) / self.trials, f"trial {len(told)} of {self.trials}, {best}")
+                self._report(study, progress)
+
+    def _report(self, study: Any, progress: Progress) -> None:
+        result = SearchResult(trials=tuple(self._told(study)))
+        good = [trial.score for trial in result.trials if not trial.failure]
+        words = [
+            f"trial {len(result.trials)} of {self.trials}",
+            f"best {min(good):.4g}" if good else "none succeeded yet",
+        ]
+        words += [
+            f"{len(group)} {name}" for name, group in (("pruned", result.pruned), ("failed", result.failed)) if group
+        ]
+        progress(min(1.0, len(result.trials) / self.trials), ", ".join(words))
 
     def _drawn(self, optuna: Any, study: Any, begin: int, stop: int) -> list[dict[str, Value]]:
         """Settings of a whole round, from finished earlier rounds and the seed alone."""
@@ -263,13 +288,15 @@ class Search:
         return found
 
     def _tell(self, optuna: Any, study: Any, trial: TrialResult) -> None:
-        state = optuna.trial.TrialState.FAIL if trial.failure else optuna.trial.TrialState.COMPLETE
+        states = optuna.trial.TrialState
+        state = states.PRUNED if trial.pruned else states.FAIL if trial.failure else states.COMPLETE
         study.add_trial(
             optuna.trial.create_trial(
                 state=state,
                 params=trial.settings,
                 distributions=self._distributions(optuna),
                 value=None if trial.failure else trial.score,
+                intermediate_values=dict(enumerate(trial.steps)),
                 user_attrs={"number": trial.number, "seconds": trial.seconds, "failure": trial.failure},
             )
         )
@@ -286,105 +313,9 @@ class Search:
                     score=math.inf if a["failure"] else float(trial.value),
                     seconds=a["seconds"],
                     failure=a["failure"],
+                    steps=tuple(v for _, v in sorted(trial.intermediate_values.items())),
                 )
         return [found[number] for number in sorted(found)]
-
-
-# ---- who computes --------------------------------------------------------------------------------------------------
-
-Done = tuple[int, float, float, str]  # number, score, seconds, failure
-
-
-def attempt(objective: Objective, settings: Mapping[str, Value], seed: int) -> tuple[float, float, str]:
-    """Score, seconds and reason of failure of one trial; never raises."""
-    began = time.perf_counter()
-    try:
-        score, failure = float(objective(settings, seed)), ""
-    except Exception as error:  # whatever a trial raises is its result
-        score, failure = math.inf, f"{type(error).__name__}: {error}"
-    if not failure and not math.isfinite(score):
-        score, failure = math.inf, f"the score is {score}"
-    return score, time.perf_counter() - began, failure
-
-
-class _Local:
-    """A pool of local processes; a process that dies takes the trials in hand with it once, not the study."""
-
-    def __init__(self, workers: int) -> None:
-        self.workers = workers
-        self.pool = self._new()
-
-    def _new(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self.workers, mp_context=get_context("spawn"))
-
-    def work(self, objective: Objective, missing: Mapping[int, Mapping[str, Value]], seed: int) -> Any:
-        """Yield results as they come; trials in flight when a process died are tried once more, one at a time."""
-        waiting = self._submit(objective, missing, seed)
-        lost: list[int] = []
-        while waiting:
-            ready, _ = wait(waiting, return_when=FIRST_COMPLETED)
-            for future in ready:
-                number = waiting.pop(future)
-                try:
-                    yield (number, *future.result())
-                except BrokenProcessPool:
-                    lost.append(number)
-        for number in sorted(lost):
-            self.pool.shutdown(wait=False, cancel_futures=True)
-            self.pool = self._new()
-            try:
-                yield (number, *self.pool.submit(attempt, objective, missing[number], seed + number).result())
-            except BrokenProcessPool:
-                yield number, math.inf, 0.0, "its process died twice"
-
-    def _submit(self, objective: Objective, missing: Mapping[int, Mapping[str, Value]], seed: int) -> dict[Future, int]:
-        return {self.pool.submit(attempt, objective, s, seed + n): n for n, s in missing.items()}
-
-    def close(self) -> None:
-        """End the processes."""
-        self.pool.shutdown(wait=False, cancel_futures=True)
-
-
-class _Cluster:
-    """Workers of a Ray cluster; Ray restarts a task whose worker died."""
-
-    def __init__(self, address: str) -> None:
-        self.ray = _extra("ray")
-        self.mine = not self.ray.is_initialized()
-        if self.mine:
-            try:
-                self.ray.init(address=address, log_to_driver=False, logging_level="error")
-            except Exception as error:
-                raise ConfigError(
-                    f"the Ray cluster at '{address}' cannot be reached ({error}); expected a running one: start it "
-                    "with ray start --head"
-                ) from None
-        self.remote = self.ray.remote(max_retries=3, num_cpus=1)(attempt)
-
-    def work(self, objective: Objective, missing: Mapping[int, Mapping[str, Value]], seed: int) -> Any:
-        """Yield results as they come."""
-        waiting = {self.remote.remote(objective, dict(s), seed + n): n for n, s in missing.items()}
-        while waiting:
-            ready, _ = self.ray.wait(list(waiting), num_returns=1)
-            number = waiting.pop(ready[0])
-            try:
-                yield (number, *self.ray.get(ready[0]))
-            except self.ray.exceptions.RayError as error:
-                yield number, math.inf, 0.0, f"its worker died: {str(error).splitlines()[0]}"
-
-    def close(self) -> None:
-        """Leave the cluster, if this search joined it."""
-        if self.mine:
-            self.ray.shutdown()
-
-
-def _extra(name: str) -> Any:
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise ConfigError(
-            f"searching needs {name}, which is not installed; expected the extra: pip install 'slipangle[cluster]'"
-        ) from None
 
 
 def columns(result: SearchResult) -> tuple[tuple[str, ...], Sequence[Sequence[Value]]]:

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from slipangle.data.dataset import Dataset
 from slipangle.models.hybrid import NeuralBicycle, neural_bicycle
 from slipangle.models.networks import MLP, mlp_pass
 
@@ -98,14 +99,10 @@ class Unrolled:
             values["a_y"] = neural_bicycle(x, u, params, correction)[0] + u[1] * x[1]
         return jnp.stack([values[name] for name in self.model.outputs]) + offsets
 
-    def start(self, theta: np.ndarray, first: Any) -> np.ndarray:
-        """State at the first sample of an experiment, as `NeuralBicycle.initial_state` reads it."""
-        params: Any = replace(
-            self.model.params, **{n: float(theta[i] * self.scale[i]) for i, n in enumerate(self.free)}
-        )
-        lag = float(params.road_wheel(first["delta"][0]))
-        v_y = float(first["v_y"][0]) if "v_y" in first else 0.0
-        return np.array([v_y, first["r"][0] - params.yaw_rate_bias, lag])
+    def start(self, theta: np.ndarray, part: Dataset, outputs: Sequence[str] | None = None) -> np.ndarray:
+        """State at sample ``memory - 1`` of an experiment, as the model with those outputs reads it."""
+        model = self.unpack(theta, self.model.outputs if outputs is None else outputs)
+        return model.initial_state(part.head(model.memory))
 
     def _run(self, theta: Any, x0: Any, u: Any) -> Any:
         def advance(x: Any, u: Any) -> tuple[Any, Any]:

@@ -8,6 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError
 from slipangle.models.vehicles import GRAVITY, ChassisParams, OdeModel
 from slipangle.ops import Scalar, Vector, atan, maximum, sin, sqrt, stack
 from slipangle.units import SI
@@ -101,12 +102,24 @@ class NonlinearBicycle(OdeModel):
     States v_y [m/s], r [rad/s], delta_w [rad] (road wheel after the lag); inputs delta [rad], v_x [m/s] and its
     derivative v_x_dot [m/s2]; outputs r by default, v_y and a_y [m/s2] on request. The output r is what the
     sensor reads, bias included.
+
+    Parameters
+    ----------
+    memory : int
+        Samples that a free run starts from. With 1 the state is that of the first sample, v_y zero unless it is a
+        channel of the data; more let a v_y that nobody measured settle while the yaw rate is held to the measured one.
     """
 
     states = ("v_y", "r", "delta_w")
     inputs = ("delta", "v_x", "v_x_dot")
     params: NonlinearBicycleParams
     outputs: tuple[str, ...] = ("r",)
+    memory: int = 1
+
+    def __post_init__(self) -> None:
+        if self.memory < 1:
+            raise ParameterError(f"memory is {self.memory}; expected a number of samples of at least 1")
+        super().__post_init__()
 
     def derivative(self, x: Vector, u: Vector) -> Vector:
         """See `nonlinear_bicycle`."""
@@ -128,6 +141,14 @@ class NonlinearBicycle(OdeModel):
         corrected = super().correct(x, u, y)
         bias = self.params.yaw_rate_bias if "r" in self.outputs else 0.0
         return stack([corrected[0], corrected[1] - bias, corrected[2]])
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """State of the first sample run up to the last, outputs corrected at each on the way."""
+        chosen = data.select(inputs=self.inputs, outputs=self.outputs)
+        x = super().initial_state(chosen)
+        for k in range(1, self.memory):
+            x = np.asarray(self.correct(self.step(x, chosen.u[k - 1]), chosen.u[k], chosen.y[k]))
+        return x
 
     def _start(self, name: str, data: Dataset) -> float:
         if name == "delta_w":

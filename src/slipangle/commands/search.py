@@ -1,0 +1,117 @@
+"""``slipangle search``: lags, layers and neurons of a NARX network, here or on a cluster."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from slipangle.commands.progress import Bar
+from slipangle.files import check_output, write_atomic
+
+if TYPE_CHECKING:
+    from slipangle.identify.search import SearchResult
+
+_ABOUT = """\
+Search lags, layers and neurons of a NARX network for the log that FILE.toml names. Only its training part is
+used: networks are trained on its beginning and run free over the stretches that follow; the score is the RMSE
+of those free runs over the standard deviation of the measured output, so 0.06 is a fit of 94 %.
+
+The journal keeps every finished trial. A search that was stopped, or whose cluster went away, goes on where it
+was when the command is repeated. The trials are the same whatever the number of workers.
+"""
+_MORE = """\
+A cluster: ray start --head here, ray start --address=HOST:6379 on other machines with the same installation,
+then slipangle search FILE.toml --cluster auto. Needs pip install 'slipangle[cluster]'.
+
+With --json: best.settings, best.score, and trials with number, settings, score, seconds, failure.
+"""
+
+
+def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) -> None:
+    """Describe the command."""
+    sub = commands.add_parser(
+        "search",
+        parents=[as_json],
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        help="search the architecture of a network, here or on a cluster",
+        description=_ABOUT,
+        epilog=_MORE,
+    )
+    sub.add_argument("file", metavar="FILE.toml", help="a job, as for 'slipangle run'")
+    sub.add_argument("--trials", type=int, default=64, help="how many, those of a stopped search included (64)")
+    sub.add_argument("--space", choices=("thesis", "wider"), default="wider", help="what is tried (wider)")
+    sub.add_argument("--epochs", type=int, default=150, help="of each of the two stages of training (150)")
+    sub.add_argument("--seed", type=int, default=0, help="of the sampler; trial i trains from seed + i (0)")
+    sub.add_argument("--workers", type=int, default=2, help="processes of the local pool (2)")
+    sub.add_argument("--cluster", metavar="ADDRESS", help="of a Ray cluster, such as auto or 10.0.0.5:6379")
+    sub.add_argument("--pruner", choices=("median", "none"), default="median", help="give up bad trials early (median)")
+    sub.add_argument("--out", default="slipangle-out/search", help="folder for journal and page (default: %(default)s)")
+    sub.set_defaults(function=_search)
+
+
+def _search(options: argparse.Namespace) -> int:
+    from slipangle.identify.search import Search
+    from slipangle.identify.search_narx import STAGES, THESIS, WIDER, NarxObjective
+    from slipangle.workflow.job import condition, load_data
+    from slipangle.workflow.settings import read_settings
+
+    check_output(options.out)
+    folder = Path(options.out)
+    settings = read_settings(options.file)
+    train = condition(load_data(settings), settings).split(settings.data.train)[0]
+    folder.mkdir(parents=True, exist_ok=True)
+    search = Search(
+        space=THESIS if options.space == "thesis" else WIDER,
+        trials=options.trials,
+        journal=folder / "search.journal",
+        seed=options.seed,
+        workers=options.workers,
+        cluster=options.cluster,
+        pruner=options.pruner,
+    )
+    objective = NarxObjective(data=train, stages=tuple(replace(s, epochs=options.epochs) for s in STAGES))
+    with Bar(quiet=options.json) as bar:
+        bar(0.0, "starting the workers")
+        result = search.run(objective, progress=bar)
+    page = _page(result, options, train.name)
+    best = result.best
+    if options.json:
+        rows = [
+            {k: getattr(t, k) for k in ("number", "settings", "score", "seconds", "failure")} for t in result.trials
+        ]
+        first = {"number": best.number, "settings": best.settings, "score": best.score}
+        print(json.dumps({"best": first, "trials": _finite(rows)}, indent=2))
+        return 0
+    from slipangle.report.search import search_table
+
+    print(search_table(result, rows=12).to_text())
+    print(f"The best: {objective.estimator(best.settings, options.seed + best.number)}")
+    print(f"\nThe page: {page.resolve()}")
+    return 0
+
+
+def _finite(rows: list[dict]) -> list[dict]:
+    return [{**row, "score": None if row["failure"] else row["score"]} for row in rows]
+
+
+def _page(result: SearchResult, options: argparse.Namespace, name: str) -> Path:
+    """Parallel coordinates and the table of every trial."""
+    from slipangle.report import Figure, Page, Section
+    from slipangle.report.search import parallel_coordinates, search_table
+
+    command = f"slipangle search {options.file} --trials {options.trials} --seed {options.seed} --space {options.space}"
+    figure = Figure(
+        title="Settings and score",
+        figure=parallel_coordinates(result, score="free-run error [-]"),
+        caption="One line per trial, the best ones blue. Drag along an axis to keep only what passes there.",
+    )
+    page = Page(
+        title="Search of network architectures",
+        subtitle=f"{name}; training part only, free runs over stretches that follow what was trained on",
+        sections=(Section(title="Trials", blocks=(figure, search_table(result))),),
+        command=command,
+    )
+    return write_atomic(Path(options.out) / "search.html", page.to_html())
