@@ -10,7 +10,7 @@ import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import Plan, Solution, Start, Status
-from slipangle.control.realtime.program import COUNTS, FIELDS, implicit
+from slipangle.control.realtime.program import COUNTS, FIELDS, implicit, slack_of_limited
 
 OUTCOMES = (
     Status.SOLVED,
@@ -72,6 +72,11 @@ class CompiledEngine:
             "p": (n + 1, len(ocp.references)),
             "r": (n, nu),
             "bounds": (n + 1, len(ocp.limited), 2),
+            "q": (n + 1, len(ocp.tracked)),
+            "wr": (n, nu),
+            "ws": (n, nu),
+            "plain": (len(ocp.limited),),
+            "square": (len(ocp.limited),),
             "u": (n, nu),
             "x": (n + 1, nx),
             "k": (n, 3 * len(parts.core) if parts else 0),
@@ -88,6 +93,10 @@ class CompiledEngine:
         self._u, self._x, self._k, self._bounds = (view[n] for n in ("u", "x", "k", "bounds"))
         self._cost, self._residual, self._violation = (view[n] for n in ("cost", "residual", "violation"))
         self._iterations, self._fresh = view["iterations"], view["fresh"]
+        self._q, self._wr, self._ws = (view[name] for name in ("q", "wr", "ws"))
+        q, end, self._wr[:], self._ws[:] = ocp.weights
+        self._q[:-1], self._q[-1] = q, end
+        view["plain"][:], view["square"][:] = slack_of_limited(ocp)
         view["tolerance"][0] = settings.tolerance
         view["newton"][0] = settings.newton
         view["max_iterations"][0] = settings.max_iterations

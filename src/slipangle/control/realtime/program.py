@@ -18,7 +18,7 @@ from slipangle.ops import is_symbolic
 
 MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
 FIELDS = (  # of the C struct, as seen from Python
-    "x0 applied w p r bounds tolerance time_limit newton u x k cost violation step residual seconds seconds_prepare "
+    "x0 applied w p r bounds q wr ws plain square tolerance time_limit newton u x k cost violation step residual seconds seconds_prepare "
     "seconds_feedback"
 ).split()
 COUNTS = "max_iterations fixed fresh iterations qp_iterations".split()
@@ -156,7 +156,7 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
     Parameters
     ----------
     ocp : OCP
-        The problem; everything but states, references and bounds of a corridor is compiled in.
+        The problem; everything but states, references, weights and bounds of a corridor is compiled in.
     lanes : int
         Columns per vector; by default what the processor has.
     """
@@ -279,23 +279,15 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
         "QD": len(rows),
         "N_LIMITS": len(rows),
     }
-    q, end, r, s = ocp.weights
-    plain, square = slack_of_limited(ocp)
     lines = ["#define EXPLICIT 0", "#define RADAU 1", "#define CALLED 2"]
     lines += [f"#define DYNAMICS {kinds[0]}", f"#define STAGE {kinds[1]}", "#define M1(n) ((n) > 0 ? (n) : 1)"]
     lines += [f"#define {k} {v}" for k, v in numbers.items()]
     lines += [
-        _array("double", "WEIGHT_Q", q),
-        _array("double", "WEIGHT_END", end),
-        _array("double", "WEIGHT_R", r),
-        _array("double", "WEIGHT_S", s),
         _array("double", "SCALE", input_scale(ocp)),
         _array("double", "INPUT_LOW", ocp.input_bounds[:, 0]),
         _array("double", "INPUT_HIGH", ocp.input_bounds[:, 1]),
         _array("double", "STEP_LOW", ocp.step_bounds[:, 0]),
         _array("double", "STEP_HIGH", ocp.step_bounds[:, 1]),
-        _array("double", "LIMIT_PLAIN", plain),
-        _array("double", "LIMIT_SQUARE", square),
         _array("int", "LIMIT_STAGE", [i for i, _ in rows]),
         _array("int", "LIMIT_WHICH", [j for _, j in rows]),
         _array("int", "E_INPUT", [bool(row) for row in nonzeros(stage.sparsity_out(3))]),

@@ -92,14 +92,14 @@ static int condense(Work *s)
         for (int j = 0; j < NU; j++) {
             int a = i * NU + j;
             double c = SCALE[j] * SCALE[j];
-            H[a * QL + a] += c * (WEIGHT_R[j] + WEIGHT_S[j] * (i + 1 < N ? 2 : 1));
+            H[a * QL + a] += c * (s->wr[a] + s->ws[a] + (i + 1 < N ? s->ws[a + NU] : 0));
             if (i + 1 < N)
-                H[a * QL + a + NU] -= c * WEIGHT_S[j];
+                H[a * QL + a + NU] -= c * s->ws[a + NU];
         }
     int limit = 0;
     for (int i = 0; i <= N; i++) {
         int at = i < N ? i : N - 1, width = i * NU;
-        const double *weight = i < N ? WEIGHT_Q : WEIGHT_END;
+        const double *weight = s->q + i * NE;
         for (int k = 0; k < NE; k++) {
             const double *ex = s->E + i * NE * NX + k * NX, *eu = s->D + i * NE * NU + k * NU;
             int wide = width;
@@ -175,7 +175,7 @@ static void feed(Work *s)
     memset(pi, 0, sizeof s->pi);
     memset(q->g, 0, sizeof q->g);
     for (int i = N; i >= 0; i--) {
-        const double *weight = i < N ? WEIGHT_Q : WEIGHT_END, *dx = s->dx + i * NX;
+        const double *weight = s->q + i * NE, *dx = s->dx + i * NX;
         int at = i < N ? i : N - 1;
         if (i < N) {
             const double *A = s->A + i * NX * NX, *B = s->B + i * NX * NU, *after = pi + (i + 1) * NX;
@@ -203,8 +203,8 @@ static void feed(Work *s)
         for (int j = 0; j < NU; j++) {
             int a = i * NU + j;
             double before = i ? s->u[a - NU] : s->applied[j], c = SCALE[j];
-            double change = WEIGHT_S[j] * (s->u[a] - before);
-            q->g[a] += c * (WEIGHT_R[j] * (s->u[a] - s->r[a]) + change);
+            double change = s->ws[a] * (s->u[a] - before);
+            q->g[a] += c * (s->wr[a] * (s->u[a] - s->r[a]) + change);
             if (i)
                 q->g[a - NU] -= c * change;
             q->lo[a] = (INPUT_LOW[j] - s->u[a]) / c, q->hi[a] = (INPUT_HIGH[j] - s->u[a]) / c;
@@ -263,7 +263,7 @@ static double merit(const Work *s, int linear, double *cost, double *violation)
 {
     double sum = 0, defects = 0, worst = 0;
     for (int i = 0; i <= N; i++) {
-        const double *weight = i < N ? WEIGHT_Q : WEIGHT_END;
+        const double *weight = s->q + i * NE;
         const double *dx = s->dx + i * NX, *du = s->du + (i < N ? i : N - 1) * NU;
         for (int k = 0; k < NE; k++) {
             double v = s->e[i * NE + k];
@@ -282,7 +282,7 @@ static double merit(const Work *s, int linear, double *cost, double *violation)
         int j = a % NU;
         double u = s->u[a] + (linear ? s->du[a] : 0);
         double before = a < NU ? s->applied[j] : s->u[a - NU] + (linear ? s->du[a - NU] : 0);
-        sum += 0.5 * (WEIGHT_R[j] * (u - s->r[a]) * (u - s->r[a]) + WEIGHT_S[j] * (u - before) * (u - before));
+        sum += 0.5 * (s->wr[a] * (u - s->r[a]) * (u - s->r[a]) + s->ws[a] * (u - before) * (u - before));
     }
     double hard = 0;
     for (int row = 0; row < N_LIMITS; row++) {
@@ -331,7 +331,7 @@ static void raise_penalties(Work *s)
     double *pi = s->pi;
     memset(pi, 0, sizeof s->pi);
     for (int i = N; i >= 0; i--) {
-        const double *weight = i < N ? WEIGHT_Q : WEIGHT_END, *dx = s->dx + i * NX;
+        const double *weight = s->q + i * NE, *dx = s->dx + i * NX;
         const double *du = s->du + (i < N ? i : N - 1) * NU;
         if (i < N) {
             const double *A = s->A + i * NX * NX;
@@ -543,6 +543,10 @@ static void start_from_nothing(Work *s)
    takes a fixed number of iterations. */
 static void start(Work *s)
 {
+    for (int row = 0; row < N_LIMITS; row++) {
+        s->qp.plain[QN + QR + row] = s->plain[LIMIT_WHICH[row]];
+        s->qp.square[QN + QR + row] = s->square[LIMIT_WHICH[row]];
+    }
     if (s->fresh == CONTINUE) {
         memmove(s->u, s->u + NU, sizeof(double) * (N - 1) * NU);
         memmove(s->x, s->x + NX, sizeof(double) * N * NX);
@@ -621,10 +625,6 @@ Work *rt_new(void)
                 q->after[k] = i * NU + j;
                 q->before[k++] = i * NU + j - NU;
             }
-    for (int row = 0; row < N_LIMITS; row++) {
-        q->plain[QN + QR + row] = LIMIT_PLAIN[LIMIT_WHICH[row]];
-        q->square[QN + QR + row] = LIMIT_SQUARE[LIMIT_WHICH[row]];
-    }
     s->time_limit = INFINITY;
     s->tolerance = 1e-9;
     s->max_iterations = 50;

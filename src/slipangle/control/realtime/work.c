@@ -12,6 +12,7 @@ enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS };
 typedef struct {
     /* what Python sets */
     double x0[NX], applied[NU], w[M1(N * NW)], p[M1((N + 1) * NP)], r[N * NU], bounds[M1((N + 1) * NL * 2)];
+    double q[M1((N + 1) * NE)], wr[N * NU], ws[N * NU], plain[M1(NL)], square[M1(NL)]; /* weights */
     double tolerance, time_limit, newton;
     int64_t max_iterations, fixed, fresh;
     /* the iterate and what Python reads */
