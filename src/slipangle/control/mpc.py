@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import isfinite
 from time import perf_counter
 from typing import Literal
 
@@ -67,6 +68,10 @@ class MPC(OCP):
         backend = named[self.solver] if isinstance(self.solver, str) else self.solver
         return backend.build(self, self.deadline)
 
+    @cached_property
+    def _resumes(self) -> Resumes | None:
+        return self._engine if isinstance(self._engine, Resumes) else None
+
     @property
     def engine(self) -> Engine:
         """The solver built for this problem; that of `RealTime` has the `timing` of its last solve."""
@@ -128,19 +133,19 @@ class MPC(OCP):
         wanted = self.reference(reference) if isinstance(reference, Preview) else reference
         self.check_reference(wanted)
         before = self._before(previous, applied)
-        if not (np.isfinite(x).all() and _finite(wanted)):
+        if not (isfinite(x.sum()) and _finite(wanted)):
             return self._fallback(x, wanted, previous, before, Status.NOT_FINITE, 0, begin)
         try:
             solution = self._solve(x, self._unwound(wanted, x), previous, before)
         except RuntimeError as error:
             return self._fallback(x, wanted, previous, before, Status.FAILED, 0, begin, detail=str(error))
-        finite = bool(np.isfinite(solution.u).all() and np.isfinite(solution.x).all())
+        finite = isfinite(solution.u.sum()) and isfinite(solution.x.sum())
         begun = solution.status.unfinished and solution.iterations > 0 and solution.violation <= FEASIBLE
         if not (finite and (solution.status.solved or begun)):
             status = solution.status if finite or not solution.status.solved else Status.NOT_FINITE
             return self._fallback(x, wanted, previous, before, status, solution.iterations, begin)
         return Plan(
-            u=within(solution.u, before, self.input_bounds, self.step_bounds),
+            u=self._within(solution.u, before),
             x=solution.x,
             status=solution.status,
             seconds=perf_counter() - begin,
@@ -158,18 +163,38 @@ class MPC(OCP):
         wanted = np.array([self.safe.get(n, 0.0) for n in self.controls])
         return np.clip(wanted, self.input_bounds[:, 0], self.input_bounds[:, 1])
 
+    @cached_property
+    def _rest(self) -> np.ndarray:
+        return np.clip(np.zeros(len(self.controls)), self.input_bounds[:, 0], self.input_bounds[:, 1])
+
     def _before(self, previous: Plan | None, applied: np.ndarray | None) -> np.ndarray:
         """Input applied before, within bounds."""
-        rest = np.clip(np.zeros(len(self.controls)), self.input_bounds[:, 0], self.input_bounds[:, 1])
+        low, high = self._input_range
         if applied is None:
-            given = rest if previous is None else previous.command
+            given = self._rest if previous is None else previous.command
         else:
             given = np.asarray(applied, dtype=float).ravel()
-        if given.shape != rest.shape:
-            raise ParameterError(f"applied has {len(given)} entries; expected {len(rest)}: {list(self.controls)}")
-        if not np.isfinite(given).all():
-            given = rest if previous is None else previous.command
-        return np.clip(given, self.input_bounds[:, 0], self.input_bounds[:, 1])
+        if given.shape != low.shape:
+            raise ParameterError(f"applied has {len(given)} entries; expected {len(low)}: {list(self.controls)}")
+        if not isfinite(given.sum()):
+            given = self._rest if previous is None else previous.command
+        return np.minimum(np.maximum(given, low), high)
+
+    @cached_property
+    def _input_range(self) -> tuple[np.ndarray, np.ndarray]:
+        low, high = self.input_bounds.T.copy()
+        return low, high
+
+    @cached_property
+    def _rated(self) -> bool:
+        return bool(np.isfinite(self.step_bounds).any())
+
+    def _within(self, u: np.ndarray, before: np.ndarray) -> np.ndarray:
+        """Inputs clipped to bounds and rates."""
+        if self._rated:
+            return within(u, before, self.input_bounds, self.step_bounds)
+        low, high = self._input_range
+        return np.minimum(np.maximum(u, low), high)
 
     def _unwound(self, wanted: Reference, x: np.ndarray) -> Reference:
         """The reference with its heading on the turn nearest to the vehicle's."""
@@ -184,10 +209,9 @@ class MPC(OCP):
         return Reference(tracked=tracked, exogenous=wanted.exogenous, inputs=wanted.inputs, corridor=wanted.corridor)
 
     def _solve(self, x: np.ndarray, wanted: Reference, previous: Plan | None, before: np.ndarray) -> Solution:
-        engine = self._engine
-        if isinstance(engine, Resumes):
-            return engine.resume(x, before, wanted, previous)
-        memory = None
+        if self._resumes is not None:
+            return self._resumes.resume(x, before, wanted, previous)
+        engine, memory = self._engine, None
         if previous is None or previous.u.shape != (self.horizon, len(self.controls)):
             u = np.tile(before, (self.horizon, 1))
             states = self._roll_out(x, u, wanted)
@@ -255,8 +279,10 @@ class MPC(OCP):
 
 def _finite(reference: Reference) -> bool:
     """Whether nothing in a reference is NaN, and nothing but the corridor infinite."""
-    arrays = (reference.tracked, reference.exogenous, reference.inputs)
-    corridor = reference.corridor
-    return all(a is None or bool(np.isfinite(a).all()) for a in arrays) and (
-        corridor is None or not np.isnan(corridor).any()
+    inputs, corridor = reference.inputs, reference.corridor
+    return (
+        isfinite(np.sum(reference.tracked))
+        and isfinite(np.sum(reference.exogenous))
+        and (inputs is None or isfinite(np.sum(inputs)))
+        and (corridor is None or not np.isnan(corridor).any())
     )

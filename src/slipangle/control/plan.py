@@ -180,7 +180,9 @@ def within(u: np.ndarray, applied: np.ndarray, bounds: np.ndarray, steps: np.nda
     bounds, steps : array, shape (n_controls, 2)
         Of the inputs and of their change from row to row.
     """
-    change = np.diff(u, axis=0, prepend=applied[None])
+    change = np.array(u)
+    change[0] -= applied
+    change[1:] -= u[:-1]
     if ((u >= bounds[:, 0]) & (u <= bounds[:, 1]) & (change >= steps[:, 0]) & (change <= steps[:, 1])).all():
         return u
     out = np.empty_like(u)
