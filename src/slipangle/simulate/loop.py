@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -64,6 +64,15 @@ class Controller(Protocol):
         applied: np.ndarray | None = None,
     ) -> Plan:
         """What to do from a state, shape (n_states,)."""
+        ...
+
+
+@runtime_checkable
+class Starts(Protocol):
+    """A controller that knows its model's state at the start, such as one with lags."""
+
+    def start(self, measured: Mapping[str, float]) -> np.ndarray:
+        """State from the channels measured now, shape (n_states,)."""
         ...
 
 
@@ -208,7 +217,10 @@ class _Loop:
         simulation = self.plant.start(x, inputs)
         true = simulation.true()
         self.s = self.path.project(true["X"], true["Y"]).s
-        self.x = np.array([true.get(n, 0.0) for n in self.controller.model.states])
+        if isinstance(self.controller, Starts):
+            self.x = self.controller.start(true)
+        else:
+            self.x = np.array([true.get(n, 0.0) for n in self.controller.model.states])
         return simulation
 
     def plan(self, simulation: Simulation) -> None:

@@ -1,0 +1,412 @@
+"""`MultiARXMPC`: one quadratic program from ARX models blended by speed (MARX-MPC)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, field
+from functools import cached_property
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.multi_arx_solver import Numbers, Problem, Solver, build
+from slipangle.control.ocp import Reference
+from slipangle.control.plan import Plan, Status, shifted, within
+from slipangle.control.terms import Limits, Values, Weights, require_names
+from slipangle.data.path import Preview
+from slipangle.errors import ParameterError
+from slipangle.models.ground import POSE, OnGround
+from slipangle.models.multi_arx import MultiARXModel
+
+RELAX = 0.5  # s, time constant of the safe stop law
+SLOWEST = 1.0  # m/s, below which no steering angle is worth planning
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MultiARXPlan(Plan):
+    """`Plan` of a `MultiARXMPC`.
+
+    Parameters
+    ----------
+    weights : array, shape (n_models,)
+        Weight of each model at the speed now.
+    outside : bool
+        Whether the speed now lies outside the models' range, so that the nearest one is used alone.
+    """
+
+    weights: np.ndarray
+    outside: bool = False
+
+    @property
+    def message(self) -> str:
+        """One sentence on where the command comes from."""
+        note = "; the speed is outside the models' range, the nearest model is used" if self.outside else ""
+        return super().message + note
+
+
+@dataclass(frozen=True, eq=False)
+class MultiARXMPC:
+    """Model predictive controller on ARX models blended by speed. [1]_ eqs. 7-2, 7-3
+
+    Every model predicts from the measured past on its own; the predictions are summed with weights of the speed at
+    each step of the preview, and one quadratic program decides the steering:
+    ``J = sum_i |e_i|^2_Q + |u_i|^2_R + |u_i - u_{i-1}|^2_S + |e_N|^2_terminal`` with sums as in `OCP`.
+
+    A model of ``Y`` ([1]_) tracks the path's Y and suits paths along the X axis. A model of ``v_y`` and ``r`` on the
+    ground, ``OnGround(MultiARXModel(...))``, tracks ``e_y`` and ``e_psi`` of any path; its prediction is linear about
+    the vehicle's heading now.
+
+    Outside the models' range of speed the nearest model has all the weight and `MultiARXPlan.outside` says so. Slower
+    than 1 m/s and in reverse, which the models do not describe, the wheels stay where they are: a fallback that does
+    not ask for a stop. Other fallbacks are those of `MPC`.
+
+    Parameters
+    ----------
+    model : MultiARXModel or OnGround of one
+        Outputs ``("Y",)``, or on the ground ``("v_y", "r")`` in any order.
+    horizon : int
+        Steps N.
+    Q : Weights
+        On ``Y``, or on ``e_y`` and ``e_psi``.
+    S, R : Weights
+        On the change of the input and on the input; one of them must be positive.
+    terminal : Weights, optional
+        As Q, at the end; Q by default.
+    limits, rates : Limits
+        On the input, and on its change per second; always kept.
+    fallback : int
+        How many steps in a row a shifted plan may serve when the state or the reference is not finite.
+    safe : Values
+        Input of the safe stop law; by default zero.
+
+    Raises
+    ------
+    ParameterError
+        If a name is not known, the horizon is below 1, or the input has no weight.
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023, ch. 7.
+    """
+
+    model: MultiARXModel | OnGround
+    _: KW_ONLY
+    horizon: int
+    Q: Weights
+    S: Weights = field(default_factory=Weights)
+    R: Weights = field(default_factory=Weights)
+    terminal: Weights | None = None
+    limits: Limits = field(default_factory=Limits)
+    rates: Limits = field(default_factory=Limits)
+    fallback: int = 5
+    safe: Values = field(default_factory=Values)
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.horizon, int) and self.horizon >= 1):
+            raise ParameterError(f"the horizon is {self.horizon!r}; expected a whole number of at least 1")
+        base = self.model.model if isinstance(self.model, OnGround) else self.model
+        if not isinstance(base, MultiARXModel):
+            raise ParameterError(
+                f"the model is a {type(base).__name__}; expected a MultiARXModel, or OnGround of one: blend the ARX "
+                "models first"
+            )
+        wanted = {"v_y", "r"} if isinstance(self.model, OnGround) else {"Y"}
+        if set(base.outputs) != wanted:
+            raise ParameterError(
+                f"the models' outputs are {list(base.outputs)}; expected Y, or v_y and r on the ground: identify those"
+            )
+        for what, weights in (("Q", self.Q), ("terminal", self.terminal or {})):
+            require_names(weights, self.tracked, what, "use a tracked quantity")
+        for what, names in (("S", self.S), ("R", self.R), ("limits", self.limits), ("rates", self.rates)):
+            require_names(names, self.controls, what, "use the models' input")
+        require_names(self.safe, self.controls, "safe", "use the models' input")
+        if not (self.Q or self.terminal):
+            raise ParameterError(f"nothing is tracked; expected weights on some of {list(self.tracked)}: set Q")
+        name = self.controls[0]
+        if not self.S.get(name, 0.0) + self.R.get(name, 0.0) > 0:
+            raise ParameterError(
+                f"the input '{name}' has no weight; expected a positive one, so that the plan is unique: set S"
+            )
+        lower, upper = self.rates.get(name, (0.0, 0.0))
+        if not lower <= 0 <= upper:
+            raise ParameterError(f"the rate limit of '{name}' is ({lower}, {upper}); expected one that contains 0")
+        if self.fallback < 0:
+            raise ParameterError(f"fallback is {self.fallback}; expected a number of steps of at least 0")
+
+    # ---- what a controller has -----------------------------------------------------------------------------------
+
+    @cached_property
+    def blended(self) -> MultiARXModel:
+        """The blended model, without the ground."""
+        found = self.model.model if isinstance(self.model, OnGround) else self.model
+        if not isinstance(found, MultiARXModel):
+            raise ParameterError("the model is no MultiARXModel")
+        return found
+
+    @property
+    def dt(self) -> float:
+        """Step. [s]"""
+        return self.model.dt
+
+    @cached_property
+    def controls(self) -> tuple[str, ...]:
+        """The decided input."""
+        return self.model.inputs[:1]
+
+    @property
+    def exogenous(self) -> tuple[str, ...]:
+        """The speed."""
+        return ("v_x",)
+
+    @property
+    def tracked(self) -> tuple[str, ...]:
+        """What may have a weight in Q."""
+        return ("e_y", "e_psi") if isinstance(self.model, OnGround) else ("Y",)
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Columns of ``Reference.tracked``."""
+        return POSE
+
+    def start(self, measured: Mapping[str, float]) -> np.ndarray:
+        """State of the model for a vehicle that has been going straight on as it does now.
+
+        Parameters
+        ----------
+        measured : mapping of str to float
+            Measured channels, SI units.
+        """
+        base = self.blended
+        known = {**measured, "v_y": measured.get("v_y", 0.0), "r": measured.get("r", 0.0)}
+        rows = np.tile([known[n] for n in base.outputs], (base.na, 1))
+        if base.outputs == ("Y",):
+            across = known.get("v_x", 0.0) * np.sin(known.get("psi", 0.0)) + known["v_y"] * np.cos(known.get("psi", 0))
+            rows[:, 0] -= across * self.dt * np.arange(base.na)
+        past = np.full(base.reach - 1, measured.get(self.controls[0], 0.0))
+        pose = [known[n] for n in POSE] if isinstance(self.model, OnGround) else []
+        return np.concatenate([rows.ravel(), past, pose])
+
+    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
+        """`Reference` from a look along a path: X, Y, psi and the speed.
+
+        Raises
+        ------
+        ParameterError
+            If the preview has another number of rows than ``horizon + 1``.
+        """
+        if len(preview) != self.horizon + 1:
+            raise ParameterError(
+                f"the preview has {len(preview)} rows; expected horizon + 1 = {self.horizon + 1}: "
+                f"use path.ahead(s, {self.horizon}, dt)"
+            )
+        require_names(exogenous, self.exogenous, "reference()", "only the speed is given from outside")
+        speed = np.asarray(exogenous.get("v_x", preview.v_x[:-1]), dtype=float)
+        return Reference(
+            tracked=np.column_stack([preview.X, preview.Y, preview.psi]),
+            exogenous=np.broadcast_to(speed, (self.horizon,))[:, None],
+        )
+
+    def prepare(self) -> None:
+        """Compile now, so that no plan counts that time as its own."""
+        _ = self.solver
+
+    @cached_property
+    def problem(self) -> Problem:
+        """Sizes, weights and limits for the solver."""
+        base, name = self.blended, self.controls[0]
+        end = self.Q if self.terminal is None else self.terminal
+        low, high = self.limits.get(name, (-np.inf, np.inf))
+        slow, fast = self.rates.get(name, (-np.inf, np.inf))
+        return Problem(
+            horizon=self.horizon,
+            dt=self.dt,
+            na=base.na,
+            reach=base.reach,
+            outputs=base.outputs,
+            n_models=len(base.models),
+            smooth=base.shape == "smooth",
+            rated=name in self.rates,
+            q=np.array([self.Q.get(n, 0.0) for n in self.tracked]),
+            end=np.array([end.get(n, 0.0) for n in self.tracked]),
+            r=self.R.get(name, 0.0),
+            s=self.S.get(name, 0.0),
+            bounds=np.array([low, high]),
+            steps=np.array([slow, fast]) * self.dt,
+        )
+
+    @cached_property
+    def solver(self) -> Solver:
+        """The compiled solver or, without a compiler, NumPy and DAQP."""
+        return build(self.problem, self.numbers)
+
+    @cached_property
+    def numbers(self) -> Numbers:
+        """Coefficients of the models and their speeds."""
+        A, B, c = self.blended.coefficients
+        return Numbers(speeds=np.array(self.blended.speeds, dtype=float), A=A, B=B, c=c)
+
+    # ---- planning ------------------------------------------------------------------------------------------------
+
+    def plan(
+        self,
+        x: np.ndarray,
+        reference: Reference | Preview,
+        previous: Plan | None = None,
+        *,
+        applied: np.ndarray | None = None,
+    ) -> MultiARXPlan:
+        """Plan from the state now.
+
+        Parameters
+        ----------
+        x : array, shape (n_states,)
+            State of the model now.
+        reference : Reference or Preview
+            Path ahead: columns X, Y, psi; the speed is exogenous.
+        previous : Plan, optional
+            The plan of the step before: last input, and fallback.
+        applied : array, shape (1,), optional
+            Input applied over the step before; by default the previous plan's command, else zero.
+
+        Returns
+        -------
+        MultiARXPlan
+            Never NaN, never outside limits and rates; `Plan.status` says how the solve ended.
+
+        Raises
+        ------
+        ParameterError
+            If an array has the wrong shape.
+        """
+        return self.plan_with(None, x, reference, previous, applied)
+
+    def plan_with(
+        self,
+        numbers: Numbers | None,
+        x: np.ndarray,
+        reference: Reference | Preview,
+        previous: Plan | None,
+        applied: np.ndarray | None,
+        memory: Any = None,
+    ) -> MultiARXPlan:
+        """`plan` with other coefficients than the model's, such as adapted ones; ``memory`` goes into the plan."""
+        solver = self.solver
+        begin = perf_counter()
+        if isinstance(reference, Preview):
+            reference = self.reference(reference)
+        before = self._before(previous, applied)
+        v_x = reference.exogenous
+        if not (len(x) == self._n_states and reference.tracked.shape == self._shape and len(v_x) == self.horizon):
+            self._complain(x, reference)
+        slow = not v_x[0, 0] >= SLOWEST
+        if not slow:
+            found = solver.solve(x, reference.tracked, v_x, before, numbers)
+            if found.status is Status.SOLVED:
+                return MultiARXPlan(
+                    u=found.u,
+                    x=found.x,
+                    status=Status.SOLVED,
+                    seconds=perf_counter() - begin,
+                    cost=found.cost,
+                    iterations=found.iterations,
+                    controls=self.controls,
+                    residual=found.residual,
+                    memory=memory,
+                    weights=found.weights,
+                    outside=not self._lowest <= v_x[0, 0] <= self._highest,
+                )
+            return self._fallback(x, float(v_x[0, 0]), previous, before, found.status, begin, memory)
+        finite = np.isfinite(x).all() and np.isfinite(v_x).all() and np.isfinite(reference.tracked).all()
+        status = Status.FAILED if finite else Status.NOT_FINITE
+        return self._fallback(x, float(v_x[0, 0]), previous, before, status, begin, memory, standing=bool(finite))
+
+    @cached_property
+    def _n_states(self) -> int:
+        return self.model.n_states
+
+    @cached_property
+    def _shape(self) -> tuple[int, int]:
+        return self.horizon + 1, 3
+
+    @cached_property
+    def _lowest(self) -> float:
+        return self.blended.speeds[0]
+
+    @cached_property
+    def _highest(self) -> float:
+        return self.blended.speeds[-1]
+
+    def _complain(self, x: np.ndarray, reference: Reference) -> None:
+        if len(x) != self._n_states:
+            raise ParameterError(f"x has {len(x)} entries; expected {self._n_states}: {list(self.model.states)}")
+        raise ParameterError(
+            f"reference.tracked has shape {np.shape(reference.tracked)}, exogenous {np.shape(reference.exogenous)}; "
+            f"expected {self._shape}, columns {list(POSE)}, and ({self.horizon}, 1)"
+        )
+
+    def _before(self, previous: Plan | None, applied: np.ndarray | None) -> float:
+        """Input applied before, within bounds."""
+        low, high = self._range
+        given = 0.0 if previous is None else float(previous.u[0, 0])
+        if applied is not None:
+            one = np.asarray(applied, dtype=float).ravel()
+            if len(one) != 1:
+                raise ParameterError(f"applied has {len(one)} entries; expected 1: {list(self.controls)}")
+            given = float(one[0]) if np.isfinite(one[0]) else given
+        return min(max(given, low), high)
+
+    @cached_property
+    def _range(self) -> tuple[float, float]:
+        low, high = self.problem.bounds
+        return float(low), float(high)
+
+    def _fallback(
+        self,
+        x: np.ndarray,
+        v_x: float,
+        previous: Plan | None,
+        before: float,
+        status: Status,
+        begin: float,
+        memory: Any,
+        *,
+        standing: bool = False,
+    ) -> MultiARXPlan:
+        """The previous plan shifted, or the safe stop law; standing, the wheels stay where they are."""
+        age = 1 if previous is None else previous.age + 1
+        left = 0 if previous is None or previous.stopping else min(self.fallback, self.horizon - 1)
+        stopping = not standing and age > left
+        low, high = self._range
+        if standing:
+            u = np.full((self.horizon, 1), before)
+        elif stopping or previous is None:
+            safe = min(max(self.safe.get(self.controls[0], 0.0), low), high)
+            keep = np.exp(-self.dt / RELAX) ** np.arange(1, self.horizon + 1)[:, None]
+            u = safe + keep * (before - safe)
+        else:
+            u = shifted(previous.u)
+        problem = self.problem
+        u = within(u, np.array([before]), problem.bounds[None], problem.steps[None])
+        known = previous is not None and previous.x.shape == (self.horizon + 1, self._n_states)
+        states = shifted(previous.x) if known and previous is not None else np.zeros((self.horizon + 1, self._n_states))
+        if standing:
+            states = np.tile(np.asarray(x, dtype=float), (self.horizon + 1, 1))
+        weights = np.array(self.blended.weights(v_x if np.isfinite(v_x) else self._lowest), dtype=float)
+        return MultiARXPlan(
+            u=u,
+            x=states,
+            status=status,
+            seconds=perf_counter() - begin,
+            cost=float("nan"),
+            iterations=0,
+            controls=self.controls,
+            age=age,
+            stopping=stopping,
+            detail="the models do not describe standing or reversing, the wheels stay where they are"
+            if standing
+            else "",
+            memory=memory,
+            weights=weights,
+            outside=not self._lowest <= v_x <= self._highest,
+        )
