@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -36,11 +37,11 @@ class Polynomial:
     nb, nf : int or tuple of int
         Coefficients of each input's B and F.
     nk : int or tuple of int
-        Samples from each input to the output, at least 1.
+        Samples from each input to the output; 0 where the output depends on the input at the same sample.
     offset : bool
         Estimate the output's level at the inputs' means; for data whose means were not removed.
     max_radius : float, optional
-        Largest modulus of the poles, such as 1 for a stable model.
+        Largest modulus of the poles of system and disturbance, such as 1 for a stable model.
     max_iterations : int
         Limit on steps.
 
@@ -65,10 +66,12 @@ class Polynomial:
     max_iterations: int = 100
 
     def __post_init__(self) -> None:
-        for name, least in (("na", 0), ("nb", 1), ("nc", 0), ("nd", 0), ("nf", 0), ("nk", 1)):
+        for name, least in (("na", 0), ("nb", 1), ("nc", 0), ("nd", 0), ("nf", 0), ("nk", 0)):
             value = getattr(self, name)
             if min(value if isinstance(value, tuple) else (value,)) < least:
                 raise ParameterError(f"{name} is {value}; expected whole numbers of at least {least}")
+        if self.max_radius is not None and not self.max_radius > 0:
+            raise ParameterError(f"max_radius is {self.max_radius}; expected a positive modulus, such as 0.999")
 
     def fit(self, data: Dataset) -> PolynomialModel:
         """Model of the output from all inputs of ``data``; experiments are never joined.
@@ -96,8 +99,9 @@ class Polynomial:
         with one_blas_thread():
             u0 = np.array([data[n].mean() for n in data.inputs]) if self.offset else np.zeros(len(data.inputs))
             y0 = float(data[data.outputs[0]].mean()) if self.offset else 0.0
-            theta = first_guess(self, layout.nb, layout.nf, layout.nk, data, u0, y0)
-            problem = _Structured(self, layout, layout.model(theta, data, u0, y0), theta, data)
+            later, led = layout.waiting(data)
+            theta = first_guess(self, later.nb, later.nf, later.nk, led, u0, y0)
+            problem = _Structured(self, later, later.model(theta, led, u0, y0), theta, led)
             point, notes = problem.solve(self.max_iterations)
             found = problem.theta_of(point)
             covariance, sigma, rows = problem.coefficient_covariance(point)
@@ -130,10 +134,11 @@ class ARMAX:
     nc: int
     nk: Orders = 1
     offset: bool = False
+    max_radius: float | None = None
 
     def fit(self, data: Dataset) -> PolynomialModel:
         """See `Polynomial.fit`."""
-        return Polynomial(na=self.na, nb=self.nb, nc=self.nc, nk=self.nk, offset=self.offset).fit(data)
+        return Polynomial(**vars(self)).fit(data)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +153,7 @@ class OutputError:
 
     def fit(self, data: Dataset) -> PolynomialModel:
         """See `Polynomial.fit`."""
-        return Polynomial(nb=self.nb, nf=self.nf, nk=self.nk, offset=self.offset, max_radius=self.max_radius).fit(data)
+        return Polynomial(**vars(self)).fit(data)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,10 +166,11 @@ class BoxJenkins:
     nf: Orders
     nk: Orders = 1
     offset: bool = False
+    max_radius: float | None = None
 
     def fit(self, data: Dataset) -> PolynomialModel:
         """See `Polynomial.fit`."""
-        return Polynomial(nb=self.nb, nc=self.nc, nd=self.nd, nf=self.nf, nk=self.nk, offset=self.offset).fit(data)
+        return Polynomial(**vars(self)).fit(data)
 
 
 class _Layout:
@@ -176,6 +182,24 @@ class _Layout:
         self.nb, self.nf, self.nk = (_each(getattr(settings, n), n, data) for n in ("nb", "nf", "nk"))
         self.count = self.na + sum(self.nb) + sum(self.nf) + self.nc + self.nd
         self.nu = nu
+
+    def waiting(self, data: Dataset) -> tuple[_Layout, Dataset]:
+        """The same with delays of at least 1, for data in which inputs that act at once come one sample earlier."""
+        ahead = [data.index(n) for n, k in zip(data.inputs, self.nk, strict=True) if k == 0]
+        if not ahead:
+            return self, data
+        later = copy(self)
+        later.nk = tuple(max(k, 1) for k in self.nk)
+        pieces, starts, times = [], [], []
+        for a, b, t0 in zip(data.starts, data.stops, data.start_times, strict=True):
+            if b - a < 2:
+                continue
+            rows = np.array(data.values[a : b - 1])
+            rows[:, ahead] = data.values[a + 1 : b, ahead]
+            starts.append(sum(map(len, pieces)))
+            times.append(t0)
+            pieces.append(rows)
+        return later, replace(data, values=np.vstack(pieces), starts=tuple(starts), start_times=tuple(times))
 
     def parts(self, theta: np.ndarray) -> dict[str, Any]:
         """Polynomials of a coefficient vector."""
@@ -283,7 +307,7 @@ class _Structured(Problem):
         norms = np.maximum(np.linalg.norm(r, axis=0), 1e-300)
         spread = np.linalg.pinv(r / norms, rcond=1e-12) / norms[:, None]
         moments = self.moments(point)
-        dof = max(1, self.n_rows - d - self.n * len(self.data.starts))
+        dof = max(1, self.n_rows - d - sum(map(len, work.locals)))
         variance = float(np.trace(self.root @ moments @ self.root.T)) / dof
         return spread @ spread.T * variance, np.sqrt(np.diag(moments) / dof), self.data.n_samples
 

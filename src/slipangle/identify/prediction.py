@@ -298,7 +298,7 @@ class Problem:
         norms = np.maximum(np.linalg.norm(r, axis=0), 1e-300)
         pinv = np.linalg.pinv(r / norms, rcond=1e-12) / norms[:, None]
         moments = self.moments(point)
-        dof = max(1, self.n_rows - d - self.n * len(self.data.starts))
+        dof = max(1, self.n_rows - d - sum(map(len, work.locals)))
         variance = float(np.trace(self.root @ moments @ self.root.T)) / dof
         spread = self._to_matrices(point) @ moves @ pinv * np.sqrt(variance)
         sigma = np.sqrt(np.diag(moments) / (dof / self.ny))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import linalg
 
 from slipangle.data.dataset import Dataset
 from slipangle.models.lti import LTI, recurrence
@@ -85,11 +86,23 @@ class Triangles:
         self._open = reduce_rows(np.vstack([self._open, rows]))
 
     def close(self) -> None:
-        """End the current experiment: its local unknowns are eliminated."""
+        """End the current experiment: its local unknowns are eliminated.
+
+        Where the rows do not determine all of them (states that the output does not show), the rows left over hold
+        shared unknowns only and stay with those.
+        """
         k = self.n_local
-        self.locals.append(self._open[:k].copy())
-        if len(self._open) > k:
-            self.shared = reduce_rows(np.vstack([self.shared, self._open[k:, k:]]))
+        top, rest = self._open[:k], self._open[k:, k:]
+        if k:
+            factors: Any = linalg.qr(top[:, :k], pivoting=True)
+            size = np.abs(np.diag(factors[1]))
+            rank = int(np.sum(size > 1e-11 * size.max(initial=0.0)))
+            if rank < len(top):
+                top = factors[0].T @ top
+                top, rest = top[:rank], np.vstack([top[rank:, k:], rest])
+        self.locals.append(top.copy())
+        if len(rest):
+            self.shared = reduce_rows(np.vstack([self.shared, rest]))
         self._open = np.zeros_like(self._open[:0])
 
     def solve_locals(self, shared: np.ndarray) -> np.ndarray:

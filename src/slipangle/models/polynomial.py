@@ -30,7 +30,7 @@ class PolynomialModel(Model):
     B, F : sequence of array, one per input
         Numerators and denominators of the inputs.
     nk : tuple of int
-        Samples from each input to the output, at least 1.
+        Samples from each input to the output; 0 where the output depends on the input at the same sample.
     u_offset : array, shape (n_inputs,), optional
         Inputs at rest.
     y_offset : float
@@ -72,10 +72,10 @@ class PolynomialModel(Model):
                 "ARX or a state space"
             )
         nk = (self.nk,) * nu if isinstance(self.nk, int) else tuple(self.nk)
-        if not len(self.B) == len(self.F) == len(nk) == nu or min(nk) < 1 or any(len(b) == 0 for b in self.B):
+        if not len(self.B) == len(self.F) == len(nk) == nu or min(nk) < 0 or any(len(b) == 0 for b in self.B):
             raise ParameterError(
                 f"{len(self.B)} numerators, {len(self.F)} denominators and delays {nk} for {nu} inputs; expected one "
-                "of each per input, numerators not empty, delays of at least 1"
+                "of each per input, numerators not empty, delays of 0 or more"
             )
         object.__setattr__(self, "nk", nk)
         for key in ("A", "C", "D"):
@@ -88,12 +88,18 @@ class PolynomialModel(Model):
 
     @cached_property
     def realisation(self) -> StateSpaceModel:
-        """The same model as a state space in innovation form."""
-        A, B, C, K = realise(self.A, self.B, self.C, self.D, self.F, self.nk)
+        """The same model as a state space in innovation form.
+
+        An input that acts at once is one sample ahead of one that acts after a sample: with x of the latter model,
+        ``x(k) - B u(k)`` is the state of the former.
+        """
+        A, B, C, K = realise(self.A, self.B, self.C, self.D, self.F, tuple(max(k, 1) for k in self.nk))
+        direct = np.array(self.nk) == 0
         return StateSpaceModel(
             A=A,
-            B=B,
+            B=np.where(direct, A @ B, B),
             C=C,
+            D=np.where(direct, C @ B, 0.0),
             K=K,
             u_offset=self.u_offset,
             y_offset=np.array([self.y_offset]),
@@ -147,6 +153,8 @@ def realise(
     nk: tuple[int, ...],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Innovation form (A, B, C, K) in observer canonical blocks; all but C are affine in the coefficients.
+
+    Delays are at least 1.
 
     Without F and D one block of order ``max(na, nc, nb + nk - 1)`` does; otherwise each input, the disturbance and
     the output recursion have a block of their own, whose first states add up to the output.
