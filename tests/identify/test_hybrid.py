@@ -1,6 +1,7 @@
 """Hybrids and joint models: they find what is missing, switch off where they do not help, adapt to a session."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -15,8 +16,9 @@ from slipangle.identify.narx_free_run import FreeRunNARX
 from slipangle.identify.training import Stage
 from slipangle.identify.validate import score
 from slipangle.models.arx import ARXModel
-from slipangle.models.hybrid import HybridModel, NeuralBicycle
+from slipangle.models.hybrid import HybridModel
 from slipangle.models.networks import MLP, Scaling
+from slipangle.models.neural_bicycle import NeuralBicycle, TireNetworkBicycle
 from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
 
 PARAMS = NonlinearBicycleParams(
@@ -119,17 +121,18 @@ def test_free_run_steps_lower_the_free_run_error():
 # ---- physics and network together ----------------------------------------------------------------------------------
 
 
-def plant():
-    """The bicycle with a yaw moment that the physics lacks."""
+def plant(kind=NeuralBicycle):
+    """The bicycle with forces, or tires, that the physics lacks."""
+    n, _ = kind.network_outputs()
     sizes = Scaling(offset=[0.0, 0.0, 0.0, 0.0, 25.0, 0.0], factor=[1.0, 0.3, 0.1, 0.1, 8.0, 4.0])
     network = MLP.random(
-        (6, 5, 2),
+        (6, 5, n),
         activation="tanh",
         seed=7,
         input_scaling=sizes,
-        output_scaling=Scaling(offset=[0.0, 0.0], factor=[1.0, 0.5]),
+        output_scaling=Scaling(offset=[0.0] * n, factor=[1.0, 0.5] if n == 2 else [1.0] * n),
     )
-    return NeuralBicycle(params=PARAMS, network=network, dt=0.05, substeps=2)
+    return kind(params=PARAMS, network=network, dt=0.05, substeps=2)
 
 
 @pytest.fixture(scope="module")
@@ -161,12 +164,13 @@ def test_joint_never_sees_outputs_after_the_start(jointly):
         assert np.array_equal(model.simulate(test).y[1:], model.simulate(spoiled).y[1:])
 
 
-def test_the_compiled_derivative_is_that_of_the_model(jointly):
+@pytest.mark.parametrize("kind", [NeuralBicycle, TireNetworkBicycle])
+def test_the_compiled_derivative_is_that_of_the_model(kind):
     """Sensitivities of the free run in JAX against differences of the CasADi model."""
     from slipangle.identify import descent
     from slipangle.identify.unrolled import Unrolled
 
-    model, data = plant(), drive(60, seed=3)
+    model, data = plant(kind), drive(60, seed=3)
     free = ("C_f", "steering_offset", "yaw_rate_bias")
     scale = np.array([6e4, 0.01, 0.01])
     with descent.precision("double"):
@@ -192,12 +196,50 @@ def test_the_compiled_derivative_is_that_of_the_model(jointly):
         ({"also": ("X",)}, "'X'"),
         ({"holdout": 0.9}, "holdout"),
         ({"iterations": 0}, "iterations"),
+        ({"corrects": "brakes"}, "corrects"),
         ({"free": ("C_x",)}, "C_x"),
     ],
 )
 def test_joint_settings_out_of_range(kwargs, word):
     with pytest.raises(ParameterError, match=word):
         Joint(start=NonlinearBicycle(params=PARAMS, dt=0.05), **kwargs)
+
+
+def test_tire_coefficients_from_a_network_stay_within_bounds_and_are_found():
+    truth = plant(TireNetworkBicycle)
+    wild = replace(truth, network=truth.network.with_parameters(1e3 * truth.network.parameters))
+    u, x = np.array([0.05, 25.0, 0.0]), np.array([0.3, 0.2, 0.04])
+    corners = np.array([axle_corner(c, f, x, u) for c in (0.7, 1.3) for f in product((0.7, 1.3), repeat=3)])
+    assert np.all(corners.min(axis=0) - 1e-9 <= wild.derivative(x, u)[:2])
+    assert np.all(wild.derivative(x, u)[:2] <= corners.max(axis=0) + 1e-9)
+    train, test = made_by(truth, drive(700, seed=1)), made_by(truth, drive(700, seed=2))
+    start = NonlinearBicycle(params=PARAMS, dt=0.05, substeps=2)
+    joint = Joint(start=start, free=("C_f",), corrects="tires", hidden=(5,), iterations=10)
+    model = joint.fit(train)
+    assert isinstance(model, TireNetworkBicycle)
+    assert score(model.simulate(test), "r").rmse < 0.5 * score(start.simulate(test), "r").rmse
+
+
+def axle_corner(c_f, others, x, u):
+    """Rates with every coefficient at an end of its bounds."""
+    ends = dict(zip(("C_f", "C_r", "mu_f", "mu_r"), (c_f, *others), strict=True))
+    params = PARAMS.with_values(**{n: k * getattr(PARAMS, n) for n, k in ends.items()})
+    return NonlinearBicycle(params=params, dt=0.05).derivative(x, u)[:2]
+
+
+def test_a_start_from_several_samples_finds_the_lateral_velocity_nobody_measured():
+    model = NonlinearBicycle(params=PARAMS, dt=0.05, substeps=2)
+    data = drive(200, seed=9)
+    x = [np.array([1.5, 0.3, 0.05])]
+    for k in range(1, 30):
+        x.append(model.step(x[-1], data.u[k - 1]))
+    r = np.array([state[1] for state in x])
+    late = data.rows(0, 30).with_channel("r", r, "rad/s")
+    guesses = [replace(model, memory=m).initial_state(late.head(m)) for m in (1, 20)]
+    assert abs(guesses[0][0] - x[0][0]) > 1.0
+    assert guesses[1][0] == pytest.approx(x[19][0], abs=0.02)
+    with pytest.raises(ParameterError, match="memory"):
+        replace(model, memory=0)
 
 
 def test_no_input_makes_the_neural_bicycle_leave_its_bounds():

@@ -20,11 +20,13 @@ from slipangle.models.dual_track import DualTrack
 from slipangle.models.emps import Emps, EmpsParams, FrictionCurve
 from slipangle.models.ensemble import EnsembleModel
 from slipangle.models.ground import OnGround
-from slipangle.models.hybrid import HybridModel, NeuralBicycle, OffsetModel
+from slipangle.models.hybrid import HybridModel, OffsetModel
 from slipangle.models.longitudinal import DrivelineParams, PedalCar
 from slipangle.models.lure import LureModel
+from slipangle.models.multi_arx import MultiARXModel
 from slipangle.models.narx import NARXModel
 from slipangle.models.networks import MLP, Scaling
+from slipangle.models.neural_bicycle import NeuralBicycle, TireNetworkBicycle
 from slipangle.models.neural_statespace import NeuralStateSpaceModel
 from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
 from slipangle.models.pendulum import Pendulum
@@ -76,10 +78,11 @@ def neural_tire(**settings):
     return NeuralTire(**curves, **settings)
 
 
-def neural_bicycle(seed, outputs=("r",)):
+def neural_bicycle(seed, outputs=("r",), kind=NeuralBicycle, **fields):
     sizes = Scaling(offset=[0.0, 0.0, 0.0, 0.0, 25.0, 0.0], factor=[1.0, 0.4, 0.05, 0.05, 15.0, 4.0])
-    network = MLP.random((6, 7, 2), activation="tanh", seed=seed, input_scaling=sizes, output_scaling=small(2))
-    return NeuralBicycle(params=LIMIT, network=network, dt=0.05, outputs=outputs)
+    n, _ = kind.network_outputs()
+    network = MLP.random((6, 7, n), activation="tanh", seed=seed, input_scaling=sizes, output_scaling=small(n))
+    return kind(params=LIMIT, network=network, dt=0.05, outputs=outputs, **fields)
 
 
 def spring(x, u, p):
@@ -307,6 +310,8 @@ ALL_MODELS = {
     ),
     "neural bicycle": neural_bicycle(1),
     "neural bicycle, three outputs": neural_bicycle(2, ("r", "v_y", "a_y")),
+    "neural bicycle, started from several samples": neural_bicycle(7, memory=5),
+    "bicycle with a network for its tires": neural_bicycle(8, ("r", "a_y"), kind=TireNetworkBicycle, reach=0.4),
     "neural bicycle with sensor offsets": OffsetModel(
         model=neural_bicycle(3), inputs_at_zero={"delta": 0.01}, outputs_at_zero={"r": -0.02}
     ),
@@ -320,6 +325,30 @@ ALL_MODELS = {
         )
     ),
     "bicycle on the ground": OnGround(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r", "v_y"))),
+    "ARX models blended by speed": MultiARXModel(
+        models=(
+            ARXModel(A=[-1.9, 0.92], B=[0.02, 0.03], dt=0.05, inputs=("delta",), outputs=("Y",)),
+            ARXModel(A=[-1.7, 0.9, -0.1], B=[0.1], nk=3, c=[0.1], dt=0.05, inputs=("delta",), outputs=("Y",)),
+            ARXModel(A=[-1.8, 0.9], B=[0.2, 0.1], dt=0.05, inputs=("delta",), outputs=("Y",)),
+        ),
+        speeds=(10.0, 18.3, 24.7),
+    ),
+    "smoothly blended ARX models on the ground": OnGround(
+        MultiARXModel(
+            models=tuple(
+                ARXModel(
+                    A=np.array([[[-0.6, 0.1], [0.05, -0.7]]]),
+                    B=np.array([[[0.3 * k], [0.2]], [[0.1], [0.4 * k]]]),
+                    dt=0.05,
+                    inputs=("delta",),
+                    outputs=("v_y", "r"),
+                )
+                for k in (1.0, 2.0)
+            ),
+            speeds=(10.0, 25.0),
+            shape="smooth",
+        )
+    ),
     "ARX on the ground": OnGround(
         ARXModel(A=[-1.5, 0.7], B=[0.1, 0.2, 0.05], dt=0.05, inputs=("delta",), outputs=("r",)), v_y=1.5
     ),

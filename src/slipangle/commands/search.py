@@ -106,7 +106,7 @@ def _page(result: SearchResult, options: argparse.Namespace, name: str) -> Path:
     figure = Figure(
         title="Settings and score",
         figure=parallel_coordinates(result, score="free-run error [-]"),
-        caption="One line per trial, the best ones blue. Drag along an axis to keep only what passes there.",
+        caption="One line per trial: the best tenth blue, the better half yellow. Point at a line for its settings.",
     )
     page = Page(
         title="Search of network architectures",

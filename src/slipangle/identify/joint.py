@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.marquardt import improve
 from slipangle.identify.training import Progress
 from slipangle.models.ensemble import EnsembleModel
-from slipangle.models.hybrid import NeuralBicycle
 from slipangle.models.model import FitInfo, Trial
 from slipangle.models.networks import MLP, Activation, Scaling
+from slipangle.models.neural_bicycle import NeuralBicycle, TireNetworkBicycle
 from slipangle.models.nonlinear_bicycle import NonlinearBicycle
 
 FREE = (
@@ -46,7 +46,7 @@ _LEAST_LAG = 0.02  # the step integrates a faster steering lag inaccurately [s]
 
 @dataclass(frozen=True, kw_only=True)
 class Joint:
-    """Levenberg-Marquardt on the free run of `NeuralBicycle`: physics and network move together.
+    """Levenberg-Marquardt on the free run of physics with a network inside: both move together.
 
     The network starts at zero correction, so every run starts at the fitted physics; ridge priors hold weights near
     zero and parameters near their start values. Channels named in ``also`` that the training data hold are fitted
@@ -58,6 +58,9 @@ class Joint:
         The physics, best fitted before by `slipangle.identify.greybox.GreyBox`.
     free : tuple of str
         Parameters that move with the network.
+    corrects : {"derivative", "tires"}
+        What the network does: adds to the state derivative (`NeuralBicycle`), or moves the tire coefficients within
+        bounds (`TireNetworkBicycle`).
     hidden : tuple of int
         Neurons of each hidden layer.
     activation : {"tanh", "sigmoid", "elu"}
@@ -87,6 +90,7 @@ class Joint:
 
     start: NonlinearBicycle
     free: tuple[str, ...] = FREE
+    corrects: Literal["derivative", "tires"] = "derivative"
     hidden: tuple[int, ...] = (12,)
     activation: Activation = "tanh"
     weight_prior: float = 1e-6
@@ -103,6 +107,8 @@ class Joint:
             object.__setattr__(self, key, tuple(given) if isinstance(given, (tuple, list, range)) else (given,))
         for name in self.free:
             self.start.params.si(name)
+        if self.corrects not in ("derivative", "tires"):
+            raise ParameterError(f"corrects is '{self.corrects}'; expected 'derivative' or 'tires'")
         if any(n < 1 for n in self.hidden) or not self.hidden:
             raise ParameterError(f"the hidden layers are {self.hidden}; expected at least one with at least 1 neuron")
         if not (self.weight_prior > 0 and self.parameter_prior > 0):
@@ -189,7 +195,7 @@ class _Fit:
         params: Any = s.start.params.with_values(steering_lag=lag)
         size = np.std(self.inner.y, axis=0)
         speeds = self.inner[s.start.inputs[1]]
-        self.template = NeuralBicycle(
+        self.template = self.kind(
             params=params,
             dt=s.start.dt,
             outputs=outputs,
@@ -221,19 +227,25 @@ class _Fit:
         self.precision[len(start) - ny : len(start) - ny + self.n_judged] = 1e6  # judged outputs have no free offset
         self.centre = np.concatenate([start[:n], np.zeros(len(start) - n)])
 
+    @property
+    def kind(self) -> type[NeuralBicycle]:
+        """Class of the model."""
+        return TireNetworkBicycle if self.settings.corrects == "tires" else NeuralBicycle
+
     def network(self, seed: int) -> MLP:
         """Random hidden layers, no output."""
         s, data = self.settings, self.inner
+        size = list(_REACH.values()) if s.corrects == "derivative" else [1.0] * self.kind.network_outputs()[0]
         v_y = data["v_y"] if "v_y" in data else np.array([-1.5, 1.5])
         factor = [float(np.std(v_y)) + 0.1, float(np.std(data["r"])), float(np.std(data["delta"]))]
         offset = [0.0, 0.0, 0.0, 0.0, float(np.mean(data["v_x"])), 0.0]
         factor += [factor[2], float(np.std(data["v_x"])) + 0.1, float(np.std(data["v_x_dot"])) + 0.1]
         net = MLP.random(
-            (6, *s.hidden, 2),
+            (6, *s.hidden, len(size)),
             activation=s.activation,
             seed=seed,
             input_scaling=Scaling(offset=np.array(offset), factor=np.array(factor)),
-            output_scaling=Scaling(offset=np.zeros(2), factor=np.array([_REACH["v_y"], _REACH["r"]])),
+            output_scaling=Scaling(offset=np.zeros(len(size)), factor=np.array(size)),
         )
         return replace(net, weights=(*net.weights[:-1], 0.0 * net.weights[-1]))
 

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.models.hybrid import NeuralBicycle, neural_bicycle
 from slipangle.models.networks import MLP, mlp_pass
+from slipangle.models.neural_bicycle import NeuralBicycle
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class Unrolled:
         def stage(carry: Any, how: Any) -> tuple[Any, None]:
             x, at, total = carry
             reach, weight, last = how
-            slope = jnp.stack(neural_bicycle(at, u, params, correction))
+            slope = jnp.stack(self.model.rates(at, u, params, correction))
             total = total + h * weight * slope
             x = x + last * total
             return (x, x + h * reach * slope, (1 - last) * total), None
@@ -96,7 +96,7 @@ class Unrolled:
         params, correction, offsets = self._split(theta)
         values = {"v_y": x[0], "r": x[1] + params.yaw_rate_bias}
         if "a_y" in self.model.outputs:
-            values["a_y"] = neural_bicycle(x, u, params, correction)[0] + u[1] * x[1]
+            values["a_y"] = self.model.rates(x, u, params, correction)[0] + u[1] * x[1]
         return jnp.stack([values[name] for name in self.model.outputs]) + offsets
 
     def start(self, theta: np.ndarray, part: Dataset, outputs: Sequence[str] | None = None) -> np.ndarray:

@@ -1,8 +1,7 @@
-"""Hybrids: a model plus a network that predicts its error, and physics with a network on its state derivative."""
+"""Hybrids: a model plus a network that predicts its error; a model behind the sensors of another session."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,9 +10,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import MissingColumnError, ParameterError, nearest
 from slipangle.models.model import FitInfo, Model
 from slipangle.models.narx import NARXModel
-from slipangle.models.networks import Network
-from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, nonlinear_bicycle
-from slipangle.ops import Scalar, Vector, clip, concatenate, stack
+from slipangle.ops import Vector, concatenate, stack
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,70 +144,6 @@ def run_up(model: Model, data: Dataset) -> tuple[np.ndarray, np.ndarray]:
         x = np.asarray(model.step(x, u[k - 1]), dtype=float).ravel()
         y[k] = np.asarray(model.output(x, u[k]), dtype=float).ravel()
     return x, y
-
-
-# ---- physics with a network on the state derivative ----------------------------------------------------------------
-
-
-def neural_bicycle(
-    x: Vector, u: Vector, p: NonlinearBicycleParams, correction: Callable[[Vector], Vector]
-) -> tuple[Scalar, Scalar, Scalar]:
-    """Rates of v_y [m/s2], r [rad/s2] and delta_w [rad/s]: physics plus what the correction adds to the first two.
-
-    Parameters
-    ----------
-    x : vector of 3
-        v_y [m/s], r [rad/s], delta_w [rad].
-    u : vector of 3
-        delta [rad], v_x [m/s], v_x_dot [m/s2].
-    p : NonlinearBicycleParams
-        The car.
-    correction : callable
-        From the six numbers of x and u to rates of v_y and r.
-    """
-    v_y_dot, r_dot, F_yf = nonlinear_bicycle(x[0], x[1], x[2], u[1], u[2], p)
-    more = correction(concatenate([x, u]))
-    wanted = p.road_wheel(u[0]) - p.compliance * F_yf
-    return v_y_dot + more[0], r_dot + more[1], (wanted - x[2]) / p.steering_lag
-
-
-@dataclass(frozen=True, kw_only=True)
-class NeuralBicycle(NonlinearBicycle):
-    """The bicycle at the limit plus a network on the derivatives of v_y and r, from all states and inputs.
-
-    Channels as of `NonlinearBicycle`. The state is bounded, so no input makes the free run spin out of the numbers.
-
-    Parameters
-    ----------
-    network : Network
-        Six inputs (v_y, r, delta_w, delta, v_x, v_x_dot) to two outputs (m/s2, rad/s2), SI units.
-    most_v_y, most_r : float
-        Largest lateral velocity [m/s] and yaw rate [rad/s] that the state takes, either sign.
-    """
-
-    network: Network
-    most_v_y: float = 15.0
-    most_r: float = 2.0
-
-    def __post_init__(self) -> None:
-        sizes = self.network.n_inputs, self.network.n_outputs
-        if sizes != (6, 2):
-            raise ParameterError(
-                f"the network has {sizes[0]} inputs and {sizes[1]} outputs; expected 6 (v_y, r, delta_w, delta, v_x, "
-                "v_x_dot) and 2 (rates of v_y and r)"
-            )
-        if not (self.most_v_y > 0 and self.most_r > 0):
-            raise ParameterError(f"the bounds are {self.most_v_y} m/s and {self.most_r} rad/s; expected positive ones")
-        super().__post_init__()
-
-    def derivative(self, x: Vector, u: Vector) -> Vector:
-        """See `neural_bicycle`."""
-        return stack(neural_bicycle(x, u, self.params, self.network))
-
-    def step(self, x: Vector, u: Vector) -> Vector:
-        """State one sample later, within its bounds."""
-        nxt = super().step(x, u)
-        return stack([clip(nxt[0], -self.most_v_y, self.most_v_y), clip(nxt[1], -self.most_r, self.most_r), nxt[2]])
 
 
 # ---- another session -----------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -71,15 +71,32 @@ def axle_force(
     return total
 
 
+class AxleCoefficients(NamedTuple):
+    """Cornering stiffness [N/rad] and peak friction [-] at static load, front and rear."""
+
+    C_f: Scalar
+    C_r: Scalar
+    mu_f: Scalar
+    mu_r: Scalar
+
+
 def nonlinear_bicycle(
-    v_y: Scalar, r: Scalar, delta: Scalar, v_x: Scalar, v_x_dot: Scalar, p: NonlinearBicycleParams, v_low: float = 3.0
+    v_y: Scalar,
+    r: Scalar,
+    delta: Scalar,
+    v_x: Scalar,
+    v_x_dot: Scalar,
+    p: NonlinearBicycleParams,
+    v_low: float = 3.0,
+    tires: AxleCoefficients | None = None,
 ) -> tuple[Scalar, Scalar, Scalar]:
     """Rates of v_y [m/s2] and r [rad/s2], and the front lateral force [N].
 
     Loads follow ``v_x_dot`` and the centripetal acceleration ``v_x r``; the longitudinal force is
     ``mass v_x_dot + drag v_x^2``, driven and braked by the given rear shares. Below ``v_low`` slip angles
-    are those at ``v_low``.
+    are those at ``v_low``. ``tires`` replaces the parameters' coefficients.
     """
+    t = p if tires is None else tires
     v = maximum(v_x, v_low)
     alpha_f = delta - (v_y + p.l_f * r) / v
     alpha_r = -(v_y - p.l_r * r) / v
@@ -90,8 +107,8 @@ def nonlinear_bicycle(
     drive = _positive(F_x, 100.0)
     brake = F_x - drive
     F_xr = p.drive_rear * drive + p.brake_rear * brake
-    F_yf = axle_force(alpha_f, static_f - forward, static_f, across * p.transfer_f, F_x - F_xr, p.C_f, p.mu_f, p.E_f, p)
-    F_yr = axle_force(alpha_r, static_r + forward, static_r, across * p.transfer_r, F_xr, p.C_r, p.mu_r, p.E_r, p)
+    F_yf = axle_force(alpha_f, static_f - forward, static_f, across * p.transfer_f, F_x - F_xr, t.C_f, t.mu_f, p.E_f, p)
+    F_yr = axle_force(alpha_r, static_r + forward, static_r, across * p.transfer_r, F_xr, t.C_r, t.mu_r, p.E_r, p)
     return (F_yf + F_yr) / p.mass - v * r, (p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z, F_yf
 
 

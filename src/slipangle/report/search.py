@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,20 +10,19 @@ import plotly.graph_objects as go
 
 from slipangle.errors import ParameterError
 from slipangle.identify.search import SearchResult, columns
-from slipangle.report.style import BLUE, INK, MIDDLE, SLATE, colourscale, new_figure
+from slipangle.report.style import BLUE, INK, MIDDLE, SLATE, compact, escape, new_figure, nice_step
 from slipangle.report.tables import Cell, Column, Row, Table
 
 __all__ = ["parallel_coordinates", "search_table"]
 
-_MARGIN = 1.5  # decades or more between best and worst: the score's axis is logarithmic
-_COLOURS = ((0.0, BLUE), (0.5, MIDDLE), (1.0, SLATE))
+_WIDE = 1.5  # decades between lowest and highest, above which an axis is logarithmic
 
 
 def parallel_coordinates(result: SearchResult, *, score: str = "score") -> go.Figure:
     """One line per trial through its settings to its score; the best ones blue.
 
-    Drag along an axis to keep only the trials inside. Trials without a score are left out. Scores beyond three times
-    the median are drawn at that value, so that a few bad trials do not hide how the good ones differ.
+    Trials without a score are left out. Scores beyond three times the median are drawn at that value, so that a few bad
+    trials do not hide how the good ones differ.
 
     Parameters
     ----------
@@ -36,45 +36,72 @@ def parallel_coordinates(result: SearchResult, *, score: str = "score") -> go.Fi
     ParameterError
         If no trial has a score.
     """
-    good = [trial for trial in result.trials if not trial.failure]
+    good = sorted((t for t in result.trials if not t.failure), key=lambda t: (-t.score, -t.number))
     if not good:
         raise ParameterError(f"none of {len(result.trials)} trials has a score; expected at least one to draw")
     scores = np.array([trial.score for trial in good])
-    most = 3.0 * float(np.median(scores))
-    shown = np.minimum(scores, most) if most > 0 else scores
-    dimensions = [_axis(name, [trial.settings[name] for trial in good]) for name in good[0].settings]
-    cut = f", at most {most:.3g}" if (scores > most).any() and most > 0 else ""
-    dimensions.append({"label": f"{score}{cut}", "values": shown, "tickformat": ".3~g"})
-    figure = new_figure(420, margin={"l": 70, "r": 60, "t": 60, "b": 30})
-    order = np.argsort(-shown)  # the best are drawn last, on top
-    for dimension in dimensions:
-        dimension["values"] = np.asarray(dimension["values"], dtype=float)[order].round(12).tolist()
-    figure.add_parcoords(
-        dimensions=dimensions,
-        line={"color": shown[order].tolist(), "colorscale": colourscale(_COLOURS), "showscale": False},
-        labelfont={"color": INK.light, "size": 14},
-        tickfont={"color": INK.light, "size": 12},
-        rangefont={"color": SLATE.light, "size": 11},
-        unselected={"line": {"color": SLATE.light, "opacity": 0.08}},
+    shown = np.minimum(scores, 3.0 * float(np.median(scores)))
+    axes = [_axis(name, [trial.settings[name] for trial in good]) for name in good[0].settings]
+    axes.append(_axis(score, shown.tolist()))
+    figure = new_figure(420, showlegend=False, hovermode="closest", margin={"l": 40, "r": 40, "t": 56, "b": 16})
+    for k, trial in enumerate(good):  # the best last, on top
+        rank = (len(good) - 1 - k) / max(len(good) - 1, 1)
+        colour = BLUE if rank <= 0.1 else MIDDLE if rank <= 0.5 else SLATE
+        settings = ", ".join(f"{n} {v:.3g}" if isinstance(v, float) else f"{n} {v}" for n, v in trial.settings.items())
+        figure.add_scatter(
+            x=list(range(len(axes))),
+            y=compact(np.array([axis.places[k] for axis in axes])),
+            mode="lines",
+            line={"color": colour.faded(0.9 if rank <= 0.1 else 0.5), "width": 2.4 if rank <= 0.1 else 1.2},
+            hovertemplate=f"trial {trial.number}: {score} {trial.score:.4g}<br>{escape(settings)}<extra></extra>",
+            name=f"trial {trial.number}",
+        )
+    for i, axis in enumerate(axes):
+        figure.add_shape(type="line", x0=i, x1=i, y0=0, y1=1, line={"color": INK.light, "width": 1})
+        figure.add_annotation(text=f"<b>{escape(axis.name)}</b>", x=i, y=1.0, yshift=22, showarrow=False)
+        for place, text in axis.ticks:
+            figure.add_annotation(text=escape(text), x=i, y=place, xshift=-4, xanchor="right", showarrow=False)
+    hidden = {"visible": False, "fixedrange": True}
+    figure.update_layout(
+        xaxis={**hidden, "range": [-0.35, len(axes) - 0.75]},
+        yaxis={**hidden, "range": [-0.04, 1.06]},
     )
     return figure
 
 
-def _axis(name: str, values: list[Any]) -> dict[str, Any]:
-    """An axis: words as ticks, whole numbers as such, wide ranges on a logarithmic scale."""
+@dataclass(frozen=True)
+class _Axis:
+    """Where each trial crosses, 0 to 1, and what is written where."""
+
+    name: str
+    places: list[float]
+    ticks: list[tuple[float, str]]
+
+
+def _axis(name: str, values: list[Any]) -> _Axis:
+    """Words as ticks, whole numbers as such, wide ranges on a logarithmic scale."""
     if any(isinstance(v, str) for v in values):
         words = sorted(set(map(str, values)))
-        places = list(range(len(words)))
-        return {"label": name, "values": [words.index(str(v)) for v in values], "tickvals": places, "ticktext": words}
+        step = 1 / max(len(words) - 1, 1)
+        ticks = [(k * step, word) for k, word in enumerate(words)]
+        return _Axis(name, [words.index(str(v)) * step for v in values], ticks)
     numbers = np.array(values, dtype=float)
+    low, high = float(numbers.min()), float(numbers.max())
+    if high == low:
+        return _Axis(name, [0.5] * len(values), [(0.5, f"{low:.4g}")])
+    if low > 0 and np.log10(high / low) >= _WIDE:
+        share = np.log(numbers / low) / np.log(high / low)
+        ticks = [(t, f"{low * (high / low) ** t:.2g}") for t in np.linspace(0, 1, 5)]
+        return _Axis(name, share.tolist(), ticks)
     if all(isinstance(v, int) for v in values):
-        return {"label": name, "values": numbers, "tickformat": "d"}
-    if numbers.min() > 0 and np.log10(numbers.max() / numbers.min()) >= _MARGIN:
-        decades = np.log10(numbers)
-        ticks = np.linspace(decades.min(), decades.max(), 5)
-        text = [f"{10**t:.2g}" for t in ticks]
-        return {"label": name, "values": decades, "tickvals": ticks.tolist(), "ticktext": text}
-    return {"label": name, "values": numbers, "tickformat": ".3~g"}
+        step = max(1, int(nice_step(high - low, 6)))
+        marks: list[float] = [float(m) for m in range(int(low), int(high) + 1, step)]
+    else:
+        step = nice_step(high - low, 5)
+        marks = [m * step for m in range(int(np.ceil(low / step - 1e-9)), int(np.floor(high / step + 1e-9)) + 1)]
+    return _Axis(
+        name, ((numbers - low) / (high - low)).tolist(), [((m - low) / (high - low), f"{m:.4g}") for m in marks]
+    )
 
 
 def search_table(result: SearchResult, *, rows: int | None = None, command: str = "") -> Table:
