@@ -38,10 +38,14 @@ if TYPE_CHECKING:
     from slipangle.data.quality import inspect
     from slipangle.data.readers import read
     from slipangle.identify.arx import ARX
+    from slipangle.identify.compare import compare, cross_validate
     from slipangle.identify.greybox import GreyBox
     from slipangle.identify.kalman import EKF
     from slipangle.identify.narx import NARX
+    from slipangle.identify.neural_statespace import NeuralStateSpace
+    from slipangle.identify.polynomial import ARMAX, BoxJenkins, OutputError
     from slipangle.identify.recursive import RLS
+    from slipangle.identify.statespace import StateSpace
     from slipangle.identify.validate import Validation, validate
     from slipangle.models.arx import ARXModel
     from slipangle.models.ground import OnGround
@@ -92,8 +96,12 @@ _HOME = {  # where each public name lives; imported on first use, so that `impor
     "slipangle.identify.arx": ("ARX",),
     "slipangle.identify.narx": ("NARX",),
     "slipangle.identify.greybox": ("GreyBox",),
+    "slipangle.identify.compare": ("compare", "cross_validate"),
     "slipangle.identify.kalman": ("EKF",),
+    "slipangle.identify.neural_statespace": ("NeuralStateSpace",),
+    "slipangle.identify.polynomial": ("ARMAX", "BoxJenkins", "OutputError"),
     "slipangle.identify.recursive": ("RLS",),
+    "slipangle.identify.statespace": ("StateSpace",),
     "slipangle.identify.validate": ("Validation", "validate"),
     "slipangle.control.driver": ("SpeedDriver",),
     "slipangle.control.mpc": ("MPC",),
@@ -106,6 +114,7 @@ _HOME = {  # where each public name lives; imported on first use, so that `impor
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
+    "ARMAX",
     "ARX",
     "EKF",
     "MPC",
@@ -114,6 +123,7 @@ __all__ = [
     "ARXModel",
     "Bicycle",
     "BicycleParams",
+    "BoxJenkins",
     "Channel",
     "Dataset",
     "FitInfo",
@@ -127,9 +137,11 @@ __all__ = [
     "MagicFormulaTire",
     "Model",
     "NARXModel",
+    "NeuralStateSpace",
     "NonlinearBicycle",
     "NonlinearBicycleParams",
     "OnGround",
+    "OutputError",
     "Path",
     "Plant",
     "Run",
@@ -137,12 +149,15 @@ __all__ = [
     "SingleTrack",
     "SingleTrackParams",
     "SpeedDriver",
+    "StateSpace",
     "Tire",
     "Trajectory",
     "Validation",
     "Values",
     "Weights",
     "closed_loop",
+    "compare",
+    "cross_validate",
     "deg",
     "double_lane_change",
     "inspect",

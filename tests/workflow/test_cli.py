@@ -221,6 +221,25 @@ def test_models_as_files(demo, tmp_path, capsys):
     sentence(capsys)
 
 
+def test_every_kind_of_black_box_becomes_a_file(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    steer, yaw = rng.standard_normal(420), np.zeros(420)
+    for k in range(2, 420):
+        yaw[k] = 1.4 * yaw[k - 1] - 0.6 * yaw[k - 2] + 0.8 * steer[k - 1] + 0.05 * rng.standard_normal()
+    rows = [[f"{v:.4f}" for v in (0.05 * k, steer[k], 80 + np.sin(0.2 * k), yaw[k])] for k in range(420)]
+    kinds = {name: f"kind = '{name}'" for name in ("arx", "armax", "output-error", "box-jenkins")}
+    kinds["state space"] = "kind = 'state-space'\norder = [1, 2]"
+    kinds["free-run state space"] = "kind = 'state-space'\norder = [2]\nfocus = 'simulation'"
+    more = "\n".join(f"[[model]]\nname = '{name}'\ninputs = ['delta']\n{text}" for name, text in kinds.items())
+    job = write_job(tmp_path, rows=rows, more=more)
+    assert main(["identify", str(job), "--out", str(tmp_path / "models"), "--json"]) == 0
+    files = [entry["file"] for entry in json.loads(capsys.readouterr().out).values()]
+    assert main(["compare", *files, "--data", str(job), "--json"]) == 0
+    fits = {row["model"]: row["free_run"]["r"]["fit"] for row in json.loads(capsys.readouterr().out)}
+    assert len(fits) == 7
+    assert all(fit > 90 for name, fit in fits.items() if name != "bicycle"), fits
+
+
 def test_reproduce_and_bench_names(capsys):
     assert main(["reproduce", "--json"]) == 0
     assert "table-8.2" in json.loads(capsys.readouterr().out)

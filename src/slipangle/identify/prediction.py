@@ -63,6 +63,7 @@ class Problem:
         self.size = np.maximum(np.std(chosen.y, axis=0), 1e-300)
         self.level_size = {"u_offset": np.std(chosen.u, axis=0), "y_offset": self.size}
         self.level_weight = 0.0
+        self.x0_weight = np.zeros(self.n)
         given = settings.weights
         self.root = np.diag(1 / (self.size if isinstance(given, str) else np.array(given)))
 
@@ -139,7 +140,8 @@ class Problem:
         moments = self.moments(point)
         if not np.isfinite(moments).all():
             return np.inf
-        return float(np.trace(self.root @ moments @ self.root.T) + np.sum(self._pull(point)[0] ** 2))
+        held = np.sum(self._pull(point)[0] ** 2) + np.sum((self.x0_weight * point.x0) ** 2)
+        return float(np.trace(self.root @ moments @ self.root.T) + held)
 
     def _pull(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """Errors that keep both levels together from running away, and their derivative by the free entries.
@@ -169,10 +171,17 @@ class Problem:
         work = Triangles(self.n, moves.shape[1])
         system = self._system(point, np.vstack([np.eye(self.n), point.C]), _padded(point.D, self.n))
         experiment, state, bank = -1, np.zeros(self.n), self._bank(point)
+
+        def close() -> None:
+            if self.x0_weight.any():
+                hold = self.x0_weight * point.x0[experiment]
+                work.add(np.hstack([np.diag(self.x0_weight), np.zeros((self.n, moves.shape[1])), -hold[:, None]]))
+            work.close()
+
         for u, y, first in self._chunks(bank.chunk()):
             if first:
                 if experiment >= 0:
-                    work.close()
+                    close()
                 experiment += 1
                 state, bank = point.x0[experiment], self._bank(point)
             driven = self._driven(point, u, y)
@@ -184,7 +193,7 @@ class Problem:
             shared = np.einsum("ab,kbi->kai", self.root, jacobian[:, :, self.n :] @ moves)
             rows = np.concatenate([local, shared, error[:, :, None]], axis=2)
             work.add(rows.reshape(-1, rows.shape[2]))
-        work.close()
+        close()
         pull, by_theta = self._pull(point)
         if len(pull):
             work.shared = reduce_rows(np.vstack([work.shared, np.column_stack([by_theta @ moves, pull])]))

@@ -21,7 +21,6 @@ from slipangle.data.quality import DataReport, despike, inspect
 from slipangle.data.readers import read
 from slipangle.data.readers.csv import Column
 from slipangle.errors import ConfigError, IdentifiabilityWarning, nearest
-from slipangle.identify.arx import ARX
 from slipangle.identify.greybox import GreyBox
 from slipangle.identify.validate import Validation, validate
 from slipangle.models import catalogue
@@ -45,6 +44,7 @@ from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.plants import Plant
 from slipangle.simulate.run import Run
 from slipangle.units import deg
+from slipangle.workflow.black_box import BLACK_BOXES, estimator
 from slipangle.workflow.settings import ControllerSettings, ModelSettings, PlantSettings, Settings
 
 Progress = Callable[[float, str], None]
@@ -239,15 +239,9 @@ def identify(wanted: ModelSettings, train: Dataset) -> Model:
     """Fit one model; what the data do not determine is in its ``fit_info.warnings``."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentifiabilityWarning)  # shown on the page
-        if wanted.kind == "arx":
+        if wanted.kind in BLACK_BOXES:
             data = train.select(inputs=wanted.inputs or None, outputs=wanted.outputs or None)
-            return ARX(na=wanted.na, nb=wanted.nb, nk=wanted.nk, offset=wanted.offset).fit(data)
-        if wanted.kind == "narx":
-            from slipangle.identify.narx import NARX  # brings JAX
-
-            data = train.select(inputs=wanted.inputs or None, outputs=wanted.outputs or None)
-            settings = NARX(na=wanted.na, nb=wanted.nb, nk=wanted.nk, hidden=wanted.hidden, seeds=wanted.seeds)
-            return settings.fit(data)
+            return estimator(wanted).fit(data)
         return GreyBox(start=_start(wanted, train), free=wanted.free or _FREE[wanted.kind]).fit(train)
 
 

@@ -53,16 +53,31 @@ class PublishedSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelSettings:
-    """One model to identify."""
+    """One model to identify: physics, or lags, polynomials, states or a network."""
 
     name: str
-    kind: Literal["bicycle", "nonlinear-bicycle", "longitudinal", "arx", "narx"]
+    kind: Literal[
+        "bicycle",
+        "nonlinear-bicycle",
+        "longitudinal",
+        "arx",
+        "armax",
+        "output-error",
+        "box-jenkins",
+        "state-space",
+        "narx",
+    ]
     car: dict[str, float] = field(default_factory=dict)
     catalogue: str = ""
     free: tuple[str, ...] = ()
     na: int = 2
     nb: int = 2
     nk: int = 1
+    nc: int = 1
+    nd: int = 1
+    nf: int = 2
+    order: tuple[int, ...] = ()
+    focus: Literal["prediction", "simulation"] = "prediction"
     offset: bool = True
     hidden: tuple[int, ...] = (30, 30)
     seeds: tuple[int, ...] = (0,)
