@@ -31,8 +31,19 @@ RADIAL = NeuralTire(
     ),
     lateral=with_inputs("slip"),
 )
+SIGMOID = NeuralCurve(
+    network=MLP.random(
+        (2, 3, 2, 1),
+        activation="sigmoid",
+        seed=3,
+        input_scaling=Scaling.between([-0.2, 1e3], [0.3, 6e3]),
+        output_scaling=Scaling.between([-1.5], [1.1]),
+    ),
+    inputs=("slip", "load"),
+)
+DEEP = NeuralTire(longitudinal=SIGMOID, lateral=SIGMOID)
 EVERY = pytest.mark.parametrize(
-    "tire", [PLAIN, ELLIPSE, LOADED, RADIAL], ids=["plain", "ellipse", "load, camber", "radial"]
+    "tire", [PLAIN, ELLIPSE, LOADED, RADIAL, DEEP], ids=["plain", "ellipse", "load, camber", "radial", "sigmoid"]
 )
 
 

@@ -12,15 +12,17 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Literal, get_args
 
+import casadi as ca
 import numpy as np
 
 from slipangle.errors import ParameterError, nearest
 from slipangle.models.model import FitInfo
-from slipangle.models.networks import Network
+from slipangle.models.networks import MLP, Network
 from slipangle.models.tires import Tire, TireForces
-from slipangle.ops import Scalar, clip, fabs, is_symbolic, sqrt, stack, where
+from slipangle.ops import Scalar, clip, fabs, is_symbolic, matmul, sqrt, stack, tanh, where
 
 CurveInput = Literal["slip", "load", "camber"]
+_AS_TANH = {"sigmoid": (0.5, 0.5, 0.5), "tanh": (1.0, 1.0, 0.0)}  # a, b, c in f(z) = b tanh(a z) + c
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,12 +71,47 @@ class NeuralCurve:
         """Friction coefficient at a slip ratio [-] or slip angle [rad], load [N] and camber [rad]."""
         given = {"slip": slip, "load": load, "camber": camber}
         x = stack([given[name] for name in self.inputs])
+        if is_symbolic(x) and self._folded is not None:
+            return self._few_operations(x)
         if self.outside == "hold":
             scaling = self.network.input_scaling
             low, high = scaling.offset - np.abs(scaling.factor), scaling.offset + np.abs(scaling.factor)
             shape = (-1,) if is_symbolic(x) else (-1,) + (1,) * (x.ndim - 1)
             x = clip(x, low.reshape(shape), high.reshape(shape))
         return self.network(x)[0]
+
+    @cached_property
+    def _folded(self) -> list[tuple[np.ndarray, np.ndarray]] | None:
+        """Layers of a perceptron for `_few_operations`: all scaling, also that of the activation, inside the weights.
+
+        None for other networks.
+        """
+        net = self.network
+        if not (isinstance(net, MLP) and net.activation in _AS_TANH and self.outside == "hold"):
+            return None
+        before, after, offset = _AS_TANH[net.activation]
+        layers, last = [], len(net.weights) - 1
+        for k, (w, b) in enumerate(zip(net.weights, net.biases, strict=True)):
+            w, b = (0.5 * w, b) if k == 0 else (after * w, b + offset * w.sum(axis=1))
+            if k == last:
+                scale = net.output_scaling
+                layers.append((w * scale.factor[:, None], b * scale.factor + scale.offset))
+            else:
+                layers.append((before * w, before * b))
+        return layers
+
+    def _few_operations(self, x: Any) -> Any:
+        """The network's pass for symbols, clipping included, in a form that needs few operations, its slope too.
+
+        Clipping to -1..1 is ``(|z + 1| - |z - 1|) / 2``, its half inside the first weights.
+        """
+        layers, scaling = self._folded or [], self.network.input_scaling
+        z = (x - ca.DM(scaling.offset)) * ca.DM(1 / scaling.factor)
+        z = fabs(z + 1.0) - fabs(z - 1.0)
+        for w, b in layers[:-1]:
+            z = tanh(matmul(w, z) + ca.DM(b))
+        w, b = layers[-1]
+        return (matmul(w, z) + ca.DM(b))[0]
 
     @property
     def range(self) -> tuple[float, float]:

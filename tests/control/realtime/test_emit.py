@@ -94,6 +94,12 @@ def test_two_arguments_and_logic():
     assert found == pytest.approx(expected, rel=1e-12, abs=1e-14)
 
 
+def test_nan_stays_nan():
+    x = ca.SX.sym("x")
+    f = ca.Function("f", [x], [ca.vertcat(ca.tanh(x), ca.exp(x), ca.sin(x), ca.cos(x), ca.atan(x), ca.sqrt(x))])
+    assert np.isnan(run(lanes_code(f, "f"), np.full((1, 8), np.nan), 6)).all()
+
+
 def test_sparse_outputs_are_stored_by_row():
     x = ca.SX.sym("x", 3)
     f = ca.Function("f", [x], [ca.jacobian(ca.vertcat(x[0] * x[1], x[2] ** 2), x)])

@@ -37,14 +37,6 @@ INLINE V v_copysign(V a, V b)
 {
     return (V)(((I)a & INT64_MAX) | ((I)b & INT64_MIN));
 }
-INLINE V v_fmin(V a, V b)
-{
-    return v_pick(a < b, a, b);
-}
-INLINE V v_fmax(V a, V b)
-{
-    return v_pick(a > b, a, b);
-}
 INLINE V v_true(I mask)
 {
     return (V)(mask & (I)v_all(1.0));
@@ -113,14 +105,38 @@ INLINE V v_sqrt(V a)
 {
     return (V)_mm512_sqrt_pd((__m512d)a);
 }
+INLINE V v_fmin(V a, V b)
+{
+    return (V)_mm512_min_pd((__m512d)a, (__m512d)b);
+}
+INLINE V v_fmax(V a, V b)
+{
+    return (V)_mm512_max_pd((__m512d)a, (__m512d)b);
+}
 #elif defined(__AVX__) && LANES == 4
 #include <immintrin.h>
 INLINE V v_sqrt(V a)
 {
     return (V)_mm256_sqrt_pd((__m256d)a);
 }
+INLINE V v_fmin(V a, V b)
+{
+    return (V)_mm256_min_pd((__m256d)a, (__m256d)b);
+}
+INLINE V v_fmax(V a, V b)
+{
+    return (V)_mm256_max_pd((__m256d)a, (__m256d)b);
+}
 #else
 LANE_BY_LANE(sqrt, sqrt)
+INLINE V v_fmin(V a, V b)
+{
+    return v_pick(a < b, a, b);
+}
+INLINE V v_fmax(V a, V b)
+{
+    return v_pick(a > b, a, b);
+}
 #endif
 
 INLINE int v_any(I mask)
@@ -221,34 +237,27 @@ INLINE V v_atan2(V y, V x)
     return v_pick((I)x < 0, v_copysign(v_all(3.141592653589793), y) - a, a);
 }
 
-/* Exponential: x = k ln 2 + r, Taylor series on |r| <= ln(2)/2;
+/* Exponential: x = k ln 2 + r, interpolation at Chebyshev's points on |r| <= ln(2)/2, evaluated in pairs;
    beyond the range of doubles, their ends. */
 INLINE V v_exp_inside(V x)
 {
     V t = x * 1.4426950408889634 + 0x1.8p52, n = t - 0x1.8p52;
     V r = x - n * 0x1.62e42fefa0000p-1;
     r = r - n * 0x1.cf79abc9e3b3ap-40;
-    V p = r * (1.0 / 479001600.0) + 1.0 / 39916800.0;
-    p = p * r + 1.0 / 3628800.0;
-    p = p * r + 1.0 / 362880.0;
-    p = p * r + 1.0 / 40320.0;
-    p = p * r + 1.0 / 5040.0;
-    p = p * r + 1.0 / 720.0;
-    p = p * r + 1.0 / 120.0;
-    p = p * r + 1.0 / 24.0;
-    p = p * r + 1.0 / 6.0;
-    p = p * r + 0.5;
-    V e = 1.0 + (r + r * r * p);
+    V z = r * r, y = z * z;
+    V low = (0.5000000000000001 + r * 0.16666666666666669) + z * (0.04166666666662399 + r * 0.008333333333330051);
+    V high = (0.0013888888917281794 + r * 0.00019841269863105968) + z * (2.480152119021773e-05 + r * 2.7557268378684192e-06) + y * (2.7620138719733994e-07 + r * 2.5100424157005067e-08);
+    V e = 1.0 + (r + z * (low + y * high));
     return (V)((I)e + ((I)t << 52));
 }
 INLINE V v_exp(V x)
 {
     return v_exp_inside(v_pick(x > 709.0, v_all(709.0), v_pick(x < -708.0, v_all(-708.0), x)));
 }
+/* NaN stays NaN: the smaller and the larger of two are the second where they do not compare. */
 INLINE V v_tanh(V x)
 {
-    V e = v_exp_inside(v_pick(v_fabs(x) > 20.0, v_copysign(v_all(40.0), x), x + x));
-    return 1.0 - 2.0 / (e + 1.0);
+    return 1.0 - 2.0 / (v_exp_inside(v_fmin(v_all(40.0), v_fmax(v_all(-40.0), x + x))) + 1.0);
 }
 INLINE V v_hypot(V a, V b)
 {
