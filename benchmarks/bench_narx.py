@@ -8,8 +8,6 @@ rounds in turn. sysidentpy, deepSI and PyTorch are used where they are installed
 
 from __future__ import annotations
 
-import importlib
-import time
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
@@ -19,6 +17,7 @@ import numpy as np
 from slipangle.data import narendra
 from slipangle.data.dataset import Dataset
 from slipangle.experiments import Progress, Reproduction
+from slipangle.experiments._peers import absent, in_turn, installed
 from slipangle.identify.narx import NARX
 from slipangle.identify.training import Stage
 from slipangle.models import compiled
@@ -76,7 +75,7 @@ def free_runs(progress: Progress) -> list[Record]:
         runs["sysidentpy NARXNN"] = (sysidentpy_free_run(torch, u[:3_000]), 3_000)
     if torch and installed("deepSI"):
         runs["deepSI SUBNET"] = (deepsi_free_run(torch, u[:5_000]), 5_000)
-    rates, results = in_turn(runs, progress)
+    rates, results = in_turn(runs, progress, rounds=ROUNDS)
     exact = results["slipangle"]
 
     def note(name: str) -> str:
@@ -195,7 +194,7 @@ def trainings(progress: Progress) -> list[Record]:
         runs["PyTorch loop"] = (lambda: torch_training(torch, data, 40), 40)
     if torch and sysidentpy:
         runs["sysidentpy NARXNN"] = (lambda: sysidentpy_training(torch, data, 40), 40)
-    rates, _ = in_turn(runs, progress)
+    rates, _ = in_turn(runs, progress, rounds=ROUNDS)
     return [
         Record(
             row=f"training, {name}",
@@ -306,42 +305,3 @@ def deepsi_free_run(torch: Any, u: np.ndarray) -> Callable[[], np.ndarray]:
         return np.empty(0)
 
     return call
-
-
-# ---- taking turns --------------------------------------------------------------------------------------------------
-
-
-def in_turn(
-    runs: dict[str, tuple[Callable[[], np.ndarray], int]], progress: Progress
-) -> tuple[dict[str, list[float]], dict[str, np.ndarray]]:
-    """Rate of every run in every round, and what it gave; slow peers sit out after three rounds."""
-    rates: dict[str, list[float]] = {name: [] for name in runs}
-    results: dict[str, np.ndarray] = {}
-    for i in range(ROUNDS):  # in turn, so that a noisy moment hits all
-        for j, (name, (run, amount)) in enumerate(runs.items()):
-            if i >= 3 and not name.startswith("slipangle"):
-                continue
-            progress((i + j / len(runs)) / ROUNDS, f"{name}, round {i + 1}")
-            began = time.perf_counter()
-            results[name] = run()
-            rates[name].append(amount / (time.perf_counter() - began))
-    return rates, results
-
-
-def installed(name: str) -> Any:
-    """The module, or None."""
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        return None
-
-
-def absent(names: tuple[str, ...], what: str) -> list[Record]:
-    """A record that says which peers are missing."""
-    missing = [name for name in names if installed(name) is None]
-    note = f"not installed: {', '.join(missing)}; install them beside slipangle to compare"
-    return (
-        [Record(row=f"{what}, peers", quantity="skipped", thesis=None, here=", ".join(missing), note=note)]
-        if missing
-        else []
-    )

@@ -152,11 +152,11 @@ def test_feedthrough(case):
 @pytest.mark.parametrize("offset", [False, True])
 @pytest.mark.parametrize("case", EVERY)
 def test_intervals_hold_their_level(case, offset):
-    """Errors over their standard deviations are standard normal over many records."""
+    """Errors over their standard deviations are standard normal over many records, long enough for the asymptotics."""
     true = EVERY[case]
     whole = []
     for seed in range(80):
-        info = settings(true, offset=offset).fit(record(true, 800, 1000 + seed, 0.5, level=3.0 * offset)).fit_info
+        info = settings(true, offset=offset).fit(record(true, 2000, 1000 + seed, 0.5, level=3.0 * offset)).fit_info
         n = len(vector(true))
         whole.append((info.values[:n] - vector(true)) / info.std[:n])
     spread = np.sqrt(np.mean(np.square(whole), axis=0))

@@ -296,12 +296,13 @@ class _Structured(Problem):
         return super()._descend(point, max_iterations)
 
     def moved(self, point: Point, theta: np.ndarray, x0: np.ndarray) -> Point:
-        """The point after a step; infinite cost where the poles leave the limit."""
+        """The point after a step; infinite cost where the predictor is unstable or the poles leave the limit."""
         new = super().moved(point, theta, x0)
         limit = self.polynomial.max_radius
-        if limit is not None:
-            A = new.F + new.K @ new.C
-            if np.isfinite(A).all() and shrunk(A, limit) is not A:
+        A = new.F + new.K @ new.C
+        if np.isfinite(A).all():
+            past = limit is not None and shrunk(A, limit) is not A
+            if past or shrunk(new.F, 1.0) is not new.F:  # roots of C and F, which the errors go through
                 return replace(new, F=np.full_like(new.F, np.nan))
         return new
 

@@ -92,12 +92,17 @@ def _residual(model: ARXModel, u: Signals, y: np.ndarray) -> np.ndarray:
 
 
 def _steiglitz_mcbride(u: Signals, w: Signals, nb: int, nf: int, nk: int) -> tuple[np.ndarray, np.ndarray]:
-    """B and F of ``w = B / F u``, least squares on prefiltered signals, a few times."""
-    f, b = np.zeros(nf), np.zeros(nb)
-    for _ in range(6 if nf else 1):
+    """B and F of ``w = B / F u``, least squares on prefiltered signals, a few times; the best of them."""
+    f, tried = np.zeros(nf), []
+    for _ in range(8 if nf else 1):
         past_w, past_u = ([_filter([1.0], one(f), s) for s in signals] for signals in (w, u))
         theta = _regress(past_w, [(past_w, range(1, nf + 1), -1.0), (past_u, range(nk, nk + nb), 1.0)])
-        f, b = _reflected(theta[:nf]), theta[nf:]
+        f = _reflected(theta[:nf])
+        responses = [[_filter(np.eye(1, nk + j + 1, nk + j)[0], one(f), s) for s in u] for j in range(nb)]
+        b = _regress(w, [(r, range(1), 1.0) for r in responses])
+        rest = [t - sum(c * r[e] for c, r in zip(b, responses, strict=True)) for e, t in enumerate(w)]
+        tried.append((sum(float(r @ r) for r in rest), b, f))
+    _, b, f = min(tried, key=lambda found: found[0])
     return b, f
 
 
