@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import socket
 import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -141,6 +142,7 @@ class Cluster:
         self.mine = not self.ray.is_initialized()
         if self.mine:
             try:
+                _knock(address)
                 self.ray.init(address=address, log_to_driver=False, logging_level="error")
             except Exception as error:
                 raise ConfigError(
@@ -180,6 +182,13 @@ class Cluster:
         """Leave the cluster, if this search joined it."""
         if self.mine:
             self.ray.shutdown()
+
+
+def _knock(address: str) -> None:
+    """Raise where nobody listens at ``host:port``: Ray itself would go on trying for minutes."""
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    if host and port.isdigit():
+        socket.create_connection((host, int(port)), timeout=10.0).close()
 
 
 def extra(name: str) -> Any:
