@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
@@ -20,7 +21,17 @@ from slipangle.models.vehicles import OdeModel
 _STAGES = {"euler": 1, "radau": 3, "rk4": 4}
 _ITERATIONS = 12  # of Newton's method, as in the integrator itself
 
-Run = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+@dataclass(frozen=True)
+class Run:
+    """A free run with its derivatives, see `forward`; and whether it is compiled, that is fast."""
+
+    call: Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+    compiled: bool
+
+    def __call__(self, x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Outputs and their derivatives."""
+        return self.call(x0, S0, rows, p)
 
 
 def forward(model: Any, free: tuple[str, ...]) -> Run:
@@ -151,7 +162,7 @@ def _compiled(model: Any, found: ctypes.CDLL, rest: np.ndarray) -> Run:
         call(*at, len(rows), m, h, ode.substeps, stages, out.ctypes.data, scratch.ctypes.data)
         return out.transpose(0, 2, 1)
 
-    return run
+    return Run(run, compiled=True)
 
 
 # ---- without a compiler --------------------------------------------------------------------------------------------
@@ -204,4 +215,4 @@ def _interpreted(model: Any, free: tuple[str, ...], ordinary: bool) -> Run:
         full = evaluate(output, states, drive)
         return full.reshape(len(rows), 1 + m, ny).transpose(0, 2, 1)
 
-    return run
+    return Run(run, compiled=False)

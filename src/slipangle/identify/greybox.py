@@ -12,6 +12,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import IdentifiabilityWarning
 from slipangle.identify import uncertainty
+from slipangle.identify.advice import better_sentences
 from slipangle.identify.simulation_error import Minimum, SimulationError, check_names
 from slipangle.models.model import FitInfo
 
@@ -65,7 +66,8 @@ class GreyBox:
         Warns
         -----
         IdentifiabilityWarning
-            With the names of parameters that the data do not determine.
+            With the names of parameters that the data do not determine, and what to drive so that they are (see
+            `slipangle.identify.advice`).
         """
         began = time.perf_counter()
         problem = self.problem(data)
@@ -77,7 +79,15 @@ class GreyBox:
         return SimulationError(self.start, self.free, self.per_experiment, data, self.free_initial_state)
 
 
-def finish(problem: SimulationError, found: Minimum, *, how: str, began: float, kept: np.ndarray | None = None) -> Any:
+def finish(
+    problem: SimulationError,
+    found: Minimum,
+    *,
+    how: str,
+    began: float,
+    kept: np.ndarray | None = None,
+    more: tuple[str, ...] = (),
+) -> Any:
     """The fitted model of a solution, with its `FitInfo`; warns of what the data do not determine.
 
     Parameters
@@ -92,6 +102,8 @@ def finish(problem: SimulationError, found: Minimum, *, how: str, began: float, 
         ``time.perf_counter()`` at the start.
     kept : array, shape (n_z, n_directions), optional
         Directions in which the active constraints let the unknowns move; by default all.
+    more : tuple of str
+        Further warnings.
     """
     n_p, scale = problem.n_p, problem.scale[: problem.n_p]
     jacobian = found.jacobian if kept is None else found.jacobian @ kept
@@ -102,7 +114,9 @@ def finish(problem: SimulationError, found: Minimum, *, how: str, began: float, 
     values = np.clip(found.z[:n_p] * scale, problem.lower[:n_p] * scale, problem.upper[:n_p] * scale)
     std = np.sqrt(np.maximum(np.diag(spread), 0))
     metadata = [problem.model.si(n) for n in problem.base_names]
-    said = uncertainty.notes(problem.names, values, std, scale, metadata, found.jacobian[:, :n_p])
+    better = better_sentences(problem, found, values, std) if problem.run.compiled and kept is None else {}
+    said = uncertainty.notes(problem.names, values, std, scale, metadata, found.jacobian[:, :n_p], better)
+    said += more
     if not found.converged:
         said.append("the fit stopped at its iteration limit; expected convergence: raise max_iterations")
     info = FitInfo(

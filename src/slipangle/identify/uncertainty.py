@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -68,6 +68,7 @@ def notes(
     scale: np.ndarray,
     metadata: Sequence[SI],
     jacobian: np.ndarray,
+    better: Mapping[str, str] | None = None,
 ) -> list[str]:
     """Sentences that name parameters which the data do not determine, cannot tell apart, or push to a bound.
 
@@ -77,17 +78,19 @@ def notes(
         One entry per parameter; ``scale`` is a typical size.
     jacobian : array, shape (n, n_parameters)
         Derivatives of the weighted errors.
+    better : mapping, optional
+        What to do about a parameter that the data do not determine, by name.
     """
-    said = []
+    said, known = [], better or {}
     wide = undetermined(values, std, scale)
-    for name, value, sd, poor, meta in zip(names, values, std, wide, metadata, strict=True):
+    for name, value, sd, poor, size, meta in zip(names, values, std, wide, scale, metadata, strict=True):
         if poor:
             said.append(
                 f"the data do not determine {name}: {value:.4g} ± {1.96 * sd:.2g} {meta.unit} (95 %); expected "
-                "an interval below half the value: fix it, or add a manoeuvre that moves it"
+                f"an interval below half the value: fix it, or {known.get(name, 'add a manoeuvre that moves it')}"
             )
         bounds = [b for b in (meta.lower, meta.upper) if np.isfinite(b)]
-        if any(abs(value - b) < 1e-6 * max(map(abs, bounds)) for b in bounds):
+        if any(abs(value - b) < 1e-5 * size for b in bounds):
             said.append(
                 f"{name} ends at its bound, {value:.4g} {meta.unit}; expected an interior optimum: check units, "
                 "signs and the fixed parameters, or widen the range"

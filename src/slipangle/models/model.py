@@ -109,6 +109,30 @@ class FitInfo:
         std = np.where(self.std > 0, self.std, 1.0)
         return self.covariance / np.outer(std, std)
 
+    @property
+    def condition(self) -> float:
+        """How nearly the data confound some parameters with others: 1 if not at all, infinite if they do. [-]
+
+        Condition number of the least-squares problem with columns of one length, so units do not matter; one over it is
+        about the relative change of the outputs by the worst combination of parameters.
+        """
+        if not (np.isfinite(self.covariance).all() and (self.std > 0).all()):
+            return float("inf")
+        information = np.linalg.pinv(self.correlation, rcond=1e-15, hermitian=True)
+        lengths = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        size = np.linalg.eigvalsh(information / np.outer(lengths, lengths))
+        return float(np.sqrt(size[-1] / size[0])) if size[0] > 0 else float("inf")
+
+    def correlated(self, least: float = 0.9) -> tuple[tuple[str, str, float], ...]:
+        """Pairs of parameters whose estimates correlate by at least ``least`` in size, the strongest first."""
+        pairs = [
+            (a, b, float(self.correlation[i, j]))
+            for i, a in enumerate(self.names)
+            for j, b in enumerate(self.names)
+            if i < j and abs(self.correlation[i, j]) >= least
+        ]
+        return tuple(sorted(pairs, key=lambda pair: -abs(pair[2])))
+
 
 @dataclass(frozen=True, kw_only=True)
 class ProfileInfo(FitInfo):
