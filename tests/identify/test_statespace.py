@@ -1,5 +1,6 @@
 """State space: exact on clean data, agrees with SLICOT, refined to the optimum, honest about bad data."""
 
+import tracemalloc
 from dataclasses import replace
 
 import ctrlsys
@@ -382,3 +383,16 @@ def test_settings_that_make_no_sense(settings, words):
     data, _ = record(system(2, 1, 1, 17), 400, 9)
     with pytest.raises(ParameterError, match=words):
         Subspace(**settings).fit(data)
+
+
+@pytest.mark.parametrize("algorithm", ["n4sid", "moesp", "cva"])
+def test_memory_does_not_grow_with_the_record(algorithm):
+    rng = np.random.default_rng(0)
+    long = Dataset.from_arrays({"u": rng.standard_normal(400_000)}, {"y": rng.standard_normal(400_000)}, 0.1)
+    peaks = []
+    for data in (long.head(100_000), long):
+        tracemalloc.start()
+        Subspace(order=2, algorithm=algorithm, block_rows=10).fit(data)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.05 * peaks[0] + 50_000
