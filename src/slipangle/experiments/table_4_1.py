@@ -122,7 +122,7 @@ def _entries(
                     thesis=float(text),
                     here=value,
                     bound=f"{text}, rounded or cut",
-                    holds=abs(value - float(text)) < unit,
+                    holds=exact or 0 <= value - float(text) < unit,
                     note="" if exact else f"prints as {text} when cut, not when rounded",
                 )
             )
