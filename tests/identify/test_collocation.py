@@ -17,7 +17,6 @@ from slipangle.models.delayed import Delayed
 from slipangle.models.vehicles import Bicycle, BicycleParams, bicycle
 from tests.identify.test_greybox import CASES, drive
 from tests.identify.test_greybox_experiments import CAR, OWN, STIFFNESS, three_drives
-from tests.models.all_models import ALL_MODELS
 
 FREE = ("C_f", "C_r", "inertia_z")
 
@@ -180,7 +179,6 @@ def test_states_keep_their_bounds():
     [
         ({"state_bounds": {"yaw": (-1, 1)}}, "state_bounds names 'yaw'"),
         ({"at_most_zero": lambda p: p.mass - 1.0}, r"in at_most_zero does not depend on any of \['C_f'"),
-        ({"start": ALL_MODELS["dual track, front drive"], "free": ("mass",)}, "DualTrack has an integrator of its own"),
     ],
 )
 def test_bad_settings_are_refused(change, said):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -40,8 +40,8 @@ class Advice:
         Of the parameter.
     names : tuple of str
         All shared free parameters.
-    std : array, shape (n_names,)
-        Their expected standard deviations.
+    present, std : array, shape (n_names,)
+        Their standard deviations now and expected.
     data : Dataset
         The manoeuvre's inputs, and the outputs that the fitted model expects.
     """
@@ -52,6 +52,7 @@ class Advice:
     after: float
     unit: str
     names: tuple[str, ...]
+    present: np.ndarray
     std: np.ndarray
     data: Dataset = field(repr=False)
 
@@ -133,7 +134,7 @@ def rank(
     if parameter is None:
         parameter = names[int(np.argmax(std[:k] / np.maximum(np.abs(values), 0.02 * scale)))]
     j = names.index(parameter)
-    before = _deviations(known)[j] * scale[j]
+    before = _deviations(known) * scale
     result = []
     for text, rows, data in _candidates(problem, found, duration, harder):
         slopes = rows[1:, :, 1:] / found.sigma[:, None]
@@ -145,15 +146,20 @@ def rank(
             Advice(
                 parameter=parameter,
                 manoeuvre=text,
-                before=float(before),
+                before=float(before[j]),
                 after=float(after[j]),
                 unit=problem.model.si(parameter).unit,
                 names=names,
+                present=before,
                 std=after,
                 data=data,
             )
         )
-    return tuple(sorted(result, key=lambda a: a.after * (_ROBOT if "binary" in a.manoeuvre else 1.0)))
+    return _best_first(result)
+
+
+def _best_first(advice: list[Advice]) -> tuple[Advice, ...]:
+    return tuple(sorted(advice, key=lambda a: a.after * (_ROBOT if "binary" in a.manoeuvre else 1.0)))
 
 
 def _information(found: Minimum, std: np.ndarray, problem: SimulationError) -> tuple[np.ndarray, float]:
@@ -225,20 +231,21 @@ def _candidates(
     for name in moving:
         most = harder * float(np.abs(data[name] - rest[name]).max())
         unit = data.unit(name)
-        for text, wave in _waves(dt).items():
-            for share in _SPEEDS if fast else (1.0,):
-                inputs = {c: np.full(n, v) for c, v in rest.items() if c in model.inputs}
-                x0 = _straight(problem, share)
-                where = ""
-                if fast and speed is not None:
-                    where = f" at {share * speed:.3g} m/s"
-                    if "v_x" in inputs:
-                        inputs["v_x"] = np.full(n, share * speed)
-                driven = _within_range(problem, found, inputs, x0, name, wave(n, dt), most)
+        for share in _SPEEDS if fast else (1.0,):
+            inputs = {c: np.full(n, v) for c, v in rest.items() if c in model.inputs}
+            where = ""
+            if fast and speed is not None:
+                where = f" at {share * speed:.3g} m/s"
+                if "v_x" in inputs:
+                    inputs["v_x"] = np.full(n, share * speed)
+            trial = _Trial(problem, found, inputs, _straight(problem, share), name)
+            for text, wave in _waves(dt).items():
+                driven = trial.within_range(wave(n, dt), most)
                 if driven is not None:
                     rows, made, size = driven
                     what = text.format(f"{name} (±{size:.2g}{'' if unit == '-' else ' ' + unit})")
-                    extra = {"v_x": np.full(n, x0[model.ode.states.index("v_x")])} if "v_x" in model.ode.states else {}
+                    states = model.ode.states
+                    extra = {"v_x": np.full(n, trial.x0[states.index("v_x")])} if "v_x" in states else {}
                     outputs = {o: np.concatenate([np.full(m - 1, y[0]), y]) for o, y in _named(model, rows)}
                     extra = {c: v for c, v in extra.items() if c not in outputs}
                     units = {c: data.unit(c) for c in (*made, *outputs)}
@@ -261,47 +268,51 @@ def _straight(problem: SimulationError, share: float) -> np.ndarray:
     return x
 
 
-def _within_range(
-    problem: SimulationError,
-    found: Minimum,
-    inputs: dict[str, np.ndarray],
-    x0: np.ndarray,
-    name: str,
-    wave: np.ndarray,
-    most: float,
-) -> tuple[np.ndarray, dict[str, np.ndarray], float] | None:
-    """The manoeuvre as large as the inputs and outputs of the log allow; None where it does not stay finite."""
-    model, data = problem.model, problem.data
-    seen = np.maximum(np.abs(data.y - np.median(data.y, axis=0)).max(axis=0), 1e-12)
-    slope = np.zeros((problem.n_x, len(problem.free)))
-    p, size = problem.parameters(0, found.z), most
+class _Trial:
+    """Manoeuvres of one input from one state, the other inputs at rest."""
 
-    def run(size: float) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        made = inputs | {name: inputs[name] + size * wave}
-        empty = {o: np.zeros(len(wave)) for o in model.outputs if o not in made}
+    def __init__(
+        self, problem: SimulationError, found: Minimum, inputs: dict[str, np.ndarray], x0: np.ndarray, name: str
+    ) -> None:
+        self.problem, self.inputs, self.x0, self.name = problem, inputs, x0, name
+        self.p = problem.parameters(0, found.z)
+        y = problem.data.y
+        self.seen = np.maximum(np.abs(y - np.median(y, axis=0)).max(axis=0), 1e-12)
+        self.undriven = self._run(inputs)[:, :, 0]
+
+    def _run(self, made: dict[str, np.ndarray]) -> np.ndarray:
+        model, n = self.problem.model, len(made[self.name])
+        empty = {o: np.zeros(n) for o in model.outputs if o not in made}
         rows = model.drive_rows(Dataset.from_arrays(made, empty, model.dt).select(inputs=model.inputs))
         with np.errstate(all="ignore"):
-            return made, problem.run(x0, slope, rows, p)
+            return self.problem.run(self.x0, np.zeros((self.problem.n_x, len(self.p))), rows, self.p)
 
-    undriven = run(0.0)[1][:, :, 0]
-    for _ in range(6):
-        made, rows = run(size)
-        excess = float((np.abs(rows[:, :, 0] - undriven).max(axis=0) / seen).max())
-        if np.isfinite(rows).all() and excess <= 1.05:
-            return rows, made, size
-        size *= max(0.1, 1 / excess) if np.isfinite(excess) else 0.3
-    return None
+    def within_range(self, wave: np.ndarray, most: float) -> tuple[np.ndarray, dict[str, np.ndarray], float] | None:
+        """Outputs, inputs and size of the largest manoeuvre that the log allows; None where none stays finite."""
+        size = most
+        for _ in range(6):
+            made = self.inputs | {self.name: self.inputs[self.name] + size * wave}
+            rows = self._run(made)
+            excess = float((np.abs(rows[:, :, 0] - self.undriven).max(axis=0) / self.seen).max())
+            if np.isfinite(rows).all() and excess <= 1.05:
+                return rows, made, size
+            size *= max(0.1, 1 / excess) if np.isfinite(excess) else 0.3
+        return None
 
 
 def better_sentences(problem: SimulationError, found: Minimum, values: np.ndarray, std: np.ndarray) -> dict[str, str]:
     """For each shared parameter that the data do not determine, what to drive."""
     k = len(problem.shared)
     poor = uncertainty.undetermined(values[:k], std[:k], problem.scale[:k])
-    said = {}
-    for name in np.array(problem.shared)[poor & (std[:k] > 0) & np.isfinite(std[:k])]:
-        ranked = rank(problem, found, std, str(name))
-        best = next((a for a in ranked if a.helps), None)
-        said[str(name)] = (
-            best.sentence if best else f"look elsewhere: none of {len(ranked)} manoeuvres of this size helps"
-        )
+    said: dict[str, str] = {}
+    if not poor.any():
+        return said
+    every = rank(problem, found, std)
+    none = f"look elsewhere: none of {len(every)} manoeuvres of this size helps"
+    for j in np.flatnonzero(poor & (std[:k] > 0) & np.isfinite(std[:k])):
+        name = problem.shared[j]
+        of_name = {"parameter": name, "unit": problem.model.si(name).unit}
+        ranked = [replace(a, before=float(a.present[j]), after=float(a.std[j]), **of_name) for a in every]
+        best = next((a for a in _best_first(ranked) if a.helps), None)
+        said[name] = best.sentence if best else none
     return said

@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ParameterError
 from slipangle.identify.greybox import GreyBox, finish
 from slipangle.identify.simulation_error import Minimum, SimulationError
 from slipangle.identify.transcription import Constraint, Found, Transcription
-from slipangle.models.vehicles import OdeModel
 
 _HOW = "free-run error, Radau collocation and Ipopt"
 _FOLLOWS = 0.05  # difference of free run and collocated states over the error, both RMS, up to which they are the same
@@ -74,11 +72,6 @@ class Collocation(GreyBox):
             given = getattr(self, key)
             object.__setattr__(self, key, (given,) if callable(given) else tuple(given))
         ode = self.start.ode
-        if type(ode)._step is not OdeModel.__dict__["_step"]:
-            raise ParameterError(
-                f"{type(ode).__name__} has an integrator of its own; expected a model that is its derivative alone: "
-                "use GreyBox"
-            )
         if self.elements == 0:
             least = ode.substeps if ode.method == "radau" else max(1, math.ceil(ode.dt / (5 * ode.max_step) - 1e-9))
             object.__setattr__(self, "elements", least)

@@ -12,6 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from slipangle.errors import ParameterError
 from slipangle.models.compiled import library
 from slipangle.models.integrate import RADAU_A, SHORTENED, discretise
 from slipangle.models.model import evaluate, roll_out
@@ -51,6 +52,11 @@ def forward(model: Any, free: tuple[str, ...]) -> Run:
         (n_states, m), the first ``len(free)`` columns with respect to the parameters, the others to anything; the
         drive's ``rows``, shape (n, n_w); values ``p`` of the free parameters. It gives an array of shape (n, n_outputs,
         1 + m): outputs, then their derivatives.
+
+    Raises
+    ------
+    ParameterError
+        If the model has an integrator of its own.
     """
     try:
         hash(model)
@@ -65,16 +71,17 @@ def _known_forward(model: Any, free: tuple[str, ...]) -> Run:
 
 
 def _forward(model: Any, free: tuple[str, ...]) -> Run:
-    ordinary = getattr(type(model.ode), "_step", None) is OdeModel.__dict__["_step"]
-    if ordinary:
-        try:
-            source, rest = _source(model, free)
-        except (RuntimeError, NotImplementedError, TypeError):  # built on CasADi functions that have no scalar code
-            source, rest = "", np.empty(0)
-        found = library(source, name="free_run") if source else None
-        if found is not None:
-            return _compiled(model, found, rest)
-    return _interpreted(model, free, ordinary)
+    if type(model.ode)._step is not OdeModel.__dict__["_step"]:
+        raise ParameterError(
+            f"{type(model.ode).__name__} has an integrator of its own, through which no derivatives by parameters go; "
+            "expected a model that is its derivative alone, such as SingleTrack: fit that one"
+        )
+    try:
+        source, rest = _source(model, free)
+    except (RuntimeError, NotImplementedError, TypeError):  # built on CasADi functions that have no scalar code
+        source, rest = "", np.empty(0)
+    found = library(source, name="free_run") if source else None
+    return _interpreted(model, free) if found is None else _compiled(model, found, rest)
 
 
 # ---- compiled ------------------------------------------------------------------------------------------------------
@@ -168,10 +175,10 @@ def _compiled(model: Any, found: ctypes.CDLL, rest: np.ndarray) -> Run:
 # ---- without a compiler --------------------------------------------------------------------------------------------
 
 
-def _interpreted(model: Any, free: tuple[str, ...], ordinary: bool) -> Run:
+def _interpreted(model: Any, free: tuple[str, ...]) -> Run:
     ode, n_p = model.ode, len(free)
     nx, ny, nw = ode.n_states, ode.n_outputs, _width(model)
-    kind: Any = ca.MX if ode.method == "radau" or not ordinary else ca.SX
+    kind: Any = ca.MX if ode.method == "radau" else ca.SX
 
     def at(p: Any) -> Any:
         return model.with_values(**{name: p[i] for i, name in enumerate(free)})
@@ -180,15 +187,8 @@ def _interpreted(model: Any, free: tuple[str, ...], ordinary: bool) -> Run:
         varied = at(drive[nw:])
         return varied.ode.derivative(state, varied.drive(drive[:nw]))
 
-    def own_step(state: Any, drive: Any) -> Any:
-        varied = at(drive[nw:])
-        return varied.ode.step(state, varied.drive(drive[:nw]))
-
-    step: Any = own_step
-    if ordinary:
-        n = {"n_states": nx, "n_inputs": nw + n_p}
-        step = discretise(rate, ode.dt, method=ode.method, substeps=ode.substeps, **n)
-
+    n = {"n_states": nx, "n_inputs": nw + n_p}
+    step = discretise(rate, ode.dt, method=ode.method, substeps=ode.substeps, **n)
     built: dict[int, tuple[ca.Function, ca.Function]] = {}
 
     def functions(m: int) -> tuple[ca.Function, ca.Function]:

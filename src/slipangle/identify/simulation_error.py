@@ -12,6 +12,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.forward import forward
+from slipangle.models.parametrised import Parametrised
 
 _WORST = 1e6  # error in standard deviations that a diverging free run counts
 
@@ -233,6 +234,11 @@ class SimulationError:
 
 def check_names(model: Any, shared: tuple[str, ...], own: tuple[str, ...]) -> None:
     """Raise unless there are free parameters and every one is known and named once."""
+    if not isinstance(model, Parametrised):
+        raise ParameterError(
+            f"the start model is {type(model).__name__}; expected an ODE with parameters, such as Bicycle, Ode "
+            "or Delayed: other models have estimators of their own"
+        )
     if not (*shared, *own):
         raise ParameterError("no parameter is free; expected at least one name, such as free=('C_f', 'C_r')")
     for name in (*shared, *own):
