@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import stats
@@ -148,28 +149,30 @@ def residual_tests(free: Trajectory, one: Trajectory, data: Dataset, output: str
     is Bartlett's, which allows for the colour of both signals.
     """
     i = one.outputs.index(output)
-    e = one.error[one.predicted, i]
-    n = len(e)
+    residuals = _pieces(one.error[:, i], one)
+    n = sum(map(len, residuals))
     max_lag = max(1, min(max_lag, n // 4))
-    auto = _correlation(e, e, max_lag)[max_lag:]
+    auto = _correlation(residuals, residuals, max_lag)[max_lag:]
     q = n * (n + 2) * np.sum(auto[1:] ** 2 / (n - np.arange(1, max_lag + 1)))
     p = float(stats.chi2.sf(q, max_lag))
     z = float(stats.norm.ppf(0.995))
     band = z / np.sqrt(n)
 
-    ef = free.error[free.predicted, i]
+    errors = _pieces(free.error[:, i], free)
+    count = sum(map(len, errors))
     cross, cross_band = [], []
-    for j in range(len(data.inputs)):
-        u = data.u[free.predicted, j]
-        if np.ptp(u) < 1e-12 * max(1.0, float(np.abs(u).max())):
+    for name in data.inputs:
+        u = _pieces(data[name], free)
+        low, high = min(p.min() for p in u), max(p.max() for p in u)
+        if high - low < 1e-12 * max(1.0, -low, high):
             cross.append(np.zeros(2 * max_lag + 1))
-            cross_band.append(z / np.sqrt(len(ef)))
+            cross_band.append(z / np.sqrt(count))
             continue
-        long = min(len(ef) // 4, 10 * max_lag)
-        rho_e, rho_u = _correlation(ef, ef, long), _correlation(u, u, long)
+        long = min(count // 4, 10 * max_lag)
+        rho_e, rho_u = _correlation(errors, errors, long), _correlation(u, u, long)
         spread = max(1.0, float(np.sum(rho_e * rho_u)))
-        cross.append(_correlation(ef, u, max_lag))
-        cross_band.append(z * np.sqrt(spread / len(ef)))
+        cross.append(_correlation(errors, u, max_lag))
+        cross_band.append(z * np.sqrt(spread / count))
     return Residuals(
         lags=np.arange(-max_lag, max_lag + 1),
         autocorrelation=auto,
@@ -203,11 +206,21 @@ def _residual_sentences(
     return tuple(said)
 
 
-def _correlation(a: np.ndarray, b: np.ndarray, max_lag: int) -> np.ndarray:
-    """Correlation of a(k + lag) with b(k) for lag = -max_lag .. max_lag."""
-    a, b = a - a.mean(), b - b.mean()
-    size = 1 << int(np.ceil(np.log2(2 * len(a))))
-    raw = np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)
-    lags = np.concatenate([raw[-max_lag:], raw[: max_lag + 1]])
-    scale = np.sqrt(np.sum(a * a) * np.sum(b * b))
+def _pieces(values: np.ndarray, run: Trajectory) -> list[np.ndarray]:
+    """The predicted samples of one column, experiment by experiment."""
+    edges = (*run.starts, len(values))
+    return [values[a:b][run.predicted[a:b]] for a, b in pairwise(edges) if run.predicted[a:b].any()]
+
+
+def _correlation(first: list[np.ndarray], second: list[np.ndarray], max_lag: int) -> np.ndarray:
+    """Correlation of a(k + lag) with b(k) for lag = -max_lag .. max_lag, both samples in the same experiment."""
+    means = [np.concatenate(parts).mean() for parts in (first, second)]
+    lags, powers = np.zeros(2 * max_lag + 1), np.zeros(2)
+    for a, b in zip(first, second, strict=True):
+        a, b = a - means[0], b - means[1]
+        size = 1 << int(np.ceil(np.log2(len(a) + max_lag + 1)))
+        raw = np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)
+        lags += np.concatenate([raw[-max_lag:], raw[: max_lag + 1]])
+        powers += a @ a, b @ b
+    scale = np.sqrt(powers[0] * powers[1])
     return lags / scale if scale > 0 else np.zeros_like(lags)
