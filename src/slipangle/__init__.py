@@ -13,7 +13,8 @@ data -> models
     ``predict``.
 models -> identify
     ``sa.GreyBox(start=bicycle, free=("C_f", "C_r", "inertia_z")).fit(train)``, ``sa.ARX(na=2, nb=2).fit(train)``;
-    ``sa.validate(model, test)`` is the verdict.
+    ``sa.Ode(f=...)`` takes equations of your own, ``sa.Delayed`` late inputs, ``sa.Collocation`` constraints, and
+    ``sa.advise`` says what to drive; ``sa.validate(model, test)`` is the verdict.
 identify -> control
     ``sa.MPC(sa.OnGround(model), horizon=20, Q=sa.Weights(Y=1.0), S=sa.Weights(delta=50.0), ...)``.
 control -> simulate
@@ -37,7 +38,9 @@ if TYPE_CHECKING:
     from slipangle.data.public import load
     from slipangle.data.quality import inspect
     from slipangle.data.readers import read
+    from slipangle.identify.advice import advise
     from slipangle.identify.arx import ARX
+    from slipangle.identify.collocation import Collocation
     from slipangle.identify.compare import compare, cross_validate
     from slipangle.identify.greybox import GreyBox
     from slipangle.identify.kalman import EKF
@@ -48,6 +51,8 @@ if TYPE_CHECKING:
     from slipangle.identify.statespace import StateSpace
     from slipangle.identify.validate import Validation, validate
     from slipangle.models.arx import ARXModel
+    from slipangle.models.custom import Ode
+    from slipangle.models.delayed import Delayed
     from slipangle.models.ground import OnGround
     from slipangle.models.magic_formula import MagicFormulaTire
     from slipangle.models.model import FitInfo, Model, Trajectory
@@ -93,9 +98,13 @@ _HOME = {  # where each public name lives; imported on first use, so that `impor
     "slipangle.models.nonlinear_bicycle": ("NonlinearBicycle", "NonlinearBicycleParams"),
     "slipangle.models.storage": ("save",),
     "slipangle.models.ground": ("OnGround",),
+    "slipangle.models.custom": ("Ode",),
+    "slipangle.models.delayed": ("Delayed",),
     "slipangle.identify.arx": ("ARX",),
     "slipangle.identify.narx": ("NARX",),
     "slipangle.identify.greybox": ("GreyBox",),
+    "slipangle.identify.collocation": ("Collocation",),
+    "slipangle.identify.advice": ("advise",),
     "slipangle.identify.compare": ("compare", "cross_validate"),
     "slipangle.identify.kalman": ("EKF",),
     "slipangle.identify.neural_statespace": ("NeuralStateSpace",),
@@ -125,7 +134,9 @@ __all__ = [
     "BicycleParams",
     "BoxJenkins",
     "Channel",
+    "Collocation",
     "Dataset",
+    "Delayed",
     "FitInfo",
     "GreyBox",
     "Kinematic",
@@ -140,6 +151,7 @@ __all__ = [
     "NeuralStateSpace",
     "NonlinearBicycle",
     "NonlinearBicycleParams",
+    "Ode",
     "OnGround",
     "OutputError",
     "Path",
@@ -155,6 +167,7 @@ __all__ = [
     "Validation",
     "Values",
     "Weights",
+    "advise",
     "closed_loop",
     "compare",
     "cross_validate",
