@@ -205,3 +205,34 @@ def test_unstable_long_free_run_says_where():
     model = ARXModel(A=[-3.0], B=[1.0], dt=0.1, inputs=("u0",), outputs=("y0",))
     with pytest.raises(SimulationError, match=r"sample 6\d\d \(t = "):
         model.simulate(record(900))
+
+
+@pytest.mark.parametrize("offset", [False, True])
+def test_each_input_has_its_own_delay_and_count(offset):
+    """Regressors written down row by row; lags between the inputs' own are exactly zero in the model."""
+    data = record(600, nu=3, ny=2, seed=9)
+    data = replace(data, starts=(0, 250), start_times=(0.0, 1e3))
+    nb, nk = (2, 1, 3), (0, 5, 2)
+    model = ARX(na=2, nb=nb, nk=nk, offset=offset).fit(data)
+    used = [(0, 0), (1, 0), (2, 2), (3, 2), (4, 2), (5, 1)]
+    rows, targets = [], []
+    for part in data.experiments:
+        y, u = part.y, part.u
+        for k in range(5, part.n_samples):
+            rows.append(np.concatenate([y[k - 1], y[k - 2], [u[k - j, i] for j, i in used], np.ones(int(offset))]))
+            targets.append(y[k])
+    phi, target = np.array(rows), np.array(targets)
+    scale = np.linalg.norm(phi, axis=0)
+    theta = np.linalg.lstsq(phi / scale, target, rcond=None)[0]
+    assert model.fit_info.values * np.tile(scale, 2) == pytest.approx(theta.T.ravel(), rel=1e-7, abs=1e-9)
+    assert model.fit_info.names[4:10] == tuple(
+        f"y0: {n}" for n in ("u0(k)", "u0(k-1)", "u2(k-2)", "u2(k-3)", "u2(k-4)", "u1(k-5)")
+    )
+    assert (model.nk, model.nb) == (0, 6)
+    free = {(j, i) for j in range(6) for i in range(3)} - set(used)
+    assert all(not model.B[j, :, i].any() for j, i in free)
+    error = model.predict(data).error
+    clean = (target - phi / scale @ theta)[1:244]  # with feedthrough the first prediction is one sample later
+    assert error[6:249] == pytest.approx(clean, rel=1e-6, abs=1e-9 * np.abs(target).max())
+    with pytest.raises(ParameterError, match="nk has 2 entries for the inputs u0, u1, u2"):
+        ARX(na=1, nb=1, nk=(1, 2)).fit(data)

@@ -27,10 +27,12 @@ class ARX:
 
     Parameters
     ----------
-    na, nb : int
-        Past outputs and past inputs used, at least 1.
-    nk : int
-        Samples from input to output; 0 where the output depends on the input at the same sample.
+    na : int
+        Past outputs used, at least 1.
+    nb : int or tuple of int
+        Coefficients of every input, or of each, at least 1.
+    nk : int or tuple of int
+        Samples from every input, or from each, to the outputs; 0 where they depend on the input at the same sample.
     offset : bool
         Estimate a constant too; for data whose mean was not removed.
 
@@ -45,14 +47,15 @@ class ARX:
     """
 
     na: int
-    nb: int
-    nk: int = 1
+    nb: int | tuple[int, ...]
+    nk: int | tuple[int, ...] = 1
     offset: bool = False
 
     def __post_init__(self) -> None:
         for name, least in (("na", 1), ("nb", 1), ("nk", 0)):
-            if getattr(self, name) < least:
-                raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least {least}")
+            value = getattr(self, name)
+            if min(value if isinstance(value, tuple) else (value,), default=-1) < least:
+                raise ParameterError(f"{name} is {value}; expected a whole number of at least {least}")
 
     def fit(self, data: Dataset) -> ARXModel:
         """Model of all outputs from all inputs of ``data``; experiments are never joined.
@@ -66,9 +69,10 @@ class ARX:
         """
         began = time.perf_counter()
         ny, nu = len(data.outputs), len(data.inputs)
-        require_identifiable(data, self.na * ny + self.nb * nu + self.offset)
-        regression = _Regression(self, data)
-        labels = self._labels(data)
+        used = self._used(data)
+        require_identifiable(data, self.na * ny + len(used) + self.offset)
+        regression = _Regression(self, data, used)
+        labels = self._labels(data, used)
         theta, inverse, sigma, solver = regression.solve(labels)
         if self.offset:  # the signals were shifted by their means
             theta[-1] = regression.constant(theta)
@@ -85,35 +89,70 @@ class ARX:
             train_span=(data.start_times[0], data.start_times[-1] + (data.stops[-1] - data.starts[-1] - 1) * data.dt),
         )
         A = -theta[: self.na * ny].T.reshape(ny, self.na, ny).transpose(1, 0, 2)
-        B = theta[self.na * ny : self.na * ny + self.nb * nu].T.reshape(ny, self.nb, nu).transpose(1, 0, 2)
+        first, last = used[0][0], used[-1][0]
+        B = np.zeros((last - first + 1, ny, nu))
+        for (lag, i), row in zip(used, theta[self.na * ny :], strict=False):
+            B[lag - first, :, i] = row
         return ARXModel(
             A=A,
             B=B,
             c=theta[-1] if self.offset else None,
-            nk=self.nk,
+            nk=first,
             dt=data.dt,
             inputs=data.inputs,
             outputs=data.outputs,
             fit_info=info,
         )
 
-    def _labels(self, data: Dataset) -> list[str]:
+    def _used(self, data: Dataset) -> list[tuple[int, int]]:
+        """Lag and number of every input that is a regressor, smallest lag first."""
+        counts, delays = (per_input(getattr(self, name), name, data) for name in ("nb", "nk"))
+        lags = [(lag, i) for i, (n, k) in enumerate(zip(counts, delays, strict=True)) for lag in range(k, k + n)]
+        return sorted(lags)
+
+    def _labels(self, data: Dataset, used: list[tuple[int, int]]) -> list[str]:
         past_y = [f"{o}(k-{i})" for i in range(1, self.na + 1) for o in data.outputs]
-        past_u = [f"{n}(k-{j})" if j else f"{n}(k)" for j in range(self.nk, self.nk + self.nb) for n in data.inputs]
+        past_u = [f"{data.inputs[i]}(k-{lag})" if lag else f"{data.inputs[i]}(k)" for lag, i in used]
         return past_y + past_u + (["1"] if self.offset else [])
+
+
+def per_input(value: int | tuple[int, ...], name: str, data: Dataset) -> tuple[int, ...]:
+    """One number for each input of the data.
+
+    Parameters
+    ----------
+    value : int or tuple of int
+        For all inputs, or one per input.
+    name : str
+        What it is, for the sentence.
+    data : Dataset
+        Names the inputs.
+
+    Raises
+    ------
+    ParameterError
+        If there is another count of numbers than of inputs.
+    """
+    given = (value,) * len(data.inputs) if isinstance(value, int) else tuple(value)
+    if len(given) != len(data.inputs):
+        raise ParameterError(
+            f"{name} has {len(given)} entries for the inputs {', '.join(data.inputs)}; expected one number, or one per "
+            "input"
+        )
+    return given
 
 
 class _Regression:
     """Normal equations of one fit, or the triangular factor where those would lose digits."""
 
-    def __init__(self, settings: ARX, data: Dataset) -> None:
-        na, nb, nk = settings.na, settings.nb, settings.nk
-        self.na, self.nb, self.offset, self.data = na, nb, settings.offset, data
-        self.ny, self.nu = len(data.outputs), len(data.inputs)
+    def __init__(self, settings: ARX, data: Dataset, used: list[tuple[int, int]]) -> None:
+        na = settings.na
+        self.na, self.offset, self.data = na, settings.offset, data
+        self.ny = len(data.outputs)
         names = tuple(dict.fromkeys((*data.outputs, *data.inputs)))
         # in file order where possible: contiguous columns are read without gathering
         names = tuple(sorted(names, key=data.index))
-        m, nc = max(na, nb + nk - 1), len(names)
+        m, nc = max(na, used[-1][0]), len(names)
         self.shift = np.array([data[n].mean() for n in names]) if settings.offset else None
         self.windows = Windows(data=data, names=names, lags=m + 1, shift=self.shift)
         self.count = self.windows.count
@@ -124,10 +163,10 @@ class _Regression:
             )
         y, u = [names.index(n) for n in data.outputs], [names.index(n) for n in data.inputs]
         self.columns = [(m - i) * nc + c for i in range(1, na + 1) for c in y]
-        self.columns += [(m - j) * nc + c for j in range(nk, nk + nb) for c in u]
+        self.columns += [(m - lag) * nc + u[i] for lag, i in used]
         self.targets = [m * nc + c for c in y]
         self.y_mean = self.shift[y] if self.shift is not None else np.zeros(self.ny)
-        self.u_mean = self.shift[u] if self.shift is not None else np.zeros(self.nu)
+        self.u_mean = np.zeros(len(used)) if self.shift is None else self.shift[[u[i] for _, i in used]]
         self.n_regressors = len(self.columns) + self.offset
         if self.count <= self.n_regressors:
             raise TooShortError(
@@ -209,4 +248,4 @@ class _Regression:
 
     @property
     def _means(self) -> np.ndarray:
-        return np.concatenate([np.tile(self.y_mean, self.na), np.tile(self.u_mean, self.nb)])
+        return np.concatenate([np.tile(self.y_mean, self.na), self.u_mean])

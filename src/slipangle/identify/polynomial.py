@@ -12,6 +12,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import IdentifiabilityWarning, ParameterError
+from slipangle.identify.arx import per_input
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.pem import PEM
 from slipangle.identify.polynomial_start import first_guess
@@ -179,7 +180,7 @@ class _Layout:
     def __init__(self, settings: Polynomial, data: Dataset) -> None:
         nu = len(data.inputs)
         self.na, self.nc, self.nd = settings.na, settings.nc, settings.nd
-        self.nb, self.nf, self.nk = (_each(getattr(settings, n), n, data) for n in ("nb", "nf", "nk"))
+        self.nb, self.nf, self.nk = (per_input(getattr(settings, n), n, data) for n in ("nb", "nf", "nk"))
         self.count = self.na + sum(self.nb) + sum(self.nf) + self.nc + self.nd
         self.nu = nu
 
@@ -324,15 +325,3 @@ class _Structured(Problem):
         dof = max(1, self.n_rows - d - sum(map(len, work.locals)))
         variance = float(np.trace(self.root @ moments @ self.root.T)) / dof
         return spread @ spread.T * variance, np.sqrt(np.diag(moments) / dof), self.data.n_samples
-
-
-def _each(value: Orders, name: str, data: Dataset) -> tuple[int, ...]:
-    """One number per input."""
-    nu = len(data.inputs)
-    given = (value,) * nu if isinstance(value, int) else tuple(value)
-    if len(given) != nu:
-        raise ParameterError(
-            f"{name} has {len(given)} entries for the inputs {', '.join(data.inputs)}; expected one number, or one per "
-            "input"
-        )
-    return given
