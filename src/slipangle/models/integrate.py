@@ -65,13 +65,16 @@ RADAU_A = np.array(
 
 
 SHORTENED = (1.0, 0.5, 0.2, 0.05, 0.01)  # lengths of a Newton step that are tried
+MISSED = 1e-5  # a residual of the stages above this, relative to 1 + |x|, is no solution; one more step follows
+RETRY = 16  # shorter steps that then replace one
 
 
 def radau_iia(f: Derivative, dt: float, n_states: int, n_inputs: int, substeps: int = 1, iterations: int = 12) -> Step:
     """Three-stage Radau IIA (order 5, L-stable): for stiff wheel dynamics.
 
-    The stage equations are solved by ``iterations`` damped Newton steps with the exact Jacobian. Numbers and
-    symbols go through the same CasADi function, so both give the same result.
+    The stage equations are solved by ``iterations`` damped Newton steps with the exact Jacobian; where that fails, as
+    it may for wheels far past the peak of their tires, 16 shorter steps replace the one. Numbers and symbols go
+    through the same CasADi function, so both give the same result.
 
     Parameters
     ----------
@@ -84,13 +87,49 @@ def radau_iia(f: Derivative, dt: float, n_states: int, n_inputs: int, substeps: 
     substeps, iterations : int
         Implicit steps per sample, and Newton steps in each.
     """
+    h = dt / substeps
+    stages, finish, missed = _radau_parts(f, h, n_states, n_inputs, iterations)
+    short_stages, short_finish, _ = _radau_parts(f, h / RETRY, n_states, n_inputs, iterations)
+    x0, u0 = ca.MX.sym("x", n_states), ca.MX.sym("u", n_inputs)
+    again = x0
+    for _ in range(RETRY):
+        again = short_finish(short_stages(again, u0), again, u0)
+    unused = ca.MX.sym("k", n_states, 3)
+    retry = ca.Function("retry", [unused, x0, u0], [again], {"is_diff_in": [False, True, True]})
+    finish = ca.Function.if_else("finish", finish, retry)
+    now = x0
+    for _ in range(substeps):
+        k = stages(now, u0)
+        found = missed(k, now, u0) <= MISSED**2
+        now = finish(found, k, now, u0)
+    advance = ca.Function("radau_iia", [x0, u0], [now])
+
+    def step(x: Any, u: Any) -> Any:
+        if is_symbolic(x, u):
+            return advance(x, u)
+        x, u = np.asarray(x, dtype=float), np.asarray(u, dtype=float)
+        if x.ndim == 1:
+            return advance(x, u).full()[:, 0]
+        return advance.map(x.shape[1])(x, np.broadcast_to(u, (u.shape[0], x.shape[1]))).full()
+
+    return step
+
+
+def _radau_parts(
+    f: Derivative, h: float, n_states: int, n_inputs: int, iterations: int
+) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """Stage slopes ``(x, u) -> k``, end of the step ``(k, x, u) -> x``, squared residual ``(k, x, u) -> r``.
+
+    The residual is relative to 1 + |x|. Only the end of the step, one more Newton step, is differentiated: at the
+    solution that is the implicit function theorem.
+    """
     x = ca.SX.sym("x", n_states)
     u = ca.SX.sym("u", n_inputs)
-    h = dt / substeps
     stages = ca.SX.sym("k", n_states, 3)
     residual = ca.vertcat(*[stages[:, i] - f(x + h * ca.mtimes(stages, ca.DM(RADAU_A[i])), u) for i in range(3)])
     newton = ca.Function("newton", [stages, x, u], [residual, ca.jacobian(residual, ca.vec(stages))])
     size = ca.Function("size", [stages, x, u], [ca.sumsqr(residual)])
+    scaled = h * residual / ca.repmat(1 + ca.fabs(x), 3, 1)
     x0, u0 = ca.MX.sym("x", n_states), ca.MX.sym("u", n_inputs)
 
     def improve(k: ca.MX, now: ca.MX) -> ca.MX:
@@ -110,22 +149,11 @@ def radau_iia(f: Derivative, dt: float, n_states: int, n_inputs: int, substeps: 
     k = ca.MX.zeros(n_states, 3)  # not the slope now, which throws stiff wheels past the peak of the tire
     for _ in range(iterations - 1):
         k = descend(k, x0)
-    # Only the last Newton step is differentiated: at the solution that is the implicit function theorem.
-    stages_of = ca.Function("stages", [x0, u0], [k], {"is_diff_in": [False, False]})
-    now = x0
-    for _ in range(substeps):
-        now = now + h * ca.mtimes(improve(stages_of(now, u0), now), ca.DM(RADAU_A[2]))
-    advance = ca.Function("radau_iia", [x0, u0], [now])
-
-    def step(x: Any, u: Any) -> Any:
-        if is_symbolic(x, u):
-            return advance(x, u)
-        x, u = np.asarray(x, dtype=float), np.asarray(u, dtype=float)
-        if x.ndim == 1:
-            return advance(x, u).full()[:, 0]
-        return advance.map(x.shape[1])(x, np.broadcast_to(u, (u.shape[0], x.shape[1]))).full()
-
-    return step
+    constant = {"is_diff_in": [False, False]}
+    found, last = ca.Function("stages", [x0, u0], [k], constant), ca.MX.sym("k", n_states, 3)
+    later = x0 + h * ca.mtimes(improve(last, x0), ca.DM(RADAU_A[2]))
+    missed = ca.Function("missed", [stages, x, u], [ca.sumsqr(scaled)], {"is_diff_in": [False, False, False]})
+    return found, ca.Function("finish", [last, x0, u0], [later], {"is_diff_in": [False, True, True]}), missed
 
 
 def radau_equations(f: Derivative, dt: float, n_states: int, n_inputs: int) -> ca.Function:

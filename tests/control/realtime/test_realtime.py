@@ -333,3 +333,25 @@ def test_infeasible_limits_are_said():
     reference = Reference(tracked=np.zeros((9, 1)), exogenous=np.zeros((8, 0)))
     assert mpc.plan(np.array([0.9, 8.0]), reference).status is Status.INFEASIBLE
     assert mpc.plan(np.array([0.5, 0.0]), reference).status is Status.SOLVED
+
+
+def test_wheels_far_past_the_peak_of_their_tires_are_planned_for():
+    """Locked and spinning wheels, where one implicit step has no stages that Newton's method finds."""
+    mpc, path = car(), double_lane_change(20.0, blend=12.0)
+    kinds = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        s, v = rng.uniform(0, path.length - 60), rng.uniform(3, 35)
+        x = mpc.model.straight(v, **pose(path, s))
+        x[1:5] = [rng.normal(0, 0.2 * v), rng.normal(0, 0.6), *(x[3:5] * rng.choice([0, 0.3, 0.8, 1, 1.2, 2, 4], 2))]
+        reference = mpc.reference(path.ahead(s, 10, 0.1), T_r=0.0)
+        plan = mpc.plan(x, reference)
+        following = mpc.plan(plan.x[1], reference, plan)
+        for p in (plan, following):
+            assert np.isfinite(p.u).all()
+            assert np.isfinite(p.x).all()
+        if plan.status.solved:
+            # one of the two may have taken one step and the other many short ones
+            assert plan.x[1] == pytest.approx(mpc.model.step(x, [*plan.command, 0.0]), rel=0.05, abs=0.05)
+        kinds.append(plan.status)
+    assert kinds.count(Status.SOLVED) >= 38

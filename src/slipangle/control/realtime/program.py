@@ -12,7 +12,7 @@ import numpy as np
 
 from slipangle.control.ocp import OCP
 from slipangle.control.realtime.emit import elimination_code, lanes_code, nonzeros, scalar_code
-from slipangle.models.integrate import RADAU_A
+from slipangle.models.integrate import RADAU_A, RETRY
 from slipangle.models.vehicles import OdeModel
 from slipangle.ops import is_symbolic
 
@@ -33,6 +33,7 @@ class Implicit:
     derivative: ca.Function
     slopes: ca.Function
     quadrature: ca.Function
+    short_quadrature: ca.Function
 
 
 def input_scale(ocp: OCP) -> np.ndarray:
@@ -74,8 +75,18 @@ def implicit(ocp: OCP) -> Implicit | None:
         return None
     f = rate[list(core)]
     slopes = ca.Function("core", [x, u, w], [ca.densify(f), ca.jacobian(f, x[list(core)]), ca.jacobian(f, u)])
+    quadrature, short = (
+        _quadrature(name, derivative, core, rest, h) for name, h in (("whole", model.dt), ("short", model.dt / RETRY))
+    )
+    return Implicit(
+        core=core, rest=tuple(rest), derivative=derivative, slopes=slopes, quadrature=quadrature, short_quadrature=short
+    )
+
+
+def _quadrature(name: str, derivative: ca.Function, core: tuple[int, ...], rest: list[int], h: float) -> ca.Function:
+    """``(k, x, u, w) -> rest`` after a step of length ``h`` with stage slopes k of the core, and its derivatives."""
+    x, u, w = (ca.SX.sym(n, derivative.size1_in(i)) for i, n in enumerate("xuw"))
     k = ca.SX.sym("k", 3, len(core))  # one column per core state
-    h = model.dt
     places = [ca.SX(x) for _ in range(3)]
     for c, a in enumerate(core):
         for j in range(3):
@@ -88,8 +99,7 @@ def implicit(ocp: OCP) -> Implicit | None:
         later[a] = x[a] + h * ca.mtimes(ca.DM(RADAU_A[2]).T, slope)
     q = later[list(rest)]
     flat = ca.vec(k)
-    quadrature = ca.Function("quadrature", [flat, x, u, w], [q, *(ca.jacobian(q, v) for v in (flat, x, u))])
-    return Implicit(core=core, rest=tuple(rest), derivative=derivative, slopes=slopes, quadrature=quadrature)
+    return ca.Function(name, [flat, x, u, w], [q, *(ca.jacobian(q, v) for v in (flat, x, u))])
 
 
 def _core(pattern: np.ndarray) -> tuple[int, ...]:
@@ -217,6 +227,7 @@ def _implicit_code(parts: Implicit) -> list[str]:
     code = [lanes_code(parts.slopes, "core"), elimination_code(newton, "newton")]
     if parts.rest:
         code.append(lanes_code(parts.quadrature, "quadrature"))
+        code.append(lanes_code(parts.short_quadrature, "short_quadrature"))
     return code
 
 
@@ -296,6 +307,8 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
     if parts:
         lines += [
             f"#define STEP {ocp.dt!r}",
+            f"#define SHORT {RETRY}",
+            _array("double", "SHORT_H", (ocp.dt / RETRY * RADAU_A).ravel()),
             _array("int", "CORE", parts.core),
             _array("int", "CORE_AT", _core_pattern(parts).ravel()),
             _array("int", "REST", parts.rest),

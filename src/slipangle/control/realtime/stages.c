@@ -59,19 +59,18 @@ static void settle_fast_states(Scratch *c, I which)
     }
 }
 
-/* Three-stage Radau IIA with exact Newton steps. The core states (those that feed back on each other) are
-   implicit; the others follow by quadrature. Stage slopes k are kept between calls. The last factors also give the
-   derivatives, by the implicit function theorem. */
-static void integrate(Scratch *c, double tolerance)
+/* Stage slopes k of one step of Radau IIA by exact Newton steps, H its coefficients times its length; columns that
+   find none stay marked in `moving`. */
+INLINE void find_stages(Scratch *c, const double *H, double step, double tolerance, int settle, I *moving)
 {
     V at[NX], before = v_all(INFINITY), t = v_all(1.0);
     for (int a = 0; a < NX; a++)
         at[a] = c->x[a];
-    for (int round = 0; round < 50; round++) {
+    for (int round = 0; round < 30; round++) {
         for (int j = 0; j < 3; j++) {
             for (int a = 0; a < NC; a++) {
                 const V *k = c->k + 3 * a;
-                at[CORE[a]] = c->x[CORE[a]] + (RADAU_H[3 * j] * k[0] + RADAU_H[3 * j + 1] * k[1] + RADAU_H[3 * j + 2] * k[2]);
+                at[CORE[a]] = c->x[CORE[a]] + (H[3 * j] * k[0] + H[3 * j + 1] * k[1] + H[3 * j + 2] * k[2]);
             }
             core(at, c->u, c->w, c->f + j * NC, c->fx + j * NC * NC, c->fu + j * NC * NU);
         }
@@ -82,22 +81,22 @@ static void integrate(Scratch *c, double tolerance)
                 for (int b = 0; b < NC; b++)
                     if (CORE_AT[a * NC + b] || a == b)
                         for (int l = 0; l < 3; l++)
-                            row[3 * b + l] = -RADAU_H[3 * j + l] * fx[b] + (a == b && j == l ? 1.0 : 0.0);
+                            row[3 * b + l] = -H[3 * j + l] * fx[b] + (a == b && j == l ? 1.0 : 0.0);
                 c->d[3 * a + j] = c->k[3 * a + j] - c->f[j * NC + a];
             }
         V size = {0};
         for (int i = 0; i < NK; i++) {
-            V r = STEP * c->d[i] / (1.0 + v_fabs(c->x[CORE[i / 3]]));
+            V r = step * c->d[i] / (1.0 + v_fabs(c->x[CORE[i / 3]]));
             size += r * r;
         }
         /* wheels past the peak of their tire throw a full step too far: halve it until the residual falls */
         I worse = ~(size <= before) & ~(size <= tolerance * tolerance) & (t > 1e-4);
         newton_factor(c->m);
         newton_solve(c->m, c->d);
-        I moving = worse;
+        *moving = worse;
         for (int i = 0; i < NK; i++) {
             V scale = 1.0 + v_fabs(c->x[CORE[i / 3]]);
-            moving |= ~(v_fabs(c->d[i]) * STEP <= tolerance * scale);
+            *moving |= ~(v_fabs(c->d[i]) * step <= tolerance * scale);
         }
         t = v_pick(worse, 0.5 * t, v_all(1.0));
         before = v_pick(worse, before, size);
@@ -106,16 +105,18 @@ static void integrate(Scratch *c, double tolerance)
             c->way[i] = v_pick(worse, c->way[i], c->d[i]);
             c->k[i] = c->kept[i] - t * c->way[i];
         }
-        if (!v_any(moving))
+        if (!v_any(*moving))
             break;
-        if (round == 14) { /* once more, from wheels at rest in their slip */
-            settle_fast_states(c, moving);
-            before = v_pick(moving, v_all(INFINITY), before);
+        if (round == 14 && settle) { /* once more, from wheels at rest in their slip */
+            settle_fast_states(c, *moving);
+            before = v_pick(*moving, v_all(INFINITY), before);
         }
-        if (round == 49)
-            for (int i = 0; i < NK; i++)
-                c->k[i] = v_pick(moving, v_all(NAN), c->k[i]);
     }
+}
+
+/* End of the step and its derivatives from the stages; the last factors give them, by the implicit function theorem. */
+INLINE void end_step(Scratch *c, const double *H, int whole)
+{
     for (int b = 0; b < NC + NU; b++) {
         V *s = c->s + b * NK;
         for (int a = 0; a < NC; a++)
@@ -125,10 +126,10 @@ static void integrate(Scratch *c, double tolerance)
     }
     for (int a = 0; a < NC; a++) {
         const V *k = c->k + 3 * a;
-        c->next[CORE[a]] = c->x[CORE[a]] + (RADAU_H[6] * k[0] + RADAU_H[7] * k[1] + RADAU_H[8] * k[2]);
+        c->next[CORE[a]] = c->x[CORE[a]] + (H[6] * k[0] + H[7] * k[1] + H[8] * k[2]);
         for (int b = 0; b < NC + NU; b++) {
             const V *s = c->s + b * NK + 3 * a;
-            V slope = RADAU_H[6] * s[0] + RADAU_H[7] * s[1] + RADAU_H[8] * s[2];
+            V slope = H[6] * s[0] + H[7] * s[1] + H[8] * s[2];
             if (b < NC)
                 c->A[CORE[a] * NX + CORE[b]] = slope + (a == b ? 1.0 : 0.0);
             else
@@ -136,7 +137,10 @@ static void integrate(Scratch *c, double tolerance)
         }
     }
 #if NQ > 0
-    quadrature(c->k, c->x, c->u, c->w, c->q, c->qk, c->qx, c->qu);
+    if (whole)
+        quadrature(c->k, c->x, c->u, c->w, c->q, c->qk, c->qx, c->qu);
+    else
+        short_quadrature(c->k, c->x, c->u, c->w, c->q, c->qk, c->qx, c->qu);
     for (int a = 0; a < NQ; a++) {
         int row = REST[a];
         c->next[row] = c->q[a];
@@ -155,6 +159,68 @@ static void integrate(Scratch *c, double tolerance)
         }
     }
 #endif
+}
+
+/* Many short steps instead of one for the columns in `which`, derivatives by the chain rule; NaN if even they fail. */
+static __attribute__((noinline, cold)) void short_steps(Scratch *c, double tolerance, I which)
+{
+    V from[NX], next[NX], k[NK], A[NX * NX], B[NX * NU], total[NX * NX], through[NX * NU], row[NX];
+    I failed = which & 0;
+    memcpy(from, c->x, sizeof from);
+    memcpy(next, c->next, sizeof next);
+    memcpy(k, c->k, sizeof k);
+    memcpy(A, c->A, sizeof A);
+    memset(total, 0, sizeof total);
+    memcpy(B, c->B, sizeof B);
+    for (int n = 0; n < SHORT; n++) {
+        I moving;
+        memset(c->k, 0, sizeof k);
+        find_stages(c, SHORT_H, STEP / SHORT, tolerance, 0, &moving);
+        failed |= moving;
+        end_step(c, SHORT_H, 0);
+        memcpy(c->x, c->next, sizeof from);
+        if (n == 0) {
+            memcpy(total, c->A, sizeof total);
+            memcpy(through, c->B, sizeof through);
+            continue;
+        }
+        for (int b = 0; b < NX + NU; b++) {
+            V *old = b < NX ? total + b : through + b - NX;
+            int wide = b < NX ? NX : NU;
+            for (int a = 0; a < NX; a++) {
+                row[a] = b < NX ? v_all(0.0) : c->B[a * NU + b - NX];
+                for (int i = A_FIRST[a]; i < A_FIRST[a + 1]; i++)
+                    row[a] += c->A[a * NX + A_AT[i]] * old[A_AT[i] * wide];
+            }
+            for (int a = 0; a < NX; a++)
+                old[a * wide] = row[a];
+        }
+    }
+    for (int a = 0; a < NX; a++) {
+        V end = v_pick(failed, v_all(NAN), c->next[a]);
+        c->next[a] = v_pick(which, end, next[a]);
+        c->x[a] = from[a];
+    }
+    for (int i = 0; i < NK; i++) /* from nothing again next time */
+        c->k[i] = v_pick(which, v_all(0.0), k[i]);
+    for (int a = 0; a < NX; a++) /* elsewhere A stays zero, whatever became NaN */
+        for (int i = A_FIRST[a]; i < A_FIRST[a + 1]; i++) {
+            int at = a * NX + A_AT[i];
+            c->A[at] = v_pick(which, total[at], A[at]);
+        }
+    for (int i = 0; i < NX * NU; i++)
+        c->B[i] = v_pick(which, through[i], B[i]);
+}
+
+/* Three-stage Radau IIA. The core states (those that feed back on each other) are implicit; the others follow by
+   quadrature. Stage slopes k are kept between calls. */
+static void integrate(Scratch *c, double tolerance)
+{
+    I moving;
+    find_stages(c, RADAU_H, STEP, tolerance, 1, &moving);
+    end_step(c, RADAU_H, 1);
+    if (__builtin_expect(v_any(moving), 0))
+        short_steps(c, tolerance, moving);
 }
 
 #endif
