@@ -11,7 +11,18 @@ import pytest
 from rich.console import Console
 
 from slipangle.errors import ParameterError
-from slipangle.report import Column, Record, Row, ScoreRow, Table, parameter_table, record_table, score_table
+from slipangle.models.model import FitInfo
+from slipangle.report import (
+    Column,
+    Record,
+    Row,
+    ScoreRow,
+    Table,
+    correlation_table,
+    parameter_table,
+    record_table,
+    score_table,
+)
 from slipangle.report.tables import number
 from tests.report.example import NASTY, fit_info
 
@@ -139,6 +150,31 @@ def test_parameter_table_judges_by_interval():
     # 2 % standard deviation: half width 3 184, so the estimate is given to hundreds
     assert table.texts()[0] == ["C_f", "N/rad", "81 200", "78 100", "84 400", "3.9", "80 000"]
     assert table.texts()[1][-1] == "–"
+
+
+def test_correlation_table_says_which_parameters_replace_each_other():
+    names = ("a", "b", "c")
+    correlation = np.array([[1.0, 0.98, 0.1], [0.98, 1.0, 0.12], [0.1, 0.12, 1.0]])
+    std = np.array([2.0, 300.0, 0.01])
+    info = FitInfo(
+        names=names,
+        values=np.ones(3),
+        covariance=correlation * np.outer(std, std),
+        noise_std=np.ones(1),
+        n_samples=9,
+    )
+    table = correlation_table(info)
+    assert [r.tone for r in table.rows] == ["poor", "poor", "good"]
+    assert table.texts()[0] == ["a", "1.00", "0.98", "0.10"]
+    assert "of a and b" in table.caption
+    lengths = np.sqrt(np.diag(np.linalg.inv(correlation)))
+    values = np.linalg.eigvalsh(np.linalg.inv(correlation) / np.outer(lengths, lengths))
+    assert info.condition == pytest.approx(np.sqrt(values[-1] / values[0]), rel=1e-9)
+    assert f"number {info.condition:.3g}" in table.caption
+    assert [p[:2] for p in info.correlated(0.95)] == [("a", "b")]
+    lost = dataclasses.replace(info, covariance=np.full((3, 3), np.nan))
+    assert np.isinf(lost.condition)
+    assert {r.tone for r in correlation_table(lost).rows} == {"poor"}
 
 
 def test_parameter_table_without_covariance_or_units():

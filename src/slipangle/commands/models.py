@@ -73,6 +73,9 @@ def _identify(options: argparse.Namespace) -> int:
         return 0
     for name, path in paths.items():
         print(f"{name}: {path}")
+        info = found[name].fit_info
+        if info is not None and 1 < len(info.names) <= 14 and info.confounding:
+            print(f"  {info.confounding}")
         for sentence in warned[name]:
             print(f"  {sentence}")
     return 0

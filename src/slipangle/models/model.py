@@ -133,6 +133,15 @@ class FitInfo:
         ]
         return tuple(sorted(pairs, key=lambda pair: -abs(pair[2])))
 
+    @property
+    def confounding(self) -> str:
+        """Condition number and strongest correlation in words; empty for a single parameter."""
+        pairs = self.correlated(0.0)
+        if not pairs:
+            return ""
+        a, b, rho = pairs[0]
+        return f"condition number {self.condition:.3g}; the strongest correlation is {rho:.2f}, of {a} and {b}"
+
 
 @dataclass(frozen=True, kw_only=True)
 class ProfileInfo(FitInfo):

@@ -28,6 +28,7 @@ __all__ = [
     "ScoreRow",
     "Table",
     "Tone",
+    "correlation_table",
     "number",
     "parameter_table",
     "record_table",
@@ -426,6 +427,33 @@ def parameter_table(
         rows=tuple(rows),
         caption=f"{fit.method[0].upper()}{fit.method[1:].rstrip('.')}." if fit.method else "",
         warnings=fit.warnings,
+        command=command,
+    )
+
+
+def correlation_table(fit: FitInfo, *, title: str = "Correlation of the estimates", command: str = "") -> Table:
+    """Correlation matrix of the estimates; a parameter that another one can replace, 0.95 or more, is marked poor.
+
+    Parameters
+    ----------
+    fit : FitInfo
+        Estimates and covariance.
+    title, command : str
+        Title, and the command that reproduces the table.
+    """
+    matrix = fit.correlation
+    rows = []
+    for i, name in enumerate(fit.names):
+        others = np.abs(np.delete(matrix[i], i))
+        tone: Tone = "poor" if not (others < 0.95).all() else "fair" if (others > 0.8).any() else "good"
+        cells: list[Cell] = [name, *(f"{rho:.2f}" if math.isfinite(rho) else "n/a" for rho in matrix[i])]
+        rows.append(Row(tuple(cells), tone=tone))
+    said = fit.confounding
+    return Table(
+        title=title,
+        columns=(Column("", words=True), *(Column(name) for name in fit.names)),
+        rows=tuple(rows),
+        caption=f"{said[:1].upper()}{said[1:]}." if said else "",
         command=command,
     )
 

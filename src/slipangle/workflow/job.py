@@ -24,6 +24,7 @@ from slipangle.errors import ConfigError, IdentifiabilityWarning, nearest
 from slipangle.identify.greybox import GreyBox
 from slipangle.identify.validate import Validation, validate
 from slipangle.models import catalogue
+from slipangle.models.delayed import Delayed
 from slipangle.models.ground import OnGround
 from slipangle.models.model import Model
 from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, with_speed_derivative
@@ -115,6 +116,7 @@ class Outcome:
             v.name: {"free_run": _scores(v.free_run_scores), "one_step_ahead": _scores(v.one_step_scores)}
             | {
                 "parameters": _parameters(v.model),
+                "condition": _condition(v.model),
                 "fit_seconds": v.model.fit_info.seconds if v.model.fit_info else None,
             }
             for v in self.validations
@@ -242,7 +244,9 @@ def identify(wanted: ModelSettings, train: Dataset) -> Model:
         if wanted.kind in BLACK_BOXES:
             data = train.select(inputs=wanted.inputs or None, outputs=wanted.outputs or None)
             return estimator(wanted).fit(data)
-        return GreyBox(start=_start(wanted, train), free=wanted.free or _FREE[wanted.kind]).fit(train)
+        start, free = _start(wanted, train), wanted.free or _FREE[wanted.kind]
+        late = {n.removeprefix("delay_"): 0.5 * train.dt for n in free if n.startswith("delay_")}
+        return GreyBox(start=Delayed(start, delays=late) if late else start, free=free).fit(train)
 
 
 def _start(wanted: ModelSettings, train: Dataset) -> OdeModel:
@@ -409,6 +413,12 @@ def around(
 
 def _scores(scores: dict) -> dict[str, dict[str, float]]:
     return {k: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse, "r2": s.r2} for k, s in scores.items()}
+
+
+def _condition(model: Model) -> float | None:
+    """Condition number of the fit, where it has one."""
+    info = model.fit_info
+    return info.condition if info is not None and len(info.names) > 1 and np.isfinite(info.condition) else None
 
 
 def _parameters(model: Model) -> dict[str, dict[str, float]]:

@@ -29,6 +29,7 @@ from slipangle.report import (
     Text,
     Verdict,
     correlation,
+    correlation_table,
     correlogram,
     forest,
     parameter_table,
@@ -307,6 +308,8 @@ def _parameter_section(outcome: Outcome, command: str) -> Section:
             blocks.append(_poles(v.name, v.model, len(info.names)))
             continue
         blocks.append(parameter_table(info, title=f"Parameters of {v.name}", command=command))
+        if 1 < len(info.names) <= 14:
+            blocks.append(correlation_table(info, title=f"How the estimates of {v.name} depend on each other"))
         blocks.append(Figure(title=f"Confidence of {v.name}", figure=forest(info)))
     if outcome.delay_check:
         items = tuple(Finding(sentence=s, tone="fair") for s in outcome.delay_check)
