@@ -12,14 +12,14 @@ enum { DONE, NOT_FINITE = 1, NO_ANSWER = 2, NO_INPUT = 3 };
 typedef struct {
     /* what Python sets */
     double x[NS], path[(QN + 1) * 3], v[QN], applied[1], speeds[NJ];
-    double A[NJ * NA * NY * NY], B[NJ * NB * NY], c[NJ * NY];
+    double A[NJ * NA * NY * NY], B[NJ * NB * NY], c[NJ * NY], offset[NY];
     double q[2], end[2], r[1], s[1], bounds[2], steps[2];
     /* what Python reads */
     double u[QN], states[(QN + 1) * NS], weights[NJ], cost[1], residual[1], seconds[1];
     int64_t iterations[1];
     /* prediction: without input, and by an input of 1 at step k */
     double w[(QN + 1) * NJ], free[(QN + 1) * NY], hit[(QN + 1) * QN * NY], pose[(QN + 1) * 3];
-    double row[NT][(QN + 1) * QN], error[NT][QN + 1], across[(QN + 1) * QN];
+    double row[NT][(QN + 1) * QN], error[NT][QN + 1], along[(QN + 1) * QN], across[(QN + 1) * QN];
     Qp qp;
 } Work;
 
@@ -60,7 +60,7 @@ static void advance(const Work *s, int j, double (*y)[NY], const double *u, int 
     for (int i = 1; i <= QN; i++) {
         double *now = y[-i];
         for (int o = 0; o < NY; o++)
-            now[o] = constant ? s->c[j * NY + o] : 0.0;
+            now[o] = constant ? s->c[j * NY + o] + s->offset[o] : 0.0;
         for (int l = 0; l < NA; l++)
             for (int o = 0; o < NY; o++)
                 for (int p = 0; p < NY; p++)
@@ -101,39 +101,52 @@ static void blend(Work *s)
 }
 
 #if POSE
-/* Error rows across the path and in heading, in the frame of the vehicle now: psi' = r, y' = v_x psi + v_y. */
+/* Error rows across the path and in heading, in the frame of the vehicle now, linear about the motion with the input
+   held as it was: where that turns, the change of heading moves the vehicle along as well as across. */
 static void track(Work *s)
 {
-    const double *pose = s->x + NS - 3;
-    double cosine = cos(pose[2]), sine = sin(pose[2]), x = 0, y = 0, psi = 0;
-    double turn[QN] = {0}, side[QN] = {0};
-    s->pose[0] = s->pose[1] = s->pose[2] = 0;
+    const double *here = s->x + NS - 3;
+    double cosine = cos(here[2]), sine = sin(here[2]), x = 0, y = 0, psi = 0, held = s->applied[0], last[NY], next[NY];
+    double turn[QN] = {0}, side[QN] = {0}, ahead[QN] = {0};
+    memcpy(last, s->free, sizeof last);
     for (int i = 0; i <= QN; i++) {
         if (i) {
-            const double *f0 = s->free + (i - 1) * NY, *f1 = f0 + NY, v = s->v[i - 1];
             const double *h0 = s->hit + (i - 1) * NY * QN, *h1 = h0 + NY * QN;
-            x += STEP * v;
-            y += STEP * (v * (psi + STEP * (2 * f0[RR] + f1[RR]) / 6) + 0.5 * (f0[VY] + f1[VY]));
-            psi += 0.5 * STEP * (f0[RR] + f1[RR]);
+            double v = s->v[i - 1];
+            for (int o = 0; o < NY; o++) {
+                next[o] = s->free[i * NY + o];
+                for (int k = 0; k < i; k++)
+                    next[o] += h1[o * QN + k] * held;
+            }
+            double mean = psi + STEP * (2 * last[RR] + next[RR]) / 6, c = cos(mean), b = sin(mean);
+            double v_y = 0.5 * (last[VY] + next[VY]), dx = STEP * (v * c - v_y * b), dy = STEP * (v * b + v_y * c);
+            x += dx, y += dy, psi += 0.5 * STEP * (last[RR] + next[RR]);
             for (int k = 0; k < i; k++) {
-                double r0 = h0[RR * QN + k], r1 = h1[RR * QN + k];
-                side[k] += STEP * (v * (turn[k] + STEP * (2 * r0 + r1) / 6) + 0.5 * (h0[VY * QN + k] + h1[VY * QN + k]));
+                double r0 = h0[RR * QN + k], r1 = h1[RR * QN + k], d = turn[k] + STEP * (2 * r0 + r1) / 6;
+                double slide = 0.5 * STEP * (h0[VY * QN + k] + h1[VY * QN + k]);
+                ahead[k] -= dy * d + b * slide;
+                side[k] += dx * d + c * slide;
                 turn[k] += 0.5 * STEP * (r0 + r1);
             }
-            s->pose[3 * i] = x, s->pose[3 * i + 1] = y, s->pose[3 * i + 2] = psi;
+            memcpy(last, next, sizeof last);
         }
         const double *p = s->path + 3 * i;
-        double dx = p[0] - pose[0], dy = p[1] - pose[1], a = p[2] - pose[2], c = cos(a), b = sin(a);
-        double along = cosine * dx + sine * dy, across = cosine * dy - sine * dx;
+        double px = p[0] - here[0], py = p[1] - here[1], a = p[2] - here[2], c = cos(a), b = sin(a);
+        double along = cosine * px + sine * py, across = cosine * py - sine * px;
+        s->pose[3 * i] = x, s->pose[3 * i + 1] = y, s->pose[3 * i + 2] = psi;
         s->error[0][i] = c * (y - across) - b * (x - along);
-        for (int k = 0; k < i; k++) {
-            s->across[i * QN + k] = side[k];
-            s->row[0][i * QN + k] = c * side[k];
-        }
         s->error[1][i] = psi - a;
+        memcpy(s->along + i * QN, ahead, sizeof ahead);
+        memcpy(s->across + i * QN, side, sizeof side);
         memcpy(s->row[1] + i * QN, turn, sizeof turn);
+        for (int k = 0; k < i; k++) {
+            double e = c * side[k] - b * ahead[k];
+            s->row[0][i * QN + k] = e;
+            s->error[0][i] -= e * held;
+            s->error[1][i] -= turn[k] * held;
+        }
     }
-    double whole = 6.283185307179586 * round(s->error[1][0] / 6.283185307179586);
+    double whole = 6.283185307179586 * round((here[2] - s->path[2]) / 6.283185307179586);
     for (int i = 0; i <= QN; i++)
         s->error[1][i] -= whole;
 }
@@ -214,8 +227,10 @@ static void report(Work *s)
         const double *from = s->x + NS - 3;
         double across = s->pose[3 * i + 1], psi = s->pose[3 * i + 2], along = s->pose[3 * i];
         for (int k = 0; k < i; k++) {
-            across += s->across[i * QN + k] * s->u[k];
-            psi += s->row[1][i * QN + k] * s->u[k];
+            double u = s->u[k] - s->applied[0];
+            along += s->along[i * QN + k] * u;
+            across += s->across[i * QN + k] * u;
+            psi += s->row[1][i * QN + k] * u;
         }
         x[NS - 3] = from[0] + cos(from[2]) * along - sin(from[2]) * across;
         x[NS - 2] = from[1] + sin(from[2]) * along + cos(from[2]) * across;
@@ -227,7 +242,7 @@ static void report(Work *s)
 int marx_plan(Work *s)
 {
     double begin = now();
-    if (!(finite(s->x, NS) && finite(s->path, (QN + 1) * 3) && finite(s->v, QN) && finite(s->applied, 1)))
+    if (!(finite(s->x, NS) && finite(s->path, (QN + 1) * 3) && finite(s->v, QN) && finite(s->applied, 1) && finite(s->offset, NY)))
         return NOT_FINITE;
     speed_weights(s);
     blend(s);

@@ -33,10 +33,13 @@ class MultiARXPlan(Plan):
         Weight of each model at the speed now.
     outside : bool
         Whether the speed now lies outside the models' range, so that the nearest one is used alone.
+    offset : array, shape (n_outputs,), or 0
+        What is added to the models' outputs at every step, see `MultiARXMPC`.
     """
 
     weights: np.ndarray
     outside: bool = False
+    offset: np.ndarray | float = 0.0
 
     @property
     def message(self) -> str:
@@ -55,7 +58,7 @@ class MultiARXMPC:
 
     A model of ``Y`` ([1]_) tracks the path's Y and suits paths along the X axis. A model of ``v_y`` and ``r`` on the
     ground, ``OnGround(MultiARXModel(...))``, tracks ``e_y`` and ``e_psi`` of any path; its prediction is linear about
-    the vehicle's heading now.
+    the motion with the input held.
 
     Outside the models' range of speed the nearest model has all the weight and `MultiARXPlan.outside` says so. Slower
     than 1 m/s and in reverse, which the models do not describe, the wheels stay where they are: a fallback that does
@@ -75,6 +78,9 @@ class MultiARXMPC:
         As Q, at the end; Q by default.
     limits, rates : Limits
         On the input, and on its change per second; always kept.
+    integral : float
+        Share of each step's prediction error that is believed to last, 0 to 1: it is added up, and the sum added to the
+        outputs of all models at every step. 0.2 takes away most of a steady offset within half a second.
     fallback : int
         How many steps in a row a shifted plan may serve when the state or the reference is not finite.
     safe : Values
@@ -99,6 +105,7 @@ class MultiARXMPC:
     terminal: Weights | None = None
     limits: Limits = field(default_factory=Limits)
     rates: Limits = field(default_factory=Limits)
+    integral: float = 0.0
     fallback: int = 5
     safe: Values = field(default_factory=Values)
 
@@ -131,6 +138,8 @@ class MultiARXMPC:
         lower, upper = self.rates.get(name, (0.0, 0.0))
         if not lower <= 0 <= upper:
             raise ParameterError(f"the rate limit of '{name}' is ({lower}, {upper}); expected one that contains 0")
+        if not 0 <= self.integral <= 1:
+            raise ParameterError(f"integral is {self.integral}; expected a share of 0 to 1")
         if self.fallback < 0:
             raise ParameterError(f"fallback is {self.fallback}; expected a number of steps of at least 0")
 
@@ -301,7 +310,8 @@ class MultiARXMPC:
             self._complain(x, reference)
         slow = not v_x[0, 0] >= SLOWEST
         if not slow:
-            found = solver.solve(x, reference.tracked, v_x, before, numbers)
+            offset = self._offset(x, previous) if self.integral and previous is not None else 0.0
+            found = solver.solve(x, reference.tracked, v_x, before, numbers, offset)
             if found.status is Status.SOLVED:
                 return MultiARXPlan(
                     u=found.u,
@@ -315,11 +325,18 @@ class MultiARXMPC:
                     memory=memory,
                     weights=found.weights,
                     outside=not self._lowest <= v_x[0, 0] <= self._highest,
+                    offset=offset,
                 )
             return self._fallback(x, float(v_x[0, 0]), previous, before, found.status, begin, memory)
         finite = np.isfinite(x).all() and np.isfinite(v_x).all() and np.isfinite(reference.tracked).all()
         status = Status.FAILED if finite else Status.NOT_FINITE
         return self._fallback(x, float(v_x[0, 0]), previous, before, status, begin, memory, standing=bool(finite))
+
+    def _offset(self, x: np.ndarray, previous: Plan) -> np.ndarray | float:
+        """Sum of the believed prediction errors, from a fresh plan one step ago; zero after anything else."""
+        if not (isinstance(previous, MultiARXPlan) and previous.age == 0 and previous.x.shape[1] == len(x)):
+            return 0.0
+        return previous.offset + self.integral * (x - previous.x[1])[: len(self.blended.outputs)]
 
     @cached_property
     def _n_states(self) -> int:

@@ -13,8 +13,8 @@ from slipangle.control.plan import Status
 from slipangle.models.compiled import library
 
 FIELDS = (
-    "x path v applied speeds A B c q end r s bounds steps u states weights cost residual seconds iterations".split()
-)
+    "x path v applied speeds A B c offset q end r s bounds steps u states weights cost residual seconds iterations"
+).split()
 FLAGS = ("-fno-math-errno", "-fno-trapping-math")
 OUTCOMES = (Status.SOLVED, Status.NOT_FINITE, Status.FAILED, Status.INFEASIBLE)
 
@@ -75,9 +75,15 @@ class Solver(Protocol):
     """A solver for one `Problem`."""
 
     def solve(
-        self, x: np.ndarray, path: np.ndarray, v_x: np.ndarray, applied: float, numbers: Numbers | None = None
+        self,
+        x: np.ndarray,
+        path: np.ndarray,
+        v_x: np.ndarray,
+        applied: float,
+        numbers: Numbers | None = None,
+        offset: np.ndarray | float = 0.0,
     ) -> Answer:
-        """Solve from a state; ``numbers`` replace the models' coefficients for this solve."""
+        """Solve from a state; ``numbers`` replace the models' coefficients, ``offset`` is added to every output."""
         ...
 
 
@@ -139,6 +145,7 @@ class Compiled:
             "A": (problem.n_models, problem.na, ny, ny),
             "B": (problem.n_models, problem.reach, ny),
             "c": (problem.n_models, ny),
+            "offset": (ny,),
             "q": (tracked,),
             "end": (tracked,),
             "bounds": (2,),
@@ -159,6 +166,7 @@ class Compiled:
         view["r"][0], view["s"][0] = problem.r, problem.s
         self._view, self._numbers = view, numbers
         self._x, self._path, self._v, self._applied = (view[k] for k in ("x", "path", "v", "applied"))
+        self._offset = view["offset"]
         self._u, self._states, self._weights = (view[k] for k in ("u", "states", "weights"))
         self._cost, self._residual, self._iterations = (view[k] for k in ("cost", "residual", "iterations"))
         self._loaded: Numbers | None = None
@@ -180,7 +188,13 @@ class Compiled:
         self._loaded = numbers
 
     def solve(
-        self, x: np.ndarray, path: np.ndarray, v_x: np.ndarray, applied: float, numbers: Numbers | None = None
+        self,
+        x: np.ndarray,
+        path: np.ndarray,
+        v_x: np.ndarray,
+        applied: float,
+        numbers: Numbers | None = None,
+        offset: np.ndarray | float = 0.0,
     ) -> Answer:
         """See `Solver`."""
         wanted = self._numbers if numbers is None else numbers
@@ -190,6 +204,7 @@ class Compiled:
         self._path[:] = path
         self._v[:] = v_x
         self._applied[0] = applied
+        self._offset[:] = offset
         status = OUTCOMES[self._call(self._pointer)]
         return Answer(
             status,
@@ -209,7 +224,13 @@ class Interpreted:
         self._problem, self._numbers = problem, numbers
 
     def solve(
-        self, x: np.ndarray, path: np.ndarray, v_x: np.ndarray, applied: float, numbers: Numbers | None = None
+        self,
+        x: np.ndarray,
+        path: np.ndarray,
+        v_x: np.ndarray,
+        applied: float,
+        numbers: Numbers | None = None,
+        offset: np.ndarray | float = 0.0,
     ) -> Answer:
         """See `Solver`."""
         import daqp
@@ -220,8 +241,8 @@ class Interpreted:
         if not all(np.isfinite(a).all() for a in (x, path, v)):
             return self._nothing(Status.NOT_FINITE)
         w = self._weights(np.append(v, v[-1]), given.speeds)
-        free, hit = self._blend(x, w, given)
-        pose, turned = self._on_ground(free, hit, v) if p.posed else (None, None)
+        free, hit = self._blend(x, w, given, offset)
+        pose, turned = self._on_ground(free, hit, v, applied) if p.posed else (None, None)
         rows, errors = self._track(x, path, free, hit, pose, turned)
         H = p.r * np.eye(n) + p.s * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
         H[-1, -1] -= p.s
@@ -267,7 +288,9 @@ class Interpreted:
 
         return np.column_stack(speed_weights(v, speeds.tolist(), "smooth" if self._problem.smooth else "triangular"))
 
-    def _blend(self, x: np.ndarray, w: np.ndarray, given: Numbers) -> tuple[np.ndarray, np.ndarray]:
+    def _blend(
+        self, x: np.ndarray, w: np.ndarray, given: Numbers, offset: np.ndarray | float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Blended outputs without input, (n + 1, ny), and by unit inputs, (n + 1, ny, n)."""
         p = self._problem
         n, ny, na = p.horizon, len(p.outputs), p.na
@@ -275,7 +298,7 @@ class Interpreted:
         free[0] = x[:ny]
         past_y, past_u = x[: na * ny].reshape(na, ny), x[na * ny : na * ny + p.reach - 1]
         for j in np.flatnonzero(w[1:].any(axis=0)):
-            A, B, c = given.A[j], given.B[j], given.c[j]
+            A, B, c = given.A[j], given.B[j], given.c[j] + offset
             runs = []
             for y0, u0, constant in (
                 (past_y, np.concatenate([[0.0], past_u]), c),
@@ -291,18 +314,26 @@ class Interpreted:
                 hit[k + 1 :, :, k] += w[k + 1 :, j, None] * runs[1][: n - k]
         return free, hit
 
-    def _on_ground(self, free: np.ndarray, hit: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Along, across, heading in the vehicle's frame, (n + 1, 3); the last two by unit inputs, (n + 1, 2, n)."""
+    def _on_ground(self, free: np.ndarray, hit: np.ndarray, v: np.ndarray, held: float) -> tuple[Any, Any]:
+        """X, Y, psi in the vehicle's frame without input, (n + 1, 3), and by unit inputs, (n + 1, 3, n).
+
+        Linear about the motion with the input held.
+        """
         p, h = self._problem, self._problem.dt
         i, j = p.outputs.index("v_y"), p.outputs.index("r")
-        pose, by = np.zeros((p.horizon + 1, 3)), np.zeros((p.horizon + 1, 2, p.horizon))
+        pose, by = np.zeros((p.horizon + 1, 3)), np.zeros((p.horizon + 1, 3, p.horizon))
+        now = free + hit.sum(axis=2) * held
         for k in range(p.horizon):
-            for place, heading, source in ((pose[:, 1], pose[:, 2], free), (by[:, 0], by[:, 1], hit)):
-                side = h * (2 * source[k, j] + source[k + 1, j]) / 6
-                place[k + 1] = place[k] + h * (v[k] * (heading[k] + side) + 0.5 * (source[k, i] + source[k + 1, i]))
-                heading[k + 1] = heading[k] + 0.5 * h * (source[k, j] + source[k + 1, j])
-            pose[k + 1, 0] = pose[k, 0] + h * v[k]
-        return pose, by
+            mean = pose[k, 2] + h * (2 * now[k, j] + now[k + 1, j]) / 6
+            turned = by[k, 2] + h * (2 * hit[k, j] + hit[k + 1, j]) / 6
+            v_y, slide = 0.5 * (now[k, i] + now[k + 1, i]), 0.5 * h * (hit[k, i] + hit[k + 1, i])
+            c, s = np.cos(mean), np.sin(mean)
+            move = h * np.array([v[k] * c - v_y * s, v[k] * s + v_y * c, 0.5 * (now[k, j] + now[k + 1, j])])
+            pose[k + 1] = pose[k] + move
+            by[k + 1, 0] = by[k, 0] - move[1] * turned - s * slide
+            by[k + 1, 1] = by[k, 1] + move[0] * turned + c * slide
+            by[k + 1, 2] = by[k, 2] + 0.5 * h * (hit[k, j] + hit[k + 1, j])
+        return pose - by.sum(axis=2) * held, by
 
     def _track(self, x: Any, path: Any, free: Any, hit: Any, pose: Any, turned: Any) -> tuple[list, list]:
         """Rows and free errors of each tracked quantity."""
@@ -312,10 +343,10 @@ class Interpreted:
         c, s = np.cos(here[2]), np.sin(here[2])
         d = path[:, :2] - here[:2]
         along, across, angle = c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0], path[:, 2] - here[2]
-        e_y = np.cos(angle) * (pose[:, 1] - across) - np.sin(angle) * (pose[:, 0] - along)
-        e_psi = pose[:, 2] - angle
-        e_psi = e_psi - 2 * np.pi * np.round(e_psi[0] / (2 * np.pi))
-        return [np.cos(angle)[:, None] * turned[:, 0], turned[:, 1]], [e_y, e_psi]
+        c, s = np.cos(angle), np.sin(angle)
+        e_y = c * (pose[:, 1] - across) - s * (pose[:, 0] - along)
+        e_psi = pose[:, 2] - angle - 2 * np.pi * np.round(-angle[0] / (2 * np.pi))
+        return [c[:, None] * turned[:, 1] - s[:, None] * turned[:, 0], turned[:, 2]], [e_y, e_psi]
 
     def _states(self, x: Any, u: Any, free: Any, hit: Any, pose: Any, turned: Any) -> np.ndarray:
         """The predicted states: lags filled with what was measured, predicted and decided."""
@@ -329,9 +360,8 @@ class Interpreted:
             rows.append(np.concatenate([lags, inputs[i : i + p.reach - 1][::-1], x[len(x) - 3 :] if p.posed else []]))
         out = np.array(rows)
         if p.posed:
-            here, moved = x[-3:], turned @ u
-            across, c, s = pose[:, 1] + moved[:, 0], np.cos(here[2]), np.sin(here[2])
+            moved, c, s = pose + turned @ u, np.cos(x[-1]), np.sin(x[-1])
             out[:, -3:] += np.column_stack(
-                [c * pose[:, 0] - s * across, s * pose[:, 0] + c * across, pose[:, 2] + moved[:, 1]]
+                [c * moved[:, 0] - s * moved[:, 1], s * moved[:, 0] + c * moved[:, 1], moved[:, 2]]
             )
         return out

@@ -1,0 +1,259 @@
+"""`SwitchedMPC`: a fast controller while the tires are far from their limit, a nonlinear one near it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, fields
+from functools import cached_property
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.mpc import MPC
+from slipangle.control.multi_arx import MultiARXMPC
+from slipangle.control.ocp import Reference
+from slipangle.control.plan import Plan
+from slipangle.data.dataset import Dataset
+from slipangle.data.path import Preview
+from slipangle.errors import ParameterError
+from slipangle.models.ground import POSE
+from slipangle.models.model import Model
+from slipangle.models.vehicles import GRAVITY
+from slipangle.ops import Vector, concatenate
+
+
+@dataclass(frozen=True)
+class SideBySide(Model):
+    """Two models of the same vehicle, each with its own state; the outputs are the first one's.
+
+    Parameters
+    ----------
+    first, second : Model
+        With the same sample time and inputs, and the same outputs in any order.
+
+    Raises
+    ------
+    ParameterError
+        If they differ in these.
+    """
+
+    first: Model
+    second: Model
+
+    def __post_init__(self) -> None:
+        a, b = self.first, self.second
+        if a.dt != b.dt or a.inputs != b.inputs or set(a.outputs) != set(b.outputs):
+            raise ParameterError(
+                f"the models differ: dt {a.dt} and {b.dt} s, inputs {a.inputs} and {b.inputs}, outputs {a.outputs} and "
+                f"{b.outputs}; expected the same ones"
+            )
+
+    @property
+    def dt(self) -> float:  # type: ignore[override]
+        """Sample time. [s]"""
+        return self.first.dt
+
+    @property
+    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Inputs of both."""
+        return self.first.inputs
+
+    @property
+    def outputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Outputs of the first."""
+        return self.first.outputs
+
+    @property
+    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+        """States of the first, then of the second with a prime."""
+        return (*self.first.states, *(f"{n}'" for n in self.second.states))
+
+    @property
+    def memory(self) -> int:  # type: ignore[override]
+        """Samples a free run starts from."""
+        return max(self.first.memory, self.second.memory)
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """Both states at the last of the first `memory` samples."""
+        parts = [m.initial_state(data.rows(self.memory - m.memory, self.memory)) for m in (self.first, self.second)]
+        return np.concatenate(parts)
+
+    def split(self, x: Any) -> tuple[Any, Any]:
+        """The two states."""
+        return x[: self.first.n_states], x[self.first.n_states :]
+
+    def step(self, x: Vector, u: Vector) -> Vector:
+        """Both one sample on."""
+        a, b = self.split(x)
+        return concatenate([self.first.step(a, u), self.second.step(b, u)])
+
+    def output(self, x: Vector, u: Vector) -> Vector:
+        """Outputs of the first."""
+        return self.first.output(self.split(x)[0], u)
+
+    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
+        """Both take in the measurement."""
+        a, b = self.split(x)
+        order = [self.first.outputs.index(n) for n in self.second.outputs]
+        other = concatenate([y[i : i + 1] for i in order])
+        return concatenate([self.first.correct(a, u, y), self.second.correct(b, u, other)])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SwitchedPlan(Plan):
+    """`Plan` of a `SwitchedMPC`.
+
+    Parameters
+    ----------
+    active : int
+        0: the calm controller planned; 1: the one for the limit.
+    demand : float
+        Lateral acceleration demanded over the friction's, see `SwitchedMPC`. [-]
+    calm_steps : int
+        Steps in a row with little demand.
+    """
+
+    active: int
+    demand: float
+    calm_steps: int
+
+
+@dataclass(frozen=True, eq=False)
+class SwitchedMPC:
+    """Two controllers and a criterion that says which one plans.
+
+    The criterion is the share of grip that is needed: ``demand = max(|v_x r| now, |v_x r| in the plan before,
+    v_x^2 |curvature| ahead) / (friction g)``, over the horizon. Above `enter` the controller for the limit plans, until
+    the demand has stayed below `leave` for `dwell` steps: the gap and the time keep the two from taking turns
+    quickly. Both see every measurement all the time, and the new one starts from the inputs of the plan before.
+
+    Parameters
+    ----------
+    calm, limit : MultiARXMPC or MPC
+        With the same horizon, step, decided input and reference: X, Y, psi, with v_x from outside.
+    friction : float
+        Of the road, as far as it is known. [-]
+    enter, leave : float
+        Demand at which the limit's controller takes over, and below which it gives back. [-]
+    dwell : int
+        Steps of little demand before it gives back.
+
+    Raises
+    ------
+    ParameterError
+        If the controllers do not fit each other or ``leave`` is not below ``enter``.
+    """
+
+    calm: MultiARXMPC | MPC
+    limit: MultiARXMPC | MPC
+    _: KW_ONLY
+    friction: float = 1.0
+    enter: float = 0.5
+    leave: float = 0.4
+    dwell: int = 10
+
+    def __post_init__(self) -> None:
+        for name in ("horizon", "dt", "controls", "exogenous", "references"):
+            a, b = getattr(self.calm, name), getattr(self.limit, name)
+            if a != b:
+                raise ParameterError(f"the controllers' {name} are {a} and {b}; expected the same")
+        if tuple(self.calm.references) != POSE or tuple(self.calm.exogenous) != ("v_x",):
+            raise ParameterError(
+                f"the controllers track {self.calm.references} with {self.calm.exogenous} from outside; expected X, Y, "
+                "psi with v_x: give both Q=Weights(e_y=...)"
+            )
+        if not (0 < self.leave < self.enter and self.friction > 0 and self.dwell >= 0):
+            raise ParameterError(
+                f"enter is {self.enter}, leave {self.leave}, friction {self.friction}, dwell {self.dwell}; expected "
+                "0 < leave < enter, a positive friction and at least 0 steps"
+            )
+
+    @cached_property
+    def model(self) -> SideBySide:
+        """The two controllers' models."""
+        return SideBySide(self.calm.model, self.limit.model)
+
+    @property
+    def dt(self) -> float:
+        """Step. [s]"""
+        return self.calm.dt
+
+    @property
+    def horizon(self) -> int:
+        """Steps ahead."""
+        return self.calm.horizon
+
+    @property
+    def controls(self) -> tuple[str, ...]:
+        """The decided input."""
+        return self.calm.controls
+
+    @property
+    def exogenous(self) -> tuple[str, ...]:
+        """The speed."""
+        return self.calm.exogenous
+
+    def prepare(self) -> None:
+        """Compile both now."""
+        self.calm.prepare()
+        self.limit.prepare()
+
+    def start(self, measured: Mapping[str, float]) -> np.ndarray:
+        """State of both models at the start."""
+        parts = []
+        for controller in (self.calm, self.limit):
+            if isinstance(controller, MultiARXMPC):
+                parts.append(controller.start(measured))
+            else:
+                parts.append(np.array([measured.get(n, 0.0) for n in controller.model.states]))
+        return np.concatenate(parts)
+
+    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
+        """`Reference` from a look along a path."""
+        return self.calm.reference(preview, **exogenous)
+
+    def demand(self, x: np.ndarray, reference: Reference, previous: Plan | None) -> float:
+        """Share of grip that is needed, see the class; infinite if anything is not finite."""
+        v = np.abs(reference.exogenous[:, 0])
+        step = np.maximum(np.hypot(*np.diff(reference.tracked[:, :2], axis=0).T), 1e-3)
+        bend = np.abs(np.diff(reference.tracked[:, 2])) / step * v**2
+        needed = [float(bend.max()), float(v[0] * abs(self._yaw_rate(x)))]
+        if previous is not None and previous.x.ndim == 2 and len(previous.x) > 1:
+            turned = np.abs(np.diff(previous.x[:, -1])) / self.dt
+            needed.append(float((turned * v[: len(turned)]).max()) if len(turned) == len(v) else 0.0)
+        found = max(needed) / (self.friction * GRAVITY)
+        return found if np.isfinite(found) else np.inf
+
+    def _yaw_rate(self, x: np.ndarray) -> float:
+        states = self.model.states
+        return float(x[states.index("r")]) if "r" in states else 0.0
+
+    def plan(
+        self,
+        x: np.ndarray,
+        reference: Reference | Preview,
+        previous: Plan | None = None,
+        *,
+        applied: np.ndarray | None = None,
+    ) -> SwitchedPlan:
+        """Plan with the controller that the criterion names; as `MPC.plan`."""
+        begin = perf_counter()
+        x = np.asarray(x, dtype=float).ravel()
+        if len(x) != self.model.n_states:
+            raise ParameterError(f"x has {len(x)} entries; expected {self.model.n_states}: {list(self.model.states)}")
+        wanted = self.reference(reference) if isinstance(reference, Preview) else reference
+        demand = self.demand(x, wanted, previous)
+        last = previous if isinstance(previous, SwitchedPlan) else None
+        calm_steps = last.calm_steps + 1 if last is not None and demand < self.leave else int(demand < self.leave)
+        active = 0 if last is None else last.active
+        if demand > self.enter:
+            active = 1
+        elif active and calm_steps > self.dwell:
+            active = 0
+        chosen = (self.calm, self.limit)[active]
+        part = self.model.split(x)[active]
+        found = chosen.plan(part, wanted, previous, applied=applied)
+        values = {f.name: getattr(found, f.name) for f in fields(Plan)}
+        values["seconds"] = perf_counter() - begin
+        return SwitchedPlan(**values, active=active, demand=demand, calm_steps=calm_steps)
