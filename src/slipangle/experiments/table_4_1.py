@@ -84,8 +84,8 @@ def reproduce(progress: Progress) -> Reproduction:
         records=tuple(records),
         protocol="First 85 % for estimation, last 15 % for validation; RMSE over the samples after the first "
         "max(na, nb). The thesis rounds some entries and cuts others: ours must give its digits one way or the other. "
-        f"The better model's structure was chosen by {FOLDS}-fold cross-validation inside the estimation part (blocks, free run "
-        f"from the first {MEMORY} samples of each); only the chosen one meets the validation part.",
+        f"The better model's structure was chosen by {FOLDS}-fold cross-validation inside the estimation part (blocks, "
+        f"free run from the first {MEMORY} samples of each); only the chosen one meets the validation part.",
         figures=(trajectories(runs, channel),),
     )
 
