@@ -140,7 +140,7 @@ def rank(
         slopes = rows[1:, :, 1:] / found.sigma[:, None]
         block = slopes.reshape(-1, slopes.shape[2])[:, : len(problem.free)]
         widths = problem.scale[problem.columns(0)[: len(problem.free)]]
-        more = _marginal(block.T @ block * np.outer(widths, widths), k) / loss
+        more = _marginal(block.T @ block * np.outer(widths, widths), k) / np.outer(loss, loss)
         after = _deviations(known + more) * scale
         result.append(
             Advice(
@@ -162,15 +162,14 @@ def _best_first(advice: list[Advice]) -> tuple[Advice, ...]:
     return tuple(sorted(advice, key=lambda a: a.after * (_ROBOT if "binary" in a.manoeuvre else 1.0)))
 
 
-def _information(found: Minimum, std: np.ndarray, problem: SimulationError) -> tuple[np.ndarray, float]:
-    """Fisher information of the shared parameters in the log; by how much coloured noise lowers any information."""
+def _information(found: Minimum, std: np.ndarray, problem: SimulationError) -> tuple[np.ndarray, np.ndarray]:
+    """Fisher information of the shared parameters in the log; how much wider coloured noise makes each interval."""
     k, dof = len(problem.shared), max(1, len(found.error) - found.jacobian.shape[1])
     white = _marginal(found.jacobian.T @ found.jacobian * dof / max(float(found.error @ found.error), 1e-300), k)
     stated, plain = std[:k] / problem.scale[:k], _deviations(white)
-    ratio = (stated / np.where(plain > 0, plain, 1.0)) ** 2
-    fine = np.isfinite(ratio) & (ratio > 0)
-    loss = float(np.exp(np.mean(np.log(ratio[fine])))) if fine.any() else 1.0
-    return white / loss, loss
+    fine = np.isfinite(stated) & np.isfinite(plain) & (stated > 0) & (plain > 0)
+    loss = np.where(fine, stated, 1.0) / np.where(fine, plain, 1.0)
+    return white / np.outer(loss, loss), loss
 
 
 def _marginal(information: np.ndarray, k: int) -> np.ndarray:

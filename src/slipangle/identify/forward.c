@@ -118,7 +118,8 @@ static void newton_matrix(const double *x, const double *k, const double *w, con
     factorise(matrix, pivot);
 }
 
-static void implicit_step(double *x, double *S, const double *w, const double *p, double h, long m)
+/* One step; where Newton's method finds no solution, and again is set, RETRY shorter ones instead. */
+static void implicit_step(double *x, double *S, const double *w, const double *p, double h, long m, int again)
 {
     double k[NK] = {0}, tried[NK], best[NK], r[NK], matrix[NK * NK];
     double fx[3 * NX * NX], fp[3 * NX * (NP ? NP : 1)];
@@ -126,6 +127,15 @@ static void implicit_step(double *x, double *S, const double *w, const double *p
     for (int iteration = 0; iteration < ITERATIONS; iteration++) {
         newton_matrix(x, k, w, p, h, fx, fp, matrix, pivot);
         residual(x, k, w, p, h, r);
+        double missed = 0.0;
+        for (int a = 0; a < NK; a++) {
+            const double part = h * r[a] / (1.0 + fabs(x[a % NX]));
+            missed += part * part;
+        }
+        if (again && iteration == ITERATIONS - 1 && !(missed <= MISSED * MISSED)) {
+            for (int s = 0; s < RETRY; s++) implicit_step(x, S, w, p, h / RETRY, m, 0);
+            return;
+        }
         solve(matrix, pivot, r);
         double least = INFINITY, move = 0.0, size = 0.0, spare[NK];
         for (int a = 0; a < NK; a++) {
@@ -179,7 +189,7 @@ void free_run(double *x, double *S, const double *w, const double *p, long rows,
         if (k + 1 < rows)
             for (long s = 0; s < substeps; s++) {
                 if (stages == 3)
-                    implicit_step(x, S, w + k * NW, p, h, m);
+                    implicit_step(x, S, w + k * NW, p, h, m, 1);
                 else
                     explicit_step(x, S, w + k * NW, p, h, stages, m, scratch);
             }

@@ -14,7 +14,7 @@ import numpy as np
 
 from slipangle.errors import ParameterError
 from slipangle.models.compiled import library
-from slipangle.models.integrate import RADAU_A, SHORTENED, discretise
+from slipangle.models.integrate import MISSED, RADAU_A, RETRY, SHORTENED, discretise
 from slipangle.models.model import evaluate, roll_out
 from slipangle.models.parametrised import Parametrised
 from slipangle.models.vehicles import OdeModel
@@ -133,7 +133,8 @@ def _source(model: Any, free: tuple[str, ...]) -> tuple[str, np.ndarray]:
     rows = ", ".join("{" + ", ".join(float.hex(float(a)) for a in row) + "}" for row in RADAU_A)
     parts += [f"static const double RADAU[3][3] = {{{rows}}};"]
     parts += [f"static const double SHARES[{len(SHORTENED)}] = {{{', '.join(map(str, SHORTENED))}}};"]
-    parts += [f"#define N_SHARES {len(SHORTENED)}", f"#define ITERATIONS {_ITERATIONS}"]
+    settings = {"N_SHARES": len(SHORTENED), "ITERATIONS": _ITERATIONS, "MISSED": MISSED, "RETRY": RETRY}
+    parts += [f"#define {name} {value}" for name, value in settings.items()]
     parts += [(files("slipangle.identify") / "forward.c").read_text(encoding="utf-8")]
     return "\n".join(parts), np.array([model.value(n) for n in known[n_p:]])
 

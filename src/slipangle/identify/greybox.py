@@ -111,7 +111,9 @@ def finish(
     if kept is not None:
         spread = kept @ spread @ kept.T
     spread = spread[:n_p, :n_p] * np.outer(scale, scale)
-    values = np.clip(found.z[:n_p] * scale, problem.lower[:n_p] * scale, problem.upper[:n_p] * scale)
+    values = found.z[:n_p] * scale
+    for bound in (problem.lower[:n_p] * scale, problem.upper[:n_p] * scale):
+        values = np.where(np.abs(values - bound) < 1e-9 * scale, bound, values)  # interior methods stop just short
     std = np.sqrt(np.maximum(np.diag(spread), 0))
     metadata = [problem.model.si(n) for n in problem.base_names]
     better = better_sentences(problem, found, values, std) if problem.run.compiled and kept is None else {}
