@@ -12,6 +12,7 @@ import numpy as np
 from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import Plan, Solution, Start, Status, shifted, within
 from slipangle.control.realtime.interpreted_model import bind, dense, newton_node
+from slipangle.control.realtime.interpreted_step import InputStep
 from slipangle.control.realtime.program import (
     dynamics_function,
     implicit,
@@ -62,8 +63,10 @@ class InterpretedEngine:
         self._parts = implicit(ocp)
         self._nk = 3 * len(self._parts.core) if self._parts else 0
         node = newton_node(ocp, self._parts) if self._parts else dense(dynamics_function(ocp))
-        self._node, self._node_in, self._node_out = bind(node, n)
-        self._stage, self._stage_in, self._stage_out = bind(dense(stage_function(ocp)), n + 1)
+        stage = dense(stage_function(ocp))
+        self._node_in, self._stage_in = _inputs(node, n), _inputs(stage, n + 1)
+        self._node, self._node_out = bind(node, n, self._node_in)
+        self._stage, self._stage_out = bind(stage, n + 1, self._stage_in)
         self._scale = input_scale(ocp)
         self._weights = ocp.weights
         rows = limit_rows(ocp)
@@ -80,6 +83,8 @@ class InterpretedEngine:
         self._quadratic = both[:, None] * (change.T @ np.diag(np.tile(s, n)) @ change + np.diag(np.tile(r, n))) * both
         self._weight_rows = np.vstack([np.tile(q, (n, 1)), end])
         self._k = np.zeros((n, self._nk))
+        plain = not ocp.limited and not rated.any()
+        self._quick = InputStep(ocp, node, stage_function(ocp)) if plain else None
 
     # ---- starts ------------------------------------------------------------------------------------------------
 
@@ -92,10 +97,12 @@ class InterpretedEngine:
         """Solve from a state and the plan of the step before; without one, from nothing."""
         ocp, (n, _, nu) = self.ocp, self._sizes
         memory = previous.memory if previous is not None else None
+        if self._quick and self._settings.iterations and previous is not None and self._ours(memory):
+            return self._resume_quickly(self._quick, x, applied, reference, previous)
         known = previous is not None and previous.u.shape == (n, nu)
         u = shifted(previous.u) if known and previous is not None else np.tile(applied, (n, 1))
         u = within(u, applied, ocp.input_bounds, ocp.step_bounds)
-        warm = isinstance(memory, Memory) and memory.engine == id(self)
+        warm = self._ours(memory)
         if warm and previous is not None and isinstance(memory, Memory):
             self._k[:] = shifted(memory.k)
             states = shifted(previous.x)
@@ -109,6 +116,26 @@ class InterpretedEngine:
             for i in range(n):
                 states[i + 1] = np.asarray(ocp.dynamics(states[i], u[i], reference.exogenous[i])).ravel()
         return self._run(x, applied, reference, np.array(u), states, warm)
+
+    def _ours(self, memory: Any) -> bool:
+        return isinstance(memory, Memory) and memory.engine == id(self)
+
+    def _resume_quickly(
+        self, step: InputStep, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan
+    ) -> Solution:
+        until = perf_counter() + self._limit
+        step.load(x, applied, reference, previous, previous.memory.k)
+        status, cost, count, size = step.run(self._settings.iterations, until)
+        return Solution(
+            u=step.u[:-1].copy(),
+            x=step.x.copy(),
+            status=status,
+            cost=cost,
+            iterations=count,
+            violation=0.0,
+            residual=size,
+            memory=Memory(k=step.k.copy(), engine=id(self)),
+        )
 
     def _run(
         self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, states: np.ndarray, warm: bool
@@ -358,6 +385,10 @@ class InterpretedEngine:
         for i in reversed(range(n)):
             forced[i] += m.A[i].T @ forced[i + 1]
         return forced
+
+
+def _inputs(function: Any, times: int) -> list[np.ndarray]:
+    return [np.zeros((times, function.size1_in(i))) for i in range(function.n_in())]
 
 
 def _secant(H: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:

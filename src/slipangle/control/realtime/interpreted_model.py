@@ -92,10 +92,9 @@ def dense(function: ca.Function) -> ca.Function:
     return ca.Function(function.name(), inputs, [ca.densify(o) for o in function.call(inputs)])
 
 
-def bind(function: ca.Function, times: int) -> tuple[Callable[[], None], list[np.ndarray], list[np.ndarray]]:
-    """A call that evaluates ``times`` columns at once, its inputs and its outputs, one row per column."""
+def bind(function: ca.Function, times: int, inputs: list[np.ndarray]) -> tuple[Callable[[], None], list[np.ndarray]]:
+    """A call that evaluates ``times`` columns at once from the first rows of ``inputs``, and its outputs, by row."""
     many = function.map(times)
-    inputs = [np.zeros((times, function.size1_in(i))) for i in range(function.n_in())]
     outputs = [np.zeros((times, function.numel_out(i))) for i in range(function.n_out())]
     buffer: Any
     buffer, run = many.buffer()
@@ -106,7 +105,7 @@ def bind(function: ca.Function, times: int) -> tuple[Callable[[], None], list[np
         if array.size:
             buffer.set_res(i, array.data)
 
-    def call(keep: Any = (many, buffer)) -> None:  # they must outlive the call
+    def call(keep: Any = (many, buffer, inputs)) -> None:  # they must outlive the call
         run()
 
-    return call, inputs, outputs
+    return call, outputs
