@@ -5,7 +5,8 @@ import pytest
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, MissingColumnError, TooShortError
-from slipangle.identify.excitation import require_identifiable
+from slipangle.identify import excitation
+from slipangle.identify.excitation import require_identifiable, require_independent
 
 
 def data(n=50, **change):
@@ -33,3 +34,16 @@ def test_poor_data_do_not_pass(bad, kind, said):
     for scheduling in (None, ("v_x",)):
         with pytest.raises(kind, match=said):
             require_identifiable(bad, 10, scheduling=scheduling)
+
+
+def test_dependent_inputs_are_named(monkeypatch):
+    monkeypatch.setattr(excitation, "CHUNK", 7)
+    good = data(v_x=np.cos(0.3 * np.arange(50)))
+    require_independent(good)
+    three = good.with_channel("T", 5 - 3 * good["delta"] + 0.1 * good["v_x"]).with_channel("a", 1e-6 * good["delta"])
+    wide = three.select(inputs=("delta", "v_x", "T", "a"))
+    with pytest.raises(
+        ExcitationError, match="the inputs T, a of 'log' are linear combinations of delta, v_x; expected"
+    ):
+        require_independent(wide)
+    require_independent(three.select(inputs=("delta", "T")))

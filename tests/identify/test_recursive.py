@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import MissingColumnError, NotFiniteError, ParameterError, SampleTimeError
+from slipangle.errors import (
+    ExcitationError,
+    IdentifiabilityWarning,
+    MissingColumnError,
+    NotFiniteError,
+    ParameterError,
+    SampleTimeError,
+)
 from slipangle.identify.arx import ARX
 from slipangle.identify.recursive import RLS
 from slipangle.identify.recursive_code import Recursion
@@ -332,6 +339,20 @@ def test_bad_input_says_what_to_do():
         estimate.run(data)
     with pytest.raises(SampleTimeError):
         estimate.run(replace(data, dt=0.2))
+
+
+def test_what_the_samples_do_not_determine_is_named():
+    data = record(300)
+    twice = data.with_channel("v", -2 * data["u0"]).select(inputs=("u0", "v"))
+    with pytest.raises(ExcitationError, match="v of 'data' are linear combinations of u0"):
+        RLS(na=1, nb=1).fit(twice)
+    estimate = RLS(na=1, nb=1).start(inputs=("u0", "v"), outputs="y0", dt=0.1)
+    estimate.run(twice)
+    assert "do not determine the coefficients of u0(k-1), v(k-1):" in estimate.model().fit_info.warnings[0]
+    sine = Dataset.from_arrays({"u": np.sin(np.arange(200.0))}, {"y": np.cos(np.arange(200.0))}, 0.1)
+    with pytest.warns(IdentifiabilityWarning, match="do not determine"):
+        RLS(na=2, nb=2).fit(sine)
+    assert RLS(na=1, nb=1).fit(data).fit_info.warnings == ()
 
 
 def test_a_sample_that_is_not_finite_changes_nothing():

@@ -7,6 +7,8 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, MissingColumnError, TooShortError
 
+CHUNK = 1 << 15  # samples whose copy stays in the cache
+
 
 def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[str, ...] | None = None) -> None:
     """Raise unless the data have inputs, outputs, movement and enough samples.
@@ -46,6 +48,40 @@ def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[
         raise ExcitationError(
             f"the {role} '{name}' of '{data.name}' is constant at {data[name][0]:g} over {data.n_samples} samples; "
             "expected a signal that moves: use a stretch of the log with excitation or leave the channel out"
+        )
+
+
+def require_independent(data: Dataset) -> None:
+    """Raise if an input is a linear combination of the others: no black box could tell their effects apart.
+
+    Estimators that are least squares find this by themselves, and for every lag.
+
+    Raises
+    ------
+    ExcitationError
+        With the inputs that depend on those before them.
+    """
+    means = np.array([data[name].mean() for name in data.inputs])
+    gram = np.zeros((len(means), len(means)))
+    for a in range(0, data.n_samples, CHUNK):
+        z = np.column_stack([data[name][a : a + CHUNK] for name in data.inputs]) - means
+        gram += z.T @ z
+    scale = np.sqrt(np.diag(gram))
+    alike = gram / np.outer(scale, scale)
+    kept: list[int] = []
+    dependent = []
+    for i, name in enumerate(data.inputs):  # what is left of it beside those kept
+        others = alike[np.ix_(kept, kept)]
+        left = 1.0 - (alike[i, kept] @ np.linalg.solve(others, alike[kept, i]) if kept else 0.0)
+        if left < 1e-10:
+            dependent.append(name)
+        else:
+            kept.append(i)
+    if dependent:
+        raise ExcitationError(
+            f"the inputs {', '.join(dependent)} of '{data.name}' are linear combinations of "
+            f"{', '.join(data.inputs[i] for i in kept)}; expected independent ones: leave them out or record richer "
+            "excitation"
         )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError, nearest
-from slipangle.identify.excitation import require_identifiable
+from slipangle.identify.excitation import require_identifiable, require_independent
 from slipangle.identify.training import Precision, Progress, Stage, train
 from slipangle.identify.windows import cut, layers, scaled, training_info, window_starts
 from slipangle.models.narx import NARXModel
@@ -109,6 +109,7 @@ class NARX:
         began = time.perf_counter()
         ny, nu = len(data.outputs), len(data.inputs)
         require_identifiable(data, self.na * ny + self.nb * nu)
+        require_independent(data)
         inner, held = cut(data, self.holdout, self._memory)
         scaling_u, scaling_y = Scaling.standard(inner.u), Scaling.standard(inner.y)
         arrays = scaled(inner, scaling_u, scaling_y, held)

@@ -11,7 +11,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError, nearest
-from slipangle.identify.excitation import require_identifiable
+from slipangle.identify.excitation import require_identifiable, require_independent
 from slipangle.identify.training import Precision, Progress, Stage, train
 from slipangle.identify.windows import cut, layers, scaled, training_info, window_starts
 from slipangle.models.networks import MLP, Activation, Scaling, mlp_pass
@@ -123,6 +123,7 @@ class NeuralStateSpace:
         began = time.perf_counter()
         ny, nu = len(data.outputs), len(data.inputs)
         require_identifiable(data, self.lags * ny + self.lags * nu)
+        require_independent(data)
         inner, held = cut(data, self.holdout, self.lags)
         scaling_u, scaling_y = Scaling.standard(inner.u), Scaling.standard(inner.y)
         arrays = scaled(inner, scaling_u, scaling_y, held)

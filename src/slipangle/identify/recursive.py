@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -9,8 +10,8 @@ from typing import Literal
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import NotFiniteError, ParameterError, nearest
-from slipangle.identify.excitation import require_identifiable
+from slipangle.errors import IdentifiabilityWarning, NotFiniteError, ParameterError, nearest
+from slipangle.identify.excitation import require_identifiable, require_independent
 from slipangle.identify.recursive_code import Recursion
 from slipangle.models.arx import ARXModel
 from slipangle.models.model import FitInfo
@@ -136,11 +137,20 @@ class RLS:
         ------
         ExcitationError, TooShortError
             If the data cannot tell.
+
+        Warns
+        -----
+        IdentifiabilityWarning
+            With the coefficients that are still about as uncertain as at the start.
         """
         require_identifiable(data, self.na * len(data.outputs) + self.nb * len(data.inputs) + self.offset)
+        require_independent(data)
         estimate = self.start(inputs=data.inputs, outputs=data.outputs, dt=data.dt)
         estimate.run(data)
-        return estimate.model(train_name=data.name)
+        model = estimate.model(train_name=data.name)
+        for note in model.fit_info.warnings if model.fit_info else ():
+            warnings.warn(note, IdentifiabilityWarning, stacklevel=2)
+        return model
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -349,6 +359,7 @@ class RecursiveARX:
             n_samples=self.n_samples,
             units=("-",) * theta.size,
             method=f"recursive least squares, forgetting {s.forgetting:g}; covariance for white residuals",
+            warnings=self._undetermined(),
             train_name=train_name,
         )
         return ARXModel(
@@ -360,6 +371,17 @@ class RecursiveARX:
             inputs=self.inputs,
             outputs=self.outputs,
             fit_info=info,
+        )
+
+    def _undetermined(self) -> tuple[str, ...]:
+        """A sentence that names the coefficients whose variance has hardly shrunk."""
+        share = np.diag(self.gram_inverse) / self._recursion.arrays["prior"]
+        open_ = [label for label, left in zip(self._labels, share, strict=True) if left > 1e-3]
+        if not open_:
+            return ()
+        return (
+            f"the samples so far do not determine the coefficients of {', '.join(open_)}: they are about as uncertain "
+            "as at the start; expected richer excitation, fewer lags, or a smaller prior",
         )
 
     def _take(self, model: ARXModel) -> None:
