@@ -291,3 +291,27 @@ def test_arx_names_collinear_regressors():
 def test_arx_orders_are_checked(bad):
     with pytest.raises(ParameterError, match=r"is (0|-1); expected a whole number of at least (0|1)"):
         ARX(**bad)
+
+
+@pytest.mark.skipif(compiled.compiler() is None, reason="there is no C compiler")
+def test_compiled_radau_steps_are_the_models_own_however_wheels_spin():
+    """One step of 0.1 s from locked to fourfold wheel speeds, where some have no solution and shorter ones follow."""
+    car = SingleTrack(params=SOUSA_TABLE_6_1, dt=0.1, tire_f=SOUSA_TABLE_6_2, tire_r=SOUSA_TABLE_6_2, method="radau")
+    step, free = car.functions[0], ("inertia_z", "l_f")
+    run = forward.forward(car, free)
+    p = np.array([car.value(n) for n in free])
+    worst = 0.0
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        v = rng.uniform(5, 35)
+        rolling = v / SOUSA_TABLE_6_1.radius * rng.choice([0, 0.3, 0.8, 1, 1.2, 2, 4], 2)
+        x = np.array([v, rng.normal(0, 0.1 * v), rng.normal(0, 0.4), *rolling, 0, 0, 0])
+        u = np.array([0.1, 2500.0, 2500.0]) * rng.uniform(-1, 1, 3)
+        full = run(x, np.zeros((8, 2)), np.array([u, u]), p)
+        later = np.asarray(step(x, u)).ravel()
+        worst = max(worst, np.abs((full[1, :, 0] - later) / (1 + np.abs(later))).max())
+        h = 1e-8  # small: the two ways differ by a jump
+        ends = [run(x, np.zeros((8, 2)), np.array([u, u]), p * (1 + s * h * np.eye(2)[1]))[1, :, 0] for s in (-1, 1)]
+        slope = (ends[1] - ends[0]) / (2 * h * p[1])
+        assert full[1, :, 2] == pytest.approx(slope, rel=1e-2, abs=1e-2 * (1 + np.abs(slope).max())), seed
+    assert worst < 1e-6
