@@ -83,7 +83,9 @@ def implicit(ocp: OCP) -> Implicit | None:
     )
 
 
-def _quadrature(name: str, derivative: ca.Function, core: tuple[int, ...], rest: list[int], h: float) -> ca.Function:
+def _quadrature(
+    name: str, derivative: ca.Function, core: tuple[int, ...], rest: Sequence[int], h: float
+) -> ca.Function:
     """``(k, x, u, w) -> rest`` after a step of length ``h`` with stage slopes k of the core, and its derivatives."""
     x, u, w = (ca.SX.sym(n, derivative.size1_in(i)) for i, n in enumerate("xuw"))
     k = ca.SX.sym("k", 3, len(core))  # one column per core state
@@ -91,15 +93,22 @@ def _quadrature(name: str, derivative: ca.Function, core: tuple[int, ...], rest:
     for c, a in enumerate(core):
         for j in range(3):
             places[j][a] = x[a] + h * ca.mtimes(ca.DM(RADAU_A[j]).T, k[:, c])
+    q = rest_after(derivative, rest, h, x, u, w, places)
+    flat = ca.vec(k)
+    return ca.Function(name, [flat, x, u, w], [q, *(ca.jacobian(q, v) for v in (flat, x, u))])
+
+
+def rest_after(
+    derivative: ca.Function, rest: Sequence[int], h: float, x: Any, u: Any, w: Any, places: list[Any]
+) -> Any:
+    """States behind the core after a step of length ``h``; ``places`` are the three stages, filled in for them too."""
     later = ca.SX(x)
     for a in rest:
         slope = ca.vertcat(*[derivative(places[j], u, w)[a] for j in range(3)])
         for j in range(3):
             places[j][a] = x[a] + h * ca.mtimes(ca.DM(RADAU_A[j]).T, slope)
         later[a] = x[a] + h * ca.mtimes(ca.DM(RADAU_A[2]).T, slope)
-    q = later[list(rest)]
-    flat = ca.vec(k)
-    return ca.Function(name, [flat, x, u, w], [q, *(ca.jacobian(q, v) for v in (flat, x, u))])
+    return later[list(rest)]
 
 
 def _core(pattern: np.ndarray) -> tuple[int, ...]:
@@ -349,6 +358,8 @@ def _scratch(called: Sequence[ca.Function], is_implicit: bool) -> str:
         lines.append("    V f[3 * NC], fx[3 * NC * NC], fu[3 * NC * NU];")
         lines.append("    V q[M1(NQ)], qk[M1(NQ * NK)], qx[M1(NQ * NX)], qu[M1(NQ * NU)];")
     if called:
+        lines.append(f"    const double *in[{max(f.sz_arg() for f in called)}];")
+        lines.append(f"    double *out[{max(f.sz_res() for f in called)}];")
         lines.append(f"    double work[{1 + max(f.sz_w() for f in called)}];")
         lines.append(f"    long long int iw[{1 + max(f.sz_iw() for f in called)}];")
     return "\n".join([*lines, "} Scratch;\n"])

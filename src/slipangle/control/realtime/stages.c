@@ -232,7 +232,9 @@ static void evaluate_dynamics(Work *s, int first, int count)
     for (int i = first; i < first + count && i < N; i++) {
         const double *in[3] = {s->x + i * NX, s->u + i * NU, s->w + i * NW};
         double *out[3] = {s->next + i * NX, s->A + i * NX * NX, s->B + i * NX * NU};
-        called_dynamics(in, out, c->iw, c->work, 0);
+        memcpy(c->in, in, sizeof in); /* CasADi keeps pointers of its own behind the arguments */
+        memcpy(c->out, out, sizeof out);
+        called_dynamics(c->in, c->out, c->iw, c->work, 0);
     }
 #else
     gather(c->x, s->x, NX, first, count, N - 1);
@@ -260,7 +262,9 @@ static void evaluate_stage(Work *s, int first)
         const double *in[4] = {s->x + i * NX, s->u + at * NU, s->w + at * NW, s->p + i * NP};
         double *out[6] = {s->e + i * NE, s->l + i * NL, s->E + i * NE * NX, s->D + i * NE * NU,
                           s->LX + i * NL * NX, s->LU + i * NL * NU};
-        called_stage(in, out, c->iw, c->work, 0);
+        memcpy(c->in, in, sizeof in);
+        memcpy(c->out, out, sizeof out);
+        called_stage(c->in, c->out, c->iw, c->work, 0);
     }
 #else
     gather(c->x, s->x, NX, first, LANES, N);
