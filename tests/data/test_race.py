@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, join
+from slipangle.data.events import find_spikes
+from slipangle.data.public import ferrari_250lm, load
+from slipangle.data.quality import estimate_delay, inspect
 from slipangle.data.race import (
     EARTH,
     corners,
@@ -15,6 +18,8 @@ from slipangle.data.race import (
     with_position,
 )
 from slipangle.errors import ParameterError, TooShortError
+from slipangle.identify.arx import ARX
+from slipangle.identify.compare import cross_validate
 
 
 def haversine(a, b):
@@ -107,3 +112,97 @@ def test_errors_by_phase_and_by_level():
     by = rmse_by_level(np.array([1.0, 2.0, 2.0, 5.0, 5.0]), level, np.array([0.0, 1.0, 2.0, 3.0, 4.0]))
     assert by[[0, 1, 3]] == pytest.approx([1.0, 2.0, 5.0])
     assert np.isnan(by[2])
+
+
+# ---- the real logs -------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def ferrari(real_data):
+    return ferrari_250lm()
+
+
+def test_the_ferraris_spikes_are_reported_and_gone(real_data, ferrari):
+    raw = load("ferrari-250lm")
+    spikes = find_spikes(raw, "delta")
+    assert [s.t for s in spikes] == pytest.approx([207.26, 503.48, 524.84, 671.66], abs=0.02)
+    assert all(s.samples == 1 and 0.1 < abs(s.size) < 0.6 for s in spikes)
+    told = [note for note in ferrari.notes if "delta has a spike" in note]
+    assert len(told) == 4
+    assert "replaced by the median of 5 samples" in told[0]
+    for spike in spikes:
+        k = int(np.argmin(np.abs(ferrari.t - spike.t)))
+        assert np.abs(np.diff(ferrari["delta"][k - 4 : k + 5], 2)).max() < 0.1 * abs(spike.size)
+
+
+def test_resampling_the_ferrari_lets_nothing_fold_back(real_data):
+    """A tone above the new Nyquist frequency, laid over the yaw rate, is gone after resampling."""
+    raw = load("ferrari-250lm")
+    tone = raw.with_channel("r", raw["r"] + 0.1 * np.sin(2 * np.pi * 17.0 * raw.t), "rad/s")  # would fold to 3 Hz
+    plain, toned = (d.resample(0.05, cutoff=8.0)["r"] for d in (raw, tone))
+    assert np.std(toned - plain) < 2e-3
+    assert np.std(tone["r"][::5] - raw["r"][::5]) > 0.05
+
+
+def test_laps_and_corners_of_palm_beach(ferrari):
+    """A circuit of 3.3 km with ten turns, driven clockwise."""
+    starts = lap_starts_by_dead_reckoning(ferrari)
+    split = laps(ferrari, starts)
+    lengths = [float(np.sum(part["v_x"]) * part.dt) for part in split.experiments]
+    assert len(lengths) == 5
+    assert np.median(lengths) == pytest.approx(3200, rel=0.05)  # the racing line cuts what the map adds up
+    assert np.ptp(lengths) < 0.03 * np.median(lengths)
+    part = split.experiments[1]
+    found = corners(part)
+    assert len(found) == 10
+    right = sum(c.stop - c.start for c in found if not c.left)
+    assert right > 0.5 * sum(c.stop - c.start for c in found)
+    assert {found[0].phase(k) for k in range(found[0].start, found[0].stop)} == {"entry", "middle", "exit"}
+
+
+def lap_starts_by_dead_reckoning(data):
+    """Dead reckoning drifts, so a lap ends where heading has turned by another full turn on the fast straight."""
+    turned = -(data["psi"] - data["psi"][0]) / (2 * np.pi)  # clockwise
+    fast = int(np.argmax(data["v_x"]))
+    offset = turned[fast] % 1.0
+    whole = np.floor(turned - offset)
+    rows = np.flatnonzero(np.diff(np.maximum.accumulate(whole)) > 0) + 1
+    return rows
+
+
+def test_the_dallara_crosses_its_gate_once_a_lap(real_data):
+    data = load("iac-putnam")
+    fast = data.t > 202.0
+    k = int(np.argmax(np.where(fast, data["v_x"], 0.0)))
+    heading = float(np.arctan2(*(data[n][k + 5] - data[n][k] for n in ("Y", "X"))))
+    rows = lap_starts(data, gate=(float(data["X"][k]), float(data["Y"][k])), heading=heading)
+    lengths = [float(np.sum(part["v_x"]) * part.dt) for part in laps(data, rows).experiments]
+    assert len(lengths) >= 2
+    assert lengths == pytest.approx([2865] * len(lengths), rel=0.03)  # Putnam Park, 1.78 miles
+
+
+def test_lags_and_offsets_between_the_ferraris_channels(ferrari):
+    found = estimate_delay(ferrari, "delta", "r")
+    assert found.clear
+    assert found.seconds == pytest.approx(0.085, abs=0.015)  # 80 to 90 ms
+    shifted = ferrari.rows(0, ferrari.n_samples - 4).with_channel("r", ferrari["r"][4:], "rad/s")
+    earlier = estimate_delay(shifted, "delta", "r")
+    assert earlier.seconds == pytest.approx(found.seconds - 4 * ferrari.dt, abs=0.02)
+    assert {o.channel for o in inspect(ferrari).offsets} >= {"delta", "v_y"}
+
+
+def test_sessions_are_split_as_wholes(ferrari):
+    """Each session is left out once; windows and lags never reach from one into the other."""
+    other = load("ferrari-250lm-session").resample(0.05)
+    parts = []
+    for d in (ferrari.rows(0, 4000), other):
+        one = Dataset.from_arrays({n: d[n] for n in ("delta", "v_x")}, {"r": d["r"]}, 0.05, name=d.name)
+        parts.append(one)
+    both = join(*parts)
+    assert both.starts == (0, 4000)
+    folds = cross_validate(ARX(na=2, nb=2), both).folds
+    assert len(folds) == 2
+    alone = ARX(na=2, nb=2).fit(parts[1])
+    assert np.allclose(folds[0].model.A, alone.A)
+    judged = alone.simulate(parts[0])
+    assert folds[0].scores["r"].rmse == pytest.approx(np.sqrt(np.mean(judged.error[judged.predicted] ** 2)))

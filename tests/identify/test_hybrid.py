@@ -72,6 +72,11 @@ def test_discrepancy_explains_what_the_base_leaves():
     added = model.contribution(test)[:, 0]
     left = test["r"] - model.base.simulate(test).y[:, 0]
     assert np.corrcoef(added[20:], left[20:])[0, 1] > 0.85
+    share = model.share(test)[:, 0]
+    assert np.isnan(share[: model.memory]).all()
+    base = np.abs(model.base.simulate(test).y[:, 0])
+    k = model.memory + 50
+    assert share[k] == pytest.approx(100 * abs(added[k]) / (abs(added[k]) + base[k]))
 
 
 def test_discrepancy_that_cannot_help_switches_itself_off():

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+from pathlib import Path
 
 from slipangle.commands.progress import Bar
+from slipangle.files import check_output
 
 
 def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) -> None:
@@ -22,6 +24,7 @@ def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) 
             epilog="Records: row, quantity, thesis, here, bound, holds, note. Exit code 1 if one does not hold.",
         )
         sub.add_argument("names", nargs="*", metavar="NAME")
+        sub.add_argument("--out", help="also write a page with the tables and their figures into this folder")
         sub.set_defaults(function=_reproduce)
 
 
@@ -35,11 +38,15 @@ def _reproduce(options: argparse.Namespace) -> int:
         print(json.dumps(known) if options.json else "\n".join(known))
         return 0
     find = experiments.find_benchmark if bench else experiments.find
+    if options.out:
+        check_output(options.out)
     modules = [(name, find(name)) for name in options.names]
     results = []
     for name, module in modules:
         with Bar(quiet=options.json) as bar:
             results.append((name, (module.bench if bench else module.reproduce)(bar)))
+    if options.out:
+        _page(results, options)
     if options.json:
         rows = [{"name": name, **record.to_dict()} for name, result in results for record in result.records]
         print(json.dumps(rows, indent=2))
@@ -49,3 +56,19 @@ def _reproduce(options: argparse.Namespace) -> int:
             print(record_table(result.records, title=result.title, command=command).to_text())
             print(f"{result.protocol}\n")
     return 0 if all(result.holds for _, result in results) else 1
+
+
+def _page(results: list, options: argparse.Namespace) -> None:
+    """Every table with its figures, one section each."""
+    from slipangle.report import Figure, Page, Section, Text, record_table
+
+    sections = []
+    for name, result in results:
+        table = record_table(result.records, title=result.title, command=f"slipangle {options.command} {name}")
+        titles = (*result.captions, *("" for _ in result.figures[len(result.captions) :]))
+        shown = enumerate(zip(titles, result.figures, strict=True), start=1)
+        figures = [Figure(title=title or f"Figure {k}", figure=figure) for k, (title, figure) in shown]
+        sections.append(Section(title=result.title, short=name, blocks=(table, Text(text=result.protocol), *figures)))
+    command = f"slipangle {options.command} {' '.join(options.names)} --out {options.out}"
+    page = Page(title="Thesis and our numbers", sections=tuple(sections), command=command)
+    page.write(Path(options.out) / "index.html")

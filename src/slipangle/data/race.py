@@ -14,6 +14,7 @@ from slipangle.errors import ParameterError, TooShortError
 
 EARTH = 6_371_008.8  # mean radius of the earth [m], IUGG
 Phase = Literal["entry", "middle", "exit"]
+PHASES = ("straight", "entry", "middle", "exit")
 
 
 def equirectangular(
@@ -185,7 +186,7 @@ def rmse_by_phase(error: np.ndarray, found: tuple[Corner, ...]) -> dict[str, flo
     Parameters
     ----------
     error : array, shape (n_samples,)
-        Measured minus predicted.
+        Measured minus predicted; NaN is left out.
     found : tuple of Corner
         From the same data.
     """
@@ -193,11 +194,11 @@ def rmse_by_phase(error: np.ndarray, found: tuple[Corner, ...]) -> dict[str, flo
     for corner in found:
         for row in range(corner.start, corner.stop):
             names[row] = corner.phase(row)
-    kinds = ("straight", "entry", "middle", "exit")
-    return {
-        kind: float(np.sqrt(np.mean(error[names == kind] ** 2))) if (names == kind).any() else float("nan")
-        for kind in kinds
-    }
+    by = {}
+    for kind in PHASES:
+        rows = (names == kind) & np.isfinite(error)
+        by[kind] = float(np.sqrt(np.mean(error[rows] ** 2))) if rows.any() else float("nan")
+    return by
 
 
 def rmse_by_level(error: np.ndarray, level: np.ndarray, edges: np.ndarray) -> np.ndarray:

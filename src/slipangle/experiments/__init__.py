@@ -35,12 +35,15 @@ class Reproduction:
         Data, split, seeds and what differs from the source.
     figures : tuple
         Plotly figures for the page, if any.
+    captions : tuple of str
+        Their titles, in order.
     """
 
     title: str
     records: tuple[Record, ...]
     protocol: str
     figures: tuple[Any, ...] = ()
+    captions: tuple[str, ...] = ()
 
     @property
     def holds(self) -> bool:

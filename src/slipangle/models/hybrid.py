@@ -132,6 +132,17 @@ class HybridModel(Model):
         run, base = self.simulate(data), self.base.simulate(data)
         return np.where(run.predicted[:, None], run.y - base.y, 0.0)
 
+    def share(self, data: Dataset) -> np.ndarray:
+        """Share of the discrepancy along a free run, shape (n_samples, n_outputs), 0 to 100. [%]
+
+        ``|g F| / (|y_m| + |g F|)``: 50 where both are as large; NaN at the samples that the run starts from.
+        """
+        run, base = self.simulate(data), self.base.simulate(data)
+        added = np.abs(run.y - base.y)
+        total = np.abs(base.y) + added
+        share = np.divide(100.0 * added, total, out=np.zeros_like(added), where=total > 0)
+        return np.where(run.predicted[:, None], share, np.nan)
+
 
 def run_up(model: Model, data: Dataset) -> tuple[np.ndarray, np.ndarray]:
     """State at the last sample of ``data``, and outputs of the run from its first `memory` samples.
