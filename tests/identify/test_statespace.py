@@ -6,6 +6,7 @@ from dataclasses import replace
 import ctrlsys
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
@@ -383,6 +384,20 @@ def test_settings_that_make_no_sense(settings, words):
     data, _ = record(system(2, 1, 1, 17), 400, 9)
     with pytest.raises(ParameterError, match=words):
         Subspace(**settings).fit(data)
+
+
+def test_high_signal_to_noise_converges_from_any_start():
+    """A bent, narrow valley: noise of 0.3 % on the output, two roots of the disturbance at zero."""
+    rng = np.random.default_rng(0)
+    n, poles = 4000, np.array([0.95 * np.exp(0.2j), 0.95 * np.exp(-0.2j), 0.8, 0.5])
+    u, e, denominator = rng.standard_normal(n), 0.3 * rng.standard_normal(n), np.real(np.poly(poles))
+    y = lfilter([0.0, 1.0, 0.5, -0.3, 0.1], denominator, u) + lfilter([1.0, -1.2, 0.5, 0.0, 0.0], denominator, e)
+    data = Dataset.from_arrays({"u": u}, {"y": y}, 1.0)
+    found = [PEM(start=Subspace(order=4, algorithm=a, block_rows=20).fit(data)).fit(data) for a in ("cva", "n4sid")]
+    assert found[0].fit_info.warnings == found[1].fit_info.warnings == ()
+    assert found[0].fit_info.noise_std == pytest.approx(found[1].fit_info.noise_std, rel=1e-6)
+    assert found[0].fit_info.noise_std == pytest.approx([np.std(e)], rel=0.01)
+    assert np.sort_complex(found[0].poles) == pytest.approx(np.sort_complex(found[1].poles), abs=1e-3)
 
 
 @pytest.mark.parametrize("algorithm", ["n4sid", "moesp", "cva"])

@@ -307,6 +307,10 @@ class _Structured(Problem):
                 return replace(new, F=np.full_like(new.F, np.nan))
         return new
 
+    def projected(self, point: Point) -> Point:
+        """The point itself: the coefficients enter F and G or K together."""
+        return point
+
     def theta_of(self, point: Point) -> np.ndarray:
         """Coefficients of a point."""
         now = np.concatenate([getattr(point, k).ravel() for k in ("F", "G", "K")])
