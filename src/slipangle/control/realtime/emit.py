@@ -60,6 +60,47 @@ def scalar_code(function: ca.Function) -> ca.Function | None:
     return function if used <= known else None
 
 
+def fewer_divisions(function: ca.Function) -> ca.Function:
+    """The function, of scalar instructions, with products by reciprocals in place of divisions.
+
+    Divisions by numbers, and those by one expression more than once; each is off by at most one more rounding.
+    """
+    simplify = ca.GlobalOptions.getSimplificationOnTheFly()
+    ca.GlobalOptions.setSimplificationOnTheFly(False)  # it would turn the products back into divisions
+    try:
+        return _by_reciprocals(function)
+    finally:
+        ca.GlobalOptions.setSimplificationOnTheFly(simplify)
+
+
+def _by_reciprocals(function: ca.Function) -> ca.Function:
+    given = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
+    results = [[ca.SX(0)] * function.nnz_out(i) for i in range(function.n_out())]
+    work: dict[int, ca.SX] = {}
+    inverse: dict[int, ca.SX] = {}
+    for k in range(function.n_instructions()):
+        op, inputs, outputs = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        if op == ca.OP_OUTPUT:
+            results[outputs[0]][outputs[1]] = work[inputs[0]]
+            continue
+        if op == ca.OP_CONST:
+            value = ca.SX(function.instruction_constant(k))
+        elif op == ca.OP_INPUT:
+            value = given[inputs[0]].nz[inputs[1]]
+        elif op == ca.OP_DIV and not work[inputs[0]].is_constant():
+            bottom = work[inputs[1]]
+            key = bottom.element_hash()
+            inverse.setdefault(key, 1 / float(bottom) if bottom.is_constant() else ca.SX.unary(ca.OP_INV, bottom))
+            value = work[inputs[0]] * inverse[key]
+        elif len(inputs) == 2:
+            value = ca.SX.binary(op, work[inputs[0]], work[inputs[1]])
+        else:
+            value = ca.SX.unary(op, work[inputs[0]])
+        work[outputs[0]] = value
+    dense = [ca.SX(function.sparsity_out(i), ca.vertcat(*r) if r else ca.SX(0, 1)) for i, r in enumerate(results)]
+    return ca.Function(function.name(), given, ca.cse(dense), function.name_in(), function.name_out())
+
+
 def lanes_code(function: ca.Function, name: str) -> str:
     """C source of ``static void name(const V *i0, ..., V *o0, ...)``.
 
@@ -73,6 +114,7 @@ def lanes_code(function: ca.Function, name: str) -> str:
     name : str
         Of the C function.
     """
+    function = fewer_divisions(function)
     places = [_by_row(function.sparsity_out(i)) for i in range(function.n_out())]
     arguments = [f"const V *restrict i{i}" for i in range(function.n_in())]
     arguments += [f"V *restrict o{i}" for i in range(function.n_out())]

@@ -9,79 +9,110 @@ import casadi as ca
 import numpy as np
 
 from slipangle.control.ocp import OCP
-from slipangle.control.realtime.program import Implicit
+from slipangle.control.realtime.emit import fewer_divisions
+from slipangle.control.realtime.program import Implicit, rest_after
 from slipangle.models.integrate import RADAU_A
 
 
 def newton_node(ocp: OCP, parts: Implicit) -> ca.Function:
-    """``(x, u, w, k) -> next, A, B, k``: one Newton step on the stages of Radau IIA, and the derivatives there."""
+    """``(x, u, w, k) -> next, A, B, k``: one Newton step on the stages of Radau IIA, and the derivatives there.
+
+    In the stages z themselves, ``inv(A) (z - x) = h f(z)``, one state is coupled over the stages with constants only,
+    which takes the fewest operations to eliminate; the last stage is the state at the end of the step.
+    """
     x, u, w = (ca.SX.sym(n, parts.slopes.size1_in(i)) for i, n in enumerate("xuw"))
     core, rest = list(parts.core), list(parts.rest)
     nc, nk, nu, nx, h = len(core), 3 * len(core), parts.slopes.size1_in(1), ocp.model.n_states, ocp.dt
     k = ca.SX.sym("k", nk)
-    matrix, right = ca.SX.eye(nk), ca.SX(nk, 1 + nc + nu)
+    inverse = np.linalg.inv(RADAU_A)
+    move = [h * sum(RADAU_A[j, m] * k[3 * c + m] for m in range(3)) for c in range(nc) for j in range(3)]
+    matrix, right = ca.SX(nk, nk), ca.SX(nk, 1 + nc + nu)
     for j in range(3):
         place = ca.SX(x)
         for c, a in enumerate(core):
-            place[a] = x[a] + h * sum(RADAU_A[j, m] * k[3 * c + m] for m in range(3))
+            place[a] = x[a] + move[3 * c + j]
         f, fx, fu = parts.slopes(place, u, w)
         for a in range(nc):
             row = 3 * a + j
-            right[row, 0] = k[row] - f[a]
-            right[row, 1 : 1 + nc] = fx[a, :]
-            right[row, 1 + nc :] = fu[a, :]
+            right[row, 0] = h * (k[row] - f[a])  # inv(A) (z - x) is h k
+            right[row, 1 + a] = float(inverse[j].sum())
+            right[row, 1 + nc :] = h * fu[a, :]
+            for m in range(3):
+                matrix[row, 3 * a + m] = float(inverse[j, m])
             for b in range(nc):
                 if fx.has_nz(a, b):
-                    for m in range(3):
-                        matrix[row, 3 * b + m] -= h * RADAU_A[j, m] * fx[a, b]
-    solved = _eliminate(ca.sparsify(matrix), ca.sparsify(right))
-    slopes, sensitivity = k - solved[:, 0], solved[:, 1:]
+                    matrix[row, 3 * b + j] -= h * fx[a, b]
+    behind = _rest(parts, nx, h) if rest else None
+    ends = [3 * c + 2 for c in range(nc)]
+    used = [i for i in range(nk) if behind and any(behind.sparsity_out(1).has_nz(r, i) for r in range(len(rest)))]
+    columns = [list(range(nk)), *([sorted({*ends, *used})] * (nc + nu))]
+    solved = _eliminate(ca.sparsify(matrix), ca.sparsify(right), columns)
+    step, by_start = solved[:, 0], solved[:, 1:]
+    z = ca.vertcat(*[x[core[i // 3]] + move[i] - step[i] for i in range(nk)])
+    slopes = [
+        k[3 * c + j] - sum(inverse[j, m] / h * step[3 * c + m] for m in range(3)) for c in range(nc) for j in range(3)
+    ]
     later, A, B = ca.SX(x), ca.SX.eye(nx), ca.SX(nx, nu)
-    for c, a in enumerate(core):
-        weights = [h * float(RADAU_A[2, m]) for m in range(3)]
-        three = slice(3 * c, 3 * c + 3)
-        later[a] = x[a] + ca.mtimes(ca.DM(weights).T, slopes[three])
-        row = ca.mtimes(ca.DM(weights).T, sensitivity[three, :])
+    for i, a in enumerate(core):
+        later[a] = z[ends[i]]
         for b in range(nc):
-            A[a, core[b]] = row[b] + (1.0 if a == core[b] else 0.0)
-        B[a, :] = row[nc:]
-    if rest:
-        q, qk, qx, qu = parts.quadrature(slopes, x, u, w)
-        through = ca.mtimes(qk, sensitivity)
+            A[a, core[b]] = by_start[ends[i], b]
+        B[a, :] = by_start[ends[i], nc:]
+    if behind:
+        q, by_stages, by_state, by_input = behind(z, x, u, w)
+        through = ca.mtimes(by_stages, by_start)
         for i, a in enumerate(rest):
             later[a] = q[i]
-            A[a, :] = qx[i, :]
+            A[a, :] = by_state[i, :]
             for b in range(nc):
                 A[a, core[b]] += through[i, b]
-            B[a, :] = qu[i, :] + through[i, nc:]
-    results = ca.cse([ca.densify(later), ca.densify(A), ca.densify(B), ca.densify(slopes)])
-    return ca.Function("node", [x, u, w, k], results)
+            B[a, :] = by_input[i, :] + through[i, nc:]
+    results = [ca.densify(later), ca.densify(A), ca.densify(B), ca.densify(ca.vertcat(*slopes))]
+    return fewer_divisions(ca.Function("node", [x, u, w, k], results))
 
 
-def _eliminate(matrix: Any, right: Any) -> Any:
-    """Solution of a system with structural zeros, without pivoting."""
+def _rest(parts: Implicit, nx: int, h: float) -> ca.Function:
+    """``(z, x, u, w) -> rest`` behind the stages z of the core, three of each state, and its derivatives."""
+    x, u, w = (ca.SX.sym(n, parts.derivative.size1_in(i)) for i, n in enumerate("xuw"))
+    z = ca.SX.sym("z", 3 * len(parts.core))
+    places = []
+    for j in range(3):
+        place = ca.SX(x)
+        for c, a in enumerate(parts.core):
+            place[a] = z[3 * c + j]
+        places.append(place)
+    q = rest_after(parts.derivative, parts.rest, h, x, u, w, places)
+    return ca.Function("rest", [z, x, u, w], [q, *(ca.jacobian(q, v) for v in (z, x, u))])
+
+
+def _eliminate(matrix: Any, right: Any, wanted: list[list[int]]) -> Any:
+    """Solution of a system with structural zeros, without pivoting; of each column the wanted rows."""
     n, m = matrix.shape[0], right.shape[1]
     a = [{j: matrix[i, j] for j in range(n) if matrix.has_nz(i, j)} for i in range(n)]
     b = [{j: right[i, j] for j in range(m) if right.has_nz(i, j)} for i in range(n)]
+    inverse = []
     for k in range(n):
-        inverse = 1 / a[k][k]
+        inverse.append(1 / a[k][k])
         for i in range(k + 1, n):
             if k not in a[i]:
                 continue
-            factor = a[i].pop(k) * inverse
+            factor = a[i].pop(k) * inverse[k]
             for row, other in ((a[i], a[k]), (b[i], b[k])):
                 for j, value in other.items():
                     if row is b[i] or j > k:
                         row[j] = row[j] - factor * value if j in row else -factor * value
     out = ca.SX(n, m)
-    for i in reversed(range(n)):
-        inverse = 1 / a[i][i]
-        for c in range(m):
+    for c in range(m):
+        needed = set(wanted[c])
+        for i in range(n):
+            if i in needed:
+                needed.update(j for j in a[i] if j > i)
+        for i in sorted(needed, reverse=True):
             value = b[i].get(c, ca.SX(0))
             for j, coefficient in a[i].items():
                 if j > i:
                     value = value - coefficient * out[j, c]
-            out[i, c] = value * inverse
+            out[i, c] = value * inverse[i]
     return out
 
 
