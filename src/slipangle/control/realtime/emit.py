@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import casadi as ca
 
@@ -77,7 +78,7 @@ def _by_reciprocals(function: ca.Function) -> ca.Function:
     given = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
     results = [[ca.SX(0)] * function.nnz_out(i) for i in range(function.n_out())]
     work: dict[int, ca.SX] = {}
-    inverse: dict[int, ca.SX] = {}
+    inverse: dict[int, Any] = {}
     for k in range(function.n_instructions()):
         op, inputs, outputs = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
         if op == ca.OP_OUTPUT:
