@@ -12,11 +12,10 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.identify.greybox import GreyBox, finish
-from slipangle.identify.simulation_error import Minimum, SimulationError
+from slipangle.identify.simulation_error import MOST_ROUNDS, Minimum, SimulationError
 from slipangle.identify.transcription import Constraint, Found, Transcription
 
 _HOW = "free-run error, Radau collocation and Ipopt"
-_FOLLOWS = 0.05  # difference of free run and collocated states over the error, both RMS, up to which they are the same
 _GROWTH = 100.0  # of a deviation within a piece of an unstable motion
 _LONGEST = 500  # samples of such a piece
 
@@ -93,44 +92,47 @@ class Collocation(GreyBox):
             zero=self.zero,
             state_bounds=self.state_bounds,
         )
-        found: Found | None = None
-        for _ in range(max(problem.rounds, 2 if problem.moving else 1) if self._constrained else 1):
-            found = program.solve(found, self.max_iterations, self.tolerance)
-            if not found.converged:
-                program.hessian = "exact"
-                found = program.solve(found, self.max_iterations, self.tolerance)
-            along = program.minimum(found)
-            problem.weigh(along.error)
-        if found is None:
-            raise AssertionError
-        best, said = self._settle(problem, program, found)
+        best, found, said = self._solve(problem, program)
         kept = None
         if len(found.active):
             _, s, vt = np.linalg.svd(found.active)
             kept = vt[int((s > 1e-10 * s[0]).sum()) :].T
         return finish(problem, best, how=_HOW, began=began, kept=kept, more=said)
 
-    @property
-    def _constrained(self) -> bool:
-        return bool(self.at_most_zero or self.zero or self.state_bounds)
-
-    def _settle(
-        self, problem: SimulationError, program: Transcription, found: Found
-    ) -> tuple[Minimum, tuple[str, ...]]:
-        """Errors and derivatives of the free run where it follows the collocated states, else along those, and why."""
+    def _solve(self, problem: SimulationError, program: Transcription) -> tuple[Minimum, Found, tuple[str, ...]]:
+        """Errors and derivatives at the solution, of the free run where it follows the states; and why not."""
+        constrained = self.at_most_zero or self.zero or self.state_bounds
+        found: Found | None = None
+        for _ in range(MOST_ROUNDS):
+            before, found = found, self._once(program, found)
+            along = program.minimum(found)
+            if not (constrained or problem.own_free_run_misses(along)):
+                return problem.minimise(along.z, GreyBox.max_iterations), found, ()
+            settled = problem.weigh(along.error)
+            steady = not problem.moving or (before is not None and np.allclose(found.z, before.z, rtol=1e-8))
+            if (settled and steady) or not found.converged:
+                break
+        if found is None:
+            raise AssertionError
         along = program.minimum(found)
-        free = problem.at(along.z, converged=along.converged)
-        gap = float(np.sqrt(np.mean((free.error - along.error) ** 2) / max(np.mean(along.error**2), 1e-6)))
-        if gap < _FOLLOWS:
-            return (free if self._constrained else problem.minimise(along.z, GreyBox.max_iterations)), ()
-        if not along.converged:
-            return free, (
-                "the collocation program has no solution yet; expected one: start nearer, or give state_bounds",
-            )
-        return in_pieces(problem, found.states, along), (
+        if not problem.own_free_run_misses(along):
+            return problem.at(along.z, converged=found.converged), found, ()
+        if not found.converged:
+            said = "the collocation program has no solution yet; expected one: start nearer, or give state_bounds"
+            return problem.at(along.z, converged=False), found, (said,)
+        said = (
             "a free run of the fitted model does not follow the data because the motion is unstable; expected a stable "
-            "one: the parameters hold, their intervals are those of short pieces; simulate in short pieces too",
+            "one: the parameters hold, their intervals are those of short pieces; simulate in short pieces too"
         )
+        return in_pieces(problem, found.states, along), found, (said,)
+
+    def _once(self, program: Transcription, start: Found | None) -> Found:
+        """One solution; with second derivatives where Gauss-Newton's matrix does not do."""
+        found = program.solve(start, self.max_iterations, self.tolerance)
+        if found.converged:
+            return found
+        program.hessian = "exact"
+        return program.solve(found, self.max_iterations, self.tolerance)
 
 
 def in_pieces(problem: SimulationError, states: list[np.ndarray], along: Minimum) -> Minimum:

@@ -14,6 +14,9 @@ from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.forward import forward
 from slipangle.models.parametrised import Parametrised
 
+MOST_ROUNDS = 12  # of weighing the outputs by their errors and solving again
+_SETTLED = 1e-6  # relative change of the weights that ends this
+_FOLLOWS = 0.05  # difference of free run and given states over the error, both RMS, up to which they are the same
 _WORST = 1e6  # error in standard deviations that a diverging free run counts
 
 
@@ -193,22 +196,20 @@ class SimulationError:
         self._last = (key, error, jacobian)
         return error, jacobian
 
-    def weigh(self, error: np.ndarray) -> None:
-        """Divide each output by the standard deviation of its errors from now on."""
+    def weigh(self, error: np.ndarray) -> bool:
+        """Divide each output by the standard deviation of its errors from now on; whether that changes nothing."""
         spread = np.std(error.reshape(-1, self.model.n_outputs), axis=0)
         least = 1e-12 * np.maximum(1e-12, np.std(self.data.y, axis=0))
-        self.sigma = np.maximum(self.sigma * spread, least)
+        before, self.sigma = self.sigma, np.maximum(self.sigma * spread, least)
         self._last = None
-
-    @property
-    def rounds(self) -> int:
-        """How often to weigh and solve."""
-        return 1 if self.model.n_outputs == 1 else 3
+        share = self.sigma / before
+        even = np.ptp(share) <= _SETTLED * share.max()  # a common factor moves no minimum
+        return bool(even or (self.sigma <= 1e3 * _SETTLED * np.std(self.data.y, axis=0)).all())
 
     def minimise(self, z: np.ndarray, max_iterations: int) -> Minimum:
         """Gauss-Newton in a trust region with bounds; outputs weighed by their errors, then solved again."""
         converged = False
-        for _ in range(self.rounds):
+        for _ in range(MOST_ROUNDS):
             jacobian: Any = lambda z: self.evaluate(z)[1]  # noqa: E731
             solution = least_squares(
                 lambda z: self.evaluate(z)[0],
@@ -222,8 +223,14 @@ class SimulationError:
                 max_nfev=max_iterations,
             )
             z, converged = solution.x, solution.status != 0
-            self.weigh(solution.fun)
+            if self.weigh(solution.fun):
+                break
         return self.at(z, converged=converged)
+
+    def own_free_run_misses(self, along: Minimum) -> bool:
+        """Whether one free run errs otherwise than states found by other means, because it leaves them."""
+        gap = np.mean((self.evaluate(along.z)[0] - along.error) ** 2)
+        return bool(gap > _FOLLOWS**2 * max(float(np.mean(along.error**2)), 1e-6))
 
     def at(self, z: np.ndarray, *, converged: bool = True) -> Minimum:
         """Errors and derivatives at z under the present weights."""
