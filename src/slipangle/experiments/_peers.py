@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -65,6 +67,20 @@ def median_record(
         holds=(here <= limit if most else here >= limit) if bound else None,
         note=f"{said}; {note}" if note else said,
     )
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Keep all threads on one core where the system allows it, so that processor time is what a step takes."""
+    setter, getter = getattr(os, "sched_setaffinity", None), getattr(os, "sched_getaffinity", None)
+    before = getter(0) if getter else set()
+    if setter and before:
+        setter(0, {min(before)})
+    try:
+        yield
+    finally:
+        if setter and before:
+            setter(0, before)
 
 
 def installed(name: str) -> Any:
