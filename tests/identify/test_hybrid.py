@@ -6,7 +6,12 @@ from itertools import product
 import numpy as np
 import pytest
 
+from slipangle.control.mpc import MPC
+from slipangle.control.plan import Status
+from slipangle.control.realtime import RealTime
+from slipangle.control.terms import Limits, Weights
 from slipangle.data.dataset import Dataset
+from slipangle.data.manoeuvres import double_lane_change
 from slipangle.errors import MissingColumnError, ParameterError, TooShortError
 from slipangle.identify.greybox import GreyBox
 from slipangle.identify.hybrid import Adapt, Hybrid, restarted
@@ -15,11 +20,19 @@ from slipangle.identify.narx import NARX
 from slipangle.identify.narx_free_run import FreeRunNARX
 from slipangle.identify.training import Stage
 from slipangle.identify.validate import score
+from slipangle.models import compiled, neural_bicycle, neural_bicycle_code
 from slipangle.models.arx import ARXModel
+from slipangle.models.catalogue import FERRARI_250LM
+from slipangle.models.ensemble import EnsembleModel
+from slipangle.models.ground import OnGround
 from slipangle.models.hybrid import HybridModel
+from slipangle.models.narx import NARXModel
 from slipangle.models.networks import MLP, Scaling
 from slipangle.models.neural_bicycle import NeuralBicycle, TireNetworkBicycle
 from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
+from slipangle.models.vehicles import Bicycle
+from tests.models.all_models import discrepancy
+from tests.models.all_models import neural_bicycle as example
 
 PARAMS = NonlinearBicycleParams(
     mass=982.0, inertia_z=900.0, wheelbase=2.4, l_f=1.3, C_f=6e4, C_r=9e4, steering_lag=0.05
@@ -79,6 +92,7 @@ def test_discrepancy_explains_what_the_base_leaves():
     assert share[k] == pytest.approx(100 * abs(added[k]) / (abs(added[k]) + base[k]))
 
 
+@pytest.mark.slow
 def test_discrepancy_that_cannot_help_switches_itself_off():
     data = drive(900).select(inputs=("delta",))
     y = linear_plant().simulate(data).y[:, 0]
@@ -112,6 +126,7 @@ def test_gain_and_outputs_are_checked():
         replace(good, discrepancy=replace(good.discrepancy, outputs=("v_y",)))
 
 
+@pytest.mark.slow
 def test_free_run_steps_lower_the_free_run_error():
     train, test = nonlinear_response().split(0.7)
     start = SMALL
@@ -169,6 +184,7 @@ def test_joint_never_sees_outputs_after_the_start(jointly):
         assert np.array_equal(model.simulate(test).y[1:], model.simulate(spoiled).y[1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [NeuralBicycle, TireNetworkBicycle])
 def test_the_compiled_derivative_is_that_of_the_model(kind):
     """Sensitivities of the free run in JAX against differences of the CasADi model."""
@@ -210,6 +226,7 @@ def test_joint_settings_out_of_range(kwargs, word):
         Joint(start=NonlinearBicycle(params=PARAMS, dt=0.05), **kwargs)
 
 
+@pytest.mark.slow
 def test_tire_coefficients_from_a_network_stay_within_bounds_and_are_found():
     truth = plant(TireNetworkBicycle)
     wild = replace(truth, network=truth.network.with_parameters(1e3 * truth.network.parameters))
@@ -230,6 +247,33 @@ def axle_corner(c_f, others, x, u):
     ends = dict(zip(("C_f", "C_r", "mu_f", "mu_r"), (c_f, *others), strict=True))
     params = PARAMS.with_values(**{n: k * getattr(PARAMS, n) for n, k in ends.items()})
     return NonlinearBicycle(params=params, dt=0.05).derivative(x, u)[:2]
+
+
+@pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
+@pytest.mark.parametrize("kind", [NeuralBicycle, TireNetworkBicycle])
+def test_compiled_free_run_is_the_repeated_step(kind, monkeypatch):
+    model, data = plant(kind), drive(300, seed=8)
+    wild = data.with_channel("delta", np.where(np.arange(300) > 200, 3.0, data["delta"]), "rad")  # reaches the bounds
+    model = replace(model, most_r=0.6)
+    plain = model.simulate(wild).y
+    called = []
+    monkeypatch.setattr(neural_bicycle, "LONG", 100)
+    monkeypatch.setattr(neural_bicycle_code, "run", spied(neural_bicycle_code.run, called))
+    assert model.simulate(wild).y == pytest.approx(plain, abs=1e-12)
+    assert called == [True]
+    assert np.abs(plain).max() == pytest.approx(0.6 + abs(PARAMS.yaw_rate_bias), abs=1e-6)
+    monkeypatch.setenv("SLIPANGLE_CC", "none")
+    assert np.array_equal(model.simulate(wild).y, plain)
+    assert called == [True, False]
+
+
+def spied(function, called):
+    def run(*given):
+        found = function(*given)
+        called.append(found is not None)
+        return found
+
+    return run
 
 
 def test_a_start_from_several_samples_finds_the_lateral_velocity_nobody_measured():
@@ -292,3 +336,70 @@ def test_greybox_fits_the_neural_bicycle_as_any_other():
     data = made_by(truth, drive(400, seed=6))
     start = replace(truth, params=PARAMS.with_values(C_f=5e4))
     assert GreyBox(start=start, free=("C_f",)).fit(data).params.C_f == pytest.approx(6e4, rel=1e-3)
+
+
+# ---- as prediction model of the controller on the fast path --------------------------------------------------------
+
+LATERAL = ("v_y", "r")
+
+
+def networks_for_control():
+    """Hybrid, joint models, ensemble and NARX with the outputs that a position on the ground needs."""
+    few = {"dt": 0.05, "substeps": 1}
+    lags = discrepancy(("delta", "v_x"), LATERAL)
+    joint = [replace(example(seed, LATERAL), **few) for seed in (1, 2)]
+    base = NARXModel(network=lags.network, na=2, nb=3, dt=0.05, inputs=("delta", "v_x"), outputs=LATERAL)
+    return {
+        "hybrid": HybridModel(base=Bicycle(params=FERRARI_250LM, dt=0.05, outputs=LATERAL), discrepancy=lags),
+        "joint": joint[0],
+        "tire network": replace(example(3, LATERAL, kind=TireNetworkBicycle), **few),
+        "ensemble": EnsembleModel(members=tuple(joint)),
+        "NARX": base,
+    }
+
+
+def plans(model, horizon=6):
+    """First plan of a lane change from beside the path, by Ipopt and by the compiled solver, converged."""
+    mpc = MPC(
+        OnGround(model),
+        horizon=horizon,
+        controls=("delta",),
+        Q=Weights(e_y=10.0, e_psi=10.0),
+        S=Weights(delta=100.0),
+        limits=Limits(delta=0.35),
+        rates=Limits(delta=0.8),
+    )
+    path = double_lane_change(20.0)
+    x = np.zeros(mpc.model.n_states)
+    x[-3:] = path.start[0], 0.1, 0.005
+    reference = mpc.reference(path.ahead(0.0, horizon, 0.05), **{n: 0.0 for n in mpc.exogenous if n != "v_x"})
+    return mpc.plan(x, reference), replace(mpc, solver=RealTime(iterations=0)).plan(x, reference)
+
+
+@pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
+@pytest.mark.parametrize("name", ["hybrid", "NARX"])
+def test_hybrids_plan_on_the_fast_path(name):
+    theirs, ours = plans(networks_for_control()[name])
+    assert ours.status is Status.SOLVED
+    assert ours.u == pytest.approx(theirs.u, abs=1e-7)
+    assert np.abs(ours.u).max() > 1e-5
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
+@pytest.mark.parametrize("name", ["joint", "tire network", "ensemble"])
+def test_physics_with_networks_plan_on_the_fast_path(name):
+    theirs, ours = plans(networks_for_control()[name])
+    assert ours.status is Status.SOLVED
+    assert ours.u == pytest.approx(theirs.u, abs=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
+def test_a_model_too_large_for_straight_line_code_plans_too():
+    """Beyond so many instructions the solver calls CasADi's own code, with its work arrays."""
+    members = tuple(example(seed, LATERAL) for seed in (4, 5))
+    assert all(m.substeps == 5 for m in members)
+    theirs, ours = plans(EnsembleModel(members=members), horizon=3)
+    assert ours.status is Status.SOLVED
+    assert ours.u == pytest.approx(theirs.u, abs=1e-6)

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from slipangle.errors import ParameterError
+from slipangle.models.model import evaluate
 from slipangle.models.networks import Network
 from slipangle.models.nonlinear_bicycle import (
     AxleCoefficients,
@@ -14,6 +17,8 @@ from slipangle.models.nonlinear_bicycle import (
     nonlinear_bicycle,
 )
 from slipangle.ops import Scalar, Vector, clip, concatenate, stack, tanh
+
+LONG = 2000  # samples from which a free run is worth compiled code
 
 
 def neural_bicycle(
@@ -108,6 +113,16 @@ class NeuralBicycle(NonlinearBicycle):
         """State one sample later, within its bounds."""
         nxt = super().step(x, u)
         return stack([clip(nxt[0], -self.most_v_y, self.most_v_y), clip(nxt[1], -self.most_r, self.most_r), nxt[2]])
+
+    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Long runs in compiled code."""
+        if len(u) >= LONG:
+            from slipangle.models import neural_bicycle_code
+
+            states = neural_bicycle_code.run(self, x0, u[:-1])
+            if states is not None:
+                return evaluate(self.functions[1], states, u[1:])
+        return super()._free_run(x0, u)
 
 
 @dataclass(frozen=True, kw_only=True)
