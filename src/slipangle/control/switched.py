@@ -222,7 +222,7 @@ class SwitchedMPC:
         if previous is not None and previous.x.ndim == 2 and len(previous.x) > 1:
             turned = np.abs(np.diff(previous.x[:, -1])) / self.dt
             needed.append(float((turned * v[: len(turned)]).max()) if len(turned) == len(v) else 0.0)
-        found = max(needed) / (self.friction * GRAVITY)
+        found = float(np.max(needed)) / (self.friction * GRAVITY)
         return found if np.isfinite(found) else np.inf
 
     def _yaw_rate(self, x: np.ndarray) -> float:
