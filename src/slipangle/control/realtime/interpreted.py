@@ -100,8 +100,11 @@ class InterpretedEngine:
         if self._quick and self._settings.iterations and previous is not None and self._ours(memory):
             return self._resume_quickly(self._quick, x, applied, reference, previous)
         known = previous is not None and previous.u.shape == (n, nu)
-        u = shifted(previous.u) if known and previous is not None else np.tile(applied, (n, 1))
-        u = within(u, applied, ocp.input_bounds, ocp.step_bounds)
+        guesses = (
+            [shifted(previous.u)] if known and previous is not None else [np.tile(applied, (n, 1)), np.zeros((n, nu))]
+        )
+        guesses = [within(u, applied, ocp.input_bounds, ocp.step_bounds) for u in guesses]
+        u = guesses[0]
         warm = self._ours(memory)
         if warm and previous is not None and isinstance(memory, Memory):
             self._k[:] = shifted(memory.k)
@@ -111,11 +114,27 @@ class InterpretedEngine:
                 states[-1] = 2 * states[-2] - states[-3]
         else:
             self._k[:] = 0.0
-            states = np.empty((n + 1, len(x)))
-            states[0] = x
-            for i in range(n):
-                states[i + 1] = np.asarray(ocp.dynamics(states[i], u[i], reference.exogenous[i])).ravel()
+            rolled = [self._roll_out(x, u, reference) for u in guesses]
+            promised = [self._promise(x, applied, reference, u, s) for u, s in zip(guesses, rolled, strict=True)]
+            best = int(np.argmin(promised)) if len(guesses) > 1 and np.isfinite(promised).any() else 0
+            u, states = guesses[best], rolled[best]
         return self._run(x, applied, reference, np.array(u), states, warm)
+
+    def _roll_out(self, x: np.ndarray, u: np.ndarray, reference: Reference) -> np.ndarray:
+        states = np.empty((len(u) + 1, len(x)))
+        states[0] = x
+        for i, now in enumerate(u):
+            states[i + 1] = np.asarray(self.ocp.dynamics(states[i], now, reference.exogenous[i])).ravel()
+        return states
+
+    def _promise(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, states: np.ndarray
+    ) -> float:
+        """Half the cost of inputs and the states they lead to, limits apart."""
+        self._begin(x, applied, reference, u)
+        m = self._linearise(u, states, exact=False)
+        self._k[:] = 0.0
+        return self._half_cost(m.e, u) if np.isfinite(m.e).all() else np.inf
 
     def _ours(self, memory: Any) -> bool:
         return isinstance(memory, Memory) and memory.engine == id(self)
@@ -140,9 +159,7 @@ class InterpretedEngine:
     def _run(
         self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, states: np.ndarray, warm: bool
     ) -> Solution:
-        self._x0, self._applied, self._reference = x, applied, reference
-        self._bounds = self.ocp.state_bounds(reference)[self._limit_at] if len(self.ocp.limited) else np.empty((0, 2))
-        self._wanted = np.zeros_like(u) if reference.inputs is None else np.asarray(reference.inputs, dtype=float)
+        self._begin(x, applied, reference, u)
         self._until = perf_counter() + self._limit
         if warm and self._settings.iterations:
             u, states, status, cost, count, residual = self._iterate(u, states)
@@ -159,6 +176,11 @@ class InterpretedEngine:
             residual=residual,
             memory=Memory(k=self._k.copy(), engine=id(self)),
         )
+
+    def _begin(self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray) -> None:
+        self._x0, self._applied, self._reference = x, applied, reference
+        self._bounds = self.ocp.state_bounds(reference)[self._limit_at] if len(self.ocp.limited) else np.empty((0, 2))
+        self._wanted = np.zeros_like(u) if reference.inputs is None else np.asarray(reference.inputs, dtype=float)
 
     # ---- the parts ---------------------------------------------------------------------------------------------
 
