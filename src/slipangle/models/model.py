@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any, NoReturn, final
 
@@ -346,9 +346,11 @@ class Model(abc.ABC):
             raise ParameterError(f"{len(start)} start states for {len(data.starts)} experiments; expected one for each")
         u, measured, m = data.columns(self.inputs), data.columns(self.outputs), self.memory
         y, mask = np.empty((data.n_samples, self.n_outputs)), np.ones(data.n_samples, dtype=bool)
+        chosen = data.select(inputs=self.inputs, outputs=self.outputs)
         for i, (a, b) in enumerate(zip(data.starts, data.stops, strict=True)):
             if start is None:
-                head = data.rows(a, a + m).select(inputs=self.inputs, outputs=self.outputs)
+                alone = {"starts": (0,), "start_times": (data.start_times[i],)}
+                head = replace(chosen, values=data.values[a : a + m], **alone)
                 x0 = np.asarray(self.initial_state(head), dtype=float)
             else:
                 x0 = np.asarray(start[i], dtype=float)
