@@ -3,11 +3,18 @@
 import numpy as np
 import pytest
 
-from slipangle.experiments import _chapter_8, find, table_8_2, table_8_3, table_8_5
-from slipangle.experiments._chapter_8 import ferrari, judge, records, session
+from slipangle.data.race import corners
+from slipangle.experiments import _chapter_8, find, find_benchmark, table_8_2, table_8_3, table_8_5
+from slipangle.experiments._chapter_8 import LAGGED, ferrari, judge, records, session
 from slipangle.identify.hybrid import Adapt, Hybrid
 from slipangle.identify.validate import score
+from slipangle.models.hybrid import HybridModel
 from slipangle.models.model import Model
+from slipangle.models.narx import NARXModel
+from slipangle.models.networks import MLP, Scaling
+from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
+
+CAR = NonlinearBicycleParams(mass=982.0, inertia_z=900.0, wheelbase=2.4, l_f=1.23, C_f=6.5e4, C_r=9e4)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +42,7 @@ def test_state_space_rows_meet_their_bounds(parts):
 
 def test_judging_a_linear_model(parts):
     train, test = parts
-    verdict = judge(table_8_2.state_space(train, _chapter_8.PRODUCT), test)
+    verdict = judge(table_8_2.state_space(train, _chapter_8.PRODUCT), test, (2.0, 3.0))
     assert abs(verdict.restarted - verdict.free.fit) < 1.0
     assert len(verdict.windows) == 5
     assert verdict.windows.min() < verdict.free.fit < verdict.windows.max()
@@ -44,8 +51,12 @@ def test_judging_a_linear_model(parts):
     assert made[0].thesis == 80.34
     assert "seeds 0: 8" in made[0].note
     assert made[-1].holds is True
+    assert (made[-1].here, made[-1].note) == (2.0, "3 s by the clock of a shared machine")
+    assert records("M3", [verdict], printed=None, fit=None, apart_at_most=1.0)[2].holds is True
+    assert len(records("M3", [judge(table_8_2.state_space(train, LAGGED[:2]), test)], printed=None, fit=None)) == 3
 
 
+@pytest.mark.slow
 def test_hybrid_on_the_ferrari_does_not_look_at_outputs(parts):
     train, test = parts
     base = table_8_2.state_space(train, _chapter_8.PRODUCT)
@@ -85,6 +96,45 @@ def test_longitudinal_split_of_the_fast_part(real_data):
     assert data.inputs == ("throttle", "brake", "delta")
     train, test = data.rows(0, round(0.7 * n)), data.rows(round(0.7 * n), n)
     assert score(table_8_3.longitudinal(train).simulate(test), "v_x").fit >= 80
+
+
+def test_errors_and_shares_along_the_track(parts):
+    """Figures 8.4 to 8.6 from any models: data and plots agree."""
+    test = parts[1].rows(0, 1500)
+    plain = NonlinearBicycle(params=CAR, dt=0.05)
+    lags = NARXModel(
+        network=MLP.random((25, 4, 1), seed=1, output_scaling=Scaling(offset=[0.0], factor=[0.05])),
+        na=5,
+        nb=5,
+        dt=0.05,
+        inputs=table_8_2.SEEN,
+        outputs=("r",),
+    )
+    mixed = HybridModel(base=plain, discrepancy=lags)
+    names = ("M1, bicycle", "ensemble", "joint", *table_8_2.HYBRIDS.values())
+    models = {**dict.fromkeys(names, plain), **dict.fromkeys(table_8_2.HYBRIDS, mixed)}
+    data, figures = table_8_2.along_the_track(models, test)
+    run = mixed.simulate(test)
+    square = {r.quantity: r.here for r in data if r.row == "M1-H"}
+    rows = np.full(test.n_samples, "straight", dtype="<U8")
+    for corner in corners(test):
+        rows[corner.start : corner.stop] = [corner.phase(k) for k in range(corner.start, corner.stop)]
+    for phase in ("straight", "entry", "middle", "exit"):
+        e = run.error[run.predicted & (rows == phase), 0]
+        assert square[f"RMSE of r, {phase} [rad/s]"] == pytest.approx(np.sqrt(np.mean(e**2)))
+    assert [name for name in figures if name.startswith("Share")] == [
+        f"Share of the discrepancy, M{k}-H" for k in (1, 3, 4)
+    ]
+    shown = figures["Share of the discrepancy, M1-H"].data[1].marker.color
+    assert max(shown) == pytest.approx(np.nanmax(mixed.share(test)), rel=1e-3)
+    assert [bar.name for bar in figures["Error by phase of the corner"].data][-1] == "ensemble"
+
+
+@pytest.mark.slow
+def test_hybrid_predicts_better_than_its_base_in_the_controller():
+    outcome = find_benchmark("hybrid-mpc").bench(lambda share, what: None)
+    assert [r for r in outcome.records if r.holds is False] == []
+    assert sum(r.holds is True for r in outcome.records) == 4
 
 
 @pytest.mark.slow
