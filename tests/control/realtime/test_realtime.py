@@ -284,6 +284,39 @@ def test_soft_envelope_and_corridor_hold_where_they_can():
     assert mine.u == pytest.approx(theirs.u, abs=1e-5)
 
 
+def test_slip_angle_and_yaw_rate_envelope_is_ipopts_too():
+    """Soft limits on slip angles, yaw rate and the lane on the car with stiff wheels: some exceeded, some kept."""
+    base = car(horizon=8, solver=CONVERGED)
+    soft = ("alpha_f", "alpha_r", "r", "e_y")
+    mpc = replace(
+        base,
+        model=replace(base.model, outputs=("alpha_f", "alpha_r")),
+        limits=Limits(**base.limits, alpha_f=0.02, alpha_r=0.02, r=0.15),
+        slack=Weights(**dict.fromkeys(soft, 1e5)),
+        slack_linear=Weights(**dict.fromkeys(soft, 1e3)),
+        corridor=1.8,
+    )
+    path = double_lane_change(20.0, blend=12.0)
+    largest = []
+    for s in (15.0, 40.0, 70.0):
+        x = mpc.model.straight(20.0, **pose(path, s))
+        x[6] += 0.4
+        reference = mpc.reference(path.ahead(s, 8, 0.1), T_r=0.0)
+        mine, theirs = mpc.plan(x, reference), replace(mpc, solver="ipopt").plan(x, reference)
+        assert mine.status is Status.SOLVED
+        assert mine.cost == pytest.approx(theirs.cost, rel=1e-6)
+        assert np.abs((mine.u - theirs.u) / [0.03, 2500.0]).max() <= 1e-4
+        free = base.plan(x, base.reference(path.ahead(s, 8, 0.1), T_r=0.0))
+        largest.append([np.abs(slip_angles(mpc, plan)).max() for plan in (mine, free)])
+    kept, loose = np.transpose(largest)
+    assert (kept <= loose + 1e-6).all()
+    assert (kept < 0.95 * loose).any()
+
+
+def slip_angles(mpc, plan):
+    return [np.asarray(mpc.model.functions[1](x, [*u, 0.0])).ravel() for x, u in zip(plan.x, plan.u, strict=False)]
+
+
 def test_memory_is_taken_once():
     """One allocation in the whole source, that of the workspace; its matching release; nothing recursive of size."""
     code = source(car())
