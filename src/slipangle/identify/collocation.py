@@ -108,7 +108,7 @@ class Collocation(GreyBox):
             along = program.minimum(found)
             if not (constrained or problem.own_free_run_misses(along)):
                 return problem.minimise(along.z, GreyBox.max_iterations), found, ()
-            settled = problem.weigh(along.error)
+            settled = found.converged and problem.weigh(along.error)
             steady = not problem.moving or (before is not None and np.allclose(found.z, before.z, rtol=1e-8))
             if (settled and steady) or not found.converged:
                 break
