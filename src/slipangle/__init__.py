@@ -69,6 +69,7 @@ if TYPE_CHECKING:
         SingleTrack,
         SingleTrackParams,
     )
+    from slipangle.report.comparison import comparison_page
     from slipangle.simulate.loop import closed_loop
     from slipangle.simulate.plants import Plant
     from slipangle.simulate.run import Run
@@ -115,6 +116,7 @@ _HOME = {  # where each public name lives; imported on first use, so that `impor
     "slipangle.control.driver": ("SpeedDriver",),
     "slipangle.control.mpc": ("MPC",),
     "slipangle.control.terms": ("Limits", "Values", "Weights"),
+    "slipangle.report.comparison": ("comparison_page",),
     "slipangle.simulate.loop": ("closed_loop",),
     "slipangle.simulate.plants": ("Plant",),
     "slipangle.simulate.run": ("Run",),
@@ -170,6 +172,7 @@ __all__ = [
     "advise",
     "closed_loop",
     "compare",
+    "comparison_page",
     "cross_validate",
     "deg",
     "double_lane_change",

@@ -14,7 +14,6 @@ from slipangle.files import check_output
 
 if TYPE_CHECKING:
     from slipangle.data.dataset import Dataset
-    from slipangle.identify.compare import Comparison
     from slipangle.models.model import Model
     from slipangle.workflow.settings import Settings
 
@@ -108,12 +107,16 @@ def _validate(options: argparse.Namespace) -> int:
 
 def _compare(options: argparse.Namespace) -> int:
     from slipangle.identify.compare import compare
+    from slipangle.report.comparison import comparison_page
 
     if options.out:
         check_output(options.out)
     test = _test(options)
     result = compare(_models(options.models), test)
-    page = _comparison_page(result, test, options) if options.out else None
+    page = None
+    if options.out:
+        command = f"slipangle compare {' '.join(options.models)} --data {options.data}"
+        page = comparison_page(result, test, command=command).write(Path(options.out) / "comparison.html")
     if options.json:
         rows = [
             {
@@ -132,53 +135,6 @@ def _compare(options: argparse.Namespace) -> int:
     if page is not None:
         print(f"\nThe page: {page.resolve()}")
     return 0
-
-
-def _comparison_page(result: Comparison, test: Dataset, options: argparse.Namespace) -> Path:
-    """Free runs, error clouds and errors over the horizon of all models that did not fail."""
-    from slipangle.data.dataset import Channel
-    from slipangle.identify.compare import horizon_errors
-    from slipangle.report import Figure, Page, ScoreRow, Section, horizon_curves, rainclouds, score_table, trajectories
-
-    good = [e for e in result.entries if not e.failure]
-    runs = {e.name: e.free_run for e in good if e.free_run is not None}
-    ahead = {e.name: horizon_errors(e.model, test) for e in good}
-    sections = []
-    for output in result.outputs:
-        channel = Channel(output, test.unit(output))
-        errors = {n: t.error[t.predicted, t.outputs.index(output)] for n, t in runs.items()}
-        rows = [
-            ScoreRow(
-                model=e.name,
-                channel=output,
-                unit=channel.unit,
-                kind="free run",
-                fit=s.fit,
-                vaf=s.vaf,
-                r2=s.r2,
-                rmse=s.rmse,
-            )
-            for e in good
-            for s in [e.scores[output]]
-        ]
-        blocks = (
-            score_table(rows, title=f"Ranking, {output}"),
-            Figure(title=f"Free runs, {output}", figure=trajectories(runs, channel)),
-            Figure(title=f"Free-run error of {output}", figure=rainclouds(errors, channel=channel)),
-            Figure(
-                title=f"Error over the horizon, {output}",
-                figure=horizon_curves(ahead, channel),
-                caption="Prediction from measured outputs up to so long before; dashed: the free run.",
-            ),
-        )
-        sections.append(Section(title=f"Output {output}", blocks=blocks))
-    page = Page(
-        title="Comparison of models",
-        subtitle=f"{result.data_name}, {result.n_samples} samples that none was fitted to",
-        sections=tuple(sections),
-        command=f"slipangle compare {' '.join(options.models)} --data {options.data}",
-    )
-    return page.write(Path(options.out) / "comparison.html")
 
 
 def _data(file: str) -> tuple[Settings, Dataset]:

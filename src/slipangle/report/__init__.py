@@ -4,6 +4,7 @@ Every figure function returns a plotly figure that also shows in a notebook; `Pa
 into one file that opens from disk.
 """
 
+from slipangle.report.comparison import comparison_page
 from slipangle.report.diagnostics import correlogram, forest, horizon_curves
 from slipangle.report.drives import Signal, Span, signals, solver_histogram, solver_time
 from slipangle.report.maps import Body, path_map, track_map
@@ -40,6 +41,7 @@ __all__ = [
     "Table",
     "Text",
     "Verdict",
+    "comparison_page",
     "correlation",
     "correlation_table",
     "correlogram",

@@ -1,0 +1,65 @@
+"""`comparison_page`: what `slipangle.identify.compare.compare` found, to look at."""
+
+from __future__ import annotations
+
+from slipangle.data.dataset import Channel, Dataset
+from slipangle.identify.compare import Comparison, horizon_errors
+from slipangle.report.diagnostics import horizon_curves
+from slipangle.report.page import Figure, Page, Section
+from slipangle.report.plots import rainclouds, trajectories
+from slipangle.report.tables import ScoreRow, score_table
+
+
+def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> Page:
+    """Ranking, free runs, error clouds and errors over the horizon of all models that did not fail.
+
+    Parameters
+    ----------
+    result : Comparison
+        From `slipangle.identify.compare.compare`.
+    data : Dataset
+        The test data that it was made with.
+    command : str
+        What makes the page again; shown below it.
+
+    Returns
+    -------
+    Page
+        ``page.write("comparison.html")`` writes it.
+    """
+    good = [e for e in result.entries if not e.failure]
+    ahead = {e.name: horizon_errors(e.model, data) for e in good}
+    sections = []
+    for output in result.outputs:
+        channel = Channel(output, data.unit(output))
+        errors = {n: t.error[t.predicted, t.outputs.index(output)] for n, t in result.trajectories.items()}
+        rows = [
+            ScoreRow(
+                model=e.name,
+                channel=output,
+                unit=channel.unit,
+                kind="free run",
+                fit=e.scores[output].fit,
+                vaf=e.scores[output].vaf,
+                r2=e.scores[output].r2,
+                rmse=e.scores[output].rmse,
+            )
+            for e in good
+        ]
+        blocks = (
+            score_table(rows, title=f"Ranking, {output}"),
+            Figure(title=f"Free runs, {output}", figure=trajectories(result.trajectories, channel)),
+            Figure(title=f"Free-run error of {output}", figure=rainclouds(errors, channel=channel)),
+            Figure(
+                title=f"Error over the horizon, {output}",
+                figure=horizon_curves(ahead, channel),
+                caption="Prediction from measured outputs up to so long before; dashed: the free run.",
+            ),
+        )
+        sections.append(Section(title=f"Output {output}", blocks=blocks))
+    return Page(
+        title="Comparison of models",
+        subtitle=f"{result.data_name}, {result.n_samples} samples that none was fitted to",
+        sections=tuple(sections),
+        command=command,
+    )
