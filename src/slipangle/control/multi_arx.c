@@ -93,8 +93,10 @@ static void blend(Work *s)
             double w = s->w[i * NJ + j];
             for (int o = 0; o < NY; o++) {
                 s->free[i * NY + o] += w * past[QN - i][o];
+                double *hit = s->hit + (i * NY + o) * QN;
+                const double *from = (const double *)unit + (QN - i) * NY + o;
                 for (int k = 0; k < i; k++)
-                    s->hit[(i * NY + o) * QN + k] += w * unit[QN - (i - k)][o];
+                    hit[k] += w * from[k * NY];
             }
         }
     }
@@ -174,11 +176,12 @@ static double condense(Work *s)
             const double *row = s->row[t] + i * QN;
             double weight = i < QN ? s->q[t] : s->end[t], e = s->error[t][i];
             fixed += weight * e * e;
-            for (int a = 0; a < i; a++) {
-                double f = weight * row[a];
-                q->g[a] += f * e;
-                for (int b = a; b < i; b++)
-                    H[a * QL + b] += f * row[b];
+            for (int b = 0; b < QN; b++)
+                q->g[b] += weight * e * row[b];
+            for (int a = 0; a < i; a++) { /* rows are zero from i on; whole ones are faster than their upper parts */
+                double f = weight * row[a], *h = H + a * QL;
+                for (int b = 0; b < QN; b++)
+                    h[b] += f * row[b];
             }
         }
     }

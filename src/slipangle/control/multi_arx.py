@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, MISSING, dataclass, field, fields
 from functools import cached_property
+from math import isfinite
 from time import perf_counter
 from typing import Any
 
@@ -308,12 +309,13 @@ class MultiARXMPC:
         v_x = reference.exogenous
         if not (len(x) == self._n_states and reference.tracked.shape == self._shape and len(v_x) == self.horizon):
             self._complain(x, reference)
-        slow = not v_x[0, 0] >= SLOWEST
+        speed = v_x.item(0)
+        slow = not speed >= SLOWEST
         if not slow:
             offset = self._offset(x, previous) if self.integral and previous is not None else 0.0
             found = solver.solve(x, reference.tracked, v_x, before, numbers, offset)
             if found.status is Status.SOLVED:
-                return MultiARXPlan(
+                return _quick_plan(
                     u=found.u,
                     x=found.x,
                     status=Status.SOLVED,
@@ -324,13 +326,13 @@ class MultiARXMPC:
                     residual=found.residual,
                     memory=memory,
                     weights=found.weights,
-                    outside=not self._lowest <= v_x[0, 0] <= self._highest,
+                    outside=not self._lowest <= speed <= self._highest,
                     offset=offset,
                 )
-            return self._fallback(x, float(v_x[0, 0]), previous, before, found.status, begin, memory)
+            return self._fallback(x, speed, previous, before, found.status, begin, memory)
         finite = np.isfinite(x).all() and np.isfinite(v_x).all() and np.isfinite(reference.tracked).all()
         status = Status.FAILED if finite else Status.NOT_FINITE
-        return self._fallback(x, float(v_x[0, 0]), previous, before, status, begin, memory, standing=bool(finite))
+        return self._fallback(x, speed, previous, before, status, begin, memory, standing=bool(finite))
 
     def _offset(self, x: np.ndarray, previous: Plan) -> np.ndarray | float:
         """Sum of the believed prediction errors, from a fresh plan one step ago; zero after anything else."""
@@ -365,12 +367,12 @@ class MultiARXMPC:
     def _before(self, previous: Plan | None, applied: np.ndarray | None) -> float:
         """Input applied before, within bounds."""
         low, high = self._range
-        given = 0.0 if previous is None else float(previous.u[0, 0])
+        given = 0.0 if previous is None else previous.u.item(0)
         if applied is not None:
-            one = np.asarray(applied, dtype=float).ravel()
-            if len(one) != 1:
-                raise ParameterError(f"applied has {len(one)} entries; expected 1: {list(self.controls)}")
-            given = float(one[0]) if np.isfinite(one[0]) else given
+            if np.size(applied) != 1:
+                raise ParameterError(f"applied has {np.size(applied)} entries; expected 1: {list(self.controls)}")
+            one = applied.item() if isinstance(applied, np.ndarray) else float(np.ravel(applied)[0])
+            given = one if isfinite(one) else given
         return min(max(given, low), high)
 
     @cached_property
@@ -427,3 +429,13 @@ class MultiARXMPC:
             weights=weights,
             outside=not self._lowest <= v_x <= self._highest,
         )
+
+
+_DEFAULTS = {f.name: f.default for f in fields(MultiARXPlan) if f.default is not MISSING}
+
+
+def _quick_plan(**values: Any) -> MultiARXPlan:
+    """A plan without the constructor of frozen dataclasses, which takes as long as the whole solve."""
+    plan = object.__new__(MultiARXPlan)
+    plan.__dict__.update(_DEFAULTS, **values)
+    return plan
