@@ -17,7 +17,7 @@ from slipangle.control.plan import Plan
 from slipangle.control.realtime import RealTime
 from slipangle.control.realtime.engine import CompiledEngine
 from slipangle.control.terms import Limits, Weights
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Channel, Dataset
 from slipangle.data.path import Path
 from slipangle.experiments import Progress
 from slipangle.models.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_10
@@ -25,6 +25,8 @@ from slipangle.models.model import Model
 from slipangle.models.tires import Tire, TireForces
 from slipangle.models.vehicles import SingleTrack, SingleTrackParams
 from slipangle.ops import Scalar, Vector, clip, is_symbolic
+from slipangle.report.drives import Signal, signals, solver_time
+from slipangle.report.maps import path_map
 from slipangle.report.tables import Record
 
 HORIZONS = (5, 10, 15)
@@ -172,13 +174,18 @@ class LookUpTire(Tire):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drive:
-    """One drive: lateral distance from the path every 0.02 s, plans, times of each plan and of its solver [s]."""
+    """One drive: lateral distance from the path [m] and state every 0.02 s, plans, times of each and its solver [s]."""
 
     e_y: np.ndarray
-    v_x: np.ndarray
+    states: np.ndarray
     plans: tuple[Plan, ...]
     seconds: np.ndarray
     inside: np.ndarray
+
+    @property
+    def v_x(self) -> np.ndarray:
+        """Speed. [m/s]"""
+        return self.states[:, 0]
 
     @property
     def rmse(self) -> float:
@@ -198,7 +205,7 @@ def drive(plant: ByCvodes, controller: MPC, car: Car, path: Path, *, most: int =
     X, Y, psi = path.start
     x, plan, s = plant.straight(car.start_speed, X=X, Y=Y, psi=psi), None, 0.0
     e_y: list[float] = []
-    v_x: list[float] = []
+    states: list[np.ndarray] = []
     plans: list[Plan] = []
     seconds: list[float] = []
     inside: list[float] = []
@@ -216,12 +223,16 @@ def drive(plant: ByCvodes, controller: MPC, car: Car, path: Path, *, most: int =
         for _ in range(round(STEP / SAMPLE)):
             foot = path.project(x[5], x[6], s)
             e_y.append(foot.e_y)
-            v_x.append(x[0])
+            states.append(x)
             s = foot.s
             x = fine.step(x, u)
         s = path.project(x[5], x[6], s).s
     return Drive(
-        e_y=np.array(e_y), v_x=np.array(v_x), plans=tuple(plans), seconds=np.array(seconds), inside=np.array(inside)
+        e_y=np.array(e_y),
+        states=np.array(states),
+        plans=tuple(plans),
+        seconds=np.array(seconds),
+        inside=np.array(inside),
     )
 
 
@@ -245,10 +256,11 @@ def rows(tire: str, *numbers: tuple[float, float, float]) -> list[Row]:
 
 def records(
     table: str, car: Car, path: Path, plant_tire: Tire, tires: dict[str, Tire], printed: Sequence[Row], tell: Progress
-) -> list[Record]:
-    """Every row by real-time iteration, by converged plans, and the thesis' way beside it for a few steps."""
+) -> tuple[list[Record], tuple[Any, ...]]:
+    """Every row by real-time iteration and by converged plans, a few steps of the thesis' way beside it; figures."""
     plant = ByCvodes(car.model(plant_tire))
     found: list[Record] = []
+    shown: tuple[Any, ...] = ()
     for k, row in enumerate(printed):
         name = f"{table}, {row.tire}, N = {row.horizon}"
         tell(k / len(printed), name)
@@ -268,6 +280,8 @@ def records(
                 note=f"converged: {slow.rmse:.4g} m",
             ),
         ]
+        if not shown and row.horizon == 10:
+            shown = figures(car, fast, path)
         old = thesis_way(car, model, row.horizon, path)
         ours, whole = float(np.median(fast.inside[1:])), float(np.median(fast.seconds[1:]))
         p99 = float(np.percentile(fast.inside[1:], 99))
@@ -282,7 +296,33 @@ def records(
                 note=f"p99 {p99:.2g} s; with everything around it in Python {whole:.2g} s; ratio {old / ours:.0f}",
             )
         )
-    return found
+    return found, shown
+
+
+def figures(car: Car, done: Drive, path: Path) -> tuple[Any, ...]:
+    """Path, signals and solver time of one drive."""
+    line = path.ahead(0.0, 400, path.length / 400 / car.speed)
+    normal = np.column_stack([-np.sin(line.psi), np.cos(line.psi)])
+    centre = np.column_stack([line.X, line.Y])
+    t = SAMPLE * np.arange(len(done.e_y))
+    held = np.repeat([plan.command for plan in done.plans], round(STEP / SAMPLE), axis=0)[: len(t)]
+    limit = 0.9 / car.steering_ratio
+    rows = [
+        Signal(channel=Channel("e_y", "m"), values=done.e_y),
+        Signal(channel=Channel("v_x", "m/s"), values=done.v_x),
+        Signal(channel=Channel("delta", "rad"), values=held[:, 0], lower=-limit, upper=limit, held=True),
+        Signal(channel=Channel(car.driven, "N m"), values=held[:, 1], lower=-car.torque, upper=car.torque, held=True),
+    ]
+    return (
+        path_map(
+            *done.states[:, 5:8].T,
+            reference=centre,
+            left=centre + np.where(np.isfinite(line.left), line.left, np.nan)[:, None] * normal,
+            right=centre - np.where(np.isfinite(line.right), line.right, np.nan)[:, None] * normal,
+        ),
+        signals(t, rows),
+        solver_time(done.inside, deadline=STEP),
+    )
 
 
 def _at_most(row: str, quantity: str, thesis: float, here: float, note: str) -> Record:

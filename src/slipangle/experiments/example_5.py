@@ -23,8 +23,10 @@ from slipangle.control.ocp import Reference
 from slipangle.control.plan import Plan
 from slipangle.control.realtime import RealTime
 from slipangle.control.terms import Limits, Weights
+from slipangle.data.dataset import Channel
 from slipangle.experiments import Progress, Reproduction
 from slipangle.models.pendulum import Pendulum
+from slipangle.report.drives import Signal, signals
 from slipangle.report.tables import Record
 
 STEPS, STEP, FORCE = 200, 0.1, 800.0
@@ -66,6 +68,14 @@ def closed_loop_cost(states: np.ndarray) -> float:
     return float((states**2 @ [1.0, 100.0, 1.0, 1.0]).sum())
 
 
+def figure(states: np.ndarray, forces: np.ndarray) -> Any:
+    """Position, velocity, angle, angular rate and force over time, as figure 5.3."""
+    panels = [("p", "m", 0), ("v", "m/s", 2), ("theta", "rad", 1), ("omega", "rad/s", 3)]
+    rows = [Signal(channel=Channel(name, unit), values=states[:-1, k]) for name, unit, k in panels]
+    rows.append(Signal(channel=Channel("F", "N"), values=forces, lower=-FORCE, upper=FORCE, held=True))
+    return signals(STEP * np.arange(STEPS), rows)
+
+
 def reproduce(progress: Progress) -> Reproduction:
     """Swing up four times."""
     found: list[Record] = []
@@ -77,9 +87,12 @@ def reproduce(progress: Progress) -> Reproduction:
         "Ipopt": controller(Ipopt(tolerance=1e-8)),
         "real-time iteration, terminal weight 100 Q": controller(RealTime(), end=100.0),
     }
+    figures = []
     for k, (name, mpc) in enumerate(runs.items()):
         progress(k / len(runs), name)
         states, forces, times[name], plans = swing_up(mpc)
+        if name.startswith("real-time"):
+            figures.append(figure(states, forces))
         costs[name] = closed_loop_cost(states)
         upright = np.abs(states[:, 1]) < np.deg2rad(2)
         last = np.flatnonzero(~upright)
@@ -129,5 +142,7 @@ def reproduce(progress: Progress) -> Reproduction:
     return Reproduction(
         title="Example 5: inverted pendulum",
         records=tuple(found),
-        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split()),
+        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split())
+        + " Figures: real-time iterations, with the last state's weight as the others' and with 100 Q.",
+        figures=tuple(figures),
     )

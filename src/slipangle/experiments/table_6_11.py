@@ -26,12 +26,14 @@ def reproduce(progress: Progress) -> Reproduction:
     """Drive every row."""
     progress(0.0, "fitting the neural tires")
     plant, tires = experimental_tires()
-    found = records(
+    found, figures = records(
         "table 6.11", REAR_DRIVE, double_lane_change(25.0, width=1.4, blend=12.0), plant, tires, PRINTED, progress
     )
     progress(1.0, "done")
     return Reproduction(
         title="Table 6.11: double lane change, experimental tires",
         records=tuple(found),
-        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split()),
+        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split())
+        + " Figures: Pacejka tires, N = 10, real-time iterations.",
+        figures=figures,
     )

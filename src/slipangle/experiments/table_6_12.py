@@ -26,10 +26,12 @@ def reproduce(progress: Progress) -> Reproduction:
     """Drive every row."""
     progress(0.0, "fitting the neural tires")
     plant, tires = experimental_tires()
-    found = records("table 6.12", REAR_DRIVE, lane_changes(25.0, change=50.0), plant, tires, PRINTED, progress)
+    found, figures = records("table 6.12", REAR_DRIVE, lane_changes(25.0, change=50.0), plant, tires, PRINTED, progress)
     progress(1.0, "done")
     return Reproduction(
         title="Table 6.12: lane changes, experimental tires",
         records=tuple(found),
-        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split()),
+        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split())
+        + " Figures: Pacejka tires, N = 10, real-time iterations.",
+        figures=figures,
     )

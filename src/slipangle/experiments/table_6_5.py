@@ -26,10 +26,14 @@ def reproduce(progress: Progress) -> Reproduction:
     """Drive every row."""
     progress(0.0, "fitting the neural tires")
     plant, tires = simulated_tires()
-    found = records("table 6.5", FRONT_DRIVE, double_lane_change(20.0, blend=12.0), plant, tires, PRINTED, progress)
+    found, figures = records(
+        "table 6.5", FRONT_DRIVE, double_lane_change(20.0, blend=12.0), plant, tires, PRINTED, progress
+    )
     progress(1.0, "done")
     return Reproduction(
         title="Table 6.5: double lane change",
         records=tuple(found),
-        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split()),
+        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split())
+        + " Figures: Pacejka tires, N = 10, real-time iterations.",
+        figures=figures,
     )
