@@ -188,12 +188,18 @@ def _ratio(name: str, theirs: float, ours: float, least: float | None) -> Record
     )
 
 
+def _least(t: Times) -> float:
+    """Median over the situations of a drive of the least time that any round took: the work, not the load. [s]"""
+    return float(np.median(np.reshape(t.inside, (ROUNDS, -1)).min(axis=0)))
+
+
 def _neural(times: dict[str, Times]) -> list[Record]:
     base = times["8 states, N = 10"]
     found = []
     for tire in ("MLP {2 2}", "RBF {4}"):
         t = times[f"8 states, N = 10, {tire}"]
-        ratio = t.median("inside") / base.median("inside")
+        ratio = _least(t) / _least(base)
+        plain = t.median("inside") / base.median("inside")
         rmse = [float(np.sqrt(np.mean(np.square(v.e_y)))) for v in (t, base)]
         found.append(
             Record(
@@ -203,7 +209,8 @@ def _neural(times: dict[str, Times]) -> list[Record]:
                 here=ratio,
                 bound="<= 1.0",
                 holds=ratio <= 1.0,
-                note=f"lateral RMSE {rmse[0]:.4f} m and {rmse[1]:.4f} m",
+                note=f"least of {ROUNDS} rounds of each situation, median over the situations; ratio of plain medians "
+                f"{plain:.3f}; lateral RMSE {rmse[0]:.4f} m and {rmse[1]:.4f} m",
             )
         )
     return found

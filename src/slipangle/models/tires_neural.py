@@ -92,7 +92,8 @@ class NeuralCurve:
         before, after, offset = _AS_TANH[net.activation]
         layers, last = [], len(net.weights) - 1
         for k, (w, b) in enumerate(zip(net.weights, net.biases, strict=True)):
-            w, b = (0.5 * w, b) if k == 0 else (after * w, b + offset * w.sum(axis=1))
+            if k > 0:
+                w, b = after * w, b + offset * w.sum(axis=1)
             if k == last:
                 scale = net.output_scaling
                 layers.append((w * scale.factor[:, None], b * scale.factor + scale.offset))
@@ -101,13 +102,10 @@ class NeuralCurve:
         return layers
 
     def _few_operations(self, x: Any) -> Any:
-        """The network's pass for symbols, clipping included, in a form that needs few operations, its slope too.
-
-        Clipping to -1..1 is ``(|z + 1| - |z - 1|) / 2``, its half inside the first weights.
-        """
+        """The network's pass for symbols, clipping included, in a form that needs few operations, its slope too."""
         layers, scaling = self._folded or [], self.network.input_scaling
         z = (x - ca.DM(scaling.offset)) * ca.DM(1 / scaling.factor)
-        z = fabs(z + 1.0) - fabs(z - 1.0)
+        z = ca.if_else(fabs(z) < 1.0, z, ca.copysign(1.0, z))
         for w, b in layers[:-1]:
             z = tanh(matmul(w, z) + ca.DM(b))
         w, b = layers[-1]
