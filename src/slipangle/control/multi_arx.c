@@ -103,26 +103,44 @@ static void blend(Work *s)
 }
 
 #if POSE
+#define WIDE ((QN + LANES) / LANES) /* vectors that hold QN + 1 numbers */
+
+static void sines(const V *angle, V *cosine, V *sine)
+{
+    for (int i = 0; i < WIDE; i++)
+        cosine[i] = v_cos(angle[i]), sine[i] = v_sin(angle[i]);
+}
+
 /* Error rows across the path and in heading, in the frame of the vehicle now, linear about the motion with the input
    held as it was: where that turns, the change of heading moves the vehicle along as well as across. */
 static void track(Work *s)
 {
     const double *here = s->x + NS - 3;
-    double cosine = cos(here[2]), sine = sin(here[2]), x = 0, y = 0, psi = 0, held = s->applied[0], last[NY], next[NY];
-    double turn[QN] = {0}, side[QN] = {0}, ahead[QN] = {0};
-    memcpy(last, s->free, sizeof last);
+    double cosine = cos(here[2]), sine = sin(here[2]), x = 0, y = 0, psi = 0, held = s->applied[0];
+    double turn[QN] = {0}, side[QN] = {0}, ahead[QN] = {0}, out[(QN + 1) * NY];
+    V angles[2][WIDE] = {{{0}}}, cosine_of[2][WIDE], sine_of[2][WIDE]; /* of the vehicle between steps, of the path */
+    double *mean = (double *)angles[0], *lean = (double *)angles[1];
+    memcpy(out, s->free, sizeof out);
+    for (int i = 0; i <= QN; i++) {
+        for (int o = 0; o < NY; o++)
+            for (int k = 0; k < i; k++)
+                out[i * NY + o] += s->hit[(i * NY + o) * QN + k] * held;
+        if (i) {
+            mean[i] = psi + STEP * (2 * out[(i - 1) * NY + RR] + out[i * NY + RR]) / 6;
+            psi += 0.5 * STEP * (out[(i - 1) * NY + RR] + out[i * NY + RR]);
+        }
+        lean[i] = s->path[3 * i + 2] - here[2];
+        s->pose[3 * i + 2] = psi;
+    }
+    sines(angles[0], cosine_of[0], sine_of[0]);
+    sines(angles[1], cosine_of[1], sine_of[1]);
     for (int i = 0; i <= QN; i++) {
         if (i) {
             const double *h0 = s->hit + (i - 1) * NY * QN, *h1 = h0 + NY * QN;
-            double v = s->v[i - 1];
-            for (int o = 0; o < NY; o++) {
-                next[o] = s->free[i * NY + o];
-                for (int k = 0; k < i; k++)
-                    next[o] += h1[o * QN + k] * held;
-            }
-            double mean = psi + STEP * (2 * last[RR] + next[RR]) / 6, c = cos(mean), b = sin(mean);
+            const double *last = out + (i - 1) * NY, *next = out + i * NY;
+            double v = s->v[i - 1], c = ((double *)cosine_of[0])[i], b = ((double *)sine_of[0])[i];
             double v_y = 0.5 * (last[VY] + next[VY]), dx = STEP * (v * c - v_y * b), dy = STEP * (v * b + v_y * c);
-            x += dx, y += dy, psi += 0.5 * STEP * (last[RR] + next[RR]);
+            x += dx, y += dy;
             for (int k = 0; k < i; k++) {
                 double r0 = h0[RR * QN + k], r1 = h1[RR * QN + k], d = turn[k] + STEP * (2 * r0 + r1) / 6;
                 double slide = 0.5 * STEP * (h0[VY * QN + k] + h1[VY * QN + k]);
@@ -130,14 +148,14 @@ static void track(Work *s)
                 side[k] += dx * d + c * slide;
                 turn[k] += 0.5 * STEP * (r0 + r1);
             }
-            memcpy(last, next, sizeof last);
         }
         const double *p = s->path + 3 * i;
-        double px = p[0] - here[0], py = p[1] - here[1], a = p[2] - here[2], c = cos(a), b = sin(a);
+        double px = p[0] - here[0], py = p[1] - here[1], a = lean[i];
+        double c = ((double *)cosine_of[1])[i], b = ((double *)sine_of[1])[i];
         double along = cosine * px + sine * py, across = cosine * py - sine * px;
-        s->pose[3 * i] = x, s->pose[3 * i + 1] = y, s->pose[3 * i + 2] = psi;
+        s->pose[3 * i] = x, s->pose[3 * i + 1] = y;
         s->error[0][i] = c * (y - across) - b * (x - along);
-        s->error[1][i] = psi - a;
+        s->error[1][i] = s->pose[3 * i + 2] - a;
         memcpy(s->along + i * QN, ahead, sizeof ahead);
         memcpy(s->across + i * QN, side, sizeof side);
         memcpy(s->row[1] + i * QN, turn, sizeof turn);
@@ -215,6 +233,9 @@ static void limit(Work *s)
 static void report(Work *s)
 {
     double y[(QN + 1) * NY];
+#if POSE
+    double cosine = cos(s->x[NS - 1]), sine = sin(s->x[NS - 1]);
+#endif
     memcpy(y, s->free, sizeof y);
     for (int i = 1; i <= QN; i++)
         for (int o = 0; o < NY; o++)
@@ -235,8 +256,8 @@ static void report(Work *s)
             across += s->across[i * QN + k] * u;
             psi += s->row[1][i * QN + k] * u;
         }
-        x[NS - 3] = from[0] + cos(from[2]) * along - sin(from[2]) * across;
-        x[NS - 2] = from[1] + sin(from[2]) * along + cos(from[2]) * across;
+        x[NS - 3] = from[0] + cosine * along - sine * across;
+        x[NS - 2] = from[1] + sine * along + cosine * across;
         x[NS - 1] = from[2] + psi;
 #endif
     }
