@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from slipangle.control.driver import SpeedDriver
     from slipangle.control.mpc import MPC
+    from slipangle.control.multi_arx import MultiARXMPC
     from slipangle.control.terms import Limits, Values, Weights
     from slipangle.data.dataset import Channel, Dataset, join
     from slipangle.data.manoeuvres import double_lane_change, lane_changes, obstacle_avoidance
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from slipangle.models.ground import OnGround
     from slipangle.models.magic_formula import MagicFormulaTire
     from slipangle.models.model import FitInfo, Model, Trajectory
+    from slipangle.models.multi_arx import MultiARXModel
     from slipangle.models.narx import NARXModel
     from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
     from slipangle.models.storage import save
@@ -99,6 +101,7 @@ _HOME = {  # where each public name lives; imported on first use, so that `impor
     "slipangle.models.nonlinear_bicycle": ("NonlinearBicycle", "NonlinearBicycleParams"),
     "slipangle.models.storage": ("save",),
     "slipangle.models.ground": ("OnGround",),
+    "slipangle.models.multi_arx": ("MultiARXModel",),
     "slipangle.models.custom": ("Ode",),
     "slipangle.models.delayed": ("Delayed",),
     "slipangle.identify.arx": ("ARX",),
@@ -115,6 +118,7 @@ _HOME = {  # where each public name lives; imported on first use, so that `impor
     "slipangle.identify.validate": ("Validation", "validate"),
     "slipangle.control.driver": ("SpeedDriver",),
     "slipangle.control.mpc": ("MPC",),
+    "slipangle.control.multi_arx": ("MultiARXMPC",),
     "slipangle.control.terms": ("Limits", "Values", "Weights"),
     "slipangle.report.comparison": ("comparison_page",),
     "slipangle.simulate.loop": ("closed_loop",),
@@ -149,6 +153,8 @@ __all__ = [
     "MagicCurve",
     "MagicFormulaTire",
     "Model",
+    "MultiARXMPC",
+    "MultiARXModel",
     "NARXModel",
     "NeuralStateSpace",
     "NonlinearBicycle",
