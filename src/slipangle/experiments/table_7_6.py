@@ -3,8 +3,8 @@
 The table is missing in our copy of the thesis; its text states reductions of up to 63 % (in another place 75 %) against
 LMPC and 88 % against NMPC. Drives as in table 7.5. Two comparisons: the thesis' own way, Ipopt for all three (multiple
 shooting; CVODES inside for LMPC and NMPC, the models side by side for MARX), on moments of the drives in every segment,
-warm started, process time; and our real-time solvers, time inside the compiled code over the whole drive, each plan
-made twice and timed the second time, when the plant has not just emptied the caches.
+warm started, process time; and our real-time solvers, time inside the compiled code over the whole drive, the
+shortest of three repetitions of each plan, since the plant has emptied the caches before the first.
 """
 
 from __future__ import annotations
