@@ -23,7 +23,7 @@ from slipangle.models.ground import OnGround
 from slipangle.models.hybrid import HybridModel, OffsetModel
 from slipangle.models.longitudinal import DrivelineParams, PedalCar
 from slipangle.models.lure import LureModel
-from slipangle.models.multi_arx import MultiARXModel
+from slipangle.models.multi_arx import MultiARXModel, ParallelARX
 from slipangle.models.narx import NARXModel
 from slipangle.models.networks import MLP, Scaling
 from slipangle.models.neural_bicycle import NeuralBicycle, TireNetworkBicycle
@@ -326,6 +326,14 @@ ALL_MODELS = {
     ),
     "bicycle on the ground": OnGround(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r", "v_y"))),
     "ARX models blended by speed": MultiARXModel(
+        models=(
+            ARXModel(A=[-1.9, 0.92], B=[0.02, 0.03], dt=0.05, inputs=("delta",), outputs=("Y",)),
+            ARXModel(A=[-1.7, 0.9, -0.1], B=[0.1], nk=3, c=[0.1], dt=0.05, inputs=("delta",), outputs=("Y",)),
+            ARXModel(A=[-1.8, 0.9], B=[0.2, 0.1], dt=0.05, inputs=("delta",), outputs=("Y",)),
+        ),
+        speeds=(10.0, 18.3, 24.7),
+    ),
+    "ARX models side by side": ParallelARX(
         models=(
             ARXModel(A=[-1.9, 0.92], B=[0.02, 0.03], dt=0.05, inputs=("delta",), outputs=("Y",)),
             ARXModel(A=[-1.7, 0.9, -0.1], B=[0.1], nk=3, c=[0.1], dt=0.05, inputs=("delta",), outputs=("Y",)),
