@@ -228,8 +228,8 @@ class Search:
             study.set_user_attr("search", signature)
         elif kept != signature:
             raise ConfigError(
-                f"'{self.journal}' keeps another search (space, seed, round size, sampler or pruner differ); expected the "
-                "same: name another journal"
+                f"'{self.journal}' keeps another search (space, seed, round size, sampler or pruner differ); expected "
+                "the same: name another journal"
             )
         return study
 
