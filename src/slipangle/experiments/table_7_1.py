@@ -113,6 +113,7 @@ def reproduce(progress: Progress) -> Reproduction:
         records=tuple(records),
         protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split()),
         figures=tuple(figures),
+        captions=tuple(f"Validation at {v:g} m/s" for v in PRINTED),
     )
 
 

@@ -66,4 +66,5 @@ def reproduce(progress: Progress) -> Reproduction:
         records=tuple(records),
         protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split()),
         figures=tuple(figures),
+        captions=tuple(f"ARX-MPC-{v:g}: path and steering at {v:g} m/s" for v in PRINTED),
     )

@@ -116,6 +116,7 @@ def controllers() -> dict[str, Any]:
     }
 
 
+DRAWN = ("LMPC", "NMPC", BEST)
 _DRIVEN: dict[str, Driven] = {}
 
 
@@ -168,6 +169,7 @@ def reproduce(progress: Progress) -> Reproduction:
         records=tuple(records),
         protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split()),
         figures=figures(done),
+        captions=DRAWN,
     )
 
 
@@ -176,12 +178,12 @@ def _bounded(name: str, segment: str, error: dict[str, dict[str, float]]) -> Rec
     here, bound, holds, note = error[name][segment], "", None, ""
     if name == BEST and segment == "segment 3":
         most = min(error["LMPC"][segment], error["NMPC"][segment])
-        bound, holds = f"< {most:.4f}, the smaller of LMPC's and NMPC's", here < most
-        note = "the thesis: MARX has the smallest error here"
+        bound, holds = f"< {most:.4f}", here < most
+        note = "the smaller of LMPC's and NMPC's; in the thesis MARX has the smallest error here"
     elif name == BEST:
         most = 1.25 * error["NMPC"][segment]
-        bound, holds = f"<= {most:.4f}, 1.25 times NMPC's", here <= most
-        note = "the thesis: NMPC has the smallest error here"
+        bound, holds = f"<= {most:.4f}", here <= most
+        note = "1.25 times NMPC's, which has the smallest error here in the thesis"
     return Record(
         row=name,
         quantity=f"lateral RMSE, {segment} [m]",
@@ -196,7 +198,7 @@ def _bounded(name: str, segment: str, error: dict[str, dict[str, float]]) -> Rec
 def figures(done: dict[str, Driven]) -> tuple[Any, ...]:
     """Figures 7.8 to 7.10: path, error, slip angles, steering, speed and weights of each controller."""
     found = []
-    for name in ("LMPC", "NMPC", BEST):
+    for name in DRAWN:
         run = done[name].run
         felt = CAR.signals(run.states.T, run.inputs.T)
         spans = []
