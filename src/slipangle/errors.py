@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class SlipangleError(ValueError):
@@ -89,3 +89,15 @@ def nearest(name: str, known: Iterable[str]) -> str:
         return "nearest are " + ", ".join(repr(n) for n in close)
     shown = ", ".join(repr(n) for n in names[:12])
     return f"there are {shown}" + (", ..." if len(names) > 12 else "")
+
+
+def require_known(name: str, known: Sequence[str], what: str) -> None:
+    """Raise unless a setting is one of the words it may be.
+
+    Raises
+    ------
+    ParameterError
+        With those words and the nearest of them.
+    """
+    if name not in known:
+        raise ParameterError(f"the {what} is '{name}'; expected one of {', '.join(known)}: {nearest(name, known)}")

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ParameterError, nearest
+from slipangle.errors import require_known
 from slipangle.models.model import Model, Trajectory
 
 Start = Literal["first samples", "least squares"]
@@ -37,9 +37,7 @@ def free_run(model: Model, data: Dataset, *, start: Start = "first samples") -> 
     SimulationError
         If the state leaves the finite numbers.
     """
-    known = get_args(Start)
-    if start not in known:
-        raise ParameterError(f"start is '{start}'; expected one of {', '.join(known)}: {nearest(start, known)}")
+    require_known(start, get_args(Start), "start")
     if start == "first samples":
         return model.simulate(data)
     model.check(data)

@@ -13,7 +13,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.marquardt import improve
-from slipangle.identify.training import Progress
+from slipangle.identify.training import Progress, as_tuples, require_holdout
 from slipangle.models.ensemble import EnsembleModel
 from slipangle.models.model import FitInfo, Trial
 from slipangle.models.networks import MLP, Activation, Scaling
@@ -102,9 +102,7 @@ class Joint:
     seeds: tuple[int, ...] = (0,)
 
     def __post_init__(self) -> None:
-        for key in ("free", "hidden", "also", "seeds"):
-            given = getattr(self, key)
-            object.__setattr__(self, key, tuple(given) if isinstance(given, (tuple, list, range)) else (given,))
+        as_tuples(self, "free", "hidden", "also", "seeds")
         for name in self.free:
             self.start.params.si(name)
         if self.corrects not in ("derivative", "tires"):
@@ -118,8 +116,7 @@ class Joint:
         unknown = [name for name in self.also if name not in ("v_y", "a_y")]
         if unknown:
             raise ParameterError(f"'{unknown[0]}' cannot be fitted along; expected 'v_y' or 'a_y'")
-        if not 0 <= self.holdout <= 0.5:
-            raise ParameterError(f"holdout is {self.holdout}; expected a share from 0 to 0.5, such as 0.2")
+        require_holdout(self.holdout)
         if self.iterations < 1 or not self.seeds:
             raise ParameterError(
                 f"{self.iterations} iterations and {len(self.seeds)} seeds; expected at least one of each"

@@ -10,9 +10,9 @@ from typing import Any, get_args
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ModelWarning, ParameterError, nearest
+from slipangle.errors import ModelWarning, ParameterError, require_known
 from slipangle.identify.excitation import require_identifiable, require_independent
-from slipangle.identify.training import Precision, Progress, Stage, train
+from slipangle.identify.training import Precision, Progress, Stage, as_tuples, require_holdout, train
 from slipangle.identify.windows import cut, layers, scaled, training_info, window_starts
 from slipangle.models.networks import MLP, Activation, Scaling, mlp_pass
 from slipangle.models.neural_statespace import NeuralStateSpaceModel
@@ -78,9 +78,7 @@ class NeuralStateSpace:
     precision: Precision = "single"
 
     def __post_init__(self) -> None:
-        for key in ("hidden", "emission_hidden", "stages", "gain_stages", "seeds"):
-            given = getattr(self, key)
-            object.__setattr__(self, key, tuple(given) if isinstance(given, (tuple, list, range)) else (given,))
+        as_tuples(self, "hidden", "emission_hidden", "stages", "gain_stages", "seeds")
         if self.order < 1:
             raise ParameterError(f"order is {self.order}; expected a whole number of at least 1")
         if self.lags < 0:
@@ -89,14 +87,8 @@ class NeuralStateSpace:
             object.__setattr__(self, "lags", 2 * self.order + 1)
         if any(n < 1 for n in (*self.hidden, *self.emission_hidden)):
             raise ParameterError(f"a hidden layer of {self.hidden}, {self.emission_hidden} has no neuron")
-        known = get_args(Activation)
-        if self.activation not in known:
-            raise ParameterError(
-                f"the activation is '{self.activation}'; expected one of {', '.join(known)}: "
-                f"{nearest(self.activation, known)}"
-            )
-        if not 0 <= self.holdout <= 0.5:
-            raise ParameterError(f"holdout is {self.holdout}; expected a share from 0 to 0.5, such as 0.15")
+        require_known(self.activation, get_args(Activation), "activation")
+        require_holdout(self.holdout)
 
     def fit(self, data: Dataset, *, progress: Progress | None = None) -> NeuralStateSpaceModel:
         """Model of all outputs from all inputs of ``data``; windows never cross the border of an experiment.

@@ -21,6 +21,19 @@ Progress = Callable[[float, str], None]  # share done (0 to 1), what is being do
 CHECK_EVERY = 50  # epochs between two free runs on the held-out part, fewer in short stages
 
 
+def as_tuples(settings: Any, *names: str) -> None:
+    """Make tuples of an estimator's settings that may be given as lists, ranges or single values."""
+    for name in names:
+        given = getattr(settings, name)
+        object.__setattr__(settings, name, tuple(given) if isinstance(given, (tuple, list, range)) else (given,))
+
+
+def require_holdout(holdout: float) -> None:
+    """Raise `ParameterError` unless the held-out share of the training data is from 0 to 0.5."""
+    if not 0 <= holdout <= 0.5:
+        raise ParameterError(f"holdout is {holdout}; expected a share from 0 to 0.5, such as 0.15")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Stage:
     """One stage of training by Adam with a cosine decay of the learning rate.

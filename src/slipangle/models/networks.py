@@ -23,7 +23,7 @@ from typing import Any, Literal, Self, get_args
 import casadi as ca
 import numpy as np
 
-from slipangle.errors import NotFiniteError, ParameterError, nearest
+from slipangle.errors import NotFiniteError, ParameterError, require_known
 from slipangle.ops import Scalar, Vector, exp, is_symbolic, log, matmul, minimum, sqrt, tanh, where
 
 Activation = Literal["sigmoid", "tanh", "elu"]
@@ -297,7 +297,7 @@ class MLP(Network):
     output_scaling: Scaling = field(default=None)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        _known(self.activation, get_args(Activation), "activation")
+        require_known(self.activation, get_args(Activation), "activation")
         weights = tuple(_frozen(w, f"weights of layer {k}", 2) for k, w in enumerate(self.weights))
         biases = tuple(_frozen(b, f"biases of layer {k}", 1) for k, b in enumerate(self.biases))
         if not weights or len(weights) != len(biases):
@@ -414,7 +414,7 @@ class RBF(Network):
     output_scaling: Scaling = field(default=None)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        _known(self.kernel, get_args(Kernel), "kernel")
+        require_known(self.kernel, get_args(Kernel), "kernel")
         for key, dimensions in (("centres", 2), ("widths", 1), ("weights", 2)):
             object.__setattr__(self, key, _frozen(getattr(self, key), key, dimensions))
         n = self.centres.shape[0]
@@ -442,11 +442,6 @@ class RBF(Network):
         return self.weights.shape[0]
 
     @property
-    def n_neurons(self) -> int:
-        """Neurons of the hidden layer."""
-        return self.centres.shape[0]
-
-    @property
     def parameters(self) -> np.ndarray:
         """Centres, widths, weights; shape (n_parameters,)."""
         return np.concatenate([self.centres.ravel(), self.widths, self.weights.ravel()])
@@ -455,11 +450,6 @@ class RBF(Network):
         """The same architecture with other centres, widths and weights, in the order of `parameters`."""
         centres, widths, weights = _unravel(theta, [self.centres.shape, self.widths.shape, self.weights.shape])
         return replace(self, centres=centres, widths=widths, weights=weights)
-
-
-def _known(name: str, known: tuple[str, ...], what: str) -> None:
-    if name not in known:
-        raise ParameterError(f"the {what} is '{name}'; expected one of {', '.join(known)}: {nearest(name, known)}")
 
 
 def _frozen(value: Any, what: str, dimensions: int) -> Any:
