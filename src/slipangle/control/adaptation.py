@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from slipangle.control.leading import Led
 from slipangle.control.multi_arx import SLOWEST, MultiARXMPC, MultiARXPlan
 from slipangle.control.multi_arx_solver import Numbers
 from slipangle.control.ocp import Reference
@@ -101,7 +102,7 @@ class AdaptivePlan(MultiARXPlan):
 
 
 @dataclass(frozen=True, eq=False)
-class AdaptiveMultiARXMPC:
+class AdaptiveMultiARXMPC(Led):
     """`MultiARXMPC` with recursive least squares on its models.
 
     All models are estimated together: the newest output is the blend ``sum_j w_j(v_x) theta_j' phi + c``, linear in all
@@ -155,29 +156,9 @@ class AdaptiveMultiARXMPC:
         return self.base.model
 
     @property
-    def dt(self) -> float:
-        """Step. [s]"""
-        return self.base.dt
-
-    @property
-    def horizon(self) -> int:
-        """Steps ahead."""
-        return self.base.horizon
-
-    @property
-    def controls(self) -> tuple[str, ...]:
-        """The decided input."""
-        return self.base.controls
-
-    @property
-    def exogenous(self) -> tuple[str, ...]:
-        """The speed."""
-        return self.base.exogenous
-
-    @property
-    def references(self) -> tuple[str, ...]:
-        """Columns of the reference."""
-        return self.base.references
+    def leader(self) -> MultiARXMPC:
+        """The base controller."""
+        return self.base
 
     def prepare(self) -> None:
         """Compile now."""
@@ -186,10 +167,6 @@ class AdaptiveMultiARXMPC:
     def start(self, measured: Mapping[str, float]) -> np.ndarray:
         """State of the model at the start."""
         return self.base.start(measured)
-
-    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
-        """`Reference` from a look along a path."""
-        return self.base.reference(preview, **exogenous)
 
     def plan(
         self,

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from slipangle.control.leading import Led
 from slipangle.control.mpc import MPC
 from slipangle.control.multi_arx import MultiARXMPC
 from slipangle.control.ocp import Reference
@@ -120,7 +121,7 @@ class SwitchedPlan(Plan):
 
 
 @dataclass(frozen=True, eq=False)
-class SwitchedMPC:
+class SwitchedMPC(Led):
     """Two controllers and a criterion that says which one plans.
 
     The criterion is the share of grip that is needed: ``demand = max(|v_x r| now, |v_x r| in the plan before,
@@ -175,24 +176,9 @@ class SwitchedMPC:
         return SideBySide(self.calm.model, self.limit.model)
 
     @property
-    def dt(self) -> float:
-        """Step. [s]"""
-        return self.calm.dt
-
-    @property
-    def horizon(self) -> int:
-        """Steps ahead."""
-        return self.calm.horizon
-
-    @property
-    def controls(self) -> tuple[str, ...]:
-        """The decided input."""
-        return self.calm.controls
-
-    @property
-    def exogenous(self) -> tuple[str, ...]:
-        """The speed."""
-        return self.calm.exogenous
+    def leader(self) -> MultiARXMPC | MPC:
+        """The calm controller; the other one agrees with it."""
+        return self.calm
 
     def prepare(self) -> None:
         """Compile both now."""
@@ -208,10 +194,6 @@ class SwitchedMPC:
             else:
                 parts.append(np.array([measured.get(n, 0.0) for n in controller.model.states]))
         return np.concatenate(parts)
-
-    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
-        """`Reference` from a look along a path."""
-        return self.calm.reference(preview, **exogenous)
 
     def demand(self, x: np.ndarray, reference: Reference, previous: Plan | None) -> float:
         """Share of grip that is needed, see the class; infinite if anything is not finite."""

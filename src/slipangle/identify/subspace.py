@@ -151,7 +151,6 @@ class Projection:
     n_u: int
     n_y: int
     block_rows: int
-    n_windows: int
     algorithm: Algorithm
     solver: str
     singular_values: np.ndarray
@@ -241,7 +240,6 @@ def project(data: Dataset, *, algorithm: Algorithm, block_rows: int, offset: boo
         n_u=nu,
         n_y=ny,
         block_rows=s,
-        n_windows=windows.count,
         algorithm=algorithm,
         solver=solver,
         singular_values=singular,

@@ -19,6 +19,15 @@ from slipangle.models.networks import MLP, mlp_pass
 from slipangle.models.neural_bicycle import NeuralBicycle
 
 
+def _shaped(theta: Any, shapes: Sequence[tuple[int, ...]]) -> list[Any]:
+    """Weights and biases of a network, in turn, from the vector that holds them one after the other."""
+    parts, at = [], 0
+    for shape in shapes:
+        parts.append(theta[at : at + int(np.prod(shape))].reshape(shape))
+        at += int(np.prod(shape))
+    return parts
+
+
 @dataclass(frozen=True, eq=False)
 class Unrolled:
     """Free run of a `NeuralBicycle` over its free parameters, its network's weights, and offsets of the outputs.
@@ -58,10 +67,7 @@ class Unrolled:
         n, ny = len(self.free), len(self.size)
         values = {name: theta[i] * self.scale[i] for i, name in enumerate(self.free)}
         params = replace(self.model.params, **values)
-        parts, at = [], n
-        for shape in self._shapes:
-            parts.append(theta[at : at + int(np.prod(shape))].reshape(shape))
-            at += int(np.prod(shape))
+        parts = _shaped(theta[n:], self._shapes)
         net: Any = self.model.network
 
         def correction(x: Any) -> Any:
@@ -174,10 +180,7 @@ class UnrolledLags:
 
     def _next(self, theta: Any, past: Any, drive: Any) -> Any:
         shapes = [s for w, b in zip(self.network.weights, self.network.biases, strict=True) for s in (w.shape, b.shape)]
-        parts, at = [], 0
-        for shape in shapes:
-            parts.append(theta[at : at + int(np.prod(shape))].reshape(shape))
-            at += int(np.prod(shape))
+        parts = _shaped(theta, shapes)
         return mlp_pass(jnp.concatenate([past, drive]), parts[0::2], parts[1::2], self.network.activation)
 
     def _pasts(self, theta: Any, past: Any, drives: Any) -> tuple[Any, Any]:

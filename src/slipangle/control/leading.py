@@ -1,0 +1,49 @@
+"""`Led`: a controller around another one, whose step, horizon, input and reference it has."""
+
+from __future__ import annotations
+
+import abc
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.ocp import Reference
+from slipangle.data.path import Preview
+
+
+class Led(abc.ABC):
+    """What a controller takes over from the one it is built around."""
+
+    @property
+    @abc.abstractmethod
+    def leader(self) -> Any:
+        """The controller whose settings count."""
+
+    @property
+    def dt(self) -> float:
+        """Step. [s]"""
+        return self.leader.dt
+
+    @property
+    def horizon(self) -> int:
+        """Steps ahead."""
+        return self.leader.horizon
+
+    @property
+    def controls(self) -> tuple[str, ...]:
+        """The decided input."""
+        return self.leader.controls
+
+    @property
+    def exogenous(self) -> tuple[str, ...]:
+        """The speed."""
+        return self.leader.exogenous
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Columns of the reference."""
+        return self.leader.references
+
+    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
+        """`Reference` from a look along a path."""
+        return self.leader.reference(preview, **exogenous)
