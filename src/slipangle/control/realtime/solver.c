@@ -12,22 +12,30 @@ static const double *limit_of(const Work *s, int row, int *stage, int *which)
 
 /* ---- linearisation -------------------------------------------------------------------------------------------- */
 
+static int all_finite(const double *values, int n)
+{
+    V sum = {0}, v;
+    int i = 0, all = 1;
+    for (; i + LANES <= n; i += LANES) {
+        memcpy(&v, values + i, sizeof v);
+        sum += 0 * v;
+    }
+    for (; i < n; i++)
+        all &= 0 * values[i] == 0;
+    return all && !v_any(sum != 0.0);
+}
+
 static int linearise(Work *s)
 {
     for (int i = 0; i < N; i += LANES)
         evaluate_dynamics(s, i, LANES);
+    if (s->open_end)
+        memcpy(s->x + N * NX, s->next + (N - 1) * NX, sizeof s->x0);
+    s->open_end = 0;
     for (int i = 0; i <= N; i += LANES)
         evaluate_stage(s, i);
-    double sum = 0;
-    for (int i = 0; i < N * NX; i++)
-        sum += 0 * s->next[i];
-    for (int i = 0; i < (N + 1) * NE; i++)
-        sum += 0 * s->e[i];
-    for (int i = 0; i < (N + 1) * NL; i++)
-        sum += 0 * s->l[i];
-    for (int i = 0; i < (int)(sizeof s->A / sizeof(double)); i++)
-        sum += 0 * s->A[i];
-    return sum == 0;
+    return all_finite(s->next, N * NX) && all_finite(s->e, (N + 1) * NE) && all_finite(s->l, (N + 1) * NL) &&
+           all_finite(s->A, N * NX * NX);
 }
 
 /* Correct H along a step by the change of the gradient seen there (BFGS, damped after Powell). */
@@ -562,11 +570,9 @@ static void start(Work *s)
         keep_inputs(s);
     if (s->fresh == GIVEN_INPUTS || N == 1)
         roll_out(s);
-    else if (s->fresh == CONTINUE) {
+    else if (s->fresh == CONTINUE)
         memcpy(s->x, s->x0, sizeof s->x0);
-        evaluate_dynamics(s, N - 1, 1);
-        memcpy(s->x + N * NX, s->next + (N - 1) * NX, sizeof s->x0);
-    }
+    s->open_end = s->fresh == CONTINUE;
 }
 
 /* Everything that can be done before the state is known: shift the plan, expect its next state, linearise, condense. */

@@ -60,12 +60,15 @@ static void settle_fast_states(Scratch *c, I which)
 }
 
 /* Stage slopes k of one step of Radau IIA by exact Newton steps, H its coefficients times its length; columns that
-   find none stay marked in `moving`. */
+   find none stay marked in `moving`. A step is the last one where it, or what its shrinking promises of the next, is
+   within the tolerance. */
 INLINE void find_stages(Scratch *c, const double *H, double step, double tolerance, int settle, I *moving)
 {
-    V at[NX], before = v_all(INFINITY), t = v_all(1.0);
+    V at[NX], unit[NC], before = v_all(INFINITY), last = v_all(0.0), t = v_all(1.0);
     for (int a = 0; a < NX; a++)
         at[a] = c->x[a];
+    for (int a = 0; a < NC; a++)
+        unit[a] = step / (1.0 + v_fabs(c->x[CORE[a]]));
     for (int round = 0; round < 30; round++) {
         for (int j = 0; j < 3; j++) {
             for (int a = 0; a < NC; a++) {
@@ -84,22 +87,21 @@ INLINE void find_stages(Scratch *c, const double *H, double step, double toleran
                             row[3 * b + l] = -H[3 * j + l] * fx[b] + (a == b && j == l ? 1.0 : 0.0);
                 c->d[3 * a + j] = c->k[3 * a + j] - c->f[j * NC + a];
             }
-        V size = {0};
+        V size = {0}, most = {0};
         for (int i = 0; i < NK; i++) {
-            V r = step * c->d[i] / (1.0 + v_fabs(c->x[CORE[i / 3]]));
+            V r = unit[i / 3] * c->d[i];
             size += r * r;
         }
         /* wheels past the peak of their tire throw a full step too far: halve it until the residual falls */
         I worse = ~(size <= before) & ~(size <= tolerance * tolerance) & (t > 1e-4);
         newton_factor(c->m);
         newton_solve(c->m, c->d);
-        *moving = worse;
-        for (int i = 0; i < NK; i++) {
-            V scale = 1.0 + v_fabs(c->x[CORE[i / 3]]);
-            *moving |= ~(v_fabs(c->d[i]) * step <= tolerance * scale);
-        }
+        for (int i = 0; i < NK; i++)
+            most += v_fabs(unit[i / 3] * c->d[i]);
+        *moving = worse | ~((most <= tolerance) | (most * most <= tolerance * (last - most)));
         t = v_pick(worse, 0.5 * t, v_all(1.0));
         before = v_pick(worse, before, size);
+        last = v_pick(worse, v_all(0.0), most);
         for (int i = 0; i < NK; i++) {
             c->kept[i] = v_pick(worse, c->kept[i], c->k[i]);
             c->way[i] = v_pick(worse, c->way[i], c->d[i]);
@@ -110,6 +112,7 @@ INLINE void find_stages(Scratch *c, const double *H, double step, double toleran
         if (round == 14 && settle) { /* once more, from wheels at rest in their slip */
             settle_fast_states(c, *moving);
             before = v_pick(*moving, v_all(INFINITY), before);
+            last = v_pick(*moving, v_all(0.0), last);
         }
     }
 }

@@ -27,7 +27,7 @@ typedef struct {
     double dx[(N + 1) * NX], pi[(N + 1) * NX], du[N * NU];
     double u_from[N * NU], x_from[(N + 1) * NX], k_from[M1(N * NK)], penalty[(N + 1) * NX], hard_penalty;
     double pair_s[PAIRS * QL], pair_y[PAIRS * QL], g_from[QL], product[QL];
-    int64_t pairs;
+    int64_t pairs, open_end; /* open_end: the last state is where the last step ends */
     V G[2 * NX * QL / LANES], R[QL / LANES];
     double begin;
     Qp qp;
