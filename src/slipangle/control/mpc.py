@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import isfinite
+from math import isnan
 from time import perf_counter
 from typing import Literal
 
@@ -12,7 +12,20 @@ import numpy as np
 
 from slipangle.control.ipopt import Ipopt
 from slipangle.control.ocp import OCP, Reference
-from slipangle.control.plan import Backend, Engine, Plan, Prepares, Resumes, Solution, Start, Status, shifted, within
+from slipangle.control.plan import (
+    Backend,
+    Engine,
+    Plan,
+    Prepares,
+    Resumes,
+    Solution,
+    Start,
+    Status,
+    finite,
+    quick,
+    shifted,
+    within,
+)
 from slipangle.control.realtime import RealTime
 from slipangle.control.terms import Values, require_names
 from slipangle.data.path import Preview
@@ -91,7 +104,7 @@ class MPC(OCP):
         if isinstance(engine, Prepares) and reference is not None and previous is not None:
             wanted = self.reference(reference) if isinstance(reference, Preview) else reference
             self.check_reference(wanted)
-            if _finite(wanted) and previous.x.shape[0] > 1:
+            if _is_finite(wanted) and previous.x.shape[0] > 1:
                 engine.prepare(self._before(previous, None), self._unwound(wanted, previous.x[1]), previous)
 
     def plan(
@@ -133,28 +146,31 @@ class MPC(OCP):
         wanted = self.reference(reference) if isinstance(reference, Preview) else reference
         self.check_reference(wanted)
         before = self._before(previous, applied)
-        if not (isfinite(x.sum()) and _finite(wanted)):
+        if not (finite(x) and _is_finite(wanted)):
             return self._fallback(x, wanted, previous, before, Status.NOT_FINITE, 0, begin)
         try:
             solution = self._solve(x, self._unwound(wanted, x), previous, before)
         except RuntimeError as error:
             return self._fallback(x, wanted, previous, before, Status.FAILED, 0, begin, detail=str(error))
-        finite = isfinite(solution.u.sum()) and isfinite(solution.x.sum())
-        begun = solution.status.unfinished and solution.iterations > 0 and solution.violation <= FEASIBLE
-        if not (finite and (solution.status.solved or begun)):
-            status = solution.status if finite or not solution.status.solved else Status.NOT_FINITE
+        status = solution.status
+        begun = status.unfinished and solution.iterations > 0 and solution.violation <= FEASIBLE
+        if not (status.solved or begun):
             return self._fallback(x, wanted, previous, before, status, solution.iterations, begin)
-        return Plan(
-            u=self._within(solution.u, before),
-            x=solution.x,
-            status=solution.status,
-            seconds=perf_counter() - begin,
-            cost=solution.cost,
-            iterations=solution.iterations,
-            controls=self.controls,
-            residual=solution.residual,
-            memory=solution.memory,
-        )
+        if not finite(solution.u, solution.x):
+            status = Status.NOT_FINITE if status.solved else status
+            return self._fallback(x, wanted, previous, before, status, solution.iterations, begin)
+        values = {
+            "u": solution.u if solution.kept else within(solution.u, before, self.input_bounds, self.step_bounds),
+            "x": solution.x,
+            "status": status,
+            "cost": solution.cost,
+            "iterations": solution.iterations,
+            "controls": self.controls,
+            "residual": solution.residual,
+            "memory": solution.memory,
+            "seconds": perf_counter() - begin,
+        }
+        return quick(Plan, values)
 
     # ---- the parts ---------------------------------------------------------------------------------------------
 
@@ -170,31 +186,18 @@ class MPC(OCP):
     def _before(self, previous: Plan | None, applied: np.ndarray | None) -> np.ndarray:
         """Input applied before, within bounds."""
         low, high = self._input_range
-        if applied is None:
-            given = self._rest if previous is None else previous.command
-        else:
-            given = np.asarray(applied, dtype=float).ravel()
+        given = self._rest if previous is None else previous.u[0]
+        if applied is not None:
+            asked = np.asarray(applied, dtype=float).ravel()
+            given = asked if len(asked) != len(low) or finite(asked) else given
         if given.shape != low.shape:
             raise ParameterError(f"applied has {len(given)} entries; expected {len(low)}: {list(self.controls)}")
-        if not isfinite(given.sum()):
-            given = self._rest if previous is None else previous.command
         return np.minimum(np.maximum(given, low), high)
 
     @cached_property
     def _input_range(self) -> tuple[np.ndarray, np.ndarray]:
         low, high = self.input_bounds.T.copy()
         return low, high
-
-    @cached_property
-    def _rated(self) -> bool:
-        return bool(np.isfinite(self.step_bounds).any())
-
-    def _within(self, u: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """Inputs clipped to bounds and rates."""
-        if self._rated:
-            return within(u, before, self.input_bounds, self.step_bounds)
-        low, high = self._input_range
-        return np.minimum(np.maximum(u, low), high)
 
     def _unwound(self, wanted: Reference, x: np.ndarray) -> Reference:
         """The reference with its heading on the turn nearest to the vehicle's."""
@@ -277,12 +280,11 @@ class MPC(OCP):
         )
 
 
-def _finite(reference: Reference) -> bool:
+def _is_finite(reference: Reference) -> bool:
     """Whether nothing in a reference is NaN, and nothing but the corridor infinite."""
     inputs, corridor = reference.inputs, reference.corridor
     return (
-        isfinite(np.sum(reference.tracked))
-        and isfinite(np.sum(reference.exogenous))
-        and (inputs is None or isfinite(np.sum(inputs)))
-        and (corridor is None or not np.isnan(corridor).any())
+        finite(reference.tracked, reference.exogenous)
+        and (inputs is None or finite(inputs))
+        and (corridor is None or not isnan(np.vdot(corridor, corridor)))
     )

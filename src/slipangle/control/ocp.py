@@ -348,7 +348,7 @@ class OCP:
         """
         for key, (shape, names) in self._shapes.items():
             given = getattr(reference, key)
-            if given is not None and np.shape(given) != shape:
+            if given is not None and (given.shape if isinstance(given, np.ndarray) else np.shape(given)) != shape:
                 raise ParameterError(f"reference.{key} has shape {np.shape(given)}; expected {shape}, columns {names}")
         if self.corridor is not None and reference.corridor is None:
             raise ParameterError(

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from math import isfinite
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
 if TYPE_CHECKING:
     from slipangle.control.ocp import OCP, Reference
+
+P = TypeVar("P")
 
 
 class Status(Enum):
@@ -29,12 +32,16 @@ class Status(Enum):
     @property
     def solved(self) -> bool:
         """Whether the answer is an optimum, or a real-time iteration towards it."""
-        return self in (Status.SOLVED, Status.ACCEPTABLE, Status.REAL_TIME)
+        return self in _ANSWERS
 
     @property
     def unfinished(self) -> bool:
         """Whether the answer, though no optimum yet, may be a plan if it keeps every constraint."""
-        return self in (Status.ITERATION_LIMIT, Status.STALLED, Status.TIME_OUT)
+        return self in _UNFINISHED
+
+
+_ANSWERS = Status.SOLVED, Status.ACCEPTABLE, Status.REAL_TIME
+_UNFINISHED = Status.ITERATION_LIMIT, Status.STALLED, Status.TIME_OUT
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,9 +117,13 @@ class Start:
     memory: Any = None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(kw_only=True, eq=False)
 class Solution:
-    """What a solver returns; ``violation`` is the largest excess over any constraint, ``residual`` of optimality."""
+    """What a solver returns.
+
+    ``violation`` is the largest excess over any constraint, ``residual`` of optimality; ``kept`` says that u is within
+    limits and rates to the last bit.
+    """
 
     u: np.ndarray
     x: np.ndarray
@@ -122,6 +133,19 @@ class Solution:
     violation: float
     residual: float = float("nan")
     memory: Any = None
+    kept: bool = False
+
+
+def quick(kind: type[P], values: dict[str, Any]) -> P:
+    """A frozen dataclass without its constructor, which takes microseconds; what is not given has its default."""
+    made = object.__new__(kind)
+    made.__dict__.update(values)
+    return made
+
+
+def finite(*arrays: np.ndarray) -> bool:
+    """Whether no entry is NaN, infinite, or beyond 1e150."""
+    return all(isfinite(np.vdot(a, a)) for a in arrays)
 
 
 class Engine(Protocol):

@@ -25,15 +25,13 @@ OUTCOMES = (
 CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS = range(4)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(eq=False)
 class Memory:
-    """What the next start needs beside inputs and states: stage slopes of the integrator, and whose solve it was."""
+    """What the next start needs: all that a solve found, the integrator's stage slopes too, and whose solve it was."""
 
     serial: int
     engine: int
-    u: np.ndarray
-    x: np.ndarray
-    k: np.ndarray
+    found: np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,9 +88,11 @@ class CompiledEngine:
             view[name] = np.frombuffer(block, dtype=np.int64 if name in COUNTS else float)[:size].reshape(shape)
         self._view = view
         self._x0, self._applied, self._w, self._p, self._r = (view[n] for n in ("x0", "applied", "w", "p", "r"))
-        self._u, self._x, self._k, self._bounds = (view[n] for n in ("u", "x", "k", "bounds"))
-        self._cost, self._residual, self._violation = (view[n] for n in ("cost", "residual", "violation"))
+        self._u, self._x, self._bounds = (view[n] for n in ("u", "x", "bounds"))
         self._iterations, self._fresh = view["iterations"], view["fresh"]
+        first, last = (view[name].ctypes.data for name in ("u", "residual"))
+        block = (ctypes.c_double * ((last - first) // 8 + 1)).from_address(first)
+        self._found = np.frombuffer(block)  # u, x, k, ..., cost, violation, residual
         self._q, self._wr, self._ws = (view[name] for name in ("q", "wr", "ws"))
         q, end, self._wr[:], self._ws[:] = ocp.weights
         self._q[:-1], self._q[-1] = q, end
@@ -149,7 +149,7 @@ class CompiledEngine:
         memory = previous.memory
         if not (isinstance(memory, Memory) and memory.engine == id(self)) or self._settings.iterations != 1:
             return
-        self._set(memory.x[1], applied, reference)
+        self._set(previous.x[1], applied, reference)
         self._recall(memory)
         if OUTCOMES[self._library.rt_prepare(self._pointer)] is Status.SOLVED:
             self._ready = memory
@@ -157,7 +157,7 @@ class CompiledEngine:
 
     def _recall(self, memory: Memory) -> None:
         if memory.serial != self._serial:
-            self._u[:], self._x[:], self._k[:] = memory.u, memory.x, memory.k
+            self._found[:] = memory.found
 
     def _same(self, applied: np.ndarray, reference: Reference) -> bool:
         inputs = 0.0 if reference.inputs is None else reference.inputs
@@ -194,14 +194,17 @@ class CompiledEngine:
     def _run(self, call: Any = None) -> Solution:
         status = OUTCOMES[(call or self._call)(self._pointer)]
         self._serial += 1
-        u, x = self._u.copy(), self._x.copy()
+        found = self._found.copy()
+        inputs, states = self._u.size, self._u.size + self._x.size
+        cost, violation, residual = found[-3:].tolist()
         return Solution(
-            u=u,
-            x=x,
+            u=found[:inputs].reshape(self._u.shape),
+            x=found[inputs:states].reshape(self._x.shape),
             status=status,
-            cost=float(self._cost[0]),
-            iterations=int(self._iterations[0]),
-            violation=float(self._violation[0]),
-            residual=float(self._residual[0]),
-            memory=Memory(serial=self._serial, engine=id(self), u=u, x=x, k=self._k.copy()),
+            cost=cost,
+            iterations=self._iterations.item(),
+            violation=violation,
+            residual=residual,
+            memory=Memory(self._serial, id(self), found),
+            kept=True,
         )

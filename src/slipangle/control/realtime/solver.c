@@ -381,8 +381,11 @@ static void move(Work *s, double t)
         s->x[a] = s->x_from[a] + t * s->dx[a];
 }
 
+/* Inputs within bounds and rates, unless they are no numbers. */
 static void keep_inputs(Work *s)
 {
+    if (!all_finite(s->u, N * NU))
+        return;
     for (int i = 0; i < N; i++)
         for (int j = 0; j < NU; j++) {
             int a = i * NU + j;
@@ -444,6 +447,7 @@ int rt_feedback(Work *s)
         memcpy(s->x_from, s->x, sizeof s->x);
         s->cost = 2 * merit(s, 1, NULL, NULL);
         move(s, 1);
+        keep_inputs(s);
         s->step = step_size(s);
         s->residual = s->qp.kkt;
         s->iterations = 1;
@@ -593,6 +597,7 @@ int rt_solve(Work *s)
     double limit = s->time_limit;
     if (s->fresh || s->fixed == 0) {
         status = converge(s);
+        keep_inputs(s);
         s->pairs = 0;
     } else {
         status = NOT_FINITE;

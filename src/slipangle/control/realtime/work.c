@@ -15,9 +15,9 @@ typedef struct {
     double q[M1((N + 1) * NE)], wr[N * NU], ws[N * NU], plain[M1(NL)], square[M1(NL)]; /* weights */
     double tolerance, time_limit, newton;
     int64_t max_iterations, fixed, fresh;
-    /* the iterate and what Python reads */
-    double u[N * NU], x[(N + 1) * NX], k[M1(N * NK)];
-    double cost, violation, step, residual, seconds, seconds_prepare, seconds_feedback;
+    /* the iterate and what Python reads, u to residual as one block */
+    double u[N * NU], x[(N + 1) * NX], k[M1(N * NK)], cost, violation, residual;
+    double step, seconds, seconds_prepare, seconds_feedback;
     int64_t iterations, qp_iterations;
     /* linearisation */
     double A[N * NX * NX], B[N * NX * NU], E[M1((N + 1) * NE * NX)], D[M1((N + 1) * NE * NU)];
