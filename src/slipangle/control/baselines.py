@@ -67,6 +67,11 @@ class PathFollower(abc.ABC):
                     f"{name} of {type(self).__name__} is {getattr(self, name)}; expected a positive number"
                 )
 
+    @cached_property
+    def times(self) -> np.ndarray:
+        """Instants to look at, shape (horizon + 1,). [s]"""
+        return self.dt * np.arange(self.horizon + 1)
+
     @property
     @abc.abstractmethod
     def model(self) -> Model:
@@ -94,10 +99,9 @@ class PathFollower(abc.ABC):
         Raises
         ------
         ParameterError
-            If the preview does not have ``horizon + 1`` rows.
+            If the preview is not at `times`.
         """
-        if len(preview) != self.horizon + 1:
-            raise ParameterError(f"the preview has {len(preview)} rows; expected horizon + 1 = {self.horizon + 1}")
+        preview.require_times(self.times)
         tracked = np.column_stack([getattr(preview, n) for n in _COLUMNS])
         speed = exogenous.get("v_x", preview.v_x[:-1])
         return Reference(tracked=tracked, exogenous=np.broadcast_to(np.asarray(speed), (self.horizon,))[:, None])
@@ -145,6 +149,7 @@ class PathFollower(abc.ABC):
             iterations=0,
             controls=self.controls,
             age=0 if good else (1 if previous is None else previous.age + 1),
+            times=self.times,
         )
 
 

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
-from slipangle.control.plan import Solution, Start, Status
+from slipangle.control.plan import Solution, Start, Status, between
 from slipangle.errors import ParameterError
 from slipangle.models.integrate import RADAU_A, radau_equations
 from slipangle.models.vehicles import OdeModel
@@ -72,30 +72,108 @@ class Ipopt:
         return IpoptEngine(ocp, self, deadline)
 
 
-class _Multipliers(NamedTuple):
-    """Of bounds and constraints, one column per stage; those of constraints on the first input apart.
+class _Memory(NamedTuple):
+    """Variables and the multipliers of their bounds and of the constraints, as Ipopt left them."""
 
-    With them, inner stages of the integrator.
+    v: np.ndarray
+    bounds: np.ndarray
+    constraints: np.ndarray
+
+
+class _Layout(NamedTuple):
+    """Where everything is among the variables and constraints.
+
+    Of the variables, ``u``, ``x`` and ``slack`` have a row per stage; ``inner``, stages of the integrator, and
+    ``ends``, states after it, a row per step of the model. Of the constraints, ``limits`` (rates and limits) has a row
+    per stage, ``first`` are those on the first input. ``later`` and ``later_rows`` say where the solve before had what
+    is here a step later. ``hard``, ``soft`` and ``rated`` number limited quantities and inputs.
     """
 
-    bounds: np.ndarray
-    stages: np.ndarray
-    first: np.ndarray
+    hard: list[int]
+    soft: list[int]
+    hard_now: list[int]
+    soft_now: list[int]
+    rated: list[int]
+    u: np.ndarray
+    x: np.ndarray
+    slack: np.ndarray
     inner: np.ndarray
+    ends: np.ndarray
+    first_slack: np.ndarray
+    size: int
+    limits: np.ndarray
+    first: np.ndarray
+    height: int
+    later: np.ndarray
+    later_rows: np.ndarray
+
+
+def _layout(ocp: OCP, n_inner: int) -> _Layout:
+    """Columns of the stages one after the other, then what belongs to the first input only."""
+    nx, nu, ns = ocp.model.n_states, len(ocp.controls), len(ocp.soft)
+    soft = [ocp.limited.index(name) for name in ocp.soft]
+    hard = [j for j in range(len(ocp.limited)) if j not in soft]
+    hard_now, soft_now = ([j for j in group if ocp.limited_now[j]] for group in (hard, soft))
+    rated = np.flatnonzero(np.isfinite(ocp.step_bounds[0]).any(axis=1)).tolist()
+    high = len(rated) + len(hard) + 2 * ns
+    wide, n_model = nu + nx + ns, nx + n_inner
+    size = height = 0
+    u, x, slack, inner, ends, model, limits = ([] for _ in range(7))
+    for length in ocp.lengths.tolist():
+        u.append(size + np.arange(nu))
+        x.append(size + nu + np.arange(nx))
+        slack.append(size + nu + nx + np.arange(ns))
+        inside = size + wide + np.arange(length * n_inner)
+        inner += list(inside.reshape(length, n_inner))
+        within = size + wide + length * n_inner + np.arange((length - 1) * nx)
+        ends += [*within.reshape(length - 1, nx), x[-1]]
+        size += wide + length * n_inner + (length - 1) * nx
+        model += list((height + np.arange(length * n_model)).reshape(length, n_model))
+        limits.append(height + length * n_model + np.arange(high))
+        height += length * n_model + high
+    found = [np.array(part, dtype=int) for part in (u, x, slack, inner, ends, model, limits)]
+    first_slack = size + np.arange(len(soft_now))
+    first = height + np.arange(len(hard_now) + 2 * len(soft_now))
+    later, later_rows = np.arange(size + len(first_slack)), np.arange(height + len(first))
+    after = ocp.stage_of[np.minimum(ocp.nodes[:-1] + 1, ocp.nodes[-1] - 1)]
+    for where, stage, step in ((later, found[:3], found[3:5]), (later_rows, found[6:], found[5:6])):
+        for part in stage:
+            where[part] = part[after]
+        for part in step:
+            where[part[:-1]] = part[1:]
+    return _Layout(
+        hard=hard,
+        soft=soft,
+        hard_now=hard_now,
+        soft_now=soft_now,
+        rated=rated,
+        u=found[0],
+        x=found[1],
+        slack=found[2],
+        inner=found[3],
+        ends=found[4],
+        first_slack=first_slack,
+        size=len(later),
+        limits=found[6],
+        first=first,
+        height=len(later_rows),
+        later=later,
+        later_rows=later_rows,
+    )
 
 
 class IpoptEngine:
     """The nonlinear program of one `OCP`, built once.
 
-    Variables are the stages' columns ``[u_i; x_{i+1}; slack_{i+1}; inner stages of the integrator]``, constraints the
-    columns ``[model; rates; limits]``, so a plan and its multipliers shift by one column per step.
+    Variables are the stages' columns ``[u_i; x_{i+1}; slack_{i+1}; inner stages of the integrator; states within the
+    stage]``, constraints the columns ``[model; rates; limits]``, so a plan and its multipliers shift along with time.
     """
 
     def __init__(self, ocp: OCP, settings: Ipopt, deadline: float | None) -> None:
         self.ocp = ocp
         self._settings = settings
         self._deadline = deadline
-        self._nlp, self._rows, self._expand = _program(ocp, settings.collocation)
+        self._layout, self._nlp, self._expand = _program(ocp, settings.collocation)
         self._cold = self._solver({})
         self._warm = self._warm_solver() if settings.warm else self._cold
 
@@ -134,101 +212,77 @@ class IpoptEngine:
 
     def solve(self, start: Start) -> Solution:
         """Solve from a state; see `slipangle.control.plan.Start`."""
-        ocp, n = self.ocp, self.ocp.horizon
-        nu, nx = len(ocp.controls), ocp.model.n_states
-        ns, n_first = len(ocp.soft), self._rows.first
+        ocp, at = self.ocp, self._layout
         reference = start.reference
-        inputs = np.zeros((n, nu)) if reference.inputs is None else np.asarray(reference.inputs, dtype=float)
-        p = [start.x, start.applied, reference.exogenous.ravel(), reference.tracked.ravel(), inputs.ravel()]
-        ni = self._rows.inner
-        memory = start.memory if self._settings.warm and isinstance(start.memory, _Multipliers) else None
-        if memory is not None and memory.bounds.shape != (n, nu + nx + ns + ni):
+        inputs = np.zeros(at.u.shape) if reference.inputs is None else reference.inputs
+        p = (start.x, start.applied, reference.exogenous, reference.tracked, inputs)
+        memory = start.memory if self._settings.warm and isinstance(start.memory, _Memory) else None
+        if memory is not None and not (len(memory.v) == at.size and len(memory.constraints) == at.height):
             memory = None
-        inner = np.zeros((n, 0))
-        if ni:
-            before, after = start.guess_x[:-1], start.guess_x[1:]
-            inner = np.hstack([before + c * (after - before) for c in RADAU_C[:-1]])
-            if memory is not None:
-                inner[:-1] = memory.inner[1:]
-        guess = np.hstack([start.guess_u, start.guess_x[1:], np.zeros((n, ns)), inner]).ravel()
-        lower_v = np.hstack([ocp.input_bounds[:, 0], np.full(nx, -np.inf), np.zeros(ns), np.full(ni, -np.inf)])
-        upper_v = np.hstack([ocp.input_bounds[:, 1], np.full(nx + ns + ni, np.inf)])
-        extra = np.zeros(self._rows.first_slack)
+        lower_v, upper_v = np.full(at.size, -np.inf), np.full(at.size, np.inf)
+        lower_v[at.u], upper_v[at.u] = ocp.input_bounds.T
+        lower_v[at.slack] = lower_v[at.first_slack] = 0.0
         lower_g, upper_g = self._constraint_bounds(reference)
         arguments: dict[str, Any] = {
-            "x0": np.concatenate([guess, extra]),
+            "x0": self._guess(start, memory),
             "p": np.concatenate([np.asarray(q, dtype=float).ravel() for q in p]),
-            "lbx": np.concatenate([np.tile(lower_v, n), extra]),
-            "ubx": np.concatenate([np.tile(upper_v, n), extra + np.inf]),
+            "lbx": lower_v,
+            "ubx": upper_v,
             "lbg": lower_g,
             "ubg": upper_g,
         }
         solver = self._cold
-        if memory is not None and len(memory.first) == n_first:
+        if memory is not None:
             solver = self._warm
-            moved = [np.vstack([m[1:], m[-1:]]).ravel() for m in (memory.bounds, memory.stages)]
-            arguments["lam_x0"] = np.concatenate([moved[0], extra])
-            arguments["lam_g0"] = np.concatenate([moved[1], memory.first])
+            arguments["lam_x0"] = memory.bounds[at.later]
+            arguments["lam_x0"][at.first_slack] = 0.0
+            arguments["lam_g0"] = memory.constraints[at.later_rows]
         result = solver(**arguments)
         stats: dict[str, Any] = solver.stats()
-        found = np.asarray(result["x"].full()).ravel()
-        g = np.asarray(result["g"].full()).ravel()
+        v, g = (np.asarray(result[k].full()).ravel() for k in "xg")
         status = _STATUS.get(str(stats["return_status"]), Status.FAILED)
-        width, height = nu + nx + ns + ni, len(lower_g) - n_first
-        table = found[: n * width].reshape(n, width)
         excess = np.concatenate([lower_g - g, g - upper_g, [0.0]])
-        finite = bool(np.isfinite(found).all() and np.isfinite(g).all())
-        multipliers = None
+        finite = bool(np.isfinite(v).all() and np.isfinite(g).all())
+        kept = None
         if finite and status.solved:
-            lam_x, lam_g = (np.asarray(result[k].full()).ravel() for k in ("lam_x", "lam_g"))
-            multipliers = _Multipliers(
-                bounds=lam_x[: n * width].reshape(n, width),
-                stages=lam_g[:height].reshape(n, -1),
-                first=lam_g[height:],
-                inner=table[:, nu + nx + ns :],
-            )
+            kept = _Memory(v, *(np.asarray(result[k].full()).ravel() for k in ("lam_x", "lam_g")))
         return Solution(
-            u=table[:, :nu],
-            x=np.vstack([start.x, table[:, nu : nu + nx]]),
+            u=v[at.u],
+            x=np.vstack([start.x, v[at.x]]),
             status=status if finite or not status.solved else Status.NOT_FINITE,
             cost=float(result["f"]),
             iterations=int(stats.get("iter_count", 0)),
             violation=float(excess.max()) if finite else np.inf,
-            memory=multipliers,
+            memory=kept,
         )
+
+    def _guess(self, start: Start, memory: _Memory | None) -> np.ndarray:
+        """Variables to start from: the guess, on straight lines within stages; inner stages as they were a step ago."""
+        ocp, at = self.ocp, self._layout
+        guess = np.zeros(at.size)
+        guess[at.u] = start.guess_u
+        states = between(start.guess_x, ocp.nodes)
+        guess[at.ends] = states[1:]
+        if at.inner.size:
+            before, after = states[:-1], states[1:]
+            guess[at.inner] = np.hstack([before + c * (after - before) for c in RADAU_C[:-1]])
+            if memory is not None:
+                guess[at.inner[:-1]] = memory.v[at.inner[1:]]
+        return guess
 
     def _constraint_bounds(self, reference: Reference) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of the constraints, in the order of `_program`."""
-        ocp = self.ocp
-        bounds = ocp.state_bounds(reference)
-        hard, soft, rated = self._rows.hard, self._rows.soft, self._rows.rated
-        n = ocp.horizon
-        model = np.zeros((n, ocp.model.n_states + self._rows.inner))
-        lower_rate, upper_rate = (np.tile(ocp.step_bounds[rated, k], (n, 1)) for k in (0, 1))
-        free = np.full((n, len(soft)), np.inf)
-        later, now = bounds[1:], bounds[0]
-        lower = np.hstack([model, lower_rate, later[:, hard, 0], -free, later[:, soft, 0]])
-        upper = np.hstack([model, upper_rate, later[:, hard, 1], later[:, soft, 1], free])
-        hard_now, soft_now = ([j for j in group if ocp.limited_now[j]] for group in (hard, soft))
-        none = np.full(len(soft_now), np.inf)
-        return (
-            np.concatenate([lower.ravel(), now[hard_now, 0], -none, now[soft_now, 0]]),
-            np.concatenate([upper.ravel(), now[hard_now, 1], now[soft_now, 1], none]),
-        )
-
-
-class _Rows(NamedTuple):
-    """Which limited quantities are hard and soft, which inputs have rates, how much there is at the first input.
-
-    ``inner`` counts the entries of the integrator's inner stages in a column.
-    """
-
-    hard: list[int]
-    soft: list[int]
-    rated: list[int]
-    first: int
-    first_slack: int
-    inner: int
+        ocp, at = self.ocp, self._layout
+        bounds, steps = ocp.state_bounds(reference), ocp.step_bounds[:, at.rated]
+        now, later = bounds[0], bounds[1:]
+        free = np.full((ocp.horizon, len(at.soft)), np.inf)
+        lower, upper = np.zeros(at.height), np.zeros(at.height)
+        lower[at.limits] = np.hstack([steps[..., 0], later[:, at.hard, 0], -free, later[:, at.soft, 0]])
+        upper[at.limits] = np.hstack([steps[..., 1], later[:, at.hard, 1], later[:, at.soft, 1], free])
+        none = np.full(len(at.soft_now), np.inf)
+        lower[at.first] = np.concatenate([now[at.hard_now, 0], -none, now[at.soft_now, 0]])
+        upper[at.first] = np.concatenate([now[at.hard_now, 1], now[at.soft_now, 1], none])
+        return lower, upper
 
 
 def _collocation(ocp: OCP) -> ca.Function | None:
@@ -245,22 +299,14 @@ def _collocation(ocp: OCP) -> ca.Function | None:
     return ca.Function("collocation", [x, z, u, w], [ca.vec(equations(x, z, ocp.all_inputs(u, w)))])
 
 
-def _program(ocp: OCP, collocate: bool) -> tuple[dict[str, Any], _Rows, bool]:
+def _program(ocp: OCP, collocate: bool) -> tuple[_Layout, dict[str, Any], bool]:
     """Cost and constraints as expressions of the stages' columns."""
     n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
-    soft = [ocp.limited.index(name) for name in ocp.soft]
-    hard = [j for j in range(len(ocp.limited)) if j not in soft]
-    rated = [j for j in range(nu) if np.isfinite(ocp.step_bounds[j]).any()]
-    ns = len(soft)
-    soft_now = [i for i, j in enumerate(soft) if ocp.limited_now[j]]
-    hard_now = [j for j in hard if ocp.limited_now[j]]
-
     collocation = _collocation(ocp) if collocate else None
-    ni = 2 * nx if collocation is not None else 0
-
-    stages = ca.MX.sym("v", nu + nx + ns + ni, n)
-    first_slack = ca.MX.sym("first_slack", len(soft_now))
-    U, later, slack = stages[:nu, :], stages[nu : nu + nx, :], stages[nu + nx : nu + nx + ns, :]
+    at = _layout(ocp, 2 * nx if collocation is not None else 0)
+    v = ca.MX.sym("v", at.size)
+    U, later, slack = (_take(v, rows) for rows in (at.u, at.x, at.slack))
+    first_slack = _take(v, at.first_slack[:, None]).T
     x0, applied = ca.MX.sym("x0", nx), ca.MX.sym("applied", nu)
     W = ca.MX.sym("w", len(ocp.exogenous), n)
     P = ca.MX.sym("p", len(ocp.references), n + 1)
@@ -270,46 +316,52 @@ def _program(ocp: OCP, collocate: bool) -> tuple[dict[str, Any], _Rows, bool]:
     error, limited = ocp.stage.map(n)(X, U, W, P[:, :n])
     last_error, last_limited = ocp.stage(later[:, n - 1], U[:, n - 1], W[:, n - 1], P[:, n])
     change = U - (ca.horzcat(applied, U[:, : n - 1]) if n > 1 else applied)
-    q, end, r, s = (ca.DM(w) for w in ocp.weights)
-    square, plain = ocp.slack_weights
-
+    q, r, s = (ca.DM(w.T) for w in ocp.stage_weights)
+    square, plain = (ca.DM(w) for w in ocp.slack_weights)
     cost = (
-        ca.dot(ca.repmat(q, 1, n), error**2)
-        + ca.dot(end, last_error**2)
-        + ca.dot(ca.repmat(r, 1, n), (U - wanted) ** 2)
-        + ca.dot(ca.repmat(s, 1, n), change**2)
+        ca.dot(q[:, :n], error**2)
+        + ca.dot(q[:, n], last_error**2)
+        + ca.dot(r, (U - wanted) ** 2)
+        + ca.dot(s, change**2)
     )
-    for value, columns in ((slack, range(ns)), (first_slack, soft_now)):
-        chosen = list(columns)
-        if not chosen:
-            continue
-        many = value.shape[1]
-        cost += ca.dot(ca.repmat(ca.DM(square[chosen]), 1, many), value**2)
-        cost += ca.dot(ca.repmat(ca.DM(plain[chosen]), 1, many), value)
+    if at.soft:
+        often = ca.DM(ocp.excess_counts[None, 1:])
+        cost += ca.dot(ca.mtimes(square, often), slack**2) + ca.dot(ca.mtimes(plain, often), slack)
+    if at.soft_now:
+        chosen = [at.soft.index(j) for j in at.soft_now]
+        cost += ca.dot(square[chosen], first_slack**2) + ca.dot(plain[chosen], first_slack)
 
-    ahead = ca.horzcat(limited[:, 1:], last_limited) if n > 1 else last_limited
+    ends = _take(v, at.ends)
+    m = ends.shape[1]
+    starts = ca.horzcat(x0, ends[:, : m - 1]) if m > 1 else x0
+    held = (starts, *(part if m == n else part[:, ocp.stage_of.tolist()] for part in (U, W)))
     if collocation is not None:
-        z = ca.reshape(ca.vertcat(stages[nu + nx + ns :, :], later), nx, 3 * n)
-        model = collocation.map(n)(X, z, U, W)
+        z = ca.reshape(ca.vertcat(_take(v, at.inner), ends), nx, 3 * m)
+        model = collocation.map(m)(held[0], z, *held[1:])
     else:
-        model = ocp.dynamics.map(n)(X, U, W) - later
-    constraints = ca.vertcat(
-        model,
-        _pick(change, rated),
-        _pick(ahead, hard),
-        _pick(ahead, soft) - slack,
-        _pick(ahead, soft) + slack,
+        model = ocp.dynamics.map(m)(*held) - ends
+    ahead = ca.horzcat(limited[:, 1:], last_limited) if n > 1 else last_limited
+    limits = ca.vertcat(
+        _pick(change, at.rated), _pick(ahead, at.hard), _pick(ahead, at.soft) - slack, _pick(ahead, at.soft) + slack
     )
-    at_first = _pick(limited[:, 0], [soft[i] for i in soft_now])
-    first = ca.vertcat(_pick(limited[:, 0], hard_now), at_first - first_slack, at_first + first_slack)
+    constraints = []
+    for i in range(n):
+        constraints += [ca.vec(model[:, ocp.nodes[i] : ocp.nodes[i + 1]]), limits[:, i]]
+    at_first = _pick(limited[:, 0], at.soft_now)
+    constraints += [_pick(limited[:, 0], at.hard_now), at_first - first_slack, at_first + first_slack]
     nlp = {
-        "x": ca.vertcat(ca.vec(stages), first_slack),
+        "x": v,
         "p": ca.vertcat(x0, applied, ca.vec(W), ca.vec(P), ca.vec(wanted)),
         "f": cost,
-        "g": ca.vertcat(ca.vec(constraints), first),
+        "g": ca.vertcat(*constraints),
     }
     expand = (collocation is not None or ocp.dynamics.is_a("SXFunction")) and ocp.stage.is_a("SXFunction")
-    return nlp, _Rows(hard, soft, rated, first.shape[0], len(soft_now), ni), expand
+    return at, nlp, expand
+
+
+def _take(vector: ca.MX, rows: np.ndarray) -> ca.MX:
+    """Entries as a matrix; a row of the index becomes a column."""
+    return ca.reshape(vector[rows.ravel().tolist()], *rows.shape[::-1]) if rows.size else ca.MX(*rows.shape[::-1])
 
 
 def _pick(matrix: ca.MX, rows: list[int]) -> ca.MX:

@@ -30,6 +30,11 @@ class Led(abc.ABC):
         return self.leader.horizon
 
     @property
+    def times(self) -> np.ndarray:
+        """Instants of the plan's states, shape (horizon + 1,). [s]"""
+        return self.leader.times
+
+    @property
     def controls(self) -> tuple[str, ...]:
         """The decided input."""
         return self.leader.controls

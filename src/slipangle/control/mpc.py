@@ -15,6 +15,7 @@ from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import (
     Backend,
     Engine,
+    Kept,
     Plan,
     Prepares,
     Resumes,
@@ -22,8 +23,9 @@ from slipangle.control.plan import (
     Start,
     Status,
     finite,
+    inputs_later,
     quick,
-    shifted,
+    states_later,
     within,
 )
 from slipangle.control.realtime import RealTime
@@ -168,6 +170,7 @@ class MPC(OCP):
             "controls": self.controls,
             "residual": solution.residual,
             "memory": solution.memory,
+            "times": self.times,
             "seconds": perf_counter() - begin,
         }
         return quick(Plan, values)
@@ -219,11 +222,11 @@ class MPC(OCP):
             u = np.tile(before, (self.horizon, 1))
             states = self._roll_out(x, u, wanted)
         else:
-            u = within(shifted(previous.u), before, self.input_bounds, self.step_bounds)
-            states = shifted(previous.x)
+            u = within(inputs_later(previous.u, self.lengths), before, self.input_bounds, self.step_bounds)
+            states = states_later(previous.x, self.nodes)
             states[0] = x
             if self.horizon > 1:
-                states[-1] = np.asarray(self.dynamics(states[-2], u[-1], wanted.exogenous[-1])).ravel()
+                states[-1] = np.asarray(self.dynamics(previous.x[-1], u[-1], wanted.exogenous[-1])).ravel()
             else:
                 states = self._roll_out(x, u, wanted)
             memory = previous.memory
@@ -235,7 +238,10 @@ class MPC(OCP):
         states = np.empty((self.horizon + 1, len(x)))
         states[0] = x
         for i in range(self.horizon):
-            states[i + 1] = np.asarray(self.dynamics(states[i], u[i], wanted.exogenous[i])).ravel()
+            after = states[i]
+            for _ in range(self.lengths[i]):
+                after = np.asarray(self.dynamics(after, u[i], wanted.exogenous[i])).ravel()
+            states[i + 1] = after
         return states
 
     def _fallback(
@@ -249,23 +255,25 @@ class MPC(OCP):
         begin: float,
         detail: str = "",
     ) -> Plan:
-        """The previous plan shifted, or the safe stop law."""
+        """The last good plan shifted, or the safe stop law."""
         age = 1 if previous is None else previous.age + 1
-        left = 0 if previous is None or previous.stopping else min(self.fallback, self.horizon - 1)
+        kept = self._kept(previous)
+        left = 0 if kept is None else min(self.fallback, int(self.nodes[-1]) - 1)
         stopping = age > left
-        if stopping or previous is None:
-            keep = np.exp(-self.dt / RELAX) ** np.arange(1, self.horizon + 1)[:, None]
+        if stopping or kept is None:
+            keep = np.exp(-self.times[1:, None] / RELAX)
             u = self._safe_input + keep * (before - self._safe_input)
         else:
-            u = shifted(previous.u)
+            u = inputs_later(kept.u, self.lengths, age - kept.age)
         u = within(u, before, self.input_bounds, self.step_bounds)
-        if not stopping and previous is not None and previous.x.shape == (self.horizon + 1, len(x)):
-            states = shifted(previous.x)  # as was predicted; no time for more
+        shape = self.horizon + 1, len(x)
+        if not stopping and kept is not None and kept.x.shape == shape:
+            states = states_later(kept.x, self.nodes, age - kept.age)  # as was predicted; no time for more
         else:
             states = self._roll_out(x, u, wanted)
         if not np.isfinite(states).all():
-            known = previous is not None and previous.x.shape == states.shape
-            states = shifted(previous.x) if known and previous is not None else np.zeros_like(states)
+            known = previous is not None and previous.x.shape == shape
+            states = states_later(previous.x, self.nodes) if known and previous is not None else np.zeros(shape)
         return Plan(
             u=u,
             x=states,
@@ -277,7 +285,17 @@ class MPC(OCP):
             age=age,
             stopping=stopping,
             detail=detail,
+            memory=None if stopping else kept,
+            times=self.times,
         )
+
+    def _kept(self, previous: Plan | None) -> Kept | None:
+        """The good plan behind the one before, if it is of this problem."""
+        if previous is None or previous.stopping or previous.u.shape != (self.horizon, len(self.controls)):
+            return None
+        if isinstance(previous.memory, Kept) and previous.memory.u.shape == previous.u.shape:
+            return previous.memory
+        return Kept(u=previous.u, x=previous.x, age=previous.age)
 
 
 def _is_finite(reference: Reference) -> bool:

@@ -160,6 +160,11 @@ class MultiARXMPC:
         return self.model.dt
 
     @cached_property
+    def times(self) -> np.ndarray:
+        """Instants of the plan's states, shape (horizon + 1,). [s]"""
+        return self.dt * np.arange(self.horizon + 1)
+
+    @cached_property
     def controls(self) -> tuple[str, ...]:
         """The decided input."""
         return self.model.inputs[:1]
@@ -203,13 +208,9 @@ class MultiARXMPC:
         Raises
         ------
         ParameterError
-            If the preview has another number of rows than ``horizon + 1``.
+            If the preview is not at `times`.
         """
-        if len(preview) != self.horizon + 1:
-            raise ParameterError(
-                f"the preview has {len(preview)} rows; expected horizon + 1 = {self.horizon + 1}: "
-                f"use path.ahead(s, {self.horizon}, dt)"
-            )
+        preview.require_times(self.times)
         require_names(exogenous, self.exogenous, "reference()", "only the speed is given from outside")
         speed = np.asarray(exogenous.get("v_x", preview.v_x[:-1]), dtype=float)
         return Reference(
@@ -325,6 +326,7 @@ class MultiARXMPC:
                     controls=self.controls,
                     residual=found.residual,
                     memory=memory,
+                    times=self.times,
                     weights=found.weights,
                     outside=not self._lowest <= speed <= self._highest,
                     offset=offset,
@@ -426,6 +428,7 @@ class MultiARXMPC:
             if standing
             else "",
             memory=memory,
+            times=self.times,
             weights=weights,
             outside=not self._lowest <= v_x <= self._highest,
         )

@@ -5,6 +5,7 @@ Solvers read its arrays and its two functions, `dynamics` and `stage`; none of t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from typing import Any
@@ -29,9 +30,9 @@ class Reference:
     Parameters
     ----------
     tracked : array, shape (horizon + 1, n_references)
-        Wanted values of ``ocp.references``, in that order, now and at each step. SI units.
+        Wanted values of ``ocp.references``, in that order, at the instants ``ocp.times``. SI units.
     exogenous : array, shape (horizon, n_exogenous)
-        Inputs that are not decided, in the order of ``ocp.exogenous``. SI units.
+        Inputs that are not decided, in the order of ``ocp.exogenous``, held over each stage. SI units.
     inputs : array, shape (horizon, n_controls), optional
         Wanted inputs, from which R counts; zero by default.
     corridor : array, shape (horizon + 1, 2), optional
@@ -53,12 +54,20 @@ class OCP:
     diagonal, by name. A tracked name is a state or an output of the model or, for a model with X, Y and psi,
     an error relative to the reference pose: ``e_x`` along, ``e_y`` to the left of, ``e_psi`` in heading.
 
+    Stages may be several steps of the model long, ``steps[i]`` of them with the input held, so that few inputs look
+    far ahead. The sums are then integrals over time in steps of the model: Q, R and slack of stage i count
+    ``steps[i]`` times (an excess where the stage ends), the squared change to stage i one over the steps between the
+    middles of the two stages, and the end once.
+
     Parameters
     ----------
     model : Model
         Predicts; its sample time is the step of the problem.
     horizon : int
-        Steps N.
+        Stages N.
+    steps : sequence of int, optional
+        Length of each stage in steps of the model, by default all 1; the first must be 1, because a controller plans
+        anew at every step of the model.
     Q : Weights
         On tracked states, outputs and path errors.
     R, S : Weights
@@ -69,10 +78,10 @@ class OCP:
         Inputs that are decided; by default those named in R, S, limits or rates. The others are exogenous:
         the reference brings their values.
     limits : Limits
-        On decided inputs, always kept; on states, outputs and path errors, at every step after now
+        On decided inputs, always kept; on states, outputs and path errors, at the end of every stage
         (an output that depends on an input also now).
     rates : Limits
-        On the change of decided inputs, per second.
+        On the change of decided inputs, per second: from stage to stage over the time between their middles.
     slack, slack_linear : Weights
         Names in them have soft limits: weight of the squared, of the plain excess. A plain weight that is
         large enough keeps the limit exactly whenever that is possible. Limits of other names are hard.
@@ -82,7 +91,8 @@ class OCP:
     Raises
     ------
     ParameterError
-        If a name is not known (with the nearest ones), the horizon is below 1, nothing is tracked or decided.
+        If a name is not known (with the nearest ones), the horizon is below 1, steps do not fit it, nothing is tracked
+        or decided.
 
     References
     ----------
@@ -103,11 +113,14 @@ class OCP:
     slack: Weights = field(default_factory=Weights)
     slack_linear: Weights = field(default_factory=Weights)
     corridor: float | None = None
+    steps: Sequence[int] | None = None
 
     def __post_init__(self) -> None:
         model = self.model
         if not (isinstance(self.horizon, int) and self.horizon >= 1):
             raise ParameterError(f"the horizon is {self.horizon!r}; expected a whole number of at least 1")
+        if self.steps is not None:
+            object.__setattr__(self, "steps", _checked_steps(self.steps, self.horizon, model.dt))
         named = (*self.R, *self.S, *self.limits, *self.rates)
         chosen = (self.controls,) if isinstance(self.controls, str) else tuple(self.controls)
         require_names(chosen, model.inputs, "controls", "use inputs of the model")
@@ -138,6 +151,33 @@ class OCP:
                 raise ParameterError(f"the corridor's vehicle width is {self.corridor} m; expected a positive number")
             require_names(("e_y",), trackable, "corridor", "use a model with X, Y and psi, such as OnGround(model)")
 
+    # ---- time --------------------------------------------------------------------------------------------------
+
+    @property
+    def dt(self) -> float:
+        """Step of the model and time between plans. [s]"""
+        return self.model.dt
+
+    @cached_property
+    def lengths(self) -> np.ndarray:
+        """Length of each stage in steps of the model, shape (horizon,)."""
+        return np.ones(self.horizon, dtype=int) if self.steps is None else np.array(self.steps, dtype=int)
+
+    @cached_property
+    def nodes(self) -> np.ndarray:
+        """How many steps of the model lead to each stage and to the end, shape (horizon + 1,)."""
+        return np.concatenate([[0], np.cumsum(self.lengths)])
+
+    @cached_property
+    def stage_of(self) -> np.ndarray:
+        """Stage of each step of the model, shape (n_steps,)."""
+        return np.repeat(np.arange(self.horizon), self.lengths)
+
+    @cached_property
+    def times(self) -> np.ndarray:
+        """Instants of the states and references, now and at the end of each stage, shape (horizon + 1,). [s]"""
+        return self.dt * self.nodes
+
     # ---- names -------------------------------------------------------------------------------------------------
 
     @property
@@ -146,11 +186,6 @@ class OCP:
         if set(POSE) <= known.keys():
             known.update(dict.fromkeys(PATH_ERRORS))
         return list(known)
-
-    @property
-    def dt(self) -> float:
-        """Step of the problem. [s]"""
-        return self.model.dt
 
     @property
     def exogenous(self) -> tuple[str, ...]:
@@ -188,7 +223,7 @@ class OCP:
 
     @cached_property
     def dynamics(self) -> ca.Function:
-        """``(x, u, w) -> x`` one step later; u decided, w exogenous inputs."""
+        """``(x, u, w) -> x`` one step of the model later; u decided, w exogenous inputs."""
         x, u, w, full, _ = self._symbols
         return ca.Function("dynamics", [x, u, w], [self.model.functions[0](x, full)], ["x", "u", "w"], ["next"])
 
@@ -263,9 +298,28 @@ class OCP:
         return _rows(self.limits, self.controls)
 
     @cached_property
+    def _apart(self) -> np.ndarray:
+        """Steps from the middle of the stage before to that of each stage, shape (horizon,); the first 1."""
+        return 0.5 * (np.concatenate([[1], self.lengths[:-1]]) + self.lengths)
+
+    @cached_property
     def step_bounds(self) -> np.ndarray:
-        """Lower and upper bound of the change of each control in one step, shape (n_controls, 2)."""
-        return _rows(self.rates, self.controls) * self.dt
+        """Lower and upper bound of the change of each control to each stage, shape (horizon, n_controls, 2)."""
+        return self._apart[:, None, None] * (_rows(self.rates, self.controls) * self.dt)
+
+    @cached_property
+    def stage_weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`weights` as they count at each stage.
+
+        Of errors, shape (horizon + 1, n_tracked), of inputs and of their changes, shape (horizon, n_controls).
+        """
+        q, end, r, s = self.weights
+        return np.vstack([np.outer(self.lengths, q), end]), np.outer(self.lengths, r), np.outer(1 / self._apart, s)
+
+    @cached_property
+    def excess_counts(self) -> np.ndarray:
+        """How many times an excess over a soft limit counts, now and at the end of each stage, shape (horizon + 1,)."""
+        return np.concatenate([[1], self.lengths])
 
     @cached_property
     def slack_weights(self) -> tuple[np.ndarray, np.ndarray]:
@@ -273,7 +327,7 @@ class OCP:
         return _row(self.slack, self.soft), _row(self.slack_linear, self.soft)
 
     def state_bounds(self, reference: Reference) -> np.ndarray:
-        """Bounds of `limited` now and at each step, shape (horizon + 1, n_limited, 2)."""
+        """Bounds of `limited` now and at the end of each stage, shape (horizon + 1, n_limited, 2)."""
         bounds = np.broadcast_to(_rows(self.limits, self.limited), (self.horizon + 1, len(self.limited), 2)).copy()
         if self.corridor is not None and reference.corridor is not None:
             i, half = self.limited.index("e_y"), 0.5 * self.corridor
@@ -294,7 +348,7 @@ class OCP:
         Parameters
         ----------
         preview : Preview
-            From ``path.ahead(s, ocp.horizon, ocp.dt)``, horizon + 1 rows. X, Y, psi, v_x, r and curvature come from
+            From ``path.ahead(s, ocp.times)``, horizon + 1 rows. X, Y, psi, v_x, r and curvature come from
             it; other tracked quantities, such as v_y, are wanted at zero.
         **exogenous : array, shape (horizon,), or float
             Exogenous inputs; ``v_x`` comes from the preview unless given.
@@ -302,14 +356,10 @@ class OCP:
         Raises
         ------
         ParameterError
-            If an exogenous input is missing or unknown, or the preview has another number of rows.
+            If an exogenous input is missing or unknown, or the preview is not at `times`.
         """
         rows = self.horizon + 1
-        if len(preview) != rows:
-            raise ParameterError(
-                f"the preview has {len(preview)} rows; expected horizon + 1 = {rows}: "
-                f"use path.ahead(s, {self.horizon}, dt)"
-            )
+        preview.require_times(self.times)
         require_names(exogenous, self.exogenous, "reference()", "use an input that is not decided")
         known = {n: getattr(preview, n) for n in (*POSE, "v_x", "r", "curvature")}
         given: dict[str, Any] = {"v_x": preview.v_x[:-1], "curvature": preview.curvature[:-1], **exogenous}
@@ -354,6 +404,32 @@ class OCP:
             raise ParameterError(
                 "the reference has no corridor; expected one for this problem: use mpc.reference(preview)"
             )
+
+
+def _checked_steps(steps: Sequence[int], horizon: int, dt: float) -> tuple[int, ...]:
+    """Lengths of the stages as whole numbers.
+
+    Raises
+    ------
+    ParameterError
+        If they do not fit the horizon, or are no whole numbers of at least 1 that begin with 1.
+    """
+    given = list(steps)
+    if len(given) != horizon:
+        raise ParameterError(
+            f"steps has {len(given)} entries; expected one for each of the {horizon} stages of the horizon"
+        )
+    if not all(isinstance(n, int | np.integer) and n >= 1 for n in given):
+        raise ParameterError(
+            f"steps is {given}; expected whole numbers of at least 1: how many of the model's steps of {dt:g} s each "
+            "stage lasts"
+        )
+    if given[0] != 1:
+        raise ParameterError(
+            f"steps begins with {given[0]}; expected 1, because the controller plans anew every {dt:g} s: let the "
+            "stages grow later"
+        )
+    return tuple(int(n) for n in given)
 
 
 def _row(weights: Weights, names: tuple[str, ...]) -> np.ndarray:

@@ -51,9 +51,10 @@ class Plan:
     Parameters
     ----------
     u : array, shape (horizon, n_controls)
-        Decided inputs; the first row is to be applied now. Always finite and within limits and rates.
+        Decided inputs, row i held from ``times[i]`` to ``times[i + 1]``; the first is to be applied now. Always finite
+        and within limits and rates.
     x : array, shape (horizon + 1, n_states)
-        Predicted states from now on; zeros where the state is unknown and never was.
+        Predicted states at `times`; zeros where the state is unknown and never was.
     status : Status
         How the solver ended.
     seconds : float
@@ -74,7 +75,9 @@ class Plan:
         Of the optimality conditions at the end of the solve, as far as the solver knows it: of the last quadratic
         program (real-time iteration), or the last relative change of an input (converged).
     memory : object
-        What the solver needs for its next start.
+        What the solver needs for its next start; of a fallback, what the next fallback needs.
+    times : array, shape (horizon + 1,), optional
+        From now on, beginning with 0; equal steps where there is none. [s]
     """
 
     u: np.ndarray
@@ -89,6 +92,7 @@ class Plan:
     detail: str = ""
     residual: float = float("nan")
     memory: Any = field(default=None, repr=False, compare=False)
+    times: np.ndarray | None = field(default=None, repr=False)
 
     @property
     def command(self) -> np.ndarray:
@@ -106,8 +110,20 @@ class Plan:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Kept:
+    """The plan that a fallback follows: its inputs and states, and what age it had."""
+
+    u: np.ndarray
+    x: np.ndarray
+    age: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Start:
-    """What one solve starts from: state, last applied input, reference, and a guess of the answer."""
+    """What one solve starts from: state, last applied input, reference, and a guess of the answer.
+
+    The guess has a row per stage, and one for the end in its states.
+    """
 
     x: np.ndarray
     applied: np.ndarray
@@ -192,6 +208,57 @@ def shifted(rows: np.ndarray, steps: int = 1) -> np.ndarray:
     return rows[index]
 
 
+def inputs_later(u: np.ndarray, lengths: np.ndarray, steps: int = 1) -> np.ndarray:
+    """Inputs as planned some steps ago, for the stages from now on: the mean over each, the last input going on.
+
+    Parameters
+    ----------
+    u : array, shape (horizon, n_controls)
+        Inputs, held over stages.
+    lengths : array of int, shape (horizon,)
+        Of the stages, in steps.
+    steps : int
+        That have passed.
+
+    Examples
+    --------
+    >>> inputs_later(np.array([[1.0], [2.0], [4.0]]), np.array([1, 1, 2])).ravel()
+    array([2., 4., 4.])
+    >>> inputs_later(np.array([[1.0], [2.0], [4.0], [8.0]]), np.array([1, 1, 2, 4])).ravel()
+    array([2., 4., 6., 8.])
+    """
+    held = shifted(np.repeat(u, lengths, axis=0), steps)
+    first = np.cumsum(lengths) - lengths
+    return np.add.reduceat(held, first, axis=0) / lengths[:, None]
+
+
+def states_later(x: np.ndarray, nodes: np.ndarray, steps: int = 1) -> np.ndarray:
+    """States as predicted some steps ago, at the nodes from now on: linear in between, the last one repeated.
+
+    Parameters
+    ----------
+    x : array, shape (horizon + 1, n_states)
+        States.
+    nodes : array of int, shape (horizon + 1,)
+        Where they are, in steps from then.
+    steps : int
+        That have passed.
+    """
+    return shifted(between(x, nodes), steps)[nodes]
+
+
+def between(x: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """States at every step from those at the nodes, shape (nodes[-1] + 1, n_states): linear in between.
+
+    >>> between(np.array([[0.0], [1.0], [5.0]]), np.array([0, 1, 3])).ravel()
+    array([0., 1., 3., 5.])
+    """
+    steps = np.arange(nodes[-1] + 1)
+    before = np.minimum(np.searchsorted(nodes, steps, side="right") - 1, len(nodes) - 2)
+    share = ((steps - nodes[before]) / (nodes[before + 1] - nodes[before]))[:, None]
+    return (1 - share) * x[before] + share * x[before + 1]
+
+
 def within(u: np.ndarray, applied: np.ndarray, bounds: np.ndarray, steps: np.ndarray) -> np.ndarray:
     """Inputs clipped to bounds and to the allowed change per step, from the applied one on.
 
@@ -201,18 +268,22 @@ def within(u: np.ndarray, applied: np.ndarray, bounds: np.ndarray, steps: np.nda
         Inputs.
     applied : array, shape (n_controls,)
         The input applied before.
-    bounds, steps : array, shape (n_controls, 2)
-        Of the inputs and of their change from row to row.
+    bounds : array, shape (n_controls, 2)
+        Of the inputs.
+    steps : array, shape (n_controls, 2) or (horizon, n_controls, 2)
+        Of their change from row to row.
     """
+    slow, fast = steps[..., 0], steps[..., 1]
     change = np.array(u)
     change[0] -= applied
     change[1:] -= u[:-1]
-    if ((u >= bounds[:, 0]) & (u <= bounds[:, 1]) & (change >= steps[:, 0]) & (change <= steps[:, 1])).all():
+    if ((u >= bounds[:, 0]) & (u <= bounds[:, 1]) & (change >= slow) & (change <= fast)).all():
         return u
     out = np.empty_like(u)
+    slow, fast = np.broadcast_to(slow, u.shape), np.broadcast_to(fast, u.shape)
     last = np.clip(applied, bounds[:, 0], bounds[:, 1])
     for i in range(len(u)):
-        moved = np.clip(u[i], last + steps[:, 0], last + steps[:, 1])
+        moved = np.clip(u[i], last + slow[i], last + fast[i])
         out[i] = last = np.clip(moved, bounds[:, 0], bounds[:, 1])
     return out
 

@@ -159,6 +159,12 @@ class SwitchedMPC(Led):
             a, b = getattr(self.calm, name), getattr(self.limit, name)
             if a != b:
                 raise ParameterError(f"the controllers' {name} are {a} and {b}; expected the same")
+        for controller in (self.calm, self.limit):
+            if not np.allclose(np.diff(controller.times), self.calm.dt):
+                raise ParameterError(
+                    f"a controller's instants are {controller.times} s; expected equal steps, which both can share: "
+                    "leave steps out"
+                )
         if tuple(self.calm.references) != POSE or tuple(self.calm.exogenous) != ("v_x",):
             raise ParameterError(
                 f"the controllers track {self.calm.references} with {self.calm.exogenous} from outside; expected X, Y, "

@@ -8,6 +8,7 @@ in `slipangle.data.manoeuvres`.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import NamedTuple, Self
@@ -45,6 +46,8 @@ class Preview:
         Speed; NaN where the path has no speed profile and none was given. [m/s]
     right, left : array, shape (n,)
         Distance from the centre line to the edges of the lane, infinite where there is none. [m]
+    t : array, shape (n,), optional
+        Instants of the rows, from now, of a look ahead in time. [s]
     """
 
     s: np.ndarray
@@ -55,9 +58,28 @@ class Preview:
     v_x: np.ndarray
     right: np.ndarray
     left: np.ndarray
+    t: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.s)
+
+    def require_times(self, times: np.ndarray) -> None:
+        """Raise unless the rows are those of a controller's `times`, as far as the number and the last instant say.
+
+        Raises
+        ------
+        ParameterError
+            With what there is and what is expected.
+        """
+        if len(self) != len(times):
+            raise ParameterError(
+                f"the preview has {len(self)} rows; expected horizon + 1 = {len(times)}: use path.ahead(s, mpc.times)"
+            )
+        if self.t is not None and not abs(self.t[-1] - times[-1]) <= 1e-6 * times[-1]:
+            raise ParameterError(
+                f"the preview looks {self.t[-1]:g} s ahead; expected {times[-1]:g} s, as far as the controller plans: "
+                "use path.ahead(s, mpc.times)"
+            )
 
     @property
     def r(self) -> np.ndarray:
@@ -303,17 +325,19 @@ class Path:
             left=edge_between(self.left, i, t),
         )
 
-    def ahead(self, s: float, steps: int, dt: float, *, v_x: float | None = None) -> Preview:
-        """The path at the instants now, now + dt, ..., now + steps dt; ``steps + 1`` rows.
+    def ahead(
+        self, s: float, steps: int | Sequence[float] | np.ndarray, dt: float = math.nan, *, v_x: float | None = None
+    ) -> Preview:
+        """The path at some instants, such as a controller's `times`, or now, now + dt, ..., now + steps dt.
 
         Parameters
         ----------
         s : float
             Arc length now. [m]
-        steps : int
-            How far to look.
+        steps : int or array, shape (n,)
+            How many steps to look ahead, which gives ``steps + 1`` rows; or the instants themselves, rising from 0. [s]
         dt : float
-            Time between instants. [s]
+            Time between instants, with a number of steps. [s]
         v_x : float, optional
             Measured speed now: the preview starts at it and keeps its distance to the profile. By default
             the profile itself. [m/s]
@@ -321,21 +345,30 @@ class Path:
         Raises
         ------
         ParameterError
-            If the path has no speed profile and no speed is given.
+            If the path has no speed profile and no speed is given, or the instants do not rise from 0.
         """
+        if isinstance(steps, int | np.integer) and dt > 0:
+            times, strides = dt * np.arange(steps + 1), [(1, dt)] * int(steps)
+        else:
+            times = np.asarray(steps, dtype=float)
+            strides = _strides(times)
         if self.v_x is None and v_x is None:
             raise ParameterError(
                 f"'{self.name}' has no speed profile; expected one to look ahead in time: use path.with_speed(20.0), "
                 "or give the measured v_x"
             )
-        places, speeds = np.empty(steps + 1), np.empty(steps + 1)
+        places, speeds = np.empty(len(times)), np.empty(len(times))
         offset = 0.0 if v_x is None or self.v_x is None else v_x - self.speed(s)
-        for k in range(steps + 1):
-            places[k] = s
-            speeds[k] = max(self.speed(s) + offset, 0.0) if self.v_x is not None else v_x
-            middle = s + 0.5 * dt * speeds[k]
-            s += dt * (max(self.speed(middle) + offset, 0.0) if self.v_x is not None else speeds[k])
-        return replace(self.at(places), v_x=speeds)
+
+        def speed(place: float) -> float:
+            return max(self.speed(place) + offset, 0.0) if self.v_x is not None or v_x is None else v_x
+
+        for k, (count, h) in enumerate(strides):
+            places[k], speeds[k] = s, speed(s)
+            for _ in range(count):
+                s += h * speed(s + 0.5 * h * speed(s))
+        places[-1], speeds[-1] = s, speed(s)
+        return replace(self.at(places), v_x=speeds, t=times)
 
     def speed(self, s: float) -> float:
         """Speed of the profile at one arc length [m/s]; NaN without a profile."""
@@ -453,3 +486,25 @@ class Path:
             d = np.where(np.isfinite(d), sign * d, np.nan)
             sides.append(np.column_stack([self.X - d * np.sin(self.psi), self.Y + d * np.cos(self.psi)]))
         return sides[0], sides[1]
+
+
+def _strides(times: np.ndarray) -> list[tuple[int, float]]:
+    """How many strides of which length lead from each instant to the next, none longer than the first interval.
+
+    Raises
+    ------
+    ParameterError
+        If the instants do not rise from 0.
+    """
+    gaps = np.diff(np.atleast_1d(times))
+    if not (len(gaps) and times[0] == 0 and (gaps > 0).all() and np.isfinite(times[-1])):
+        raise ParameterError(
+            f"the instants to look at are {times}; expected two or more that rise from 0 s, such as mpc.times, or a "
+            "number of steps and dt"
+        )
+    first = float(gaps[0])
+    found = []
+    for gap in gaps.tolist():
+        count = max(math.ceil(gap / first - 1e-6), 1)
+        found.append((count, first if math.isclose(gap, count * first, rel_tol=1e-9) else gap / count))
+    return found

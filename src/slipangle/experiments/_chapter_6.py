@@ -212,7 +212,7 @@ def drive(plant: ByCvodes, controller: MPC, car: Car, path: Path, *, most: int =
     column = [plant.inputs.index(n) for n in controller.controls]
     rest = dict.fromkeys(controller.exogenous, 0.0)
     while s < path.length and len(plans) < most:
-        reference = controller.reference(path.ahead(s, controller.horizon, STEP), **rest)
+        reference = controller.reference(path.ahead(s, controller.times), **rest)
         began = time.process_time()
         plan = controller.plan(x, reference, plan)
         seconds.append(time.process_time() - began)

@@ -37,8 +37,8 @@ class Controller(Protocol):
         ...
 
     @property
-    def horizon(self) -> int:
-        """Steps it looks ahead."""
+    def times(self) -> np.ndarray:
+        """Instants at which it wants to see the path, rising from 0. [s]"""
         ...
 
     @property
@@ -241,9 +241,7 @@ class _Loop:
         v_x = measured["v_x"]
         if all(math.isfinite(measured[n]) for n in ("X", "Y")):
             self.s = self.path.project(measured["X"], measured["Y"], self.s).s
-        preview = self.path.ahead(
-            self.s, controller.horizon, controller.dt, v_x=v_x if math.isfinite(v_x) else self.speed(self.s)
-        )
+        preview = self.path.ahead(self.s, controller.times, v_x=v_x if math.isfinite(v_x) else self.speed(self.s))
         exogenous = {n: measured[n] for n in controller.exogenous if n != "v_x"}
         plan = controller.plan(
             self.x, controller.reference(preview, **exogenous), self.plans[-1] if self.plans else None

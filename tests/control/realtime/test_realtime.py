@@ -91,12 +91,12 @@ def situation(mpc, seed):
     return x, reference, 0.3 * mpc.input_bounds[:, 1] * rng.uniform(-1, 1, len(mpc.controls))
 
 
-def compare(model, seeds, *, horizon=6, relative=1e-5):
-    """First steps agree with Ipopt; returns how many were compared.
+def compare(model, seeds, *, horizon=6, steps=None, relative=1e-5):
+    """First inputs agree with Ipopt; returns how many were compared.
 
     At most one may be another, worse optimum, and then from Ipopt's answer we find Ipopt's.
     """
-    mpc = problem(model, np.random.default_rng(0), horizon)
+    mpc = replace(problem(model, np.random.default_rng(0), horizon), steps=steps)
     ours = replace(mpc, solver=CONVERGED)
     scale = mpc.input_bounds[:, 1]
     compared = worse = 0

@@ -106,7 +106,7 @@ def loop(mpc: MPC, killed: Killed, seed: int) -> Counter:
         assert (plan.u >= low).all()
         assert (plan.u <= high).all()
         changes = np.diff(np.vstack([before, plan.u]), axis=0)
-        assert (np.abs(changes) <= mpc.step_bounds[:, 1] * (1 + 1e-9)).all()
+        assert (np.abs(changes) <= mpc.step_bounds[..., 1] * (1 + 1e-9)).all()
         applied, waiting = (waiting, plan.command) if delayed else (plan.command, plan.command)
         before = plan.command
         x = np.asarray((wet if k >= slippery_from else dry)(x, [*applied, 0.0])).ravel()

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
-from slipangle.control.plan import Plan, Solution, Start, Status
-from slipangle.control.realtime.program import COUNTS, FIELDS, implicit, slack_of_limited
+from slipangle.control.plan import Plan, Solution, Start, Status, between, inputs_later
+from slipangle.control.realtime.program import COUNTS, FIELDS, implicit, limit_rows, slack_of_rows
 
 OUTCOMES = (
     Status.SOLVED,
@@ -62,7 +62,7 @@ class CompiledEngine:
         self._pointer = ctypes.c_void_p(self._work)
         self._call = library.rt_solve
         n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
-        parts = implicit(ocp)
+        parts, steps, limits = implicit(ocp), int(ocp.nodes[-1]), len(limit_rows(ocp))
         shapes: dict[str, tuple[int, ...]] = {
             "x0": (nx,),
             "applied": (nu,),
@@ -73,11 +73,11 @@ class CompiledEngine:
             "q": (n + 1, len(ocp.tracked)),
             "wr": (n, nu),
             "ws": (n, nu),
-            "plain": (len(ocp.limited),),
-            "square": (len(ocp.limited),),
+            "plain": (limits,),
+            "square": (limits,),
             "u": (n, nu),
-            "x": (n + 1, nx),
-            "k": (n, 3 * len(parts.core) if parts else 0),
+            "x": (steps + 1, nx),
+            "k": (steps, 3 * len(parts.core) if parts else 0),
         }
         view: dict[str, np.ndarray] = {}
         for i, name in enumerate((*FIELDS, *COUNTS)):
@@ -94,9 +94,8 @@ class CompiledEngine:
         block = (ctypes.c_double * ((last - first) // 8 + 1)).from_address(first)
         self._found = np.frombuffer(block)  # u, x, k, ..., cost, violation, residual
         self._q, self._wr, self._ws = (view[name] for name in ("q", "wr", "ws"))
-        q, end, self._wr[:], self._ws[:] = ocp.weights
-        self._q[:-1], self._q[-1] = q, end
-        view["plain"][:], view["square"][:] = slack_of_limited(ocp)
+        self._q[:], self._wr[:], self._ws[:] = ocp.stage_weights
+        view["plain"][:], view["square"][:] = slack_of_rows(ocp)
         view["tolerance"][0] = settings.tolerance
         view["newton"][0] = settings.newton
         view["max_iterations"][0] = settings.max_iterations
@@ -106,6 +105,7 @@ class CompiledEngine:
         if self._limited and ocp.corridor is None:
             empty = Reference(tracked=self._p, exogenous=self._w)
             self._bounds[:] = ocp.state_bounds(empty)
+        self._nodes = ocp.nodes if steps > n else None  # of the states, those at which stages begin and end
         self._serial = 0
         self._settings = settings
         self._ready: Memory | None = None
@@ -119,7 +119,7 @@ class CompiledEngine:
         """Solve from a state and a guess; see `slipangle.control.plan.Start`."""
         self._ready = None
         self._set(start.x, start.applied, start.reference)
-        self._u[:], self._x[:] = start.guess_u, start.guess_x
+        self._u[:], self._x[:] = start.guess_u, between(start.guess_x, self.ocp.nodes)
         self._fresh[0] = GIVEN
         return self._run()
 
@@ -135,7 +135,7 @@ class CompiledEngine:
             self._recall(memory)
             self._fresh[0] = CONTINUE
         elif previous is not None and previous.u.shape == self._u.shape:
-            self._u[:-1], self._u[-1] = previous.u[1:], previous.u[-1]
+            self._u[:] = inputs_later(previous.u, self.ocp.lengths)
             self._fresh[0] = GIVEN_INPUTS
         else:
             self._fresh[0] = FROM_NOTHING
@@ -195,11 +195,12 @@ class CompiledEngine:
         status = OUTCOMES[(call or self._call)(self._pointer)]
         self._serial += 1
         found = self._found.copy()
-        inputs, states = self._u.size, self._u.size + self._x.size
+        inputs = self._u.size
+        states = found[inputs : inputs + self._x.size].reshape(self._x.shape)
         cost, violation, residual = found[-3:].tolist()
         return Solution(
             u=found[:inputs].reshape(self._u.shape),
-            x=found[inputs:states].reshape(self._x.shape),
+            x=states if self._nodes is None else states[self._nodes],
             status=status,
             cost=cost,
             iterations=self._iterations.item(),

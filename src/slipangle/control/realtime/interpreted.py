@@ -10,7 +10,7 @@ import daqp
 import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
-from slipangle.control.plan import Plan, Solution, Start, Status, shifted, within
+from slipangle.control.plan import Plan, Solution, Start, Status, between, inputs_later, shifted, within
 from slipangle.control.realtime.interpreted_model import bind, dense, newton_node
 from slipangle.control.realtime.interpreted_step import InputStep
 from slipangle.control.realtime.program import (
@@ -18,7 +18,7 @@ from slipangle.control.realtime.program import (
     implicit,
     input_scale,
     limit_rows,
-    slack_of_limited,
+    slack_of_rows,
     stage_function,
 )
 
@@ -27,8 +27,9 @@ PAIRS = 24
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Memory:
-    """Stage slopes of the integrator, for the next start."""
+    """States after every step of the model and stage slopes of the integrator, for the next start."""
 
+    x: np.ndarray
     k: np.ndarray
     engine: int
 
@@ -54,7 +55,10 @@ class Linear:
 
 
 class InterpretedEngine:
-    """Engine of `RealTime` on a computer without a C compiler."""
+    """Engine of `RealTime` on a computer without a C compiler.
+
+    States inside have a row per node, one after every step of the model; `OCP.nodes` are those of the stages.
+    """
 
     def __init__(self, ocp: OCP, settings: Any, deadline: float | None) -> None:
         self.ocp, self._settings = ocp, settings
@@ -64,25 +68,25 @@ class InterpretedEngine:
         self._nk = 3 * len(self._parts.core) if self._parts else 0
         node = newton_node(ocp, self._parts) if self._parts else dense(dynamics_function(ocp))
         stage = dense(stage_function(ocp))
-        self._node_in, self._stage_in = _inputs(node, n), _inputs(stage, n + 1)
-        self._node, self._node_out = bind(node, n, self._node_in)
+        self._steps = steps = int(ocp.nodes[-1])
+        self._nodes, self._held = (ocp.nodes, ocp.stage_of) if steps > n else (slice(None), slice(None))
+        self._node_in, self._stage_in = _inputs(node, steps), _inputs(stage, n + 1)
+        self._node, self._node_out = bind(node, steps, self._node_in)
         self._stage, self._stage_out = bind(stage, n + 1, self._stage_in)
         self._scale = input_scale(ocp)
-        self._weights = ocp.weights
         rows = limit_rows(ocp)
         self._limit_at = np.array([i for i, _ in rows], dtype=int), np.array([j for _, j in rows], dtype=int)
-        plain, square = slack_of_limited(ocp)
-        self._plain, self._square = plain[self._limit_at[1]], square[self._limit_at[1]]
+        self._plain, self._square = slack_of_rows(ocp)
         self._soft = np.isfinite(self._plain)
-        rated = np.isfinite(ocp.step_bounds).any(axis=1)
+        rated = np.isfinite(ocp.step_bounds[0]).any(axis=1)
         change = np.eye(n * nu) - np.eye(n * nu, k=-nu)
         self._rated = np.flatnonzero(np.tile(rated, n))
         self._change = change[self._rated]
-        q, end, r, s = self._weights
+        self._weight_rows, self._r, self._s = ocp.stage_weights
         both = np.tile(self._scale, n)
-        self._quadratic = both[:, None] * (change.T @ np.diag(np.tile(s, n)) @ change + np.diag(np.tile(r, n))) * both
-        self._weight_rows = np.vstack([np.tile(q, (n, 1)), end])
-        self._k = np.zeros((n, self._nk))
+        inputs = change.T @ np.diag(self._s.ravel()) @ change + np.diag(self._r.ravel())
+        self._quadratic = both[:, None] * inputs * both
+        self._k = np.zeros((steps, self._nk))
         plain = not ocp.limited and not rated.any()
         self._quick = InputStep(ocp, node, stage_function(ocp)) if plain else None
 
@@ -91,7 +95,8 @@ class InterpretedEngine:
     def solve(self, start: Start) -> Solution:
         """Solve from a state and a guess, to convergence."""
         self._k[:] = 0.0
-        return self._run(start.x, start.applied, start.reference, start.guess_u, np.array(start.guess_x), False)
+        states = between(start.guess_x, self.ocp.nodes)
+        return self._run(start.x, start.applied, start.reference, start.guess_u, states, False)
 
     def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
         """Solve from a state and the plan of the step before; without one, from nothing."""
@@ -101,14 +106,16 @@ class InterpretedEngine:
             return self._resume_quickly(self._quick, x, applied, reference, previous)
         known = previous is not None and previous.u.shape == (n, nu)
         guesses = (
-            [shifted(previous.u)] if known and previous is not None else [np.tile(applied, (n, 1)), np.zeros((n, nu))]
+            [inputs_later(previous.u, ocp.lengths)]
+            if known and previous is not None
+            else [np.tile(applied, (n, 1)), np.zeros((n, nu))]
         )
         guesses = [within(u, applied, ocp.input_bounds, ocp.step_bounds) for u in guesses]
         u = guesses[0]
         warm = self._ours(memory)
         if warm and previous is not None and isinstance(memory, Memory):
             self._k[:] = shifted(memory.k)
-            states = shifted(previous.x)
+            states = shifted(memory.x)
             states[0] = x
             if n > 1:  # the last state is a guess; the solver closes the gap
                 states[-1] = 2 * states[-2] - states[-3]
@@ -121,10 +128,10 @@ class InterpretedEngine:
         return self._run(x, applied, reference, np.array(u), states, warm)
 
     def _roll_out(self, x: np.ndarray, u: np.ndarray, reference: Reference) -> np.ndarray:
-        states = np.empty((len(u) + 1, len(x)))
+        states = np.empty((self._steps + 1, len(x)))
         states[0] = x
-        for i, now in enumerate(u):
-            states[i + 1] = np.asarray(self.ocp.dynamics(states[i], now, reference.exogenous[i])).ravel()
+        for m, i in enumerate(self.ocp.stage_of):
+            states[m + 1] = np.asarray(self.ocp.dynamics(states[m], u[i], reference.exogenous[i])).ravel()
         return states
 
     def _promise(
@@ -143,17 +150,17 @@ class InterpretedEngine:
         self, step: InputStep, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan
     ) -> Solution:
         until = perf_counter() + self._limit
-        step.load(x, applied, reference, previous, previous.memory.k)
+        step.load(x, applied, reference, previous.u, previous.memory.x, previous.memory.k)
         status, cost, count, size = step.run(self._settings.iterations, until)
         return Solution(
             u=step.u[:-1].copy(),
-            x=step.x.copy(),
+            x=step.x[self._nodes].copy(),
             status=status,
             cost=cost,
             iterations=count,
             violation=0.0,
             residual=size,
-            memory=Memory(k=step.k.copy(), engine=id(self)),
+            memory=Memory(x=step.x.copy(), k=step.k.copy(), engine=id(self)),
         )
 
     def _run(
@@ -168,13 +175,13 @@ class InterpretedEngine:
             u, states, status, cost, count, residual, violation = self._converge(u, states)
         return Solution(
             u=u,
-            x=states,
+            x=states[self._nodes],
             status=status,
             cost=cost,
             iterations=count,
             violation=violation,
             residual=residual,
-            memory=Memory(k=self._k.copy(), engine=id(self)),
+            memory=Memory(x=states, k=self._k.copy(), engine=id(self)),
         )
 
     def _begin(self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray) -> None:
@@ -188,7 +195,7 @@ class InterpretedEngine:
         n, nx, nu = self._sizes
         w = self._reference.exogenous
         given = self._node_in
-        given[0][:], given[1][:], given[2][:] = x[:-1], u, w
+        given[0][:], given[1][:], given[2][:] = x[:-1], u[self._held], w[self._held]
         if self._parts:
             for _ in range(25 if exact else 1):
                 given[3][:] = self._k
@@ -200,7 +207,7 @@ class InterpretedEngine:
             self._node()
         later, a, b = self._node_out[:3]
         given = self._stage_in
-        given[0][:], given[3][:] = x, self._reference.tracked
+        given[0][:], given[3][:] = x[self._nodes], self._reference.tracked
         given[1][:-1], given[1][-1] = u, u[-1]
         given[2][:-1], given[2][-1] = w, w[-1]
         self._stage()
@@ -208,8 +215,8 @@ class InterpretedEngine:
         ne, nl = out[0].shape[1], out[1].shape[1]
         return Linear(
             next=later.copy(),
-            A=a.reshape(n, nx, nx).transpose(0, 2, 1).copy(),
-            B=b.reshape(n, nu, nx).transpose(0, 2, 1) * self._scale,
+            A=a.reshape(-1, nx, nx).transpose(0, 2, 1).copy(),
+            B=b.reshape(-1, nu, nx).transpose(0, 2, 1) * self._scale,
             e=out[0].copy(),
             limited=out[1].copy(),
             Ex=out[2].reshape(n + 1, nx, ne).transpose(0, 2, 1).copy(),
@@ -222,16 +229,16 @@ class InterpretedEngine:
         """Hessian, gradient, and rows of the errors and of the limited quantities by the scaled inputs."""
         n, nx, nu = self._sizes
         size = n * nu
-        G = np.zeros((n + 1, nx, size + 1))  # last column: the state without a step in the inputs
+        G = np.zeros((self._steps + 1, nx, size + 1))  # last column: the state without a step in the inputs
         G[0, :, -1] = self._x0 - x[0]
         defect = m.next - x[1:]
-        for i in range(n):
-            step = G[i + 1]
-            np.matmul(m.A[i], G[i], out=step)
-            step[:, i * nu : (i + 1) * nu] = m.B[i]
-            step[:, -1] += defect[i]
-        E = m.Ex @ G
-        L = m.Lx @ G
+        for j, i in enumerate(self.ocp.stage_of.tolist()):
+            step = G[j + 1]
+            np.matmul(m.A[j], G[j], out=step)
+            step[:, i * nu : (i + 1) * nu] += m.B[j]
+            step[:, -1] += defect[j]
+        E = m.Ex @ G[self._nodes]
+        L = m.Lx @ G[self._nodes]
         for rows, inputs in ((E, m.Eu), (L, m.Lu)):
             if inputs.any():
                 for i in np.flatnonzero(inputs.any(axis=(1, 2))):
@@ -242,11 +249,9 @@ class InterpretedEngine:
         flat = E.reshape(-1, size + 1)
         weighted = flat * self._weight_rows.reshape(-1, 1)
         both = flat[:, :-1].T @ weighted
-        _, _, r, s = self._weights
-        change = u - np.vstack([self._applied, u[:-1]])
-        pull = s * change
-        pull[:-1] -= s * change[1:]
-        gradient = both[:, -1] + ((r * (u - self._wanted) + pull) * self._scale).ravel()
+        pull = self._s * (u - np.vstack([self._applied, u[:-1]]))
+        pull[:-1] -= pull[1:]
+        gradient = both[:, -1] + ((self._r * (u - self._wanted) + pull) * self._scale).ravel()
         return both[:, :-1] + self._quadratic, gradient, G, L[self._limit_at]
 
     def _quadratic_program(
@@ -258,7 +263,7 @@ class InterpretedEngine:
         H = H + np.eye(size) * 1e-12 * max(np.diag(H).max(), 1e-300)
         low, high = ((np.tile(b, n) - u.ravel()) / scale for b in ocp.input_bounds.T)
         change = (u - np.vstack([self._applied, u[:-1]])).ravel()[self._rated]
-        step_low, step_high = (np.tile(b, n)[self._rated] - change for b in ocp.step_bounds.T)
+        step_low, step_high = (ocp.step_bounds[..., k].ravel()[self._rated] - change for k in (0, 1))
         values = L[:, -1]
         below, above = self._bounds[:, 0] - values, self._bounds[:, 1] - values
         hard = np.flatnonzero(~self._soft)
@@ -308,7 +313,7 @@ class InterpretedEngine:
             u = u + step.reshape(n, nu) * self._scale
             dx = G[:, :, :-1] @ step + G[:, :, -1]
             at = np.vstack([step.reshape(n, nu), step.reshape(n, nu)[-1:]])
-            e = m.e + (m.Ex @ dx[:, :, None] + m.Eu @ at[:, :, None])[:, :, 0]
+            e = m.e + (m.Ex @ dx[self._nodes][:, :, None] + m.Eu @ at[:, :, None])[:, :, 0]
             x = x + dx
             cost, size = 2 * self._half_cost(e, u), float(np.abs(step).max())
             if perf_counter() > self._until:
@@ -316,10 +321,9 @@ class InterpretedEngine:
         return u, x, Status.REAL_TIME, cost, self._settings.iterations, size
 
     def _half_cost(self, e: np.ndarray, u: np.ndarray) -> float:
-        _, _, r, s = self._weights
         change = u - np.vstack([self._applied, u[:-1]])
-        total = (self._weight_rows * e * e).sum() + (r * (u - self._wanted) ** 2).sum() + (s * change * change).sum()
-        return 0.5 * float(total)
+        inputs = (self._r * (u - self._wanted) ** 2).sum() + (self._s * change * change).sum()
+        return 0.5 * float((self._weight_rows * e * e).sum() + inputs)
 
     def _excess(self, limited: np.ndarray) -> np.ndarray:
         return np.maximum(np.maximum(limited - self._bounds[:, 1], self._bounds[:, 0] - limited), 0.0)
@@ -354,7 +358,7 @@ class InterpretedEngine:
             old = (u.ravel().copy(), g + multipliers @ L[:, :-1])
             du, dx = step.reshape(n, nu) * self._scale, G[:, :, :-1] @ step + G[:, :, -1]
             at = np.vstack([step.reshape(n, nu), step.reshape(n, nu)[-1:]])
-            e_after = m.e + (m.Ex @ dx[:, :, None] + m.Eu @ at[:, :, None])[:, :, 0]
+            e_after = m.e + (m.Ex @ dx[self._nodes][:, :, None] + m.Eu @ at[:, :, None])[:, :, 0]
             penalty = np.maximum(penalty, 1.5 * np.abs(self._adjoint(m, e_after, multipliers)))
             if (~self._soft).any():
                 hard_penalty = max(hard_penalty, 1.5 * float(np.abs(multipliers[~self._soft]).max()))
@@ -401,11 +405,11 @@ class InterpretedEngine:
 
     def _adjoint(self, m: Linear, e: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """Multipliers of the dynamics."""
-        n = self._sizes[0]
-        forced = ((self._weight_rows * e)[:, None, :] @ m.Ex)[:, 0]
-        np.add.at(forced, self._limit_at[0], multipliers[:, None] * m.Lx[self._limit_at])
-        for i in reversed(range(n)):
-            forced[i] += m.A[i].T @ forced[i + 1]
+        forced = np.zeros((self._steps + 1, self._sizes[1]))
+        forced[self._nodes] = ((self._weight_rows * e)[:, None, :] @ m.Ex)[:, 0]
+        np.add.at(forced, self.ocp.nodes[self._limit_at[0]], multipliers[:, None] * m.Lx[self._limit_at])
+        for j in reversed(range(self._steps)):
+            forced[j] += m.A[j].T @ forced[j + 1]
         return forced
 
 

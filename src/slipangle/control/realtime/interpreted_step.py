@@ -11,7 +11,7 @@ import daqp
 import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
-from slipangle.control.plan import Plan, Status
+from slipangle.control.plan import Status, inputs_later
 from slipangle.control.realtime.interpreted_model import bind
 from slipangle.control.realtime.program import input_scale
 
@@ -33,37 +33,43 @@ class InputStep:
     """
 
     def __init__(self, ocp: OCP, node: ca.Function, stage: ca.Function) -> None:
-        n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
+        n, nx, nu, steps = ocp.horizon, ocp.model.n_states, len(ocp.controls), int(ocp.nodes[-1])
         self._sizes = n, nx, nu
         size, wide = n * nu, nx + 1
         scale = input_scale(ocp)
-        self.u, self.x = np.zeros((n + 1, nu)), np.zeros((n + 1, nx))
-        self._w, self._after = np.zeros((n + 1, len(ocp.exogenous))), np.zeros((n, nx))
-        self.k = np.zeros((n, node.size1_in(3) if node.n_in() > 3 else 0))
+        self.u, self.x = np.zeros((n + 1, nu)), np.zeros((steps + 1, nx))
+        self._w, self._after = np.zeros((n + 1, len(ocp.exogenous))), np.zeros((steps, nx))
+        self.k = np.zeros((steps, node.size1_in(3) if node.n_in() > 3 else 0))
         self._p = np.zeros((n + 1, len(ocp.references)))
-        given = [self.x, self.u, self._w, self.k, self._after]
-        self._node, (self._A, self._B, self._slopes) = bind(_augmented(node, scale), n, given)
-        stage_in = [self.x, self.u, self._w, self._p]
+        self._lengths, self._nodes = ocp.lengths, ocp.nodes
+        self._held = ocp.stage_of if steps > n else None  # otherwise steps and stages share their arrays
+        at_stages, u, w = self.x, self.u, self._w
+        if self._held is not None:
+            at_stages, u, w = np.zeros((n + 1, nx)), np.zeros((steps, nu)), np.zeros((steps, len(ocp.exogenous)))
+        self._at_stages, self._u_held, self._w_held = at_stages, u, w
+        given = [self.x, u, w, self.k, self._after]
+        self._node, (self._A, self._B, self._slopes) = bind(_augmented(node, scale), steps, given)
+        stage_in = [at_stages, self.u, self._w, self._p]
         self._stage, (self._E, self._D) = bind(_errors(stage, scale), n + 1, stage_in)
-        self._A, self._B = self._A.reshape(n, wide, wide), self._B.reshape(n, wide, nu)
+        self._A, self._B = self._A.reshape(steps, wide, wide), self._B.reshape(steps, wide, nu)
         ne = len(ocp.tracked)
         self._E, self._D = self._E.reshape(n + 1, ne, wide), self._D.reshape(n + 1, ne, nu)
         self._through = bool(stage.nnz_out(3)) and bool(stage.sparsity_out(3).nnz())
-        q, end, r, s = ocp.weights
-        self._root = np.sqrt(np.vstack([np.tile(q, (n, 1)), end]))[:, :, None]
+        q, r, s = ocp.stage_weights
+        self._root = np.sqrt(q)[:, :, None]
         change, both = np.eye(size) - np.eye(size, k=-nu), np.tile(scale, n)
-        inputs = change.T @ np.diag(np.tile(s, n)) @ change + np.diag(np.tile(r, n))
+        inputs = change.T @ np.diag(s.ravel()) @ change + np.diag(r.ravel())
         self._quadratic = both[:, None] * inputs * both
         self._scale, self._both = scale, both
-        self._r, self._s = np.tile(r, n), s
+        self._r, self._s = r.ravel(), s[0]
         low, high = ocp.input_bounds.T
         self._low, self._high = np.tile(low, n) / both, np.tile(high, n) / both
         self._range = low, high
-        self._G = np.zeros((n + 1, wide, size + 1))
+        self._G = np.zeros((steps + 1, wide, size + 1))
         self._G[0, -1, -1] = 1.0
         pairs = [
-            (self._A[i], self._G[i], self._G[i + 1], self._G[i + 1][:, i * nu : (i + 1) * nu], self._B[i])
-            for i in range(n)
+            (self._A[m], self._G[m], self._G[m + 1], self._G[m + 1][:, i * nu : (i + 1) * nu], self._B[m])
+            for m, i in enumerate(ocp.stage_of.tolist())
         ]
         self._stages = pairs
         self._rows = np.zeros((n + 1, ne, size + 1))
@@ -72,16 +78,27 @@ class InputStep:
         self._step = np.ones(size + 1)
         self._none = np.zeros((0, size))
 
-    def load(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan, k: np.ndarray) -> None:
-        """Start from a plan, shifted; its last state is a guess whose gap the step closes."""
-        n, _, _ = self._sizes
+    def load(
+        self,
+        x: np.ndarray,
+        applied: np.ndarray,
+        reference: Reference,
+        u: np.ndarray,
+        states: np.ndarray,
+        k: np.ndarray,
+    ) -> None:
+        """Start from a plan's inputs, states and slopes, shifted; the step closes the gap to the last state."""
+        n, last = self._sizes[0], len(states) - 1
         low, high = self._range
-        self.u[: n - 1], self.u[n - 1] = previous.u[1:], previous.u[-1]
+        if self._held is None:
+            self.u[: n - 1], self.u[n - 1] = u[1:], u[-1]
+        else:
+            self.u[:n] = inputs_later(u, self._lengths)
         np.maximum(self.u, low, out=self.u)
         np.minimum(self.u, high, out=self.u)
-        self.x[:n] = previous.x[1:]
+        self.x[:last] = states[1:]
         self.x[0] = x
-        self.x[n] = 2 * self.x[n - 1] - self.x[n - 2] if n > 1 else previous.x[1]
+        self.x[last] = 2 * self.x[last - 1] - self.x[last - 2] if last > 1 else states[1]
         self.k[:-1], self.k[-1] = k[1:], k[-1]
         self._w[:n], self._w[n] = reference.exogenous, reference.exogenous[-1]
         self._p[:] = reference.tracked
@@ -113,7 +130,7 @@ class InputStep:
             self._step[:-1] = z
             v += z
             self.u[:n] = (v * self._both).reshape(n, -1)
-            self.x += (self._G.reshape(-1, len(self._step)) @ self._step).reshape(n + 1, nx + 1)[:, :nx]
+            self.x += (self._G.reshape(-1, len(self._step)) @ self._step).reshape(-1, nx + 1)[:, :nx]
             self.k[:] = self._slopes
             e = rows @ self._step
             cost = float(e @ e + v @ (self._quadratic @ v - 2 * self._pull)) + self._constant
@@ -127,13 +144,17 @@ class InputStep:
         n, nx, nu = self._sizes
         self.u[n] = self.u[n - 1]
         self._after[:] = self.x[1:]
+        if self._held is not None:
+            self._at_stages[:] = self.x[self._nodes]
+            self._u_held[:], self._w_held[:] = self.u[self._held], self._w[self._held]
         self._G[0, :nx, -1] = 0.0  # the first state is the one measured
         self._node()
         self._stage()
         for A, G, after, here, B in self._stages:
             np.matmul(A, G, out=after)
-            here[:] = B
-        np.matmul(self._E * self._root, self._G, out=self._rows)
+            here += B
+        G = self._G if self._held is None else self._G[self._nodes]
+        np.matmul(self._E * self._root, G, out=self._rows)
         if self._through:
             for i in range(n + 1):
                 at = min(i, n - 1) * nu

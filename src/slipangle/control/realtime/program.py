@@ -160,13 +160,15 @@ def limit_rows(ocp: OCP) -> list[tuple[int, int]]:
     return now + [(i, j) for i in range(1, ocp.horizon + 1) for j in range(len(ocp.limited))]
 
 
-def slack_of_limited(ocp: OCP) -> tuple[np.ndarray, np.ndarray]:
-    """Plain weight (infinite: hard) and squared weight of each limited quantity, for half the cost."""
+def slack_of_rows(ocp: OCP) -> tuple[np.ndarray, np.ndarray]:
+    """Plain weight (infinite: hard) and squared weight of each of `limit_rows`, for half the cost."""
     plain, square = np.full(len(ocp.limited), np.inf), np.zeros(len(ocp.limited))
     squares, plains = ocp.slack_weights
     for name, s, p in zip(ocp.soft, squares, plains, strict=True):
         plain[ocp.limited.index(name)], square[ocp.limited.index(name)] = 0.5 * p, s
-    return plain, square
+    stage, which = np.array(limit_rows(ocp), dtype=int).reshape(-1, 2).T
+    often = ocp.excess_counts[stage]
+    return often * plain[which], often * square[which]
 
 
 def source(ocp: OCP, *, lanes: int = 0) -> str:
@@ -281,10 +283,11 @@ def _patterns(name: str, sparsity: ca.Sparsity) -> list[str]:
 def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str]) -> str:
     n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
     rows = limit_rows(ocp)
-    rated = [j for j in range(nu) if np.isfinite(ocp.step_bounds[j]).any()]
+    rated = np.flatnonzero(np.isfinite(ocp.step_bounds[0]).any(axis=1))
     core = len(parts.core) if parts else 0
     numbers = {
         "N": n,
+        "NS": int(ocp.nodes[-1]),
         "NX": nx,
         "NU": nu,
         "NW": len(ocp.exogenous),
@@ -306,13 +309,15 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
         _array("double", "SCALE", input_scale(ocp)),
         _array("double", "INPUT_LOW", ocp.input_bounds[:, 0]),
         _array("double", "INPUT_HIGH", ocp.input_bounds[:, 1]),
-        _array("double", "STEP_LOW", ocp.step_bounds[:, 0]),
-        _array("double", "STEP_HIGH", ocp.step_bounds[:, 1]),
+        _array("double", "STEP_LOW", ocp.step_bounds[..., 0].ravel()),
+        _array("double", "STEP_HIGH", ocp.step_bounds[..., 1].ravel()),
         _array("int", "LIMIT_STAGE", [i for i, _ in rows]),
         _array("int", "LIMIT_WHICH", [j for _, j in rows]),
         _array("int", "E_INPUT", [bool(row) for row in nonzeros(stage.sparsity_out(3))]),
         *_patterns("E", stage.sparsity_out(2)),
     ]
+    if ocp.nodes[-1] > n:
+        lines += [_array("int", "NODES", ocp.nodes), _array("int", "STAGES", ocp.stage_of)]
     if parts:
         lines += [
             f"#define STEP {ocp.dt!r}",

@@ -27,15 +27,15 @@ static int all_finite(const double *values, int n)
 
 static int linearise(Work *s)
 {
-    for (int i = 0; i < N; i += LANES)
+    for (int i = 0; i < NS; i += LANES)
         evaluate_dynamics(s, i, LANES);
     if (s->open_end)
-        memcpy(s->x + N * NX, s->next + (N - 1) * NX, sizeof s->x0);
+        memcpy(s->x + NS * NX, s->next + (NS - 1) * NX, sizeof s->x0);
     s->open_end = 0;
     for (int i = 0; i <= N; i += LANES)
         evaluate_stage(s, i);
-    return all_finite(s->next, N * NX) && all_finite(s->e, (N + 1) * NE) && all_finite(s->l, (N + 1) * NL) &&
-           all_finite(s->A, N * NX * NX);
+    return all_finite(s->next, NS * NX) && all_finite(s->e, (N + 1) * NE) && all_finite(s->l, (N + 1) * NL) &&
+           all_finite(s->A, NS * NX * NX);
 }
 
 /* Correct H along a step by the change of the gradient seen there (BFGS, damped after Powell). */
@@ -136,17 +136,19 @@ static int condense(Work *s)
         }
         if (i == N)
             break;
-        const double *A = s->A + i * NX * NX, *B = s->B + i * NX * NU;
-        for (int a = 0; a < NX; a++) {
-            double *to = new + a * QL;
-            memset(to, 0, sizeof(double) * QL);
-            for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
-                add(to, A[a * NX + A_AT[c]], old + A_AT[c] * QL, width);
-            for (int j = 0; j < NU; j++)
-                to[width + j] = SCALE[j] * B[a * NU + j];
+        for (int m = NODE(i); m < NODE(i + 1); m++) {
+            const double *A = s->A + m * NX * NX, *B = s->B + m * NX * NU;
+            for (int a = 0; a < NX; a++) {
+                double *to = new + a * QL;
+                memset(to, 0, sizeof(double) * QL);
+                for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
+                    add(to, A[a * NX + A_AT[c]], old + A_AT[c] * QL, m > NODE(i) ? width + NU : width);
+                for (int j = 0; j < NU; j++)
+                    to[width + j] += SCALE[j] * B[a * NU + j];
+            }
+            double *swap = old;
+            old = new, new = swap;
         }
-        double *swap = old;
-        old = new, new = swap;
     }
     for (int k = 0; k < s->pairs; k++)
         secant(s, H, s->pair_s + k * QL, s->pair_y + k * QL);
@@ -170,26 +172,26 @@ static void feed(Work *s)
     Qp *q = &s->qp;
     for (int a = 0; a < NX; a++)
         s->dx[a] = s->x0[a] - s->x[a];
-    for (int i = 0; i < N; i++) {
-        const double *A = s->A + i * NX * NX, *dx = s->dx + i * NX;
+    for (int m = 0; m < NS; m++) {
+        const double *A = s->A + m * NX * NX, *dx = s->dx + m * NX;
         for (int a = 0; a < NX; a++) {
-            double v = s->next[i * NX + a] - s->x[(i + 1) * NX + a];
+            double v = s->next[m * NX + a] - s->x[(m + 1) * NX + a];
             for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
                 v += A[a * NX + A_AT[c]] * dx[A_AT[c]];
-            s->dx[(i + 1) * NX + a] = v;
+            s->dx[(m + 1) * NX + a] = v;
         }
     }
     double *pi = s->pi;
     memset(pi, 0, sizeof s->pi);
     memset(q->g, 0, sizeof q->g);
     for (int i = N; i >= 0; i--) {
-        const double *weight = s->q + i * NE, *dx = s->dx + i * NX;
+        const double *weight = s->q + i * NE, *dx = s->dx + NODE(i) * NX;
         int at = i < N ? i : N - 1;
-        if (i < N) {
-            const double *A = s->A + i * NX * NX, *B = s->B + i * NX * NU, *after = pi + (i + 1) * NX;
+        for (int m = i < N ? NODE(i + 1) - 1 : -1; m >= NODE(i); m--) {
+            const double *A = s->A + m * NX * NX, *B = s->B + m * NX * NU, *after = pi + (m + 1) * NX;
             for (int a = 0; a < NX; a++) {
                 for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
-                    pi[i * NX + A_AT[c]] += A[a * NX + A_AT[c]] * after[a];
+                    pi[m * NX + A_AT[c]] += A[a * NX + A_AT[c]] * after[a];
                 for (int j = 0; j < NU; j++)
                     q->g[i * NU + j] += SCALE[j] * B[a * NU + j] * after[a];
             }
@@ -201,7 +203,7 @@ static void feed(Work *s)
                 v += ex[E_AT[c]] * dx[E_AT[c]];
             v *= weight[k];
             for (int c = E_FIRST[k]; c < E_FIRST[k + 1]; c++)
-                pi[i * NX + E_AT[c]] += ex[E_AT[c]] * v;
+                pi[NODE(i) * NX + E_AT[c]] += ex[E_AT[c]] * v;
             if (E_INPUT[k])
                 for (int j = 0; j < NU; j++)
                     q->g[at * NU + j] += SCALE[j] * eu[j] * v;
@@ -220,14 +222,14 @@ static void feed(Work *s)
     for (int k = 0; k < QR; k++) {
         int a = q->after[k], j = a % NU;
         double change = s->u[a] - (a < NU ? s->applied[j] : s->u[a - NU]);
-        q->lo[QN + k] = (STEP_LOW[j] - change) / SCALE[j], q->hi[QN + k] = (STEP_HIGH[j] - change) / SCALE[j];
+        q->lo[QN + k] = (STEP_LOW[a] - change) / SCALE[j], q->hi[QN + k] = (STEP_HIGH[a] - change) / SCALE[j];
     }
     for (int row = 0; row < N_LIMITS; row++) {
         int i, k;
         const double *b = limit_of(s, row, &i, &k), *lx = s->LX + i * NL * NX + k * NX;
         double v = s->l[i * NL + k];
         for (int c = 0; c < NX; c++)
-            v += lx[c] * s->dx[i * NX + c];
+            v += lx[c] * s->dx[NODE(i) * NX + c];
         q->lo[QN + QR + row] = b[0] - v, q->hi[QN + QR + row] = b[1] - v;
     }
 }
@@ -240,15 +242,15 @@ static void expand(Work *s)
         s->du[a] = SCALE[a % NU] * q->u[a];
     for (int a = 0; a < NX; a++)
         s->dx[a] = s->x0[a] - s->x[a];
-    for (int i = 0; i < N; i++) {
-        const double *A = s->A + i * NX * NX, *B = s->B + i * NX * NU;
+    for (int m = 0; m < NS; m++) {
+        const double *A = s->A + m * NX * NX, *B = s->B + m * NX * NU;
         for (int a = 0; a < NX; a++) {
-            double v = s->next[i * NX + a] - s->x[(i + 1) * NX + a];
+            double v = s->next[m * NX + a] - s->x[(m + 1) * NX + a];
             for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
-                v += A[a * NX + A_AT[c]] * s->dx[i * NX + A_AT[c]];
+                v += A[a * NX + A_AT[c]] * s->dx[m * NX + A_AT[c]];
             for (int j = 0; j < NU; j++)
-                v += B[a * NU + j] * s->du[i * NU + j];
-            s->dx[(i + 1) * NX + a] = v;
+                v += B[a * NU + j] * s->du[STAGE_OF(m) * NU + j];
+            s->dx[(m + 1) * NX + a] = v;
         }
     }
 }
@@ -272,7 +274,7 @@ static double merit(const Work *s, int linear, double *cost, double *violation)
     double sum = 0, defects = 0, worst = 0;
     for (int i = 0; i <= N; i++) {
         const double *weight = s->q + i * NE;
-        const double *dx = s->dx + i * NX, *du = s->du + (i < N ? i : N - 1) * NU;
+        const double *dx = s->dx + NODE(i) * NX, *du = s->du + (i < N ? i : N - 1) * NU;
         for (int k = 0; k < NE; k++) {
             double v = s->e[i * NE + k];
             if (linear) {
@@ -301,7 +303,7 @@ static double merit(const Work *s, int linear, double *cost, double *violation)
             const double *lx = s->LX + i * NL * NX + k * NX;
             const double *lu = s->LU + i * NL * NU + k * NU;
             for (int c = 0; c < NX; c++)
-                v += lx[c] * s->dx[i * NX + c];
+                v += lx[c] * s->dx[NODE(i) * NX + c];
             for (int j = 0; j < NU; j++)
                 v += lu[j] * s->du[(i < N ? i : N - 1) * NU + j];
         }
@@ -314,7 +316,7 @@ static double merit(const Work *s, int linear, double *cost, double *violation)
         }
     }
     if (!linear) {
-        for (int i = 0; i < N * NX; i++) {
+        for (int i = 0; i < NS * NX; i++) {
             double d = fabs(s->next[i] - s->x[NX + i]);
             defects += s->penalty[NX + i] * d;
             worst = fmax(worst, d);
@@ -339,13 +341,13 @@ static void raise_penalties(Work *s)
     double *pi = s->pi;
     memset(pi, 0, sizeof s->pi);
     for (int i = N; i >= 0; i--) {
-        const double *weight = s->q + i * NE, *dx = s->dx + i * NX;
+        const double *weight = s->q + i * NE, *dx = s->dx + NODE(i) * NX;
         const double *du = s->du + (i < N ? i : N - 1) * NU;
-        if (i < N) {
-            const double *A = s->A + i * NX * NX;
+        for (int m = i < N ? NODE(i + 1) - 1 : -1; m >= NODE(i); m--) {
+            const double *A = s->A + m * NX * NX;
             for (int a = 0; a < NX; a++)
                 for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
-                    pi[i * NX + A_AT[c]] += A[a * NX + A_AT[c]] * pi[(i + 1) * NX + a];
+                    pi[m * NX + A_AT[c]] += A[a * NX + A_AT[c]] * pi[(m + 1) * NX + a];
         }
         for (int k = 0; k < NE; k++) {
             const double *ex = s->E + i * NE * NX + k * NX, *eu = s->D + i * NE * NU + k * NU;
@@ -355,16 +357,16 @@ static void raise_penalties(Work *s)
             for (int j = 0; j < NU; j++)
                 v += eu[j] * du[j];
             for (int c = E_FIRST[k]; c < E_FIRST[k + 1]; c++)
-                pi[i * NX + E_AT[c]] += ex[E_AT[c]] * weight[k] * v;
+                pi[NODE(i) * NX + E_AT[c]] += ex[E_AT[c]] * weight[k] * v;
         }
         for (int row = 0; row < N_LIMITS; row++)
             if (LIMIT_STAGE[row] == i && q->lambda[QN + QR + row] != 0) {
                 const double *lx = s->LX + i * NL * NX + LIMIT_WHICH[row] * NX;
                 for (int c = 0; c < NX; c++)
-                    pi[i * NX + c] += lx[c] * q->lambda[QN + QR + row];
+                    pi[NODE(i) * NX + c] += lx[c] * q->lambda[QN + QR + row];
             }
     }
-    for (int i = 0; i < (N + 1) * NX; i++)
+    for (int i = 0; i < (NS + 1) * NX; i++)
         s->penalty[i] = fmax(s->penalty[i], 1.5 * fabs(pi[i]));
     for (int row = 0; row < N_LIMITS; row++)
         if (!(q->plain[QN + QR + row] < INFINITY))
@@ -377,7 +379,7 @@ static void move(Work *s, double t)
 {
     for (int a = 0; a < N * NU; a++)
         s->u[a] = s->u_from[a] + t * s->du[a];
-    for (int a = 0; a < (N + 1) * NX; a++)
+    for (int a = 0; a < (NS + 1) * NX; a++)
         s->x[a] = s->x_from[a] + t * s->dx[a];
 }
 
@@ -390,7 +392,7 @@ static void keep_inputs(Work *s)
         for (int j = 0; j < NU; j++) {
             int a = i * NU + j;
             double before = i ? s->u[a - NU] : s->applied[j], u = s->u[a];
-            u = fmin(fmax(u, before + STEP_LOW[j]), before + STEP_HIGH[j]);
+            u = fmin(fmax(u, before + STEP_LOW[a]), before + STEP_HIGH[a]);
             s->u[a] = fmin(fmax(u, INPUT_LOW[j]), INPUT_HIGH[j]);
         }
 }
@@ -399,9 +401,9 @@ static void roll_out(Work *s)
 {
     memcpy(s->x, s->x0, sizeof s->x0);
     memset(s->k, 0, sizeof s->k);
-    for (int i = 0; i < N; i++) {
-        evaluate_dynamics(s, i, 1);
-        memcpy(s->x + (i + 1) * NX, s->next + i * NX, sizeof s->x0);
+    for (int m = 0; m < NS; m++) {
+        evaluate_dynamics(s, m, 1);
+        memcpy(s->x + (m + 1) * NX, s->next + m * NX, sizeof s->x0);
     }
 }
 
@@ -550,20 +552,32 @@ static void start_from_nothing(Work *s)
     }
 }
 
+/* Inputs as they were planned a step ago, the mean over each stage. */
+static void shift_inputs(Work *s)
+{
+    for (int i = 0; i + 1 < N; i++) {
+        double length = NODE(i + 1) - NODE(i);
+        for (int j = 0; j < NU; j++) {
+            double *u = s->u + i * NU + j;
+            u[0] = ((length - 1) * u[0] + u[NU]) / length;
+        }
+    }
+}
+
 /* Start from the plan of the step before (CONTINUE: u, x, k as it left them), from nothing (FROM_NOTHING: constant
    inputs, states rolled out), from inputs and states (GIVEN), or from inputs (GIVEN_INPUTS: states rolled out). Only the first
    takes a fixed number of iterations. */
 static void start(Work *s)
 {
     for (int row = 0; row < N_LIMITS; row++) {
-        s->qp.plain[QN + QR + row] = s->plain[LIMIT_WHICH[row]];
-        s->qp.square[QN + QR + row] = s->square[LIMIT_WHICH[row]];
+        s->qp.plain[QN + QR + row] = s->plain[row];
+        s->qp.square[QN + QR + row] = s->square[row];
     }
     if (s->fresh == CONTINUE) {
-        memmove(s->u, s->u + NU, sizeof(double) * (N - 1) * NU);
-        memmove(s->x, s->x + NX, sizeof(double) * N * NX);
+        shift_inputs(s);
+        memmove(s->x, s->x + NX, sizeof(double) * NS * NX);
         if (NK > 0)
-            memmove(s->k, s->k + NK, sizeof(double) * (size_t)((N - 1) * NK));
+            memmove(s->k, s->k + NK, sizeof(double) * (size_t)((NS - 1) * NK));
     } else {
         s->qp.k = 0;
         memset(s->k, 0, sizeof s->k);
@@ -632,7 +646,7 @@ Work *rt_new(void)
         q->plain[i] = INFINITY;
     for (int k = 0, i = 0; i < N; i++)
         for (int j = 0; j < NU; j++)
-            if (STEP_LOW[j] > -INFINITY || STEP_HIGH[j] < INFINITY) {
+            if (STEP_LOW[i * NU + j] > -INFINITY || STEP_HIGH[i * NU + j] < INFINITY) {
                 q->after[k] = i * NU + j;
                 q->before[k++] = i * NU + j - NU;
             }

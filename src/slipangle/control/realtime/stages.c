@@ -1,4 +1,4 @@
-/* Next state of all steps and errors of all stages with their derivatives, LANES columns at a time. */
+/* Next state of all steps of the model and errors of all stages with their derivatives, LANES columns at a time. */
 
 INLINE int column(int first, int count, int lane, int last)
 {
@@ -6,14 +6,23 @@ INLINE int column(int first, int count, int lane, int last)
     return i < last ? i : last;
 }
 
-static void gather(V *to, const double *from, int width, int first, int count, int last)
-{
-    for (int lane = 0; lane < LANES; lane++) {
-        const double *at = from + column(first, count, lane, last) * width;
-        for (int a = 0; a < width; a++)
-            to[a][lane] = at[a];
+#define GATHER(name, place)                                                                       \
+    static void name(V *to, const double *from, int width, int first, int count, int last)        \
+    {                                                                                             \
+        for (int lane = 0; lane < LANES; lane++) {                                                \
+            const double *at = from + place(column(first, count, lane, last)) * width;            \
+            for (int a = 0; a < width; a++)                                                       \
+                to[a][lane] = at[a];                                                              \
+        }                                                                                         \
     }
-}
+GATHER(gather, )
+#if NS == N
+#define gather_held gather
+#define gather_nodes gather
+#else
+GATHER(gather_held, STAGE_OF) /* what is held over a stage, for each of its steps */
+GATHER(gather_nodes, NODE)    /* states at which stages begin, and the last */
+#endif
 
 static void scatter(const V *from, double *to, int width, int first, int count, int last)
 {
@@ -232,27 +241,27 @@ static void evaluate_dynamics(Work *s, int first, int count)
 {
     Scratch *c = &s->scratch;
 #if DYNAMICS == CALLED
-    for (int i = first; i < first + count && i < N; i++) {
-        const double *in[3] = {s->x + i * NX, s->u + i * NU, s->w + i * NW};
+    for (int i = first; i < first + count && i < NS; i++) {
+        const double *in[3] = {s->x + i * NX, s->u + STAGE_OF(i) * NU, s->w + STAGE_OF(i) * NW};
         double *out[3] = {s->next + i * NX, s->A + i * NX * NX, s->B + i * NX * NU};
         memcpy(c->in, in, sizeof in); /* CasADi keeps pointers of its own behind the arguments */
         memcpy(c->out, out, sizeof out);
         called_dynamics(c->in, c->out, c->iw, c->work, 0);
     }
 #else
-    gather(c->x, s->x, NX, first, count, N - 1);
-    gather(c->u, s->u, NU, first, count, N - 1);
-    gather(c->w, s->w, NW, first, count, N - 1);
+    gather(c->x, s->x, NX, first, count, NS - 1);
+    gather_held(c->u, s->u, NU, first, count, NS - 1);
+    gather_held(c->w, s->w, NW, first, count, NS - 1);
 #if DYNAMICS == RADAU
-    gather(c->k, s->k, NK, first, count, N - 1);
+    gather(c->k, s->k, NK, first, count, NS - 1);
     integrate(c, s->newton);
-    scatter(c->k, s->k, NK, first, count, N - 1);
+    scatter(c->k, s->k, NK, first, count, NS - 1);
 #else
     explicit_dynamics(c->x, c->u, c->w, c->next, c->A, c->B);
 #endif
-    scatter(c->next, s->next, NX, first, count, N - 1);
-    scatter(c->A, s->A, NX * NX, first, count, N - 1);
-    scatter(c->B, s->B, NX * NU, first, count, N - 1);
+    scatter(c->next, s->next, NX, first, count, NS - 1);
+    scatter(c->A, s->A, NX * NX, first, count, NS - 1);
+    scatter(c->B, s->B, NX * NU, first, count, NS - 1);
 #endif
 }
 
@@ -262,7 +271,7 @@ static void evaluate_stage(Work *s, int first)
 #if STAGE == CALLED
     for (int i = first; i < first + LANES && i <= N; i++) {
         int at = i < N ? i : N - 1;
-        const double *in[4] = {s->x + i * NX, s->u + at * NU, s->w + at * NW, s->p + i * NP};
+        const double *in[4] = {s->x + NODE(i) * NX, s->u + at * NU, s->w + at * NW, s->p + i * NP};
         double *out[6] = {s->e + i * NE, s->l + i * NL, s->E + i * NE * NX, s->D + i * NE * NU,
                           s->LX + i * NL * NX, s->LU + i * NL * NU};
         memcpy(c->in, in, sizeof in);
@@ -270,7 +279,7 @@ static void evaluate_stage(Work *s, int first)
         called_stage(c->in, c->out, c->iw, c->work, 0);
     }
 #else
-    gather(c->x, s->x, NX, first, LANES, N);
+    gather_nodes(c->x, s->x, NX, first, LANES, N);
     gather(c->u, s->u, NU, first, LANES, N - 1);
     gather(c->w, s->w, NW, first, LANES, N - 1);
     gather(c->p, s->p, NP, first, LANES, N);

@@ -1,8 +1,18 @@
 /* Gauss-Newton method on one optimal control problem: linearise all stages at once, condense, solve, expand.
 
-   The generated part before this file defines the sizes N, NX, NU, NW, NP, NE (tracked), NL (limited), NK (stage
-   slopes of the integrator), the weights and patterns, `evaluate_dynamics` and `evaluate_stage`. Inputs are counted in
-   units of SCALE inside the quadratic program. Costs are half of the problem's. */
+   The generated part before this file defines the sizes N (stages), NS (steps of the model), NX, NU, NW, NP, NE
+   (tracked), NL (limited), NK (stage slopes of the integrator), the weights and patterns, `evaluate_dynamics` and
+   `evaluate_stage`. A stage is one or more steps of the model with the input held; the states after each are nodes, so
+   all steps are linearised side by side however long the stages are. Inputs are counted in units of SCALE inside the
+   quadratic program. Costs are half of the problem's. */
+
+#if NS == N
+#define NODE(i) (i)      /* at which stage i begins */
+#define STAGE_OF(m) (m)  /* of the step of the model from node m */
+#else
+#define NODE(i) NODES[i]
+#define STAGE_OF(m) STAGES[m]
+#endif
 
 enum { SOLVED, ITERATED, ITERATION_LIMIT, STALLED, TIME_OUT, INFEASIBLE, NOT_FINITE, FAILED };
 enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS };
@@ -12,20 +22,20 @@ enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS };
 typedef struct {
     /* what Python sets */
     double x0[NX], applied[NU], w[M1(N * NW)], p[M1((N + 1) * NP)], r[N * NU], bounds[M1((N + 1) * NL * 2)];
-    double q[M1((N + 1) * NE)], wr[N * NU], ws[N * NU], plain[M1(NL)], square[M1(NL)]; /* weights */
+    double q[M1((N + 1) * NE)], wr[N * NU], ws[N * NU], plain[M1(N_LIMITS)], square[M1(N_LIMITS)]; /* weights */
     double tolerance, time_limit, newton;
     int64_t max_iterations, fixed, fresh;
     /* the iterate and what Python reads, u to residual as one block */
-    double u[N * NU], x[(N + 1) * NX], k[M1(N * NK)], cost, violation, residual;
+    double u[N * NU], x[(NS + 1) * NX], k[M1(NS * NK)], cost, violation, residual;
     double step, seconds, seconds_prepare, seconds_feedback;
     int64_t iterations, qp_iterations;
     /* linearisation */
-    double A[N * NX * NX], B[N * NX * NU], E[M1((N + 1) * NE * NX)], D[M1((N + 1) * NE * NU)];
+    double A[NS * NX * NX], B[NS * NX * NU], E[M1((N + 1) * NE * NX)], D[M1((N + 1) * NE * NU)];
     double LX[M1((N + 1) * NL * NX)], LU[M1((N + 1) * NL * NU)];
-    double next[N * NX], e[M1((N + 1) * NE)], l[M1((N + 1) * NL)];
+    double next[NS * NX], e[M1((N + 1) * NE)], l[M1((N + 1) * NL)];
     /* step */
-    double dx[(N + 1) * NX], pi[(N + 1) * NX], du[N * NU];
-    double u_from[N * NU], x_from[(N + 1) * NX], k_from[M1(N * NK)], penalty[(N + 1) * NX], hard_penalty;
+    double dx[(NS + 1) * NX], pi[(NS + 1) * NX], du[N * NU];
+    double u_from[N * NU], x_from[(NS + 1) * NX], k_from[M1(NS * NK)], penalty[(NS + 1) * NX], hard_penalty;
     double pair_s[PAIRS * QL], pair_y[PAIRS * QL], g_from[QL], product[QL];
     int64_t pairs, open_end; /* open_end: the last state is where the last step ends */
     V G[2 * NX * QL / LANES], R[QL / LANES];
