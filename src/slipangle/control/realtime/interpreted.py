@@ -11,7 +11,7 @@ import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import Plan, Solution, Start, Status, between, inputs_later, shifted, within
-from slipangle.control.realtime.interpreted_model import bind, dense, newton_node
+from slipangle.control.realtime.interpreted_model import bind, columns, dense, newton_columns, newton_node
 from slipangle.control.realtime.interpreted_step import InputStep
 from slipangle.control.realtime.program import (
     dynamics_function,
@@ -25,7 +25,7 @@ from slipangle.control.realtime.program import (
 PAIRS = 24
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(kw_only=True, eq=False)
 class Memory:
     """States after every step of the model and stage slopes of the integrator, for the next start."""
 
@@ -66,10 +66,10 @@ class InterpretedEngine:
         n, _, nu = self._sizes = ocp.horizon, ocp.model.n_states, len(ocp.controls)
         self._parts = implicit(ocp)
         self._nk = 3 * len(self._parts.core) if self._parts else 0
-        node = newton_node(ocp, self._parts) if self._parts else dense(dynamics_function(ocp))
-        stage = dense(stage_function(ocp))
         self._steps = steps = int(ocp.nodes[-1])
         self._nodes, self._held = (ocp.nodes, ocp.stage_of) if steps > n else (slice(None), slice(None))
+        one = newton_node(ocp, self._parts) if self._parts else dense(dynamics_function(ocp))
+        node, stage = newton_columns(ocp, self._parts, one, steps), columns(dense(stage_function(ocp)), n + 1)
         self._node_in, self._stage_in = _inputs(node, steps), _inputs(stage, n + 1)
         self._node, self._node_out = bind(node, steps, self._node_in)
         self._stage, self._stage_out = bind(stage, n + 1, self._stage_in)
@@ -88,7 +88,7 @@ class InterpretedEngine:
         self._quadratic = both[:, None] * inputs * both
         self._k = np.zeros((steps, self._nk))
         plain = not ocp.limited and not rated.any()
-        self._quick = InputStep(ocp, node, stage_function(ocp)) if plain else None
+        self._quick = InputStep(ocp, self._parts, one, stage_function(ocp)) if plain else None
 
     # ---- starts ------------------------------------------------------------------------------------------------
 
@@ -160,7 +160,8 @@ class InterpretedEngine:
             iterations=count,
             violation=0.0,
             residual=size,
-            memory=Memory(x=step.x.copy(), k=step.k.copy(), engine=id(self)),
+            memory=Memory(x=step.x.copy(), k=step.slopes.copy(), engine=id(self)),
+            kept=True,
         )
 
     def _run(
@@ -414,7 +415,7 @@ class InterpretedEngine:
 
 
 def _inputs(function: Any, times: int) -> list[np.ndarray]:
-    return [np.zeros((times, function.size1_in(i))) for i in range(function.n_in())]
+    return [np.zeros((times, function.nnz_in(i) // times)) for i in range(function.n_in())]
 
 
 def _secant(H: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:

@@ -13,25 +13,28 @@ from slipangle.control.realtime.emit import fewer_divisions
 from slipangle.control.realtime.program import Implicit, rest_after
 from slipangle.models.integrate import RADAU_A
 
+MOST_INSTRUCTIONS = 20_000  # that are turned into one of columns each
+
 
 def newton_node(ocp: OCP, parts: Implicit) -> ca.Function:
-    """``(x, u, w, k) -> next, A, B, k``: one Newton step on the stages of Radau IIA, and the derivatives there.
+    """``(x, u, w, k, slopes) -> next, A, B, k``: one Newton step on the stages of Radau IIA, and the derivatives there.
 
-    In the stages z themselves, ``inv(A) (z - x) = h f(z)``, one state is coupled over the stages with constants only,
-    which takes the fewest operations to eliminate; the last stage is the state at the end of the step.
+    ``slopes`` has one column per stage, what `parts.slopes` gives there: see `columns`. In the stages z themselves,
+    ``inv(A) (z - x) = h f(z)``, one state is coupled over the stages with constants only, which takes the fewest
+    operations to eliminate; the last stage is the state at the end of the step.
     """
     x, u, w = (ca.SX.sym(n, parts.slopes.size1_in(i)) for i, n in enumerate("xuw"))
     core, rest = list(parts.core), list(parts.rest)
     nc, nk, nu, nx, h = len(core), 3 * len(core), parts.slopes.size1_in(1), ocp.model.n_states, ocp.dt
-    k = ca.SX.sym("k", nk)
+    k, slopes = ca.SX.sym("k", nk), ca.SX.sym("slopes", sum(parts.slopes.nnz_out(i) for i in range(3)), 3)
     inverse = np.linalg.inv(RADAU_A)
     move = [h * sum(RADAU_A[j, m] * k[3 * c + m] for m in range(3)) for c in range(nc) for j in range(3)]
     matrix, right = ca.SX(nk, nk), ca.SX(nk, 1 + nc + nu)
     for j in range(3):
-        place = ca.SX(x)
-        for c, a in enumerate(core):
-            place[a] = x[a] + move[3 * c + j]
-        f, fx, fu = parts.slopes(place, u, w)
+        first = np.cumsum([0, *(parts.slopes.nnz_out(i) for i in range(3))])
+        f, fx, fu = (
+            ca.SX(parts.slopes.sparsity_out(i), slopes[int(first[i]) : int(first[i + 1]), j]) for i in range(3)
+        )
         for a in range(nc):
             row = 3 * a + j
             right[row, 0] = h * (k[row] - f[a])  # inv(A) (z - x) is h k
@@ -49,7 +52,7 @@ def newton_node(ocp: OCP, parts: Implicit) -> ca.Function:
     solved = _eliminate(ca.sparsify(matrix), ca.sparsify(right), columns)
     step, by_start = solved[:, 0], solved[:, 1:]
     z = ca.vertcat(*[x[core[i // 3]] + move[i] - step[i] for i in range(nk)])
-    slopes = [
+    after = [
         k[3 * c + j] - sum(inverse[j, m] / h * step[3 * c + m] for m in range(3)) for c in range(nc) for j in range(3)
     ]
     later, A, B = ca.SX(x), ca.SX.eye(nx), ca.SX(nx, nu)
@@ -67,8 +70,8 @@ def newton_node(ocp: OCP, parts: Implicit) -> ca.Function:
             for b in range(nc):
                 A[a, core[b]] += through[i, b]
             B[a, :] = by_input[i, :] + through[i, nc:]
-    results = [ca.densify(later), ca.densify(A), ca.densify(B), ca.densify(ca.vertcat(*slopes))]
-    return fewer_divisions(ca.Function("node", [x, u, w, k], results))
+    results = [ca.densify(later), ca.densify(A), ca.densify(B), ca.densify(ca.vertcat(*after))]
+    return ca.Function("node", [x, u, w, k, slopes], results)
 
 
 def _rest(parts: Implicit, nx: int, h: float) -> ca.Function:
@@ -123,12 +126,74 @@ def dense(function: ca.Function) -> ca.Function:
     return ca.Function(function.name(), inputs, [ca.densify(o) for o in function.call(inputs)])
 
 
+def columns(function: ca.Function, times: int) -> ca.Function:
+    """The function of ``times`` columns; of scalar code, each instruction works on all of them at once.
+
+    The virtual machine spends ten times as long on an instruction as on one number, so this is faster from about five
+    columns on.
+    """
+    if not function.is_a("SXFunction") or times < 5 or function.n_instructions() > MOST_INSTRUCTIONS:
+        return function.map(times)
+    function = fewer_divisions(function)
+    given = [ca.MX.sym(function.name_in(i), function.nnz_in(i), times) for i in range(function.n_in())]
+    rows = [ca.horzsplit(g.T) if g.numel() else [] for g in given]
+    results = [[ca.MX.zeros(times)] * function.nnz_out(i) for i in range(function.n_out())]
+    work: dict[int, Any] = {}
+    for k in range(function.n_instructions()):
+        op, inputs, outputs = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
+        if op == ca.OP_OUTPUT:
+            results[outputs[0]][outputs[1]] = work[inputs[0]]
+        elif op == ca.OP_INPUT:
+            work[outputs[0]] = rows[inputs[0]][inputs[1]]
+        elif op == ca.OP_CONST:
+            work[outputs[0]] = ca.MX(function.instruction_constant(k))
+        else:
+            make = ca.MX.binary if len(inputs) == 2 else ca.MX.unary
+            work[outputs[0]] = make(op, *(work[i] for i in inputs))
+    full = [[v if v.shape[0] == times else ca.repmat(v, times) for v in row] for row in results]
+    made = [ca.horzcat(*row).T if row else ca.MX(0, times) for row in full]
+    return ca.Function(function.name(), given, made)
+
+
+def newton_columns(ocp: OCP, parts: Implicit | None, function: ca.Function, times: int) -> ca.Function:
+    """`columns` of a function whose fifth input is ``slopes``, as that of `newton_node`: it is found and goes.
+
+    The model is evaluated at the stages of all columns at once. Without ``parts`` there is no such input.
+    """
+    many = columns(function, times)
+    if parts is None:
+        return many
+    given = [ca.MX.sym(function.name_in(i), function.nnz_in(i), times) for i in range(function.n_in()) if i != 4]
+    x, u, w, k = given[:4]
+    places = columns(_places(ocp, parts), times)(x, k), ca.repmat(u, 3, 1), ca.repmat(w, 3, 1)
+    at = [ca.reshape(v, g.shape[0], 3 * times) for v, g in zip(places, (x, u, w), strict=True)]
+    slopes = columns(_whole(parts.slopes), 3 * times).call(at)[0]
+    return ca.Function(
+        function.name(), given, many.call([x, u, w, k, ca.reshape(slopes, *many.size_in(4)), *given[4:]])
+    )
+
+
+def _places(ocp: OCP, parts: Implicit) -> ca.Function:
+    """``(x, k) -> states at the three stages``, one column each."""
+    x, k = ca.SX.sym("x", ocp.model.n_states), ca.SX.sym("k", 3 * len(parts.core))
+    places = ca.repmat(x, 1, 3)
+    for j in range(3):
+        for c, a in enumerate(parts.core):
+            places[a, j] += ocp.dt * sum(RADAU_A[j, m] * k[3 * c + m] for m in range(3))
+    return ca.Function("places", [x, k], [places])
+
+
+def _whole(function: ca.Function) -> ca.Function:
+    """All nonzeros of the results as one column."""
+    given = [ca.SX.sym(function.name_in(i), function.size1_in(i)) for i in range(function.n_in())]
+    return ca.Function("whole", given, [ca.vertcat(*[v.nz[:] for v in function.call(given)])])
+
+
 def bind(function: ca.Function, times: int, inputs: list[np.ndarray]) -> tuple[Callable[[], None], list[np.ndarray]]:
-    """A call that evaluates ``times`` columns at once from the first rows of ``inputs``, and its outputs, by row."""
-    many = function.map(times)
-    outputs = [np.zeros((times, function.numel_out(i))) for i in range(function.n_out())]
+    """A call of a function of ``times`` columns on the first rows of ``inputs``, and its outputs, by row."""
+    outputs = [np.zeros((times, function.numel_out(i) // times)) for i in range(function.n_out())]
     buffer: Any
-    buffer, run = many.buffer()
+    buffer, run = function.buffer()
     for i, array in enumerate(inputs):
         if array.size:
             buffer.set_arg(i, array.data)
@@ -136,7 +201,7 @@ def bind(function: ca.Function, times: int, inputs: list[np.ndarray]) -> tuple[C
         if array.size:
             buffer.set_res(i, array.data)
 
-    def call(keep: Any = (many, buffer, inputs)) -> None:  # they must outlive the call
+    def call(keep: Any = (function, buffer, inputs)) -> None:  # they must outlive the call
         run()
 
     return call, outputs

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import isfinite
 from time import perf_counter
 from typing import Any
 
@@ -11,68 +10,67 @@ import daqp
 import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
-from slipangle.control.plan import Status, inputs_later
-from slipangle.control.realtime.interpreted_model import bind
-from slipangle.control.realtime.program import input_scale
+from slipangle.control.plan import Status, finite, inputs_later
+from slipangle.control.realtime.interpreted_model import bind, columns, newton_columns
+from slipangle.control.realtime.program import Implicit, input_scale
 
 
 class InputStep:
     """Full Gauss-Newton steps on a problem whose only limits are bounds of inputs.
 
-    States carry a constant 1 as their last entry, so that one product per stage condenses derivatives and defects
-    alike. Inputs are counted in units of `input_scale`.
+    Everything is a function of ``(x, 1, u)``, so that one product per stage condenses derivatives, defects and inputs
+    alike: `_G` holds it by the scaled step of all inputs and, in the last column, without one. Inputs are counted in
+    units of `input_scale`. Costs are sums of squares of rows, those of inputs below those of errors.
 
     Parameters
     ----------
     ocp : OCP
         The problem.
+    parts : Implicit, optional
+        Of the integrator.
     node : Function
-        ``(x, u, w, k) -> next, A, B, k``, dense; k of no entries for explicit models.
+        ``(x, u, w, k, slopes) -> next, A, B, k``, dense; without k and slopes for explicit models.
     stage : Function
         ``(x, u, w, p) -> error, limited`` and their derivatives by x and u, dense.
     """
 
-    def __init__(self, ocp: OCP, node: ca.Function, stage: ca.Function) -> None:
-        n, nx, nu, steps = ocp.horizon, ocp.model.n_states, len(ocp.controls), int(ocp.nodes[-1])
-        self._sizes = n, nx, nu
-        size, wide = n * nu, nx + 1
+    def __init__(self, ocp: OCP, parts: Implicit | None, node: ca.Function, stage: ca.Function) -> None:
+        n, nx, nu, ne = ocp.horizon, ocp.model.n_states, len(ocp.controls), len(ocp.tracked)
+        self._n, size, wide, steps = n, n * nu, nx + 1 + nu, int(ocp.nodes[-1])
+        self._lengths, self._nodes, self._held = ocp.lengths, ocp.nodes, ocp.stage_of
+        self._long = steps > n  # otherwise steps and stages share their arrays
         scale = input_scale(ocp)
+        self._both = np.tile(scale, n)
         self.u, self.x = np.zeros((n + 1, nu)), np.zeros((steps + 1, nx))
-        self._w, self._after = np.zeros((n + 1, len(ocp.exogenous))), np.zeros((steps, nx))
+        self._w, self._p = np.zeros((n + 1, len(ocp.exogenous))), np.zeros((n + 1, len(ocp.references)))
         self.k = np.zeros((steps, node.size1_in(3) if node.n_in() > 3 else 0))
-        self._p = np.zeros((n + 1, len(ocp.references)))
-        self._lengths, self._nodes = ocp.lengths, ocp.nodes
-        self._held = ocp.stage_of if steps > n else None  # otherwise steps and stages share their arrays
-        at_stages, u, w = self.x, self.u, self._w
-        if self._held is not None:
-            at_stages, u, w = np.zeros((n + 1, nx)), np.zeros((steps, nu)), np.zeros((steps, len(ocp.exogenous)))
-        self._at_stages, self._u_held, self._w_held = at_stages, u, w
-        given = [self.x, u, w, self.k, self._after]
-        self._node, (self._A, self._B, self._slopes) = bind(_augmented(node, scale), steps, given)
-        stage_in = [at_stages, self.u, self._w, self._p]
-        self._stage, (self._E, self._D) = bind(_errors(stage, scale), n + 1, stage_in)
-        self._A, self._B = self._A.reshape(steps, wide, wide), self._B.reshape(steps, wide, nu)
-        ne = len(ocp.tracked)
-        self._E, self._D = self._E.reshape(n + 1, ne, wide), self._D.reshape(n + 1, ne, nu)
-        self._through = bool(stage.nnz_out(3)) and bool(stage.sparsity_out(3).nnz())
+        self._x_stages, self._u_steps, self._w_steps = self.x, self.u, self._w
+        if self._long:
+            self._x_stages, self._u_steps = np.zeros((n + 1, nx)), np.zeros((steps, nu))
+            self._w_steps = np.zeros((steps, len(ocp.exogenous)))
+        many = newton_columns(ocp, parts, _augmented(node, scale), steps)
+        kept = [self.k] if parts else []
+        self._node, (A, self.slopes) = bind(many, steps, [self.x, self._u_steps, self._w_steps, *kept, self.x[1:]])
         q, r, s = ocp.stage_weights
-        self._root = np.sqrt(q)[:, :, None]
-        change, both = np.eye(size) - np.eye(size, k=-nu), np.tile(scale, n)
-        inputs = change.T @ np.diag(s.ravel()) @ change + np.diag(r.ravel())
-        self._quadratic = both[:, None] * inputs * both
-        self._scale, self._both = scale, both
-        self._r, self._s = r.ravel(), s[0]
-        low, high = ocp.input_bounds.T
-        self._low, self._high = np.tile(low, n) / both, np.tile(high, n) / both
-        self._range = low, high
+        many = columns(_errors(stage, scale), n + 1)
+        self._stage, (E,) = bind(many, n + 1, [self._x_stages, self.u, self._w, self._p, np.sqrt(q)])
         self._G = np.zeros((steps + 1, wide, size + 1))
-        self._G[0, -1, -1] = 1.0
-        pairs = [
-            (self._A[m], self._G[m], self._G[m + 1], self._G[m + 1][:, i * nu : (i + 1) * nu], self._B[m])
-            for m, i in enumerate(ocp.stage_of.tolist())
-        ]
-        self._stages = pairs
-        self._rows = np.zeros((n + 1, ne, size + 1))
+        self._G[0, nx, -1] = 1.0  # the first state is the one measured
+        for G, i in zip(self._G, [*self._held, n - 1], strict=True):
+            G[nx + 1 :, i * nu : (i + 1) * nu] = np.eye(nu)
+        self._flat = self._G.reshape(-1, size + 1)
+        self._A = list(zip(A.reshape(steps, nx + 1, wide), self._G[:-1], self._G[1:, : nx + 1], strict=True))
+        self._E = E.reshape(n + 1, ne, wide)
+        change, one = np.eye(size) - np.eye(size, k=-nu), np.eye(size)
+        inputs = np.vstack([np.sqrt(s).reshape(-1, 1) * change, np.sqrt(r).reshape(-1, 1) * one])
+        self._used = np.flatnonzero(inputs.any(axis=1))
+        self._inputs, self._by_change, self._by_input = inputs[self._used], np.sqrt(s[0]), np.sqrt(r)
+        self._before = np.zeros(2 * size)
+        self._rows = np.zeros(((n + 1) * ne + len(self._inputs), size + 1))
+        self._errors = self._rows[: (n + 1) * ne].reshape(n + 1, ne, size + 1)
+        self._rows[(n + 1) * ne :, :-1] = self._inputs * self._both
+        self._now = self._rows[(n + 1) * ne :, -1]
+        self._low, self._high = (np.tile(b, n) for b in ocp.input_bounds.T)
         self._H = np.zeros((size, size))
         self._diagonal = self._H.reshape(-1)[:: size + 1]
         self._step = np.ones(size + 1)
@@ -88,100 +86,90 @@ class InputStep:
         k: np.ndarray,
     ) -> None:
         """Start from a plan's inputs, states and slopes, shifted; the step closes the gap to the last state."""
-        n, last = self._sizes[0], len(states) - 1
-        low, high = self._range
-        if self._held is None:
-            self.u[: n - 1], self.u[n - 1] = u[1:], u[-1]
-        else:
+        n = self._n
+        if self._long:
             self.u[:n] = inputs_later(u, self._lengths)
-        np.maximum(self.u, low, out=self.u)
-        np.minimum(self.u, high, out=self.u)
-        self.x[:last] = states[1:]
+        else:
+            self.u[: n - 1], self.u[n - 1] = u[1:], u[-1]
+        self.x[:-1] = states[1:]
         self.x[0] = x
-        self.x[last] = 2 * self.x[last - 1] - self.x[last - 2] if last > 1 else states[1]
+        self.x[-1] = 2 * self.x[-2] - self.x[-3] if len(self.x) > 2 else states[1]
         self.k[:-1], self.k[-1] = k[1:], k[-1]
         self._w[:n], self._w[n] = reference.exogenous, reference.exogenous[-1]
         self._p[:] = reference.tracked
-        wanted = None if reference.inputs is None else np.asarray(reference.inputs, dtype=float).ravel()
-        self._pull = np.zeros(len(self._both)) if wanted is None else self._both * self._r * wanted
-        self._pull[: len(applied)] += self._scale * self._s * applied
-        self._constant = float(self._s @ (applied * applied))
-        if wanted is not None:
-            self._constant += float(self._r @ (wanted * wanted))
+        self._before[: len(applied)] = self._by_change * applied
+        if reference.inputs is not None:
+            self._before[len(self._both) :] = np.ravel(self._by_input * reference.inputs)
+        else:
+            self._before[len(self._both) :] = 0.0
+        self._wanted = self._before[self._used]
 
     def run(self, iterations: int, until: float) -> tuple[Status, float, int, float]:
         """Some full steps: status, cost, how many, and the size of the last."""
-        n, nx, _ = self._sizes
+        rows, u = self._rows, self.u[:-1].reshape(-1)
         cost, size = float("nan"), 0.0
         for count in range(iterations):
-            rows = self._condense()
+            if count:
+                self.k[:] = self.slopes
+            self._condense()
             square = rows.T @ rows
-            np.add(square[:-1, :-1], self._quadratic, out=self._H)
-            v = self.u[:n].ravel() / self._both
-            slope = square[:-1, -1] + self._quadratic @ v - self._pull
-            if not isfinite(square.sum()):
+            if not finite(square):
                 return Status.NOT_FINITE, cost, count, size
+            self._H[:] = square[:-1, :-1]
             self._diagonal += 1e-12 * max(self._diagonal.max(), 1e-300)
             z, _, flag, _ = daqp.solve(
-                self._H, slope, self._none, self._high - v, self._low - v, primal_tol=1e-9, dual_tol=1e-10
+                self._H,
+                square[:-1, -1].copy(),
+                self._none,
+                (self._high - u) / self._both,
+                (self._low - u) / self._both,
+                primal_tol=1e-9,
+                dual_tol=1e-10,
             )
             if flag != 1:
                 return (Status.INFEASIBLE if flag == -1 else Status.FAILED), cost, count, size
             self._step[:-1] = z
-            v += z
-            self.u[:n] = (v * self._both).reshape(n, -1)
-            self.x += (self._G.reshape(-1, len(self._step)) @ self._step).reshape(-1, nx + 1)[:, :nx]
-            self.k[:] = self._slopes
+            u += z * self._both
+            np.minimum(np.maximum(u, self._low, out=u), self._high, out=u)
+            self.x += (self._flat @ self._step).reshape(len(self.x), -1)[:, : self.x.shape[1]]
             e = rows @ self._step
-            cost = float(e @ e + v @ (self._quadratic @ v - 2 * self._pull)) + self._constant
-            size = max(float(z.max()), -float(z.min()))
+            cost, size = float(e @ e), max(map(abs, z.tolist()))
             if perf_counter() > until:
                 return Status.TIME_OUT, cost, count + 1, size
         return Status.REAL_TIME, cost, iterations, size
 
-    def _condense(self) -> np.ndarray:
-        """Weighted errors by the scaled inputs and, in the last column, without a step in them."""
-        n, nx, nu = self._sizes
-        self.u[n] = self.u[n - 1]
-        self._after[:] = self.x[1:]
-        if self._held is not None:
-            self._at_stages[:] = self.x[self._nodes]
-            self._u_held[:], self._w_held[:] = self.u[self._held], self._w[self._held]
-        self._G[0, :nx, -1] = 0.0  # the first state is the one measured
+    def _condense(self) -> None:
+        """Weighted errors and inputs by the scaled step and, in the last column, without one."""
+        self.u[-1] = self.u[-2]
+        if self._long:
+            self._x_stages[:] = self.x[self._nodes]
+            self._u_steps[:], self._w_steps[:] = self.u[self._held], self._w[self._held]
         self._node()
         self._stage()
-        for A, G, after, here, B in self._stages:
-            np.matmul(A, G, out=after)
-            here += B
-        G = self._G if self._held is None else self._G[self._nodes]
-        np.matmul(self._E * self._root, G, out=self._rows)
-        if self._through:
-            for i in range(n + 1):
-                at = min(i, n - 1) * nu
-                self._rows[i, :, at : at + nu] += self._root[i] * self._D[i]
-        return self._rows.reshape(-1, n * nu + 1)
+        for A, here, after in self._A:
+            np.matmul(A, here, out=after)
+        np.matmul(self._E, self._G[self._nodes] if self._long else self._G, out=self._errors)
+        self._now[:] = self._inputs @ self.u[:-1].reshape(-1) - self._wanted
 
 
 def _augmented(node: ca.Function, scale: np.ndarray) -> ca.Function:
-    """``(x, u, w, k, after) -> [A, next - after; 0, 1], [B; 0] scaled, k``, stored by row."""
+    """``(x, u, w, k, slopes, after) -> [A, next - after, B scaled; 0, 1, 0], k``, stored by row."""
     kind: Any = ca.SX if node.is_a("SXFunction") else ca.MX
-    given = [kind.sym(name, node.size1_in(i)) for i, name in zip(range(node.n_in()), "xuwk", strict=False)]
-    k = given[3] if len(given) > 3 else kind.sym("k", 0)
+    given = [kind.sym(node.name_in(i), *node.size_in(i)) for i in range(node.n_in())]
     found = node.call(given)
-    slopes = found[3] if len(found) > 3 else kind(0, 1)
     after = kind.sym("after", node.size1_in(0))
     nx, nu = node.size1_in(0), node.size1_in(1)
-    last = ca.horzcat(kind.zeros(1, nx), kind.ones(1, 1))
-    A = ca.vertcat(ca.horzcat(found[1], found[0] - after), last)
-    B = ca.vertcat(ca.mtimes(found[2], ca.diag(ca.DM(scale))), kind.zeros(1, nu))
-    results = [ca.densify(A).T, ca.densify(B).T, ca.densify(slopes)]
-    return ca.Function("augmented", [*given[:3], k, after], results)
+    top = ca.horzcat(found[1], found[0] - after, ca.mtimes(found[2], ca.diag(ca.DM(scale))))
+    last = ca.horzcat(kind.zeros(1, nx), kind.ones(1, 1), kind.zeros(1, nu))
+    results = [ca.densify(ca.vertcat(top, last)).T, ca.densify(found[3]) if len(found) > 3 else kind(0, 1)]
+    return ca.Function("augmented", [*given, after], results)
 
 
 def _errors(stage: ca.Function, scale: np.ndarray) -> ca.Function:
-    """``(x, u, w, p) -> [derivative by x, error], derivative by the scaled u``, stored by row."""
+    """``(x, u, w, p, root) -> [derivative by x, error, derivative by the scaled u]`` times root, stored by row."""
     kind: Any = ca.SX if stage.is_a("SXFunction") else ca.MX
     given = [kind.sym(name, stage.size1_in(i)) for i, name in enumerate("xuwp")]
     found = stage.call(given)
-    by_state, by_input = ca.horzcat(found[2], found[0]), ca.mtimes(found[3], ca.diag(ca.DM(scale)))
-    return ca.Function("errors", given, [ca.densify(by_state).T, ca.densify(by_input).T])
+    root = kind.sym("root", found[0].shape[0])
+    rows = ca.horzcat(found[2], found[0], ca.mtimes(found[3], ca.diag(ca.DM(scale))))
+    return ca.Function("errors", [*given, root], [ca.densify(ca.mtimes(ca.diag(root), rows)).T])
