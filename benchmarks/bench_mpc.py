@@ -66,7 +66,7 @@ def situations(mpc: MPC, choose: Callable[[np.ndarray], np.ndarray], times: Time
         foot = PATH.project(x[5], x[6], s)
         s = foot.s
         times.e_y.append(foot.e_y)
-        reference = mpc.reference(PATH.ahead(s, mpc.horizon, 0.1), T_r=0.0)
+        reference = mpc.reference(PATH.ahead(s, mpc.times), T_r=0.0)
         wall, process = time.perf_counter(), time.process_time()
         plan = mpc.plan(choose(x), reference, plan)
         spent = time.process_time() - process, time.perf_counter() - wall
@@ -97,24 +97,31 @@ def candidates() -> Iterator[tuple[str, MPC, Callable[[np.ndarray], np.ndarray]]
     yield "quasi-steady wheels, N = 10", CAR.controller(quasi, 10, RealTime()), lambda x: x[keep]
     base = CAR.controller(replace(CAR.model(pacejka), outputs=("alpha_f", "alpha_r")), 20, RealTime())
     soft = ("alpha_f", "alpha_r", "r", "e_y")
-    yield (
-        "8 states, N = 20, soft slip angles, yaw rate, corridor",
-        replace(
-            base,
-            limits=Limits(**base.limits, alpha_f=0.02, alpha_r=0.02, r=0.15),
-            slack=Weights(**dict.fromkeys(soft, 1e5)),
-            slack_linear=Weights(**dict.fromkeys(soft, 1e3)),
-            corridor=1.8,
-        ),
-        whole,
+    envelope = replace(
+        base,
+        limits=Limits(**base.limits, alpha_f=0.02, alpha_r=0.02, r=0.15),
+        slack=Weights(**dict.fromkeys(soft, 1e5)),
+        slack_linear=Weights(**dict.fromkeys(soft, 1e3)),
+        corridor=1.8,
     )
+    yield f"8 states, N = 20, {SOFT}", envelope, whole
+    yield "8 states, N = 22", CAR.controller(CAR.model(pacejka), 22, RealTime()), whole
+    few = CAR.controller(CAR.model(pacejka), 10, RealTime())
+    yield "8 states, 10 stages over 22 steps", replace(few, steps=(1, 1, 1, 1, 2, 2, 2, 4, 4, 4)), whole
+    few = replace(envelope, horizon=10, steps=(1, 1, 1, 1, 2, 2, 2, 3, 3, 4))
+    yield f"8 states, 10 stages over 20 steps, {SOFT}", few, whole
 
 
+SOFT = "soft slip angles, yaw rate, corridor"
+STAGES = {  # few stages of several steps, and equal steps over the same time ahead
+    "8 states, 10 stages over 22 steps": "8 states, N = 22",
+    f"8 states, 10 stages over 20 steps, {SOFT}": f"8 states, N = 20, {SOFT}",
+}
 BOUNDS = {  # microseconds: median in C, p99 in C, median through Python
     "8 states, N = 10": (50.0, 120.0, 80.0),
     "8 states, N = 15": (80.0, None, None),
     "quasi-steady wheels, N = 10": (30.0, None, None),
-    "8 states, N = 20, soft slip angles, yaw rate, corridor": (200.0, None, None),
+    f"8 states, N = 20, {SOFT}": (200.0, None, None),
 }
 
 
@@ -149,6 +156,8 @@ def bench(progress: Progress) -> Reproduction:
                 )
             )
     found += _neural(times)
+    for few, long in STAGES.items():
+        found += _stages(times, few, long)
     ours = times["8 states, N = 10"].median("process")
     progress(0.5, "without a compiler")
     found.append(_no_compiler())
@@ -214,6 +223,29 @@ def _neural(times: dict[str, Times]) -> list[Record]:
             )
         )
     return found
+
+
+def _stages(times: dict[str, Times], few: str, long: str) -> list[Record]:
+    """Few stages of several steps against equal steps over the same time ahead: time and tracking."""
+    spent = _least(times[few]) / _least(times[long])
+    rmse = [float(np.sqrt(np.mean(np.square(times[name].e_y)))) for name in (few, long)]
+    plain = [1e6 * times[name].median("inside") for name in (few, long)]
+    note = f"plain medians {plain[0]:.1f} us and {plain[1]:.1f} us; least of the rounds compared"
+    return [
+        Record(
+            row=few,
+            quantity=f"{quantity} over that of equal steps [-]",
+            thesis=None,
+            here=value,
+            bound=f"<= {most:g}",
+            holds=value <= most,
+            note=said,
+        )
+        for quantity, value, most, said in (
+            ("time in C", spent, 1.0, note),
+            ("lateral RMSE", rmse[0] / rmse[1], 1.1, f"{rmse[0]:.4f} m and {rmse[1]:.4f} m"),
+        )
+    ]
 
 
 def _no_compiler() -> Record:

@@ -94,7 +94,7 @@ def loop(mpc: MPC, killed: Killed, seed: int) -> Counter:
         if np.isfinite(measured[[5, 6]]).all():
             s = PATH.project(measured[5], measured[6], s).s
         kills, age = killed.kills, 0 if plan is None else plan.age
-        plan = mpc.plan(measured, mpc.reference(PATH.ahead(s, mpc.horizon, 0.1), T_r=0.0), plan)
+        plan = mpc.plan(measured, mpc.reference(PATH.ahead(s, mpc.times), T_r=0.0), plan)
         was_killed, failed = killed.kills > kills, not (plan.status.solved or plan.status.unfinished)
         counts.update({plan.status: 1, "lost": lost, "killed": was_killed, "fallbacks": plan.age > 0})
         if lost or failed or was_killed:
@@ -114,18 +114,19 @@ def loop(mpc: MPC, killed: Killed, seed: int) -> Counter:
     return counts
 
 
-def loops(seeds):
+def loops(seeds, **options):
     """Many loops, each on a car of its own; totals of all statuses."""
     killed = Killed(np.random.default_rng(0), 0.03)
-    mpc = car(solver=killed, rates=Limits(delta=0.5 / 3, T_f=20000.0))
+    mpc = car(solver=killed, **options, rates=Limits(delta=0.5 / 3, T_f=20000.0))
     totals: Counter = Counter()
     for seed in seeds:
         totals += loop(mpc, killed, seed)
     return totals
 
 
-def test_a_few_random_loops():
-    totals = loops(range(4))
+@pytest.mark.parametrize("steps", [None, (1, 1, 1, 1, 2, 2, 2, 4, 4, 4)], ids=["equal", "growing"])
+def test_a_few_random_loops(steps):
+    totals = loops(range(4), steps=steps)
     assert totals["lost"] > 5
     assert totals["killed"] > 5
     assert totals["fallbacks"] >= totals["lost"] + totals["killed"]
@@ -133,8 +134,9 @@ def test_a_few_random_loops():
 
 
 @pytest.mark.slow
-def test_a_thousand_random_loops():
-    totals = loops(range(1000))
+@pytest.mark.parametrize("steps", [None, (1, 1, 1, 1, 2, 2, 2, 4, 4, 4)], ids=["equal", "growing"])
+def test_a_thousand_random_loops(steps):
+    totals = loops(range(1000), steps=steps)
     print({getattr(k, "name", k): n for k, n in totals.items()})
     assert totals["fallbacks"] >= totals["lost"] + totals["killed"] > 4000
     assert totals[Status.REAL_TIME] > 0.7 * 1000 * 70
