@@ -10,15 +10,17 @@ def projected_gradient(ocp, x, reference, applied, u):
     For problems without limits on states or rates.
     """
     free = ca.MX.sym("u", len(ocp.controls), ocp.horizon)
-    q, end, r, s = (ca.DM(w) for w in ocp.weights)
+    q, r, s = (ca.DM(w.T) for w in ocp.stage_weights)
     state, before, cost = ca.MX(ca.DM(x)), ca.MX(ca.DM(applied)), 0
     for i in range(ocp.horizon):
         now, w = free[:, i], ca.DM(reference.exogenous[i])
         error = ocp.stage(state, now, w, ca.DM(reference.tracked[i]))[0]
-        cost += ca.dot(q, error**2) + ca.dot(r, now**2) + ca.dot(s, (now - before) ** 2)
-        state, before = ocp.dynamics(state, now, w), now
+        cost += ca.dot(q[:, i], error**2) + ca.dot(r[:, i], now**2) + ca.dot(s[:, i], (now - before) ** 2)
+        for _ in range(ocp.lengths[i]):
+            state = ocp.dynamics(state, now, w)
+        before = now
     error = ocp.stage(state, before, w, ca.DM(reference.tracked[-1]))[0]
-    cost += ca.dot(end, error**2)
+    cost += ca.dot(q[:, -1], error**2)
     value, slope = ca.Function("j", [free], [cost, ca.gradient(cost, ca.vec(free))])(u.T)
     low, high = ocp.input_bounds.T
     slope = np.asarray(slope).reshape(u.shape) * 0.5 * (high - low) / float(value)

@@ -140,7 +140,7 @@ def test_every_other_model_too(name):
     assert compare(ALL_MODELS[name], range(6)) >= 4
 
 
-def thesis_problems(seeds, horizon=10):
+def thesis_problems(seeds, horizon=10, steps=None):
     """Random weights, states and references of the thesis' problem: seed, both solvers, x, reference, input before."""
     for group in range(0, len(seeds), 10):
         rng = np.random.default_rng([group, 5])
@@ -150,6 +150,7 @@ def thesis_problems(seeds, horizon=10):
             Q=Weights(v_x=1500.0 * q[0], X=200.0 * q[1], Y=2500.0 * q[2]),
             S=Weights(delta=100.0 * s[0] * GAIN**2, T_f=1e-6 * s[1]),
             solver=CONVERGED,
+            steps=steps,
         )
         reference_solver = replace(mpc, solver="ipopt")
         path = double_lane_change(20.0, blend=12.0)
@@ -159,7 +160,7 @@ def thesis_problems(seeds, horizon=10):
             x = mpc.model.straight(draw.uniform(15, 25), **pose(path, s0))
             x[[1, 2, 6, 7]] += draw.normal(0, [0.2, 0.05, 0.3, 0.02])
             before = np.array([0.02, 800.0]) * draw.uniform(-1, 1, 2)
-            yield seed, mpc, reference_solver, x, mpc.reference(path.ahead(s0, horizon, 0.1), T_r=0.0), before
+            yield seed, mpc, reference_solver, x, mpc.reference(path.ahead(s0, mpc.times), T_r=0.0), before
 
 
 def assert_same(mine, theirs, seed):
@@ -168,13 +169,13 @@ def assert_same(mine, theirs, seed):
     assert mine.x == pytest.approx(theirs.x, abs=1e-5), seed
 
 
-def agree(seeds):
+def agree(seeds, **options):
     """How many plans are the same to 1e-5, and how many are two different optima.
 
     Of two optima, ours has no slope left, and from Ipopt's answer we find Ipopt's.
     """
     same = other = 0
-    for seed, mpc, ipopt, x, reference, before in thesis_problems(seeds):
+    for seed, mpc, ipopt, x, reference, before in thesis_problems(seeds, **options):
         mine, theirs = mpc.plan(x, reference, applied=before), ipopt.plan(x, reference, applied=before)
         assert mine.status is Status.SOLVED, seed
         if not theirs.status.solved:

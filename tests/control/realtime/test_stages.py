@@ -14,7 +14,7 @@ from slipangle.data.manoeuvres import double_lane_change
 from slipangle.models import compiled
 from slipangle.models.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
 from slipangle.models.quasi_steady import QuasiSteadySingleTrack
-from tests.control.realtime.test_realtime import CONVERGED, GAIN, car, compare, pose, problem, situation
+from tests.control.realtime.test_realtime import CONVERGED, GAIN, agree, car, compare, pose, problem, situation
 from tests.models.all_models import ALL_MODELS
 
 pytestmark = pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
@@ -88,6 +88,18 @@ def test_the_car_is_ipopts_too(make):
         assert mine.cost == pytest.approx(theirs.cost, rel=1e-6)
         compared += bool(np.abs((mine.u - theirs.u) / [0.03, 2500.0]).max() <= 1e-5)
     assert compared == 2
+
+
+def test_the_thesis_problem_agrees_with_ipopt():
+    assert agree(range(6), horizon=6, steps=(1, 1, 1, 2, 2, 3))[0] >= 5
+
+
+@pytest.mark.slow
+def test_the_thesis_problem_agrees_with_ipopt_two_hundred_times():
+    same, other = agree(range(200), steps=(1, 1, 1, 1, 2, 2, 2, 4, 4, 4))
+    print(f"{same} the same to 1e-5, {other} two optima")
+    assert same >= 185
+    assert same + other >= 198
 
 
 def drive(mpc, steps=40):
