@@ -213,6 +213,25 @@ def test_ahead_starts_at_the_measured_speed_and_keeps_its_distance_to_the_profil
     assert ahead.s == pytest.approx(fine.s[::100], abs=2e-3)
 
 
+def test_ahead_at_instants_is_the_even_look_at_those():
+    path = circle().with_speed(np.linspace(10.0, 20.0, len(circle().s)))
+    even = path.ahead(100.0, 12, 0.05, v_x=14.0)
+    some = path.ahead(100.0, 0.05 * np.array([0, 1, 2, 4, 5, 9, 12]), v_x=14.0)
+    chosen = [0, 1, 2, 4, 5, 9, 12]
+    assert np.array_equal(some.s, even.s[chosen])
+    assert np.array_equal(some.v_x, even.v_x[chosen])
+    assert np.array_equal(path.ahead(100.0, even.t, v_x=14.0).s, even.s)
+    odd = path.ahead(100.0, (0.0, 0.05, 0.17, 0.6), v_x=14.0)
+    assert odd.s[-1] == pytest.approx(even.s[-1], abs=1e-4)
+    assert odd.t == pytest.approx([0.0, 0.05, 0.17, 0.6])
+
+
+@pytest.mark.parametrize("times", [(0.1, 0.2), (0.0, 0.1, 0.1), (0.0, np.nan), (0.0, np.inf), (0.0,), 5])
+def test_ahead_wants_instants_that_rise_from_zero(times):
+    with pytest.raises(ParameterError, match="rise from 0 s"):
+        circle().ahead(0.0, times, v_x=10.0)
+
+
 def test_ahead_without_any_speed_is_an_error():
     with pytest.raises(ParameterError, match="with_speed"):
         circle().ahead(0.0, 5, 0.1)
