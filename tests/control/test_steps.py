@@ -209,6 +209,13 @@ def test_fallbacks_follow_the_old_plan_in_time(solver):
     assert mpc.plan(np.array([1.0, 0.5]), still(mpc), plan).status is Status.SOLVED
 
 
+def test_a_plan_at_other_instants_is_no_fallback():
+    other = replace(CART, steps=None)
+    plan = CART.plan(np.full(2, np.nan), still(CART), other.plan(np.array([1.0, 0.5]), still(other)))
+    assert plan.stopping
+    assert other.plan(np.full(2, np.nan), still(other), replace(plan, stopping=False)).stopping
+
+
 def test_killed_solves_keep_rates_and_bounds_from_sample_to_sample():
     """A coarse plan changes by more at the end of a stage than may be in one sample."""
     rng = np.random.default_rng(3)
