@@ -180,6 +180,17 @@ def test_one_radau_step_survives_any_wheel_speed():
     assert far <= 2  # one step whose stages are found is taken, however coarse
 
 
+@pytest.mark.parametrize("shares", [(2.1, 3.9), (0.0, 4.0), (0.3, 0.0)])
+def test_wheels_that_spin_or_lock_straight_ahead_leave_the_car_straight(shares):
+    """Lateral states are rounding errors of rounding errors there, down to 1e-155, which must not become NaN."""
+    model = single_track(SOUSA_TABLE_6_2, dt=0.1, method="radau")
+    x = model.straight(24.4)
+    x[3:5] *= shares
+    after = model.step(x, np.zeros(3))
+    assert after[[1, 2, 6, 7]] == pytest.approx(0.0, abs=1e-12)
+    assert after[5] == pytest.approx(2.44, abs=0.15)
+
+
 @pytest.mark.parametrize("method", ["euler", "rk4", "radau"])
 def test_integrators_have_their_order(method):
     order = {"euler": 1, "rk4": 4, "radau": 5}[method]

@@ -10,7 +10,7 @@ from slipangle.control.plan import Status
 from slipangle.control.realtime import RealTime, backend
 from slipangle.errors import ModelWarning
 from slipangle.models import compiled
-from tests.control.realtime.test_realtime import CONVERGED, car, drive, problem, situation
+from tests.control.realtime.test_realtime import CONVERGED, car, drive, past_the_peak, problem, situation
 from tests.models.all_models import ALL_MODELS
 
 
@@ -60,3 +60,18 @@ def test_bad_states_fall_back(no_compiler):
     assert plan.age == 1
     assert np.isfinite(plan.u).all()
     assert mpc.plan(x, reference, plan).age == 0
+
+
+def test_wheels_far_past_the_peak_of_their_tires_are_planned_for(no_compiler):
+    """Where Newton's method finds no stages, the model's own steps take over."""
+    mpc = car()
+    solved = 0
+    for seed in range(6):
+        x, reference = past_the_peak(mpc, seed)
+        plan = mpc.plan(x, reference)
+        assert np.isfinite(plan.u).all()
+        assert np.isfinite(plan.x).all()
+        if plan.status is Status.SOLVED:
+            solved += 1
+            assert plan.x[1] == pytest.approx(mpc.model.step(x, [*plan.command, 0.0]), rel=0.05, abs=0.05)
+    assert solved >= 5

@@ -401,16 +401,21 @@ def test_infeasible_limits_are_said():
     assert mpc.plan(np.array([0.5, 0.0]), reference).status is Status.SOLVED
 
 
+def past_the_peak(mpc, seed):
+    """State with locked or spinning wheels on a slide, and the reference from there."""
+    rng, path = np.random.default_rng(seed), double_lane_change(20.0, blend=12.0)
+    s, v = rng.uniform(0, path.length - 60), rng.uniform(3, 35)
+    x = mpc.model.straight(v, **pose(path, s))
+    x[1:5] = [rng.normal(0, 0.2 * v), rng.normal(0, 0.6), *(x[3:5] * rng.choice([0, 0.3, 0.8, 1, 1.2, 2, 4], 2))]
+    return x, mpc.reference(path.ahead(s, 10, 0.1), T_r=0.0)
+
+
 def test_wheels_far_past_the_peak_of_their_tires_are_planned_for():
     """Locked and spinning wheels, where one implicit step has no stages that Newton's method finds."""
-    mpc, path = car(), double_lane_change(20.0, blend=12.0)
+    mpc = car()
     kinds = []
     for seed in range(40):
-        rng = np.random.default_rng(seed)
-        s, v = rng.uniform(0, path.length - 60), rng.uniform(3, 35)
-        x = mpc.model.straight(v, **pose(path, s))
-        x[1:5] = [rng.normal(0, 0.2 * v), rng.normal(0, 0.6), *(x[3:5] * rng.choice([0, 0.3, 0.8, 1, 1.2, 2, 4], 2))]
-        reference = mpc.reference(path.ahead(s, 10, 0.1), T_r=0.0)
+        x, reference = past_the_peak(mpc, seed)
         plan = mpc.plan(x, reference)
         following = mpc.plan(plan.x[1], reference, plan)
         for p in (plan, following):

@@ -201,7 +201,7 @@ def bind(function: ca.Function, times: int, inputs: list[np.ndarray]) -> tuple[C
         if array.size:
             buffer.set_res(i, array.data)
 
-    def call(keep: Any = (function, buffer, inputs)) -> None:  # they must outlive the call
+    def call(keep: Any = (function, buffer, inputs, outputs)) -> None:  # they must outlive the call
         run()
 
     return call, outputs
