@@ -70,7 +70,7 @@ class MultiARXMPC:
     model : MultiARXModel or OnGround of one
         Outputs ``("Y",)``, or on the ground ``("v_y", "r")`` in any order.
     horizon : int
-        Steps N.
+        Steps N, all as long as the models'.
     Q : Weights
         On ``Y``, or on ``e_y`` and ``e_psi``.
     S, R : Weights

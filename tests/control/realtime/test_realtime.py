@@ -326,9 +326,10 @@ def slip_angles(mpc, plan):
     return [np.asarray(mpc.model.functions[1](x, [*u, 0.0])).ravel() for x, u in zip(plan.x, plan.u, strict=False)]
 
 
-def test_memory_is_taken_once():
+@pytest.mark.parametrize("steps", [None, (1, 1, 2, 3)])
+def test_memory_is_taken_once(steps):
     """One allocation in the whole source, that of the workspace; its matching release; nothing recursive of size."""
-    code = source(car())
+    code = source(car(4, steps=steps))
     calls = re.findall(r"\b(malloc|calloc|realloc|posix_memalign|aligned_alloc|alloca|free)\s*\(", code)
     assert sorted(calls) == ["free", "posix_memalign"]
     assert "posix_memalign" in code[code.index("Work *rt_new(void)") :]
