@@ -16,8 +16,8 @@ enum { FREE, KEPT, PAID, SPENT };
 enum { QP_SOLVED, QP_INFEASIBLE, QP_LIMIT, QP_LATE, QP_NUMBER };
 
 typedef struct {
-    V H[QN * QL / LANES];  /* upper triangle by row */
-    V U[QN * QL / LANES];  /* factor, H = U'U */
+    V H[QN * QL / LANES];  /* upper triangle by row; below it anything */
+    V U[QN * QL / LANES];  /* factor, H = U'U, likewise */
     V Y[QT * QL / LANES];  /* rows times the inverse of U, where `have` says so */
     V C[(QD + 1) * QL / LANES];
     double g[QL], u[QL], start[QL], xi[QL], cancel[QL], inverse[QN];
@@ -72,6 +72,13 @@ INLINE void add(double *restrict y, double a, const double *restrict x, int n)
         y[i] += a * x[i];
 }
 
+/* The same for entries `from` to `to` of aligned rows, rounded outwards to whole vectors. */
+INLINE void add_rows(double *y, double a, const double *x, int from, int to)
+{
+    for (int i = from / LANES; i * LANES < to; i++)
+        ((V *)y)[i] += a * ((const V *)x)[i];
+}
+
 /* U'y = c in place, c zero before `first`; U x = y in place. */
 static void forward(const Qp *q, double *c, int first)
 {
@@ -106,7 +113,7 @@ static int qp_factor(Qp *q)
         for (int b = j; b < Q_N; b++)
             U[j * QL + b] *= q->inverse[j];
         for (int a = j + 1; a < Q_N; a++)
-            add(U + a * QL + a, -U[j * QL + a], U + j * QL + a, Q_N - a);
+            add_rows(U + a * QL, -U[j * QL + a], U + j * QL, a, Q_N);
     }
     memset(q->have, 0, sizeof q->have);
     return 1;

@@ -113,7 +113,7 @@ static int condense(Work *s)
             int wide = width;
             memset(row, 0, sizeof s->R);
             for (int c = E_FIRST[k]; c < E_FIRST[k + 1]; c++)
-                add(row, ex[E_AT[c]], old + E_AT[c] * QL, width);
+                add_rows(row, ex[E_AT[c]], old + E_AT[c] * QL, 0, width);
             if (E_INPUT[k]) {
                 for (int j = 0; j < NU; j++)
                     row[at * NU + j] += SCALE[j] * eu[j];
@@ -121,7 +121,7 @@ static int condense(Work *s)
             }
             if (weight[k] > 0)
                 for (int a = 0; a < wide; a++)
-                    add(H + a * QL + a, weight[k] * row[a], row + a, wide - a);
+                    add_rows(H + a * QL, weight[k] * row[a], row, a, wide);
         }
         for (; limit < N_LIMITS && LIMIT_STAGE[limit] == i; limit++) {
             int k = LIMIT_WHICH[limit];
@@ -130,7 +130,7 @@ static int condense(Work *s)
             memset(c, 0, sizeof(double) * QL);
             for (int b = 0; b < NX; b++)
                 if (lx[b] != 0)
-                    add(c, lx[b], old + b * QL, width);
+                    add_rows(c, lx[b], old + b * QL, 0, width);
             for (int j = 0; j < NU; j++)
                 c[at * NU + j] += SCALE[j] * lu[j];
         }
@@ -142,7 +142,7 @@ static int condense(Work *s)
                 double *to = new + a * QL;
                 memset(to, 0, sizeof(double) * QL);
                 for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
-                    add(to, A[a * NX + A_AT[c]], old + A_AT[c] * QL, m > NODE(i) ? width + NU : width);
+                    add_rows(to, A[a * NX + A_AT[c]], old + A_AT[c] * QL, 0, m > NODE(i) ? width + NU : width);
                 for (int j = 0; j < NU; j++)
                     to[width + j] += SCALE[j] * B[a * NU + j];
             }
