@@ -408,7 +408,7 @@ def past_the_peak(mpc, seed):
     s, v = rng.uniform(0, path.length - 60), rng.uniform(3, 35)
     x = mpc.model.straight(v, **pose(path, s))
     x[1:5] = [rng.normal(0, 0.2 * v), rng.normal(0, 0.6), *(x[3:5] * rng.choice([0, 0.3, 0.8, 1, 1.2, 2, 4], 2))]
-    return x, mpc.reference(path.ahead(s, 10, 0.1), T_r=0.0)
+    return x, mpc.reference(path.ahead(s, mpc.horizon, 0.1), T_r=0.0)
 
 
 def test_wheels_far_past_the_peak_of_their_tires_are_planned_for():

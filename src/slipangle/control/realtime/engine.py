@@ -10,7 +10,8 @@ import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import Plan, Solution, Start, Status, between, inputs_later
-from slipangle.control.realtime.program import COUNTS, FIELDS, implicit, limit_rows, slack_of_rows
+from slipangle.control.realtime.parts import implicit, limit_rows, slack_of_rows
+from slipangle.control.realtime.program import COUNTS, FIELDS
 
 OUTCOMES = (
     Status.SOLVED,

@@ -7,19 +7,18 @@ from functools import cached_property
 from time import perf_counter
 from typing import Any
 
-import daqp
 import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import Plan, Solution, Start, Status, between, inputs_later, shifted, within
 from slipangle.control.realtime.interpreted_model import bind, columns, dense, newton_columns, newton_node
+from slipangle.control.realtime.interpreted_qp import LimitedStep, secant
 from slipangle.control.realtime.interpreted_step import InputStep
-from slipangle.control.realtime.program import (
+from slipangle.control.realtime.parts import (
     dynamics_function,
     implicit,
     input_scale,
     limit_rows,
-    slack_of_rows,
     stage_function,
 )
 
@@ -77,18 +76,15 @@ class InterpretedEngine:
         self._scale = input_scale(ocp)
         rows = limit_rows(ocp)
         self._limit_at = np.array([i for i, _ in rows], dtype=int), np.array([j for _, j in rows], dtype=int)
-        self._plain, self._square = slack_of_rows(ocp)
-        self._soft = np.isfinite(self._plain)
-        rated = np.isfinite(ocp.step_bounds[0]).any(axis=1)
+        self._qp = LimitedStep(ocp)
+        self._plain, self._square, self._soft = self._qp.plain, self._qp.square, self._qp.soft
         change = np.eye(n * nu) - np.eye(n * nu, k=-nu)
-        self._rated = np.flatnonzero(np.tile(rated, n))
-        self._change = change[self._rated]
         self._weight_rows, self._r, self._s = ocp.stage_weights
         both = np.tile(self._scale, n)
         inputs = change.T @ np.diag(self._s.ravel()) @ change + np.diag(self._r.ravel())
         self._quadratic = both[:, None] * inputs * both
         self._k = np.zeros((steps, self._nk))
-        plain = not ocp.limited and not rated.any()
+        plain = not ocp.limited and not len(self._qp.rated)
         self._quick = InputStep(ocp, self._parts, one, stage_function(ocp)) if plain else None
 
     # ---- starts ------------------------------------------------------------------------------------------------
@@ -273,50 +269,6 @@ class InterpretedEngine:
         gradient = both[:, -1] + ((self._r * (u - self._wanted) + pull) * self._scale).ravel()
         return both[:, :-1] + self._quadratic, gradient, G, L[self._limit_at]
 
-    def _quadratic_program(
-        self, H: np.ndarray, g: np.ndarray, L: np.ndarray, u: np.ndarray
-    ) -> tuple[Status, np.ndarray, np.ndarray]:
-        """Scaled step and multipliers of the limited rows."""
-        ocp, (n, _, nu), scale = self.ocp, self._sizes, np.tile(self._scale, self.ocp.horizon)
-        size, soft, limits = n * nu, np.flatnonzero(self._soft), len(self._plain)
-        H = H + np.eye(size) * 1e-12 * max(np.diag(H).max(), 1e-300)
-        low, high = ((np.tile(b, n) - u.ravel()) / scale for b in ocp.input_bounds.T)
-        change = (u - np.vstack([self._applied, u[:-1]])).ravel()[self._rated]
-        step_low, step_high = (ocp.step_bounds[..., k].ravel()[self._rated] - change for k in (0, 1))
-        values = L[:, -1]
-        below, above = self._bounds[:, 0] - values, self._bounds[:, 1] - values
-        hard = np.flatnonzero(~self._soft)
-        many = len(soft)
-        if many == 0 and len(self._rated) == 0 and limits == 0:
-            A, lower, upper = np.zeros((0, size)), low, high
-        else:
-            pad = np.zeros((len(self._rated) + len(hard), many))
-            top = np.hstack([np.vstack([self._change * scale, L[hard, :-1]]), pad])
-            one = np.eye(many)
-            A = np.vstack([top, np.hstack([L[soft, :-1], -one]), np.hstack([L[soft, :-1], one])])
-            inf = np.full(many, np.inf)
-            lower = np.concatenate([low, np.zeros(many), step_low, below[hard], -inf, below[soft]])
-            upper = np.concatenate([high, inf, step_high, above[hard], above[soft], inf])
-            H = np.block([[H, np.zeros((size, many))], [np.zeros((many, size)), np.diag(self._square[soft] + 1e-9)]])
-            g = np.concatenate([g, self._plain[soft]])
-        z, _, flag, info = daqp.solve(
-            np.ascontiguousarray(H),
-            g,
-            np.ascontiguousarray(A),
-            np.minimum(upper, 1e30),
-            np.maximum(lower, -1e30),
-            primal_tol=1e-9,
-            dual_tol=1e-10,
-        )
-        if flag != 1:
-            return (Status.INFEASIBLE if flag == -1 else Status.FAILED), np.zeros(size), np.zeros(limits)
-        multipliers = np.zeros(limits)
-        if limits:
-            lam = np.asarray(info["lam"])[size + many + len(self._rated) :]
-            multipliers[hard] = lam[: len(hard)]
-            multipliers[soft] = lam[len(hard) : len(hard) + many] + lam[len(hard) + many :]
-        return Status.SOLVED, np.asarray(z)[:size], multipliers
-
     def _iterate(self, u: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, Status, float, int, float]:
         """A fixed number of full steps."""
         n, _, nu = self._sizes
@@ -326,7 +278,7 @@ class InterpretedEngine:
             if not m.finite:
                 return u, x, Status.NOT_FINITE, cost, count, size
             H, g, G, L = self._condense(m, x, u)
-            status, step, _ = self._quadratic_program(H, g, L, u)
+            status, step, _ = self._qp.solve(H, g, L, u, self._applied, self._bounds)
             if status is not Status.SOLVED:
                 return u, x, status, cost, count, size
             u = u + step.reshape(n, nu) * self._scale
@@ -370,8 +322,8 @@ class InterpretedEngine:
             if old is not None and count > 3:
                 pairs = [*pairs, ((u.ravel() - old[0]) / np.tile(self._scale, n), slope - old[1])][-PAIRS:]
             for step, change in pairs:
-                H = _secant(H, step, change)
-            done, step, multipliers = self._quadratic_program(H, g, L, u)
+                H = secant(H, step, change)
+            done, step, multipliers = self._qp.solve(H, g, L, u, self._applied, self._bounds)
             if done is not Status.SOLVED:
                 return u, x, done, cost, count - 1, size, violation
             old = (u.ravel().copy(), g + multipliers @ L[:, :-1])
@@ -434,14 +386,3 @@ class InterpretedEngine:
 
 def _inputs(function: Any, times: int) -> list[np.ndarray]:
     return [np.zeros((times, function.nnz_in(i) // times)) for i in range(function.n_in())]
-
-
-def _secant(H: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """BFGS correction, damped after Powell."""
-    z = H @ step
-    old, seen = float(z @ step), float(change @ step)
-    if not old > 0:
-        return H
-    keep = 0.8 * old / (old - seen) if seen < 0.2 * old else 1.0
-    y = keep * change + (1 - keep) * z
-    return H + np.outer(y, y) / float(y @ step) - np.outer(z, z) / old

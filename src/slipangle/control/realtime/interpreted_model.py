@@ -10,7 +10,7 @@ import numpy as np
 
 from slipangle.control.ocp import OCP
 from slipangle.control.realtime.emit import fewer_divisions
-from slipangle.control.realtime.program import Implicit, rest_after
+from slipangle.control.realtime.parts import Implicit, rest_after
 from slipangle.models.integrate import RADAU_A
 
 MOST_INSTRUCTIONS = 20_000  # that are turned into one of columns each

@@ -12,7 +12,7 @@ import numpy as np
 from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import Status, finite, inputs_later
 from slipangle.control.realtime.interpreted_model import bind, columns, newton_columns
-from slipangle.control.realtime.program import Implicit, input_scale
+from slipangle.control.realtime.parts import Implicit, input_scale
 
 
 class InputStep:
