@@ -242,6 +242,12 @@ def test_real_time_iterations_track_as_well_as_converged_plans():
     assert slow < 0.03
 
 
+def test_stages_of_the_integrator_are_found_to_the_tolerance():
+    """Newton's method ends as soon as the shrinking of its steps promises it, not a step later."""
+    given = [[p.u / [0.03, 2500] for *_, p in drive(car(solver=RealTime(newton=n)), steps=40)] for n in (1e-7, 1e-13)]
+    assert np.array(given[0]) == pytest.approx(np.array(given[1]), abs=1e-6)
+
+
 def test_prepared_plans_are_the_same_when_the_state_is_as_expected():
     mpc = car()
     engine = mpc._engine
