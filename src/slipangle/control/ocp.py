@@ -328,17 +328,23 @@ class OCP:
 
     def state_bounds(self, reference: Reference) -> np.ndarray:
         """Bounds of `limited` now and at the end of each stage, shape (horizon + 1, n_limited, 2)."""
-        bounds = np.broadcast_to(_rows(self.limits, self.limited), (self.horizon + 1, len(self.limited), 2)).copy()
+        bounds = self._limits_at_nodes.copy()
         if self.corridor is not None and reference.corridor is not None:
-            i, half = self.limited.index("e_y"), 0.5 * self.corridor
-            right, left = reference.corridor.T
-            both = np.isfinite(right) & np.isfinite(left)
-            middle = 0.5 * (np.where(both, left, 0.0) - np.where(both, right, 0.0))
+            e_y, half = bounds[:, self.limited.index("e_y")], 0.5 * self.corridor
+            right, left = np.asarray(reference.corridor, dtype=float).T
             lower, upper = half - right, left - half
             narrow = lower > upper  # than the vehicle: keep to the lane's middle
-            bounds[:, i, 0] = np.maximum(bounds[:, i, 0], np.where(narrow, middle, lower))
-            bounds[:, i, 1] = np.minimum(bounds[:, i, 1], np.where(narrow, middle, upper))
+            if narrow.any():
+                both = np.isfinite(right) & np.isfinite(left)
+                middle = 0.5 * (np.where(both, left, 0.0) - np.where(both, right, 0.0))
+                lower, upper = np.where(narrow, middle, lower), np.where(narrow, middle, upper)
+            np.maximum(e_y[:, 0], lower, out=e_y[:, 0])
+            np.minimum(e_y[:, 1], upper, out=e_y[:, 1])
         return bounds
+
+    @cached_property
+    def _limits_at_nodes(self) -> np.ndarray:
+        return np.tile(_rows(self.limits, self.limited), (self.horizon + 1, 1, 1))
 
     # ---- references --------------------------------------------------------------------------------------------
 
