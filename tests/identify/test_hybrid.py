@@ -14,7 +14,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.data.manoeuvres import double_lane_change
 from slipangle.errors import MissingColumnError, ParameterError, TooShortError
 from slipangle.identify.greybox import GreyBox
-from slipangle.identify.hybrid import Adapt, Hybrid, restarted
+from slipangle.identify.hybrid import Adapt, Hybrid
 from slipangle.identify.joint import Joint
 from slipangle.identify.narx import NARX
 from slipangle.identify.narx_free_run import FreeRunNARX
@@ -190,6 +190,18 @@ def test_joint_never_sees_outputs_after_the_start(jointly):
         assert np.array_equal(model.simulate(test).y[1:], model.simulate(spoiled).y[1:])
 
 
+def test_joint_finds_its_way_back_from_states_thrown_off(jointly):
+    """Two seconds after a start anywhere in the range of the training data, a run is where the undisturbed one is."""
+    _, ensemble, test = jointly
+    for member in ensemble.members:
+        x0 = member.initial_state(test.head(1))
+        assert 0 < member.most_r < 2 * np.abs(test["r"]).max()
+        straight = member.simulate(test, start=[x0]).y
+        for v_y, r in product((-1.0, 1.0), repeat=2):
+            away = np.array([v_y * member.most_v_y, r * member.most_r, 0.0]) / 1.2
+            assert member.simulate(test, start=[away]).y[40:] == pytest.approx(straight[40:], abs=2e-3)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [NeuralBicycle, TireNetworkBicycle])
 def test_the_compiled_derivative_is_that_of_the_model(kind):
@@ -203,8 +215,8 @@ def test_the_compiled_derivative_is_that_of_the_model(kind):
     with descent.precision("double"):
         unrolled = Unrolled(model, free, scale, np.array([1.0]))
         theta = unrolled.pack(model.network)
-        y, jacobian = unrolled.derivatives(theta, unrolled.start(theta, data), data.u)
-        y, jacobian = np.asarray(y), np.asarray(jacobian)
+        runs = unrolled.derivatives(theta, model.initial_state(data.head(1))[None], data.u[None])
+        y, jacobian = (np.asarray(a)[0] for a in runs)
     assert y[:, 0] == pytest.approx(model.simulate(data).y[1:, 0], abs=1e-12)
     x0 = model.initial_state(data)  # of the same numbers in both runs: the start state is not differentiated
     for i in (0, 1, 2, 10, 40, len(theta) - 1):
@@ -221,6 +233,9 @@ def test_the_compiled_derivative_is_that_of_the_model(kind):
         ({"hidden": ()}, "hidden"),
         ({"weight_prior": 0.0}, "priors"),
         ({"also": ("X",)}, "'X'"),
+        ({"restart": 0.0}, "restart"),
+        ({"settle": -1.0}, "settle"),
+        ({"thrown_off": -1.0}, "thrown_off"),
         ({"holdout": 0.9}, "holdout"),
         ({"iterations": 0}, "iterations"),
         ({"corrects": "brakes"}, "corrects"),
@@ -323,17 +338,6 @@ def test_offsets_of_another_session_come_back():
         Adapt().fit(model, other.rows(0, 300))
     with pytest.raises(MissingColumnError, match="'Delta'"):
         Adapt(inputs=("Delta",)).fit(model, other.with_channel("Delta", other["delta"]))
-
-
-def test_restarts_cut_the_record_and_lose_nothing_but_stubs():
-    model = linear_plant()
-    data = nonlinear_response(505)
-    cut = restarted(model, data, 5.0)
-    assert cut.starts == (0, 100, 200, 300, 400, 500)
-    assert cut.n_samples == 505
-    assert restarted(model, data.rows(0, 502), 5.0).n_samples == 500
-    with pytest.raises(TooShortError, match="starts from"):
-        restarted(model, data, 0.05)
 
 
 def test_greybox_fits_the_neural_bicycle_as_any_other():

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from slipangle.data.dataset import Dataset
-from slipangle.errors import ParameterError
+from slipangle.data.dataset import Dataset, join
+from slipangle.errors import ParameterError, TooShortError
 from slipangle.identify.arx import ARX
-from slipangle.identify.validate import residual_tests, validate
+from slipangle.identify.validate import residual_tests, restarted, validate
 from slipangle.models.arx import ARXModel
 from slipangle.models.model import Trajectory
 
@@ -111,3 +111,18 @@ def test_training_data_are_refused_unless_asked_for():
     assert validate(model, data.rows(100, 200), on_training_data=True).name == "ARXModel"
     assert validate(model, data.rows(150, 200), name="mine").name == "mine"
     assert isinstance(model, ARXModel)
+
+
+@pytest.mark.parametrize("memory", [1, 7])
+def test_restarts_predict_every_sample_once(memory):
+    """Each starts from the samples before; a rest goes on its own, a stub that no run can start in goes."""
+    whole = Dataset.from_arrays({"u": np.arange(505.0)}, {"y": np.arange(505.0)}, 0.05)
+    stub = whole.rows(0, memory)
+    cut = restarted(join(whole, stub), 5.0, memory)
+    predicted = np.concatenate([part["y"][memory:] for part in cut.experiments])
+    assert np.array_equal(predicted, whole["y"][memory:])
+    assert [part.n_samples for part in cut.experiments[:-1]] == [100 + memory] * (len(cut.starts) - 1)
+    with pytest.raises(TooShortError, match="starts from"):
+        restarted(stub, 5.0, memory)
+    with pytest.raises(ParameterError, match="at least one sample"):
+        restarted(whole, 0.01, memory)

@@ -173,9 +173,13 @@ class OCP:
         """Stage of each step of the model, shape (n_steps,)."""
         return np.repeat(np.arange(self.horizon), self.lengths)
 
-    @cached_property
+    @property
     def times(self) -> np.ndarray:
         """Instants of the states and references, now and at the end of each stage, shape (horizon + 1,). [s]"""
+        return self._times
+
+    @cached_property
+    def _times(self) -> np.ndarray:
         return self.dt * self.nodes
 
     # ---- names -------------------------------------------------------------------------------------------------

@@ -16,10 +16,10 @@ from slipangle.data.public import load
 from slipangle.experiments import Progress, Reproduction
 from slipangle.experiments._chapter_8 import quietly
 from slipangle.identify.greybox import GreyBox
-from slipangle.identify.hybrid import Hybrid, restarted
+from slipangle.identify.hybrid import Hybrid
 from slipangle.identify.narx import NARX
 from slipangle.identify.training import Stage
-from slipangle.identify.validate import Score, score
+from slipangle.identify.validate import Score, restarted, score
 from slipangle.models.hybrid import HybridModel
 from slipangle.models.longitudinal import DrivelineParams, PedalCar
 from slipangle.models.model import Model
@@ -49,7 +49,7 @@ def fast_part() -> Dataset:
 def longitudinal(train: Dataset) -> PedalCar:
     """M2 with engine power, brakes, drag, rolling resistance and the drag of cornering."""
     start = PedalCar(params=START, dt=train.dt, substeps=2)
-    return quietly(GreyBox(start=start, free=FREE, max_iterations=25), restarted(start, train, RESTART))
+    return quietly(GreyBox(start=start, free=FREE, max_iterations=25), restarted(train, RESTART, start.memory))
 
 
 def hybrid(base: PedalCar, train: Dataset) -> HybridModel:

@@ -17,8 +17,7 @@ from slipangle.experiments import Progress, Reproduction
 from slipangle.experiments._chapter_8 import bicycle, ferrari, quietly
 from slipangle.experiments.table_8_3 import FAST, RESTART
 from slipangle.identify.greybox import GreyBox
-from slipangle.identify.hybrid import restarted
-from slipangle.identify.validate import score
+from slipangle.identify.validate import restarted, score
 from slipangle.models.model import FitInfo
 from slipangle.models.vehicles import Bicycle, Longitudinal, LongitudinalParams
 from slipangle.report.tables import Record
@@ -72,7 +71,7 @@ def reproduce(progress: Progress) -> Reproduction:
     fast = data.rows(int(np.searchsorted(data.t, FAST)), data.n_samples).split(0.7)[0]
     start = Longitudinal(params=LongitudinalParams(mass=790.0, k_e=6000.0, k_d=60.0, k_r=0.02), dt=fast.dt)
     settings = GreyBox(start=start, free=("k_e", "k_d", "k_r"))
-    found += _parameters("longitudinal, another car", quietly(settings, restarted(start, fast, RESTART)))
+    found += _parameters("longitudinal, another car", quietly(settings, restarted(fast, RESTART, start.memory)))
     progress(1.0, "done")
     return Reproduction(
         title="Table 8.5: parameters of the longitudinal and the bicycle model",

@@ -215,22 +215,3 @@ class Adapt:
     def _error(self, model: Model, data: Dataset, values: np.ndarray) -> np.ndarray:
         run = self._shifted(model, values).simulate(data)
         return run.error[run.predicted].ravel()
-
-
-def restarted(model: Model, data: Dataset, seconds: float) -> Dataset:
-    """The data cut into experiments of ``seconds``, each long enough for the model to start in; shorter rests go.
-
-    A free run of it starts anew in each: what a single long run hides or shows is seen beside it.
-    """
-    n = round(seconds / data.dt)
-    if n <= model.memory:
-        raise TooShortError(
-            f"restarts every {seconds:g} s leave {n} samples, the model starts from {model.memory}; expected more"
-        )
-    parts = []
-    for part in data.experiments:
-        for a in range(0, part.n_samples, n):
-            b = min(a + n, part.n_samples)
-            if b - a > model.memory:
-                parts.append(part.rows(a, b))
-    return join(*parts, name=data.name)

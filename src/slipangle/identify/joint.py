@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from slipangle.errors import ModelWarning, ParameterError
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.marquardt import improve
 from slipangle.identify.training import Progress, as_tuples, require_holdout
+from slipangle.identify.validate import restarted
 from slipangle.models.ensemble import EnsembleModel
 from slipangle.models.model import FitInfo, Trial
 from slipangle.models.networks import MLP, Activation, Scaling
@@ -42,15 +43,21 @@ FREE = (
 )
 _REACH = {"v_y": 5.0, "r": 1.0}  # size of the network's outputs [m/s2, rad/s2]
 _LEAST_LAG = 0.02  # the step integrates a faster steering lag inaccurately [s]
+_EASY = 0.25  # share of the steps over which starts come to be thrown off as far as set
+_PATIENCE = 5  # steps without progress in a row after which a fit ends
+_MARGIN = 1.2  # how far beyond the training data the state may go
 
 
 @dataclass(frozen=True, kw_only=True)
 class Joint:
-    """Levenberg-Marquardt on the free run of physics with a network inside: both move together.
+    """Levenberg-Marquardt on free runs of physics with a network inside: both move together.
 
     The network starts at zero correction, so every run starts at the fitted physics; ridge priors hold weights near
     zero and parameters near their start values. Channels named in ``also`` that the training data hold are fitted
-    too, with a weight and an offset each: they steady the state and are no part of the model's output.
+    too, with a weight and an offset each: they steady the state and are no part of the model's output. What
+    is fitted are free runs that start anew every ``restart`` seconds, ``settle`` seconds before, from a state thrown
+    off at random: so the model learns to find its way back, where a car driven at the limit would spin without its
+    driver. Its state is bounded to a little more than the training data show.
 
     Parameters
     ----------
@@ -71,6 +78,12 @@ class Joint:
         Of ``"v_y"`` and ``"a_y"``: measured channels that are fitted along.
     also_weight : float
         Weight of a channel fitted along; an output has 1.
+    restart : float, optional
+        Length of each free run that is fitted; None for one over each experiment. [s]
+    settle : float
+        How long before its fitted part each run starts; the state is thrown off only where this is positive. [s]
+    thrown_off : float
+        How far, as a share of the largest v_y and r of the training data.
     iterations : int
         Limit on accepted steps.
     holdout : float
@@ -93,10 +106,13 @@ class Joint:
     corrects: Literal["derivative", "tires"] = "derivative"
     hidden: tuple[int, ...] = (12,)
     activation: Activation = "tanh"
-    weight_prior: float = 1e-6
+    weight_prior: float = 1e-5
     parameter_prior: float = 1e-4
     also: tuple[str, ...] = ()
     also_weight: float = 0.15
+    restart: float | None = 5.0
+    settle: float = 1.0
+    thrown_off: float = 1.0
     iterations: int = 80
     holdout: float = 0.0
     seeds: tuple[int, ...] = (0,)
@@ -117,6 +133,12 @@ class Joint:
         if unknown:
             raise ParameterError(f"'{unknown[0]}' cannot be fitted along; expected 'v_y' or 'a_y'")
         require_holdout(self.holdout)
+        if self.restart is not None and not self.restart > 0:
+            raise ParameterError(f"restart is {self.restart} s; expected a positive time, or None for no restarts")
+        if not (self.settle >= 0 and self.thrown_off >= 0):
+            raise ParameterError(
+                f"settle is {self.settle} s and thrown_off {self.thrown_off}; expected neither below 0, such as 1 and 1"
+            )
         if self.iterations < 1 or not self.seeds:
             raise ParameterError(
                 f"{self.iterations} iterations and {len(self.seeds)} seeds; expected at least one of each"
@@ -155,11 +177,15 @@ class Joint:
         self.start.check(chosen)
         require_identifiable(chosen, len(self.free), scheduling=("v_x", "v_x_dot"))
         inner, held = (chosen, None) if self.holdout == 0 else chosen.split(1 - self.holdout)
+        lead = 0
+        if self.restart is not None:
+            lead = round(self.settle / data.dt)
+            inner = restarted(inner, self.restart, self.start.memory + lead)
         from slipangle.identify import descent
 
         models = []
         with descent.precision("double"):
-            fit = _Fit(self, inner, held, n_judged=len(self.start.outputs))
+            fit = _Fit(self, inner, held, n_judged=len(self.start.outputs), lead=lead)
             for i, seed in enumerate(self.seeds):
                 told = _share(progress, i, len(self.seeds))
                 models.append(fit.run(seed, data, time.perf_counter() - began, told))
@@ -173,6 +199,21 @@ def _share(progress: Progress | None, i: int, n: int) -> Any:
     return lambda share, error: progress((i + share) / n, f"joint fit, seed {i + 1} of {n}, relative error {error:.4f}")
 
 
+class _Runs(NamedTuple):
+    """Free runs side by side, the shorter ones filled up."""
+
+    heads: tuple[Dataset, ...]  # the samples that each starts from
+    away: np.ndarray  # (n_runs, 3), what its start is thrown off by
+    u: np.ndarray  # (n_runs, n + 1, n_inputs)
+    y: np.ndarray  # (n_runs, n, n_outputs)
+    weight: np.ndarray  # (n_runs, n, n_outputs), 0 where a sample does not count
+
+    @property
+    def n_counting(self) -> int:
+        """Samples that count."""
+        return int(np.count_nonzero(self.weight[:, :, 0]))
+
+
 @dataclass
 class _Fit:
     """The least-squares problem, compiled once for all seeds."""
@@ -181,7 +222,9 @@ class _Fit:
     inner: Dataset
     held: Dataset | None
     n_judged: int
+    lead: int
     unrolled: Any = field(init=False)
+    share: float = 1.0
 
     def __post_init__(self) -> None:
         from slipangle.identify.unrolled import Unrolled
@@ -191,7 +234,7 @@ class _Fit:
         lag = max(s.start.params.steering_lag, _LEAST_LAG)
         params: Any = s.start.params.with_values(steering_lag=lag)
         size = np.std(self.inner.y, axis=0)
-        speeds = self.inner[s.start.inputs[1]]
+        most_v_y, most_r = self._bounds()
         self.template = self.kind(
             params=params,
             dt=s.start.dt,
@@ -199,12 +242,14 @@ class _Fit:
             substeps=max(1, round(s.start.dt / 0.025)),
             memory=s.start.memory,
             network=self.network(0),
-            most_v_y=float(0.35 * np.abs(speeds).max()),
-            most_r=float(2.0 * np.abs(self.inner["r"]).max()) if "r" in self.inner else 2.0,
+            most_v_y=most_v_y,
+            most_r=most_r,
         )
         self.scale = np.array([_unit(params, name) for name in s.free])
         self.unrolled = Unrolled(self.template, s.free, self.scale, size)
         self.weights = np.where(np.arange(len(outputs)) < self.n_judged, 1.0, s.also_weight) / size
+        self.fitted = self.side_by_side(self.inner, self.lead)
+        self.judge = self.fitted if self.held is None else self.side_by_side(self.held, 0)
         start = self.unrolled.pack(self.network(0))
         n = len(s.free)
         metadata = [params.si(name) for name in s.free]
@@ -223,6 +268,18 @@ class _Fit:
         )
         self.precision[len(start) - ny : len(start) - ny + self.n_judged] = 1e6  # judged outputs have no free offset
         self.centre = np.concatenate([start[:n], np.zeros(len(start) - n)])
+
+    def _bounds(self) -> tuple[float, float]:
+        """Bounds of the state: from what was measured, else from the physics' own free run."""
+        data, names = self.inner, ("v_y", "r")
+        missing = [name for name in names if name not in data]
+        if missing:
+            for name in missing:
+                data = data.with_channel(name, np.zeros(data.n_samples))
+            run = replace(self.settings.start, outputs=names).simulate(data.select(outputs=names))
+            for name in missing:
+                data = data.with_channel(name, run.y[:, names.index(name)])
+        return _MARGIN * float(np.abs(data["v_y"]).max()), _MARGIN * float(np.abs(data["r"]).max())
 
     @property
     def kind(self) -> type[NeuralBicycle]:
@@ -246,53 +303,64 @@ class _Fit:
         )
         return replace(net, weights=(*net.weights[:-1], 0.0 * net.weights[-1]))
 
-    # ---- the free run as a least-squares problem ---------------------------------------------------------------
+    # ---- free runs as a least-squares problem ------------------------------------------------------------------
 
-    def start(self, theta: np.ndarray, part: Dataset) -> np.ndarray:
-        """State at sample ``memory - 1``, as the fitted model reads it."""
-        return self.unrolled.start(theta, part, self.settings.start.outputs)
+    def side_by_side(self, data: Dataset, lead: int) -> _Runs:
+        """One run over each experiment; its first ``lead`` samples, after which it must be on its way, do not count."""
+        m, parts = self.template.memory, data.experiments
+        n = max(part.n_samples for part in parts) - m
+        shape = len(parts), n, len(self.weights)
+        u, y, weight = np.empty((len(parts), n + 1, len(data.inputs))), np.zeros(shape), np.zeros(shape)
+        for i, part in enumerate(parts):
+            k = part.n_samples - m
+            u[i, : k + 1], u[i, k + 1 :] = part.u[m - 1 :], part.u[-1]
+            y[i, :k], weight[i, lead:k] = part.y[m:], self.weights
+        most = np.array([self.template.most_v_y, self.template.most_r, 0.0]) / _MARGIN
+        away = np.random.default_rng(0).uniform(-1.0, 1.0, (len(parts), 3)) * self.settings.thrown_off * most
+        return _Runs(tuple(part.head(m) for part in parts), away if lead else 0.0 * away, u, y, weight)
 
-    def error(self, theta: np.ndarray, data: Dataset) -> np.ndarray:
-        """Weighted errors of every output, shape (n, n_outputs)."""
-        m = self.template.memory
-        parts = data.experiments
-        runs = [self.unrolled.outputs(theta, self.start(theta, p), p.u[m - 1 :]) for p in parts]
-        return np.concatenate([np.asarray(y) - p.y[m:] for y, p in zip(runs, parts, strict=True)]) * self.weights
+    def starts(self, theta: np.ndarray, runs: _Runs) -> np.ndarray:
+        """States that the runs start from, thrown off by as much as the fit has come to."""
+        return self.unrolled.starts(theta, runs.heads, self.settings.start.outputs) + self.share * runs.away
 
-    def judged(self, theta: np.ndarray, data: Dataset) -> float:
-        """RMSE of the model's outputs over their standard deviation, free run."""
-        e = self.error(theta, data)[:, : self.n_judged]
-        size = np.std(data.y[:, : self.n_judged], axis=0) * self.weights[: self.n_judged]
-        return float(np.sqrt(np.mean((e / size) ** 2)))
+    def error(self, theta: np.ndarray, runs: _Runs) -> np.ndarray:
+        """Weighted errors of every output, shape (n_runs, n, n_outputs), 0 where a sample does not count."""
+        y = self.unrolled.outputs(theta, self.starts(theta, runs), runs.u)
+        return (np.asarray(y) - runs.y) * runs.weight
+
+    def judged(self, theta: np.ndarray) -> float:
+        """RMSE of the model's outputs over their standard deviation, free runs."""
+        runs, k = self.judge, self.n_judged
+        counts = runs.weight[:, :, 0] > 0
+        size = np.std(runs.y[counts][:, :k], axis=0) * self.weights[:k]
+        return float(np.sqrt(np.mean((self.error(theta, runs)[counts][:, :k] / size) ** 2)))
 
     def cost(self, theta: np.ndarray) -> float:
         """Mean squared weighted error and priors."""
-        e = self.error(theta, self.inner)
-        return float(np.sum(e * e)) / len(e) + float(self.precision @ (theta - self.centre) ** 2)
+        e = self.error(theta, self.fitted)
+        return float(np.sum(e * e)) / self.fitted.n_counting + float(self.precision @ (theta - self.centre) ** 2)
 
     def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Gauss-Newton matrix and gradient, per sample."""
-        n = len(theta)
-        hessian, gradient, rows = np.zeros((n, n)), np.zeros(n), 0
-        for part in self.inner.experiments:
-            m = self.template.memory
-            y, j = self.unrolled.derivatives(theta, self.start(theta, part), part.u[m - 1 :])
-            e = (np.asarray(y) - part.y[m:]) * self.weights
-            j = (np.asarray(j) * self.weights[:, None]).reshape(-1, n)
-            hessian += j.T @ j
-            gradient += j.T @ e.ravel()
-            rows += len(e)
-        return hessian / rows + np.diag(self.precision), gradient / rows + self.precision * (theta - self.centre)
+        runs = self.fitted
+        y, j = self.unrolled.derivatives(theta, self.starts(theta, runs), runs.u)
+        e = ((np.asarray(y) - runs.y) * runs.weight).ravel()
+        j = (np.asarray(j) * runs.weight[..., None]).reshape(-1, len(theta))
+        hessian, gradient = j.T @ j / runs.n_counting, j.T @ e / runs.n_counting
+        return hessian + np.diag(self.precision), gradient + self.precision * (theta - self.centre)
 
     def run(self, seed: int, data: Dataset, spent: float, told: Any) -> NeuralBicycle:
         """Levenberg-Marquardt from one seed."""
         began, s = time.perf_counter(), self.settings
-        judge = self.held if self.held is not None else self.inner
         theta = self.unrolled.pack(self.network(seed))
-        cost, damping = self.cost(theta), 1e-3
-        best, score = theta, self.judged(theta, judge)
-        curve, epoch, k = [(0, score)], 0, 0
+        self.share, cost, damping = 1.0, self.cost(theta), 1e-3
+        best, score = theta, self.judged(theta)
+        curve, epoch, k, flat = [(0, score)], 0, 0, 0
         for k in range(1, s.iterations + 1):
+            share = min(1.0, (k - 1) / (_EASY * s.iterations))
+            if share != self.share:
+                self.share, flat = share, 0
+                cost = self.cost(theta)
             found = improve(
                 theta,
                 cost,
@@ -302,17 +370,17 @@ class _Fit:
                 lower=self.lower,
                 upper=self.upper,
             )
-            if found is None:
+            if found is None and share == 1.0:
                 break
-            theta, new_cost, damping = found
-            now = self.judged(theta, judge)
+            theta, new_cost, damping = found or (theta, cost, 1e-3)
+            now = self.judged(theta)
             curve.append((k, now))
             told(k / s.iterations, now)
             if now < score or self.held is None:
                 best, score, epoch = theta, now, k
-            flat = cost - new_cost < 1e-5 * cost
+            flat = flat + 1 if cost - new_cost < 1e-5 * cost else 0
             cost = new_cost
-            if flat:
+            if flat == _PATIENCE:
                 break
         model = self.unrolled.unpack(best, self.settings.start.outputs)
         note = "" if epoch else "never improved on the physics it started from"
@@ -327,7 +395,7 @@ class _Fit:
     def _info(self, theta: np.ndarray, data: Dataset, trial: Trial) -> FitInfo:
         s, n = self.settings, len(self.settings.free)
         hessian, _ = self.linearised(theta)
-        e = self.error(theta, self.inner)
+        e = self.error(theta, self.fitted)[self.fitted.weight[:, :, 0] > 0]
         sigma2 = float(np.mean(e[:, : self.n_judged] ** 2))
         posterior = np.linalg.inv(hessian)[:n, :n] * sigma2 / len(e)
         noise = np.std(e[:, : self.n_judged] / self.weights[: self.n_judged], axis=0)

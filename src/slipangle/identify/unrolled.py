@@ -30,7 +30,11 @@ def _shaped(theta: Any, shapes: Sequence[tuple[int, ...]]) -> list[Any]:
 
 @dataclass(frozen=True, eq=False)
 class Unrolled:
-    """Free run of a `NeuralBicycle` over its free parameters, its network's weights, and offsets of the outputs.
+    """Free runs of a `NeuralBicycle` over its free parameters, its network's weights, and offsets of the outputs.
+
+    ``outputs(theta, x0, u)`` and ``derivatives(theta, x0, u)`` take many runs side by side: x0 (n_runs, 3), u
+    (n_runs, n + 1, 3). Outputs are those from the second sample on, (n_runs, n, n_outputs), derivatives have the
+    parameters behind.
 
     Parameters
     ----------
@@ -49,13 +53,13 @@ class Unrolled:
     scale: np.ndarray
     size: np.ndarray
 
-    def __post_init__(self) -> None:
-        for name in ("run", "outputs", "derivatives"):
-            object.__setattr__(self, name, jax.jit(getattr(self, f"_{name}")))
-
-    run: Any = None
     outputs: Any = None
     derivatives: Any = None
+
+    def __post_init__(self) -> None:
+        for name in ("outputs", "derivatives"):  # of many runs side by side
+            each = jax.vmap(getattr(self, f"_{name}"), (None, 0, 0))
+            object.__setattr__(self, name, jax.jit(each))
 
     @property
     def _shapes(self) -> list[tuple[int, ...]]:
@@ -105,10 +109,10 @@ class Unrolled:
             values["a_y"] = self.model.rates(x, u, params, correction)[0] + u[1] * x[1]
         return jnp.stack([values[name] for name in self.model.outputs]) + offsets
 
-    def start(self, theta: np.ndarray, part: Dataset, outputs: Sequence[str] | None = None) -> np.ndarray:
-        """State at sample ``memory - 1`` of an experiment, as the model with those outputs reads it."""
-        model = self.unpack(theta, self.model.outputs if outputs is None else outputs)
-        return model.initial_state(part.head(model.memory))
+    def starts(self, theta: np.ndarray, heads: Sequence[Dataset], outputs: Sequence[str]) -> np.ndarray:
+        """State at the last sample of each head, as the model with those outputs reads it, shape (n_heads, 3)."""
+        model = self.unpack(theta, outputs)
+        return np.stack([model.initial_state(head) for head in heads])
 
     def _run(self, theta: Any, x0: Any, u: Any) -> Any:
         def advance(x: Any, u: Any) -> tuple[Any, Any]:

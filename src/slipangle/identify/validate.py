@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from scipy import stats
 
-from slipangle.data.dataset import Dataset
-from slipangle.errors import ParameterError
+from slipangle.data.dataset import Dataset, join
+from slipangle.errors import ParameterError, TooShortError
 from slipangle.identify import metrics
 from slipangle.models.model import Model, Trajectory
 
@@ -79,6 +79,41 @@ def score(trajectory: Trajectory, output: str) -> Score:
         fit=float(metrics.fit(y, y_hat)),
         vaf=float(metrics.vaf(y, y_hat)),
     )
+
+
+def restarted(data: Dataset, seconds: float, memory: int) -> Dataset:
+    """The data cut into experiments that a free run starts anew in.
+
+    Each predicts ``seconds`` (the last of a record what is left) from the ``memory`` samples before. So runs of it
+    predict the same samples as one run over all the data, and what a single long run hides or shows is seen beside it.
+
+    Parameters
+    ----------
+    data : Dataset
+        One or more experiments; those not longer than ``memory`` are left out.
+    seconds : float
+        Length of each free run. [s]
+    memory : int
+        Samples that the model starts from (`Model.memory`).
+
+    Raises
+    ------
+    ParameterError
+        If ``seconds`` is shorter than one sample.
+    TooShortError
+        If no experiment is longer than ``memory``.
+    """
+    n = round(seconds / data.dt)
+    if n < 1:
+        raise ParameterError(
+            f"restarts every {seconds:g} s, a sample lasts {data.dt:g} s; expected at least one sample"
+        )
+    parts = [part.rows(a - memory, a + n) for part in data.experiments for a in range(memory, part.n_samples, n)]
+    if not parts:
+        raise TooShortError(
+            f"no experiment of '{data.name}' is longer than the {memory} samples a free run starts from; record longer"
+        )
+    return join(*parts, name=data.name)
 
 
 def validate(
