@@ -316,6 +316,14 @@ ALL_MODELS = {
         model=neural_bicycle(3), inputs_at_zero={"delta": 0.01}, outputs_at_zero={"r": -0.02}
     ),
     "ensemble": EnsembleModel(members=(neural_bicycle(4), neural_bicycle(5), neural_bicycle(6))),
+    "ensemble of models with other inputs": EnsembleModel(
+        members=(
+            neural_bicycle(4),
+            HybridModel(
+                base=Bicycle(params=FERRARI_250LM, dt=0.05), discrepancy=discrepancy(("delta", "v_x"), ("r",), 1)
+            ),
+        )
+    ),
     "ensemble of hybrids": EnsembleModel(
         members=tuple(
             HybridModel(

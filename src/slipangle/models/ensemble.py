@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import isclose
@@ -12,20 +13,20 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.models.hybrid import run_up
 from slipangle.models.model import FitInfo, Model
-from slipangle.ops import Vector, concatenate
+from slipangle.ops import Vector, concatenate, stack
 
 
 @dataclass(frozen=True, kw_only=True)
 class EnsembleModel(Model):
-    """Models of the same channels side by side; the output is the mean of theirs.
+    """Models of the same outputs side by side; the output is the mean of theirs.
 
-    Each member keeps a state of its own. A measurement shifts every member by the error of the mean, so their
-    disagreement survives it.
+    Each member keeps a state of its own and takes the inputs that it knows. A measurement shifts every member by the
+    error of the mean, so their disagreement survives it.
 
     Parameters
     ----------
     members : tuple of Model
-        At least one; inputs, outputs and sample time alike.
+        At least one; outputs and sample time alike.
 
     Raises
     ------
@@ -42,11 +43,10 @@ class EnsembleModel(Model):
             raise ParameterError("the ensemble has no member; expected at least one model")
         first = self.members[0]
         for k, other in enumerate(self.members):
-            alike = (other.inputs, other.outputs) == (first.inputs, first.outputs)
-            if not alike or not isclose(other.dt, first.dt, rel_tol=1e-6):
+            if other.outputs != first.outputs or not isclose(other.dt, first.dt, rel_tol=1e-6):
                 raise ParameterError(
-                    f"member {k} maps {other.inputs} to {other.outputs} at {other.dt:g} s, the first {first.inputs} to "
-                    f"{first.outputs} at {first.dt:g} s; expected the same of all"
+                    f"member {k} predicts {other.outputs} at {other.dt:g} s, the first {first.outputs} at "
+                    f"{first.dt:g} s; expected the same of all: fit them to the same data"
                 )
 
     @property
@@ -56,8 +56,8 @@ class EnsembleModel(Model):
 
     @property
     def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
-        """Of every member."""
-        return self.members[0].inputs
+        """Of every member, in the order they first occur."""
+        return tuple(dict.fromkeys(name for member in self.members for name in member.inputs))
 
     @property
     def outputs(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -74,17 +74,20 @@ class EnsembleModel(Model):
         """The longest of the members'."""
         return max(member.memory for member in self.members)
 
-    def _pieces(self, x: Vector) -> list[Vector]:
-        edges = np.cumsum([0, *(member.n_states for member in self.members)])
-        return [x[a:b] for a, b in pairwise(edges.tolist())]
+    def _pieces(self, x: Vector, u: Vector) -> Iterator[tuple[Model, Vector, Vector]]:
+        """Every member with its state and its inputs."""
+        edges, inputs = np.cumsum([0, *(member.n_states for member in self.members)]), self.inputs
+        for member, (a, b) in zip(self.members, pairwise(edges.tolist()), strict=True):
+            own = u if member.inputs == inputs else stack([u[inputs.index(name)] for name in member.inputs])
+            yield member, x[a:b], own
 
     def step(self, x: Vector, u: Vector) -> Vector:
         """Every member a sample further."""
-        return concatenate([m.step(piece, u) for m, piece in zip(self.members, self._pieces(x), strict=True)])
+        return concatenate([member.step(piece, own) for member, piece, own in self._pieces(x, u)])
 
     def output(self, x: Vector, u: Vector) -> Vector:
         """Mean of the members' outputs."""
-        outputs = [m.output(piece, u) for m, piece in zip(self.members, self._pieces(x), strict=True)]
+        outputs = [member.output(piece, own) for member, piece, own in self._pieces(x, u)]
         total = outputs[0]
         for y in outputs[1:]:
             total = total + y
@@ -93,8 +96,9 @@ class EnsembleModel(Model):
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
         """Every member corrected by the error of the mean."""
         error = y - self.output(x, u)
-        pairs = zip(self.members, self._pieces(x), strict=True)
-        return concatenate([m.correct(piece, u, m.output(piece, u) + error) for m, piece in pairs])
+        return concatenate(
+            [m.correct(piece, own, m.output(piece, own) + error) for m, piece, own in self._pieces(x, u)]
+        )
 
     def initial_state(self, data: Dataset) -> np.ndarray:
         """Every member's, run up to the last sample."""
