@@ -1,5 +1,7 @@
 """Tables of chapter 8 on the real logs: protocol, restarts, unseen session, corrupted outputs; slow: whole tables."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from slipangle.experiments._chapter_8 import LAGGED, ferrari, judge, records, se
 from slipangle.identify.hybrid import Adapt, Hybrid
 from slipangle.identify.validate import score
 from slipangle.models.hybrid import HybridModel
+from slipangle.models.longitudinal import PedalCar
 from slipangle.models.model import Model
 from slipangle.models.narx import NARXModel
 from slipangle.models.networks import MLP, Scaling
@@ -131,6 +134,22 @@ def test_errors_and_shares_along_the_track(parts):
     shown = figures["Share of the discrepancy, M1-H"].data[1].marker.color
     assert max(shown) == pytest.approx(np.nanmax(mixed.share(test)), rel=1e-3)
     assert [bar.name for bar in figures["Error by phase of the corner"].data][-1] == "ensemble"
+
+
+def test_speed_figures_leave_out_discrepancies_that_are_off(real_data):
+    """Figures 8.7 to 8.9: errors on the map of every model, shares of those discrepancies that are on."""
+    data = table_8_3.fast_part()
+    base = replace(PedalCar(params=table_8_3.START, dt=data.dt), substeps=2)
+    network = MLP.random((8, 3, 1), seed=1, output_scaling=Scaling(offset=[0.0], factor=[0.1]))
+    lags = NARXModel(network=network, na=2, nb=3, dt=data.dt, inputs=table_8_3.PEDALS, outputs=("v_x",))
+    mixed = HybridModel(base=base, discrepancy=lags)
+    models = {"M2": base, "M2-H": mixed, "M3-H": replace(mixed, gain=0.0)}
+    test = data.rows(0, 500)
+    figures = table_8_3.along_the_track({**models, "M3": base, "M4": base}, test)
+    assert "Share of the discrepancy, M2-H" in figures
+    assert not [name for name in figures if "M3-H" in name]
+    shown = figures["Share of the discrepancy, M2-H"].data[1].marker.color
+    assert max(shown) == pytest.approx(np.nanmax(mixed.share(test)), rel=1e-3)
 
 
 @pytest.mark.slow

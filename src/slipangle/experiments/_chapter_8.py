@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import plotly.graph_objects as go
 
-from slipangle.data.dataset import Dataset, join
+from slipangle.data.dataset import Channel, Dataset, join
 from slipangle.data.public import ferrari_250lm, load
 from slipangle.errors import IdentifiabilityWarning, ModelWarning
 from slipangle.identify.compare import Estimator
@@ -31,9 +32,10 @@ from slipangle.identify.narx_free_run import FreeRunNARX
 from slipangle.identify.training import Stage
 from slipangle.identify.validate import Score, restarted, score
 from slipangle.models.catalogue import FERRARI_250LM
-from slipangle.models.model import Model
+from slipangle.models.model import Model, Trajectory
 from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, with_speed_derivative
 from slipangle.models.vehicles import Bicycle
+from slipangle.report.plots import correlation
 from slipangle.report.tables import Record
 
 SEEDS = (0, 1, 2, 3, 4)
@@ -107,6 +109,18 @@ def quietly(estimator: Estimator, data: Dataset) -> Any:
         warnings.simplefilter("ignore", ModelWarning)
         warnings.simplefilter("ignore", IdentifiabilityWarning)
         return estimator.fit(data)
+
+
+def correlations(runs: Mapping[str, Trajectory], channel: Channel) -> dict[str, go.Figure]:
+    """Simulated over measured output of every model, on the same axes (figures 8.5 and 8.8)."""
+    both = np.concatenate([np.concatenate([run.measured, run.y])[:, 0] for run in runs.values()])
+    limits = float(both.min()), float(both.max())
+    return {
+        f"Simulated over measured, {name}": correlation(
+            run.measured[run.predicted, 0], run.y[run.predicted, 0], channel=channel, limits=limits, index=i
+        )
+        for i, (name, run) in enumerate(runs.items())
+    }
 
 
 # ---- judging -------------------------------------------------------------------------------------------------------

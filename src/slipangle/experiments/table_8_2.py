@@ -27,6 +27,7 @@ from slipangle.experiments._chapter_8 import (
     Timer,
     Verdict,
     bicycle,
+    correlations,
     ferrari,
     free_run_narx,
     joint,
@@ -216,7 +217,7 @@ def ensemble_records(row: str, ensemble: EnsembleModel, test: Dataset, members: 
 
 
 def along_the_track(models: dict[str, Model], test: Dataset) -> tuple[list[Record], dict[str, Any]]:
-    """Errors by phase of the corner and by lateral acceleration, shares of the discrepancies (figures 8.4, 8.6)."""
+    """Errors by phase of the corner and by lateral acceleration, shares of the discrepancies (figures 8.4 to 8.6)."""
     channel = test.channels[test.index("r")]
     runs = {name: model.simulate(test) for name, model in models.items()}
     errors = {name: np.where(run.predicted, run.error[:, 0], np.nan) for name, run in runs.items()}
@@ -235,6 +236,7 @@ def along_the_track(models: dict[str, Model], test: Dataset) -> tuple[list[Recor
             {name: runs[name] for name in ("M1, bicycle", "M4, NARX", "ensemble")}, channel
         ),
         "Errors": rainclouds(clouds, channel=channel),
+        **correlations({name: runs[name] for name in (*HYBRIDS.values(), *HYBRIDS, "ensemble")}, channel),
         "Error by phase of the corner": error_by_phase(few, found, channel=channel),
         "Error by lateral acceleration": error_by_level(
             few, a_y, edges, channel=channel, sorted_by=Channel("a_y", "m/s2")
