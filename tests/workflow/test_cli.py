@@ -10,7 +10,11 @@ import pytest
 
 from slipangle import experiments
 from slipangle.cli import main
+from slipangle.models.catalogue import FERRARI_250LM
+from slipangle.models.vehicles import Bicycle
 from slipangle.workflow.demo import prepare_demo
+from slipangle.workflow.job import build_mpc
+from slipangle.workflow.settings import ControllerSettings
 
 JOB = """
 title = "test job"
@@ -147,6 +151,10 @@ BAD_JOBS = {
     "unknown kind": ("[[model]]\nname = 'b'\nkind = 'bicicle'", r"'bicicle'.*nearest are 'bicycle'"),
     "wrong type": ("[[model]]\nname = 'b'\nkind = 'arx'\nna = 'two'", r"na is 'two'; expected a whole number"),
     "unknown parameter": ("free = ['C_F']", r"no parameter 'C_F'; nearest are 'C_f'"),
+    "stages that are not as many as the horizon": (
+        "[controller]\nmodel = 'bicycle'\nhorizon = 3\nsteps = [1, 2]\n[plant]\ncatalogue = 'sousa-table-6.1'",
+        r"steps.*3",
+    ),
     "unknown controller model": ("[controller]\nmodel = 'bike'", r"uses the model 'bike'; nearest are|there are"),
     "not TOML": ("]", r"not valid TOML"),
     "repeated name": ("[[model]]\nname = 'bicycle'\nkind = 'arx'", r"names repeat"),
@@ -175,6 +183,12 @@ def test_model_at_another_sample_time(tmp_path, capsys):
     )
     assert main(["run", str(write_job(tmp_path, more=more)), "--out", str(tmp_path / "out")]) == 2
     assert re.search(r"0\.02 s.*0\.05 s", sentence(capsys))
+
+
+def test_stages_of_several_steps():
+    car = Bicycle(params=FERRARI_250LM, dt=0.05)
+    mpc = build_mpc(ControllerSettings(model="car", horizon=3, steps=(1, 2, 4), dt=0.02), car)
+    assert mpc.times == pytest.approx([0.0, 0.02, 0.06, 0.14])
 
 
 def test_missing_files(tmp_path, capsys):

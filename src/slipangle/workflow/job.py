@@ -341,6 +341,7 @@ def build_mpc(wanted: ControllerSettings, model: Model) -> MPC:
     return MPC(
         OnGround(model),
         horizon=wanted.horizon,
+        steps=wanted.steps or None,
         controls=("delta",),
         Q=Weights(**wanted.Q),
         S=Weights(**wanted.S),

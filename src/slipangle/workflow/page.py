@@ -47,7 +47,7 @@ from slipangle.report.tables import Tone, number
 from slipangle.simulate.run import Run
 from slipangle.units import deg
 from slipangle.workflow.job import Outcome
-from slipangle.workflow.settings import PublishedSettings
+from slipangle.workflow.settings import ControllerSettings, PublishedSettings
 
 GOOD, FAIR = 75.0, 50.0  # %, free-run fit from which a model is called good, fair
 
@@ -459,12 +459,18 @@ def _drive_section(outcome: Outcome, run: Run, command: str) -> Section:
             )
         ),
         Text(
-            text=f"Horizon {wanted.horizon} steps of {1000 * wanted.dt:g} ms, {_SOLVER[wanted.solver]}; the first "
+            text=f"Horizon {_horizon(wanted)} of {1000 * wanted.dt:g} ms, {_SOLVER[wanted.solver]}; the first "
             f"step, which starts cold, took {1000 * run.seconds[0]:.1f} ms and is left out of the "
             f"statistics. Plant: {outcome.plant}, stepped at 1 kHz, with sensor noise."
         ),
     ]
     return Section(title="Controller in closed loop", short="Closed loop", blocks=tuple(blocks))
+
+
+def _horizon(wanted: ControllerSettings) -> str:
+    if not wanted.steps:
+        return f"{wanted.horizon} steps"
+    return f"{wanted.horizon} stages over {sum(wanted.steps)} steps"
 
 
 def _facts(outcome: Outcome) -> tuple[Fact, ...]:

@@ -106,6 +106,7 @@ class ControllerSettings:
     v_x: float = 20.0
     dt: float = 0.05
     horizon: int = 20
+    steps: tuple[int, ...] = ()
     width: float = 1.8
     Q: dict[str, float] = field(default_factory=lambda: {"X": 0.1, "Y": 1.0, "psi": 1.0})
     S: dict[str, float] = field(default_factory=lambda: {"delta": 50.0})
