@@ -26,7 +26,7 @@ def model(kind: type[NeuralBicycle]) -> NeuralBicycle:
     """A car with random weights."""
     n, _ = kind.network_outputs()
     network = MLP.random(
-        (6, 20, n),
+        (6, 24, n),
         activation="tanh",
         seed=0,
         input_scaling=Scaling(offset=[0.0, 0.0, 0.0, 0.0, 25.0, 0.0], factor=[1.0, 0.4, 0.05, 0.05, 15.0, 4.0]),
