@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.marquardt import improve
+from slipangle.identify.runs import Runs, side_by_side
 from slipangle.identify.training import Progress, as_tuples, require_holdout
 from slipangle.identify.validate import restarted
 from slipangle.models.ensemble import EnsembleModel
@@ -199,21 +200,6 @@ def _share(progress: Progress | None, i: int, n: int) -> Any:
     return lambda share, error: progress((i + share) / n, f"joint fit, seed {i + 1} of {n}, relative error {error:.4f}")
 
 
-class _Runs(NamedTuple):
-    """Free runs side by side, the shorter ones filled up."""
-
-    heads: tuple[Dataset, ...]  # the samples that each starts from
-    away: np.ndarray  # (n_runs, 3), what its start is thrown off by
-    u: np.ndarray  # (n_runs, n + 1, n_inputs)
-    y: np.ndarray  # (n_runs, n, n_outputs)
-    weight: np.ndarray  # (n_runs, n, n_outputs), 0 where a sample does not count
-
-    @property
-    def n_counting(self) -> int:
-        """Samples that count."""
-        return int(np.count_nonzero(self.weight[:, :, 0]))
-
-
 @dataclass
 class _Fit:
     """The least-squares problem, compiled once for all seeds."""
@@ -248,8 +234,9 @@ class _Fit:
         self.scale = np.array([_unit(params, name) for name in s.free])
         self.unrolled = Unrolled(self.template, s.free, self.scale, size)
         self.weights = np.where(np.arange(len(outputs)) < self.n_judged, 1.0, s.also_weight) / size
-        self.fitted = self.side_by_side(self.inner, self.lead)
-        self.judge = self.fitted if self.held is None else self.side_by_side(self.held, 0)
+        memory, most = s.start.memory, np.array([most_v_y, most_r, 0.0]) / _MARGIN
+        self.fitted = side_by_side(self.inner, memory, self.weights, lead=self.lead, away=s.thrown_off * most)
+        self.judge = self.fitted if self.held is None else side_by_side(self.held, memory, self.weights)
         start = self.unrolled.pack(self.network(0))
         n = len(s.free)
         metadata = [params.si(name) for name in s.free]
@@ -305,25 +292,11 @@ class _Fit:
 
     # ---- free runs as a least-squares problem ------------------------------------------------------------------
 
-    def side_by_side(self, data: Dataset, lead: int) -> _Runs:
-        """One run over each experiment; its first ``lead`` samples, after which it must be on its way, do not count."""
-        m, parts = self.template.memory, data.experiments
-        n = max(part.n_samples for part in parts) - m
-        shape = len(parts), n, len(self.weights)
-        u, y, weight = np.empty((len(parts), n + 1, len(data.inputs))), np.zeros(shape), np.zeros(shape)
-        for i, part in enumerate(parts):
-            k = part.n_samples - m
-            u[i, : k + 1], u[i, k + 1 :] = part.u[m - 1 :], part.u[-1]
-            y[i, :k], weight[i, lead:k] = part.y[m:], self.weights
-        most = np.array([self.template.most_v_y, self.template.most_r, 0.0]) / _MARGIN
-        away = np.random.default_rng(0).uniform(-1.0, 1.0, (len(parts), 3)) * self.settings.thrown_off * most
-        return _Runs(tuple(part.head(m) for part in parts), away if lead else 0.0 * away, u, y, weight)
-
-    def starts(self, theta: np.ndarray, runs: _Runs) -> np.ndarray:
+    def starts(self, theta: np.ndarray, runs: Runs) -> np.ndarray:
         """States that the runs start from, thrown off by as much as the fit has come to."""
         return self.unrolled.starts(theta, runs.heads, self.settings.start.outputs) + self.share * runs.away
 
-    def error(self, theta: np.ndarray, runs: _Runs) -> np.ndarray:
+    def error(self, theta: np.ndarray, runs: Runs) -> np.ndarray:
         """Weighted errors of every output, shape (n_runs, n, n_outputs), 0 where a sample does not count."""
         y = self.unrolled.outputs(theta, self.starts(theta, runs), runs.u)
         return (np.asarray(y) - runs.y) * runs.weight

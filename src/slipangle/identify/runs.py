@@ -1,0 +1,54 @@
+"""Free runs side by side, from states that may be thrown off: what a fit of many short runs works on."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+
+
+class Runs(NamedTuple):
+    """Free runs, the shorter ones filled up with their last input."""
+
+    heads: tuple[Dataset, ...]  # the samples that each starts from
+    away: np.ndarray  # (n_runs, n_states), what its start is thrown off by
+    u: np.ndarray  # (n_runs, n + 1, n_inputs), from the start on
+    y: np.ndarray  # (n_runs, n, n_outputs), measured, from the sample after
+    weight: np.ndarray  # (n_runs, n, n_outputs), 0 where a sample does not count
+
+    @property
+    def n_counting(self) -> int:
+        """Samples that count."""
+        return int(np.count_nonzero(self.weight[:, :, 0]))
+
+
+def side_by_side(
+    data: Dataset, memory: int, weights: np.ndarray, *, lead: int = 0, away: np.ndarray | float = 0.0
+) -> Runs:
+    """One run over each experiment; its first ``lead`` samples, after which it must be on its way, do not count.
+
+    Parameters
+    ----------
+    data : Dataset
+        Experiments, each longer than ``memory + lead``.
+    memory : int
+        Samples that the model starts from.
+    weights : array, shape (n_outputs,)
+        Of the outputs' errors, not zero.
+    lead : int
+        Samples between the start and the first that counts; with 0 no start is thrown off.
+    away : array, shape (n_states,)
+        Largest error of each state at the start, either sign, drawn evenly (seed 0).
+    """
+    parts = data.experiments
+    n = max(part.n_samples for part in parts) - memory
+    shape = len(parts), n, len(weights)
+    u, y, weight = np.empty((len(parts), n + 1, len(data.inputs))), np.zeros(shape), np.zeros(shape)
+    for i, part in enumerate(parts):
+        k = part.n_samples - memory
+        u[i, : k + 1], u[i, k + 1 :] = part.u[memory - 1 :], part.u[-1]
+        y[i, :k], weight[i, lead:k] = part.y[memory:], weights
+    drawn = np.random.default_rng(0).uniform(-1.0, 1.0, (len(parts), np.size(away)))
+    return Runs(tuple(part.head(memory) for part in parts), drawn * away if lead else 0.0 * drawn, u, y, weight)
