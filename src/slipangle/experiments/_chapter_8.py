@@ -80,9 +80,9 @@ def free_run_narx(seed: int) -> FreeRunNARX:
     return FreeRunNARX(start=NARX(na=5, nb=5, hidden=(12,), activation="tanh", stages=stages, seeds=(seed,)))
 
 
-def joint(base: NonlinearBicycle, seeds: Sequence[int], iterations: int = 80) -> Joint:
+def joint(base: NonlinearBicycle, seeds: Sequence[int]) -> Joint:
     """Settings of the bicycle with a network on its state derivative, v_y fitted along."""
-    return Joint(start=base, hidden=(24,), also=("v_y",), iterations=iterations, seeds=tuple(seeds))
+    return Joint(start=base, hidden=(24,), also=("v_y",), seeds=tuple(seeds))
 
 
 def bicycle(train: Dataset, free: tuple[str, ...]) -> Bicycle:

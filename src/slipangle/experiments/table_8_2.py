@@ -182,7 +182,7 @@ def reproduce(progress: Progress) -> Reproduction:
     found += joint_records(ensemble, mixed, test, timer.read(len(SEEDS)))
     shown = {name: models[0] for name, models in fitted.items()} | {"joint": ensemble.members[0], "ensemble": mixed}
     progress(0.9, "another session, intervals")
-    found += session_records(ensemble, joint(base, SEEDS[:3], iterations=30), train, test)
+    found += session_records(ensemble, joint(base, SEEDS[:3]), train, test)
     progress(0.98, "where on the track")
     more, figures = along_the_track(shown, test)
     progress(1.0, "done")
