@@ -1,6 +1,6 @@
 """Free run of the bicycle with a network inside: compiled, beside the same model on CasADi's virtual machine.
 
-Magic Formula axles with load transfer, two Runge-Kutta steps per sample, six inputs to the network, 20 neurons: the
+Magic Formula axles with load transfer, two Runge-Kutta steps per sample, six inputs to the network, 24 neurons: the
 size of table 8.2's. Steering and speed of a lively drive, one thread, in turn; process time of the whole `simulate`.
 """
 
