@@ -146,6 +146,9 @@ def test_speed_figures_leave_out_discrepancies_that_are_off(real_data):
     models = {"M2": base, "M2-H": mixed, "M3-H": replace(mixed, gain=0.0)}
     test = data.rows(0, 500)
     figures = table_8_3.along_the_track({**models, "M3": base, "M4": base}, test)
+    notes = {name: table_8_3.last_part(name, [model, model], test)[0].note for name, model in models.items()}
+    assert notes["M2-H"] == f"seeds 0: {notes['M2-H'].split()[2]} 1: {notes['M2-H'].split()[2][:-1]}"
+    assert notes["M3-H"].endswith("; discrepancy off")
     assert "Share of the discrepancy, M2-H" in figures
     assert not [name for name in figures if "M3-H" in name]
     shown = figures["Share of the discrepancy, M2-H"].data[1].marker.color

@@ -32,6 +32,7 @@ from slipangle.identify.narx_free_run import FreeRunNARX
 from slipangle.identify.training import Stage
 from slipangle.identify.validate import Score, restarted, score
 from slipangle.models.catalogue import FERRARI_250LM
+from slipangle.models.hybrid import HybridModel
 from slipangle.models.model import Model, Trajectory
 from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, with_speed_derivative
 from slipangle.models.vehicles import Bicycle
@@ -98,8 +99,8 @@ def nonlinear_bicycle(train: Dataset) -> NonlinearBicycle:
     model = NonlinearBicycle(params=start, dt=train.dt, substeps=3)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentifiabilityWarning)
-        for free in (FIRST, SECOND):
-            model = GreyBox(start=model, free=free, max_iterations=40).fit(train)
+        for free, steps in ((FIRST, 12), (SECOND, 40)):
+            model = GreyBox(start=model, free=free, max_iterations=steps).fit(train)
     return model
 
 
@@ -121,6 +122,14 @@ def correlations(runs: Mapping[str, Trajectory], channel: Channel) -> dict[str, 
         )
         for i, (name, run) in enumerate(runs.items())
     }
+
+
+def switched_off(models: Sequence[Model]) -> str:
+    """A note on how many hybrids' discrepancies did not help and switched themselves off; empty where none did."""
+    off = sum(isinstance(model, HybridModel) and model.gain == 0 for model in models)
+    if not off:
+        return ""
+    return "discrepancy off" if off == len(models) else f"discrepancy off for {off} of {len(models)} seeds"
 
 
 # ---- judging -------------------------------------------------------------------------------------------------------
@@ -192,13 +201,14 @@ def records(
     slowest: float | None = None,
     apart_at_most: float | None = None,
     seeds: Sequence[int] = (),
+    note: str = "",
 ) -> list[Record]:
     """Fit, VAF, distance of the restarts and time of one row; medians where there are seeds."""
     every = (
         f"seeds {', '.join(f'{s}: {v.free.fit:.2f}' for s, v in zip(seeds, verdicts, strict=True))}" if seeds else ""
     )
     scatter = np.concatenate([v.windows for v in verdicts])
-    note = f"{WINDOW:g} s windows {scatter.min():.1f} to {scatter.max():.1f}"
+    windows = f"{WINDOW:g} s windows {scatter.min():.1f} to {scatter.max():.1f}"
     medians = {
         f"fit of {unit} [%]": (float(np.median([v.free.fit for v in verdicts])), fit, 0),
         f"VAF of {unit} [%]": (float(np.median([v.free.vaf for v in verdicts])), vaf, 1),
@@ -211,7 +221,7 @@ def records(
             here=here,
             bound="" if least is None else f">= {least:g}",
             holds=None if least is None else here >= least,
-            note="; ".join(filter(None, (every, note))) if i == 0 else "",
+            note="; ".join(filter(None, (every, windows, note))) if i == 0 else "",
         )
         for quantity, (here, least, i) in medians.items()
     ]

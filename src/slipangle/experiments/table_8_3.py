@@ -20,7 +20,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.data.public import load
 from slipangle.experiments import Progress, Reproduction
-from slipangle.experiments._chapter_8 import SEEDS, correlations, quietly
+from slipangle.experiments._chapter_8 import SEEDS, correlations, quietly, switched_off
 from slipangle.identify.greybox import GreyBox
 from slipangle.identify.hybrid import Hybrid
 from slipangle.identify.narx import NARX
@@ -160,12 +160,9 @@ def last_part(name: str, models: Sequence[Model], test: Dataset) -> list[Record]
     scores = [score(model.simulate(test), "v_x") for model in models]
     fit, vaf = (float(np.median([getattr(s, what) for s in scores])) for what in ("fit", "vaf"))
     least = 80.0 if name == "M2" else None
-    notes = (
-        [f"seeds {', '.join(f'{k}: {s.fit:.1f}' for k, s in zip(SEEDS, scores, strict=True))}"] if scores[1:] else []
-    )
-    off = [m.gain == 0 for m in models if isinstance(m, HybridModel)]
-    if any(off):
-        notes.append("discrepancy off" if all(off) else f"discrepancy off for {sum(off)} of {len(off)} seeds")
+    every = ", ".join(f"{seed}: {s.fit:.1f}" for seed, s in zip(SEEDS, scores, strict=False))
+    car = "another car, see the protocol" if name == "M2" else ""
+    notes = (car, f"seeds {every}" if scores[1:] else "", switched_off(models))
     return [
         Record(
             row=f"{name}, last 30 %",
@@ -174,7 +171,7 @@ def last_part(name: str, models: Sequence[Model], test: Dataset) -> list[Record]
             here=fit,
             bound="" if least is None else f">= {least:g}",
             holds=None if least is None else fit >= least,
-            note="; ".join([*(["another car, see the protocol"] if name == "M2" else []), *notes]),
+            note="; ".join(filter(None, notes)),
         ),
         Record(row=f"{name}, last 30 %", quantity="VAF of v_x [%]", thesis=PRINTED[name][1], here=vaf),
     ]
