@@ -228,13 +228,13 @@ class OCP:
     @cached_property
     def dynamics(self) -> ca.Function:
         """``(x, u, w) -> x`` one step of the model later; u decided, w exogenous inputs."""
-        x, u, w, full, _ = self._symbols
+        x, u, w, full, _ = self.symbols(self._kind)
         return ca.Function("dynamics", [x, u, w], [self.model.functions[0](x, full)], ["x", "u", "w"], ["next"])
 
     @cached_property
     def stage(self) -> ca.Function:
         """``(x, u, w, p) -> errors of `tracked`, values of `limited```; p the wanted values of `references`."""
-        x, u, w, full, p = self._symbols
+        x, u, w, full, p = self.symbols(self._kind)
         y = self.model.functions[1](x, full)
         values: dict[str, Scalar] = {name: y[i] for i, name in enumerate(self.model.outputs)}
         values.update({name: x[i] for i, name in enumerate(self.model.states)})
@@ -251,9 +251,12 @@ class OCP:
         return ca.Function("stage", [x, u, w, p], results, ["x", "u", "w", "p"], ["error", "limited"])
 
     @property
-    def _symbols(self) -> tuple[Any, Any, Any, Any, Any]:
-        """x, u, w, the model's input vector and p; scalar expressions where the model allows."""
-        kind: Any = ca.SX if all(f.is_a("SXFunction") for f in self.model.functions[:2]) else ca.MX
+    def _kind(self) -> Any:
+        """Scalar expressions where the model allows, else matrices."""
+        return ca.SX if all(f.is_a("SXFunction") for f in self.model.functions[:2]) else ca.MX
+
+    def symbols(self, kind: Any) -> tuple[Any, Any, Any, Any, Any]:
+        """x, u, w, the model's input vector and p, as CasADi's ``SX`` or ``MX``."""
         x, u, w, p = (
             kind.sym(name, n)
             for name, n in (

@@ -5,9 +5,8 @@ zero-phase low-pass at 8 Hz, 20 Hz. First 70 % to fit, one free run over the las
 the bicycles, v_y) is used at the first samples only, as many as the model needs.
 
 Width, epochs and inputs of the discrepancies, width and priors of the bicycle with a network inside, and how long a
-linear model's modes may last were chosen on the training part alone: fitted to its first 70 %, judged by free runs
-over its rest, two or three seeds. That runs of the bicycle with a network start from states thrown off owes its idea
-to the test part, where fits without it spun out.
+linear model's modes may last were chosen on the training part: fitted to its first 70 %, judged by free runs over its
+rest, two or three seeds. What owes something to the test part or the other session is named in `table_8_2`.
 """
 
 from __future__ import annotations

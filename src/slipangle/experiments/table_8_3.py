@@ -50,12 +50,12 @@ DISCREPANCY = NARX(
     stages=(Stage(horizon=1, epochs=100, learning_rate=3e-3), Stage(horizon=60, epochs=150, learning_rate=3e-3)),
 )
 PEDALS = ("throttle", "brake")
-BLACK_BOX = NARX(
+BLACK_BOX = replace(
+    DISCREPANCY,
     na=2,
     nb=2,
     hidden=(6,),
-    activation="tanh",
-    stages=(Stage(horizon=1, epochs=100, learning_rate=3e-3), Stage(horizon=60, epochs=300, learning_rate=3e-3)),
+    stages=(DISCREPANCY.stages[0], replace(DISCREPANCY.stages[1], epochs=300)),
 )
 PRINTED = {
     "M2": (65.49, 90.01),

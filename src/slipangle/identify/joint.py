@@ -343,9 +343,12 @@ class _Fit:
                 lower=self.lower,
                 upper=self.upper,
             )
-            if found is None and share == 1.0:
+            if found is None and share < 1.0:
+                damping = 1e-3
+                continue
+            if found is None:
                 break
-            theta, new_cost, damping = found or (theta, cost, 1e-3)
+            theta, new_cost, damping = found
             now = self.judged(theta)
             curve.append((k, now))
             told(k / s.iterations, now)

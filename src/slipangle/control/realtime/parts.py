@@ -36,26 +36,12 @@ def input_scale(ocp: OCP) -> np.ndarray:
     return np.where(np.isfinite(half) & (half > 0), half, 1.0)
 
 
-def symbols(ocp: OCP, kind: Any = ca.SX) -> tuple[Any, Any, Any, Any, Any]:
-    """x, u, w, the model's input vector and p."""
-    x, u, w, p = (
-        kind.sym(n, k)
-        for n, k in (
-            ("x", ocp.model.n_states),
-            ("u", len(ocp.controls)),
-            ("w", len(ocp.exogenous)),
-            ("p", len(ocp.references)),
-        )
-    )
-    return x, u, w, ocp.all_inputs(u, w), p
-
-
 def implicit(ocp: OCP) -> Implicit | None:
     """The parts of a model integrated by one step of Radau IIA, or None for other models."""
     model = ocp.model
     if not (isinstance(model, OdeModel) and model.method == "radau" and model.substeps == 1):
         return None
-    x, u, w, full, _ = symbols(ocp)
+    x, u, w, full, _ = ocp.symbols(ca.SX)
     rate = model.derivative(x, full)
     if not is_symbolic(rate):
         return None
@@ -132,7 +118,7 @@ def _order(states: list[int], pattern: np.ndarray) -> list[int] | None:
 def stage_function(ocp: OCP) -> ca.Function:
     """``(x, u, w, p) -> error, limited`` and their derivatives by x and u."""
     base = scalar_code(ocp.stage)
-    x, u, w, _, p = symbols(ocp, ca.SX if base is not None else ca.MX)
+    x, u, w, _, p = ocp.symbols(ca.SX if base is not None else ca.MX)
     error, limited = (base or ocp.stage)(x, u, w, p)
     parts = [error, limited, *(ca.jacobian(v, z) for v in (error, limited) for z in (x, u))]
     return ca.Function("stage", [x, u, w, p], parts)
@@ -141,7 +127,7 @@ def stage_function(ocp: OCP) -> ca.Function:
 def dynamics_function(ocp: OCP) -> ca.Function:
     """``(x, u, w) -> next`` and its derivatives by x and u."""
     base = scalar_code(ocp.dynamics)
-    x, u, w, _, _ = symbols(ocp, ca.SX if base is not None else ca.MX)
+    x, u, w, _, _ = ocp.symbols(ca.SX if base is not None else ca.MX)
     later = (base or ocp.dynamics)(x, u, w)
     return ca.Function("dynamics", [x, u, w], [later, ca.jacobian(later, x), ca.jacobian(later, u)])
 
