@@ -2,11 +2,35 @@
 
 from __future__ import annotations
 
+import getpass
 import os
 import tempfile
 from pathlib import Path
 
 from slipangle.errors import OutputError
+
+
+def cache_folder() -> Path:
+    """Folder for what can be made again: ``slipangle`` in XDG_CACHE_HOME if that is absolute, else in ``~/.cache``.
+
+    Without a home it is `private_folder`. The folder need not exist.
+    """
+    try:
+        base = Path(os.environ.get("XDG_CACHE_HOME", ""))
+        base = base if base.is_absolute() else Path.home() / ".cache"
+    except RuntimeError:  # no home
+        base = Path()
+    return base / "slipangle" if base.is_absolute() else private_folder()
+
+
+def private_folder() -> Path:
+    """Folder of this user in the temporary directory, the same in every process; it need not exist."""
+    own = os.getuid() if hasattr(os, "getuid") else getpass.getuser()
+    try:
+        base = tempfile.gettempdir()
+    except FileNotFoundError:  # none can be written; whoever writes there is told so
+        base = os.sep + "tmp"
+    return Path(base).absolute() / f"slipangle-{own}"
 
 
 def output_folder(path: str | Path) -> Path:

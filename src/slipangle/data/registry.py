@@ -6,6 +6,7 @@ The table itself is ``public.toml`` beside this file. None of the data is part o
 from __future__ import annotations
 
 import hashlib
+import http.client
 import os
 import tomllib
 import urllib.error
@@ -18,11 +19,12 @@ from importlib import resources
 from pathlib import Path
 
 from slipangle.errors import HashError, MissingFileError, ParameterError, nearest
-from slipangle.files import write_atomic
+from slipangle.files import cache_folder, write_atomic
 
 RAW = "https://raw.githubusercontent.com/{repo}/{commit}/{path}"
 """Address of a file at its origin."""
 _TIMEOUT = 30.0  # [s]
+_LARGEST = 100_000_000  # bytes of an answer that are taken; the largest published file has 3 million
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,11 +157,6 @@ def find_set(name: str) -> PublicSet:
     )
 
 
-def cache_folder() -> Path:
-    """Where downloads are kept: ``slipangle`` in XDG_CACHE_HOME, by default ``~/.cache``."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "slipangle"
-
-
 def _places(file: PublicFile) -> Iterable[Path]:
     own = os.environ.get("SLIPANGLE_DATA")
     if own:
@@ -258,9 +255,12 @@ def _fetch_file(public: PublicSet, file: PublicFile, progress: Callable[[str], N
         progress(f"downloading {file.path} from {url}")
         try:
             with urllib.request.urlopen(url, timeout=_TIMEOUT) as answer:
-                raw = answer.read()
-        except (urllib.error.URLError, OSError) as error:
+                raw = answer.read(_LARGEST + 1)
+        except (urllib.error.URLError, http.client.HTTPException, OSError) as error:
             reasons.append(f"{url}: {getattr(error, 'reason', None) or error}")
+            continue
+        if len(raw) > _LARGEST:
+            reasons.append(f"{url}: more than {_LARGEST / 1e6:g} MB")
             continue
         found = hashlib.sha256(raw).hexdigest()
         if found != file.sha256:

@@ -1,26 +1,31 @@
 """Find a C compiler, compile small sources once, keep the libraries in a cache.
 
 The compiler is ``cc``, else the one in the ``ziglang`` package; ``SLIPANGLE_CC`` names another, or ``none``. Without
-one, everything runs without compiled code, slower, and `sentence` says so.
+one, everything runs without compiled code, slower, and `sentence` says so. A compiler may take ``SLIPANGLE_CC_LIMIT``
+seconds (300) for one library.
 """
 
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import importlib.util
+import math
 import os
 import platform
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
 import warnings
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-from slipangle.errors import ModelWarning
+from slipangle import files
+from slipangle.errors import ConfigError, ModelWarning
+from slipangle.models import code_cache
 
 NATIVE = ("-O3", "-march=native")
 PORTABLE = ("-O3",)
@@ -36,7 +41,13 @@ def _compiler(named: str) -> tuple[str, ...] | None:
     if named.strip().lower() == "none":
         return None
     if named.strip():
-        command = tuple(shlex.split(named))
+        try:
+            command = tuple(shlex.split(named))
+        except ValueError as error:
+            raise ConfigError(
+                f"SLIPANGLE_CC is {named[:60]!r} ({error}); expected the command of a C compiler, or none: correct the "
+                "variable"
+            ) from None
         return command if shutil.which(command[0]) else None
     found = shutil.which("cc")
     if found:
@@ -55,12 +66,6 @@ def sentence() -> str:
         "no C compiler was found, so models run uncompiled and slower; install one as cc, or run "
         "pip install ziglang, or name one in SLIPANGLE_CC"
     )
-
-
-def cache_folder() -> Path:
-    """Folder of compiled libraries: ``slipangle`` under XDG_CACHE_HOME, by default under ``~/.cache``."""
-    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(base) / "slipangle"
 
 
 def library(source: str, *, name: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
@@ -83,57 +88,132 @@ def library(source: str, *, name: str, flags: tuple[str, ...] = ()) -> ctypes.CD
     Warns
     -----
     ModelWarning
-        If there is a compiler but it rejects the source; None is returned then too.
+        If there is a compiler but it rejects the source or runs too long, or no library can be written; None is
+        returned then too. And once if the cache is not safe from other users and a private folder is used instead.
+
+    Raises
+    ------
+    ConfigError
+        If SLIPANGLE_CC or SLIPANGLE_CC_LIMIT cannot be understood.
     """
     command = compiler()
-    return _library(source, name, (*command, *flags), cache_folder()) if command else None
+    return _library(source, name, (*command, *flags), files.cache_folder()) if command else None
 
 
 @cache
-def _library(source: str, name: str, command: tuple[str, ...], folder: Path) -> ctypes.CDLL | None:
+def _library(source: str, name: str, command: tuple[str, ...], home: Path) -> ctypes.CDLL | None:
+    """The library, from the first place that holds it or can hold it; ``home`` only tells caches apart."""
     suffix = {"Windows": ".dll", "Darwin": ".dylib"}.get(platform.system(), ".so")
     identity = "\0".join((source, *command, _version(command), _processor()))
-    target = folder / f"{name}-{hashlib.sha256(identity.encode()).hexdigest()[:24]}{suffix}"
-    if not target.is_file():
-        try:
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            complaint = _compile(source, command, target)
-        except OSError:  # a read-only home: keep the library for this process only
-            target = Path(tempfile.mkdtemp(prefix="slipangle-")) / target.name
-            complaint = _compile(source, command, target)
-        if complaint:
-            warnings.warn(
-                f"'{' '.join(command)}' did not compile '{name}' ({complaint}); the model runs uncompiled and slower: "
-                "set SLIPANGLE_CC to another compiler, or to none to silence this",
-                ModelWarning,
-                stacklevel=4,
+    complaint = "no folder for it can be written"
+    for folder, reason in code_cache.folders():
+        if reason:
+            _say_once(
+                f"{reason}, so what is compiled there could be changed by others; '{folder}' is used instead: set "
+                "XDG_CACHE_HOME to a folder of your own"
             )
-            return None
-    return ctypes.CDLL(str(target))
+        try:
+            found = code_cache.find(folder, name, identity, suffix)
+            if found is None:
+                code_cache.sweep(folder)
+                found = _compile(source, command, folder, name, identity, suffix)
+            return ctypes.CDLL(str(found))
+        except _RejectedError as error:
+            complaint = str(error)
+            break
+        except OSError as error:  # a disk that is full or limited, or one whose files may not be run
+            complaint = error.strerror or str(error)
+    warnings.warn(
+        f"'{' '.join(command)}' did not compile '{name}' ({complaint[:200]}); the model runs uncompiled and slower: "
+        "set SLIPANGLE_CC to another compiler, or to none to silence this",
+        ModelWarning,
+        stacklevel=4,
+    )
+    return None
 
 
-def _compile(source: str, command: tuple[str, ...], target: Path) -> str:
-    """Compile to ``target``, whole or not at all; returns the compiler's complaint, empty when it worked."""
-    complaint = ""
-    environment = {"ZIG_GLOBAL_CACHE_DIR": str(target.parent / "zig"), **os.environ}
-    with tempfile.TemporaryDirectory(dir=target.parent, prefix=f".{target.stem}.") as scratch:
-        code, made = Path(scratch) / "model.c", Path(scratch) / target.name
+@cache
+def _say_once(sentence: str) -> None:
+    warnings.warn(sentence, ModelWarning, stacklevel=5)
+
+
+class _RejectedError(Exception):
+    """The compiler's complaint."""
+
+
+def _compile(source: str, command: tuple[str, ...], folder: Path, name: str, identity: str, suffix: str) -> Path:
+    """Compile into the folder, whole or not at all."""
+    environment = {"ZIG_GLOBAL_CACHE_DIR": str(folder / "zig"), **os.environ}
+    said = ""
+    with tempfile.TemporaryDirectory(dir=folder, prefix=f".{name}.") as scratch:
+        code, made = Path(scratch) / "model.c", Path(scratch) / f"model{suffix}"
         code.write_text(source, encoding="utf-8")
         for flags in (NATIVE, PORTABLE):  # not every compiler knows -march=native
-            call = [*command, *flags, "-shared", "-fPIC", "-std=gnu11", "-o", str(made), str(code), "-lm"]
-            done = subprocess.run(call, capture_output=True, text=True, check=False, env=environment)
-            if done.returncode == 0 and made.is_file():
-                os.replace(made, target)
-                return ""
-            said = done.stderr.strip().splitlines()
-            complaint = next((line for line in said if "error" in line), f"exit code {done.returncode}")
-    return complaint
+            call = (*command, *flags, "-shared", "-fPIC", "-std=gnu11", "-o", str(made), str(code), "-lm")
+            status, text = _run(call, environment)
+            if status == 0 and made.is_file():
+                return code_cache.keep(made, folder, name, identity)
+            lines = text.strip().splitlines()
+            said = next((line for line in lines if "error" in line), f"exit code {status}")
+    raise _RejectedError(said)
+
+
+_stuck: set[tuple[str, ...] | None] = set()  # compilers that ran past the limit are not waited for again
+
+
+def _run(call: tuple[str, ...], environment: Mapping[str, str]) -> tuple[int, str]:
+    """Exit code and messages of the compiler, which is stopped with all that it started when its time is over."""
+    limit, command = _limit(), compiler()
+    if command in _stuck:
+        raise _RejectedError(f"it ran past {limit:g} s before")
+    try:
+        process = subprocess.Popen(
+            call,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            env=environment,
+            start_new_session=True,
+        )
+    except OSError as error:
+        raise _RejectedError(f"it cannot be run: {error.strerror or error}") from None
+    try:
+        text, _ = process.communicate(timeout=limit)
+    except subprocess.TimeoutExpired:
+        _stuck.add(command)
+        raise _RejectedError(f"it ran past {limit:g} s; SLIPANGLE_CC_LIMIT sets another limit in seconds") from None
+    finally:
+        if process.poll() is None:
+            _stop(process)
+    return process.returncode, text.decode(errors="replace")
+
+
+def _stop(process: subprocess.Popen) -> None:
+    if hasattr(os, "killpg"):
+        os.killpg(process.pid, signal.SIGKILL)  # its group has the number of its leader
+    else:
+        process.kill()
+    process.communicate()
+
+
+def _limit() -> float:
+    """Seconds that the compiler may take for one library."""
+    named = os.environ.get("SLIPANGLE_CC_LIMIT", "").strip() or "300"
+    try:
+        limit = float(named)
+    except ValueError:
+        limit = math.nan
+    if not 0 < limit < math.inf:
+        raise ConfigError(f"SLIPANGLE_CC_LIMIT is {named[:40]!r}; expected seconds, such as 300: correct the variable")
+    return limit
 
 
 @cache
 def _version(command: tuple[str, ...]) -> str:
-    done = subprocess.run([*command, "--version"], capture_output=True, text=True, check=False)
-    return done.stdout
+    try:
+        return _run((*command, "--version"), os.environ)[1]
+    except _RejectedError:
+        return ""
 
 
 @cache

@@ -67,7 +67,8 @@ class RealTime:
         library = compiled.library(source(ocp), name="mpc", flags=FLAGS) if compiled.compiler() else None
         if library is not None:
             return CompiledEngine(ocp, library, self, deadline)
-        _say_once(compiled.sentence())
+        if not compiled.compiler():  # a compiler that failed has been named already
+            _say_once(compiled.sentence())
         return InterpretedEngine(ocp, self, deadline)
 
 
