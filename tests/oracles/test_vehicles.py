@@ -1,0 +1,218 @@
+"""Vehicle equations against `tests.oracles.vehicles`."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from slipangle.models.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
+from slipangle.models.longitudinal import DrivelineParams, PedalCar
+from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
+from slipangle.models.quasi_steady import QuasiSteadySingleTrack
+from slipangle.models.tires import LinearTire
+from slipangle.models.vehicles import Bicycle, BicycleParams, Kinematic, Longitudinal, LongitudinalParams, SingleTrack
+from tests.oracles import tires, vehicles
+from tests.oracles.compare import agree, uniform
+
+STEERED = dict(steering_gain=0.9, steering_offset=0.02)
+CHASSIS = dict(mass=1310.0, inertia_z=1850.0, wheelbase=2.62, l_f=1.11)  # nothing symmetric about it
+CAR = CHASSIS | dict(inertia_wheel_f=1.9, inertia_wheel_r=2.7, radius=0.31)
+STATE = dict(v_y=(-4.0, 4.0), r=(-0.9, 0.9), delta=(-0.25, 0.25), v_x=(3.5, 45.0))
+
+
+def rates(model, *signals):
+    """The derivative as a function of every state and input, signals behind it."""
+    n = model.n_states
+
+    def ours(*z):
+        x, u = np.array(z[:n], dtype=object), np.array(z[n:], dtype=object)
+        if all(isinstance(v, np.ndarray) for v in z):
+            x, u = np.array(z[:n]), np.array(z[n:])
+        found = model.derivative(x, u)
+        extra = model.signals(x, u)
+        return [found[i] for i in range(n)] + [extra[name] for name in signals]
+
+    return ours
+
+
+def both(params, tire):
+    """The tire pair of an oracle, from two curves or two stiffnesses."""
+
+    def curves(front, s, alpha, load):
+        x, y = params[0 if front else 1]
+        return load * tires.magic(s, **x), load * tires.magic(alpha, **y)
+
+    def linear(front, s, alpha, load):
+        C_s, C_alpha = params[0 if front else 1]
+        return C_s * s, C_alpha * alpha
+
+    return {"curves": curves, "linear": linear}[tire]
+
+
+def plain(tire):
+    return [{k: getattr(c, k) for k in ("B", "C", "D", "E", "S_h", "S_v")} for c in (tire.longitudinal, tire.lateral)]
+
+
+SOFT = dict(front=LinearTire(C_alpha=4.1e4, C_s=7e4), rear=LinearTire(C_alpha=6.3e4, C_s=9e4))
+LINEAR = both([(7e4, 4.1e4), (9e4, 6.3e4)], "linear")
+CURVED = both([plain(SOUSA_TABLE_6_2)] * 2, "curves")
+TIRES = pytest.mark.parametrize(
+    ("front", "rear", "tire"),
+    [(SOFT["front"], SOFT["rear"], LINEAR), (SOUSA_TABLE_6_2, SOUSA_TABLE_6_2, CURVED)],
+    ids=["linear", "Magic Formula"],
+)
+
+
+def test_kinematic():
+    model = Kinematic(params=BicycleParams(**CHASSIS, **STEERED, C_f=1e5, C_r=1e5), dt=0.01)
+
+    def oracle(X, Y, psi, delta, v_x):
+        return [*vehicles.kinematic(CHASSIS, psi, v_x, vehicles.road_wheel(STEERED, delta)), 0 * X]
+
+    def ours(*z):
+        found = rates(model, "r")(*z)
+        return [*found[:3], found[3] - found[2]]
+
+    agree(ours, oracle, uniform(0, 200, (-9, 9), (-9, 9), (-4, 4), (-0.6, 0.6), (-5, 30)))
+
+
+def test_bicycle():
+    car = CHASSIS | dict(C_f=83e3, C_r=127e3)
+    model = Bicycle(params=BicycleParams(**car, **STEERED), dt=0.01)
+
+    def oracle(v_y, r, delta, v_x):
+        found = vehicles.bicycle(car, v_y, r, vehicles.road_wheel(STEERED, delta), v_x)
+        return [*found, found[0] + v_x * r]
+
+    agree(rates(model, "a_y"), oracle, uniform(1, 300, *STATE.values()))
+
+
+def test_longitudinal():
+    car = dict(mass=1310.0, k_e=6100.0, k_d=55.0, k_r=0.014)
+    model = Longitudinal(params=LongitudinalParams(**car), dt=0.01)
+    agree(rates(model), lambda v, p: [vehicles.longitudinal(car, v, p)], uniform(2, 200, (-2, 60), (-1, 1)))
+
+
+def test_pedal_car():
+    car = dict(mass=1310.0, k_e=6100.0, k_b=2.1e-3, power=1.6e5, drag=0.7, k_d=11.0, k_r=0.014, engine_brake=17.0)
+    car |= dict(grip=1.1, scrub=0.6, lag=0.23, grade=0.04)
+    model = PedalCar(params=DrivelineParams(**car), dt=0.01)
+
+    def oracle(v, throttle, brake, wanted_throttle, wanted_brake, delta):
+        rate = vehicles.driveline(car, v, throttle, brake, delta)
+        return [rate, (wanted_throttle - throttle) / car["lag"], (wanted_brake - brake) / car["lag"]]
+
+    pedals = ((0, 1), (0, 9e6))
+    agree(rates(model), oracle, uniform(3, 300, (-1, 60), *pedals, *pedals, (-0.3, 0.3)))
+
+
+LIMIT = CHASSIS | dict(
+    C_f=83e3, C_r=127e3, mu_f=1.02, mu_r=1.17, shape=1.36, E_f=-0.6, E_r=-1.4, friction_load=0.18, stiffness_load=0.31,
+    transfer_x=0.21, transfer_f=0.19, transfer_r=0.12, drive_rear=0.63, brake_rear=0.34, drag=0.52,
+)  # fmt: skip
+
+
+def test_nonlinear_bicycle():
+    late = dict(steering_lag=0.07, compliance=3e-6, yaw_rate_bias=0.013)
+    params = NonlinearBicycleParams(**LIMIT, **STEERED, **late)
+    assert len(LIMIT | STEERED | late) == len(fields(params))  # nothing stays at a default that hides it
+    model = NonlinearBicycle(params=params, dt=0.01)
+
+    def oracle(v_y, r, delta_w, delta, v_x, v_x_dot):
+        v_y_dot, r_dot, F_yf = vehicles.nonlinear_bicycle(LIMIT, v_y, r, delta_w, v_x, v_x_dot)
+        lag = (
+            vehicles.road_wheel(STEERED, delta) - late["compliance"] * F_yf - delta_w
+        )  # force to the left turns it back
+        return [v_y_dot, r_dot, lag / late["steering_lag"], v_y_dot + v_x * r]
+
+    points = uniform(
+        4, 400, STATE["v_y"], STATE["r"], (-0.25, 0.25), *(STATE[k] for k in ("delta", "v_x")), (-9.0, 7.0)
+    )
+    agree(rates(model, "a_y"), oracle, points)
+    reading = model.output(points[0, :3], points[0, 3:])
+    assert reading[0] == pytest.approx(points[0, 1] + late["yaw_rate_bias"], rel=1e-15)
+
+
+def test_nonlinear_bicycle_below_its_lowest_speed():
+    """Slip angles are those at 3 m/s, so at 1 m/s the side force is that of the same motion at 3 m/s."""
+    model = NonlinearBicycle(params=NonlinearBicycleParams(**(LIMIT | {"drag": 0.0})), dt=0.01)
+    x = np.array([0.1, 0.2, 0.05])
+    slow, limit = (model.derivative(x, np.array([0.05, v, 0.5])) for v in (1.0, 3.0))
+    assert slow == pytest.approx(limit, rel=1e-12)
+
+
+def driven(car, tire, slip):
+    def oracle(*z):
+        steered = [vehicles.road_wheel(STEERED, z[8]), *z[9:]]
+        return vehicles.single_track(car, tire, slip, z[:8], steered)
+
+    return oracle
+
+
+@TIRES
+def test_single_track_with_its_accelerations_and_slip_angles(front, rear, tire):
+    params = SOUSA_TABLE_6_1.with_values(**CAR, **STEERED)
+    model = SingleTrack(params=params, dt=0.001, tire_f=front, tire_r=rear)
+    wheels = (10.0, 150.0)
+    points = uniform(5, 500, (2.0, 45.0), (-4, 4), (-0.9, 0.9), wheels, wheels, (-50, 50), (-50, 50), (-6, 6),
+                     (-0.4, 0.4), (-900, 900), (-900, 900))  # fmt: skip
+    ours = rates(model, "a_x", "a_y", "alpha_f", "alpha_r")
+    agree(ours, driven(CAR, tire, tires.soft_slip), points)
+    agree(ours, driven(CAR, tire, tires.sharp_slip), points, tol=5e-4)  # the slip that the thesis prints
+
+
+def test_single_track_in_reverse_is_slowed_sideways():
+    """Rolling backwards, side forces still oppose the sideways velocity of each axle, in the wheel's own plane."""
+    model = SingleTrack(
+        params=SOUSA_TABLE_6_1.with_values(**CAR), dt=0.001, tire_f=SOUSA_TABLE_6_2, tire_r=SOUSA_TABLE_6_2
+    )
+    for v_x, v_y, r, delta in uniform(6, 200, (-8, -1), (-0.6, 0.6), (-0.4, 0.4), (-0.3, 0.3)):
+        rolling_f, across_f = vehicles.turned(-delta, v_x, v_y + CAR["l_f"] * r)
+        across_r = v_y - (CAR["wheelbase"] - CAR["l_f"]) * r
+        x = np.array([v_x, v_y, r, rolling_f / CAR["radius"], v_x / CAR["radius"], 0, 0, 0])
+        found = model.signals(x, np.array([delta, 0.0, 0.0]))
+        assert found["alpha_f"] == pytest.approx(-np.arctan2(across_f, -rolling_f), abs=0.02)
+        assert found["alpha_r"] == pytest.approx(-np.arctan2(across_r, -v_x), abs=1e-12)
+
+
+@TIRES
+def test_quasi_steady_wheels(front, rear, tire):
+    params = SOUSA_TABLE_6_1.with_values(**CAR, **STEERED)
+    model = QuasiSteadySingleTrack(params=params, dt=0.1, tire_f=front, tire_r=rear, grip=0.8)
+
+    def oracle(*z):
+        return vehicles.quasi_steady(CAR, tire, 0.8, z[:6], [vehicles.road_wheel(STEERED, z[6]), *z[7:]])
+
+    points = uniform(7, 400, (2.0, 45.0), (-4, 4), (-0.9, 0.9), (-50, 50), (-50, 50), (-6, 6), (-0.4, 0.4),
+                     (-3000, 3000), (-3000, 3000))  # fmt: skip
+    agree(rates(model), oracle, points)
+
+
+# ---- limit cases ----------------------------------------------------------------------------------------------------
+
+
+def test_a_coasting_single_track_keeps_its_energy_but_for_what_tires_take():
+    """Power balance: d/dt of the kinetic energy is torque times spin minus what slip takes, which is never negative."""
+    model = SingleTrack(
+        params=SOUSA_TABLE_6_1.with_values(**CAR), dt=0.001, tire_f=SOUSA_TABLE_6_2, tire_r=SOUSA_TABLE_6_2
+    )
+    for z in uniform(
+        8, 300, (2, 45), (-4, 4), (-0.9, 0.9), (10, 150), (10, 150), (-0.4, 0.4), (-900, 900), (-900, 900)
+    ):
+        x, u = np.array([*z[:5], 0, 0, 0]), z[5:]
+        rate = model.derivative(x, u)
+        inertia = [CAR[k] for k in ("mass", "mass", "inertia_z", "inertia_wheel_f", "inertia_wheel_r")]
+        gained = sum(i * v * a for i, v, a in zip(inertia, x, rate[:5], strict=False))
+        assert gained <= u[1] * x[3] + u[2] * x[4]
+
+
+def test_units_of_the_catalogue():
+    """Tables 6.1 and 6.2 are printed per axle of two wheels, per percent and per degree, as forces at 50/50 load."""
+    load = 2500 * 9.81 / 4
+    assert SOUSA_TABLE_6_1.load_f == pytest.approx(load, rel=1e-12)
+    s, degrees = np.linspace(-100, 100, 41), np.linspace(-20, 20, 41)
+    F_x = tires.magic(s, 0.208, 1.65, 6213.4, 0.604)
+    F_y = tires.magic(degrees, 0.154, 1.3, 5367.9, -1.464)
+    found = SOUSA_TABLE_6_2.forces(s / 100, np.deg2rad(degrees), load)
+    np.testing.assert_allclose(found.F_x, F_x, rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(found.F_y, F_y, rtol=1e-12, atol=1e-9)

@@ -1,0 +1,155 @@
+"""Vehicles in plain NumPy, from forces and moments of rigid bodies; cars are dictionaries of numbers.
+
+L. C. Sousa, PhD thesis, PUC-Rio, 2023 (S), with the corrections of docs/nomenclature.md: slip ratio positive drives,
+slip angle positive gives a force to the left, yaw damping -(C_f l_f^2 + C_r l_r^2) / (I_z v).
+"""
+
+import numpy as np
+
+G = 9.81
+
+
+def turned(angle, x, y):
+    """A vector of the frame that is turned by ``angle``, in the frame itself."""
+    return np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
+
+
+def moment(x, y, F_x, F_y):
+    """About the vertical axis, of a force that acts at (x, y)."""
+    return x * F_y - y * F_x
+
+
+def road_wheel(car, logged):
+    """Nomenclature: delta_true = steering_gain (delta - steering_offset)."""
+    return car.get("steering_gain", 1.0) * (logged - car.get("steering_offset", 0.0))
+
+
+def kinematic(car, psi, v_x, delta):
+    """Rates of X, Y, psi of a car whose axles do not slip: both axles' normals meet in the centre of the turn."""
+    L = car["wheelbase"]
+    r = v_x * np.tan(delta) / L
+    v_y = (L - car["l_f"]) * r  # the rear axle, l_r behind, moves straight ahead: v_y - l_r r = 0
+    X, Y = turned(psi, v_x, v_y)
+    return [X, Y, r]
+
+
+def bicycle(car, v_y, r, delta, v_x):
+    """S 3-19, 3-20, as the matrices that they are."""
+    m, I_z, l_f = car["mass"], car["inertia_z"], car["l_f"]
+    l_r, C_f, C_r = car["wheelbase"] - l_f, car["C_f"], car["C_r"]
+    v_y_dot = -(C_f + C_r) / (m * v_x) * v_y - ((C_f * l_f - C_r * l_r) / (m * v_x) + v_x) * r + C_f / m * delta
+    damping = (C_f * l_f**2 + C_r * l_r**2) / (I_z * v_x)
+    r_dot = -(C_f * l_f - C_r * l_r) / (I_z * v_x) * v_y - damping * r + C_f * l_f / I_z * delta
+    return [v_y_dot, r_dot]
+
+
+def longitudinal(car, v_x, pedal):
+    """S 3-18, rolling resistance fading out below 0.1 m/s and turning round in reverse."""
+    m = car["mass"]
+    force = car["k_e"] * pedal - car["k_d"] * v_x - m * G * car["k_r"] * np.tanh(v_x / 0.1)
+    return force / m
+
+
+def driveline(car, v_x, throttle, brake, delta):
+    """Force balance of a car from its pedals; what opposes motion follows tanh(v / 1 m/s), uphill is positive."""
+    m, v = car["mass"], np.maximum(v_x, 1.0)
+    strongest = 1 / np.sqrt(1 / car["k_e"] ** 2 + (v / car["power"]) ** 2)  # the smaller of k_e and power / v, rounded
+    grip = car["grip"] * m * G
+    resist = grip * np.tanh(car["k_b"] * brake / grip)
+    resist = resist + car["drag"] * v_x**2 + car["k_d"] * v_x + car["k_r"] * m * G
+    resist = resist + car["engine_brake"] * np.maximum(1 - throttle, 0) * v_x
+    resist = resist + m * car["scrub"] * (delta * v_x) ** 2
+    return (strongest * throttle - resist * np.tanh(v_x)) / m - G * car["grade"]
+
+
+def soft(x, width):
+    """max(x, 0) with a rounded corner."""
+    return (x + np.hypot(x, width)) / 2
+
+
+def axle(car, alpha, load, static, shift, F_x, C, mu, E):
+    """Two tires, one loaded more by ``shift`` and the other less, that share F_x: Magic Formula on what F_x leaves.
+
+    Friction and stiffness per load fall linearly with the relative rise of load; corners are 10 N and 100 N wide.
+    """
+    force = 0.0
+    for wheel in (load / 2 + shift, load / 2 - shift):
+        F_z = soft(wheel, 10.0)
+        rise = F_z / (static / 2) - 1
+        most = soft(mu * F_z * (1 - car["friction_load"] * rise), 10.0)
+        left = np.sqrt(soft(most**2 - (F_x / 2) ** 2, 1e4) + 1)
+        K = C / 2 * (1 + rise * (1 - car["stiffness_load"]))
+        x = K / (car["shape"] * most) * alpha
+        force = force + left * np.sin(car["shape"] * np.arctan(x - E * (x - np.arctan(x))))
+    return force
+
+
+def nonlinear_bicycle(car, v_y, r, delta, v_x, v_x_dot):
+    """Rates of v_y and r, front side force: axles saturate and share friction with driving and braking."""
+    m, L, l_f = car["mass"], car["wheelbase"], car["l_f"]
+    l_r = L - l_f
+    static_f, static_r = m * G * l_r / L, m * G * l_f / L
+    to_rear = m * v_x_dot * car["transfer_x"]  # accelerating loads the rear axle
+    outward = m * v_x * r  # centripetal force: the same for both axles' shares
+    F_x = m * v_x_dot + car["drag"] * v_x**2
+    driving = soft(F_x, 100.0)
+    braking = F_x - driving
+    F_xf = (1 - car["drive_rear"]) * driving + (1 - car["brake_rear"]) * braking
+    F_xr = car["drive_rear"] * driving + car["brake_rear"] * braking
+    alpha_f, alpha_r = delta - (v_y + l_f * r) / v_x, -(v_y - l_r * r) / v_x
+    F_yf = axle(car, alpha_f, static_f - to_rear, static_f, outward * car["transfer_f"], F_xf,
+                car["C_f"], car["mu_f"], car["E_f"])  # fmt: skip
+    F_yr = axle(car, alpha_r, static_r + to_rear, static_r, outward * car["transfer_r"], F_xr,
+                car["C_r"], car["mu_r"], car["E_r"])  # fmt: skip
+    yaw = moment(l_f, 0, 0, F_yf) + moment(-l_r, 0, 0, F_yr)
+    return [(F_yf + F_yr) / m - v_x * r, yaw / car["inertia_z"], F_yf]
+
+
+def single_track(car, tire, slip, state, inputs):
+    """Rates of the eight states, then a_x, a_y, alpha_f, alpha_r: S 3-1 to 3-8 for a car that rolls forward.
+
+    ``tire(front, s, alpha, load)`` gives F_x and F_y of one tire; ``slip(v, omega, radius)`` its slip ratio.
+    """
+    v_x, v_y, r, omega_f, omega_r, _, _, psi = state
+    delta, T_f, T_r = inputs
+    m, l_f, R = car["mass"], car["l_f"], car["radius"]
+    l_r = car["wheelbase"] - l_f
+    load_f, load_r = m * G * l_r / car["wheelbase"] / 2, m * G * l_f / car["wheelbase"] / 2
+    alpha_f, alpha_r = delta - np.arctan2(v_y + l_f * r, v_x), -np.arctan2(v_y - l_r * r, v_x)
+    rolling_f, _ = turned(-delta, v_x, v_y + l_f * r)  # the front axle's velocity, seen by the wheel
+    wheel_f = [2 * F for F in tire(True, slip(rolling_f, omega_f, R), alpha_f, load_f)]
+    wheel_r = [2 * F for F in tire(False, slip(v_x, omega_r, R), alpha_r, load_r)]
+    front = turned(delta, *wheel_f)
+    a_x, a_y = ((front[i] + wheel_r[i]) / m for i in (0, 1))
+    yaw = moment(l_f, 0, *front) + moment(-l_r, 0, *wheel_r)
+    X, Y = turned(psi, v_x, v_y)
+    rates = [a_x + v_y * r, a_y - v_x * r, yaw / car["inertia_z"]]
+    rates += [(T_f - wheel_f[0] * R) / car["inertia_wheel_f"], (T_r - wheel_r[0] * R) / car["inertia_wheel_r"]]
+    return [*rates, X, Y, r, a_x, a_y, alpha_f, alpha_r]
+
+
+def quasi_steady(car, tire, grip, state, inputs):
+    """Rates of six states: S 3-1 to 3-3 with 3-4, 3-5 solved for the forces of wheels that roll along with the car.
+
+    ``T - F_x radius = inertia v_x' / radius`` for both axles, as three linear equations in v_x', F_xf, F_xr.
+    """
+    v_x, v_y, r, _, _, psi = state
+    delta, T_f, T_r = inputs
+    m, l_f, R = car["mass"], car["l_f"], car["radius"]
+    L = car["wheelbase"]
+    l_r = L - l_f
+    F_z = np.array([m * G * l_r / L, m * G * l_f / L])
+    F_yf = 2 * tire(True, 0.0, delta - np.arctan2(v_y + l_f * r, v_x), F_z[0] / 2)[1]
+    F_yr = 2 * tire(False, 0.0, -np.arctan2(v_y - l_r * r, v_x), F_z[1] / 2)[1]
+    most = grip * F_z * R
+    T_f, T_r = np.clip(T_f, -most[0], most[0]), np.clip(T_r, -most[1], most[1])
+    found = []
+    for k in range(len(v_x)):
+        A = [[m, -np.cos(delta[k]), -1.0], [car["inertia_wheel_f"] / R, R, 0.0], [car["inertia_wheel_r"] / R, 0.0, R]]
+        b = [m * v_y[k] * r[k] - F_yf[k] * np.sin(delta[k]), T_f[k], T_r[k]]
+        found.append(np.linalg.solve(A, b))
+    rate, F_xf, _ = np.array(found).T
+    front = turned(delta, F_xf, F_yf)
+    yaw = moment(l_f, 0, *front) + moment(-l_r, 0, 0, F_yr)
+    X, Y = turned(psi, v_x, v_y)
+    return [rate, (front[1] + F_yr) / m - v_x * r, yaw / car["inertia_z"], X, Y, r]
