@@ -51,8 +51,8 @@ def residual(problem, u, lam):
     H, g, A, lo, hi, plain, square = problem
     C = np.vstack([np.eye(len(g)), A])
     v = C @ u
-    stationarity = np.abs(H @ u + g + C.T @ lam).max() / max(np.abs(g).max(), 1e-300)
-    worst = stationarity
+    terms = g, H @ u, C.T @ lam
+    worst = np.abs(sum(terms)).max() / max(sum(map(np.abs, terms)).max(), 1e-300)
     for i in range(len(v)):
         limit = hi[i] if lam[i] > 0 else lo[i]
         e = max(v[i] - hi[i], lo[i] - v[i])

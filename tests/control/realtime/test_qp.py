@@ -52,6 +52,22 @@ def test_random_problems_are_solved_or_reported_and_none_is_wrong():
     assert counts[SOLVED] + counts[INFEASIBLE] >= 0.999 * 600
 
 
+def test_a_gradient_of_zero_is_no_trouble():
+    """Then every force comes from the limits, and sizes are those of H u and of the multipliers."""
+    solve, solved = Solver(), 0
+    for seed in range(200):
+        H, g, *limits = draw(np.random.default_rng([seed, 11]), kind=("plain", "box", "tight", "equal")[seed % 4])
+        problem = H, 0 * g, *limits
+        status, u, lam, kkt = solve(problem)
+        assert status in (SOLVED, INFEASIBLE), seed
+        if status == SOLVED:
+            solved += np.abs(lam).max() > 0
+            assert max(kkt, residual(problem, u, lam)) <= 1e-8, seed
+        else:
+            assert infeasible(problem) > 1e-9, seed
+    assert solved >= 100
+
+
 @pytest.mark.slow
 def test_a_hundred_thousand_random_problems():
     counts = check(range(100_000))

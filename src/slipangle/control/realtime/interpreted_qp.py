@@ -59,15 +59,10 @@ class LimitedStep:
             upper = np.concatenate([high, inf, step_high, above[hard], above[soft], inf])
             H = np.block([[H, np.zeros((size, many))], [np.zeros((many, size)), np.diag(self.square[soft] + 1e-9)]])
             g = np.concatenate([g, self.plain[soft]])
-        z, _, flag, info = daqp.solve(
-            np.ascontiguousarray(H),
-            g,
-            np.ascontiguousarray(A),
-            np.minimum(upper, 1e30),
-            np.maximum(lower, -1e30),
-            primal_tol=1e-9,
-            dual_tol=1e-10,
-        )
+        given = np.ascontiguousarray(H), g, np.ascontiguousarray(A), np.minimum(upper, 1e30), np.maximum(lower, -1e30)
+        z, _, flag, info = daqp.solve(*given, primal_tol=1e-9, dual_tol=1e-10)
+        if flag not in (1, -1):  # it may go in circles among slacks of plain weight, whose own curvature is tiny
+            z, _, flag, info = daqp.solve(*given, primal_tol=1e-9, dual_tol=1e-10, eps_prox=1e-6)
         multipliers = np.zeros(limits)
         if flag != 1:
             return (Status.INFEASIBLE if flag == -1 else Status.FAILED), np.zeros(size), multipliers

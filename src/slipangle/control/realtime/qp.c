@@ -240,26 +240,27 @@ static void refine(Qp *q)
     add(q->u, 1.0, z, Q_N);
 }
 
-/* Largest violation of the optimality conditions, relative to the size of their terms. */
+/* Largest violation of the optimality conditions, relative to the size of their terms: gradient, Hessian times step,
+   and multipliers. Where tracking is exact the first is zero. */
 static double qp_residual(Qp *q)
 {
     const double *H = (const double *)q->H;
-    double *z = q->xi, size = 1e-300, worst = 0;
+    double *z = q->xi, *forces = q->cancel, size = 1e-300, worst = 0;
+    for (int a = 0; a < QL; a++)
+        z[a] = forces[a] = 0;
     for (int a = 0; a < Q_N; a++) {
         if (!(fabs(q->u[a]) < INFINITY && fabs(q->g[a]) < INFINITY))
             return INFINITY;
-        z[a] = q->g[a];
-        size = fmax(size, fabs(q->g[a]));
-    }
-    for (int a = 0; a < Q_N; a++) {
         z[a] += dot(H + a * QL + a, q->u + a, Q_N - a);
         add(z + a + 1, q->u[a], H + a * QL + a + 1, Q_N - a - 1);
     }
     for (int i = 0; i < Q_N + Q_R + Q_D; i++)
         if (q->lambda[i] != 0)
-            row_add(q, i, q->lambda[i], z);
+            row_add(q, i, q->lambda[i], forces);
     for (int a = 0; a < Q_N; a++)
-        worst = fmax(worst, fabs(z[a]) / size);
+        size = fmax(size, fabs(q->g[a]) + fabs(z[a]) + fabs(forces[a]));
+    for (int a = 0; a < Q_N; a++)
+        worst = fmax(worst, fabs(z[a] + q->g[a] + forces[a]) / size);
     for (int i = 0; i < Q_N + Q_R + Q_D; i++) {
         double v = row_value(q, i, q->u), l = q->lambda[i];
         double over = fmax(v - q->hi[i], q->lo[i] - v), paid = 0;
