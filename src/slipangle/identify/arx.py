@@ -15,6 +15,7 @@ from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.lags import Windows, triangle
 from slipangle.models.arx import ARXModel
 from slipangle.models.model import FitInfo
+from slipangle.models.provenance import provenance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,8 +86,7 @@ class ARX:
             units=("-",) * theta.size,
             seconds=time.perf_counter() - began,
             method=f"least squares on the one-step-ahead error, {solver}; covariance for white residuals",
-            train_name=data.name,
-            train_span=(data.start_times[0], data.start_times[-1] + (data.stops[-1] - data.starts[-1] - 1) * data.dt),
+            **provenance(data),
         )
         A = -theta[: self.na * ny].T.reshape(ny, self.na, ny).transpose(1, 0, 2)
         first, last = used[0][0], used[-1][0]

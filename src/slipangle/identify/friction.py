@@ -17,6 +17,7 @@ from slipangle.identify.threads import one_blas_thread
 from slipangle.models.emps import Emps, FrictionCurve, carriage, smooth_steps
 from slipangle.models.integrate import discretise
 from slipangle.models.model import FitInfo
+from slipangle.models.provenance import provenance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,8 +125,7 @@ class FrictionFit:
             method=f"free-run error, Levenberg-Marquardt with forward sensitivities, heights of the steps N(0, "
             f"{self.weight_std:g} N) beforehand; covariance for errors independent after {self.correlation_time:g} s",
             warnings=notes,
-            train_name=data.name,
-            train_span=(data.start_times[0], data.start_times[-1] + (data.stops[-1] - data.starts[-1] - 1) * data.dt),
+            **provenance(data),
         )
         return replace(
             self.start,

@@ -15,6 +15,7 @@ from slipangle.identify import uncertainty
 from slipangle.identify.advice import better_sentences
 from slipangle.identify.simulation_error import Minimum, SimulationError, check_names
 from slipangle.models.model import FitInfo
+from slipangle.models.provenance import provenance
 
 _HOW = "free-run error, Gauss-Newton with forward sensitivities"
 
@@ -131,8 +132,7 @@ def finish(
         seconds=time.perf_counter() - began,
         method=f"{how}; {colour}",
         warnings=tuple(said),
-        train_name=problem.data.name,
-        train_span=(float(problem.data.t[0]), float(problem.data.t[-1])),
+        **provenance(problem.data),
     )
     for sentence in info.warnings:
         warnings.warn(sentence, IdentifiabilityWarning, stacklevel=3)

@@ -16,6 +16,7 @@ from slipangle.identify.narx_free_run import FreeRunNARX
 from slipangle.identify.training import Progress, Stage
 from slipangle.models.hybrid import HybridModel, OffsetModel
 from slipangle.models.model import Model
+from slipangle.models.provenance import provenance
 
 DISCREPANCY = NARX(
     na=5,
@@ -106,8 +107,7 @@ class Hybrid:
                 method=f"discrepancy of {type(self.base).__name__}: {info.method}",
                 warnings=(*info.warnings, *notes),
                 seconds=time.perf_counter() - began,
-                train_name=data.name,
-                train_span=(float(data.t[0]), float(data.t[-1])),
+                **provenance(data, self.base.outputs),
             ),
         )
 

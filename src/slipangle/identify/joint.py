@@ -21,6 +21,7 @@ from slipangle.models.model import FitInfo, Trial
 from slipangle.models.networks import MLP, Activation, Scaling
 from slipangle.models.neural_bicycle import NeuralBicycle, TireNetworkBicycle
 from slipangle.models.nonlinear_bicycle import NonlinearBicycle
+from slipangle.models.provenance import provenance
 
 FREE = (
     "C_f",
@@ -386,8 +387,7 @@ class _Fit:
             seconds=trial.seconds,
             method=f"free-run error{' with ' + ', '.join(along) if along else ''}, Levenberg-Marquardt over "
             f"{len(theta)} parameters and weights, ridge priors; covariance for white residuals, given the priors",
-            train_name=data.name,
-            train_span=(float(data.t[0]), float(data.t[-1])),
+            **provenance(data),
             trials=(trial,),
         )
 

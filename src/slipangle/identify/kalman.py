@@ -14,6 +14,7 @@ from slipangle.errors import NotFiniteError, ParameterError, SimulationError, ne
 from slipangle.identify.excitation import require_identifiable
 from slipangle.models.integrate import discretise
 from slipangle.models.model import FitInfo
+from slipangle.models.provenance import provenance
 from slipangle.models.vehicles import OdeModel
 
 
@@ -114,7 +115,8 @@ class EKF:
         require_identifiable(chosen, max(1, len(self.free)), scheduling=("v_x",))
         estimate = self.start_at()
         estimate.run(data)
-        return estimate.model(train_name=data.name)
+        model = estimate.model(train_name=data.name)
+        return replace(model, fit_info=replace(model.fit_info, **provenance(chosen)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,6 +19,7 @@ from slipangle.identify.threads import one_blas_thread
 from slipangle.models.lti import LTI
 from slipangle.models.lure import Curve, LureModel, bend
 from slipangle.models.model import FitInfo
+from slipangle.models.provenance import provenance
 from slipangle.models.statespace import StateSpaceModel
 
 _PARTS = ("A", "B", "C", "D", "W", "V", "E")
@@ -96,8 +97,7 @@ class Lure:
             seconds=time.perf_counter() - began,
             method=f"free-run error, Levenberg-Marquardt with forward sensitivities; training RMSE {each}; kept {seed}",
             warnings=notes,
-            train_name=data.name,
-            train_span=(data.start_times[0], data.start_times[-1] + (data.stops[-1] - data.starts[-1] - 1) * data.dt),
+            **provenance(data),
         )
         return replace(problem.model(best.p), fit_info=info)
 

@@ -12,6 +12,7 @@ from slipangle.errors import IdentifiabilityWarning, ParameterError, nearest
 from slipangle.identify.prediction import Problem
 from slipangle.identify.threads import one_blas_thread
 from slipangle.models.model import FitInfo
+from slipangle.models.provenance import provenance
 from slipangle.models.statespace import StateSpaceModel
 
 Focus = Literal["prediction", "simulation"]
@@ -108,8 +109,7 @@ class PEM:
             method=f"{error} error, Levenberg-Marquardt with exact derivatives in data-driven local coordinates; "
             "covariance for white residuals, zero along changes of the state's basis",
             warnings=notes,
-            train_name=data.name,
-            train_span=(data.start_times[0], data.start_times[-1] + (data.stops[-1] - data.starts[-1] - 1) * data.dt),
+            **provenance(data),
         )
         return replace(
             self.start,

@@ -20,6 +20,7 @@ from slipangle.identify.prediction import Point, Problem, shrunk
 from slipangle.identify.threads import one_blas_thread
 from slipangle.models.model import FitInfo
 from slipangle.models.polynomial import PolynomialModel, realise
+from slipangle.models.provenance import provenance
 
 Orders = int | tuple[int, ...]
 
@@ -120,8 +121,7 @@ class Polynomial:
             method="one-step-ahead error, Levenberg-Marquardt with exact derivatives from a long ARX model; covariance "
             "for white residuals",
             warnings=notes,
-            train_name=data.name,
-            train_span=(data.start_times[0], data.start_times[-1] + (data.stops[-1] - data.starts[-1] - 1) * data.dt),
+            **provenance(data),
         )
         return replace(layout.model(found, data, u0, float(point.y_offset[0])), fit_info=info)
 

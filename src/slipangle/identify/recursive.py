@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from slipangle.identify.excitation import require_identifiable, require_independ
 from slipangle.identify.recursive_code import Recursion
 from slipangle.models.arx import ARXModel
 from slipangle.models.model import FitInfo
+from slipangle.models.provenance import provenance
 
 Forget = Literal["directional", "everywhere"]
 _KINDS: tuple[Forget, ...] = ("directional", "everywhere")
@@ -148,6 +149,8 @@ class RLS:
         estimate = self.start(inputs=data.inputs, outputs=data.outputs, dt=data.dt)
         estimate.run(data)
         model = estimate.model(train_name=data.name)
+        if model.fit_info is not None:
+            model = replace(model, fit_info=replace(model.fit_info, **provenance(data)))
         for note in model.fit_info.warnings if model.fit_info else ():
             warnings.warn(note, IdentifiabilityWarning, stacklevel=2)
         return model

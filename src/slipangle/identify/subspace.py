@@ -16,6 +16,7 @@ from slipangle.identify.lags import Windows, triangle
 from slipangle.identify.sensitivity import LinearFit
 from slipangle.identify.threads import one_blas_thread
 from slipangle.models.model import FitInfo
+from slipangle.models.provenance import provenance
 from slipangle.models.statespace import StateSpaceModel
 
 Algorithm = Literal["n4sid", "moesp", "cva"]
@@ -104,8 +105,7 @@ class Subspace:
             seconds=time.perf_counter() - began,
             method=f"subspace ({self.algorithm}), {projection.block_rows} block rows, {projection.solver}, singular "
             f"values {strength}, ...; B, D, x0 by least squares on the one-step-ahead error, covariance given A, C, K",
-            train_name=data.name,
-            train_span=(data.start_times[0], data.start_times[-1] + (data.stops[-1] - data.starts[-1] - 1) * data.dt),
+            **provenance(data),
         )
         return StateSpaceModel(
             A=A,

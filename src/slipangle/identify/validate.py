@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass
 from itertools import pairwise
 
 import numpy as np
 from scipy import stats
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.errors import ParameterError, TooShortError
+from slipangle.errors import ModelWarning, ParameterError, TooShortError
 from slipangle.identify import metrics
-from slipangle.models.model import Model, Trajectory
+from slipangle.models.model import FitInfo, Model, Trajectory
+from slipangle.models.provenance import Overlap, overlap
+
+_UNNAMED = Dataset.name  # what data are called that nobody named
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,25 +161,64 @@ def validate(
 
 
 def require_unseen(model: Model, data: Dataset) -> None:
-    """Raise if the model was fitted to any of these samples.
+    """Raise if the model, or one that it is made of, was fitted to any of these samples.
+
+    They are known by their content, whatever their name, their time and the pieces that they come in (see
+    `slipangle.models.provenance`). A model saved without a fingerprint is judged by name and time.
 
     Raises
     ------
     ParameterError
         With how many samples overlap and where.
+
+    Warns
+    -----
+    ModelWarning
+        If nothing tells the data apart from those that the model was fitted to.
     """
-    info = model.fit_info
-    if info is None or info.train_name != data.name:
-        return
-    first, last = info.train_span
-    t = data.t
-    shared = (t >= first - 1e-9) & (t <= last + 1e-9)
-    if shared.any():
+    for info in _fits(model):
+        seen = info.fingerprint
+        found = overlap(seen, data) if seen is not None else _same_name_and_time(info, data)
+        if found is None:
+            continue
+        first = float(data.t[np.argmax(found.rows)])
+        moved = abs(first - found.earlier) > 0.5 * data.dt
+        other = [f"under the name '{info.train_name}'"] if info.train_name != data.name else []
+        other += [f"at t = {found.earlier:g} s"] if moved else []
         raise ParameterError(
-            f"{int(shared.sum())} of {data.n_samples} samples of '{data.name}' (from t = {t[shared][0]:g} s) were "
-            f"used to fit the model ({first:g} to {last:g} s); expected other data: validate on the test part, or "
-            "pass on_training_data=True for a training score"
+            f"{int(found.rows.sum())} of {data.n_samples} samples of '{data.name}' (from t = {first:g} s) were used to "
+            f"fit the model{', ' + ' '.join(other) if other else ''}; expected other data: validate on the test part, "
+            "or pass on_training_data=True for a training score"
         )
+
+
+def _fits(model: Model) -> Iterator[FitInfo]:
+    """How the model and the models inside it were fitted."""
+    if model.fit_info is not None:
+        yield model.fit_info
+    for f in fields(model) if is_dataclass(model) else ():
+        value = getattr(model, f.name)
+        for inner in value if isinstance(value, tuple) else (value,):
+            if isinstance(inner, Model):
+                yield from _fits(inner)
+
+
+def _same_name_and_time(info: FitInfo, data: Dataset) -> Overlap | None:
+    """What a fit that kept no content can tell."""
+    if info.train_name != data.name:
+        return None
+    rows = (data.t >= info.train_span[0] - 1e-9) & (data.t <= info.train_span[1] + 1e-9)
+    if not rows.any():
+        return None
+    if data.name == _UNNAMED:
+        warnings.warn(
+            f"whether the model was fitted to some of these data cannot be told: both are called '{_UNNAMED}' and its "
+            "file keeps nothing of their content; expected a name for each, or a model fitted anew",
+            ModelWarning,
+            stacklevel=4,
+        )
+        return None
+    return Overlap(rows=rows, earlier=float(data.t[np.argmax(rows)]))
 
 
 def residual_tests(free: Trajectory, one: Trajectory, data: Dataset, output: str, max_lag: int = 40) -> Residuals:

@@ -11,6 +11,7 @@ from slipangle.errors import TooShortError
 from slipangle.identify.training import Precision, Stage, Trained
 from slipangle.models.model import FitInfo
 from slipangle.models.networks import MLP, Scaling
+from slipangle.models.provenance import provenance
 
 
 class Segments(NamedTuple):
@@ -106,7 +107,6 @@ def training_info(
             f"{best.epoch} of {best.epochs} and seed {best.seed} of {len(trained.trials)}"
         ),
         warnings=trained.warnings,
-        train_name=data.name,
-        train_span=(float(data.t[0]), float(data.t[-1])),
+        **provenance(data),
         trials=trained.trials,
     )

@@ -13,6 +13,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, SimulationError, TooShortError
+from slipangle.models.provenance import Fingerprint
 from slipangle.ops import Vector
 
 
@@ -76,6 +77,8 @@ class FitInfo:
         First and last time of the training data. [s]
     trials : tuple of Trial
         Every training run, for models that are trained from random starts.
+    fingerprint : Fingerprint or None
+        By which samples of the training data are known again.
     """
 
     names: tuple[str, ...]
@@ -90,6 +93,7 @@ class FitInfo:
     train_name: str = ""
     train_span: tuple[float, float] = (0.0, 0.0)
     trials: tuple[Trial, ...] = ()
+    fingerprint: Fingerprint | None = field(default=None, repr=False, metadata={"may be missing in a file": True})
 
     @property
     def std(self) -> np.ndarray:

@@ -243,7 +243,7 @@ class _Reader:
                     f"{name} in '{self.file}' has an unknown field '{key}'; {nearest(key, expected)}: the file is of "
                     "another slipangle, or was changed"
                 )
-        missing = [key for key in expected if key not in given]
+        missing = [k for k, f in expected.items() if k not in given and "may be missing in a file" not in f.metadata]
         if missing:
             raise FormatError(
                 f"{name} in '{self.file}' lacks the field '{missing[0]}'; expected every field of the class: the file "

@@ -1,0 +1,232 @@
+"""Which samples a model was fitted to, known again by their content: renamed, cut up or moved in time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+
+WINDOW = 12  # samples in a row that are compared as one
+MARKS = 256  # windows kept of a record, more where it has very many experiments
+LIVELY = 8  # distinct values that make a window one of a kind; the others count at their own time only
+ENOUGH = 4  # windows in a row that must be found again, or all where fewer lie in what is shared
+_TRIED = 64  # shifts in time between both records that are looked at, the likeliest first
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fingerprint:
+    """Windows of the training outputs, spread over the record, each as one number.
+
+    Inputs are left out, so that replaying one input gives new data and preparing an input otherwise does not.
+    Values count to single precision: a conversion of units that differs in the last bit changes nothing.
+
+    Parameters
+    ----------
+    outputs : tuple of str
+        Channels that the windows are of.
+    dt : float
+        Sample time. [s]
+    starts : tuple of int
+        First row of each experiment.
+    start_times : tuple of float
+        Time of each experiment's first sample. [s]
+    n_samples : int
+        Rows of all experiments together.
+    rows : array of int, shape (n_marks,)
+        Where each window starts.
+    marks : array of int, shape (n_marks,)
+        Its number.
+    lively : array of bool, shape (n_marks,)
+        Whether it is unlikely to occur twice, unlike a stretch at rest.
+    low, high : array, shape (n_outputs,)
+        Smallest and largest value of each output.
+    """
+
+    outputs: tuple[str, ...]
+    dt: float
+    starts: tuple[int, ...]
+    start_times: tuple[float, ...]
+    n_samples: int
+    rows: np.ndarray
+    marks: np.ndarray
+    lively: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Overlap:
+    """Samples of a record that were used before.
+
+    Parameters
+    ----------
+    rows : array of bool, shape (n_samples,)
+        Which they are.
+    earlier : float
+        Time that the first of them had then. [s]
+    """
+
+    rows: np.ndarray
+    earlier: float
+
+
+def provenance(data: Dataset, outputs: Sequence[str] | None = None) -> dict[str, Any]:
+    """What a `FitInfo` keeps of the training data, as keywords.
+
+    Parameters
+    ----------
+    data : Dataset
+        Training data, as the user gave them.
+    outputs : sequence of str, optional
+        Outputs of the model; by default those of the data.
+    """
+    ends = [t0 + (b - a - 1) * data.dt for t0, a, b in zip(data.start_times, data.starts, data.stops, strict=True)]
+    return {
+        "train_name": data.name,
+        "train_span": (min(data.start_times), max(ends)),
+        "fingerprint": fingerprint(data, data.outputs if outputs is None else outputs),
+    }
+
+
+def fingerprint(data: Dataset, outputs: Sequence[str]) -> Fingerprint:
+    """`Fingerprint` of the outputs of a record."""
+    y = data.columns(tuple(outputs))
+    found = [_chosen(y, a, b) for a, b in zip(data.starts, data.stops, strict=True)]
+    rows = np.concatenate([rows for rows, _ in found])
+    windows = y[rows[:, None] + np.arange(WINDOW)] if len(rows) else np.empty((0, WINDOW, len(outputs)))
+    return Fingerprint(
+        outputs=tuple(outputs),
+        dt=data.dt,
+        starts=data.starts,
+        start_times=tuple(map(float, data.start_times)),
+        n_samples=data.n_samples,
+        rows=rows,
+        marks=_numbers(np.moveaxis(windows, 1, 0)),
+        lively=np.concatenate([lively for _, lively in found]),
+        low=y.min(axis=0, initial=np.inf),
+        high=y.max(axis=0, initial=-np.inf),
+    )
+
+
+def _chosen(y: np.ndarray, first: int, stop: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows at which the windows of one experiment start, and which of those are lively."""
+    last = stop - WINDOW
+    if last < first:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=bool)
+    wanted = max(2, round(MARKS * (stop - first) / len(y)))
+    rows, distinct = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=int)
+    for count in (4 * wanted, 128 * wanted):  # a closer look where most of the record is at rest
+        rows = np.unique(np.linspace(first, last, min(count, last - first + 1)).round().astype(np.int64))
+        ordered = np.sort(y[rows[:, None] + np.arange(WINDOW)].astype(np.float32), axis=1)
+        distinct = 1 + (np.diff(ordered, axis=1) != 0).sum(axis=1).max(axis=1, initial=0)
+        if np.sum(distinct >= LIVELY) >= min(wanted, len(rows)):
+            break
+    kept = distinct >= LIVELY if np.any(distinct >= LIVELY) else distinct > 1
+    rows, distinct = rows[kept], distinct[kept]
+    thinned = np.unique(np.linspace(0, len(rows) - 1, min(wanted, len(rows))).round().astype(int))
+    return rows[thinned], distinct[thinned] >= LIVELY
+
+
+def _numbers(samples: np.ndarray) -> np.ndarray:
+    """One number for every window; the samples of a window lie along the first axis, shape (WINDOW, ..., n_outputs)."""
+    total = np.zeros(samples.shape[1:-1], dtype=np.uint64)
+    for sample in samples:
+        total = total * np.uint64(0x9E3779B97F4A7C15) + _row_numbers(sample)
+    return (total >> np.uint64(1)).astype(np.int64)
+
+
+def _row_numbers(y: np.ndarray) -> np.ndarray:
+    """One number for every sample, which mixes all bits of all channels."""
+    with np.errstate(over="ignore"):
+        bits = (y.astype(np.float32) + np.float32(0.0)).view(np.uint32).astype(np.uint64)  # -0 becomes 0
+    mixed = np.zeros(y.shape[:-1], dtype=np.uint64)
+    for channel in np.moveaxis(bits, -1, 0):
+        mixed = (mixed ^ channel) * np.uint64(0xBF58476D1CE4E5B9)
+        mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        mixed ^= mixed >> np.uint64(31)
+    return mixed
+
+
+# ---- finding them again --------------------------------------------------------------------------------------------
+
+
+def overlap(seen: Fingerprint, data: Dataset) -> Overlap | None:
+    """Samples of a record that are in another one's fingerprint; None where there are none.
+
+    Overlaps shorter than a window, or than the distance of two windows inside a long record, may go unseen.
+
+    Parameters
+    ----------
+    seen : Fingerprint
+        Of the training data.
+    data : Dataset
+        The record, under any name and at any time.
+    """
+    if not len(seen.marks) or any(o not in data for o in seen.outputs):
+        return None
+    order = np.argsort(seen.marks, kind="stable")
+    used, earlier = np.zeros(data.n_samples, dtype=bool), np.inf
+    y = data.columns(seen.outputs)
+    for a, b, t0 in zip(data.starts, data.stops, data.start_times, strict=True):
+        if b - a < WINDOW:
+            continue
+        numbers = _rolling(y[a:b])
+        for own, then in _again(seen, order, numbers, b - a, float(t0)):
+            used[a:b][own] = True
+            earlier = min(earlier, then)
+    return Overlap(rows=used, earlier=earlier) if used.any() else None
+
+
+def _rolling(y: np.ndarray) -> np.ndarray:
+    """`_numbers` of the window that starts at each row."""
+    rows, n = _row_numbers(y), len(y) - WINDOW + 1
+    total = np.zeros(n, dtype=np.uint64)
+    for j in range(WINDOW):
+        total = total * np.uint64(0x9E3779B97F4A7C15) + rows[j : j + n]
+    return (total >> np.uint64(1)).astype(np.int64)
+
+
+def _again(seen: Fingerprint, order: np.ndarray, numbers: np.ndarray, n: int, t0: float) -> list[tuple[slice, float]]:
+    """Rows of one experiment that the fingerprint knows, and the time that the first of each had then."""
+    ranked = seen.marks[order]
+    place = np.minimum(np.searchsorted(ranked, numbers), len(ranked) - 1)
+    here = np.flatnonzero(ranked[place] == numbers)
+    if not len(here):
+        return []
+    shifts = here - seen.rows[order[place[here]]]
+    found = []
+    values, counts = np.unique(shifts, return_counts=True)
+    stops = (*seen.starts[1:], seen.n_samples)
+    for shift in values[np.argsort(-counts, kind="stable")][:_TRIED]:
+        for first, stop, then in zip(seen.starts, stops, seen.start_times, strict=True):
+            low, high = max(0, first + shift), min(n, stop + shift)
+            at = seen.rows + shift
+            inside = np.flatnonzero((seen.rows >= first) & (seen.rows < stop) & (at >= low) & (at <= high - WINDOW))
+            if not len(inside):
+                continue
+            same = numbers[at[inside]] == seen.marks[inside]
+            a, b = _longest(same)
+            lively = bool(seen.lively[inside].any())
+            if b - a < (min(ENOUGH, len(inside)) if lively else len(inside)):
+                continue
+            when = then + (low - shift - first) * seen.dt
+            if not lively and abs(when - (t0 + low * seen.dt)) > 0.5 * seen.dt:
+                continue
+            if b - a < len(inside):  # only a part of what both could share
+                low, high = int(at[inside[a]]), int(at[inside[b - 1]]) + WINDOW
+            found.append((slice(low, high), then + (low - shift - first) * seen.dt))
+    return found
+
+
+def _longest(flags: np.ndarray) -> tuple[int, int]:
+    """First and one past the last of the longest run of true flags."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    runs = edges.reshape(-1, 2)
+    if not len(runs):
+        return 0, 0
+    a, b = runs[np.argmax(runs[:, 1] - runs[:, 0])]
+    return int(a), int(b)
