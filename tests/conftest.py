@@ -1,6 +1,8 @@
 """Shared fixtures."""
 
 import os
+from fnmatch import fnmatch
+from functools import cache
 from pathlib import Path
 
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # tests already run in parallel; set before NumPy loads
@@ -8,12 +10,55 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # tests already run
 
 import pytest  # noqa: E402
 
+from slipangle.data import registry  # noqa: E402
+
+
+class PublicData:
+    """The published files that are on this machine; whoever asks for one that is not is skipped.
+
+    Only the registry's own files count, and only with their published content: what else lies in the folder, or is
+    missing from it, says nothing about this project.
+    """
+
+    def __init__(self, folder: str) -> None:
+        self.folder = folder
+        self._files = {file.path: file for public in registry.list_sets() for file in public.files}
+        self._place = cache(self._look)
+
+    def __call__(self, path: str) -> Path:
+        """The file of that path in the registry."""
+        place = self._place(path)
+        if place is None:
+            pytest.skip(f"the published {path} is not in {self.folder}")
+        return place
+
+    def glob(self, pattern: str) -> list[Path]:
+        """All that are here of the registry's files with such paths."""
+        found = [place for path in sorted(self._files) if fnmatch(path, pattern) and (place := self._place(path))]
+        if not found:
+            pytest.skip(f"no published {pattern} is in {self.folder}")
+        return found
+
+    def _look(self, path: str) -> Path | None:
+        file = self._files[path]
+        places = registry._places(file)
+        return next((p for p in places if p.is_file() and registry._digest(p) == file.sha256), None)
+
 
 @pytest.fixture(scope="session")
-def real_data() -> Path:
-    """Folder of the public data sets; the test skips where it is absent."""
+def real_data():
+    """Public data sets; the test skips where what it asks for, by the loaders too, is absent. Nothing is downloaded."""
     folder = os.environ.get("SLIPANGLE_DATA") or str(Path(__file__).parents[2] / "shared" / "data")
     if not Path(folder).is_dir():
         pytest.skip(f"public data sets are not here: SLIPANGLE_DATA is unset and there is no {folder}")
-    os.environ["SLIPANGLE_DATA"] = folder
-    return Path(folder)
+    data = PublicData(folder)
+    fetch_file = registry._fetch_file
+
+    def local(public, file, progress):
+        here = os.environ.get("SLIPANGLE_DATA") == folder
+        return data(file.path) if here else fetch_file(public, file, progress)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SLIPANGLE_DATA", folder)
+        patch.setattr(registry, "_fetch_file", local)
+        yield data

@@ -149,7 +149,7 @@ def test_blend_lowers_the_curvature_and_keeps_the_gates():
 
 def test_published_double_lane_change_agrees(real_data):
     """An independent path for a vehicle 1.72 m wide: Bezier points, x = 60 m where the first lane ends."""
-    rows = np.loadtxt(real_data / "tracks" / "iso3888" / "ISO_double_lane_change2.txt", skiprows=1)
+    rows = np.loadtxt(real_data("tracks/iso3888/ISO_double_lane_change2.txt"), skiprows=1)
     knots, into, out = rows[:, :3], rows[:, 3:6], rows[:, 6:9]
     t = np.linspace(0, 1, 200)[:, None]
     pieces = [
@@ -261,7 +261,7 @@ def test_csv_round_trip(tmp_path):
 
 @pytest.mark.parametrize(("name", "length"), [("Norisring", 2300.0), ("Silverstone", 5891.0), ("Monza", 5793.0)])
 def test_race_tracks_have_their_published_length(real_data, name, length):
-    path = Path.from_csv(real_data / "tracks" / "tum" / f"{name}.csv", smoothing=0.2)
+    path = Path.from_csv(real_data(f"tracks/tum/{name}.csv"), smoothing=0.2)
     assert path.closed
     assert path.length == pytest.approx(length, rel=0.01)
     assert np.abs(path.psi[-1] - path.psi[0]) == pytest.approx(2 * np.pi, abs=1e-6)

@@ -50,7 +50,7 @@ def test_ferrari_signs_are_iso(run):
 
 
 def test_ferrari_only_the_filtered_yaw_rate_is_in_degrees(run, real_data):
-    filtered = np.loadtxt(real_data / "revs_250lm/run_20140222_01_01/yawRateFilt.txt")
+    filtered = np.loadtxt(real_data("revs_250lm/run_20140222_01_01/yawRateFilt.txt"))
     slope, correlation = agree(np.radians(filtered), run["r"])
     assert slope == pytest.approx(1.0, abs=1e-3)
     assert correlation > 0.9999
@@ -137,7 +137,7 @@ def test_session_is_the_same_car():
 
 def test_robot_arm(real_data):
     data = load("robot-arm")
-    table = np.loadtxt(real_data / "daisy_robot_arm/robot_arm.dat")
+    table = np.loadtxt(real_data("daisy_robot_arm/robot_arm.dat"))
     np.testing.assert_array_equal(data.values, table)
     assert data.n_samples == 1024
     assert (data.inputs, data.outputs) == (("u",), ("y",))

@@ -7,6 +7,7 @@ import pytest
 from slipangle import errors
 from slipangle.data import registry
 from slipangle.data.registry import check, fetch, find_set, list_sets
+from tests.conftest import PublicData
 
 GOOD = b"t,u\n0,1\n1,2\n"
 
@@ -164,14 +165,27 @@ def test_the_address_is_the_one_on_github():
     assert find_set("ferrari-250lm").file("vx.txt").urls[0].endswith("/20140222_01_01_03_250lm/vx.txt")
 
 
-@pytest.mark.parametrize("name", [s.name for s in list_sets()])
-def test_local_files_are_the_published_ones(name, real_data):
-    for state in check(name):
-        if state.place is not None and real_data in state.place.parents:
-            assert state.good, state.sentence
+def test_what_else_lies_in_the_folder_does_not_matter(place, monkeypatch):
+    own = place / "mine"
+    monkeypatch.setenv("SLIPANGLE_DATA", str(own))
+    for path in ("toys/notes.txt", "toys/good.csv.bak", "others/good.csv", "README.md"):
+        (own / path).parent.mkdir(parents=True, exist_ok=True)
+        (own / path).write_bytes(b"x")
+    assert [s.place for s in check("toy")] == [None] * 4
+    assert fetch("toy", "good.csv")["good.csv"] == place / "cache" / "slipangle" / "toys" / "good.csv"
 
 
-def test_the_table_covers_the_local_folder(real_data):
-    known = {f.path for s in list_sets() for f in s.files}
-    here = {str(p.relative_to(real_data)) for p in real_data.rglob("*") if p.is_file()}
-    assert here - known <= {"README.md", "SHA256SUMS"}
+def test_tests_ask_for_published_files_alone(place, monkeypatch):
+    own = place / "mine"
+    monkeypatch.setenv("SLIPANGLE_DATA", str(own))
+    (own / "toys").mkdir(parents=True)
+    data = PublicData(str(own))
+    for path, content in {"good.csv": GOOD, "changed.csv": b"not as published", "new.csv": b"of no set"}.items():
+        (own / "toys" / path).write_bytes(content)
+    assert data("toys/good.csv") == own / "toys" / "good.csv"
+    assert data.glob("toys/*") == [own / "toys" / "good.csv"]
+    for path in ("toys/changed.csv", "toys/other.csv"):
+        with pytest.raises(pytest.skip.Exception, match=f"the published {path} is not in"):
+            data(path)
+    with pytest.raises(pytest.skip.Exception, match="no published others/"):
+        data.glob("others/*")

@@ -192,7 +192,7 @@ def test_bad_data(data, error, message):
 def test_wrong_start(real_data):
     with pytest.raises(ParameterError, match="adapted SAE axes; expected ISO-W"):
         MagicFormulaFit(start=MagicFormulaTire(coefficients=TIRE.coefficients, axes="adapted SAE"))
-    old = MagicFormulaTire.from_tir(real_data / "tir" / "VW_microbus__json__mf_185_80R14.tir")
+    old = MagicFormulaTire.from_tir(real_data("tir/VW_microbus__json__mf_185_80R14.tir"))
     with pytest.raises(ParameterError, match=r"version 5\.2; expected version 6"):
         MagicFormulaFit(start=old)
 
@@ -201,7 +201,7 @@ def test_wrong_start(real_data):
 @pytest.mark.parametrize("seed", range(2))
 def test_published_file_is_recovered_from_noisy_runs(real_data, seed):
     """Rig data from a published tire: force RMSE near the noise, on all samples, also those the fit thinned out."""
-    true = MagicFormulaTire.from_tir(real_data / "tir" / "MagicFormula61_Parameters.tir")
+    true = MagicFormulaTire.from_tir(real_data("tir/MagicFormula61_Parameters.tir"))
     rng = np.random.default_rng(seed)
     swing = np.sin(np.linspace(0, 2 * np.pi, 120, endpoint=False))
     parts = []

@@ -46,9 +46,9 @@ def columns(path):
 
 @pytest.fixture(scope="module")
 def reference_61(real_data):
-    d = columns(real_data / "mf_reference" / "mf61_MagicFormula61_Parameters.csv")
+    d = columns(real_data("mf_reference/mf61_MagicFormula61_Parameters.csv"))
     tire = MagicFormulaTire.from_tir(
-        real_data / "tir" / "MagicFormula61_Parameters.tir",
+        real_data("tir/MagicFormula61_Parameters.tir"),
         conventions=Conventions(lateral_slip="tangent_combined", curvature_sign="slip"),
     )
     return tire, d
@@ -124,8 +124,8 @@ def test_the_two_open_choices_matter_and_the_book_is_the_default(reference_61):
 
 @pytest.fixture(scope="module")
 def reference_52(real_data):
-    d = columns(real_data / "mf_reference" / "opentire_pac2002_vw_microbus.csv")
-    return MagicFormulaTire.from_tir(real_data / "tir" / "VW_microbus__json__mf_185_80R14.tir"), d
+    d = columns(real_data("mf_reference/opentire_pac2002_vw_microbus.csv"))
+    return MagicFormulaTire.from_tir(real_data("tir/VW_microbus__json__mf_185_80R14.tir")), d
 
 
 def test_pac2002_matches_the_reference(reference_52):
@@ -225,7 +225,9 @@ def test_derivatives_with_respect_to_coefficients(tire):
 
 def test_tracers_equal_numbers():
     jax = pytest.importorskip("jax", reason="jax is not installed")
-    with jax.enable_x64():
+    from slipangle.identify.descent import precision
+
+    with precision("double"):
         d = samples(50)
         found = jax.jit(lambda s, a, f, g: MF61.forces(s, a, f, camber=g))(*(jax.numpy.asarray(v) for v in d.values()))
         same(found, MF61.forces(d["slip_ratio"], d["slip_angle"], d["load"], camber=d["camber"]), rtol=1e-11)

@@ -295,6 +295,7 @@ def test_a_broken_bound_is_exit_code_1(monkeypatch, capsys):
 
 
 def test_data_commands(capsys, real_data):
+    real_data("daisy_robot_arm/robot_arm.dat")
     assert main(["data", "list", "--json"]) == 0
     assert {"ferrari-250lm", "robot-arm"} <= {s["name"] for s in json.loads(capsys.readouterr().out)}
     assert main(["data", "check", "robot-arm", "--json"]) == 0

