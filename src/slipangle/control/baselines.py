@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from time import perf_counter
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy import linalg
@@ -22,7 +22,7 @@ from slipangle.control.plan import Plan, Status, within
 from slipangle.data.path import Preview
 from slipangle.errors import ParameterError
 from slipangle.models.ground import OnGround
-from slipangle.models.model import Model
+from slipangle.models.model import Model, without_caches
 from slipangle.models.vehicles import Bicycle, BicycleParams, ChassisParams, Kinematic
 
 _COLUMNS = ("X", "Y", "psi", "curvature", "v_x")
@@ -66,6 +66,10 @@ class PathFollower(abc.ABC):
                 raise ParameterError(
                     f"{name} of {type(self).__name__} is {getattr(self, name)}; expected a positive number"
                 )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy needs: the settings."""
+        return without_caches(self)
 
     @cached_property
     def times(self) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -9,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
-from slipangle.control.plan import Solution, Start, Status, between
+from slipangle.control.plan import Solution, Start, Status, between, finite
 from slipangle.errors import ParameterError
 from slipangle.models.integrate import RADAU_A, radau_equations
 from slipangle.models.vehicles import OdeModel
@@ -27,6 +28,7 @@ _STATUS = {
     "Invalid_Number_Detected": Status.NOT_FINITE,
 }
 
+_ONE_AT_A_TIME = threading.Lock()  # its linear solver and CasADi's statistics know one call at a time
 RADAU_C = RADAU_A.sum(axis=1)
 
 
@@ -73,8 +75,9 @@ class Ipopt:
 
 
 class _Memory(NamedTuple):
-    """Variables and the multipliers of their bounds and of the constraints, as Ipopt left them."""
+    """Variables and the multipliers of their bounds and of the constraints, as Ipopt left them; of which problem."""
 
+    owner: str
     v: np.ndarray
     bounds: np.ndarray
     constraints: np.ndarray
@@ -217,7 +220,7 @@ class IpoptEngine:
         inputs = np.zeros(at.u.shape) if reference.inputs is None else reference.inputs
         p = (start.x, start.applied, reference.exogenous, reference.tracked, inputs)
         memory = start.memory if self._settings.warm and isinstance(start.memory, _Memory) else None
-        if memory is not None and not (len(memory.v) == at.size and len(memory.constraints) == at.height):
+        if memory is not None and not (memory.owner == ocp.identity and finite(*memory[1:])):
             memory = None
         lower_v, upper_v = np.full(at.size, -np.inf), np.full(at.size, np.inf)
         lower_v[at.u], upper_v[at.u] = ocp.input_bounds.T
@@ -231,7 +234,13 @@ class IpoptEngine:
             "lbg": lower_g,
             "ubg": upper_g,
         }
-        solver = self._cold
+        with _ONE_AT_A_TIME:
+            return self._solution(start, arguments, memory, lower_g, upper_g)
+
+    def _solution(
+        self, start: Start, arguments: dict[str, Any], memory: _Memory | None, lower_g: np.ndarray, upper_g: np.ndarray
+    ) -> Solution:
+        at, solver = self._layout, self._cold
         if memory is not None:
             solver = self._warm
             arguments["lam_x0"] = memory.bounds[at.later]
@@ -242,17 +251,17 @@ class IpoptEngine:
         v, g = (np.asarray(result[k].full()).ravel() for k in "xg")
         status = _STATUS.get(str(stats["return_status"]), Status.FAILED)
         excess = np.concatenate([lower_g - g, g - upper_g, [0.0]])
-        finite = bool(np.isfinite(v).all() and np.isfinite(g).all())
+        good = finite(v, g)
         kept = None
-        if finite and status.solved:
-            kept = _Memory(v, *(np.asarray(result[k].full()).ravel() for k in ("lam_x", "lam_g")))
+        if good and status.solved:
+            kept = _Memory(self.ocp.identity, v, *(np.asarray(result[k].full()).ravel() for k in ("lam_x", "lam_g")))
         return Solution(
             u=v[at.u],
             x=np.vstack([start.x, v[at.x]]),
-            status=status if finite or not status.solved else Status.NOT_FINITE,
+            status=status if good or not status.solved else Status.NOT_FINITE,
             cost=float(result["f"]),
             iterations=int(stats.get("iter_count", 0)),
-            violation=float(excess.max()) if finite else np.inf,
+            violation=float(excess.max()) if good else np.inf,
             memory=kept,
         )
 

@@ -9,10 +9,15 @@ import numpy as np
 
 from slipangle.control.ocp import Reference
 from slipangle.data.path import Preview
+from slipangle.models.model import without_caches
 
 
 class Led(abc.ABC):
     """What a controller takes over from the one it is built around."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy needs: the settings."""
+        return without_caches(self)
 
     @property
     @abc.abstractmethod

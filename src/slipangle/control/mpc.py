@@ -30,6 +30,7 @@ from slipangle.control.plan import (
 )
 from slipangle.control.realtime import RealTime
 from slipangle.control.terms import Values, require_names
+from slipangle.control.threads import BUILDING
 from slipangle.data.path import Preview
 from slipangle.errors import ParameterError
 
@@ -81,7 +82,10 @@ class MPC(OCP):
     def _engine(self) -> Engine:
         named: dict[str, Backend] = {"ipopt": Ipopt(), "realtime": RealTime()}
         backend = named[self.solver] if isinstance(self.solver, str) else self.solver
-        return backend.build(self, self.deadline)
+        with BUILDING:
+            if "_engine" not in vars(self):
+                vars(self)["_engine"] = backend.build(self, self.deadline)
+            return vars(self)["_engine"]
 
     @cached_property
     def _resumes(self) -> Resumes | None:

@@ -15,9 +15,11 @@ from slipangle.control.multi_arx_solver import Numbers, Problem, Solver, build
 from slipangle.control.ocp import Reference
 from slipangle.control.plan import Plan, Status, shifted, within
 from slipangle.control.terms import Limits, Values, Weights, require_names
+from slipangle.control.threads import BUILDING
 from slipangle.data.path import Preview
 from slipangle.errors import ParameterError
 from slipangle.models.ground import POSE, OnGround
+from slipangle.models.model import without_caches
 from slipangle.models.multi_arx import MultiARXModel
 
 RELAX = 0.5  # s, time constant of the safe stop law
@@ -144,6 +146,10 @@ class MultiARXMPC:
         if self.fallback < 0:
             raise ParameterError(f"fallback is {self.fallback}; expected a number of steps of at least 0")
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy needs, in this process or another: its settings, nothing compiled."""
+        return without_caches(self)
+
     # ---- what a controller has -----------------------------------------------------------------------------------
 
     @cached_property
@@ -249,7 +255,10 @@ class MultiARXMPC:
     @cached_property
     def solver(self) -> Solver:
         """The compiled solver or, without a compiler, NumPy and DAQP."""
-        return build(self.problem, self.numbers)
+        with BUILDING:
+            if "solver" not in vars(self):
+                vars(self)["solver"] = build(self.problem, self.numbers)
+            return vars(self)["solver"]
 
     @cached_property
     def numbers(self) -> Numbers:

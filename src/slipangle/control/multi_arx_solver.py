@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from slipangle.control.plan import Status
+from slipangle.control.threads import PerThread
 from slipangle.models.compiled import library
 
 FIELDS = (
@@ -122,8 +123,8 @@ def build(problem: Problem, numbers: Numbers) -> Solver:
     return Compiled(problem, numbers, found) if found is not None else Interpreted(problem, numbers)
 
 
-class Compiled:
-    """Solver on a loaded library."""
+class WorkArea:
+    """One thread's memory of the compiled solver."""
 
     def __init__(self, problem: Problem, numbers: Numbers, found: ctypes.CDLL) -> None:
         self._library = found
@@ -215,6 +216,31 @@ class Compiled:
             self._iterations.item(),
             self._residual.item(),
         )
+
+
+class Compiled:
+    """Solver on a loaded library, a work area for each thread."""
+
+    def __init__(self, problem: Problem, numbers: Numbers, found: ctypes.CDLL) -> None:
+        self._areas = PerThread(lambda: WorkArea(problem, numbers, found))
+        _ = self._areas.mine
+
+    @property
+    def seconds(self) -> float:
+        """Time of this thread's last solve inside the compiled code. [s]"""
+        return self._areas.mine.seconds
+
+    def solve(
+        self,
+        x: np.ndarray,
+        path: np.ndarray,
+        v_x: np.ndarray,
+        applied: float,
+        numbers: Numbers | None = None,
+        offset: np.ndarray | float = 0.0,
+    ) -> Answer:
+        """See `Solver`."""
+        return self._areas.mine.solve(x, path, v_x, applied, numbers, offset)
 
 
 class Interpreted:

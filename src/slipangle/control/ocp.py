@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from typing import Any
+from uuid import uuid4
 
 import casadi as ca
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from slipangle.control.terms import Limits, Weights, require_names
 from slipangle.data.path import Preview
 from slipangle.errors import ParameterError
-from slipangle.models.model import Model
+from slipangle.models.model import Model, without_caches
 from slipangle.ops import Scalar, cos, sin, stack
 
 PATH_ERRORS = ("e_x", "e_y", "e_psi")
@@ -88,6 +89,11 @@ class OCP:
     corridor : float, optional
         Vehicle width to keep between the edges of the lane [m]: limits ``e_y`` by the reference's corridor.
 
+    Attributes
+    ----------
+    identity : str
+        Name of this problem, which its copies share and no other ever has.
+
     Raises
     ------
     ParameterError
@@ -114,6 +120,7 @@ class OCP:
     slack_linear: Weights = field(default_factory=Weights)
     corridor: float | None = None
     steps: Sequence[int] | None = None
+    identity: str = field(init=False, repr=False, default_factory=lambda: uuid4().hex)
 
     def __post_init__(self) -> None:
         model = self.model
@@ -150,6 +157,10 @@ class OCP:
             if not self.corridor > 0:
                 raise ParameterError(f"the corridor's vehicle width is {self.corridor} m; expected a positive number")
             require_names(("e_y",), trackable, "corridor", "use a model with X, Y and psi, such as OnGround(model)")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy needs, in this process or another: its settings, nothing compiled."""
+        return without_caches(self)
 
     # ---- time --------------------------------------------------------------------------------------------------
 

@@ -187,6 +187,14 @@ class Ode(OdeModel):
     def __hash__(self) -> int:
         return hash((self.f, self.more, self.states, self.inputs, self.params, self.dt, self.outputs, self.method))
 
+    def __getstate__(self) -> dict[str, Any]:
+        """As of every model; functions that no other process could find by name are written down, see `recorded`."""
+        kept = super().__getstate__()
+        for key in ("f", "more"):
+            if "<" in getattr(kept[key], "__qualname__", ""):
+                kept[key] = Recorded.of(kept[key], self.n_states, self.n_inputs, self.params)
+        return kept
+
     def _parameter_values(self) -> list[Any]:
         return [getattr(self.params, name) for name in self.params.metadata()]
 

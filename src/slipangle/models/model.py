@@ -207,6 +207,12 @@ class Trajectory:
         return self.y[:, self.outputs.index(name)]
 
 
+def without_caches(thing: Any) -> dict[str, Any]:
+    """Attributes of an object without the values of its cached properties, such as compiled functions."""
+    kind = type(thing)
+    return {k: v for k, v in vars(thing).items() if not isinstance(getattr(kind, k, None), cached_property)}
+
+
 class Model(abc.ABC):
     """A discrete-time state space: everything that can be identified, validated and controlled with.
 
@@ -234,6 +240,10 @@ class Model(abc.ABC):
     states: tuple[str, ...]
     memory: int = 1
     fit_info: FitInfo | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy needs, in this process or another: all but what was computed on the way."""
+        return without_caches(self)
 
     @abc.abstractmethod
     def initial_state(self, data: Dataset) -> np.ndarray:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
-from slipangle.control.plan import Plan, Solution, Start, Status, between, inputs_later
+from slipangle.control.plan import Plan, Solution, Start, Status, between, finite, inputs_later
 from slipangle.control.realtime.parts import implicit, limit_rows, slack_of_rows
 from slipangle.control.realtime.program import COUNTS, FIELDS
+from slipangle.control.threads import PerThread
 
 OUTCOMES = (
     Status.SOLVED,
@@ -28,11 +30,20 @@ CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS = range(4)
 
 @dataclass(eq=False)
 class Memory:
-    """What the next start needs: all that a solve found, the integrator's stage slopes too, and whose solve it was."""
+    """What the next start needs: all that a solve found, the integrator's stage slopes and the working rows too.
+
+    ``owner`` is the `OCP.identity` of the problem, ``area`` the work area that still holds all this if its ``serial``
+    is the same.
+    """
 
     serial: int
-    engine: int
+    owner: str
     found: np.ndarray
+    area: int = -1
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Of a copy, which no work area holds."""
+        return {**vars(self), "area": -1}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +55,11 @@ class Timing:
     feedback: float
 
 
-class CompiledEngine:
-    """Engine on a loaded library; see `slipangle.control.realtime.program.source`."""
+_areas = itertools.count()  # no number is given twice, so that none is ever taken for another
+
+
+class WorkArea:
+    """One thread's memory of the compiled solver; see `CompiledEngine`."""
 
     def __init__(self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None) -> None:
         self.ocp = ocp
@@ -91,9 +105,11 @@ class CompiledEngine:
         self._x0, self._applied, self._w, self._p, self._r = (view[n] for n in ("x0", "applied", "w", "p", "r"))
         self._u, self._x, self._bounds = (view[n] for n in ("u", "x", "bounds"))
         self._iterations, self._fresh = view["iterations"], view["fresh"]
-        first, last = (view[name].ctypes.data for name in ("u", "residual"))
+        first, last = (view[name].ctypes.data for name in ("u", "residual"))  # all of it starts a later solve
         block = (ctypes.c_double * ((last - first) // 8 + 1)).from_address(first)
-        self._found = np.frombuffer(block)  # u, x, k, ..., cost, violation, residual
+        self._found = np.frombuffer(block)  # from u to residual
+        at = (view["cost"].ctypes.data - first) // 8
+        self._result = slice(at, at + 3)  # cost, violation, residual
         self._q, self._wr, self._ws = (view[name] for name in ("q", "wr", "ws"))
         self._q[:], self._wr[:], self._ws[:] = ocp.stage_weights
         view["plain"][:], view["square"][:] = slack_of_rows(ocp)
@@ -107,7 +123,7 @@ class CompiledEngine:
             empty = Reference(tracked=self._p, exogenous=self._w)
             self._bounds[:] = ocp.state_bounds(empty)
         self._nodes = ocp.nodes if steps > n else None  # of the states, those at which stages begin and end
-        self._serial = 0
+        self._serial, self._area = 0, next(_areas)
         self._settings = settings
         self._ready: Memory | None = None
 
@@ -132,7 +148,7 @@ class CompiledEngine:
             self._x0[:] = x
             return self._run(self._library.rt_feedback)
         self._set(x, applied, reference)
-        if isinstance(memory, Memory) and memory.engine == id(self):
+        if self._ours(memory):
             self._recall(memory)
             self._fresh[0] = CONTINUE
         elif previous is not None and previous.u.shape == self._u.shape:
@@ -148,7 +164,7 @@ class CompiledEngine:
         A following `resume` from the same plan and reference then only solves the quadratic program.
         """
         memory = previous.memory
-        if not (isinstance(memory, Memory) and memory.engine == id(self)) or self._settings.iterations != 1:
+        if not self._ours(memory) or self._settings.iterations != 1:
             return
         self._set(previous.x[1], applied, reference)
         self._recall(memory)
@@ -156,8 +172,14 @@ class CompiledEngine:
             self._ready = memory
         self._serial += 1
 
+    def _ours(self, memory: Any) -> TypeGuard[Memory]:
+        """Whether a memory is of this problem and says something."""
+        if not (isinstance(memory, Memory) and memory.owner == self.ocp.identity):
+            return False
+        return memory.found.shape == self._found.shape and finite(memory.found)
+
     def _recall(self, memory: Memory) -> None:
-        if memory.serial != self._serial:
+        if memory.area != self._area or memory.serial != self._serial:
             self._found[:] = memory.found
 
     def _same(self, applied: np.ndarray, reference: Reference) -> bool:
@@ -198,7 +220,7 @@ class CompiledEngine:
         found = self._found.copy()
         inputs = self._u.size
         states = found[inputs : inputs + self._x.size].reshape(self._x.shape)
-        cost, violation, residual = found[-3:].tolist()
+        cost, violation, residual = found[self._result].tolist()
         return Solution(
             u=found[:inputs].reshape(self._u.shape),
             x=states if self._nodes is None else states[self._nodes],
@@ -207,6 +229,31 @@ class CompiledEngine:
             iterations=self._iterations.item(),
             violation=violation,
             residual=residual,
-            memory=Memory(self._serial, id(self), found),
+            memory=Memory(self._serial, self.ocp.identity, found, self._area),
             kept=True,
         )
+
+
+class CompiledEngine:
+    """Engine on a loaded library, a work area for each thread; see `slipangle.control.realtime.program.source`."""
+
+    def __init__(self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None) -> None:
+        self._areas = PerThread(lambda: WorkArea(ocp, library, settings, deadline))
+        _ = self._areas.mine
+
+    def solve(self, start: Start) -> Solution:
+        """Solve from a state and a guess; see `slipangle.control.plan.Start`."""
+        return self._areas.mine.solve(start)
+
+    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
+        """Solve from a state and the plan of the step before, which is shifted; without one, from nothing."""
+        return self._areas.mine.resume(x, applied, reference, previous)
+
+    def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:
+        """Do what can be done before the state is known; for a `resume` by the same thread."""
+        self._areas.mine.prepare(applied, reference, previous)
+
+    @property
+    def timing(self) -> Timing:
+        """Time of this thread's last solve inside the compiled code."""
+        return self._areas.mine.timing

@@ -5,22 +5,24 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
-from slipangle.control.plan import Plan, Solution, Start, Status, between, inputs_later, shifted, within
+from slipangle.control.plan import Plan, Solution, Start, Status, between, finite, inputs_later, shifted, within
 from slipangle.control.realtime.interpreted_model import bind, columns, dense, newton_columns, newton_node
 from slipangle.control.realtime.interpreted_qp import LimitedStep, secant
 from slipangle.control.realtime.interpreted_step import InputStep
 from slipangle.control.realtime.parts import (
+    Implicit,
     dynamics_function,
     implicit,
     input_scale,
     limit_rows,
     stage_function,
 )
+from slipangle.control.threads import PerThread
 
 PAIRS = 24
 
@@ -31,7 +33,7 @@ class Memory:
 
     x: np.ndarray
     k: np.ndarray
-    engine: int
+    owner: str
 
 
 @dataclass(eq=False)
@@ -54,22 +56,39 @@ class Linear:
         return bool(np.isfinite(self.next).all() and np.isfinite(self.A).all() and np.isfinite(self.e).all())
 
 
-class InterpretedEngine:
-    """Engine of `RealTime` on a computer without a C compiler.
+class Functions(NamedTuple):
+    """A problem's model for CasADi's virtual machine, which all threads share; ``quick`` is that of `InputStep`."""
+
+    parts: Implicit | None
+    node: Any
+    stage: Any
+    quick: tuple[Any, Any] | None
+
+    @classmethod
+    def of(cls, ocp: OCP) -> Functions:
+        """Build them."""
+        parts, steps = implicit(ocp), int(ocp.nodes[-1])
+        one = newton_node(ocp, parts) if parts else dense(dynamics_function(ocp))
+        stage = stage_function(ocp)
+        limited = len(ocp.limited) or np.isfinite(ocp.step_bounds[0]).any()
+        quick = None if limited else InputStep.functions(ocp, parts, one, stage)
+        return cls(parts, newton_columns(ocp, parts, one, steps), columns(dense(stage), ocp.horizon + 1), quick)
+
+
+class WorkArea:
+    """One thread's memory of `InterpretedEngine`.
 
     States inside have a row per node, one after every step of the model; `OCP.nodes` are those of the stages.
     """
 
-    def __init__(self, ocp: OCP, settings: Any, deadline: float | None) -> None:
+    def __init__(self, ocp: OCP, functions: Functions, settings: Any, deadline: float | None) -> None:
         self.ocp, self._settings = ocp, settings
         self._limit = np.inf if deadline is None else deadline
         n, _, nu = self._sizes = ocp.horizon, ocp.model.n_states, len(ocp.controls)
-        self._parts = implicit(ocp)
+        self._parts, node, stage, quick = functions
         self._nk = 3 * len(self._parts.core) if self._parts else 0
         self._steps = steps = int(ocp.nodes[-1])
         self._nodes, self._held = (ocp.nodes, ocp.stage_of) if steps > n else (slice(None), slice(None))
-        one = newton_node(ocp, self._parts) if self._parts else dense(dynamics_function(ocp))
-        node, stage = newton_columns(ocp, self._parts, one, steps), columns(dense(stage_function(ocp)), n + 1)
         self._node_in, self._stage_in = _inputs(node, steps), _inputs(stage, n + 1)
         self._node, self._node_out = bind(node, steps, self._node_in)
         self._stage, self._stage_out = bind(stage, n + 1, self._stage_in)
@@ -84,8 +103,7 @@ class InterpretedEngine:
         inputs = change.T @ np.diag(self._s.ravel()) @ change + np.diag(self._r.ravel())
         self._quadratic = both[:, None] * inputs * both
         self._k = np.zeros((steps, self._nk))
-        plain = not ocp.limited and not len(self._qp.rated)
-        self._quick = InputStep(ocp, self._parts, one, stage_function(ocp)) if plain else None
+        self._quick = None if quick is None else InputStep(ocp, *quick)
 
     # ---- starts ------------------------------------------------------------------------------------------------
 
@@ -141,7 +159,11 @@ class InterpretedEngine:
         return self._half_cost(m.e, u) if np.isfinite(m.e).all() else np.inf
 
     def _ours(self, memory: Any) -> bool:
-        return isinstance(memory, Memory) and memory.engine == id(self)
+        """Whether a memory is of this problem and says something."""
+        if not (isinstance(memory, Memory) and memory.owner == self.ocp.identity):
+            return False
+        known = memory.x.shape == (self._steps + 1, self._sizes[1]) and memory.k.shape == self._k.shape
+        return known and finite(memory.x, memory.k)
 
     def _resume_quickly(
         self, step: InputStep, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan
@@ -157,7 +179,7 @@ class InterpretedEngine:
             iterations=count,
             violation=0.0,
             residual=size,
-            memory=Memory(x=step.x.copy(), k=step.slopes.copy(), engine=id(self)),
+            memory=Memory(x=step.x.copy(), k=step.slopes.copy(), owner=self.ocp.identity),
             kept=True,
         )
 
@@ -179,7 +201,7 @@ class InterpretedEngine:
             iterations=count,
             violation=violation,
             residual=residual,
-            memory=Memory(x=states, k=self._k.copy(), engine=id(self)),
+            memory=Memory(x=states, k=self._k.copy(), owner=self.ocp.identity),
         )
 
     def _begin(self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray) -> None:
@@ -382,6 +404,23 @@ class InterpretedEngine:
         for j in reversed(range(self._steps)):
             forced[j] += m.A[j].T @ forced[j + 1]
         return forced
+
+
+class InterpretedEngine:
+    """Engine of `RealTime` on a computer without a C compiler, a work area for each thread."""
+
+    def __init__(self, ocp: OCP, settings: Any, deadline: float | None) -> None:
+        functions = Functions.of(ocp)
+        self._areas = PerThread(lambda: WorkArea(ocp, functions, settings, deadline))
+        _ = self._areas.mine
+
+    def solve(self, start: Start) -> Solution:
+        """Solve from a state and a guess, to convergence."""
+        return self._areas.mine.solve(start)
+
+    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
+        """Solve from a state and the plan of the step before; without one, from nothing."""
+        return self._areas.mine.resume(x, applied, reference, previous)
 
 
 def _inputs(function: Any, times: int) -> list[np.ndarray]:

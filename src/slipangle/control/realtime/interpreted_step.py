@@ -26,15 +26,11 @@ class InputStep:
     ----------
     ocp : OCP
         The problem.
-    parts : Implicit, optional
-        Of the integrator.
-    node : Function
-        ``(x, u, w, k, slopes) -> next, A, B, k``, dense; without k and slopes for explicit models.
-    stage : Function
-        ``(x, u, w, p) -> error, limited`` and their derivatives by x and u, dense.
+    node, stage : Function
+        What `functions` gives.
     """
 
-    def __init__(self, ocp: OCP, parts: Implicit | None, node: ca.Function, stage: ca.Function) -> None:
+    def __init__(self, ocp: OCP, node: ca.Function, stage: ca.Function) -> None:
         n, nx, nu, ne = ocp.horizon, ocp.model.n_states, len(ocp.controls), len(ocp.tracked)
         self._n, size, wide, steps = n, n * nu, nx + 1 + nu, int(ocp.nodes[-1])
         self._lengths, self._nodes, self._held = ocp.lengths, ocp.nodes, ocp.stage_of
@@ -43,17 +39,16 @@ class InputStep:
         self._both = np.tile(scale, n)
         self.u, self.x = np.zeros((n + 1, nu)), np.zeros((steps + 1, nx))
         self._w, self._p = np.zeros((n + 1, len(ocp.exogenous))), np.zeros((n + 1, len(ocp.references)))
-        self.k = np.zeros((steps, node.size1_in(3) if node.n_in() > 3 else 0))
+        slopes = node.numel_out(1) // steps
+        self.k = np.zeros((steps, slopes))
         self._x_stages, self._u_steps, self._w_steps = self.x, self.u, self._w
         if self._long:
             self._x_stages, self._u_steps = np.zeros((n + 1, nx)), np.zeros((steps, nu))
             self._w_steps = np.zeros((steps, len(ocp.exogenous)))
-        many = newton_columns(ocp, parts, _augmented(node, scale), steps)
-        kept = [self.k] if parts else []
-        self._node, (A, self.slopes) = bind(many, steps, [self.x, self._u_steps, self._w_steps, *kept, self.x[1:]])
+        kept = [self.k] if slopes else []
+        self._node, (A, self.slopes) = bind(node, steps, [self.x, self._u_steps, self._w_steps, *kept, self.x[1:]])
         q, r, s = ocp.stage_weights
-        many = columns(_errors(stage, scale), n + 1)
-        self._stage, (E,) = bind(many, n + 1, [self._x_stages, self.u, self._w, self._p, np.sqrt(q)])
+        self._stage, (E,) = bind(stage, n + 1, [self._x_stages, self.u, self._w, self._p, np.sqrt(q)])
         self._G = np.zeros((steps + 1, wide, size + 1))
         self._G[0, nx, -1] = 1.0  # the first state is the one measured
         for G, i in zip(self._G, [*self._held, n - 1], strict=True):
@@ -75,6 +70,27 @@ class InputStep:
         self._diagonal = self._H.reshape(-1)[:: size + 1]
         self._step = np.ones(size + 1)
         self._none = np.zeros((0, size))
+
+    @staticmethod
+    def functions(
+        ocp: OCP, parts: Implicit | None, node: ca.Function, stage: ca.Function
+    ) -> tuple[ca.Function, ca.Function]:
+        """Model and errors of all steps.
+
+        Parameters
+        ----------
+        ocp : OCP
+            The problem.
+        parts : Implicit, optional
+            Of the integrator.
+        node : Function
+            ``(x, u, w, k, slopes) -> next, A, B, k``, dense; without k and slopes for explicit models.
+        stage : Function
+            ``(x, u, w, p) -> error, limited`` and their derivatives by x and u, dense.
+        """
+        scale = input_scale(ocp)
+        many = newton_columns(ocp, parts, _augmented(node, scale), int(ocp.nodes[-1]))
+        return many, columns(_errors(stage, scale), ocp.horizon + 1)
 
     def load(
         self,

@@ -23,8 +23,8 @@ from slipangle.models.integrate import RADAU_A, RETRY
 
 MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
 FIELDS = (  # of the C struct, as seen from Python
-    "x0 applied w p r bounds q wr ws plain square tolerance time_limit newton u x k cost violation step residual "
-    "seconds seconds_prepare seconds_feedback"
+    "x0 applied w p r bounds q wr ws plain square tolerance time_limit newton u x k working cost violation residual "
+    "step seconds seconds_prepare seconds_feedback"
 ).split()
 COUNTS = "max_iterations fixed fresh iterations qp_iterations".split()
 

@@ -424,10 +424,34 @@ static int prepare(Work *s)
     return ok ? SOLVED : NOT_FINITE;
 }
 
+/* The rows that the last quadratic program ended with travel with the plan: another work area starts from the same. */
+static void keep_rows(Work *s)
+{
+    const Qp *q = &s->qp;
+    s->working[0] = q->k;
+    for (int a = 0; a < q->k; a++) {
+        s->working[1 + 2 * a] = q->row[a];
+        s->working[2 + 2 * a] = q->sign[a] * (1 + q->mode[q->row[a]]);
+    }
+}
+
+static void recall_rows(Work *s)
+{
+    Qp *q = &s->qp;
+    q->k = (int)s->working[0];
+    for (int a = 0; a < q->k; a++) {
+        double how = s->working[2 + 2 * a];
+        q->row[a] = (int)s->working[1 + 2 * a];
+        q->sign[a] = how > 0 ? 1 : -1;
+        q->mode[q->row[a]] = (int)fabs(how) - 1;
+    }
+}
+
 static int solve_qp(Work *s, int warm)
 {
     feed(s);
     int status = qp_solve(&s->qp, warm);
+    keep_rows(s);
     s->qp_iterations += s->qp.iterations;
     static const int outcome[] = {SOLVED, INFEASIBLE, FAILED, TIME_OUT, FAILED};
     if (status == QP_NUMBER && s->qp.kkt <= 1e-6) /* wildly scaled, but good enough for a step; `residual` says it */
@@ -574,6 +598,7 @@ static void start(Work *s)
         s->qp.square[QN + QR + row] = s->square[row];
     }
     if (s->fresh == CONTINUE) {
+        recall_rows(s);
         shift_inputs(s);
         memmove(s->x, s->x + NX, sizeof(double) * NS * NX);
         if (NK > 0)

@@ -26,7 +26,7 @@ typedef struct {
     double tolerance, time_limit, newton;
     int64_t max_iterations, fixed, fresh;
     /* the iterate and what Python reads, u to residual as one block */
-    double u[N * NU], x[(NS + 1) * NX], k[M1(NS * NK)], cost, violation, residual;
+    double u[N * NU], x[(NS + 1) * NX], k[M1(NS * NK)], working[1 + 2 * QT], cost, violation, residual;
     double step, seconds, seconds_prepare, seconds_feedback;
     int64_t iterations, qp_iterations;
     /* linearisation */
