@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
+
+_LONGEST = 2000  # letters of a message
+_ENDLESS = re.compile(r"\S{300,}")
 
 
 class SlipangleError(ValueError):
-    """Base of every error a user can cause; the command line prints it and exits with code 2."""
+    """Base of every error a user can cause; the command line prints it and exits with code 2.
+
+    What a message repeats of a file or a setting is cut to about a line.
+    """
+
+    def __init__(self, message: object = "") -> None:
+        text = _ENDLESS.sub(lambda run: f"{run[0][:120]}...{run[0][-40:]}", str(message))
+        super().__init__(text if len(text) <= _LONGEST else f"{text[: _LONGEST - 3]}...")
 
 
 class MissingFileError(SlipangleError):
@@ -74,17 +85,27 @@ class ModelWarning(UserWarning):
     """A model used near or beyond what it was made for."""
 
 
+def shown(value: object, most: int = 60) -> str:
+    """A value as it is written in Python, cut to at most ``most`` letters, for messages.
+
+    >>> shown("x" * 100, most=20)
+    "'xxxxxxxxxxxxxxxx..."
+    """
+    text = repr(value[: most + 1] if isinstance(value, str) else value)
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Sentence part that offers the names closest to ``name`` among ``known``.
 
     >>> nearest("v_X", ["v_x", "v_y", "delta"])
     "nearest are 'v_x', 'v_y'"
     """
-    names = sorted(set(known))
+    names = sorted({str(k)[:80] for k in known})
     if not names:
         return "there are none"
     lower = {n.lower(): n for n in names}
-    close = [lower[n] for n in difflib.get_close_matches(name.lower(), list(lower), n=3, cutoff=0.5)]
+    close = [lower[n] for n in difflib.get_close_matches(name[:80].lower(), list(lower), n=3, cutoff=0.5)]
     if close:
         return "nearest are " + ", ".join(repr(n) for n in close)
     shown = ", ".join(repr(n) for n in names[:12])

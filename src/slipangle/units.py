@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slipangle.errors import UnitError, nearest
+from slipangle.errors import UnitError, nearest, shown
 
 # unit: (quantity, SI unit, factor); value_SI = factor * value
 _UNITS: dict[str, tuple[str, str, float]] = {
@@ -19,6 +19,7 @@ _UNITS: dict[str, tuple[str, str, float]] = {
     "s": ("time", "s", 1.0),
     "ms": ("time", "s", 1e-3),
     "us": ("time", "s", 1e-6),
+    "ns": ("time", "s", 1e-9),
     "min": ("time", "s", 60.0),
     "m": ("length", "m", 1.0),
     "mm": ("length", "m", 1e-3),
@@ -97,7 +98,7 @@ def canonical(unit: str) -> str:
     lower = text.lower()
     found = _ALIASES.get(lower) or next((u for u in _UNITS if u.lower() == lower), None)
     if found is None:
-        raise UnitError(f"the unit {unit!r} is not known; {nearest(unit, _UNITS)}")
+        raise UnitError(f"the unit {shown(unit)} is not known; {nearest(unit, _UNITS)}")
     return found
 
 

@@ -309,3 +309,31 @@ def test_missing_file(tmp_path):
 def test_bad_input_is_a_named_error(make):
     with pytest.raises(SlipangleError):
         make()
+
+
+def test_track_with_a_comment_in_latin_1(tmp_path):
+    file = tmp_path / "t.csv"
+    file.write_bytes("# Nürburgring\n0,0\n10,0\n20,1\n30,3\n".encode("latin-1"))
+    assert Path.from_csv(file).length == pytest.approx(30.3, abs=0.3)
+
+
+@pytest.mark.parametrize("far", ["1e9", "1e308", "-1e308", "1e400", "nan", "1_0", "１"])
+def test_track_with_a_point_far_away(tmp_path, far):
+    file = tmp_path / "t.csv"
+    file.write_text(f"0,0\n10,0\n{far},1\n30,3\n40,5\n50,8\n", encoding="utf-8")
+    with pytest.raises(SlipangleError):
+        Path.from_csv(file)
+
+
+@pytest.mark.parametrize("scale", [1e9, 1e200, 1e308, 1e-12, 1e-300])
+@pytest.mark.parametrize("closed", [True, False])
+def test_points_of_any_size_end_in_a_path_or_a_sentence(scale, closed):
+    angle = np.linspace(0, 5, 30)
+    with pytest.raises(SlipangleError):
+        Path.from_points(scale * np.cos(angle), scale * np.sin(angle), closed=closed)
+
+
+def test_too_long_a_line_names_its_length():
+    with pytest.raises(ParameterError, match=r"e\+06 samples 0.25 m apart; expected at most 1000000: check the points"):
+        Path.from_points(np.linspace(0, 1e6, 50), np.zeros(50))
+    assert Path.from_points(np.linspace(0, 1e6, 50), np.zeros(50), spacing=10.0).length == pytest.approx(1e6)

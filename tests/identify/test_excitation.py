@@ -47,3 +47,11 @@ def test_dependent_inputs_are_named(monkeypatch):
     ):
         require_independent(wide)
     require_independent(three.select(inputs=("delta", "T")))
+
+
+def test_a_signal_may_be_small_but_is_not_called_constant():
+    require_identifiable(data(delta=1e-13 * np.sin(np.arange(50))), 10)
+    with pytest.raises(
+        ExcitationError, match=r"moves by 2e-200 only, .* its right unit.* expected a signal that moves"
+    ):
+        require_identifiable(data(delta=1e-200 * np.sin(np.arange(50))), 10)

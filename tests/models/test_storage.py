@@ -203,6 +203,8 @@ def test_missing_file(tmp_path):
         ('{"format": "slipangle record", "version": 1, "record": {"map": {}}}', "holds no record"),
         ('{"format": "slipangle record", "version": 1, "record": ' + "[" * 900 + "]" * 900 + "}", "nested"),
         ("[" * 100_000, "not JSON"),
+        ('{"format": "slipangle record", "version": 1, "record": {"float": {}}}', "has the keys"),
+        ('{"format": "slipangle record", "version": 1, "record": {"array": [], "dtype": []}}', "is an array of"),
     ],
 )
 def test_not_a_saved_file(tmp_path, text, said):

@@ -9,14 +9,25 @@ from typing import Literal
 import numpy as np
 from scipy import interpolate
 
-from slipangle.errors import FormatError, MissingFileError, TooShortError
+from slipangle.data.numerals import decoded, to_number
+from slipangle.errors import FormatError, MissingFileError, ParameterError, TooShortError, shown
+
+MOST_POINTS = 100_000  # of a track's line
+_MOST_SAMPLES = 1_000_000  # of a path, 250 km at the usual spacing
 
 
 def sample_spline(
     x: np.ndarray, y: np.ndarray, *, closed: bool, smoothing: float, spacing: float
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Samples of a spline evenly over arc length, and the arc length at the given points."""
+    """Samples of a spline evenly over arc length, and the arc length at the given points.
+
+    Raises
+    ------
+    ParameterError
+        If there would be too many samples, or no smooth line goes through the points.
+    """
     chord = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    _refuse_long(chord[-1], spacing)
     degree: Literal[3, 5] = 5 if len(x) > 5 else 3
     knots, _ = interpolate.splprep([x, y], u=chord, k=degree, s=len(x) * smoothing**2, per=int(closed), quiet=1)
 
@@ -28,6 +39,12 @@ def sample_spline(
     speed, speed_mid = (np.hypot(*derivative(u, 1)) for u in (fine, middle))
     pieces = np.diff(fine) * (speed[:-1] + 4 * speed_mid + speed[1:]) / 6
     arc = np.concatenate([[0.0], np.cumsum(pieces)])
+    if not (np.isfinite(arc[-1]) and (np.diff(arc) > 0).all() and (speed > 0).all()):
+        raise ParameterError(
+            "no smooth line goes through the points: it stands still or turns back on itself; expected points in "
+            "driving order, each some distance from the next: thin them out, or smooth them"
+        )
+    _refuse_long(arc[-1], spacing)
     s = np.linspace(0.0, arc[-1], max(round(arc[-1] / spacing), 4) + 1)
     u = np.asarray(interpolate.CubicHermiteSpline(arc, fine, 1 / speed)(s))
     u[0], u[-1] = 0.0, chord[-1]
@@ -42,6 +59,14 @@ def sample_spline(
         "curvature": (dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3,
     }
     return samples, np.interp(chord, fine, arc)
+
+
+def _refuse_long(length: float, spacing: float) -> None:
+    if not length / spacing <= _MOST_SAMPLES:
+        raise ParameterError(
+            f"the line is {length:.3g} m long, {length / spacing:.3g} samples {spacing:g} m apart; expected at most "
+            f"{_MOST_SAMPLES}: check the points' unit, metres, and their outliers, or choose a wider spacing"
+        )
 
 
 def hermite(values: np.ndarray, slopes: np.ndarray, i: np.ndarray, t: np.ndarray, h: float) -> np.ndarray:
@@ -86,21 +111,22 @@ def read_track(file: str | Path) -> np.ndarray:
     """
     source = Path(file)
     try:
-        text = source.read_text(encoding="utf-8-sig")
+        raw = source.read_bytes()
     except OSError as error:
         raise MissingFileError(
             f"the track '{source}' cannot be read ({error.strerror or error}); expected a CSV file: check the path"
         ) from None
+    text = decoded(raw, source, "lines of numbers: export the track as CSV")
     rows: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         content = line.split("#")[0].strip()
         if not content:
             continue
         try:
-            row = [float(c) for c in content.replace(";", ",").replace(",", " ").split()]
+            row = [to_number(c) for c in content.replace(";", ",").replace(",", " ").split()]
         except ValueError:
             raise FormatError(
-                f"line {number} of '{source.name}' is {content!r}; expected numbers x, y, width right, width left"
+                f"line {number} of '{source.name}' is {shown(content)}; expected numbers x, y, width right, width left"
             ) from None
         if len(row) not in (2, 4) or len(row) != len(rows[0] if rows else row):
             raise FormatError(
@@ -108,6 +134,8 @@ def read_track(file: str | Path) -> np.ndarray:
                 "width left on every line"
             )
         rows.append(row)
+        if len(rows) > MOST_POINTS:
+            raise FormatError(f"'{source.name}' has more than {MOST_POINTS} points; expected at most that: thin it out")
     table = np.array(rows)
     if len(table) < 4:
         raise TooShortError(f"'{source.name}' has {len(table)} points; expected at least 4")

@@ -22,6 +22,8 @@ from slipangle.errors import (
     nearest,
 )
 
+_MOST = 100_000_000  # samples that resampling makes; with ten channels 8 GB
+
 
 @dataclass(frozen=True)
 class Channel:
@@ -339,6 +341,12 @@ class Dataset:
         if corner is not None and not 0 < corner < 0.5 / self.dt:
             raise ParameterError(
                 f"the filter corner is {corner} Hz; expected between 0 and half the sample rate, {0.5 / self.dt:g} Hz"
+            )
+        rows = self.n_samples * self.dt / dt
+        if rows > _MOST:
+            raise SampleTimeError(
+                f"resampling '{self.name}' from {self.dt:g} to {dt:g} s makes {rows:.3g} samples; expected at most "
+                f"{_MOST:.0e}: choose a longer sample time, and check the unit of the log's time"
             )
         pieces, starts, row = [], [], 0
         for part in self.experiments:

@@ -19,6 +19,7 @@ from slipangle.data.centreline import edge_between, hermite, limit_rise, read_tr
 from slipangle.errors import NotFiniteError, ParameterError, TooShortError
 
 SPACING = 0.25  # m, between the samples of a centre line
+_FARTHEST = 1e8  # m, of a coordinate; maps of the whole Earth stay within a tenth of it
 _FIELDS = ("s", "X", "Y", "psi", "curvature", "v_x", "right", "left")
 
 
@@ -185,12 +186,20 @@ class Path:
             If there are fewer than four different points.
         NotFiniteError
             If a coordinate is NaN or infinite.
+        ParameterError
+            If the line is too long or too far away to be in metres, or no smooth line goes through the points.
         """
         x, y = np.asarray(X, dtype=float).ravel(), np.asarray(Y, dtype=float).ravel()
         if x.shape != y.shape:
             raise ParameterError(f"X has {len(x)} points and Y has {len(y)}; expected as many of one as of the other")
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             raise NotFiniteError(f"the points of '{name}' hold NaN or infinite coordinates; expected finite numbers")
+        farthest = max(np.abs(x).max(initial=0.0), np.abs(y).max(initial=0.0))
+        if farthest > _FARTHEST:
+            raise ParameterError(
+                f"a point of '{name}' has a coordinate of {farthest:.3g} m; expected at most {_FARTHEST:.0e} m: check "
+                "the points' unit and their outliers"
+            )
         if not (smoothing >= 0 and spacing > 0):
             raise ParameterError(
                 f"smoothing is {smoothing} m and spacing {spacing} m; expected at least 0 m and more than 0 m"

@@ -8,6 +8,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, MissingColumnError, TooShortError
 
 CHUNK = 1 << 15  # samples whose copy stays in the cache
+_DUST = 1e-15  # a signal in SI units that reaches no further does not move
 
 
 def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[str, ...] | None = None) -> None:
@@ -45,8 +46,12 @@ def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[
             still = [name for name in still if name not in data.inputs]
     for name in still:
         role = "input" if name in data.inputs else "output"
+        reach = float(np.ptp(data[name]))
+        seen = f"is constant at {data[name][0]:g}"
+        if reach > 1e-12 * float(np.abs(data[name]).max()):
+            seen = f"moves by {reach:.3g} only, which rounding does too (in its right unit?),"
         raise ExcitationError(
-            f"the {role} '{name}' of '{data.name}' is constant at {data[name][0]:g} over {data.n_samples} samples; "
+            f"the {role} '{name}' of '{data.name}' {seen} over {data.n_samples} samples; "
             "expected a signal that moves: use a stretch of the log with excitation or leave the channel out"
         )
 
@@ -87,4 +92,4 @@ def require_independent(data: Dataset) -> None:
 
 def _is_constant(x: np.ndarray) -> bool:
     low, high = float(x.min()), float(x.max())  # a long record is not copied
-    return high - low <= 1e-12 * max(1.0, -low, high)
+    return high - low <= max(1e-12 * max(-low, high), _DUST)

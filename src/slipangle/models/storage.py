@@ -11,6 +11,7 @@ import importlib.metadata
 import json
 import math
 import pkgutil
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
@@ -21,7 +22,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import numpy as np
 
-from slipangle.errors import FormatError, MissingFileError, ParameterError, SlipangleError, nearest
+from slipangle.errors import FormatError, MissingFileError, ParameterError, SlipangleError, nearest, shown
 from slipangle.files import write_atomic
 from slipangle.ops import is_symbolic
 
@@ -98,8 +99,9 @@ def load(path: str | Path, *, classes: Sequence[type] = ()) -> Any:
         raise FormatError(f'\'{file}\' does not say "format": "{FORMAT}"; expected a file that slipangle saved')
     version = content.get("version")
     if version != VERSION or isinstance(version, bool):
+        writer = str(content.get("written by", "unknown"))[:60]
         raise FormatError(
-            f"'{file}' is of format version {version!r} (written by {content.get('written by', 'unknown')}), this "
+            f"'{file}' is of format version {shown(version)} (written by {writer}), this "
             f"slipangle reads version {VERSION}; expected the same: use the slipangle that wrote it, or save again"
         )
     try:
@@ -220,18 +222,20 @@ class _Reader:
             return self._record(value, where)
         if "array" in value:
             return self._array(value, where)
-        if set(value) == {"float"} and value["float"] in _WORDS:
+        if set(value) == {"float"} and isinstance(value["float"], str) and value["float"] in _WORDS:
             return _WORDS[value["float"]]
         if set(value) == {"map"} and isinstance(value["map"], dict):
             return {k: self.decode(v, f"{where}[{k!r}]") for k, v in value["map"].items()}
-        raise FormatError(f"{where} in '{self.file}' has the keys {sorted(value)[:6]}; expected 'class' or 'array'")
+        raise FormatError(
+            f"{where} in '{self.file}' has the keys {shown(sorted(value)[:6])}; expected 'class' or 'array'"
+        )
 
     def _record(self, value: dict, where: str) -> Any:
         name, given = value["class"], value.get("fields")
         cls = self.known.get(name) if isinstance(name, str) else None
         if cls is None:
             raise FormatError(
-                f"{where} in '{self.file}' is of unknown class {name!r}; {nearest(str(name), self.known)}: update "
+                f"{where} in '{self.file}' is of unknown class {shown(name)}; {nearest(str(name), self.known)}: update "
                 "slipangle, or name a class of your own in classes=[...]"
             )
         if not isinstance(given, dict):
@@ -254,7 +258,7 @@ class _Reader:
         for key, v in content.items():
             if not fits(v, hints[key]) and not (v is None and expected[key].default is None):
                 raise FormatError(
-                    f"{name}.{key} in '{self.file}' is {_short(v)}; expected {_named(hints[key])}: the file was changed"
+                    f"{name}.{key} in '{self.file}' is {shown(v)}; expected {_named(hints[key])}: the file was changed"
                 )
         try:
             return cls(**content)
@@ -268,8 +272,8 @@ class _Reader:
 
     def _array(self, value: dict, where: str) -> np.ndarray:
         dtype = value.get("dtype", "float64")
-        if dtype not in _DTYPES:
-            raise FormatError(f"{where} in '{self.file}' is an array of {dtype!r}; expected {', '.join(_DTYPES)}")
+        if not isinstance(dtype, str) or dtype not in _DTYPES:
+            raise FormatError(f"{where} in '{self.file}' is an array of {shown(dtype)}; expected {', '.join(_DTYPES)}")
         try:
             array = _parsed(value["array"], dtype)
             return array.reshape(value["shape"]) if "shape" in value else array
@@ -318,9 +322,9 @@ def fits(value: Any, hint: Any) -> bool:
     if hint is Any:
         return True
     if hint is float:
-        return isinstance(value, (int, float)) and not isinstance(value, bool)
+        return isinstance(value, float) or fits(value, int)
     if hint is int:
-        return isinstance(value, int) and not isinstance(value, bool)
+        return isinstance(value, int) and not isinstance(value, bool) and abs(value) <= sys.maxsize
     if hint is None or hint is type(None):
         return value is None
     if isinstance(hint, type) and origin is None:
@@ -330,8 +334,3 @@ def fits(value: Any, hint: Any) -> bool:
 
 def _named(hint: Any) -> str:
     return hint.__name__ if isinstance(hint, type) else str(hint).replace("typing.", "").replace("numpy.", "")
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) < 60 else f"{text[:57]}..."

@@ -9,9 +9,10 @@ from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from slipangle.errors import ConfigError, MissingFileError, nearest
+from slipangle.errors import ConfigError, MissingFileError, nearest, shown
 
 T = TypeVar("T")
+_LARGEST = 10**15  # of the whole numbers in a job
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,9 +165,11 @@ def read_settings(path: str | Path) -> Settings:
         raise ConfigError(f"'{file}' is not text; expected a TOML file in UTF-8: see examples/") from None
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        raise ConfigError(f"'{file}' is nested too deeply; expected the entries of a job: see examples/") from None
+    except ValueError as error:  # of TOML, or a number of thousands of digits
         raise ConfigError(
-            f"'{file}' is not valid TOML: {error}; expected key = value lines: correct that line"
+            f"'{file}' is not valid TOML: {str(error)[:200]}; expected key = value lines: correct that line"
         ) from None
     settings = _record(Settings, {**table, "folder": file.parent}, file.name)
     _check(settings, file.name)
@@ -211,27 +214,31 @@ def _value(value: Any, hint: Any, where: str) -> Any:
         return _value(value, next(a for a in arguments if a is not type(None)), where)
     if origin is Literal:
         if value not in arguments:
-            raise ConfigError(f"{where} is {value!r}; {nearest(str(value), map(str, arguments))}: use one of these")
+            raise ConfigError(
+                f"{where} is {shown(value)}; {nearest(str(value), map(str, arguments))}: use one of these"
+            )
         return value
     if origin is tuple:
         items = [value] if isinstance(value, str | dict) else value
         if not isinstance(items, list | tuple):
-            raise ConfigError(f"{where} is {value!r}; expected a list")
+            raise ConfigError(f"{where} is {shown(value)}; expected a list")
         return tuple(_value(v, arguments[0], f"{where}[{i}]") for i, v in enumerate(items))
     if origin is dict:
         if not isinstance(value, dict):
-            raise ConfigError(f"{where} is {value!r}; expected a table of name = value")
+            raise ConfigError(f"{where} is {shown(value)}; expected a table of name = value")
         return {k: _value(v, arguments[1], f"{where}.{k}") for k, v in value.items()}
     if hasattr(hint, "__dataclass_fields__"):
         if hint is ColumnSettings and isinstance(value, str):
             return ColumnSettings(column=value)
         if not isinstance(value, dict):
-            raise ConfigError(f"{where} is {value!r}; expected a table")
+            raise ConfigError(f"{where} is {shown(value)}; expected a table")
         return _record(hint, value, where)
+    if isinstance(value, int) and not isinstance(value, bool) and abs(value) > _LARGEST:
+        raise ConfigError(f"{where} is {shown(value)}; expected a number of at most {len(str(_LARGEST))} digits")
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
-        raise ConfigError(f"{where} is {value!r}; expected {_SPOKEN.get(hint, hint.__name__)}")
+        raise ConfigError(f"{where} is {shown(value)}; expected {_SPOKEN.get(hint, hint.__name__)}")
     return value
 
 

@@ -177,3 +177,13 @@ def test_every_public_file_round_trips(real_data, tmp_path):
         assert (tmp_path / file.name).read_bytes() == file.read_bytes()
         assert tir.number("FNOMIN")
         assert any(line.key.startswith("PCX") for line in tir.lines)
+
+
+def test_ragged_table_names_its_line():
+    with pytest.raises(FormatError, match=r"line 17 of 'tir' has 1 numbers; expected 2 as in the rows of \[SHAPE\]"):
+        parse_tir(TEXT.replace(" 0.9    1.0", " 0.9")).tables  # noqa: B018
+
+
+def test_a_number_of_python_only_is_refused():
+    with pytest.raises(FormatError, match="gives FITTYP the value '6_1'"):
+        parse_tir(TEXT.replace("= 61", "= 6_1"))

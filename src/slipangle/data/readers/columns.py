@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal, Protocol
@@ -27,6 +27,9 @@ from slipangle.errors import (
 
 _TIME_NAMES = ("t", "time", "timestamp", "zeit", "tempo")
 _EPOCH = 1e7  # larger first stamps count from the log's start [s]
+_SLOW = 2.0  # steps from here on are said, where no unit is named [s]
+_TOO_SLOW = 5.0  # and refused in a log of a drive, if they are whole numbers: they count milliseconds [s]
+_HOURS = 1e4  # and in any log [s]
 
 
 @dataclass(frozen=True)
@@ -180,9 +183,9 @@ def as_columns(
 
 
 def _time(
-    table: Table, time: Column | str | None, dt: float | None, epoch: bool, said: list[str]
+    table: Table, time: Column | str | None, dt: float | None, names: Iterable[str], epoch: bool, said: list[str]
 ) -> tuple[np.ndarray | None, int | None]:
-    """Time stamps [s] and the position of their column."""
+    """Time stamps [s] of channels of these names, and the position of their column."""
     column = Column(time) if isinstance(time, str) else time
     if column is None:
         found = [i for i, h in enumerate(table.headers) if h.name.lower() in _TIME_NAMES]
@@ -199,10 +202,37 @@ def _time(
     header = table.headers[i]
     what = f"the time column '{header.name}' of {table.name}"
     t = units.to_si(table.numbers(i), column.unit or header.unit or "s", expected="s", what=what) * column.factor
+    if not (column.unit or header.unit or dt):
+        said += _plausible_seconds(t, header, what, driven=any(n in STANDARD and n != "t" for n in names))
     if not epoch and len(t) and t[0] > _EPOCH:
         said.append(f"time counts from {t[0]:.9g} s, the first stamp")
         t = t - t[0]
     return t, i
+
+
+def _plausible_seconds(t: np.ndarray, header: Header, what: str, *, driven: bool) -> list[str]:
+    """A note on slow stamps without a unit.
+
+    Raises
+    ------
+    TimeError
+        If they cannot be seconds: hours from sample to sample, or whole numbers too slow for a drive (``driven``).
+    """
+    steps = np.diff(t[np.isfinite(t)])
+    step = float(np.median(steps)) if len(steps) else 0.0
+    if not step >= _SLOW:
+        return []
+    whole = bool(np.all(steps == np.round(steps)))
+    finer = next((u for u, most in (("ms", 1e4), ("us", 1e7)) if step < most), "ns")
+    if step >= _HOURS or (driven and whole and step >= _TOO_SLOW):
+        raise TimeError(
+            f"{what} names no unit and rises by {step:.6g} from row to row; expected seconds, which these cannot be: "
+            f"name the unit, in the header as '{header.name} [{finer}]' or as time=Column('{header.name}', '{finer}')"
+        )
+    return [
+        f"{what} names no unit: its steps of {step:.6g} are taken as seconds; if they are not, name the unit as "
+        f"time=Column('{header.name}', '{finer}')"
+    ]
 
 
 def _cut_missing(
@@ -258,7 +288,8 @@ def assemble(
         raise ParameterError(f"nan is {nan!r}; expected 'error' or 'gap': choose one")
     said: list[str] = list(notes)
     assumed: list[str] = []
-    t, time_column = _time(table, time, dt, epoch, said)
+    names = columns if columns is not None else [h.name for h in table.headers]
+    t, time_column = _time(table, time, dt, names, epoch, said)
     label = find_column(table, experiment, "experiment") if experiment is not None else None
     chosen = as_columns(table, columns, {i for i in (time_column, label) if i is not None})
     if not chosen:

@@ -15,13 +15,17 @@ import numpy as np
 
 from slipangle import units
 from slipangle.data.dataset import Dataset
+from slipangle.data.numerals import decoded, is_number, to_number
 from slipangle.data.readers.columns import Column, Header, assemble, check_dt
-from slipangle.errors import FormatError, MissingFileError, TooShortError, nearest
+from slipangle.errors import FormatError, MissingFileError, TooShortError, nearest, shown
 from slipangle.files import write_atomic
 
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "+inf", "-inf", "infinity"}
 _COMMENTS = ("#", "%", "//")
 _OURS = "# slipangle: "
+_POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
+_COMMA = re.compile(r"[+-]?\d*(,\d+)+([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,10 +60,9 @@ class TextTable:
     @cached_property
     def _table(self) -> np.ndarray | None:
         """All numbers at once, or None if a cell somewhere is empty or foreign."""
-        if self.decimal_comma:
-            return None
+        lines = [line.replace(",", ".") for line in self.lines] if self.decimal_comma else self.lines
         try:
-            return np.loadtxt(self.lines, delimiter=self.delimiter, ndmin=2, comments=None)
+            return np.loadtxt(lines, delimiter=self.delimiter, ndmin=2, comments=None)
         except (ValueError, IndexError):
             return None
 
@@ -71,13 +74,13 @@ class TextTable:
         cell = self._split[row][column].strip()
         text = cell.replace(",", ".") if self.decimal_comma else cell
         try:
-            return float(text)
+            return to_number(text)
         except ValueError:
             if text.lower() in _MISSING:
                 return np.nan
             raise FormatError(
-                f"{self.name}, {self.row_name(row)}, column '{self.headers[column].name}' holds {cell!r}; expected a "
-                "number: correct the cell, or leave it empty and read with nan='gap'"
+                f"{self.name}, {self.row_name(row)}, column '{self.headers[column].name}' holds {shown(cell)}; "
+                "expected a number: correct the cell, or leave it empty and read with nan='gap'"
             ) from None
 
 
@@ -107,14 +110,7 @@ def _text(path: Path) -> str:
         raise MissingFileError(
             f"the log '{path}' cannot be read ({error.strerror}); expected a readable file: check its permissions"
         ) from None
-    if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return raw.decode("utf-16", errors="replace")
-    if b"\0" in raw[:4096]:
-        raise FormatError(f"'{path}' is not a text file; expected comma-separated text: export the log as CSV")
-    try:
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return raw.decode("latin-1")
+    return decoded(raw, path, "comma-separated text: export the log as CSV")
 
 
 def _delimiter(lines: Sequence[str]) -> str | None:
@@ -133,11 +129,7 @@ def _is_number(cell: str, decimal_comma: bool = False) -> bool:
     text = cell.strip()
     if text.lower() in _MISSING:
         return True
-    try:
-        float(text.replace(",", ".") if decimal_comma else text)
-    except ValueError:
-        return False
-    return True
+    return is_number(text.replace(",", ".") if decimal_comma else text)
 
 
 def parse_heading(text: str) -> Header:
@@ -196,13 +188,15 @@ def read_table(path: str | Path, *, delimiter: str | None = None, skip_lines: in
         raise TooShortError(f"the log {name} is empty; expected a header line and rows of numbers: export it again")
     sample = [line for _, line in body[:50]]
     cut = delimiter if delimiter is not None else _delimiter(sample)
-    comma = cut in (";", "\t") and any(re.search(r"\d,\d", line) for line in sample)
+    comma = cut in (";", "\t") and any("," in line and re.search(r"\d,\d", line) for _, line in body)
     rows = [_cells(line, cut) for line in sample]
     named, headers, skip = _find_headings(rows, comments, cut, comma)
     body = body[skip:]
     if not body:
         raise TooShortError(f"the log {name} has headings but no rows; expected rows of numbers: export it again")
     _check_ragged(body, cut, len(headers), name)
+    if comma:
+        _check_decimal_commas(body, cut, name)
     return TextTable(
         name=name,
         headers=headers,
@@ -243,6 +237,39 @@ def _check_ragged(body: list[tuple[int, str]], delimiter: str | None, width: int
                 "line (a log cut off while writing ends like this), leave lines above the header out with skip_lines=, "
                 "or name the separator with delimiter="
             )
+
+
+def _check_decimal_commas(body: list[tuple[int, str]], delimiter: str | None, name: str) -> None:
+    """Raise unless every number has a decimal comma; points beside them, or groups of three digits only, do not tell.
+
+    Raises
+    ------
+    FormatError
+        With the lines that contradict each other, or with both meanings of the number.
+    """
+    pointed: tuple[int, str] | None = None
+    with_comma: tuple[int, str] | None = None
+    proven = False  # a comma that cannot part thousands
+    for number, line in body:
+        for cell in line.split(delimiter):
+            text = cell.strip(" \"'")
+            if "," in text and _COMMA.fullmatch(text):
+                with_comma = with_comma or (number, text)
+                proven = proven or not _THOUSANDS.fullmatch(text)
+            elif pointed is None and "." in text and _POINT.fullmatch(text):
+                pointed = (number, text)
+    if with_comma and pointed:
+        raise FormatError(
+            f"{name} holds {shown(with_comma[1])} in line {with_comma[0]} and {shown(pointed[1])} in line "
+            f"{pointed[0]}; expected one decimal mark: export the log again with a point"
+        )
+    if with_comma and not proven:
+        plain = with_comma[1][:20]
+        raise FormatError(
+            f"{name} holds {shown(with_comma[1])} in line {with_comma[0]}, which can be {plain.replace(',', '.')} or "
+            f"{plain.replace(',', '')}; expected a decimal mark that tells: export the log again with a point, and "
+            "without marks between thousands"
+        )
 
 
 def _meta(text: str, name: str, number: int) -> dict[str, Any]:
@@ -345,7 +372,7 @@ def read_csv(
         experiment=experiment or meta.get("experiment"),
         epoch=bool(meta),
         name=name or meta.get("name") or Path(path).stem,
-        notes=meta.get("notes", ()),
+        notes=(*meta.get("notes", ()), *(("decimal commas are read as points",) if table.decimal_comma else ())),
     )
 
 

@@ -23,7 +23,7 @@ _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f
 _TEXTS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _MATRIX, _COMPRESSED = 14, 15
 _CELL, _STRUCT, _CHAR = 1, 2, 4
-_LARGEST = 2**32  # bytes of one variable after inflation
+_LARGEST = 2**28  # bytes of one variable after inflation
 _DEEPEST = 20
 
 

@@ -17,8 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
+from slipangle.data.numerals import to_number
 from slipangle.data.readers.tir_units import Units, read_units
-from slipangle.errors import FormatError, MissingFileError, ParameterError, nearest
+from slipangle.errors import FormatError, MissingFileError, ParameterError, nearest, shown
 from slipangle.files import write_atomic
 
 _SECTION = re.compile(r"\[\s*([^\]]+?)\s*\]\s*$")
@@ -128,8 +129,8 @@ class TirFile:
             return None
         if isinstance(line.value, str):
             raise FormatError(
-                f"line {line.number} of '{self.name}' gives {line.key} the value {line.value!r}; expected a number: "
-                "correct that line"
+                f"line {line.number} of '{self.name}' gives {line.key} the value {shown(line.value)}; expected a "
+                "number: correct that line"
             )
         return line.value * self.units.factor(line.key)
 
@@ -149,11 +150,23 @@ class TirFile:
 
     @cached_property
     def tables(self) -> dict[str, np.ndarray]:
-        """Tables by heading, shape (n_rows, n_columns), in the units of the file."""
+        """Tables by heading, shape (n_rows, n_columns), in the units of the file.
+
+        Raises
+        ------
+        FormatError
+            If a row has another number of columns than the first of its table.
+        """
         rows: dict[str, list[tuple[float, ...]]] = {}
         for line in self.lines:
             if line.row:
-                rows.setdefault(line.section, []).append(line.row)
+                table = rows.setdefault(line.section, [])
+                table.append(line.row)
+                if len(line.row) != len(table[0]):
+                    raise FormatError(
+                        f"line {line.number} of '{self.name}' has {len(line.row)} numbers; expected {len(table[0])} as "
+                        f"in the rows of [{line.section}] above it: complete or delete that line"
+                    )
         return {section: np.array(r) for section, r in rows.items()}
 
     @property
@@ -356,7 +369,7 @@ def _parse_value(value: str, key: str, number: int, name: str) -> float | str | 
             return value
     hint = " (a point, not a comma, separates decimals)" if "," in value else ""
     raise FormatError(
-        f"line {number} of '{name}' gives {key} the value {value!r}; expected a number or a quoted text{hint}: "
+        f"line {number} of '{name}' gives {key} the value {shown(value)}; expected a number or a quoted text{hint}: "
         "correct that line"
     )
 
@@ -364,7 +377,7 @@ def _parse_value(value: str, key: str, number: int, name: str) -> float | str | 
 def _to_float(word: str) -> float:
     """The number, Fortran's exponent D included; NaN where it is none."""
     try:
-        return float(word)
+        return to_number(word)
     except ValueError:
         try:
             return (

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from slipangle.errors import UnitError, nearest
+from slipangle.errors import UnitError, nearest, shown
 
 # Names of units in the field (Adams, MF-Tyre, cosin): name -> (SI factor, system)
 _NAMES: dict[str, dict[str, tuple[float, str]]] = {
@@ -146,7 +146,7 @@ def read_units(entries: Sequence[tuple[str, str, int]], name: str) -> Units:
         found = known.get(value.strip().upper())
         if found is None:
             raise UnitError(
-                f"line {number} of '{name}' gives {key} in {value!r}; {nearest(value, known)}: use one of these"
+                f"line {number} of '{name}' gives {key} in {shown(value)}; {nearest(value, known)}: use one of these"
             )
         if key in chosen and chosen[key][1] != found[0]:
             raise UnitError(

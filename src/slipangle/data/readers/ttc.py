@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from slipangle.data.numerals import is_number, to_number
 from slipangle.data.readers.mat5 import read_mat5
 from slipangle.data.tire_data import TireData
 from slipangle.errors import (
@@ -33,6 +34,7 @@ from slipangle.errors import (
     TooShortError,
     UnitError,
     nearest,
+    shown,
 )
 from slipangle.units import known as unit_known
 from slipangle.units import quantity, to_si
@@ -352,11 +354,11 @@ def _read_dat(file: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
                 "delete that line"
             )
         try:
-            rows.append([float(c) for c in cells])
+            rows.append([to_number(c) for c in cells])
         except ValueError:
-            bad = next(c for c in cells if not _is_number(c))
+            bad = next(c for c in cells if not is_number(c))
             raise FormatError(
-                f"line {k + 1} of '{file}' holds '{bad}'; expected a number: repair or delete that line"
+                f"line {k + 1} of '{file}' holds {shown(bad)}; expected a number: repair or delete that line"
             ) from None
     if not rows:
         raise TooShortError(f"'{file}' has channel names but no line of numbers; expected a run")
@@ -372,14 +374,6 @@ def _cells(line: str) -> list[str]:
     return re.split(r"\s+", line.strip()) if line.strip() else []
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
 def _is_numbers(line: str) -> bool:
     cells = _cells(line)
-    return bool(cells) and all(_is_number(c) for c in cells)
+    return bool(cells) and all(is_number(c) for c in cells)
