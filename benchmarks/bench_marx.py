@@ -28,6 +28,7 @@ from slipangle.data.manoeuvres import double_lane_change
 from slipangle.experiments import Progress, Reproduction
 from slipangle.experiments._chapter_7 import (
     HORIZON,
+    KNOTS,
     MORE_SPEEDS,
     SETTINGS,
     SPEEDS,
@@ -115,6 +116,7 @@ def bench(progress: Progress) -> Reproduction:
         "MARX with heading": heading,
         "MARX with heading, e_psi weighted": limited,
         "MARX with heading, 6 models, N = 20": longer,
+        "MARX with heading, 6 models, N = 20, 8 knots": replace(longer, knots=KNOTS),
         "LMPC": general(linear_model(), RealTime()),
         "NMPC": general(magic_model(), RealTime()),
     }

@@ -55,6 +55,7 @@ SETTINGS = {"horizon": 10, "S": Weights(delta=100.0), "limits": Limits(delta=LIM
 BY_Y = MultiARXMPC(Y_MODEL, Q=Weights(Y=100.0), terminal=Weights(Y=300.0), rates=Limits(delta=1.0), **SETTINGS)
 BY_POSE = MultiARXMPC(GROUND, Q=Weights(e_y=100.0, e_psi=20.0), R=Weights(delta=3.0), **SETTINGS)
 BOTH = pytest.mark.parametrize("mpc", [BY_Y, BY_POSE], ids=["Y", "on the ground"])
+KNOTS = (0, 1, 3, 7)
 
 
 def situation(mpc, seed, spread=1.0):
@@ -193,9 +194,66 @@ def test_on_the_ground_it_is_the_general_controller_near_the_path():
 
 
 @BOTH
+def test_between_knots_the_input_runs_straight_and_the_plan_is_the_best_of_those(mpc):
+    """The cost is quadratic about the full program's optimum, so its best restriction to the knots is a projection."""
+    few, n = replace(mpc, knots=KNOTS, rates=Limits(), limits=Limits()), mpc.horizon
+    free = replace(mpc, rates=Limits(), limits=Limits())
+    shape = np.column_stack([np.interp(np.arange(n), KNOTS, one) for one in np.eye(len(KNOTS))])
+    for seed in range(5):
+        x, reference, applied = situation(mpc, seed)
+        plan, full = few.plan(x, reference, applied=applied), free.plan(x, reference, applied=applied)
+        assert plan.u[:, 0] == pytest.approx(shape @ plan.u[list(KNOTS), 0], abs=1e-12)
+        assert plan.cost >= full.cost - 1e-9 * abs(full.cost)
+        H = _hessian(Interpreted(free.problem, free.numbers), x, reference, applied)
+        best = np.linalg.solve(shape.T @ H @ shape, shape.T @ H @ full.u[:, 0])
+        assert plan.u[:, 0] == pytest.approx(shape @ best, abs=1e-8)
+
+
+def _hessian(solver, x, reference, applied):
+    """Half the second derivative of the cost by the inputs, as DAQP is given it but for its scale: half the trace."""
+    import daqp
+
+    caught, solve = [], daqp.solve
+
+    def note(H, *rest):
+        caught.append(H.copy())
+        return solve(H, *rest)
+
+    daqp.solve = note
+    try:
+        solver.solve(x, reference.tracked, reference.exogenous, float(applied[0]))
+    finally:
+        daqp.solve = solve
+    return caught[0]
+
+
+@BOTH
+@needs_compiler
+def test_with_knots_compiled_and_numpy_agree(mpc):
+    for knots in (KNOTS, (0,), (0, 9), (0, 2, 4, 6, 8)):
+        few = replace(mpc, knots=knots, rates=Limits(delta=1.0))
+        for seed in range(4):
+            x, reference, applied = situation(mpc, seed, 2.0)
+            asked = x, reference.tracked, reference.exogenous, float(applied[0])
+            fast, slow = few.solver.solve(*asked), Interpreted(few.problem, few.numbers).solve(*asked)
+            assert fast.status is slow.status
+            assert fast.u == pytest.approx(slow.u, abs=1e-8)
+            assert fast.x == pytest.approx(slow.x, abs=1e-8)
+            assert fast.cost == pytest.approx(slow.cost, rel=1e-8)
+
+
+@pytest.mark.parametrize("knots", [(), (1, 2), (0, 0), (0, 3, 2), (0, 10), (0, 1.5), (0, -1)])
+def test_knots_that_are_none_are_refused(knots):
+    with pytest.raises(ParameterError, match=r"knots is .*expected growing whole numbers from 0 to at most 9"):
+        replace(BY_Y, knots=knots)
+
+
+@BOTH
 def test_limits_and_rates_are_kept(mpc):
     tight = replace(mpc, limits=Limits(delta=(-0.1, 0.05)), rates=Limits(delta=0.6))
-    for seed in range(30):
+    tights = tight, replace(tight, knots=KNOTS)
+    for seed in range(60):
+        tight = tights[seed % 2]
         x, reference, _ = situation(mpc, seed, 5.0)
         applied = np.array([(-0.1, 0.05, 0.0)[seed % 3]])
         u = tight.plan(x, reference, applied=applied).u[:, 0]

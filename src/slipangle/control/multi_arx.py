@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, MISSING, dataclass, field, fields
 from functools import cached_property
+from itertools import pairwise
 from math import isfinite
 from time import perf_counter
 from typing import Any
@@ -81,6 +82,9 @@ class MultiARXMPC:
         As Q, at the end; Q by default.
     limits, rates : Limits
         On the input, and on its change per second; always kept.
+    knots : sequence of int, optional
+        Steps at which the input is decided, the first 0; between them it runs straight, after the last it is held. A
+        program of ``(0, 1, 2, 4, 8)`` has 5 decisions over any horizon. By default every step is decided.
     integral : float
         Share of each step's prediction error that is believed to last, 0 to 1: it is added up, and the sum added to the
         outputs of all models at every step. 0.2 takes away most of a steady offset within half a second.
@@ -108,6 +112,7 @@ class MultiARXMPC:
     terminal: Weights | None = None
     limits: Limits = field(default_factory=Limits)
     rates: Limits = field(default_factory=Limits)
+    knots: tuple[int, ...] | None = None
     integral: float = 0.0
     fallback: int = 5
     safe: Values = field(default_factory=Values)
@@ -115,6 +120,8 @@ class MultiARXMPC:
     def __post_init__(self) -> None:
         if not (isinstance(self.horizon, int) and self.horizon >= 1):
             raise ParameterError(f"the horizon is {self.horizon!r}; expected a whole number of at least 1")
+        if self.knots is not None:
+            object.__setattr__(self, "knots", _checked_knots(self.knots, self.horizon))
         base = self.model.model if isinstance(self.model, OnGround) else self.model
         if not isinstance(base, MultiARXModel):
             raise ParameterError(
@@ -237,6 +244,7 @@ class MultiARXMPC:
         slow, fast = self.rates.get(name, (-np.inf, np.inf))
         return Problem(
             horizon=self.horizon,
+            knots=self.knots or tuple(range(self.horizon)),
             dt=self.dt,
             na=base.na,
             reach=base.reach,
@@ -441,6 +449,23 @@ class MultiARXMPC:
             weights=weights,
             outside=not self._lowest <= v_x <= self._highest,
         )
+
+
+def _checked_knots(knots: Sequence[int], horizon: int) -> tuple[int, ...]:
+    """Knots as whole numbers.
+
+    Raises
+    ------
+    ParameterError
+        If they do not begin with 0, do not grow, or reach beyond the horizon.
+    """
+    given = list(knots)
+    whole = all(isinstance(k, int | np.integer) for k in given)
+    if not (whole and given[:1] == [0] and all(a < b for a, b in pairwise(given)) and given[-1] < horizon):
+        raise ParameterError(
+            f"knots is {str(given)[:60]}; expected growing whole numbers from 0 to at most {horizon - 1}, the last step"
+        )
+    return tuple(int(k) for k in given)
 
 
 _DEFAULTS = {f.name: f.default for f in fields(MultiARXPlan) if f.default is not MISSING}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.resources import files
 from typing import Any, NamedTuple, Protocol
 
@@ -25,6 +26,7 @@ class Problem:
     """Sizes, weights and limits; see `MultiARXMPC`. ``steps`` limits the change per step."""
 
     horizon: int
+    knots: tuple[int, ...]
     dt: float
     na: int
     reach: int
@@ -38,6 +40,17 @@ class Problem:
     s: float
     bounds: np.ndarray
     steps: np.ndarray
+
+    @cached_property
+    def shares(self) -> np.ndarray:
+        """Of each decided input in each step's, shape (horizon, knots): straight between knots, level after them."""
+        steps = np.arange(self.horizon)
+        return np.column_stack([np.interp(steps, self.knots, one) for one in np.eye(len(self.knots))])
+
+    @cached_property
+    def changes(self) -> np.ndarray:
+        """Of the shares from step to step, those of the first step from zero, shape (horizon, knots)."""
+        return np.diff(self.shares, axis=0, prepend=0.0)
 
     @property
     def posed(self) -> bool:
@@ -92,8 +105,9 @@ def source(problem: Problem) -> str:
     """The problem as one C source."""
     names = list(problem.outputs)
     sizes = {
-        "QN": problem.horizon,
-        "QR": problem.horizon if problem.rated else 0,
+        "NH": problem.horizon,
+        "QN": len(problem.knots),
+        "QR": len(problem.knots) if problem.rated else 0,
         "QD": 0,
         "NJ": problem.n_models,
         "NA": problem.na,
@@ -114,7 +128,21 @@ def source(problem: Problem) -> str:
     reach = f"void *marx_at(Work *s, int i)\n{{\n    switch (i) {{\n{cases}\n    }}\n    return NULL;\n}}\n"
     head = "#define _POSIX_C_SOURCE 200809L\n#include <stdlib.h>\n#include <time.h>\n"
     head += "\n".join(f"#define {k} {v}" for k, v in sizes.items())
-    return "\n".join([head, *text, own, reach])
+    return "\n".join([head, *text, _shares(problem), own, reach])
+
+
+def _shares(problem: Problem) -> str:
+    """The decided inputs' part in each step's input as C arrays; rows are padded to whole vectors."""
+    shares, changes = problem.shares, problem.changes
+    first = (shares != 0).argmax(axis=0)
+    lines = [
+        f"static const int {n}[] = {{{', '.join(map(str, v))}}};"
+        for n, v in (("KNOT", problem.knots), ("FIRST", first))
+    ]
+    for name, rows in (("SHARE", shares), ("SQUARES", shares.T @ shares), ("CHANGES", changes.T @ changes)):
+        entries = ", ".join(f"[{i} * QL + {k}] = {float(v)!r}" for (i, k), v in np.ndenumerate(rows) if v != 0)
+        lines.append(f"static const double {name}[{len(rows)} * QL] = {{{entries}}};")
+    return "\n".join(lines)
 
 
 def build(problem: Problem, numbers: Numbers) -> Solver:
@@ -261,22 +289,22 @@ class Interpreted:
         """See `Solver`."""
         import daqp
 
-        p, n = self._problem, self._problem.horizon
+        p, n = self._problem, len(self._problem.knots)
         given = numbers or self._numbers
         x, v = np.asarray(x, dtype=float), np.asarray(v_x, dtype=float).ravel()
         if not all(np.isfinite(a).all() for a in (x, path, v)):
             return self._nothing(Status.NOT_FINITE)
         w = self._weights(np.append(v, v[-1]), given.speeds)
         free, hit = self._blend(x, w, given, offset)
+        hit = hit @ p.shares
         pose, turned = self._on_ground(free, hit, v, applied) if p.posed else (None, None)
         rows, errors = self._track(x, path, free, hit, pose, turned)
-        H = p.r * np.eye(n) + p.s * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
-        H[-1, -1] -= p.s
+        H = p.r * p.shares.T @ p.shares + p.s * p.changes.T @ p.changes
         g = np.zeros(n)
         g[0] = -p.s * applied
         fixed = p.s * applied**2
         for t in range(len(p.q)):
-            weight = np.full(n + 1, p.q[t])
+            weight = np.full(p.horizon + 1, p.q[t])
             weight[-1] = p.end[t]
             H += rows[t].T @ (weight[:, None] * rows[t])
             g += rows[t].T @ (weight * errors[t])
@@ -285,8 +313,9 @@ class Interpreted:
         base = np.zeros(len(change))
         base[:1] = applied
         most = 1e30  # what DAQP takes for infinite
-        upper = np.clip(np.concatenate([np.full(n, p.bounds[1]), base + p.steps[1]])[: n + len(change)], -most, most)
-        lower = np.clip(np.concatenate([np.full(n, p.bounds[0]), base + p.steps[0]])[: n + len(change)], -most, most)
+        lasts = np.diff(p.knots, prepend=-1)[: len(change)]
+        upper = np.clip(np.concatenate([np.full(n, p.bounds[1]), base + lasts * p.steps[1]]), -most, most)
+        lower = np.clip(np.concatenate([np.full(n, p.bounds[0]), base + lasts * p.steps[0]]), -most, most)
         sense = np.zeros(n + len(change), dtype=np.int32)
         scale = 1.0 / max(float(np.trace(H)) / n, 1e-300)
         u, _, flag, info = daqp.solve(H * scale, g * scale, np.ascontiguousarray(change), upper, lower, sense)
@@ -295,7 +324,7 @@ class Interpreted:
         u = np.clip(u, *p.bounds)
         return Answer(
             Status.SOLVED,
-            u[:, None].copy(),
+            (p.shares @ u)[:, None],
             self._states(x, u, free, hit, pose, turned),
             w[0],
             float(u @ H @ u + 2 * g @ u + fixed),
@@ -347,7 +376,7 @@ class Interpreted:
         """
         p, h = self._problem, self._problem.dt
         i, j = p.outputs.index("v_y"), p.outputs.index("r")
-        pose, by = np.zeros((p.horizon + 1, 3)), np.zeros((p.horizon + 1, 3, p.horizon))
+        pose, by = np.zeros((p.horizon + 1, 3)), np.zeros((p.horizon + 1, 3, hit.shape[2]))
         now = free + hit.sum(axis=2) * held
         for k in range(p.horizon):
             mean = pose[k, 2] + h * (2 * now[k, j] + now[k + 1, j]) / 6
@@ -379,7 +408,7 @@ class Interpreted:
         p = self._problem
         n, ny, split = p.horizon, len(p.outputs), p.na * len(p.outputs)
         y = np.vstack([x[:split].reshape(p.na, ny)[:0:-1], free + hit @ u])
-        inputs = np.concatenate([x[split : split + p.reach - 1][::-1], u])
+        inputs = np.concatenate([x[split : split + p.reach - 1][::-1], p.shares @ u])
         rows = []
         for i in range(n + 1):
             lags = y[i : i + p.na][::-1].ravel()

@@ -36,6 +36,7 @@ MORE_SPEEDS = (10.0, 12.0, 14.0, 16.0, 18.0, 20.0)
 AMPLITUDES = {10.0: 0.15, 15.0: 0.08, 20.0: 0.05}  # rad
 STEP, LOG = 0.05, 0.01  # s
 HORIZON, LONG = 10, 20
+KNOTS = (0, 2, 4, 6, 8, 10, 14, 19)  # of the long horizon: eight decisions fill a vector of any processor
 LIMIT = float(np.deg2rad(20.0))
 STEERING_RATIO = 10.0  # table 7.3's S counts the angle of the steering wheel, as in chapter 6
 Q, S = 100.0, 100.0 * STEERING_RATIO**2

@@ -10,8 +10,10 @@
 #ifndef LANES
 #ifdef __AVX512F__
 #define LANES 8
-#else
+#elif defined __AVX__
 #define LANES 4
+#else
+#define LANES 2 /* wider vectors than the processor's are taken apart badly */
 #endif
 #endif
 
