@@ -55,14 +55,14 @@ def reproduce(progress: Progress) -> Reproduction:
         for j, curve in enumerate(NOISE):
             slip, friction, noise = stand_in(curve)
             floor, spread = float(np.std(noise)), float(np.std(friction))
-            began = time.perf_counter()
+            began = time.process_time()
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", IdentifiabilityWarning)  # table 6.8 is about the coefficients
                 found: Any = fit.fit(slip, friction)
             fitted = found(slip)
             if label in ("RBF {2}", "MLP {1 1}", "Pacejka"):  # those of fig. 6.8
                 shown[curve][label] = found
-            seconds = time.perf_counter() - began
+            seconds = time.process_time() - began
             here = float(rmse(friction, fitted))
             ratio = max(_CLOSE, printed[2 * j + 1] / NOISE[curve])
             limit = spread if label == "RBF {1}" else ratio * floor
