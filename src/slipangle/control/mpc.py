@@ -6,15 +6,21 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from math import isnan
 from time import perf_counter
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from slipangle.control.arrays import applied_input, vector
+from slipangle.control.checks import Judge, require_plan
 from slipangle.control.ipopt import Ipopt
 from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import (
+    NEW,
     Backend,
+    Bounds,
     Engine,
+    Follows,
+    Health,
     Kept,
     Plan,
     Prepares,
@@ -29,7 +35,7 @@ from slipangle.control.plan import (
     within,
 )
 from slipangle.control.realtime import RealTime
-from slipangle.control.terms import Values, require_names
+from slipangle.control.terms import Limits, Values, require_names
 from slipangle.control.threads import BUILDING
 from slipangle.data.path import Preview
 from slipangle.errors import ParameterError
@@ -42,21 +48,25 @@ RELAX = 0.5  # s, time constant of the safe stop law
 class MPC(OCP):
     """Model predictive controller: `OCP` with a solver, a deadline and a fallback.
 
-    When a solve fails, runs out of time, or the state is not finite, the plan is the previous one shifted
-    by a step, at most `fallback` times in a row; after that, or with no previous plan, the safe stop law:
-    every input relaxes to its `safe` value within about half a second. Whatever its source, a command is
-    finite and within limits and rates, and a failed solve leaves no trace in the next one's start.
+    When a solve fails, runs out of time, or the state is no number or far outside what it can be, the plan is the
+    previous one shifted by a step, at most `fallback` times in a row; after that, or with no previous plan, the safe
+    stop law: every input relaxes to its `safe` value within about half a second. Whatever its source, a command is
+    finite and within limits and rates, and a failed solve leaves no trace in the next one's start. `Plan.health` counts
+    what went wrong.
 
     Parameters
     ----------
     solver : {"ipopt", "realtime"} or Backend
         The solver, or its settings, such as ``Ipopt(tolerance=1e-6)`` or ``RealTime(iterations=2)``.
     deadline : float, optional
-        Longest wall time of one solve. [s]
+        Longest wall time of one call of `plan`; the solver ends early enough for a fallback. [s]
     fallback : int
         How many steps in a row a shifted plan may serve; never more than the plan has left.
     safe : Values
         Inputs of the safe stop law, such as brake torque; by default zero, or the limit nearest to it.
+    plausible : Limits
+        Ranges of states, references and exogenous inputs beyond which a value is taken for a fault; by default twice
+        the largest size of the standard channel of that name, 1e7 m for positions, 1e12 for names of your own.
 
     The others are those of `OCP`.
     """
@@ -65,6 +75,7 @@ class MPC(OCP):
     deadline: float | None = None
     fallback: int = 5
     safe: Values = field(default_factory=Values)
+    plausible: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -77,6 +88,8 @@ class MPC(OCP):
         if self.fallback < 0:
             raise ParameterError(f"fallback is {self.fallback}; expected a number of steps of at least 0")
         require_names(self.safe, self.controls, "safe", "use a decided input")
+        known = (*self.model.states, *self.references, *self.exogenous)
+        require_names(self.plausible, known, "plausible", "use a state, a tracked quantity or an exogenous input")
 
     @cached_property
     def _engine(self) -> Engine:
@@ -109,9 +122,13 @@ class MPC(OCP):
         engine = self._engine
         if isinstance(engine, Prepares) and reference is not None and previous is not None:
             wanted = self.reference(reference) if isinstance(reference, Preview) else reference
-            self.check_reference(wanted)
-            if _is_finite(wanted) and previous.x.shape[0] > 1:
-                engine.prepare(self._before(previous, None), self._unwound(wanted, previous.x[1]), previous)
+            wanted = self.check_reference(wanted)
+            require_plan(previous)
+            known = self._known(previous)
+            if known is not None and _others_finite(wanted):
+                expected = known.x[1]
+                if self._judge.status(expected, wanted.tracked, wanted.exogenous) is None:
+                    engine.prepare(self._before(known, None), self._unwound(wanted, expected), known)
 
     def plan(
         self,
@@ -137,34 +154,37 @@ class MPC(OCP):
         Returns
         -------
         Plan
-            Never NaN, never outside limits and rates; `Plan.status` says how the solve ended.
+            Never NaN, never outside limits and rates, whatever the values; `Plan.status` says how the solve ended.
 
         Raises
         ------
         ParameterError
-            If an array has the wrong shape.
+            If an argument has the wrong type, or an array the wrong shape.
         """
         _ = self._engine
         begin = perf_counter()
-        x = np.asarray(x, dtype=float).ravel()
-        if len(x) != self.model.n_states:
-            raise ParameterError(f"x has {len(x)} entries; expected {self.model.n_states}: {list(self.model.states)}")
-        wanted = self.reference(reference) if isinstance(reference, Preview) else reference
-        self.check_reference(wanted)
+        x = vector(x, self._states, "x")
+        wanted = self.check_reference(self.reference(reference) if isinstance(reference, Preview) else reference)
+        require_plan(previous)
         before = self._before(previous, applied)
-        if not (finite(x) and _is_finite(wanted)):
-            return self._fallback(x, wanted, previous, before, Status.NOT_FINITE, 0, begin)
+        call = Call(x=x, wanted=wanted, previous=previous, before=before, begin=begin)
+        wrong = self._judge.status(x, wanted.tracked, wanted.exogenous)
+        if wrong is not None or not _others_finite(wanted):
+            detail = self._judge.fault(x, wanted.tracked, wanted.exogenous) if wrong is Status.IMPLAUSIBLE else ""
+            return self._fallback(call, wrong or Status.NOT_FINITE, detail=detail)
+        if self._bounds is not None:
+            self._bounds.allow(self._left(begin) - self._pace[0])
         try:
-            solution = self._solve(x, self._unwound(wanted, x), previous, before)
-        except RuntimeError as error:
-            return self._fallback(x, wanted, previous, before, Status.FAILED, 0, begin, detail=str(error))
+            solution = self._solve(x, self._unwound(wanted, x), self._known(previous), before)
+        except Exception as error:  # a solver from outside may stop with any
+            return self._fallback(call, Status.FAILED, detail=str(error).partition("\n")[0] or type(error).__name__)
         status = solution.status
         begun = status.unfinished and solution.iterations > 0 and solution.violation <= FEASIBLE
         if not (status.solved or begun):
-            return self._fallback(x, wanted, previous, before, status, solution.iterations, begin)
+            return self._fallback(call, status, solution.iterations)
         if not finite(solution.u, solution.x):
-            status = Status.NOT_FINITE if status.solved else status
-            return self._fallback(x, wanted, previous, before, status, solution.iterations, begin)
+            return self._fallback(call, Status.NOT_FINITE if status.solved else status, solution.iterations)
+        seconds = perf_counter() - begin
         values = {
             "u": solution.u if solution.kept else within(solution.u, before, self.input_bounds, self.step_bounds),
             "x": solution.x,
@@ -175,7 +195,8 @@ class MPC(OCP):
             "residual": solution.residual,
             "memory": solution.memory,
             "times": self.times,
-            "seconds": perf_counter() - begin,
+            "health": _health(previous).after(False, self._late(seconds)),
+            "seconds": seconds,
         }
         return quick(Plan, values)
 
@@ -190,15 +211,64 @@ class MPC(OCP):
     def _rest(self) -> np.ndarray:
         return np.clip(np.zeros(len(self.controls)), self.input_bounds[:, 0], self.input_bounds[:, 1])
 
+    @cached_property
+    def _states(self) -> tuple[str, ...]:
+        return tuple(self.model.states)
+
+    @cached_property
+    def _judge(self) -> Judge:
+        return Judge(self._states, self.references, self.exogenous, self.horizon, self.plausible)
+
+    @cached_property
+    def _bounds(self) -> Bounds | None:
+        """The engine, where there is a deadline that it can be told of."""
+        return self._engine if self.deadline is not None and isinstance(self._engine, Bounds) else None
+
+    @cached_property
+    def _follows(self) -> Follows | None:
+        return self._engine if isinstance(self._engine, Follows) else None
+
+    @cached_property
+    def _pace(self) -> list[float]:
+        """What a fallback needs after a solve, as far as seen: the largest time, slowly forgotten. [s]"""
+        return [min(5e-5, 0.5 * (self.deadline or 0.0))]
+
+    def _left(self, begin: float) -> float:
+        """Time left of a call. [s]"""
+        return np.inf if self.deadline is None else self.deadline - (perf_counter() - begin)
+
+    def _late(self, seconds: float) -> bool:
+        return self.deadline is not None and seconds > self.deadline
+
+    def _fits(self, previous: Plan) -> bool:
+        """Whether a plan has the inputs of this problem, whosever it is."""
+        u = previous.u
+        return isinstance(u, np.ndarray) and u.ndim == 2 and len(u) > 0 and previous.controls == self.controls
+
+    def _known(self, previous: Plan | None) -> Plan | None:
+        """The plan before, if its inputs and states are of this problem and numbers."""
+        if previous is None or not self._fits(previous) or not isinstance(previous.x, np.ndarray):
+            return None
+        fitting = previous.u.shape == self._shape_u and previous.x.shape == self._shape_x
+        return previous if fitting and finite(previous.u, previous.x) else None
+
+    @cached_property
+    def _shape_u(self) -> tuple[int, int]:
+        return self.horizon, len(self.controls)
+
+    @cached_property
+    def _shape_x(self) -> tuple[int, int]:
+        return self.horizon + 1, len(self._states)
+
     def _before(self, previous: Plan | None, applied: np.ndarray | None) -> np.ndarray:
         """Input applied before, within bounds."""
         low, high = self._input_range
-        given = self._rest if previous is None else previous.u[0]
+        given = self._rest
+        if previous is not None and self._fits(previous) and previous.u.shape[1] == len(low) and finite(previous.u[0]):
+            given = previous.u[0]
         if applied is not None:
-            asked = np.asarray(applied, dtype=float).ravel()
-            given = asked if len(asked) != len(low) or finite(asked) else given
-        if given.shape != low.shape:
-            raise ParameterError(f"applied has {len(given)} entries; expected {len(low)}: {list(self.controls)}")
+            asked = applied_input(applied, self.controls)
+            given = asked if finite(asked) else given
         return np.minimum(np.maximum(given, low), high)
 
     @cached_property
@@ -222,7 +292,7 @@ class MPC(OCP):
         if self._resumes is not None:
             return self._resumes.resume(x, before, wanted, previous)
         engine, memory = self._engine, None
-        if previous is None or previous.u.shape != (self.horizon, len(self.controls)):
+        if previous is None:
             u = np.tile(before, (self.horizon, 1))
             states = self._roll_out(x, u, wanted)
         else:
@@ -248,41 +318,26 @@ class MPC(OCP):
             states[i + 1] = after
         return states
 
-    def _fallback(
-        self,
-        x: np.ndarray,
-        wanted: Reference,
-        previous: Plan | None,
-        before: np.ndarray,
-        status: Status,
-        iterations: int,
-        begin: float,
-        detail: str = "",
-    ) -> Plan:
+    def _fallback(self, call: Call, status: Status, iterations: int = 0, detail: str = "") -> Plan:
         """The last good plan shifted, or the safe stop law."""
-        age = 1 if previous is None else previous.age + 1
-        kept = self._kept(previous)
+        begun, previous, before = perf_counter(), call.previous, call.before
+        age = 1 if previous is None else _counted(previous.age) + 1
+        kept = self._kept(previous, age)
         left = 0 if kept is None else min(self.fallback, int(self.nodes[-1]) - 1)
-        stopping = age > left
+        stopping = age > left or kept is None
         if stopping or kept is None:
-            keep = np.exp(-self.times[1:, None] / RELAX)
-            u = self._safe_input + keep * (before - self._safe_input)
+            u = self._safe_input + self._relaxing * (before - self._safe_input)
         else:
             u = inputs_later(kept.u, self.lengths, age - kept.age)
-        u = within(u, before, self.input_bounds, self.step_bounds)
-        shape = self.horizon + 1, len(x)
-        if not stopping and kept is not None and kept.x.shape == shape:
-            states = states_later(kept.x, self.nodes, age - kept.age)  # as was predicted; no time for more
-        else:
-            states = self._roll_out(x, u, wanted)
-        if not np.isfinite(states).all():
-            known = previous is not None and previous.x.shape == shape
-            states = states_later(previous.x, self.nodes) if known and previous is not None else np.zeros(shape)
+        u, states = self._predict(call, u, age, kept)
+        seconds = perf_counter() - call.begin
+        if self.deadline is not None:
+            self._pace[0] = min(max(perf_counter() - begun, 0.9 * self._pace[0]), 0.5 * self.deadline)
         return Plan(
             u=u,
             x=states,
             status=status,
-            seconds=perf_counter() - begin,
+            seconds=seconds,
             cost=float("nan"),
             iterations=iterations,
             controls=self.controls,
@@ -291,24 +346,72 @@ class MPC(OCP):
             detail=detail,
             memory=None if stopping else kept,
             times=self.times,
+            health=_health(previous).after(True, self._late(seconds)),
         )
 
-    def _kept(self, previous: Plan | None) -> Kept | None:
+    @cached_property
+    def _relaxing(self) -> np.ndarray:
+        return np.exp(-self.times[1:, None] / RELAX)
+
+    def _predict(self, call: Call, u: np.ndarray, age: int, kept: Kept | None) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs of a fallback within limits and rates, and where they lead: from the state if that is known."""
+        last = call.previous.x if call.previous is not None else None
+        known = isinstance(last, np.ndarray) and last.shape == self._shape_x and finite(last)
+        guess = states_later(last, self.nodes) if known and last is not None else None
+        if kept is not None and age > kept.age:
+            guess = states_later(kept.x, self.nodes, age - kept.age)
+        x = call.x if self._judge.states.holds(call.x) else None if guess is None else guess[0]
+        if x is None:
+            return within(u, call.before, self.input_bounds, self.step_bounds), np.zeros(self._shape_x)
+        guess = np.tile(x, (self.horizon + 1, 1)) if guess is None else guess
+        states = None
+        if self._follows is not None:
+            if self._bounds is not None:
+                self._bounds.allow(self._left(call.begin))
+            u, states = self._follows.follow(x, call.before, call.wanted, u, guess)
+        u = within(u, call.before, self.input_bounds, self.step_bounds)
+        if self._follows is None:
+            states = self._roll_out(x, u, call.wanted)
+        return u, states if states is not None and finite(states) else guess
+
+    def _kept(self, previous: Plan | None, age: int) -> Kept | None:
         """The good plan behind the one before, if it is of this problem."""
-        if previous is None or previous.stopping or previous.u.shape != (self.horizon, len(self.controls)):
+        if previous is None or previous.stopping:
             return None
-        if previous.times is not None and not np.allclose(previous.times, self.times):
+        kept = previous.memory
+        if not isinstance(kept, Kept):
+            kept = Kept(u=previous.u, x=previous.x, age=_counted(previous.age))
+        if previous.controls != self.controls or not 0 <= kept.age < age:
             return None
-        if isinstance(previous.memory, Kept) and previous.memory.u.shape == previous.u.shape:
-            return previous.memory
-        return Kept(u=previous.u, x=previous.x, age=previous.age)
+        if not all(isinstance(a, np.ndarray) for a in (kept.u, kept.x)):
+            return None
+        if kept.u.shape != self._shape_u or kept.x.shape != self._shape_x or not finite(kept.u, kept.x):
+            return None
+        times = previous.times
+        same = times is None or (np.shape(times) == self.times.shape and np.allclose(times, self.times))
+        return kept if same else None
 
 
-def _is_finite(reference: Reference) -> bool:
-    """Whether nothing in a reference is NaN, and nothing but the corridor infinite."""
+class Call(NamedTuple):
+    """One call of `MPC.plan`: what was given, checked, and when."""
+
+    x: np.ndarray
+    wanted: Reference
+    previous: Plan | None
+    before: np.ndarray
+    begin: float
+
+
+def _health(previous: Plan | None) -> Health:
+    return previous.health if previous is not None and isinstance(previous.health, Health) else NEW
+
+
+def _counted(age: object) -> int:
+    """A count, whatever a plan from outside says."""
+    return age if isinstance(age, int) and age >= 0 else 0
+
+
+def _others_finite(reference: Reference) -> bool:
+    """Whether wanted inputs are numbers and the corridor nowhere NaN."""
     inputs, corridor = reference.inputs, reference.corridor
-    return (
-        finite(reference.tracked, reference.exogenous)
-        and (inputs is None or finite(inputs))
-        and (corridor is None or not isnan(np.vdot(corridor, corridor)))
-    )
+    return (inputs is None or finite(inputs)) and (corridor is None or not isnan(np.vdot(corridor, corridor)))

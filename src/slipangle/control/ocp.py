@@ -6,7 +6,7 @@ Solvers read its arrays and its two functions, `dynamics` and `stage`; none of t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from typing import Any
 from uuid import uuid4
@@ -14,6 +14,7 @@ from uuid import uuid4
 import casadi as ca
 import numpy as np
 
+from slipangle.control.arrays import array
 from slipangle.control.terms import Limits, Weights, require_names
 from slipangle.data.path import Preview
 from slipangle.errors import ParameterError
@@ -412,22 +413,31 @@ class OCP:
             "corridor": ((n + 1, 2), ["right", "left"]),
         }
 
-    def check_reference(self, reference: Reference) -> None:
-        """Raise unless the arrays of a reference have the shapes of this problem.
+    def check_reference(self, reference: Reference) -> Reference:
+        """The reference as arrays of numbers in the shapes of this problem; the same one where it has them.
 
         Raises
         ------
         ParameterError
             With the array, its shape and the one expected.
         """
+        if not isinstance(reference, Reference):
+            raise ParameterError(
+                f"the reference is a {type(reference).__name__}; expected a Reference, or a Preview: use "
+                "path.ahead(s, mpc.times)"
+            )
+        changed: dict[str, np.ndarray] = {}
         for key, (shape, names) in self._shapes.items():
             given = getattr(reference, key)
-            if given is not None and (given.shape if isinstance(given, np.ndarray) else np.shape(given)) != shape:
-                raise ParameterError(f"reference.{key} has shape {np.shape(given)}; expected {shape}, columns {names}")
+            if given is not None or key in ("tracked", "exogenous"):
+                found = array(given, shape, names, f"reference.{key}")
+                if found is not given:
+                    changed[key] = found
         if self.corridor is not None and reference.corridor is None:
             raise ParameterError(
                 "the reference has no corridor; expected one for this problem: use mpc.reference(preview)"
             )
+        return replace(reference, **changed) if changed else reference
 
 
 def _checked_steps(steps: Sequence[int], horizon: int, dt: float) -> tuple[int, ...]:

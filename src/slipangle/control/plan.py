@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from math import isfinite
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -26,6 +26,7 @@ class Status(Enum):
     STALLED = "no further progress was possible before the optimum: rescale the weights or loosen the tolerance"
     TIME_OUT = "the deadline passed before the optimum: allow more time, a shorter horizon or a faster solver"
     INFEASIBLE = "no input keeps every hard limit from this state: give the limits of states a slack weight"
+    IMPLAUSIBLE = "the state or the reference lies far outside what it can be: check the measurements and their units"
     NOT_FINITE = "the state, the reference or the model's prediction is NaN or infinite: check the measurements"
     FAILED = "the solver stopped without an answer: check the scale of weights and limits"
 
@@ -42,6 +43,34 @@ class Status(Enum):
 
 _ANSWERS = Status.SOLVED, Status.ACCEPTABLE, Status.REAL_TIME
 _UNFINISHED = Status.ITERATION_LIMIT, Status.STALLED, Status.TIME_OUT
+
+
+class Health(NamedTuple):
+    """How a controller has fared since its first plan, in plain numbers; it travels in the plans.
+
+    Attributes
+    ----------
+    plans : int
+        Asked for so far.
+    fallbacks, fallbacks_in_a_row : int
+        How many of them were no solution, and how many of those since the last solution.
+    overruns, overruns_in_a_row : int
+        How many took longer than the deadline, the whole call counted, and how many of those up to now.
+    """
+
+    plans: int = 0
+    fallbacks: int = 0
+    fallbacks_in_a_row: int = 0
+    overruns: int = 0
+    overruns_in_a_row: int = 0
+
+    def after(self, fallback: bool, late: bool) -> Health:
+        """One plan later."""
+        a, b, c, d, e = self
+        return Health(a + 1, b + fallback, c + 1 if fallback else 0, d + late, e + 1 if late else 0)
+
+
+NEW = Health()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,6 +107,8 @@ class Plan:
         What the solver needs for its next start; of a fallback, what the next fallback needs.
     times : array, shape (horizon + 1,), optional
         From now on, beginning with 0; equal steps where there is none. [s]
+    health : Health
+        How often there was no solution, or a late one, up to this plan.
     """
 
     u: np.ndarray
@@ -93,6 +124,7 @@ class Plan:
     residual: float = float("nan")
     memory: Any = field(default=None, repr=False, compare=False)
     times: np.ndarray | None = field(default=None, repr=False)
+    health: Health = NEW
 
     @property
     def command(self) -> np.ndarray:
@@ -178,6 +210,26 @@ class Resumes(Protocol):
 
     def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
         """Solve from a state and the plan of the step before, if there is one."""
+        ...
+
+
+@runtime_checkable
+class Bounds(Protocol):
+    """An engine whose next solve can be told how long it may take."""
+
+    def allow(self, seconds: float) -> None:
+        """The next solve by this thread ends within so much time. [s]"""
+        ...
+
+
+@runtime_checkable
+class Follows(Protocol):
+    """An engine that can say where inputs lead, in less time than a solve takes."""
+
+    def follow(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs within limits and rates, and the states from ``x`` on, near a guess of them."""
         ...
 
 

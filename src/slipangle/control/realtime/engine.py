@@ -69,7 +69,7 @@ class WorkArea:
         library.rt_at.argtypes = [ctypes.c_void_p, ctypes.c_int]
         library.rt_free.argtypes = [ctypes.c_void_p]
         library.rt_free.restype = None
-        for call in (library.rt_solve, library.rt_prepare, library.rt_feedback):
+        for call in (library.rt_solve, library.rt_prepare, library.rt_feedback, library.rt_follow):
             call.argtypes, call.restype = [ctypes.c_void_p], ctypes.c_int
         self._work = library.rt_new()
         if not self._work:
@@ -117,12 +117,15 @@ class WorkArea:
         view["newton"][0] = settings.newton
         view["max_iterations"][0] = settings.max_iterations
         view["fixed"][0] = settings.iterations
-        view["time_limit"][0] = np.inf if deadline is None else deadline
+        self._limit = np.inf if deadline is None else deadline
+        self._time = view["time_limit"]
+        self._time[0] = self._limit
         self._limited = bool(ocp.limited)
         if self._limited and ocp.corridor is None:
             empty = Reference(tracked=self._p, exogenous=self._w)
             self._bounds[:] = ocp.state_bounds(empty)
         self._nodes = ocp.nodes if steps > n else None  # of the states, those at which stages begin and end
+        self._stages = slice(None) if self._nodes is None else self._nodes
         self._serial, self._area = 0, next(_areas)
         self._settings = settings
         self._ready: Memory | None = None
@@ -157,6 +160,23 @@ class WorkArea:
         else:
             self._fresh[0] = FROM_NOTHING
         return self._run()
+
+    def allow(self, seconds: float) -> None:
+        """Longest time of the next solve. [s]"""
+        self._time[0] = max(seconds, 0.0)
+
+    def follow(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs within limits and rates, and where they lead; NaN where the model has no answer."""
+        self._ready = None
+        self._set(x, applied, reference)
+        self._u[:], self._x[:] = u, between(guess, self.ocp.nodes)
+        good = self._library.rt_follow(self._pointer)
+        self._time[0] = self._limit
+        self._serial += 1
+        states = self._x[self._stages] if good else np.full((len(self.ocp.nodes), len(x)), np.nan)
+        return self._u.copy(), states.copy()
 
     def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:
         """Linearise and condense around a plan, shifted, before the state is known.
@@ -216,6 +236,7 @@ class WorkArea:
 
     def _run(self, call: Any = None) -> Solution:
         status = OUTCOMES[(call or self._call)(self._pointer)]
+        self._time[0] = self._limit
         self._serial += 1
         found = self._found.copy()
         inputs = self._u.size
@@ -248,6 +269,16 @@ class CompiledEngine:
     def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
         """Solve from a state and the plan of the step before, which is shifted; without one, from nothing."""
         return self._areas.mine.resume(x, applied, reference, previous)
+
+    def allow(self, seconds: float) -> None:
+        """Longest time of this thread's next solve. [s]"""
+        self._areas.mine.allow(seconds)
+
+    def follow(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs within limits and rates, and where they lead; NaN where the model has no answer."""
+        return self._areas.mine.follow(x, applied, reference, u, guess)
 
     def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:
         """Do what can be done before the state is known; for a `resume` by the same thread."""

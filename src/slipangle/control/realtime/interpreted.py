@@ -83,7 +83,7 @@ class WorkArea:
 
     def __init__(self, ocp: OCP, functions: Functions, settings: Any, deadline: float | None) -> None:
         self.ocp, self._settings = ocp, settings
-        self._limit = np.inf if deadline is None else deadline
+        self._limit = self._allowed = np.inf if deadline is None else deadline
         n, _, nu = self._sizes = ocp.horizon, ocp.model.n_states, len(ocp.controls)
         self._parts, node, stage, quick = functions
         self._nk = 3 * len(self._parts.core) if self._parts else 0
@@ -142,6 +142,29 @@ class WorkArea:
             u, states = guesses[best], rolled[best]
         return self._run(x, applied, reference, np.array(u), states, warm)
 
+    def allow(self, seconds: float) -> None:
+        """Longest time of the next solve. [s]"""
+        self._allowed = max(seconds, 0.0)
+
+    def follow(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs within limits and rates, and where they lead, by two Newton steps on all steps side by side."""
+        self._begin(x, applied, reference, u)
+        u = within(u, applied, self.ocp.input_bounds, self.ocp.step_bounds)
+        self._k[:] = 0.0
+        states = between(guess, self.ocp.nodes)
+        for _ in range(2):
+            m = self._linearise(u, states, exact=False)
+            if not m.finite:
+                return u, np.full(guess.shape, np.nan)
+            dx = x - states[0]
+            states[0] = x
+            for j in range(self._steps):
+                dx = m.A[j] @ dx + m.next[j] - states[j + 1]
+                states[j + 1] += dx
+        return u, states[self._nodes]
+
     def _roll_out(self, x: np.ndarray, u: np.ndarray, reference: Reference) -> np.ndarray:
         states = np.empty((self._steps + 1, len(x)))
         states[0] = x
@@ -168,7 +191,8 @@ class WorkArea:
     def _resume_quickly(
         self, step: InputStep, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan
     ) -> Solution:
-        until = perf_counter() + self._limit
+        until = perf_counter() + self._allowed
+        self._allowed = self._limit
         step.load(x, applied, reference, previous.u, previous.memory.x, previous.memory.k)
         status, cost, count, size = step.run(self._settings.iterations, until)
         return Solution(
@@ -187,7 +211,8 @@ class WorkArea:
         self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, states: np.ndarray, warm: bool
     ) -> Solution:
         self._begin(x, applied, reference, u)
-        self._until = perf_counter() + self._limit
+        self._until = perf_counter() + self._allowed
+        self._allowed = self._limit
         if warm and self._settings.iterations:
             u, states, status, cost, count, residual = self._iterate(u, states)
             violation = 0.0
@@ -421,6 +446,16 @@ class InterpretedEngine:
     def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
         """Solve from a state and the plan of the step before; without one, from nothing."""
         return self._areas.mine.resume(x, applied, reference, previous)
+
+    def allow(self, seconds: float) -> None:
+        """Longest time of this thread's next solve. [s]"""
+        self._areas.mine.allow(seconds)
+
+    def follow(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs within limits and rates, and where they lead; NaN where the model has no answer."""
+        return self._areas.mine.follow(x, applied, reference, u, guess)
 
 
 def _inputs(function: Any, times: int) -> list[np.ndarray]:

@@ -77,6 +77,7 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
             _text("work.c"),
             _text("stages.c"),
             _text("solver.c"),
+            _text("fallback.c"),
             _fields(),
         ]
     )

@@ -1,0 +1,131 @@
+"""What `plan` is given: wrong shapes and types raise at once, values are judged."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.arrays import short
+from slipangle.control.plan import Plan, Status
+from slipangle.data.channels import STANDARD
+from slipangle.errors import ParameterError
+
+MARGIN = 2.0  # a quantity may be this many times its largest plausible size before it is taken for a fault
+LARGEST = {"m": 1e7, "rad": 1e5}  # of quantities that the table of channels gives no size: positions, headings
+ANY = 1e12  # of a quantity that the table does not know
+NUMBER = 1e150  # the square of anything larger is infinite
+
+
+class Plausible:
+    """Ranges that values lie in unless a sensor, a clock or a unit is wrong.
+
+    Those of standard channels are twice their largest plausible size, those of others 1e12 in their unit; lags and
+    copies of a channel, such as ``r[k-1]``, have its range.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the entries or columns.
+    ranges : mapping of str to (float, float), optional
+        Ranges that replace the usual ones.
+    rows : int, optional
+        Of the arrays to be judged; by default they are vectors.
+
+    Examples
+    --------
+    >>> Plausible(("v_y", "X")).fault(np.array([1e5, 0.0]))
+    'v_y is 100000, outside -120 to 120'
+    """
+
+    def __init__(
+        self, names: Sequence[str], ranges: Mapping[str, tuple[float, float]] | None = None, rows: int | None = None
+    ) -> None:
+        self._names = tuple(names)
+        both = np.array([(ranges or {}).get(n) or _usual(n) for n in names], dtype=float).reshape(-1, 2)
+        self._low, self._high = np.clip(both, -NUMBER, NUMBER).T
+        least = np.minimum(-self._low, self._high)
+        share = np.where(least > 0, 1.0 / np.where(least > 0, least, 1.0), np.inf)  # without zero: always looked at
+        self._share = np.tile(share, (rows, 1)) if rows else share
+
+    def holds(self, values: np.ndarray) -> bool:
+        """Whether all are numbers within their ranges."""
+        if np.vdot(np.abs(values), self._share) <= 1.0:  # enough, and nearly always so
+            return True
+        return self._inside(values)
+
+    def _inside(self, values: np.ndarray) -> bool:
+        return bool(((values >= self._low) & (values <= self._high)).all())
+
+    def fault(self, values: np.ndarray) -> str:
+        """Which value is out of its range, empty if none is."""
+        rows = np.atleast_2d(values)
+        wrong = np.argwhere(~((rows >= self._low) & (rows <= self._high)))
+        if not len(wrong):
+            return ""
+        i, j = wrong[0]
+        return f"{self._names[j]} is {rows[i, j]:g}, outside {self._low[j]:g} to {self._high[j]:g}"
+
+
+def _usual(name: str) -> tuple[float, float]:
+    """Range of a channel, or of a lag or copy of one."""
+    root = name.removeprefix("base ").split("[")[0].rstrip("'")
+    known = STANDARD.get(root)
+    if known is None:
+        return -ANY, ANY
+    size = known.largest if np.isfinite(known.largest) else LARGEST.get(known.unit, ANY / MARGIN)
+    return -MARGIN * size, MARGIN * size
+
+
+class Judge:
+    """Says whether state and reference of a controller can be true.
+
+    Parameters
+    ----------
+    states, references, exogenous : sequence of str
+        Names of the state's entries and of the reference's columns.
+    horizon : int
+        Stages.
+    ranges : mapping of str to (float, float), optional
+        Ranges that replace the usual ones, see `Plausible`.
+    """
+
+    def __init__(
+        self,
+        states: Sequence[str],
+        references: Sequence[str],
+        exogenous: Sequence[str],
+        horizon: int,
+        ranges: Mapping[str, tuple[float, float]] | None = None,
+    ) -> None:
+        self.states = Plausible(states, ranges)
+        self.tracked = Plausible(references, ranges, horizon + 1)
+        self.exogenous = Plausible(exogenous, ranges, horizon)
+
+    def status(self, x: np.ndarray, tracked: np.ndarray, exogenous: np.ndarray) -> Status | None:
+        """None where all is plausible, else NOT_FINITE or IMPLAUSIBLE."""
+        if self.states.holds(x) and self.tracked.holds(tracked) and self.exogenous.holds(exogenous):
+            return None
+        numbers = all((np.abs(a) <= NUMBER).all() for a in (x, tracked, exogenous))
+        return Status.IMPLAUSIBLE if numbers else Status.NOT_FINITE
+
+    def fault(self, x: np.ndarray, tracked: np.ndarray, exogenous: np.ndarray) -> str:
+        """Which value is out of its range."""
+        state = self.states.fault(x)
+        return f"of the state, {state}" if state else self._reference_fault(tracked, exogenous)
+
+    def _reference_fault(self, tracked: np.ndarray, exogenous: np.ndarray) -> str:
+        return f"of the reference, {self.tracked.fault(tracked) or self.exogenous.fault(exogenous)}"
+
+
+def require_plan(previous: Any) -> None:
+    """Raise unless this is a plan, or None.
+
+    Raises
+    ------
+    ParameterError
+        With what it is.
+    """
+    if previous is not None and not isinstance(previous, Plan):
+        raise ParameterError(f"previous is {short(previous)}; expected the Plan of the step before, or None")
