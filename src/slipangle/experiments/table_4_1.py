@@ -14,7 +14,8 @@ before the first sample.
 The better model is linear with a stiffening curve fed back (`Lure`), fitted to its free run. Structure and order are
 chosen by cross-validation inside the estimation part: five blocks are left out in turn, and the free run over each
 starts from its first 10 samples. Only the chosen structure is then fitted to the whole estimation part and judged on
-the validation part. Seeds 0, 1, 2 draw the first branches; the training error keeps one of them.
+the validation part. Seed 0 draws the starts. The default weight of the ridge, 300, was compared with 100 and 1000 on
+the same five blocks.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ def candidates() -> dict[str, Estimator]:
     shapes: tuple[tuple[Curve, int], ...] = (("hardening", 1), ("hardening", 2), ("saturation", 1))
     for curve, branches in shapes:
         name = f"order 6, {branches} {curve} branch{'es' if branches > 1 else ''}"
-        found[name] = Lure(linear=linear(6), branches=branches, curve=curve, memory=MEMORY, max_iterations=120)
+        found[name] = Lure(linear=linear(6), branches=branches, curve=curve, memory=MEMORY)
     return found
 
 

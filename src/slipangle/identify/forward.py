@@ -129,7 +129,7 @@ def _source(model: Any, free: tuple[str, ...]) -> tuple[str, np.ndarray]:
         generator.add(function)
     sizes = {"NX": ode.n_states, "NW": w.shape[0], "NP": n_p, "NY": ode.n_outputs}
     parts = [generator.dump(), *(f"#define {k} {v}" for k, v in sizes.items())]
-    parts += [_wrapper(name, function) for name, function in functions.items()]
+    parts += [wrapper(name, function) for name, function in functions.items()]
     rows = ", ".join("{" + ", ".join(float.hex(float(a)) for a in row) + "}" for row in RADAU_A)
     parts += [f"static const double RADAU[3][3] = {{{rows}}};"]
     parts += [f"static const double SHARES[{len(SHORTENED)}] = {{{', '.join(map(str, SHORTENED))}}};"]
@@ -139,7 +139,7 @@ def _source(model: Any, free: tuple[str, ...]) -> tuple[str, np.ndarray]:
     return "\n".join(parts), np.array([model.value(n) for n in known[n_p:]])
 
 
-def _wrapper(name: str, function: ca.Function) -> str:
+def wrapper(name: str, function: ca.Function) -> str:
     """C of ``NAME(x, w, p, ...)`` around CasADi's calling convention."""
     outs = [f"o{i}" for i in range(function.n_out())]
     return (

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.resources import files
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from slipangle.identify.forward import wrapper
 from slipangle.identify.levenberg import Descent, descend
 from slipangle.identify.sensitivity import Triangles, reduce_rows
+from slipangle.models.compiled import library
 from slipangle.models.model import evaluate, roll_out
 
 Function = Callable[[Any, Any, Any], Any]  # (x, u, p)
+Run = Callable[[np.ndarray, np.ndarray, np.ndarray], Any]  # (p, x0, u)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +71,8 @@ class FreeRun:
         States whose initial value is estimated for each experiment; the others stay as given.
     prior : (array, array), optional
         Mean and standard deviation of each parameter, infinite where nothing is known beforehand.
+    inside : callable, optional
+        The nearest parameters that are allowed, of any, such as those of a stable model.
     """
 
     def __init__(
@@ -79,37 +86,90 @@ class FreeRun:
         error: np.ndarray,
         free_x0: tuple[int, ...] = (),
         prior: tuple[np.ndarray, np.ndarray] | None = None,
+        inside: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> None:
+        self.inside = inside or (lambda p: p)
         self.records, self.error, self.prior, self.free_x0 = records, np.asarray(error, dtype=float), prior, free_x0
         self.nx, self.np = n_states, n_parameters
         nu, self.ny = records[0][0].shape[1], records[0][1].shape[1]
         self.n_rows = sum(len(u) for u, _ in records) * self.ny
-        m = self.np + len(free_x0)
         x, u, p = ca.SX.sym("x", self.nx), ca.SX.sym("u", nu), ca.SX.sym("p", self.np)
-        s = ca.SX.sym("s", self.nx, m)
-        drive = ca.vertcat(u, p)
-        nxt, seen = step(x, u, p), output(x, u, p)
+        later, seen = (ca.densify(value) for value in (step(x, u, p), output(x, u, p)))
+        found = library(self._source(x, u, p, later, seen), name="sensitive_run")
+        # of (p, x0, u): outputs, shape (n, n_outputs); and their derivatives, (n, n_outputs, n_parameters + n_free)
+        self.run, self.sensitive = self._interpreted(x, u, p, later, seen) if found is None else self._linked(found)
+
+    def _source(self, x: Any, u: Any, p: Any, later: Any, seen: Any) -> str:
+        """C of the free run and its derivatives."""
+        parts, functions = [], {}
+        generator = ca.CodeGenerator("free_run", {"with_header": False})
+        for name, value in (("step", later), ("output", seen)):
+            slopes = [ca.densify(ca.jacobian(value, by).T) for by in (x, p)]  # row after row once transposed
+            functions[f"plain_{name}"] = ca.Function(f"bare_{name}", [x, u, p], [value])
+            functions[f"sloped_{name}"] = ca.Function(f"full_{name}", [x, u, p], [value, *slopes], {"cse": True})
+        for function in functions.values():
+            generator.add(function)
+        sizes = {"NX": self.nx, "NU": u.shape[0], "NP": self.np, "NY": self.ny, "M": self.np + len(self.free_x0)}
+        parts = [generator.dump(), *(f"#define {key} {value}" for key, value in sizes.items())]
+        parts += [wrapper(name, function) for name, function in functions.items()]
+        return "\n".join([*parts, (files("slipangle.identify") / "freerun.c").read_text(encoding="utf-8")])
+
+    def _linked(self, found: ctypes.CDLL) -> tuple[Run, Run]:
+        real, whole = ctypes.c_void_p, ctypes.c_long
+        found.plain_run.argtypes, found.plain_run.restype = [real, real, real, whole, real], None
+        found.sensitive_run.argtypes, found.sensitive_run.restype = [real, real, real, real, whole, real, real], None
+        slope = self._first_slope()
+
+        def plain(p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+            arrays = [np.ascontiguousarray(a, dtype=float) for a in (x0, u, p)]
+            out = np.empty((len(u), self.ny))
+            found.plain_run(*(a.ctypes.data for a in arrays), len(u), out.ctypes.data)
+            return out
+
+        def sensitive(p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            arrays = [np.ascontiguousarray(a, dtype=float) for a in (x0, slope, u, p)]
+            out, by_all = np.empty((len(u), self.ny)), np.empty((len(u), self.ny, slope.shape[1]))
+            found.sensitive_run(*(a.ctypes.data for a in arrays), len(u), out.ctypes.data, by_all.ctypes.data)
+            return out, by_all
+
+        return plain, sensitive
+
+    def _first_slope(self) -> np.ndarray:
+        """Derivative of the first state, shape (n_states, n_parameters + n_free)."""
+        slope = np.zeros((self.nx, self.np + len(self.free_x0)))
+        slope[list(self.free_x0), self.np :] = np.eye(len(self.free_x0))
+        return slope
+
+    def _interpreted(self, x: Any, u: Any, p: Any, later: Any, seen: Any) -> tuple[Run, Run]:
+        """The same without a compiler."""
+        first = self._first_slope()
+        s, drive, m = ca.SX.sym("s", *first.shape), ca.vertcat(u, p), first.shape[1]
+        both = ca.vertcat(x, ca.vec(s))
 
         def slopes(value: Any) -> Any:
-            return ca.mtimes(ca.jacobian(value, x), s) + ca.horzcat(
-                ca.jacobian(value, p), ca.SX.zeros(value.shape[0], len(free_x0))
-            )
+            by_x0 = ca.SX.zeros(value.shape[0], m - self.np)
+            return ca.mtimes(ca.jacobian(value, x), s) + ca.horzcat(ca.jacobian(value, p), by_x0)
 
         def function(name: str, state: Any, value: Any) -> ca.Function:
             return ca.Function(name, [state, drive], [ca.densify(value)])
 
-        both = ca.vertcat(x, ca.vec(s))
-        self.plain = function("step", x, nxt), function("output", x, seen)
-        self.sensitive = (
-            function("steps", both, ca.vertcat(nxt, ca.vec(slopes(nxt)))),
-            function("outputs", both, ca.vertcat(seen, ca.vec(slopes(seen)))),
-        )
+        step, output = function("step", x, later), function("output", x, seen)
+        steps = function("steps", both, ca.vertcat(later, ca.vec(slopes(later))))
+        outputs = function("outputs", both, ca.vertcat(seen, ca.vec(slopes(seen))))
 
-    def run(self, p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Free run, shape (n, n_outputs)."""
-        step, output = self.plain
-        drive = np.hstack([u, np.broadcast_to(p, (len(u), self.np))])
-        return evaluate(output, roll_out(step, x0, drive[:-1]), drive)
+        def driven(u: np.ndarray, p: np.ndarray) -> np.ndarray:
+            return np.hstack([u, np.broadcast_to(p, (len(u), self.np))])
+
+        def plain(p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+            rows = driven(u, p)
+            return evaluate(output, roll_out(step, x0, rows[:-1]), rows)
+
+        def sensitive(p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            rows = driven(u, p)
+            full = evaluate(outputs, roll_out(steps, np.concatenate([x0, first.T.ravel()]), rows[:-1]), rows)
+            return full[:, : self.ny], full[:, self.ny :].reshape(-1, m, self.ny).transpose(0, 2, 1)
+
+        return plain, sensitive
 
     def cost(self, point: FreeRunPoint) -> float:
         """Weighted squared error, with the prior's share; infinite where the free run is."""
@@ -129,18 +189,11 @@ class FreeRun:
 
     def linearise(self, point: FreeRunPoint) -> Triangles:
         """Triangles of [x0, p | error]."""
-        k = len(self.free_x0)
-        m = self.np + k
-        work = Triangles(k, self.np)
-        step, output = self.sensitive
-        slope = np.zeros((self.nx, m))
-        slope[list(self.free_x0), self.np :] = np.eye(k)
+        m = self.np + len(self.free_x0)
+        work = Triangles(len(self.free_x0), self.np)
         for x0, (u, y) in zip(point.x0, self.records, strict=True):
-            drive = np.hstack([u, np.broadcast_to(point.p, (len(u), self.np))])
-            states = roll_out(step, np.concatenate([x0, slope.T.ravel()]), drive[:-1])
-            full = evaluate(output, states, drive)
-            local = full[:, self.ny :].reshape(-1, m, self.ny).transpose(0, 2, 1) / self.error[:, None]
-            error = (y - full[:, : self.ny]) / self.error
+            seen, slopes = self.sensitive(point.p, x0, u)
+            local, error = slopes / self.error[:, None], (y - seen) / self.error
             rows = np.concatenate([local[:, :, self.np :], local[:, :, : self.np], error[:, :, None]], axis=2)
             work.add(rows.reshape(-1, m + 1))
             work.close()
@@ -160,7 +213,7 @@ class FreeRun:
             moved = point.x0.copy()
             if self.free_x0:
                 moved[:, list(self.free_x0)] += work.solve_locals(eta)
-            return FreeRunPoint(p=point.p + eta, x0=moved)
+            return FreeRunPoint(p=self.inside(point.p + eta), x0=moved)
 
         start = FreeRunPoint(p=np.array(p, dtype=float), x0=np.array(x0, dtype=float).reshape(len(self.records), -1))
         found = descend(start, cost=self.cost, linearise=linearise, move=move, max_iterations=max_iterations)

@@ -49,12 +49,12 @@ def descend(
     costs = [now]
     for step in range(max_iterations):
         r, e, context = linearise(point)
-        d = r.shape[1]
         norms = np.linalg.norm(r, axis=0)
         scale = np.maximum(norms, 1e-12 * max(norms.max(initial=0.0), 1e-300))
+        left, size, right = np.linalg.svd(r / scale, full_matrices=False)
+        pull = left.T @ e
         for _ in range(TRIALS):
-            wide = np.vstack([r / scale, np.sqrt(damping) * np.eye(d)])
-            eta = np.linalg.lstsq(wide, np.concatenate([e, np.zeros(d)]), rcond=1e-14)[0] / scale
+            eta = right.T @ (size / (size**2 + damping) * pull) / scale
             predicted = float(e @ e - np.sum((e - r @ eta) ** 2))
             trial = move(point, context, eta)
             after = cost(trial)

@@ -23,7 +23,8 @@ class LureModel(Model):
     """``x(k+1) = A x + B d + E phi(W x + V d)``, ``y = C x + D d + y_0``, ``d = u - u_0``. [1]_
 
     A few branches of one static curve turn the linear model into one with, say, a stiffening spring or friction.
-    Both curves grow at most linearly, so that the free run cannot leave for infinity in a few samples.
+    Both curves are a line far out, up to something bounded. So where ``radius`` is below 1 every bounded input gives a
+    bounded free run, whatever happens near rest.
 
     Parameters
     ----------
@@ -91,6 +92,11 @@ class LureModel(Model):
     def order(self) -> int:
         """Length of x."""
         return len(self.A)
+
+    @property
+    def radius(self) -> float:
+        """Spectral radius of the dynamics far from rest; below 1, no bounded input makes the free run diverge."""
+        return float(np.abs(np.linalg.eigvals(far_out(self.curve, self.A, self.E, self.W))).max())
 
     @property
     def states(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -162,3 +168,8 @@ def shifted(vector: Vector, by: np.ndarray) -> Vector:
 def bend(curve: Curve, z: Vector) -> Vector:
     """The static curve of each branch."""
     return tanh(z) if curve == "saturation" else z - tanh(z)
+
+
+def far_out(curve: Curve, A: np.ndarray, E: np.ndarray, W: np.ndarray) -> np.ndarray:
+    """A and what the curves add to it far from rest, where they are lines."""
+    return A if curve == "saturation" else A + E @ W
