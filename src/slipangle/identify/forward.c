@@ -1,7 +1,7 @@
 /* A free run with forward sensitivities. The generated part before this file defines NX, NW, NP, NY, RADAU (the
    coefficients A), SHARES (of Newton steps) and the functions rates and outputs, (x, w, p) -> (f, df/dx, df/dp) and the
    same of the outputs, and slopes, (x, w, p) -> f. Matrices are stored column after column. The m columns of S are
-   derivatives with respect to NP parameters, then to whatever else the start depends on. */
+   derivatives with respect to NP parameters, then to whatever else the start depends on; with m = 0 there are none. */
 
 #include <math.h>
 #include <string.h>
@@ -34,7 +34,10 @@ static void explicit_step(double *x, double *S, const double *w, const double *p
         const double a = NODE[i] * h, b = stages == 1 ? 1.0 : WEIGHT[i];
         for (int k = 0; k < NX; k++) xs[k] = x[k] + (i ? a * f[k] : 0.0);
         for (long k = 0; k < NX * m; k++) Ss[k] = S[k] + (i ? a * K[k] : 0.0);
-        rates(xs, w, p, f, fx, fp);
+        if (m == 0)
+            slopes(xs, w, p, f);
+        else
+            rates(xs, w, p, f, fx, fp);
         variation(fx, fp, Ss, K, m);
         for (int k = 0; k < NX; k++) total[k] += b * f[k];
         for (long k = 0; k < NX * m; k++) sum[k] += b * K[k];

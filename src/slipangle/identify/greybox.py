@@ -10,13 +10,16 @@ from typing import Any
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import IdentifiabilityWarning
+from slipangle.errors import IdentifiabilityWarning, ParameterError
 from slipangle.identify import uncertainty
 from slipangle.identify.advice import better_sentences
 from slipangle.identify.simulation_error import Minimum, SimulationError, check_names
+from slipangle.identify.starts import STARTS, best_start
+from slipangle.identify.threads import one_blas_thread
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
 
+_FLAT = 1e-6  # relative gain of a step that ends a search from many starts: its valleys are long and flat
 _HOW = "free-run error, Gauss-Newton with forward sensitivities"
 
 
@@ -43,6 +46,17 @@ class GreyBox:
         Estimate each experiment's initial state too, instead of reading it from its first sample.
     max_iterations : int
         Limit on Gauss-Newton steps.
+    starts : int, optional
+        From how many places the minimum is looked for, the given one included: see `slipangle.identify.starts`. By
+        default 32 for models known to have several minima (`OdeModel.several_minima`), such as the nonlinear bicycle,
+        else 1.
+    seed : int
+        Of the random starts.
+
+    Raises
+    ------
+    ParameterError
+        If a setting is out of range or a parameter unknown.
 
     References
     ----------
@@ -54,12 +68,16 @@ class GreyBox:
     per_experiment: tuple[str, ...] = ()
     free_initial_state: bool = False
     max_iterations: int = 100
+    starts: int | None = None
+    seed: int = 0
 
     def __post_init__(self) -> None:
         for key in ("free", "per_experiment"):
             given = getattr(self, key)
             object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
         check_names(self.start, self.free, self.per_experiment)
+        if self.starts is not None and self.starts < 1:
+            raise ParameterError(f"starts is {self.starts}; expected a whole number of at least 1, such as {STARTS}")
 
     def fit(self, data: Dataset) -> Any:
         """The model with estimated parameters, their covariance and warnings in ``fit_info``.
@@ -71,9 +89,15 @@ class GreyBox:
             `slipangle.identify.advice`).
         """
         began = time.perf_counter()
-        problem = self.problem(data)
-        found = problem.minimise(problem.start, self.max_iterations)
-        return finish(problem, found, how=_HOW, began=began)
+        starts = self.starts or (STARTS if self.start.ode.several_minima else 1)
+        if starts == 1:
+            problem = self.problem(data)
+            return finish(problem, problem.minimise(problem.start, self.max_iterations), how=_HOW, began=began)
+        with one_blas_thread():  # many small factorisations
+            problem = self.problem(data)
+            best = best_start(problem, starts, self.seed)
+            found = problem.minimise(best, self.max_iterations, tolerance=_FLAT)
+            return finish(problem, found, how=f"{_HOW}, best of {starts} starts", began=began)
 
     def problem(self, data: Dataset) -> SimulationError:
         """The least-squares problem that `fit` solves."""
@@ -113,10 +137,12 @@ def finish(
         spread = kept @ spread @ kept.T
     spread = spread[:n_p, :n_p] * np.outer(scale, scale)
     values = found.z[:n_p] * scale
-    for bound in (problem.lower[:n_p] * scale, problem.upper[:n_p] * scale):
-        values = np.where(np.abs(values - bound) < 1e-9 * scale, bound, values)  # interior methods stop just short
-    std = np.sqrt(np.maximum(np.diag(spread), 0))
     metadata = [problem.model.si(n) for n in problem.base_names]
+    bounds = np.array([[m.lower for m in metadata], [m.upper for m in metadata]])
+    for bound in bounds:
+        values = np.where(np.abs(values - bound) < 1e-9 * scale, bound, values)  # interior methods stop just short
+    values = np.clip(values, *bounds)  # scaled bounds can round to just outside
+    std = np.sqrt(np.maximum(np.diag(spread), 0))
     better = better_sentences(problem, found, values, std) if problem.run.compiled and kept is None else {}
     said = uncertainty.notes(problem.names, values, std, scale, metadata, found.jacobian[:, :n_p], better)
     said += more

@@ -173,6 +173,17 @@ class SimulationError:
         """Outputs of experiment ``i`` and their derivatives by `columns`, shape (n, n_outputs, 1 + n_columns)."""
         return self.run(*self.initial(i, z), self.rows[i], self.parameters(i, z))
 
+    def cost(self, z: np.ndarray) -> float:
+        """Sum of squared weighted errors, without derivatives; a free run that diverges counts as `_WORST`."""
+        total = 0.0
+        with np.errstate(over="ignore", invalid="ignore"):
+            for i, y in enumerate(self.measured):
+                x0, slope = self.initial(i, z)
+                run = self.run(x0, slope[:, :0], self.rows[i], self.parameters(i, z))[1:, :, 0]
+                error = np.nan_to_num((run - y[1:]) / self.sigma, nan=_WORST, posinf=_WORST, neginf=-_WORST)
+                total += float(np.sum(np.clip(error, -_WORST, _WORST) ** 2))
+        return total
+
     def evaluate(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Weighted errors, shape (n_rows * n_outputs,), and their Jacobian over z."""
         key = z.tobytes()
@@ -206,8 +217,11 @@ class SimulationError:
         even = np.ptp(share) <= _SETTLED * share.max()  # a common factor moves no minimum
         return bool(even or (self.sigma <= 1e3 * _SETTLED * np.std(self.data.y, axis=0)).all())
 
-    def minimise(self, z: np.ndarray, max_iterations: int) -> Minimum:
-        """Gauss-Newton in a trust region with bounds; outputs weighed by their errors, then solved again."""
+    def minimise(self, z: np.ndarray, max_iterations: int, *, tolerance: float = 1e-11) -> Minimum:
+        """Gauss-Newton in a trust region with bounds; outputs weighed by their errors, then solved again.
+
+        A step that lowers the squared error by less than ``tolerance`` of it is the last.
+        """
         converged = False
         for _ in range(MOST_ROUNDS):
             jacobian: Any = lambda z: self.evaluate(z)[1]  # noqa: E731
@@ -218,7 +232,7 @@ class SimulationError:
                 bounds=(self.lower, self.upper),
                 method="trf",
                 xtol=1e-9,
-                ftol=1e-11,
+                ftol=tolerance,
                 gtol=1e-12,
                 max_nfev=max_iterations,
             )

@@ -26,7 +26,7 @@ class NonlinearBicycleParams(ChassisParams):
     E_f: Annotated[float, SI("-", "front Magic Formula curvature factor", -10.0, 1.0)] = 0.0
     E_r: Annotated[float, SI("-", "rear Magic Formula curvature factor", -10.0, 1.0)] = 0.0
     friction_load: Annotated[float, SI("-", "loss of friction per relative rise of load", -1.0, 2.0)] = 0.2
-    stiffness_load: Annotated[float, SI("-", "loss of stiffness per relative rise of load", -1.0, 2.0)] = 0.2
+    stiffness_load: Annotated[float, SI("-", "loss of stiffness per relative rise of load", 0.0, 2.0)] = 0.2
     transfer_x: Annotated[float, SI("-", "longitudinal load transfer, height over wheelbase", 0.0, 1.0)] = 0.2
     transfer_f: Annotated[float, SI("-", "front lateral load transfer, height over track times share", 0.0, 1.0)] = 0.15
     transfer_r: Annotated[float, SI("-", "rear lateral load transfer, height over track times share", 0.0, 1.0)] = 0.15
@@ -129,6 +129,7 @@ class NonlinearBicycle(OdeModel):
 
     states = ("v_y", "r", "delta_w")
     inputs = ("delta", "v_x", "v_x_dot")
+    several_minima = True
     params: NonlinearBicycleParams
     outputs: tuple[str, ...] = ("r",)
     memory: int = 1

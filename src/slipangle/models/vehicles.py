@@ -202,6 +202,7 @@ class OdeModel(Parametrised, Model):
     """
 
     max_step: ClassVar[float] = 0.01
+    several_minima: ClassVar[bool] = False  # of its free-run error over its parameters; a fit then tries many starts
 
     params: Any
     dt: float

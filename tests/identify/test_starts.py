@@ -1,0 +1,72 @@
+"""Fits from many starts find the minimum that a single poor one misses, and the same one from anywhere."""
+
+import numpy as np
+import pytest
+
+from slipangle.errors import ParameterError
+from slipangle.experiments import _chapter_8
+from slipangle.identify import forward, starts
+from slipangle.identify.greybox import GreyBox
+from slipangle.identify.validate import score
+from tests.identify.test_greybox import CASES, drive
+
+MODEL, FREE = CASES["nonlinear bicycle"]
+POOR = {"C_f": 6.4e4, "C_r": 2.5e4, "inertia_z": 3400.0, "mu_f": 1.34, "mu_r": 0.28, "steering_lag": 0.17}  # it spins
+
+
+def poor():
+    return MODEL.with_values(**POOR)
+
+
+@pytest.mark.filterwarnings("ignore::slipangle.errors.IdentifiabilityWarning")
+def test_many_starts_find_the_car_that_one_start_misses():
+    data = drive(MODEL, n=400, noise=0.02)
+    one, many = (GreyBox(start=poor(), free=FREE, starts=n, max_iterations=40).fit(data) for n in (1, None))
+    truth, single, several = (np.mean(m.simulate(data).error ** 2) for m in (MODEL, one, many))
+    assert several <= 1.001 * truth
+    assert single > 10 * truth
+    assert "best of 32 starts" in many.fit_info.method
+    assert "starts" not in one.fit_info.method
+
+
+@pytest.mark.parametrize("compiler", ["", "none"])
+def test_runs_without_derivatives_are_the_same_runs(compiler, monkeypatch):
+    monkeypatch.setenv("SLIPANGLE_CC", compiler)
+    forward._known_forward.cache_clear()
+    data = drive(MODEL, n=120, noise=0.1)
+    problem = GreyBox(start=poor(), free=FREE).problem(data)
+    assert problem.cost(problem.start) == pytest.approx(np.sum(problem.evaluate(problem.start)[0] ** 2), rel=1e-9)
+    forward._known_forward.cache_clear()
+
+
+def test_starts_are_seeded_within_bounds_and_never_worse_than_the_given_one():
+    data = drive(MODEL, n=200, noise=0.02)
+    problem = GreyBox(start=MODEL, free=FREE).problem(data)
+    a, b, c = (starts.draw(problem, 50, seed) for seed in (0, 0, 1))
+    np.testing.assert_array_equal(a, b)
+    assert not np.array_equal(a, c)
+    assert np.all((a >= problem.lower) & (a <= problem.upper))
+    assert np.ptp(a, axis=0).min() > 0.1
+    best = starts.best_start(problem, 8, 0)
+    assert problem.cost(best) <= problem.cost(problem.start)
+
+
+def test_no_start_at_all_is_refused():
+    with pytest.raises(ParameterError, match="at least 1"):
+        GreyBox(start=MODEL, free=FREE, starts=0)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::slipangle.errors.IdentifiabilityWarning")
+def test_the_ferrari_ends_at_the_same_minimum_from_several_places(real_data):
+    """Training error within 1 %, validation error within 3 %, whatever the start and the seed."""
+    train, test = _chapter_8.ferrari()
+    start = _chapter_8.START
+    errors = []
+    for seed, factors in enumerate(((1.0, 1.0, 1.0), (1.2, 0.9, 1.0), (0.8, 1.0, 1.2))):
+        moved = start.with_values(C_f=6e4 * factors[0], C_r=9e4 * factors[1], inertia_z=900 * factors[2])
+        model = GreyBox(start=_chapter_8.at_the_limit(moved, train.dt), free=_chapter_8.FREE, seed=seed).fit(train)
+        errors.append([100 - score(model.simulate(part), "r").fit for part in (train, test)])
+    spread = np.ptp(errors, axis=0) / np.min(errors, axis=0)
+    assert spread[0] <= 0.01
+    assert spread[1] <= 0.03
