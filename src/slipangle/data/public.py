@@ -169,15 +169,22 @@ def ferrari_250lm(rate: float = 20.0) -> Dataset:
     return data if rate == 1 / data.dt else data.resample(1 / rate, cutoff=0.4 * rate)
 
 
+_STEERING_RATIO = 13.97  # handwheel over road wheel: see `_ferrari_session`
+
+
 def _ferrari_session() -> Dataset:
-    """Another session, 20 Hz, low-passed at 5 Hz by its publisher."""
+    """Another session, 20 Hz, low-passed at 5 Hz by its publisher.
+
+    Its parameter file says a steering ratio of 13.4. A sister file of the same publisher, telemetry_train_1.csv, is the
+    run of `ferrari_250lm` itself: its handwheel angle over that run's road-wheel angle is 13.97, to 0.023 degrees.
+    """
     paths = fetch("ferrari-250lm-session", "telemetry_train_0.csv", "params.csv")
     head, row = (line.split(",") for line in paths["params.csv"].read_text().strip().splitlines()[:2])
-    ratio = float(dict(zip(head, row, strict=True))["steer_tau"])
+    published = float(dict(zip(head, row, strict=True))["steer_tau"])
     data = read_csv(
         paths["telemetry_train_0.csv"],
         {
-            "delta": Column("handwheelAngle", "deg", factor=1 / ratio),
+            "delta": Column("handwheelAngle", "deg", factor=1 / _STEERING_RATIO),
             "v_x": Column("vxCG", "m/s"),
             "r": Column("yawRate", "deg/s"),
             "delta_sw": Column("handwheelAngle", "deg"),
@@ -191,7 +198,8 @@ def _ferrari_session() -> Dataset:
         name="Ferrari 250 LM, another session",
     )
     return data.with_note(
-        f"delta is the steering-wheel angle over the published ratio of {ratio:g}; a fit of the data gives 13.96"
+        f"delta is the steering-wheel angle over {_STEERING_RATIO:g}, as a sister file of the same publisher has it, "
+        f"which is the run ferrari-250lm; the published ratio is {published:g}"
     )
 
 
