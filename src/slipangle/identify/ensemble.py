@@ -86,8 +86,68 @@ class Interval:
     @property
     def coverage(self) -> np.ndarray:
         """Share of the predicted samples whose measurement lies inside, per output."""
+        return self.hits.mean(axis=0)
+
+    @property
+    def hits(self) -> np.ndarray:
+        """Whether each predicted sample's measurement lies inside, shape (n_predicted, n_outputs)."""
         inside = (self.run.measured >= self.lower) & (self.run.measured <= self.upper)
-        return inside[self.run.predicted].mean(axis=0)
+        return inside[self.run.predicted]
+
+    @property
+    def effective_samples(self) -> np.ndarray:
+        """As how many independent samples the hits tell the coverage, per output; see `effective_samples`."""
+        return np.array([effective_samples(column) for column in self.hits.T])
+
+
+def effective_samples(values: np.ndarray) -> float:
+    """Number of independent samples whose mean scatters as the mean of these, which follow each other in time.
+
+    ``n / (1 + 2 sum rho_k)``, the sum over the autocorrelations of lags 1, 2, ... in pairs, none larger than the one
+    before, up to the first that is not positive ([1]_, initial monotone sequence).
+
+    Parameters
+    ----------
+    values : array, shape (n,)
+        Numbers or truth values in the order of time.
+
+    Returns
+    -------
+    float
+        From 1 to n; n where all values are the same.
+
+    References
+    ----------
+    .. [1] C. J. Geyer, Practical Markov chain Monte Carlo, Statistical Science 7, 1992, sec. 3.3.
+
+    >>> effective_samples(np.arange(1000) % 20 < 10) < 100 < effective_samples(np.arange(1000) % 2)
+    True
+    """
+    x = np.asarray(values, dtype=float)
+    n, x = len(x), x - np.mean(x)
+    power = np.abs(np.fft.rfft(x, 2 * n)) ** 2
+    covariance = np.fft.irfft(power)[:n] / n
+    if n < 2 or not covariance[0] > 0:
+        return float(n)
+    pairs = covariance[: n - n % 2].reshape(-1, 2).sum(axis=1) / covariance[0]
+    last = int(np.argmax(pairs <= 1e-12)) if np.any(pairs <= 1e-12) else len(pairs)
+    total = np.minimum.accumulate(pairs[:last]).sum()
+    return float(np.clip(n / max(2.0 * total - 1.0, 1.0), 1.0, n))
+
+
+def coverage_error(level: float, tested: float, calibrated: float) -> float:
+    """Standard error of the coverage of an interval, from independent samples tested and calibrated on.
+
+    Both the coverage of new data and the quantile that sets the width scatter binomially.
+
+    Parameters
+    ----------
+    level : float
+        Coverage that the interval is made for.
+    tested, calibrated : float
+        Effective samples of either.
+    """
+    return float(np.sqrt(level * (1.0 - level) * (1.0 / tested + 1.0 / calibrated)))
 
 
 def spread(model: Model, data: Dataset) -> np.ndarray:
