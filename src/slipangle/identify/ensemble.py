@@ -120,7 +120,7 @@ def effective_samples(values: np.ndarray) -> float:
     ----------
     .. [1] C. J. Geyer, Practical Markov chain Monte Carlo, Statistical Science 7, 1992, sec. 3.3.
 
-    >>> effective_samples(np.arange(1000) % 20 < 10) < 100 < effective_samples(np.arange(1000) % 2)
+    >>> effective_samples(np.arange(1000) % 20 < 10) < 200 < effective_samples(np.arange(1000) % 2)
     True
     """
     x = np.asarray(values, dtype=float)

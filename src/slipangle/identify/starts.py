@@ -77,7 +77,7 @@ def _descent(problem: SimulationError, z: np.ndarray, steps: int) -> np.ndarray:
         error, jacobian = problem.evaluate(z)
         gradient = jacobian.T @ error
         held = ((z <= lower) & (gradient > 0)) | ((z >= upper) & (gradient < 0))
-        both = np.linalg.qr(np.column_stack([np.where(held, 0.0, -jacobian), error]), mode="r")
+        both: Any = np.linalg.qr(np.column_stack([np.where(held, 0.0, -jacobian), error]), mode="r")
         return both[:, :-1], both[:, -1], None
 
     return descend(
