@@ -1,14 +1,17 @@
-# make demo   the main job on a built-in car: log, models, verdict, controller, page
-# make test   lint, types and tests
-# make test-all   the slow checks too
+# make demo          the main job on a built-in car: log, models, verdict, controller, page
+# make test          lint, types and tests
+# make test-all      the slow checks too
+# make test-lowest   the tests with the lowest versions that pyproject.toml allows, on Python 3.11
 PYTHON ?= python3
+LOWEST_PYTHON ?= $(shell command -v python3.11 || echo $(PYTHON))
 BIN := .venv/bin
+TYPES := .venv/types/lib/python3.11/site-packages
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export SLIPANGLE_DATA ?= $(wildcard $(abspath ../shared/data))
 
-.PHONY: demo test test-all lint clean
+.PHONY: demo test test-all test-lowest lint clean
 
 demo: .venv/installed
 	$(BIN)/slipangle demo
@@ -19,7 +22,10 @@ test: lint
 test-all: lint
 	$(BIN)/python -m pytest -n auto -q -m "slow or not slow"
 
-lint: .venv/installed-dev
+test-lowest: .venv-lowest/installed
+	.venv-lowest/bin/python -m pytest -n auto -q
+
+lint: .venv/installed-dev .venv/installed-types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
@@ -38,5 +44,20 @@ lint: .venv/installed-dev
 	$(BIN)/python -m pip install --quiet --group dev
 	touch $@
 
+# Read by pyright, never run: the same wheels whatever Python and system this is.
+.venv/installed-types: .venv/installed-dev pyproject.toml
+	rm -rf $(TYPES)
+	$(BIN)/python -m pip install --quiet --group types --target $(TYPES) --no-deps --only-binary :all: --python-version 3.11 \
+		--platform manylinux2014_x86_64 --platform manylinux_2_27_x86_64 --platform manylinux_2_28_x86_64
+	touch $@
+
+.venv-lowest/installed: pyproject.toml tests/lowest.py
+	$(LOWEST_PYTHON) -c 'import sys; sys.version_info[:2] == (3, 11) or sys.exit("Python is %d.%d, the lowest versions are those for 3.11: make test-lowest LOWEST_PYTHON=python3.11" % sys.version_info[:2])'
+	$(LOWEST_PYTHON) -m venv --clear .venv-lowest
+	.venv-lowest/bin/python -m pip install --quiet --upgrade "pip>=25.1"
+	.venv-lowest/bin/python -m tests.lowest > .venv-lowest/constraints.txt
+	.venv-lowest/bin/python -m pip install --quiet --constraint .venv-lowest/constraints.txt --editable . --group test
+	touch $@
+
 clean:
-	rm -rf .venv .pytest_cache .ruff_cache build dist
+	rm -rf .venv .venv-lowest .pytest_cache .ruff_cache build dist

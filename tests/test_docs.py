@@ -13,6 +13,7 @@ import pytest
 
 import slipangle
 from slipangle.workflow.settings import read_settings
+from tests.lowest import constraints, requirements
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -108,3 +109,19 @@ def test_nomenclature_names_are_the_models():
     for model in (Bicycle, Kinematic, Longitudinal, SingleTrack):
         for name in (*model.states, *model.inputs):
             assert f"`{name}`" in text, name
+
+
+def test_every_requirement_names_its_lowest_version():
+    assert len(constraints()) == sum(map(len, requirements().values()))
+
+
+def test_tools_that_judge_are_exact_and_read_what_is_installed():
+    """No newer linter, type checker or stub changes a verdict; no package is left out of the types."""
+    table = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    groups = table["dependency-groups"]
+    assert all(re.fullmatch(r"[\w-]+(\[\w+\])?==[\d.]+", line) for line in groups["lint"] + groups["types"])
+    names = [{re.split(r"[=>]", line)[0] for line in lines} for lines in (groups["types"], requirements()["core"])]
+    assert names[0] == names[1]
+    floor = re.search(r">=([\d.]+)", table["project"]["requires-python"])[1]
+    assert table["tool"]["pyright"]["pythonVersion"] == floor
+    assert f"python{floor}/site-packages" in (ROOT / "Makefile").read_text()
