@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.errors import ExcitationError, ParameterError, TooShortError
+from slipangle.errors import ExcitationError, ModelWarning, ParameterError, TooShortError
 from slipangle.identify import polynomial
 from slipangle.identify.arx import ARX
 from slipangle.identify.polynomial import ARMAX, BoxJenkins, OutputError, Polynomial
@@ -126,7 +126,8 @@ def test_an_unstable_system_is_found_from_its_one_step_errors():
     for k in range(1, n):
         y[k] = 1.02 * y[k - 1] + 0.5 * u[k - 1] + e[k] + 0.4 * e[k - 1]
         u[k] = -0.3 * y[k] + rng.standard_normal()
-    model = ARMAX(na=1, nb=1, nc=1).fit(Dataset.from_arrays({"u": u}, {"y": y}, 0.1))
+    with pytest.warns(ModelWarning, match="unstable"):
+        model = ARMAX(na=1, nb=1, nc=1).fit(Dataset.from_arrays({"u": u}, {"y": y}, 0.1))
     off = (model.fit_info.values - [-1.02, 0.5, 0.4]) / model.fit_info.std
     assert np.abs(off).max() < 4
     assert np.abs(model.poles).max() > 1.0

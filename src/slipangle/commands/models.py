@@ -124,6 +124,7 @@ def _compare(options: argparse.Namespace) -> int:
                 "free_run": {o: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse} for o, s in e.scores.items()},
             }
             | ({"failure": e.failure} if e.failure else {})
+            | ({"warnings": list(e.warnings)} if e.warnings else {})
             for e in result.entries
         ]
         print(json.dumps(rows, indent=2))
@@ -132,6 +133,8 @@ def _compare(options: argparse.Namespace) -> int:
     for entry in result.entries:
         scores = "   ".join(f"{o}: fit {s.fit:.2f} %, VAF {s.vaf:.2f} %" for o, s in entry.scores.items())
         print(f"{entry.name:28} {scores or entry.failure}")
+        for sentence in entry.warnings:
+            print(f"  {sentence}")
     if page is not None:
         print(f"\nThe page: {page.resolve()}")
     return 0

@@ -13,6 +13,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.lags import Windows, triangle
+from slipangle.identify.stability import announced, breakdown_said, judged
 from slipangle.models.arx import ARXModel
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
@@ -67,7 +68,17 @@ class ARX:
             If the regressors are collinear, with the names of those.
         TooShortError
             If no experiment is longer than the lags, or there are fewer samples than parameters.
+
+        Warns
+        -----
+        ModelWarning
+            If a free run of the model would blow up.
         """
+        with breakdown_said("the ARX model", data):
+            return announced(judged(self._fit(data), data))
+
+    def _fit(self, data: Dataset) -> ARXModel:
+        """`fit` without a word about what it found."""
         began = time.perf_counter()
         ny, nu = len(data.outputs), len(data.inputs)
         used = self._used(data)

@@ -51,6 +51,8 @@ class Entry:
         What it predicted.
     failure : str
         Why there is no free run.
+    warnings : tuple of str
+        What its fit and its free run give cause to say.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Entry:
     one_step_error: float
     free_run: Trajectory | None
     failure: str = ""
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,10 +158,19 @@ def compare(
 def _entry(
     name: str, model: Model, runs: tuple[Trajectory, Trajectory] | str, outputs: tuple[str, ...], mask: np.ndarray
 ) -> Entry:
+    fitted = model.fit_info.warnings if model.fit_info is not None else ()
     if isinstance(runs, str):
         return Entry(
-            name=name, model=model, scores={}, error=np.inf, one_step_error=np.inf, free_run=None, failure=runs
+            name=name,
+            model=model,
+            scores={},
+            error=np.inf,
+            one_step_error=np.inf,
+            free_run=None,
+            failure=runs,
+            warnings=fitted,
         )
+    said = tuple(sentence for run in runs for sentence in run.astray.values())
     free, one = (replace(run, predicted=mask) for run in runs)
     return Entry(
         name=name,
@@ -167,6 +179,7 @@ def _entry(
         error=_relative(free, outputs),
         one_step_error=_relative(one, outputs),
         free_run=runs[0],
+        warnings=(*fitted, *said),
     )
 
 

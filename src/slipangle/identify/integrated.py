@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, TooShortError
 from slipangle.identify.arx import ARX
 from slipangle.models.arx import ARXModel
+from slipangle.models.provenance import provenance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +73,8 @@ class IntegratedARX:
         for _ in range(self.order):
             known = np.convolve(known, [1.0, -1.0])
         a, B, info = self._differences(parts, name, free)
+        if info is not None:  # the differences are no samples of the log
+            info = replace(info, **provenance(data))
         A = np.convolve(known, np.concatenate([[1.0], a]))[1:]
         return ARXModel(A=A, B=B, nk=self.nk, dt=data.dt, inputs=data.inputs, outputs=data.outputs, fit_info=info)
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import time
-import warnings
 from dataclasses import dataclass, replace
 from typing import Literal
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import IdentifiabilityWarning, ParameterError, nearest
+from slipangle.errors import ParameterError, nearest
 from slipangle.identify.prediction import Problem
+from slipangle.identify.stability import announced, breakdown_said, judged
 from slipangle.identify.threads import one_blas_thread
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
@@ -88,14 +88,26 @@ class PEM:
         ------
         TooShortError
             If there are fewer samples than parameters.
+        SimulationError
+            If the fit diverged.
+
+        Warns
+        -----
+        IdentifiabilityWarning
+            If the fit stopped at its limit of steps.
+        ModelWarning
+            If a free run of the model would blow up.
         """
+        with breakdown_said("the state space", data):
+            return announced(judged(self._fit(data), data))
+
+    def _fit(self, data: Dataset) -> StateSpaceModel:
+        """`fit` without a word about what it found."""
         began = time.perf_counter()
         with one_blas_thread():
             problem = Problem(self, data)
             point, notes = problem.solve(self.max_iterations)
             covariance, sigma, rows = problem.covariance(point)
-        for note in notes:
-            warnings.warn(note, IdentifiabilityWarning, stacklevel=2)
         names, values = problem.named(point)
         error = "one-step-ahead" if self.focus == "prediction" else "free-run"
         info = FitInfo(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import IdentifiabilityWarning, ParameterError
+from slipangle.errors import ParameterError
 from slipangle.identify.arx import per_input
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.pem import PEM
 from slipangle.identify.polynomial_start import first_guess
 from slipangle.identify.prediction import Point, Problem, shrunk
+from slipangle.identify.stability import announced, breakdown_said, judged
 from slipangle.identify.threads import one_blas_thread
 from slipangle.models.model import FitInfo
 from slipangle.models.polynomial import PolynomialModel, realise
@@ -84,12 +84,20 @@ class Polynomial:
             If there are several outputs, or orders for another number of inputs.
         ExcitationError, TooShortError
             If the data cannot tell.
+        SimulationError
+            If the fit diverged.
 
         Warns
         -----
         IdentifiabilityWarning
             If the fit stopped at its limit of steps.
+        ModelWarning
+            If a free run of the model would blow up.
         """
+        with breakdown_said("the polynomial model", data):
+            return announced(judged(self._fit(data), data))
+
+    def _fit(self, data: Dataset) -> PolynomialModel:
         began = time.perf_counter()
         if len(data.outputs) != 1:
             raise ParameterError(
@@ -107,8 +115,6 @@ class Polynomial:
             point, notes = problem.solve(self.max_iterations)
             found = problem.theta_of(point)
             covariance, sigma, rows = problem.coefficient_covariance(point)
-        for note in notes:
-            warnings.warn(note, IdentifiabilityWarning, stacklevel=2)
         names = layout.names(data) + ((f"y_offset[{data.outputs[0]}]",) if self.offset else ())
         info = FitInfo(
             names=names,

@@ -76,7 +76,7 @@ def _long_arx(data: Dataset, u0: np.ndarray, y0: float, settings: Polynomial, or
     lags = max(order + 1, min(30, 2 * order + nk + 10, shortest // (4 * (1 + len(data.inputs)))))
     while True:
         try:
-            return ARX(na=lags, nb=lags).fit(centred)
+            return ARX(na=lags, nb=lags)._fit(centred)
         except (ExcitationError, TooShortError):  # clean data bear no more lags than the system has
             if lags <= 1:
                 raise

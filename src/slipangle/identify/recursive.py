@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -10,9 +9,10 @@ from typing import Literal
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import IdentifiabilityWarning, NotFiniteError, ParameterError, nearest
+from slipangle.errors import NotFiniteError, ParameterError, nearest
 from slipangle.identify.excitation import require_identifiable, require_independent
 from slipangle.identify.recursive_code import Recursion
+from slipangle.identify.stability import announced, judged
 from slipangle.models.arx import ARXModel
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
@@ -143,6 +143,8 @@ class RLS:
         -----
         IdentifiabilityWarning
             With the coefficients that are still about as uncertain as at the start.
+        ModelWarning
+            If a free run of the model would blow up.
         """
         require_identifiable(data, self.na * len(data.outputs) + self.nb * len(data.inputs) + self.offset)
         require_independent(data)
@@ -151,9 +153,7 @@ class RLS:
         model = estimate.model(train_name=data.name)
         if model.fit_info is not None:
             model = replace(model, fit_info=replace(model.fit_info, **provenance(data)))
-        for note in model.fit_info.warnings if model.fit_info else ():
-            warnings.warn(note, IdentifiabilityWarning, stacklevel=2)
-        return model
+        return announced(judged(model, data))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,6 +10,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, SlipangleError
 from slipangle.identify.pem import PEM, Focus, Offsets
+from slipangle.identify.stability import announced, breakdown_said, judged, noted
 from slipangle.identify.subspace import Algorithm, Subspace, project
 from slipangle.models.statespace import StateSpaceModel
 
@@ -27,7 +28,7 @@ class OrderChoice:
     singular_values : array, shape (n,)
         Of the subspace projection of all data.
     order : int
-        The smallest order within 1 % of the least error.
+        The smallest order within 1 % of the least error, or below which nothing but rounding is left.
     held_out : str
         What the errors were measured on.
     failures : tuple of str
@@ -92,9 +93,40 @@ class StateSpace:
             raise ParameterError(f"held_out is {self.held_out}; expected a share between 0 and 1, such as 0.25")
 
     def fit(self, data: Dataset) -> StateSpaceModel:
-        """Model of all outputs from all inputs of ``data``; where the order is open, `choose_order` settles it."""
-        order = self.order if isinstance(self.order, int) else self.choose_order(data).order
-        return self._fit(data, order)
+        """Model of all outputs from all inputs of ``data``; where the order is open, `choose_order` settles it.
+
+        A free-run fit without a limit on the poles can end at a model whose free run holds only from the very
+        initial state that was estimated along. Where it goes astray from the training data's first samples, the fit
+        is made again with ``max_radius=1``, and says so.
+
+        Raises
+        ------
+        ExcitationError, TooShortError, ParameterError
+            If the data cannot tell, or no order could be fitted.
+        SimulationError
+            If the fit diverged.
+
+        Warns
+        -----
+        IdentifiabilityWarning
+            If the fit stopped at its limit of steps.
+        ModelWarning
+            If a free run of the model would blow up, or the poles had to be held back.
+        """
+        with breakdown_said("the state space", data):
+            order = self.order if isinstance(self.order, int) else self.choose_order(data).order
+            return announced(judged(self._usable(data, order), data))
+
+    def _usable(self, data: Dataset, order: int) -> StateSpaceModel:
+        """The fit, with its poles held where a free-run fit cannot run freely over its own data."""
+        model = self._fit(data, order)
+        size = float(np.abs(model.poles).max())
+        if self.focus != "simulation" or self.max_radius is not None or size <= 1 or _follows(model, data):
+            return model
+        held = replace(self, max_radius=1.0)._fit(data, order)
+        if not _follows(held, data):
+            return noted(model, _ASTRAY.format(size=size, what="no stable one does better"))
+        return noted(held, _ASTRAY.format(size=size, what="the poles were held inside the unit circle"))
 
     def choose_order(self, data: Dataset) -> OrderChoice:
         """Compare the candidate orders on data that their fits have not seen.
@@ -109,13 +141,14 @@ class StateSpace:
         errors, failures = np.full(len(orders), np.inf), []
         for i, order in enumerate(orders):
             try:
-                squares = [self._error(self._fit(train, order), test) for train, test in folds]
+                with breakdown_said("the state space", data):
+                    squares = [self._error(self._fit(train, order), test) for train, test in folds]
                 errors[i] = np.sqrt(np.mean(squares))
             except SlipangleError as reason:
                 failures.append(f"order {order}: {reason}")
         if not np.isfinite(errors).any():
             raise ParameterError(f"no order among {list(orders)} could be fitted; {failures[0]}")
-        best = next(o for o, e in zip(orders, errors, strict=True) if e <= 1.01 * errors.min())
+        best = next(o for o, e in zip(orders, errors, strict=True) if e <= 1.01 * max(errors.min(), _EXACT))
         start = Subspace(order=max(orders), algorithm=self.algorithm, block_rows=self.block_rows)
         shown = project(data, algorithm=self.algorithm, block_rows=start.rows(data), offset=self.offsets != "none")
         return OrderChoice(
@@ -140,7 +173,7 @@ class StateSpace:
 
     def _error(self, model: StateSpaceModel, test: Dataset) -> float:
         """Mean squared error in units of the outputs' variances."""
-        run = model.simulate(test) if self.focus == "simulation" else model.predict(test)
+        run = model._simulate(test) if self.focus == "simulation" else model._predict(test)
         return float(np.mean(run.error[run.predicted] ** 2 / np.var(test.y, axis=0)))
 
     def _fit(self, data: Dataset, order: int) -> StateSpaceModel:
@@ -151,7 +184,7 @@ class StateSpace:
             direct=self.direct,
             offset=self.offsets != "none",
             disturbance=self.focus == "prediction",
-        ).fit(data)
+        )._fit(data)
         refined = PEM(
             start=start,
             focus=self.focus,
@@ -160,8 +193,25 @@ class StateSpace:
             weights=self.weights,
             max_radius=self.max_radius,
             max_iterations=self.max_iterations,
-        ).fit(data)
+        )._fit(data)
         info = refined.fit_info
         if info is not None and start.fit_info is not None:
             info = replace(info, method=f"{info.method}; start: {start.fit_info.method}")
         return replace(refined, fit_info=info, memory=self.memory or refined.memory)
+
+
+_EXACT = 1e-6  # error in standard deviations of the outputs, below which orders differ by rounding
+_ASTRAY = (
+    "the free-run fit ended at a pole of modulus {size:.6g}, and from the first samples of its own training data that "
+    "model goes astray: {what}; expected data that a free run can follow: use focus='prediction', or another order"
+)
+
+
+def _follows(model: StateSpaceModel, data: Dataset) -> bool:
+    """Whether free runs over the data err less than twice as much as their means would."""
+    try:
+        run = model._simulate(data)
+    except SlipangleError:
+        return False
+    error = np.mean(run.error[run.predicted] ** 2, axis=0)
+    return bool(np.all(error < 4 * np.maximum(np.var(run.measured, axis=0), 1e-300)))

@@ -14,6 +14,7 @@ from slipangle.errors import ExcitationError, ParameterError, TooShortError, nea
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.lags import Windows, triangle
 from slipangle.identify.sensitivity import LinearFit
+from slipangle.identify.stability import announced, breakdown_said, judged
 from slipangle.identify.threads import one_blas_thread
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
@@ -83,12 +84,22 @@ class Subspace:
             If the inputs do not excite ``2 block_rows`` lags, with the input at fault.
         TooShortError
             If there are fewer windows than rows.
+
+        Warns
+        -----
+        ModelWarning
+            If a free run of the model would blow up.
         """
+        with breakdown_said("the state space", data):
+            return announced(judged(self._fit(data), data))
+
+    def _fit(self, data: Dataset) -> StateSpaceModel:
+        """`fit` without a word about what it found."""
         began = time.perf_counter()
         with one_blas_thread():
-            return self._fit(data, began)
+            return self._project_and_solve(data, began)
 
-    def _fit(self, data: Dataset, began: float) -> StateSpaceModel:
+    def _project_and_solve(self, data: Dataset, began: float) -> StateSpaceModel:
         projection = project(data, algorithm=self.algorithm, block_rows=self.rows(data), offset=self.offset)
         order = self.order or suggest_order(projection.singular_values)
         A, C = projection.observability(order)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -143,6 +143,11 @@ def validate(
     ------
     ParameterError
         If the data overlap those the model was fitted to.
+
+    Warns
+    -----
+    ModelWarning
+        If a prediction leaves any plausible range of the data; the verdict's sentences say so too.
     """
     if not on_training_data:
         require_unseen(model, data)
@@ -155,9 +160,15 @@ def validate(
         one_step=one,
         free_run_scores={o: score(free, o) for o in model.outputs},
         one_step_scores={o: score(one, o) for o in model.outputs},
-        residuals={o: residual_tests(free, one, chosen, o, max_lag) for o in model.outputs},
+        residuals={o: _with_astray(residual_tests(free, one, chosen, o, max_lag), free, one, o) for o in model.outputs},
         inputs=model.inputs,
     )
+
+
+def _with_astray(tests: Residuals, free: Trajectory, one: Trajectory, output: str) -> Residuals:
+    """The tests, with what is to be said of a prediction that left any plausible range in front."""
+    said = tuple(run.astray[output] for run in (free, one) if output in run.astray)
+    return replace(tests, sentences=(*said, *tests.sentences))
 
 
 def require_unseen(model: Model, data: Dataset) -> None:

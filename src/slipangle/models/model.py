@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -12,7 +13,8 @@ import casadi as ca
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ParameterError, SimulationError, TooShortError
+from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooShortError
+from slipangle.models.plausible import astray
 from slipangle.models.provenance import Fingerprint
 from slipangle.ops import Vector
 
@@ -187,6 +189,8 @@ class Trajectory:
         ``"free run"`` or ``"k-step-ahead"``.
     starts : tuple of int
         First row of each experiment.
+    astray : dict of str to str
+        A sentence for each output whose prediction leaves any plausible range of the data.
     """
 
     t: np.ndarray
@@ -196,6 +200,7 @@ class Trajectory:
     outputs: tuple[str, ...]
     kind: str = "free run"
     starts: tuple[int, ...] = field(default=(0,))
+    astray: dict[str, str] = field(default_factory=dict)
 
     @property
     def error(self) -> np.ndarray:
@@ -354,7 +359,19 @@ class Model(abc.ABC):
             If there is not one state per experiment.
         SimulationError
             If the state leaves the finite numbers, with the sample at which it does.
+
+        Warns
+        -----
+        ModelWarning
+            If an output leaves any plausible range of the data, with the sample at which it does.
         """
+        run = self._simulate(data, start)
+        for sentence in run.astray.values():
+            warnings.warn(sentence, ModelWarning, stacklevel=2)
+        return run
+
+    def _simulate(self, data: Dataset, start: Sequence[np.ndarray] | None = None) -> Trajectory:
+        """`simulate` for those who look at what it says by themselves."""
         self.check(data)
         if start is not None and len(start) != len(data.starts):
             raise ParameterError(f"{len(start)} start states for {len(data.starts)} experiments; expected one for each")
@@ -376,12 +393,12 @@ class Model(abc.ABC):
                     continue
             bad = ~np.isfinite(free).all(axis=1)
             if bad.any():
-                self._diverged(data, a, m + int(np.argmax(bad)), free)
+                self._diverged(data, a, m + int(np.argmax(bad)), free[np.argmax(bad)], "free run")
         return self._trajectory(data, y, measured, mask, "free run")
 
-    def _diverged(self, data: Dataset, first: int, k: int, free: np.ndarray) -> NoReturn:
+    def _diverged(self, data: Dataset, first: int, k: int, y: np.ndarray, what: str) -> NoReturn:
         """Say at which sample of the experiment from row ``first`` on, in which output and why."""
-        gone = ~np.isfinite(free[k - self.memory])
+        gone = ~np.isfinite(y)
         names = ", ".join(f"'{name}'" for name, bad in zip(self.outputs, gone, strict=True) if bad)
         poles = getattr(self, "poles", None)
         size = 0.0 if poles is None or not len(poles) else float(np.abs(poles).max())
@@ -392,21 +409,42 @@ class Model(abc.ABC):
         )
         where = "" if len(data.starts) == 1 else f" of the experiment from t = {data.t[first]:g} s"
         raise SimulationError(
-            f"the free run of {names} leaves the finite numbers at sample {k}{where} (t = {data.t[first + k]:g} s) of "
+            f"the {what} of {names} leaves the finite numbers at sample {k}{where} (t = {data.t[first + k]:g} s) of "
             f"'{data.name}': {why}; expected a stable model: fit with a stability constraint, other lags or on more "
             "data"
         )
 
     @final
     def predict(self, data: Dataset, steps: int = 1) -> Trajectory:
-        """Prediction ``steps`` samples ahead of the last measured output used; 1 is one-step-ahead."""
+        """Prediction ``steps`` samples ahead of the last measured output used; 1 is one-step-ahead.
+
+        Raises
+        ------
+        ParameterError
+            If ``steps`` is below 1.
+        SimulationError
+            If a prediction leaves the finite numbers, with the sample at which it does.
+
+        Warns
+        -----
+        ModelWarning
+            If an output leaves any plausible range of the data, with the sample at which it does.
+        """
+        run = self._predict(data, steps)
+        for sentence in run.astray.values():
+            warnings.warn(sentence, ModelWarning, stacklevel=2)
+        return run
+
+    def _predict(self, data: Dataset, steps: int = 1) -> Trajectory:
+        """`predict` for those who look at what it says by themselves."""
         if steps < 1:
             raise ParameterError(f"steps is {steps}; expected a whole number of at least 1")
         self.check(data)
         data = data.select(inputs=self.inputs, outputs=self.outputs)
         output = self.functions[1]
+        kind = "one-step-ahead" if steps == 1 else f"{steps}-step-ahead"
         pieces, mask = [], []
-        for part in data.experiments:
+        for i, part in enumerate(data.experiments):
             m = self.memory
             x0 = np.asarray(self.initial_state(part.head(m)), dtype=float)
             u = part.u
@@ -415,14 +453,27 @@ class Model(abc.ABC):
                 states = self._advance(states[:-1], u[m + k : m + k + len(states) - 1])
             first = m + steps - 1
             predicted = evaluate(output, states, u[first:])
+            bad = ~np.isfinite(predicted).all(axis=1)
+            if bad.any():
+                k = int(np.argmax(bad))
+                self._diverged(data, data.starts[i], first + k, predicted[k], f"{kind} prediction")
             pieces.append(np.vstack([part.y[:first], predicted]))
             mask.append(np.arange(part.n_samples) >= first)
-        kind = "one-step-ahead" if steps == 1 else f"{steps}-step-ahead"
         return self._trajectory(data, np.vstack(pieces), data.y, np.concatenate(mask), kind)
 
     def _trajectory(
         self, data: Dataset, y: np.ndarray, measured: np.ndarray, mask: np.ndarray, kind: str
     ) -> Trajectory:
+        seen = self.fit_info.fingerprint if self.fit_info is not None else None
+        said = astray(
+            y,
+            measured,
+            outputs=self.outputs,
+            seen=(seen.low, seen.high) if seen is not None and seen.outputs == self.outputs else None,
+            starts=data.starts,
+            t=data.t,
+            what=kind if kind == "free run" else f"{kind} prediction",
+        )
         return Trajectory(
             t=data.t,
             y=y,
@@ -431,6 +482,7 @@ class Model(abc.ABC):
             outputs=self.outputs,
             kind=kind,
             starts=data.starts,
+            astray=said,
         )
 
 

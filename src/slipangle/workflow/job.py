@@ -20,7 +20,7 @@ from slipangle.data.path import Path
 from slipangle.data.quality import DataReport, despike, inspect
 from slipangle.data.readers import read
 from slipangle.data.readers.csv import Column
-from slipangle.errors import ConfigError, IdentifiabilityWarning, nearest
+from slipangle.errors import ConfigError, IdentifiabilityWarning, ModelWarning, nearest
 from slipangle.identify.greybox import GreyBox
 from slipangle.identify.validate import Validation, validate
 from slipangle.models import catalogue
@@ -171,8 +171,10 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
         progress(0.1 + 0.4 * i / len(settings.model), f"identifying {wanted.name}")
         model = identify(wanted, train)
         fitted.append(model)
-        validations.append(validate(model, test, name=wanted.name))
-        training.append(validate(model, train, name=wanted.name, on_training_data=True))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)  # shown on the page
+            validations.append(validate(model, test, name=wanted.name))
+            training.append(validate(model, train, name=wanted.name, on_training_data=True))
     progress(0.5, "checking the steering delay")
     said = delay_check(settings, quality, train)
     run, plant_name = None, ""
@@ -241,6 +243,7 @@ def identify(wanted: ModelSettings, train: Dataset) -> Model:
     """Fit one model; what the data do not determine is in its ``fit_info.warnings``."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentifiabilityWarning)  # shown on the page
+        warnings.simplefilter("ignore", ModelWarning)
         if wanted.kind in BLACK_BOXES:
             data = train.select(inputs=wanted.inputs or None, outputs=wanted.outputs or None)
             return estimator(wanted).fit(data)

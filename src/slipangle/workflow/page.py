@@ -97,8 +97,9 @@ def _model_verdict(
         "fair": "follows the test drive roughly",
         "poor": "does not follow the test drive",
     }[tone]
+    fit = number(score.fit, 3) if score.fit < -999 else f"{score.fit:.1f}"
     sentence = (
-        f"From inputs alone, “{v.name}” {how}: fit {score.fit:.1f} % of {_spoken(name)} over "
+        f"From inputs alone, “{v.name}” {how}: fit {fit} % of {_spoken(name)} over "
         f"{outcome.test.duration:.0f} s that it was not fitted to."
     )
     warned = len(v.model.fit_info.warnings) if v.model.fit_info else 0
@@ -107,6 +108,8 @@ def _model_verdict(
             f" Trust its predictions more than its parameters: {warned} warning{'s' if warned > 1 else ''} on what the "
             "data do not determine stand below."
         )
+    if name in v.free_run.astray:
+        sentence += f" Do not use it: {v.free_run.astray[name]}."
     unit = outcome.data.unit(name)
     if published is None:
         numbers = (
@@ -331,7 +334,9 @@ def _poles(name: str, model: ARXModel, count: int) -> Findings:
         swing = f", {abs(rate.imag) / (2 * np.pi):.2g} Hz" if abs(rate.imag) > 1e-9 else ""
         stable = "decays" if rate.real < 0 else "grows: the model is unstable"
         said.append(f"a mode that {stable} with a time constant of {number(1 / abs(rate.real), 2)} s{swing}")
-    return Findings(title=f"Modes of {name}", items=tuple(Finding(sentence=s) for s in said))
+    items = [Finding(sentence=s) for s in said]
+    warned = model.fit_info.warnings if model.fit_info is not None else ()
+    return Findings(title=f"Modes of {name}", items=(*items, *(Finding(sentence=s, tone="poor") for s in warned)))
 
 
 def _residual_section(outcome: Outcome) -> Section:
@@ -490,4 +495,8 @@ def _facts(outcome: Outcome) -> tuple[Fact, ...]:
 
 def summary(outcome: Outcome) -> list[str]:
     """The verdicts as sentences for the terminal."""
-    return [f"{v.title}: {v.tone}. {v.sentence}" for v in _verdicts(outcome, "")]
+    said = [f"{v.title}: {v.tone}. {v.sentence}" for v in _verdicts(outcome, "")]
+    for v in outcome.validations:
+        warned = v.model.fit_info.warnings if v.model.fit_info is not None else ()
+        said += [f"warning of {v.name}: {sentence}" for sentence in warned]
+    return said

@@ -1,0 +1,78 @@
+"""What a fit says of a model that runs away, and of numbers that broke down on the way to it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import IdentifiabilityWarning, ModelWarning, SimulationError, SlipangleError
+from slipangle.models.plausible import growth
+
+
+def noted(model: Any, *sentences: str) -> Any:
+    """The model with more warnings in its ``fit_info``; empty ones are left out."""
+    more = tuple(s for s in sentences if s)
+    info = model.fit_info
+    return replace(model, fit_info=replace(info, warnings=(*info.warnings, *more))) if more and info else model
+
+
+def judged(model: Any, data: Dataset) -> Any:
+    """The model, with a warning in its ``fit_info`` if a free run over the longest training experiment would blow up.
+
+    Parameters
+    ----------
+    model : Model
+        Linear: it has ``poles``.
+    data : Dataset
+        Training data.
+    """
+    return noted(model, growth(model.poles, max(b - a for a, b in zip(data.starts, data.stops, strict=True))))
+
+
+def announced(model: Any) -> Any:
+    """The model, its fit's warnings given to whoever called ``fit``."""
+    for sentence in model.fit_info.warnings if model.fit_info else ():
+        kind = ModelWarning if "unstable" in sentence or "astray" in sentence else IdentifiabilityWarning
+        warnings.warn(sentence, kind, stacklevel=3)
+    return model
+
+
+@contextmanager
+def breakdown_said(what: str, data: Dataset) -> Iterator[None]:
+    """Turn what linear algebra raises on numbers that are no longer finite into one sentence.
+
+    Parameters
+    ----------
+    what : str
+        What was fitted.
+    data : Dataset
+        Training data.
+
+    Raises
+    ------
+    SimulationError
+        If the fit diverged.
+    """
+    try:
+        yield
+    except SlipangleError:
+        raise
+    except (np.linalg.LinAlgError, FloatingPointError, ZeroDivisionError, OverflowError) as error:
+        raise _diverged(what, data) from error
+    except ValueError as error:
+        if "infs or NaNs" not in str(error) and "not finite" not in str(error):
+            raise
+        raise _diverged(what, data) from error
+
+
+def _diverged(what: str, data: Dataset) -> SimulationError:
+    return SimulationError(
+        f"the fit of {what} to '{data.name}' diverged; expected numbers that stay finite: choose a smaller model or a "
+        "stable one (max_radius=1), or check the scale and the excitation of the data"
+    )

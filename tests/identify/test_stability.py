@@ -1,0 +1,189 @@
+"""Models that run away say so when fitted, when simulated and in a verdict; no fit ends in a traceback."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ModelWarning, SimulationError, SlipangleError
+from slipangle.identify.arx import ARX
+from slipangle.identify.compare import compare
+from slipangle.identify.pem import PEM
+from slipangle.identify.polynomial import ARMAX, OutputError
+from slipangle.identify.recursive import RLS
+from slipangle.identify.stability import breakdown_said
+from slipangle.identify.statespace import StateSpace
+from slipangle.identify.subspace import Subspace
+from slipangle.identify.validate import validate
+from slipangle.models.arx import ARXModel
+from slipangle.models.statespace import StateSpaceModel
+
+
+def log(pole, n=400, noise=0.01, seed=0):
+    """A first-order system with one pole, driven by noise."""
+    rng = np.random.default_rng(seed)
+    u = rng.standard_normal(n)
+    y = lfilter([0.0, 1.0], [1.0, -pole], u)
+    return Dataset.from_arrays({"u": u}, {"y": y + noise * rng.standard_normal(n)}, 0.1)
+
+
+LINEAR = {
+    "ARX": ARX(na=1, nb=1),
+    "ARMAX": ARMAX(na=1, nb=1, nc=1),
+    "RLS": RLS(na=1, nb=1),
+    "subspace": Subspace(order=1),
+    "state space": StateSpace(order=1),
+}
+
+
+@pytest.mark.parametrize("estimator", LINEAR.values(), ids=LINEAR)
+def test_an_unstable_fit_says_so_and_how_fast_it_grows(estimator):
+    with pytest.warns(ModelWarning, match=r"unstable: it has a pole of modulus 1\.0[34]"):
+        model = estimator.fit(log(1.04))
+    assert "grows tenfold every" in model.fit_info.warnings[-1]
+    assert f"the training data last {400}" in model.fit_info.warnings[-1]
+
+
+@pytest.mark.parametrize("pole", [0.9, 1.0, 1.001])
+@pytest.mark.parametrize("estimator", LINEAR.values(), ids=LINEAR)
+def test_stable_and_integrating_fits_do_not(estimator, pole):
+    """1.001 grows by half over the record: what an integrator's estimate looks like."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", ModelWarning)
+        model = estimator.fit(log(pole))
+    assert not any("unstable" in s for s in model.fit_info.warnings)
+
+
+def diverging():
+    """An ARX model fitted to quiet data, whose pole is then moved out."""
+    data = log(0.9)
+    return replace(ARX(na=1, nb=1).fit(data), A=np.array([-1.2])), log(0.9, seed=1)
+
+
+def test_free_runs_and_long_predictions_that_go_astray_say_so():
+    model, data = diverging()
+    with pytest.warns(ModelWarning, match="free run of 'y' goes astray: at sample") as caught:
+        run = model.simulate(data)
+    limit = 100 * 0.5 * np.ptp(np.concatenate([data["y"], log(0.9)["y"]]))
+    first = int(np.argmax(np.abs(run.y[:, 0]) > limit))
+    sample = int(str(caught[0].message).split("at sample ")[1].split()[0])
+    assert abs(sample - first) <= 2
+    assert list(run.astray) == ["y"]
+    with pytest.warns(ModelWarning, match="100-step-ahead prediction of 'y' goes astray"):
+        model.predict(data, 100)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert not model.predict(data, 1).astray
+
+
+def test_the_experiment_is_named():
+    model, data = diverging()
+    both = replace(data, starts=(0, 20), start_times=(0.0, 100.0))
+    with pytest.warns(ModelWarning, match="of the experiment from t = 100 s"):
+        model.simulate(both)
+
+
+def test_predictions_that_leave_the_finite_numbers_end_in_a_sentence():
+    model, data = diverging()
+    model = replace(model, A=np.array([-1e40]))
+    with pytest.raises(SimulationError, match="20-step-ahead prediction of 'y' leaves the finite numbers at sample 20"):
+        model.predict(data, 20)
+
+
+def test_verdicts_name_it():
+    model, data = diverging()
+    with pytest.warns(ModelWarning):
+        verdict = validate(model, data)
+    assert "free run of 'y' goes astray" in verdict.residuals["y"].sentences[0]
+    with pytest.warns(ModelWarning):
+        ranked = compare({"wild": model, "tame": replace(model, A=np.array([-0.9]))}, data)
+    assert ranked.best.name == "tame"
+    assert not ranked.best.warnings
+    assert "goes astray" in ranked.entries[1].warnings[-1]
+
+
+def test_a_model_of_unknown_data_is_not_suspected_of_a_normal_run():
+    """A catalogue model on stand-in outputs: only what no unit explains counts."""
+    data = Dataset.from_arrays({"u": np.ones(300)}, {"y": np.r_[0.1, np.zeros(299)]}, 0.1)
+    integrator = ARXModel(A=np.array([-1.0]), B=np.array([1.0]), dt=0.1, inputs=("u",), outputs=("y",))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert integrator.simulate(data).y.max() > 290
+    with pytest.warns(ModelWarning, match="goes astray"):
+        replace(integrator, A=np.array([-1.1])).simulate(data)
+
+
+def hard():
+    """A record on which the free-run fit ends at a pole of modulus 1.1 that only its own initial state tames."""
+    rng = np.random.default_rng(44)
+    n, order = 400, int(rng.integers(1, 4))
+    poles = rng.uniform(0.3, 1.05, order) * np.where(rng.random(order) < 0.3, -1, 1)
+    u = rng.standard_normal(n)
+    y = lfilter([0.0, 1.0], np.real(np.poly(poles)), u)
+    return Dataset.from_arrays({"u": u}, {"y": y + 0.1 * np.std(y) * rng.standard_normal(n)}, 0.1)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_a_free_run_fit_follows_its_own_training_data_or_says_so(order):
+    data = hard()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = StateSpace(order=order, focus="simulation").fit(data)
+        error = model.simulate(data).error
+    said = " ".join(model.fit_info.warnings)
+    assert np.sqrt(np.mean(error**2)) < 2 * np.std(data.y) or "astray" in said
+
+
+def test_a_fit_that_only_its_initial_state_tames_is_made_again_with_its_poles_held():
+    """Pure noise: free-run fits without a limit run off to unstable poles."""
+    rng = np.random.default_rng(0)
+    n = 300
+    u = rng.standard_normal(n)
+    data = Dataset.from_arrays({"u": u}, {"y": 1.2 ** np.arange(n) + u}, 0.05)
+    with pytest.warns(ModelWarning, match="goes astray: "):
+        model = StateSpace(order=2, focus="simulation", offsets="both").fit(data)
+    assert any("expected data that a free run can follow" in s for s in model.fit_info.warnings)
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [StateSpace(), StateSpace(order=2), Subspace(order=2), OutputError(nb=1, nf=1), ARMAX(na=1, nb=1, nc=1)],
+    ids=["order open", "order 2", "subspace", "output error", "ARMAX"],
+)
+def test_diverging_numbers_end_in_one_sentence(estimator):
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(200)
+    data = Dataset.from_arrays({"u": 1e160 * u}, {"y": 1e160 * np.r_[0.0, u[:-1]]}, 0.1)
+    with np.errstate(all="ignore"), pytest.raises(SlipangleError) as said:
+        estimator.fit(data)
+    assert "infs or NaNs" not in str(said.value)
+
+
+def test_a_start_that_overflows_ends_in_one_sentence():
+    start = StateSpaceModel(A=[[1e200]], B=[[1.0]], C=[[1.0]], K=[[1e250]], dt=0.1, inputs=("u",), outputs=("y",))
+    with np.errstate(all="ignore"), pytest.raises(SimulationError, match="diverged; expected numbers that stay finite"):
+        PEM(start=start).fit(log(0.9))
+
+
+@pytest.mark.parametrize(
+    "error",
+    [ValueError("array must not contain infs or NaNs"), np.linalg.LinAlgError("SVD did not converge"), OverflowError()],
+)
+def test_what_linear_algebra_says_is_not_what_a_user_reads(error):
+    with pytest.raises(SimulationError, match=r"^the fit of a thing to 'data' diverged; expected"):
+        with breakdown_said("a thing", log(0.5)):
+            raise error
+    with pytest.raises(ValueError, match="a bug"), breakdown_said("a thing", log(0.5)):
+        raise ValueError("a bug of ours")
+
+
+def test_orders_that_differ_by_rounding_are_not_ranked():
+    """Without noise every order from the true one on is exact: the smallest of them is chosen on any processor."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(300)
+    y = lfilter([0.0, 0.1, 0.05], [1.0, -1.5, 0.7], u)
+    data = Dataset.from_arrays({"u": u}, {"y": y}, 0.05)
+    assert StateSpace(order=(1, 2, 3, 4)).choose_order(data).order == 2
