@@ -6,15 +6,18 @@ from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace
 from enum import Enum
 from functools import cached_property
-from typing import Any, NamedTuple
+from math import isfinite
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
+from slipangle.control.arrays import vector
+from slipangle.control.checks import ANY, is_numbers, require_plan
 from slipangle.control.leading import Led
 from slipangle.control.multi_arx import SLOWEST, MultiARXMPC, MultiARXPlan
 from slipangle.control.multi_arx_solver import Numbers
 from slipangle.control.ocp import Reference
-from slipangle.control.plan import Plan
+from slipangle.control.plan import Plan, Status
 from slipangle.data.path import Preview
 from slipangle.errors import ParameterError
 from slipangle.models.ground import OnGround
@@ -177,15 +180,28 @@ class AdaptiveMultiARXMPC(Led):
         applied: np.ndarray | None = None,
     ) -> AdaptivePlan:
         """Learn from the newest sample, then plan; as `MultiARXMPC.plan`."""
-        wanted = self.reference(reference) if isinstance(reference, Preview) else reference
-        x = np.asarray(x, dtype=float)
-        known = previous.memory if previous is not None and isinstance(previous.memory, Learned) else self._first
+        x = vector(x, self.model.states, "x")
+        wanted = self.base.check_reference(self.reference(reference) if isinstance(reference, Preview) else reference)
+        require_plan(previous)
+        known = previous.memory if previous is not None and self._ours(previous.memory) else self._first
         learned = self.learn(known, x, float(wanted.exogenous[0, 0]))
         found = self.base.plan_with(learned.numbers, x, wanted, previous, applied)
-        memory = learned._replace(x=x.copy() if np.isfinite(x).all() else None, u=float(found.u[0, 0]))
+        true = found.status not in (Status.NOT_FINITE, Status.IMPLAUSIBLE)
+        memory = learned._replace(x=x.copy() if true else None, u=float(found.u[0, 0]))
         values: dict[str, Any] = {name: getattr(found, name) for name in found.__dataclass_fields__}
         values["memory"] = memory
         return AdaptivePlan(**values, verdict=learned.verdict, samples=learned.samples)
+
+    def _ours(self, memory: Any) -> TypeGuard[Learned]:
+        """Whether something learned is of these models, and numbers."""
+        first = self._first
+        if not (isinstance(memory, Learned) and isinstance(memory.numbers, Numbers)):
+            return False
+        pairs = [(getattr(memory, n), getattr(first, n)) for n in ("theta", "P", "spread")]
+        pairs += [(getattr(memory.numbers, n), getattr(first.numbers, n)) for n in ("speeds", "A", "B", "c")]
+        good = all(is_numbers(given, start.shape) and (np.abs(given) < ANY).all() for given, start in pairs)
+        last = memory.x is None or is_numbers(memory.x, (self.model.n_states,))
+        return good and last and isfinite(memory.u) and isfinite(memory.change)
 
     def learned(self, plan: Plan) -> MultiARXModel:
         """The blended model as it was for a plan.
@@ -239,7 +255,7 @@ class AdaptiveMultiARXMPC(Led):
         """What is known after the state ``x`` at speed ``v_x`` [m/s] has been measured."""
         s, (ny, _, past, _) = self.supervisor, self._sizes
         last = known.x
-        if last is None or not np.isfinite(x).all() or not np.isfinite(v_x):
+        if last is None or not self.base.is_plausible(x, v_x):
             return known._replace(verdict=Verdict.WAITING)
         base = self.base.blended
         reach = base.reach

@@ -42,6 +42,8 @@ def array(given: Any, shape: tuple[int, ...], names: Sequence[str], what: str) -
         raise ParameterError(
             f"{what} is {short(given)}; expected real numbers of shape {shape}: {list(names)}"
         ) from None
+    if len(shape) == found.ndim == 1 and found.shape != shape:
+        raise ParameterError(f"{what} has {len(found)} entries; expected {shape[0]}: {list(names)}")
     if found.shape != shape:
         raise ParameterError(f"{what} has shape {found.shape}; expected {shape}: {list(names)}")
     return found

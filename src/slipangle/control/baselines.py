@@ -17,6 +17,17 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import linalg
 
+from slipangle.control.arrays import applied_input, array, vector
+from slipangle.control.checks import (
+    NUMBER,
+    Judge,
+    believable,
+    counted,
+    health_of,
+    last_input,
+    require_plan,
+    require_reference,
+)
 from slipangle.control.ocp import Reference
 from slipangle.control.plan import Plan, Status, within
 from slipangle.data.path import Preview
@@ -118,7 +129,7 @@ class PathFollower(abc.ABC):
         *,
         applied: np.ndarray | None = None,
     ) -> Plan:
-        """The steering angle now, held over the horizon; within limit and rate, and the previous one if x is NaN.
+        """The steering angle now, held over the horizon; within limit and rate, and the previous one if x cannot be.
 
         Parameters
         ----------
@@ -130,31 +141,66 @@ class PathFollower(abc.ABC):
             The plan before.
         applied : array, shape (1,), optional
             Angle applied before; by default the previous command, else zero. [rad]
+
+        Raises
+        ------
+        ParameterError
+            If an argument has the wrong type, or an array the wrong shape.
         """
         begin = perf_counter()
-        wanted = self.reference(reference) if isinstance(reference, Preview) else reference
-        before = np.zeros(1) if previous is None else previous.command
-        before = before if applied is None else np.asarray(applied, dtype=float).ravel()
-        x = np.asarray(x, dtype=float).ravel()
-        good = bool(np.isfinite(x).all() and np.isfinite(wanted.tracked).all() and np.isfinite(wanted.exogenous).all())
+        x = vector(x, self._judged[0], "x")
+        wanted = self._checked(self.reference(reference) if isinstance(reference, Preview) else reference)
+        require_plan(previous)
+        before = self._before(previous, applied)
+        judge = self._judged[1]
+        wrong = judge.status(x, wanted.tracked, wanted.exogenous)
         angle = float(before[0])
-        if good:
-            last = float(self.params.road_wheel(before[0]))
-            road = self.law(x, wanted.tracked, float(wanted.exogenous[0, 0]), last)
-            angle = road / self.params.steering_gain + self.params.steering_offset
+        if wrong is None:
+            try:
+                angle = self._angle(x, wanted, angle)
+            except (ArithmeticError, ValueError):  # a law that has no answer
+                angle = math.nan
+            if not math.isfinite(angle):
+                angle, wrong = float(before[0]), Status.FAILED
         bounds, steps = np.array([[-self.limit, self.limit]]), np.array([[-self.rate, self.rate]]) * self.dt
         u = within(np.full((self.horizon, 1), angle), before, bounds, steps)
         return Plan(
             u=u,
-            x=np.tile(np.where(np.isfinite(x), x, 0.0), (self.horizon + 1, 1)),
-            status=Status.SOLVED if good else Status.NOT_FINITE,
+            x=np.tile(np.where(np.abs(x) < NUMBER, x, 0.0), (self.horizon + 1, 1)),
+            status=wrong or Status.SOLVED,
             seconds=perf_counter() - begin,
             cost=math.nan,
             iterations=0,
             controls=self.controls,
-            age=0 if good else (1 if previous is None else previous.age + 1),
+            age=0 if wrong is None else (1 if previous is None else counted(previous.age) + 1),
+            detail=judge.fault(x, wanted.tracked, wanted.exogenous) if wrong is Status.IMPLAUSIBLE else "",
             times=self.times,
+            health=health_of(previous).after(wrong is not None, False),
         )
+
+    def _angle(self, x: np.ndarray, wanted: Reference, before: float) -> float:
+        last = float(self.params.road_wheel(before))
+        road = self.law(x, wanted.tracked, float(wanted.exogenous[0, 0]), last)
+        return float(road / self.params.steering_gain + self.params.steering_offset)
+
+    @cached_property
+    def _judged(self) -> tuple[tuple[str, ...], Judge]:
+        """Names of the state's entries, and what is plausible."""
+        names = tuple(self.model.states)
+        return names, Judge(names, _COLUMNS, self.exogenous, self.horizon)
+
+    def _checked(self, reference: Reference) -> Reference:
+        require_reference(reference)
+        tracked = array(reference.tracked, (self.horizon + 1, len(_COLUMNS)), _COLUMNS, "reference.tracked")
+        exogenous = array(reference.exogenous, (self.horizon, 1), self.exogenous, "reference.exogenous")
+        return Reference(tracked=tracked, exogenous=exogenous)
+
+    def _before(self, previous: Plan | None, applied: np.ndarray | None) -> np.ndarray:
+        """Angle applied before, within the limit."""
+        last = last_input(previous, self.controls)
+        asked = None if applied is None else applied_input(applied, self.controls)
+        given = asked if asked is not None and believable(asked) else np.zeros(1) if last is None else last
+        return np.clip(given, -self.limit, self.limit)
 
 
 def _forward(ahead: np.ndarray, k: int) -> tuple[float, float, float]:

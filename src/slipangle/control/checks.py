@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
 from slipangle.control.arrays import short
-from slipangle.control.plan import Plan, Status
+from slipangle.control.ocp import Reference
+from slipangle.control.plan import NEW, Health, Plan, Status, finite
 from slipangle.data.channels import STANDARD
 from slipangle.errors import ParameterError
 
 MARGIN = 2.0  # a quantity may be this many times its largest plausible size before it is taken for a fault
 LARGEST = {"m": 1e7, "rad": 1e5}  # of quantities that the table of channels gives no size: positions, headings
 ANY = 1e12  # of a quantity that the table does not know
+MOST = 2**62  # of a count
 NUMBER = 1e150  # the square of anything larger is infinite
 
 
@@ -129,3 +131,47 @@ def require_plan(previous: Any) -> None:
     """
     if previous is not None and not isinstance(previous, Plan):
         raise ParameterError(f"previous is {short(previous)}; expected the Plan of the step before, or None")
+
+
+def require_reference(reference: Any) -> None:
+    """Raise unless this is a `Reference`.
+
+    Raises
+    ------
+    ParameterError
+        With what it is.
+    """
+    if not isinstance(reference, Reference):
+        raise ParameterError(
+            f"the reference is {short(reference)}; expected a Reference, or a Preview: use path.ahead(s, mpc.times)"
+        )
+
+
+def last_input(previous: Plan | None, controls: tuple[str, ...]) -> np.ndarray | None:
+    """The first input of a plan, if it has these inputs and they are numbers."""
+    if previous is None or previous.controls != controls:
+        return None
+    u = previous.u
+    if not (isinstance(u, np.ndarray) and u.ndim == 2 and len(u) and u.shape[1] == len(controls)):
+        return None
+    return u[0] if is_numbers(u[0], (len(controls),)) and believable(u[0]) else None
+
+
+def believable(u: np.ndarray) -> bool:
+    """Whether inputs can have been applied: numbers of a size that any unit allows."""
+    return bool((np.abs(u) <= ANY).all())
+
+
+def is_numbers(given: Any, shape: tuple[int, ...]) -> TypeGuard[np.ndarray]:
+    """Whether this is an array of that shape, and all finite."""
+    return isinstance(given, np.ndarray) and given.shape == shape and given.dtype.kind in "fiu" and finite(given)
+
+
+def health_of(previous: Plan | None) -> Health:
+    """Counters up to a plan, whatever a plan from outside says."""
+    return previous.health if previous is not None and isinstance(previous.health, Health) else NEW
+
+
+def counted(age: object) -> int:
+    """A count, whatever a plan from outside says."""
+    return age if isinstance(age, int) and 0 <= age < MOST else 0

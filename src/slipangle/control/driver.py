@@ -11,6 +11,8 @@ import numpy as np
 from slipangle.control.terms import Values
 from slipangle.errors import ParameterError
 
+FASTEST = 1e3  # m/s and m/s2, beyond which a speed or acceleration is a fault
+MOST = 1e12  # of the integral part, likewise
 STANDSTILL = 0.5  # m/s, speed below which braking fades out
 
 
@@ -122,11 +124,12 @@ class SpeedDriver:
         state : DriverState
             ``DriverState()`` at first.
         wanted, v_x : float
-            Wanted and measured speed [m/s]; while either is not finite, the last output is held.
+            Wanted and measured speed [m/s]; while either is no number or beyond 1000 m/s, the last output is held.
         a_x : float
             Wanted acceleration, for the feedforward. [m/s2]
         """
-        if not (math.isfinite(wanted) and math.isfinite(v_x) and math.isfinite(a_x)):
+        state = self._sound(state)
+        if not (abs(wanted) <= FASTEST and abs(v_x) <= FASTEST and abs(a_x) <= FASTEST):
             return state.output, state
         kp, ki = (float(np.interp(v_x, self.speeds, gain)) for gain in (self.kp, self.ki))
         error = wanted - v_x
@@ -136,6 +139,12 @@ class SpeedDriver:
         back = ki / kp if kp > 0 else 1.0  # 1/s: the integral follows the limit within kp / ki
         integral = state.integral + self.dt * (ki * error + back * (output - free))
         return output, DriverState(integral, output)
+
+    def _sound(self, state: DriverState) -> DriverState:
+        """The state, or what is left of it where it is no number: an output within limits, no integral part."""
+        low, high = self.limits
+        output = min(max(state.output, low), high) if math.isfinite(state.output) else 0.0
+        return DriverState(state.integral if abs(state.integral) <= MOST else 0.0, output)
 
     def inputs(self, output: float) -> dict[str, float]:
         """The output shared out over the vehicle's inputs, by name."""

@@ -11,16 +11,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from slipangle.control.arrays import applied_input, vector
-from slipangle.control.checks import Judge, require_plan
+from slipangle.control.checks import Judge, believable, counted, health_of, is_numbers, last_input, require_plan
 from slipangle.control.ipopt import Ipopt
 from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import (
-    NEW,
     Backend,
     Bounds,
     Engine,
     Follows,
-    Health,
     Kept,
     Plan,
     Prepares,
@@ -125,7 +123,7 @@ class MPC(OCP):
             wanted = self.check_reference(wanted)
             require_plan(previous)
             known = self._known(previous)
-            if known is not None and _others_finite(wanted):
+            if known is not None and is_numbers(known.x, self._shape_x) and _others_finite(wanted):
                 expected = known.x[1]
                 if self._judge.status(expected, wanted.tracked, wanted.exogenous) is None:
                     engine.prepare(self._before(known, None), self._unwound(wanted, expected), known)
@@ -195,7 +193,7 @@ class MPC(OCP):
             "residual": solution.residual,
             "memory": solution.memory,
             "times": self.times,
-            "health": _health(previous).after(False, self._late(seconds)),
+            "health": health_of(previous).after(False, self._late(seconds)),
             "seconds": seconds,
         }
         return quick(Plan, values)
@@ -240,17 +238,11 @@ class MPC(OCP):
     def _late(self, seconds: float) -> bool:
         return self.deadline is not None and seconds > self.deadline
 
-    def _fits(self, previous: Plan) -> bool:
-        """Whether a plan has the inputs of this problem, whosever it is."""
-        u = previous.u
-        return isinstance(u, np.ndarray) and u.ndim == 2 and len(u) > 0 and previous.controls == self.controls
-
     def _known(self, previous: Plan | None) -> Plan | None:
-        """The plan before, if its inputs and states are of this problem and numbers."""
-        if previous is None or not self._fits(previous) or not isinstance(previous.x, np.ndarray):
+        """The plan before, if its inputs are of this problem and numbers."""
+        if previous is None or previous.controls != self.controls or not is_numbers(previous.u, self._shape_u):
             return None
-        fitting = previous.u.shape == self._shape_u and previous.x.shape == self._shape_x
-        return previous if fitting and finite(previous.u, previous.x) else None
+        return previous
 
     @cached_property
     def _shape_u(self) -> tuple[int, int]:
@@ -263,12 +255,11 @@ class MPC(OCP):
     def _before(self, previous: Plan | None, applied: np.ndarray | None) -> np.ndarray:
         """Input applied before, within bounds."""
         low, high = self._input_range
-        given = self._rest
-        if previous is not None and self._fits(previous) and previous.u.shape[1] == len(low) and finite(previous.u[0]):
-            given = previous.u[0]
+        last = last_input(previous, self.controls)
+        given = self._rest if last is None else last
         if applied is not None:
             asked = applied_input(applied, self.controls)
-            given = asked if finite(asked) else given
+            given = asked if believable(asked) else given
         return np.minimum(np.maximum(given, low), high)
 
     @cached_property
@@ -297,9 +288,10 @@ class MPC(OCP):
             states = self._roll_out(x, u, wanted)
         else:
             u = within(inputs_later(previous.u, self.lengths), before, self.input_bounds, self.step_bounds)
-            states = states_later(previous.x, self.nodes)
-            states[0] = x
-            if self.horizon > 1:
+            known = is_numbers(previous.x, self._shape_x)
+            if self.horizon > 1 and known:
+                states = states_later(previous.x, self.nodes)
+                states[0] = x
                 states[-1] = np.asarray(self.dynamics(previous.x[-1], u[-1], wanted.exogenous[-1])).ravel()
             else:
                 states = self._roll_out(x, u, wanted)
@@ -321,7 +313,7 @@ class MPC(OCP):
     def _fallback(self, call: Call, status: Status, iterations: int = 0, detail: str = "") -> Plan:
         """The last good plan shifted, or the safe stop law."""
         begun, previous, before = perf_counter(), call.previous, call.before
-        age = 1 if previous is None else _counted(previous.age) + 1
+        age = 1 if previous is None else counted(previous.age) + 1
         kept = self._kept(previous, age)
         left = 0 if kept is None else min(self.fallback, int(self.nodes[-1]) - 1)
         stopping = age > left or kept is None
@@ -346,7 +338,7 @@ class MPC(OCP):
             detail=detail,
             memory=None if stopping else kept,
             times=self.times,
-            health=_health(previous).after(True, self._late(seconds)),
+            health=health_of(previous).after(True, self._late(seconds)),
         )
 
     @cached_property
@@ -356,9 +348,8 @@ class MPC(OCP):
     def _predict(self, call: Call, u: np.ndarray, age: int, kept: Kept | None) -> tuple[np.ndarray, np.ndarray]:
         """Inputs of a fallback within limits and rates, and where they lead: from the state if that is known."""
         last = call.previous.x if call.previous is not None else None
-        known = isinstance(last, np.ndarray) and last.shape == self._shape_x and finite(last)
-        guess = states_later(last, self.nodes) if known and last is not None else None
-        if kept is not None and age > kept.age:
+        guess = states_later(last, self.nodes) if last is not None and is_numbers(last, self._shape_x) else None
+        if kept is not None and is_numbers(kept.x, self._shape_x):
             guess = states_later(kept.x, self.nodes, age - kept.age)
         x = call.x if self._judge.states.holds(call.x) else None if guess is None else guess[0]
         if x is None:
@@ -380,12 +371,10 @@ class MPC(OCP):
             return None
         kept = previous.memory
         if not isinstance(kept, Kept):
-            kept = Kept(u=previous.u, x=previous.x, age=_counted(previous.age))
+            kept = Kept(u=previous.u, x=previous.x, age=counted(previous.age))
         if previous.controls != self.controls or not 0 <= kept.age < age:
             return None
-        if not all(isinstance(a, np.ndarray) for a in (kept.u, kept.x)):
-            return None
-        if kept.u.shape != self._shape_u or kept.x.shape != self._shape_x or not finite(kept.u, kept.x):
+        if not is_numbers(kept.u, self._shape_u):
             return None
         times = previous.times
         same = times is None or (np.shape(times) == self.times.shape and np.allclose(times, self.times))
@@ -400,15 +389,6 @@ class Call(NamedTuple):
     previous: Plan | None
     before: np.ndarray
     begin: float
-
-
-def _health(previous: Plan | None) -> Health:
-    return previous.health if previous is not None and isinstance(previous.health, Health) else NEW
-
-
-def _counted(age: object) -> int:
-    """A count, whatever a plan from outside says."""
-    return age if isinstance(age, int) and age >= 0 else 0
 
 
 def _others_finite(reference: Reference) -> bool:

@@ -245,6 +245,14 @@ static void limit(Work *s)
     q->until = INFINITY;
 }
 
+/* An input within limits and rate, from which rounding may have led it. */
+static double keep(const Work *s, int i, double u)
+{
+    double before = i ? s->u[i - 1] : s->applied[0];
+    u = fmin(fmax(u, before + s->steps[0]), before + s->steps[1]);
+    return fmin(fmax(u, s->bounds[0]), s->bounds[1]);
+}
+
 /* The predicted states: lags filled with what was measured, predicted and decided. */
 static void report(Work *s)
 {
@@ -257,7 +265,7 @@ static void report(Work *s)
         change[k] = u[k] - s->applied[0];
 #endif
     for (int i = 0; i < NH; i++)
-        s->u[i] = dot(SHARE + i * QL, u, QN);
+        s->u[i] = keep(s, i, dot(SHARE + i * QL, u, QN));
     for (int i = 0; i < (NH + 1) * NY; i++)
         y[i] = s->free[i] + dot(s->hit + i * QL, u, QN);
     for (int i = 0; i <= NH; i++) {
@@ -293,6 +301,8 @@ int marx_plan(Work *s)
         return NO_ANSWER;
     int status = qp_solve(q, 0);
     *s->iterations = q->iterations, *s->residual = q->kkt;
+    if (status == QP_SOLVED && !(q->kkt <= 1e-6)) /* numbers of wildly different size */
+        return NO_ANSWER;
     if (status != QP_SOLVED)
         return status == QP_INFEASIBLE ? NO_INPUT : NO_ANSWER;
     const double *H = (const double *)q->H;

@@ -6,15 +6,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, MISSING, dataclass, field, fields
 from functools import cached_property
 from itertools import pairwise
-from math import isfinite
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from slipangle.control.arrays import applied_input, array, vector
+from slipangle.control.checks import (
+    ANY,
+    Judge,
+    counted,
+    health_of,
+    is_numbers,
+    last_input,
+    require_plan,
+    require_reference,
+)
 from slipangle.control.multi_arx_solver import Numbers, Problem, Solver, build
 from slipangle.control.ocp import Reference
-from slipangle.control.plan import Plan, Status, shifted, within
+from slipangle.control.plan import Plan, Status, finite, shifted, within
 from slipangle.control.terms import Limits, Values, Weights, require_names
 from slipangle.control.threads import BUILDING
 from slipangle.data.path import Preview
@@ -24,7 +34,9 @@ from slipangle.models.model import without_caches
 from slipangle.models.multi_arx import MultiARXModel
 
 RELAX = 0.5  # s, time constant of the safe stop law
-SLOWEST = 1.0  # m/s, below which no steering angle is worth planning
+SLOWEST, FASTEST = 1.0, 1e3  # m/s, below and above which no steering angle is worth planning
+FARTHEST = 1e3  # m, m/s or rad/s, an offset that no model error explains
+STANDING = "the models do not describe standing or reversing, the wheels stay where they are"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,6 +104,8 @@ class MultiARXMPC:
         How many steps in a row a shifted plan may serve when the state or the reference is not finite.
     safe : Values
         Input of the safe stop law; by default zero.
+    plausible : Limits
+        As of `MPC`: ranges of states, X, Y, psi and v_x beyond which a value is taken for a fault.
 
     Raises
     ------
@@ -116,6 +130,7 @@ class MultiARXMPC:
     integral: float = 0.0
     fallback: int = 5
     safe: Values = field(default_factory=Values)
+    plausible: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
         if not (isinstance(self.horizon, int) and self.horizon >= 1):
@@ -138,6 +153,8 @@ class MultiARXMPC:
         for what, names in (("S", self.S), ("R", self.R), ("limits", self.limits), ("rates", self.rates)):
             require_names(names, self.controls, what, "use the models' input")
         require_names(self.safe, self.controls, "safe", "use the models' input")
+        known = (*self.model.states, *POSE, *self.exogenous)
+        require_names(self.plausible, known, "plausible", "use a state, X, Y, psi or v_x")
         if not (self.Q or self.terminal):
             raise ParameterError(f"nothing is tracked; expected weights on some of {list(self.tracked)}: set Q")
         name = self.controls[0]
@@ -321,47 +338,85 @@ class MultiARXMPC:
         """`plan` with other coefficients than the model's, such as adapted ones; ``memory`` goes into the plan."""
         solver = self.solver
         begin = perf_counter()
-        if isinstance(reference, Preview):
-            reference = self.reference(reference)
+        x = vector(x, self._states, "x")
+        reference = self.check_reference(self.reference(reference) if isinstance(reference, Preview) else reference)
+        require_plan(previous)
         before = self._before(previous, applied)
-        v_x = reference.exogenous
-        if not (len(x) == self._n_states and reference.tracked.shape == self._shape and len(v_x) == self.horizon):
-            self._complain(x, reference)
+        v_x, path = reference.exogenous, reference.tracked
         speed = v_x.item(0)
-        slow = not speed >= SLOWEST
-        if not slow:
-            offset = self._offset(x, previous) if self.integral and previous is not None else 0.0
-            found = solver.solve(x, reference.tracked, v_x, before, numbers, offset)
-            if found.status is Status.SOLVED:
-                return _quick_plan(
-                    u=found.u,
-                    x=found.x,
-                    status=Status.SOLVED,
-                    seconds=perf_counter() - begin,
-                    cost=found.cost,
-                    iterations=found.iterations,
-                    controls=self.controls,
-                    residual=found.residual,
-                    memory=memory,
-                    times=self.times,
-                    weights=found.weights,
-                    outside=not self._lowest <= speed <= self._highest,
-                    offset=offset,
-                )
-            return self._fallback(x, speed, previous, before, found.status, begin, memory)
-        finite = np.isfinite(x).all() and np.isfinite(v_x).all() and np.isfinite(reference.tracked).all()
-        status = Status.FAILED if finite else Status.NOT_FINITE
-        return self._fallback(x, speed, previous, before, status, begin, memory, standing=bool(finite))
+        call = Call(x=x, speed=speed, previous=previous, before=before, begin=begin, memory=memory)
+        wrong = self._judge.status(x, path, v_x)
+        if wrong is not None:
+            detail = self._judge.fault(x, path, v_x) if wrong is Status.IMPLAUSIBLE else ""
+            return self._fallback(call, wrong, detail)
+        if speed < SLOWEST:
+            return self._fallback(call, Status.FAILED, STANDING, standing=True)
+        offset = self._offset(x, previous) if self.integral and previous is not None else 0.0
+        try:
+            found = solver.solve(x, path, v_x, before, numbers, offset)
+        except Exception as error:
+            return self._fallback(call, Status.FAILED, str(error).partition("\n")[0] or type(error).__name__)
+        if found.status is not Status.SOLVED or not finite(found.u, found.x):
+            return self._fallback(call, Status.FAILED if found.status is Status.SOLVED else found.status)
+        return _quick_plan(
+            u=found.u,
+            x=found.x,
+            status=Status.SOLVED,
+            seconds=perf_counter() - begin,
+            cost=found.cost,
+            iterations=found.iterations,
+            controls=self.controls,
+            residual=found.residual,
+            memory=memory,
+            times=self.times,
+            health=health_of(previous).after(False, False),
+            weights=found.weights,
+            outside=not self._lowest <= speed <= self._highest,
+            offset=offset,
+        )
 
     def _offset(self, x: np.ndarray, previous: Plan) -> np.ndarray | float:
         """Sum of the believed prediction errors, from a fresh plan one step ago; zero after anything else."""
-        if not (isinstance(previous, MultiARXPlan) and previous.age == 0 and previous.x.shape[1] == len(x)):
+        if not (isinstance(previous, MultiARXPlan) and previous.age == 0 and is_numbers(previous.x, self._shape_x)):
             return 0.0
-        return previous.offset + self.integral * (x - previous.x[1])[: len(self.blended.outputs)]
+        ny = len(self.blended.outputs)
+        offset = previous.offset + self.integral * (x - previous.x[1])[:ny]
+        return offset if is_numbers(offset, (ny,)) and (np.abs(offset) < FARTHEST).all() else 0.0
+
+    def _known(self, previous: Plan | None) -> bool:
+        """Whether a plan's inputs are of this problem, and numbers."""
+        return previous is not None and previous.controls == self.controls and is_numbers(previous.u, (self.horizon, 1))
 
     @cached_property
-    def _n_states(self) -> int:
-        return self.model.n_states
+    def _shape_x(self) -> tuple[int, int]:
+        return self.horizon + 1, len(self._states)
+
+    @cached_property
+    def _states(self) -> tuple[str, ...]:
+        return tuple(self.model.states)
+
+    @cached_property
+    def _judge(self) -> Judge:
+        return Judge(self._states, POSE, self.exogenous, self.horizon, self.plausible)
+
+    def is_plausible(self, x: np.ndarray, v_x: float) -> bool:
+        """Whether a state and a speed [m/s] can be true."""
+        return self._judge.states.holds(x) and abs(v_x) < FASTEST
+
+    def check_reference(self, reference: Reference) -> Reference:
+        """The reference as arrays of numbers in the shapes of this problem; the same one where it has them.
+
+        Raises
+        ------
+        ParameterError
+            With the array, its shape and the one expected.
+        """
+        require_reference(reference)
+        tracked = array(reference.tracked, self._shape, POSE, "reference.tracked")
+        exogenous = array(reference.exogenous, (self.horizon, 1), ("v_x",), "reference.exogenous")
+        if tracked is reference.tracked and exogenous is reference.exogenous:
+            return reference
+        return Reference(tracked=tracked, exogenous=exogenous)
 
     @cached_property
     def _shape(self) -> tuple[int, int]:
@@ -375,23 +430,14 @@ class MultiARXMPC:
     def _highest(self) -> float:
         return self.blended.speeds[-1]
 
-    def _complain(self, x: np.ndarray, reference: Reference) -> None:
-        if len(x) != self._n_states:
-            raise ParameterError(f"x has {len(x)} entries; expected {self._n_states}: {list(self.model.states)}")
-        raise ParameterError(
-            f"reference.tracked has shape {np.shape(reference.tracked)}, exogenous {np.shape(reference.exogenous)}; "
-            f"expected {self._shape}, columns {list(POSE)}, and ({self.horizon}, 1)"
-        )
-
     def _before(self, previous: Plan | None, applied: np.ndarray | None) -> float:
         """Input applied before, within bounds."""
         low, high = self._range
-        given = 0.0 if previous is None else previous.u.item(0)
+        last = last_input(previous, self.controls)
+        given = 0.0 if last is None else last.item()
         if applied is not None:
-            if np.size(applied) != 1:
-                raise ParameterError(f"applied has {np.size(applied)} entries; expected 1: {list(self.controls)}")
-            one = applied.item() if isinstance(applied, np.ndarray) else float(np.ravel(applied)[0])
-            given = one if isfinite(one) else given
+            asked = applied_input(applied, self.controls).item()
+            given = asked if abs(asked) <= ANY else given
         return min(max(given, low), high)
 
     @cached_property
@@ -399,21 +445,12 @@ class MultiARXMPC:
         low, high = self.problem.bounds
         return float(low), float(high)
 
-    def _fallback(
-        self,
-        x: np.ndarray,
-        v_x: float,
-        previous: Plan | None,
-        before: float,
-        status: Status,
-        begin: float,
-        memory: Any,
-        *,
-        standing: bool = False,
-    ) -> MultiARXPlan:
+    def _fallback(self, call: Call, status: Status, detail: str = "", *, standing: bool = False) -> MultiARXPlan:
         """The previous plan shifted, or the safe stop law; standing, the wheels stay where they are."""
-        age = 1 if previous is None else previous.age + 1
-        left = 0 if previous is None or previous.stopping else min(self.fallback, self.horizon - 1)
+        previous, before = call.previous, call.before
+        age = 1 if previous is None else counted(previous.age) + 1
+        known = self._known(previous)
+        left = min(self.fallback, self.horizon - 1) if known and previous is not None and not previous.stopping else 0
         stopping = not standing and age > left
         low, high = self._range
         if standing:
@@ -426,29 +463,40 @@ class MultiARXMPC:
             u = shifted(previous.u)
         problem = self.problem
         u = within(u, np.array([before]), problem.bounds[None], problem.steps[None])
-        known = previous is not None and previous.x.shape == (self.horizon + 1, self._n_states)
-        states = shifted(previous.x) if known and previous is not None else np.zeros((self.horizon + 1, self._n_states))
+        states = np.zeros(self._shape_x)
         if standing:
-            states = np.tile(np.asarray(x, dtype=float), (self.horizon + 1, 1))
-        weights = np.array(self.blended.weights(v_x if np.isfinite(v_x) else self._lowest), dtype=float)
+            states = np.tile(call.x, (self.horizon + 1, 1))
+        elif previous is not None and is_numbers(previous.x, self._shape_x):
+            states = shifted(previous.x)
+        speed = call.speed if abs(call.speed) < FASTEST else self._lowest
         return MultiARXPlan(
             u=u,
             x=states,
             status=status,
-            seconds=perf_counter() - begin,
+            seconds=perf_counter() - call.begin,
             cost=float("nan"),
             iterations=0,
             controls=self.controls,
             age=age,
             stopping=stopping,
-            detail="the models do not describe standing or reversing, the wheels stay where they are"
-            if standing
-            else "",
-            memory=memory,
+            detail=detail,
+            memory=call.memory,
             times=self.times,
-            weights=weights,
-            outside=not self._lowest <= v_x <= self._highest,
+            health=health_of(previous).after(True, False),
+            weights=np.array(self.blended.weights(speed), dtype=float),
+            outside=not self._lowest <= call.speed <= self._highest,
         )
+
+
+class Call(NamedTuple):
+    """One call of `MultiARXMPC.plan`: what was given, checked, and when."""
+
+    x: np.ndarray
+    speed: float
+    previous: Plan | None
+    before: float
+    begin: float
+    memory: Any
 
 
 def _checked_knots(knots: Sequence[int], horizon: int) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from slipangle.control.plan import Status
+from slipangle.control.plan import Status, within
 from slipangle.control.threads import PerThread
 from slipangle.models.compiled import library
 
@@ -324,7 +324,7 @@ class Interpreted:
         u = np.clip(u, *p.bounds)
         return Answer(
             Status.SOLVED,
-            (p.shares @ u)[:, None],
+            within((p.shares @ u)[:, None], np.array([applied]), p.bounds[None], p.steps[None]),
             self._states(x, u, free, hit, pose, turned),
             w[0],
             float(u @ H @ u + 2 * g @ u + fixed),

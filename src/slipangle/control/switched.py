@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from slipangle.control.arrays import vector
+from slipangle.control.checks import counted, is_numbers, require_plan
 from slipangle.control.leading import Led
 from slipangle.control.mpc import MPC
 from slipangle.control.multi_arx import MultiARXMPC
@@ -203,13 +205,17 @@ class SwitchedMPC(Led):
 
     def demand(self, x: np.ndarray, reference: Reference, previous: Plan | None) -> float:
         """Share of grip that is needed, see the class; infinite if anything is not finite."""
+        with np.errstate(all="ignore"):
+            return self._demand(x, reference, previous)
+
+    def _demand(self, x: np.ndarray, reference: Reference, previous: Plan | None) -> float:
         v = np.abs(reference.exogenous[:, 0])
         step = np.maximum(np.hypot(*np.diff(reference.tracked[:, :2], axis=0).T), 1e-3)
         bend = np.abs(np.diff(reference.tracked[:, 2])) / step * v**2
         needed = [float(bend.max()), float(v[0] * abs(self._yaw_rate(x)))]
-        if previous is not None and previous.x.ndim == 2 and len(previous.x) > 1:
-            turned = np.abs(np.diff(previous.x[:, -1])) / self.dt
-            needed.append(float((turned * v[: len(turned)]).max()) if len(turned) == len(v) else 0.0)
+        seen = previous.x[:, -1] if previous is not None and np.ndim(previous.x) == 2 and np.size(previous.x) else None
+        if is_numbers(seen, (self.horizon + 1,)):
+            needed.append(float((np.abs(np.diff(seen)) / self.dt * v).max()))
         found = float(np.max(needed)) / (self.friction * GRAVITY)
         return found if np.isfinite(found) else np.inf
 
@@ -227,14 +233,14 @@ class SwitchedMPC(Led):
     ) -> SwitchedPlan:
         """Plan with the controller that the criterion names; as `MPC.plan`."""
         begin = perf_counter()
-        x = np.asarray(x, dtype=float).ravel()
-        if len(x) != self.model.n_states:
-            raise ParameterError(f"x has {len(x)} entries; expected {self.model.n_states}: {list(self.model.states)}")
-        wanted = self.reference(reference) if isinstance(reference, Preview) else reference
+        x = vector(x, self.model.states, "x")
+        wanted = self.calm.check_reference(self.reference(reference) if isinstance(reference, Preview) else reference)
+        require_plan(previous)
         demand = self.demand(x, wanted, previous)
         last = previous if isinstance(previous, SwitchedPlan) else None
-        calm_steps = last.calm_steps + 1 if last is not None and demand < self.leave else int(demand < self.leave)
-        active = 0 if last is None else last.active
+        before = 0 if last is None else counted(last.calm_steps)
+        calm_steps = before + 1 if demand < self.leave else 0
+        active = 0 if last is None else int(last.active == 1)
         if demand > self.enter:
             active = 1
         elif active and calm_steps > self.dwell:

@@ -441,11 +441,13 @@ class InterpretedEngine:
 
     def solve(self, start: Start) -> Solution:
         """Solve from a state and a guess, to convergence."""
-        return self._areas.mine.solve(start)
+        with np.errstate(all="ignore"):  # what is no number is looked for and said
+            return self._areas.mine.solve(start)
 
     def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
         """Solve from a state and the plan of the step before; without one, from nothing."""
-        return self._areas.mine.resume(x, applied, reference, previous)
+        with np.errstate(all="ignore"):  # what is no number is looked for and said
+            return self._areas.mine.resume(x, applied, reference, previous)
 
     def allow(self, seconds: float) -> None:
         """Longest time of this thread's next solve. [s]"""
@@ -455,7 +457,8 @@ class InterpretedEngine:
         self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Inputs within limits and rates, and where they lead; NaN where the model has no answer."""
-        return self._areas.mine.follow(x, applied, reference, u, guess)
+        with np.errstate(all="ignore"):  # what is no number is looked for and said
+            return self._areas.mine.follow(x, applied, reference, u, guess)
 
 
 def _inputs(function: Any, times: int) -> list[np.ndarray]:
