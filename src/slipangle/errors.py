@@ -91,7 +91,7 @@ def shown(value: object, most: int = 60) -> str:
     >>> shown("x" * 100, most=20)
     "'xxxxxxxxxxxxxxxx..."
     """
-    text = repr(value[: most + 1] if isinstance(value, str) else value)
+    text = " ".join(repr(value[: most + 1] if isinstance(value, str) else value).split())
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 

@@ -161,7 +161,8 @@ def to_si(values: np.ndarray | float, unit: str, *, expected: str | None = None,
             f"{what} is given in {unit!r}, which is {name}; expected {quantity(expected)}, such as "
             f"{si_unit(expected)!r}: correct the unit or choose another column"
         )
-    return np.asarray(values, dtype=float) * factor
+    with np.errstate(over="ignore"):  # what overflows is infinite, and missing like other infinite values
+        return np.asarray(values, dtype=float) * factor
 
 
 def from_si(values: np.ndarray | float, unit: str) -> np.ndarray:

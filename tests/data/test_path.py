@@ -337,3 +337,10 @@ def test_too_long_a_line_names_its_length():
     with pytest.raises(ParameterError, match=r"e\+06 samples 0.25 m apart; expected at most 1000000: check the points"):
         Path.from_points(np.linspace(0, 1e6, 50), np.zeros(50))
     assert Path.from_points(np.linspace(0, 1e6, 50), np.zeros(50), spacing=10.0).length == pytest.approx(1e6)
+
+
+@pytest.mark.parametrize("setting", ["spacing", "smoothing"])
+@pytest.mark.parametrize("value", [np.inf, np.nan, -1.0])
+def test_settings_of_a_line_are_checked(setting, value):
+    with pytest.raises(ParameterError, match="expected at least 0 m and more than 0 m"):
+        Path.from_points(np.linspace(0, 100, 12), np.zeros(12), **{setting: value})

@@ -94,3 +94,8 @@ def test_bad_data(changes, error, message):
 def test_arrays_are_read_only():
     with pytest.raises(ValueError, match="read-only"):
         CORNERING.F_y[0] = 1.0
+
+
+def test_levels_of_values_without_bounds():
+    with pytest.raises(ParameterError, match=r"reach from 0 to 1e\+12, .* at most 1e\+04 times: leave outliers"):
+        levels(np.array([0.0, 1.0, 1e12]), 90.0)

@@ -334,3 +334,12 @@ def test_arx_with_wrong_shapes_in_the_file(tmp_path):
     with pytest.raises(FormatError, match=r"ARXModel in '.*' cannot be made of its fields"):
         load(path)
     assert isinstance(load(changed(tmp_path, lambda _, f: None)), ARXModel)
+
+
+@pytest.mark.parametrize("name", ["ARX", "NARX", "ARMAX"])
+def test_lags_without_end(tmp_path, name):
+    def change(_, f):
+        f["nk"] = [2**31] if isinstance(f["nk"], list) else 2**31
+
+    with pytest.raises(ParameterError, match="samples back; expected at most 5000"):
+        load(changed(tmp_path, change, name))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from pathlib import Path
 from typing import Literal
 
@@ -29,7 +30,15 @@ def sample_spline(
     chord = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     _refuse_long(chord[-1], spacing)
     degree: Literal[3, 5] = 5 if len(x) > 5 else 3
-    knots, _ = interpolate.splprep([x, y], u=chord, k=degree, s=len(x) * smoothing**2, per=int(closed), quiet=1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        try:
+            knots, _ = interpolate.splprep([x, y], u=chord, k=degree, s=len(x) * smoothing**2, per=int(closed), quiet=1)
+        except (RuntimeWarning, ValueError, TypeError, OverflowError):
+            raise ParameterError(
+                f"no smooth line with a smoothing of {smoothing:g} m was found through {len(x)} points; expected "
+                "points in driving order and a smoothing as large as their error: correct them or try another smoothing"
+            ) from None
 
     def derivative(u: np.ndarray, order: int) -> np.ndarray:
         return np.asarray(interpolate.splev(u, knots, der=order), dtype=float)
@@ -124,6 +133,8 @@ def read_track(file: str | Path) -> np.ndarray:
             continue
         try:
             row = [to_number(c) for c in content.replace(";", ",").replace(",", " ").split()]
+            if not all(map(math.isfinite, row[:2])):
+                raise ValueError("a point must be somewhere")
         except ValueError:
             raise FormatError(
                 f"line {number} of '{source.name}' is {shown(content)}; expected numbers x, y, width right, width left"

@@ -200,7 +200,7 @@ class Path:
                 f"a point of '{name}' has a coordinate of {farthest:.3g} m; expected at most {_FARTHEST:.0e} m: check "
                 "the points' unit and their outliers"
             )
-        if not (smoothing >= 0 and spacing > 0):
+        if not (0 <= smoothing < math.inf and 0 < spacing < math.inf):
             raise ParameterError(
                 f"smoothing is {smoothing} m and spacing {spacing} m; expected at least 0 m and more than 0 m"
             )

@@ -14,6 +14,7 @@ from slipangle.errors import NotFiniteError, ParameterError, TooShortError, Unit
 
 _SIGNALS = ("slip_ratio", "slip_angle", "load", "camber", "pressure", "speed", "F_x", "F_y", "M_x", "M_z")
 _MIRRORED = ("slip_angle", "camber", "F_y", "M_x", "M_z")  # what a mirror turns round
+_MOST_BINS = 80_000  # of a histogram of a signal, eight per tolerance
 _LARGEST_FRICTION = 6.0  # beyond any tire: then units differ
 
 
@@ -240,6 +241,11 @@ def levels(values: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray
     tolerance : float
         Half the width of a level.
 
+    Raises
+    ------
+    ParameterError
+        If they reach further than 10 000 times the tolerance.
+
     >>> rng = np.random.default_rng(0)
     >>> found, index = levels(np.concatenate([v + rng.normal(size=500) for v in (50.0, 100.0)]), 10.0)
     >>> found.round(), np.bincount(index)
@@ -249,13 +255,17 @@ def levels(values: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray
     if high - low <= tolerance:
         return np.array([float(values.mean())]), np.zeros(len(values), dtype=int)
     width = tolerance / 8
+    if not high - low < _MOST_BINS * width:
+        raise ParameterError(
+            f"the values reach from {low:.4g} to {high:.4g}, which is {(high - low) / tolerance:.3g} times the "
+            f"tolerance {tolerance:g}; expected at most {_MOST_BINS / 8:.3g} times: leave outliers out"
+        )
     bins = math.ceil((high - low) / width) + 33
     edges = low - 16 * width + width * np.arange(bins + 1)
     count = gaussian_filter1d(np.histogram(values, edges)[0].astype(float), 3.0, mode="constant")
+    lowest = 0.02 * float(count.max())
     peaks = [
-        k
-        for k in range(1, bins - 1)
-        if count[k] >= count[k - 1] and count[k] > count[k + 1] and count[k] > 0.02 * count.max()
+        k for k in range(1, bins - 1) if count[k] >= count[k - 1] and count[k] > count[k + 1] and count[k] > lowest
     ]
     kept: list[int] = []
     for k in sorted(peaks, key=lambda k: -count[k]):

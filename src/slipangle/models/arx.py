@@ -12,6 +12,7 @@ from slipangle.errors import ParameterError
 from slipangle.models import arx_code
 from slipangle.models.lagged import LaggedModel
 from slipangle.models.model import FitInfo
+from slipangle.models.parameters import require_few_lags
 from slipangle.ops import Vector, matmul
 
 _LONG = 50_000  # samples from which compiling is worth it
@@ -67,6 +68,7 @@ class ARXModel(LaggedModel):
             )
         if self.nk < 0:
             raise ParameterError(f"nk is {self.nk}; expected 0 or more samples from input to output")
+        require_few_lags(max(len(A), len(B) + self.nk - 1), "the ARX model")
         for key, value in (("A", A), ("B", B), ("c", c)):
             value.setflags(write=False)
             object.__setattr__(self, key, value)

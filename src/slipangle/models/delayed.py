@@ -12,6 +12,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, nearest
 from slipangle.models.model import FitInfo, Model
+from slipangle.models.parameters import require_few_lags
 from slipangle.models.parametrised import Parametrised
 from slipangle.models.vehicles import OdeModel
 from slipangle.ops import Scalar, Vector, concatenate, fabs, is_symbolic, is_traced, stack, where
@@ -95,6 +96,7 @@ class Delayed(Parametrised, Model):
             raise ParameterError("no input is delayed; expected at least one, such as delays={'delta': 0.05}")
         if not (self.longest > 0 and math.isfinite(self.longest)):
             raise ParameterError(f"longest is {self.longest} s; expected a positive time")
+        require_few_lags(self.longest / self.model.dt, f"a delay of up to {self.longest:g} s")
         for name, value in self.delays.items():
             if name not in self.model.inputs:
                 raise ParameterError(f"the model has no input '{name}'; {nearest(name, self.model.inputs)}")

@@ -16,6 +16,7 @@ from slipangle.models.lagged import LaggedModel
 from slipangle.models.model import FitInfo
 from slipangle.models.network_code import PREAMBLE, emit_forward, packed
 from slipangle.models.networks import MLP, Network
+from slipangle.models.parameters import require_few_lags
 from slipangle.ops import Vector
 
 _BLOCK = 4096  # samples per matrix product; keeps the layers in the cache
@@ -65,6 +66,7 @@ class NARXModel(LaggedModel):
         for name in ("na", "nb", "nk"):
             if getattr(self, name) < 1:
                 raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least 1")
+        require_few_lags(max(self.na, self.nb + self.nk - 1), "the NARX model")
         for key in ("inputs", "outputs"):
             given = getattr(self, key)
             object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))

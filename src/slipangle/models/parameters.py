@@ -10,7 +10,24 @@ from slipangle.errors import ParameterError, nearest
 from slipangle.ops import is_symbolic, is_traced
 from slipangle.units import SI
 
-__all__ = ["SI", "Annotated", "ParameterSet"]
+__all__ = ["MOST_LAGS", "SI", "Annotated", "ParameterSet", "require_few_lags"]
+
+MOST_LAGS = 5000  # past samples that a model keeps as states, per signal
+
+
+def require_few_lags(samples: float, what: str) -> None:
+    """Raise if a model would keep more than `MOST_LAGS` past samples of a signal.
+
+    Raises
+    ------
+    ParameterError
+        With how many it would keep.
+    """
+    if not samples <= MOST_LAGS:
+        raise ParameterError(
+            f"{what} reaches {samples:.6g} samples back; expected at most {MOST_LAGS}: choose a smaller delay or fewer "
+            "lags, or a longer sample time"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.models.model import FitInfo, Model
+from slipangle.models.parameters import require_few_lags
 from slipangle.models.statespace import StateSpaceModel
 from slipangle.ops import Vector
 
@@ -77,6 +78,7 @@ class PolynomialModel(Model):
                 f"{len(self.B)} numerators, {len(self.F)} denominators and delays {nk} for {nu} inputs; expected one "
                 "of each per input, numerators not empty, delays of 0 or more"
             )
+        require_few_lags(max(len(b) + k for b, k in zip(self.B, nk, strict=True)), "the polynomial model")
         object.__setattr__(self, "nk", nk)
         for key in ("A", "C", "D"):
             object.__setattr__(self, key, _frozen(getattr(self, key)))

@@ -170,3 +170,10 @@ def test_damaged_files_never_end_in_a_traceback(tmp_path, seed):
         file.write_bytes(bytes(raw[: rng.integers(len(raw) // 2, len(raw))]))
         with contextlib.suppress(SlipangleError):
             assert read_ttc(file).n_samples > 0
+
+
+def test_a_sample_beyond_all_bounds_is_named():
+    columns = channels()
+    columns["MX"][5] = 1e200
+    with pytest.raises(UnitError, match=r"MX of 'run' reaches 1e\+200 in SI units; expected at most 1e\+08"):
+        from_channels(columns, UNITS)

@@ -204,7 +204,7 @@ def _time(
     t = units.to_si(table.numbers(i), column.unit or header.unit or "s", expected="s", what=what) * column.factor
     if not (column.unit or header.unit or dt):
         said += _plausible_seconds(t, header, what, driven=any(n in STANDARD and n != "t" for n in names))
-    if not epoch and len(t) and t[0] > _EPOCH:
+    if not epoch and len(t) and _EPOCH < t[0] < np.inf:
         said.append(f"time counts from {t[0]:.9g} s, the first stamp")
         t = t - t[0]
     return t, i

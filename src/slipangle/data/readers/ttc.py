@@ -56,6 +56,7 @@ _CHANNELS = {
 _NEEDED = ("SA", "FX", "FY", "FZ")
 _SPELLINGS = {"lb": "lbf", "lbs": "lbf", "kph": "km/h", "kmh": "km/h", "ft-lb": "ft lbf", "ft-lbs": "ft lbf"}
 _SPELLINGS |= {"n-m": "N m", "n*m": "N m", "none": "-", "unitless": "-", "[-]": "-", "lb-ft": "ft lbf"}
+_LARGEST = 1e8  # of any signal of a rig, in SI units
 _UNLOADED = 0.1  # samples below this share of the median load are not a test
 
 
@@ -271,6 +272,13 @@ def _to_si(columns: Mapping[str, np.ndarray], units: Mapping[str, str], name: st
 
 def _check_magnitudes(si: Mapping[str, np.ndarray], name: str) -> None:
     """Units that contradict the numbers: a file that says degrees and holds radians, or pounds beside newtons."""
+    for channel, values in si.items():
+        largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
+        if largest > _LARGEST:
+            raise UnitError(
+                f"{channel} of '{name}' reaches {largest:.3g} in SI units; expected at most {_LARGEST:.0e}: repair or "
+                "delete those samples"
+            )
     angle = np.nanmax(np.abs(si["SA"])) if np.isfinite(si["SA"]).any() else 0.0
     if 0 < angle < math.radians(0.5) and "SL" not in si and "SR" not in si:
         raise UnitError(
