@@ -73,3 +73,13 @@ def ellipse(a, b, t):
     X, Y = a * np.cos(t), b * np.sin(t)
     dX, dY, ddX, ddY = -a * np.sin(t), b * np.cos(t), -a * np.cos(t), -b * np.sin(t)
     return X, Y, np.arctan2(dY, dX), (dX * ddY - dY * ddX) / np.hypot(dX, dY) ** 3
+
+
+def fastest_in_a_bend(s, v, curvature, a_y, a_x):
+    """Speed after ``s`` metres on a bend, speeding up from ``v`` with what cornering leaves of the friction ellipse.
+
+    With w = v^2 curvature / a_y, the used share of a_y, v v' = a_x sqrt(1 - w^2) becomes w' = 2 curvature a_x / a_y
+    sqrt(1 - w^2), so w is a sine until it reaches 1.
+    """
+    turned = np.arcsin(v * v * curvature / a_y) + 2 * curvature * a_x / a_y * s
+    return np.sqrt(a_y / curvature * np.sin(np.minimum(turned, np.pi / 2)))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from slipangle.control.ocp import OCP, Weights
+from slipangle.data.centreline import limit_rise
 from slipangle.data.path import Path
 from slipangle.identify import metrics
 from slipangle.models.catalogue import SOUSA_TABLE_7_2
@@ -100,6 +101,16 @@ def test_edges_of_the_lane_lie_on_their_sides():
     to_left = np.array([-np.sin(psi), np.cos(psi)])
     for offset, fits in ((0.0, True), (1.9, True), (2.1, False), (-0.4, True), (-0.6, False)):
         assert lane.inside(*(middle + offset * to_left), 2.0)[0] == fits, offset
+
+
+def test_speed_profile_uses_all_that_the_friction_ellipse_leaves():
+    h, n, k, a_y = 0.02, 6000, 1 / 80, 7.0
+    top = np.full(n, np.sqrt(a_y / k))
+    top[0] = 3.0
+    found = limit_rise(top, np.full(n, k), h, a_y, 4.0, 1, closed=False)
+    wanted = measures.fastest_in_a_bend(h * np.arange(n), 3.0, k, a_y, 4.0)
+    assert 90.0 < h * np.argmax(wanted > 0.999 * wanted.max()) < 110.0  # of 120 m: both parts count
+    np.testing.assert_allclose(found, wanted, rtol=2e-3)
 
 
 def test_errors_that_a_controller_minimises():

@@ -1,0 +1,243 @@
+"""Mistakes in metrics, units, identification, control, paths, sensors and manoeuvres."""
+
+from tests.mutants.listed import mistakes
+
+MEASURES = "oracles/test_measures.py"
+PLANS = "oracles/test_control.py"
+PATH = "data/test_path.py"
+
+MUTANTS = [
+    *mistakes(
+        "identify/metrics.py",
+        MEASURES,
+        [
+            (
+                "VAF computed as R2",
+                "np.var(measured - predicted, axis=0) / np.var",
+                "np.mean((measured - predicted) ** 2, axis=0) / np.var",
+            ),
+            ("R2 about zero", "np.sum(centred**2, axis=0)", "np.sum(measured**2, axis=0)"),
+            ("RMSE of the sum", "np.sqrt(np.mean((measured", "np.sqrt(np.sum((measured"),
+            (
+                "fit of the squared norm",
+                "100 * (1 - np.linalg.norm(measured - predicted, axis=0) /",
+                "100 * (1 - np.linalg.norm(measured - predicted, axis=0) ** 2 /",
+            ),
+        ],
+    ),
+    *mistakes(
+        "units.py",
+        MEASURES,
+        [
+            ("km/h the wrong way round", '"m/s", 1 / 3.6)', '"m/s", 3.6)'),
+            ("rpm as half turns", "math.pi / 30", "math.pi / 60"),
+            ("N/deg the wrong way round", "180 / math.pi", "math.pi / 180"),
+            ("from SI multiplies", "dtype=float) / _UNITS", "dtype=float) * _UNITS"),
+        ],
+    ),
+    # ---- identification
+    *mistakes(
+        "identify/arx.py",
+        "identify/test_arx.py",
+        [
+            (
+                "ARX: order of the lags",
+                "for i in range(1, na + 1) for c in y]",
+                "for i in range(na, 0, -1) for c in y]",
+            ),
+            ("ARX: an input one sample late", "[(m - lag) * nc + u[i] for", "[(m - lag + 1) * nc + u[i] for"),
+            (
+                "ARX: sign of the constant",
+                "theta[-1] + self.y_mean - self._means",
+                "theta[-1] - self.y_mean - self._means",
+            ),
+            ("ARX: sign of A", "A = -theta[: self.na * ny]", "A = theta[: self.na * ny]"),
+            (
+                "ARX: samples of two experiments joined",
+                "m, nc = max(na, used[-1][0]), len(names)",
+                "m, nc = max(na, used[0][0]), len(names)",
+            ),
+        ],
+    ),
+    *mistakes(
+        "models/lagged.py",
+        "models/test_arx.py",
+        [("lags: delay one too long", "max(self.nk - 1, 0)", "max(self.nk, 0)")],
+    ),
+    *mistakes(
+        "identify/kalman.py",
+        "identify/test_kalman.py",
+        [
+            (
+                "Kalman: sign in Joseph's form",
+                "keep = kind.eye(n) - ca.mtimes(gain, h)",
+                "keep = kind.eye(n) + ca.mtimes(gain, h)",
+            ),
+            (
+                "Kalman: deviation for variance",
+                "settings.noise_std[model.outputs[i]] ** 2",
+                "settings.noise_std[model.outputs[i]]",
+            ),
+            ("Kalman: outputs counted twice", "(error[i] - seen[i] * ca.mtimes(h, shift))", "error[i]"),
+            ("Kalman: process noise not over time", "ca.mtimes(P, F.T)) + Q * dt", "ca.mtimes(P, F.T)) + Q"),
+            ("Kalman: predicts with the input to come", "ca.vertcat(before, z[nx:])", "ca.vertcat(u, z[nx:])"),
+        ],
+    ),
+    *mistakes(
+        "data/delay.py",
+        "data/test_quality.py::test_a_pure_delay_is_found_between_the_samples",
+        [("delay: leads for lags", "np.exp(2j * np.pi * np.outer(lags", "np.exp(-2j * np.pi * np.outer(lags")],
+    ),
+    # ---- control
+    *mistakes(
+        "control/ocp.py",
+        (MEASURES, PLANS, "control/test_ocp.py::test_corridor_keeps_the_vehicle_between_the_edges"),
+        [
+            ("OCP: sign of e_y", "cos(psi) * dy - sin(psi) * dx", "cos(psi) * dy + sin(psi) * dx"),
+            ("OCP: sign of e_psi", 'values["psi"] - psi', 'psi - values["psi"]'),
+            ("OCP: edges of the corridor swapped", "half - right, left - half", "half - left, right - half"),
+            ("OCP: changes over long stages cost more", "np.outer(1 / self._apart, s)", "np.outer(self._apart, s)"),
+        ],
+    ),
+    *mistakes(
+        "control/realtime/interpreted_qp.py",
+        PLANS,
+        [
+            (
+                "QP: sign of a constraint's value",
+                "bounds[:, 0] - L[:, -1], bounds[:, 1] - L[:, -1]",
+                "bounds[:, 0] + L[:, -1], bounds[:, 1] + L[:, -1]",
+            ),
+            ("QP: rate limit forgets the input before", "np.vstack([applied, u[:-1]])", "np.vstack([u[:1], u[:-1]])"),
+        ],
+    ),
+    *mistakes(
+        "control/realtime/qp.c",
+        (PLANS, "control/realtime/test_qp.py::test_same_as_daqp"),
+        [
+            (
+                "QP in C: sign of the gradient in the residual",
+                "fabs(z[a] + q->g[a] + forces[a]) / size",
+                "fabs(z[a] - q->g[a] + forces[a]) / size",
+            ),
+            (
+                "QP in C: lower limits pull up",
+                "sign > 0 ? q->hi[p] : -q->lo[p], plain",
+                "sign > 0 ? q->hi[p] : q->lo[p], plain",
+            ),
+        ],
+    ),
+    *mistakes(
+        "control/realtime/solver.c",
+        PLANS,
+        [
+            ("solver in C: S weight in the gradient", "q->g[a - NU] -= c * change;", "q->g[a - NU] += c * change;"),
+            (
+                "solver in C: sign of a state limit",
+                "q->lo[QN + QR + row] = b[0] - v",
+                "q->lo[QN + QR + row] = b[0] + v",
+            ),
+        ],
+    ),
+    *mistakes(
+        "control/baselines.py",
+        (
+            PLANS,
+            "control/test_baselines.py::test_pure_pursuit_on_its_circle_steers_as_the_geometry_says",
+            "control/test_baselines.py::test_stanley_closes_the_distance_exponentially",
+        ),
+        [
+            (
+                "pure pursuit: from the front axle",
+                "x[0] - self.params.l_r * math.cos(x[2])",
+                "x[0] + self.params.l_f * math.cos(x[2])",
+            ),
+            ("Stanley: away from the path", "math.atan2(-self.gain * e,", "math.atan2(self.gain * e,"),
+            ("LQR: what the curvature does", "[-b / v - v]", "[b / v - v]"),
+        ],
+    ),
+    *mistakes(
+        "control/driver.py",
+        "control/test_driver.py",
+        [
+            ("driver: the integral runs away from the limit", "back * (output - free)", "back * (free - output)"),
+            (
+                "driver: feedforward against the wanted acceleration",
+                "+ self.feedforward * a_x",
+                "- self.feedforward * a_x",
+            ),
+        ],
+    ),
+    # ---- paths, manoeuvres, sensors
+    *mistakes(
+        "data/path.py",
+        MEASURES,
+        [
+            (
+                "path: distance positive to the right",
+                "float((Y - p.Y[0]) * math.cos(psi) - (X - p.X[0]) * math.sin(psi))",
+                "float((X - p.X[0]) * math.sin(psi) - (Y - p.Y[0]) * math.cos(psi))",
+            ),
+            ("path: edges swapped", "((self.right, -1.0), (self.left, 1.0))", "((self.right, 1.0), (self.left, -1.0))"),
+            (
+                "path: width of the car on one side",
+                "feet[:, 1] + to_left <= lane.left",
+                "feet[:, 1] - to_left <= lane.left",
+            ),
+        ],
+    ),
+    *mistakes(
+        "data/path.py",
+        f"{PATH}::test_open_path_goes_straight_on_beyond_its_ends",
+        [("path: turns off beyond its end", "+ beyond * np.sin(psi)", "+ beyond * np.cos(psi)")],
+    ),
+    *mistakes(
+        "data/centreline.py",
+        MEASURES,
+        [
+            (
+                "path: curvature positive to the right",
+                '"curvature": (dx * ddy - dy * ddx)',
+                '"curvature": (dy * ddx - dx * ddy)',
+            ),
+            ("speed profile: half the acceleration", "v[i] * v[i] + 2 * h * free", "v[i] * v[i] + h * free"),
+            ("speed profile: ellipse without its root", "math.sqrt(1.0 - used * used)", "(1.0 - used * used)"),
+        ],
+    ),
+    *mistakes(
+        "data/manoeuvres.py",
+        (
+            f"{PATH}::test_double_lane_change_has_the_lanes_of_iso_3888_1",
+            f"{PATH}::test_obstacle_avoidance_has_the_lanes_of_iso_3888_2",
+            f"{PATH}::test_arc_length_heading_and_curvature_agree",
+        ),
+        [
+            (
+                "ISO 3888-1: lanes swapped",
+                "1.1 * width + 0.25, 1.2 * width + 0.25, 1.3 * width + 0.25",
+                "1.1 * width + 0.25, 1.3 * width + 0.25, 1.2 * width + 0.25",
+            ),
+            ("ISO 3888-2: second lane not beside the first", "shift = widths[0] + 1.0", "shift = 1.0"),
+            ("lane change: slope of the quintic", "30 * t**2 * (1 - t) ** 2", "30 * t**2 * (1 - t)"),
+            (
+                "lane change: right edge on the left",
+                "right[here] = (path.Y[here] - lane.right)",
+                "right[here] = (lane.right - path.Y[here])",
+            ),
+        ],
+    ),
+    *mistakes(
+        "simulate/sensors.py",
+        "simulate/test_sensors.py",
+        [
+            ("sensor: cuts off instead of rounding", "np.round(shown / s.quantum)", "np.floor(shown / s.quantum)"),
+            ("sensor: gain the wrong way", "(1.0 + s.gain) * values", "(1.0 - s.gain) * values"),
+            (
+                "sensor: drift grows with time, not its root",
+                "s.drift * math.sqrt(self.every * self._dt)",
+                "s.drift * self.every * self._dt",
+            ),
+            ("sensor: shows before the delay", "+ k * self.every + self._late", "+ k * self.every"),
+        ],
+    ),
+]

@@ -1,0 +1,274 @@
+"""Mistakes in vehicles, their parts, and their motion over ground."""
+
+from tests.mutants.listed import mistakes
+
+ORACLE = "oracles/test_vehicles.py"
+DUAL = "oracles/test_dual_track.py"
+MOTION = "oracles/test_motion.py"
+
+MUTANTS = [
+    *mistakes(
+        "models/vehicles.py",
+        ORACLE,
+        [
+            (
+                "single track: speed of the steered wheel",
+                "v_wheel = v_x * cos(delta) + v_yf * sin(delta)",
+                "v_wheel = v_x * cos(delta) - v_yf * sin(delta)",
+            ),
+            ("single track: sign in a_x", '"a_x": rate[0] - x[1] * x[2]', '"a_x": rate[0] + x[1] * x[2]'),
+            ("single track: sign in a_y", '"a_y": rate[1] + x[0] * x[2]', '"a_y": rate[1] - x[0] * x[2]'),
+            (
+                "single track: reported alpha_f",
+                "x[0] / v - atan2(x[1] + p.l_f * x[2], v)",
+                "x[0] / v + atan2(x[1] + p.l_f * x[2], v)",
+            ),
+            (
+                "single track: reported alpha_r",
+                '"alpha_r": -atan2(x[1] - p.l_r * x[2], v)',
+                '"alpha_r": -atan2(x[1] + p.l_r * x[2], v)',
+            ),
+            (
+                "single track: rotation of the side force",
+                "along = F_xf * cos(delta) - F_yf * sin(delta)",
+                "along = F_xf * cos(delta) + F_yf * sin(delta)",
+            ),
+            (
+                "single track: rotation of the driving force",
+                "across = F_xf * sin(delta) + F_yf * cos(delta)",
+                "across = F_yf * cos(delta) - F_xf * sin(delta)",
+            ),
+            (
+                "single track: axles swapped in the yaw moment",
+                "(p.l_f * across - p.l_r * F_yr) / p.inertia_z,",
+                "(p.l_r * across - p.l_f * F_yr) / p.inertia_z,",
+            ),
+            (
+                "single track: slip angle of the rear axle",
+                "v_y + p.l_f * r, v_y - p.l_r * r",
+                "v_y + p.l_f * r, v_y - p.l_f * r",
+            ),
+            (
+                "single track: rear wheels with the front's inertia",
+                "(T_r - F_xr * p.radius) / p.inertia_wheel_r",
+                "(T_r - F_xr * p.radius) / p.inertia_wheel_f",
+            ),
+            ("single track: tire force drives the wheel", "(T_f - F_xf * p.radius)", "(T_f + F_xf * p.radius)"),
+            ("single track: one front tire", "2 * front.F_x, 2 * front.F_y", "2 * front.F_x, front.F_y"),
+            (
+                "single track: rotating frame",
+                "(along + F_xr) / p.mass + v_y * r",
+                "(along + F_xr) / p.mass - v_y * r",
+            ),
+            (
+                "static load: axles swapped",
+                "0.5 * self.mass * GRAVITY * self.l_r / self.wheelbase",
+                "0.5 * self.mass * GRAVITY * self.l_f / self.wheelbase",
+            ),
+            ("kinematic: l_f for l_r", "v_y = v_x * p.l_r * slope", "v_y = v_x * p.l_f * slope"),
+            (
+                "kinematic: rotation to the ground",
+                "v_x * sin(psi) + v_y * cos(psi), v_x * slope",
+                "v_x * sin(psi) - v_y * cos(psi), v_x * slope",
+            ),
+            (
+                "bicycle: slip angle of the rear axle",
+                "alpha_r = -(v_y - p.l_r * r) / v",
+                "alpha_r = -(v_y + p.l_r * r) / v",
+            ),
+            (
+                "bicycle: yaw moment of the rear axle",
+                "(p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z])",
+                "(p.l_f * F_yf + p.l_r * F_yr) / p.inertia_z])",
+            ),
+            (
+                "bicycle: rotating frame",
+                "stack([(F_yf + F_yr) / p.mass - v_x * r, (p.l_f",
+                "stack([(F_yf + F_yr) / p.mass + v_x * r, (p.l_f",
+            ),
+            ("longitudinal: rolling resistance pushes", "- GRAVITY * p.k_r * tanh", "+ GRAVITY * p.k_r * tanh"),
+            ("longitudinal: drag pushes", "(p.k_e * pedal - p.k_d * v_x)", "(p.k_e * pedal + p.k_d * v_x)"),
+            (
+                "sign of the steering's offset",
+                "self.steering_gain * (delta - self.steering_offset)",
+                "self.steering_gain * (delta + self.steering_offset)",
+            ),
+        ],
+    ),
+    *mistakes(
+        "models/nonlinear_bicycle.py",
+        ORACLE,
+        [
+            ("nonlinear bicycle: front share of F_x", "F_x - F_xr, t.C_f", "F_xr, t.C_f"),
+            (
+                "nonlinear bicycle: driving and braking shares swapped",
+                "p.drive_rear * drive + p.brake_rear * brake",
+                "p.brake_rear * drive + p.drive_rear * brake",
+            ),
+            ("nonlinear bicycle: compliance steers in", "- p.compliance * F_yf", "+ p.compliance * F_yf"),
+            (
+                "nonlinear bicycle: accelerating loads the front",
+                "static_f - forward, static_f",
+                "static_f + forward, static_f",
+            ),
+            ("nonlinear bicycle: front load transfer behind", "across * p.transfer_r", "across * p.transfer_f"),
+            (
+                "nonlinear bicycle: stiffness falls with load",
+                "(1.0 + rise * (1.0 - p.stiffness_load))",
+                "(1.0 - rise * (1.0 - p.stiffness_load))",
+            ),
+            ("nonlinear bicycle: F_x of the axle on each tire", "(0.5 * F_x) ** 2", "F_x**2"),
+            (
+                "nonlinear bicycle: axles swapped at rest",
+                "p.mass * GRAVITY * p.l_r / p.wheelbase, ",
+                "p.mass * GRAVITY * p.l_f / p.wheelbase, ",
+            ),
+            (
+                "nonlinear bicycle: sign of the sensor's bias",
+                "x[1] + self.params.yaw_rate_bias",
+                "x[1] - self.params.yaw_rate_bias",
+            ),
+        ],
+    ),
+    *mistakes(
+        "models/longitudinal.py",
+        ORACLE,
+        [
+            ("pedal car: uphill pushes", "- GRAVITY * p.grade", "+ GRAVITY * p.grade"),
+            ("pedal car: engine brakes at full throttle", "maximum(1.0 - throttle, 0.0)", "maximum(throttle, 0.0)"),
+            ("pedal car: power does not fall with speed", "(p.k_e * v / p.power) ** 2", "(p.k_e / p.power) ** 2"),
+        ],
+    ),
+    *mistakes(
+        "models/quasi_steady.py",
+        ORACLE,
+        [
+            (
+                "quasi-steady: inertias swapped",
+                "(p.inertia_wheel_f * cos(delta) + p.inertia_wheel_r)",
+                "(p.inertia_wheel_r * cos(delta) + p.inertia_wheel_f)",
+            ),
+            (
+                "quasi-steady: turning wheels push",
+                "F_xf - p.inertia_wheel_f * a_x",
+                "F_xf + p.inertia_wheel_f * a_x",
+            ),
+            ("quasi-steady: grip of the axle counted per tire", "2 * self.grip * p.load_f, ", "self.grip * p.load_f, "),
+        ],
+    ),
+    *mistakes(
+        "models/dual_track.py",
+        DUAL,
+        [
+            (
+                "dual track: load moves inward",
+                "[maximum(half - lean, 0.0), maximum(half + lean, 0.0)]",
+                "[maximum(half + lean, 0.0), maximum(half - lean, 0.0)]",
+            ),
+            (
+                "dual track: braking loads the rear",
+                '((p.l_r, 1.0, "f"), (p.l_f, -1.0, "r"))',
+                '((p.l_r, -1.0, "f"), (p.l_f, 1.0, "r"))',
+            ),
+            (
+                "dual track: yaw moment of driving forces",
+                "arm * across - (0.5 if left else -0.5) * track * along + tire.M_z",
+                "arm * across + (0.5 if left else -0.5) * track * along + tire.M_z",
+            ),
+            (
+                "dual track: inner wheels run faster",
+                "v_x - (0.5 if left else -0.5) * track * r",
+                "v_x + (0.5 if left else -0.5) * track * r",
+            ),
+            (
+                "dual track: static camber of the other side",
+                "(-static if left else static)",
+                "(static if left else -static)",
+            ),
+            (
+                "dual track: gravity rights the leaning body",
+                "p.roll_stiffness_r - roll * GRAVITY",
+                "p.roll_stiffness_r + roll * GRAVITY",
+            ),
+            (
+                "dual track: squats under braking",
+                "dive = -p.mass_sprung * p.height_sprung * a_x",
+                "dive = p.mass_sprung * p.height_sprung * a_x",
+            ),
+            ("dual track: pushed up the bank", "pull_y - GRAVITY * cos(slope)", "pull_y + GRAVITY * cos(slope)"),
+            (
+                "dual track: side slip against the motion",
+                "side_rate=(-patch.v_y - speed",
+                "side_rate=(patch.v_y - speed",
+            ),
+            (
+                "dual track: rear wheels reach a place first",
+                "self.road.friction_at(i, place + arm)",
+                "self.road.friction_at(i, place - arm)",
+            ),
+            (
+                "dual track: roll inertia about the wrong axis",
+                "p.inertia_x + roll * p.roll_arm",
+                "p.inertia_x - roll * p.roll_arm",
+            ),
+        ],
+    ),
+    *mistakes(
+        "models/driveline.py",
+        DUAL,
+        [
+            (
+                "brakes: bias swapped",
+                "return self.bias * total, (1.0 - self.bias) * total",
+                "return (1.0 - self.bias) * total, self.bias * total",
+            ),
+            (
+                "Ackermann: outer wheel turns more",
+                "slope / (1.0 - (side * 0.5 * self.ackermann)",
+                "slope / (1.0 + (side * 0.5 * self.ackermann)",
+            ),
+            (
+                "differential: torque to the faster side",
+                "torques[a], torques[b] = torques[a] - torque, torques[b] + torque",
+                "torques[a], torques[b] = torques[a] + torque, torques[b] - torque",
+            ),
+            ("engine's inertia: share not squared", "sum(a * a * freedom[i] for", "sum(a * freedom[i] for"),
+        ],
+    ),
+    *mistakes(
+        "models/ground.py",
+        MOTION,
+        [
+            ("pose: heading at the middle", "psi + h * (3 * r0 + r1) / 8", "psi + h * (r0 + 3 * r1) / 8"),
+            ("pose: heading at the end", "psi + h * (r0 + r1) / 2", "psi + h * r0"),
+            ("pose: Simpson's weight", "psi_m, 4)", "psi_m, 2)"),
+            ("pose: rotation to the ground", "(v_x * sin(a) + v_y * cos(a))", "(v_x * sin(a) - v_y * cos(a))"),
+            ("pose: point that does not slip ahead", "return v_x, self.v_y * r, r", "return v_x, -self.v_y * r, r"),
+        ],
+    ),
+    *mistakes(
+        "models/delayed.py",
+        MOTION,
+        [
+            ("late input: extrapolation", "weights[1] - ahead", "weights[1] + ahead"),
+            (
+                "late input: half of the kernel",
+                "near = (1.5 * z - 2.5) * z * z + 1.0",
+                "near = (1.5 * z - 2.0) * z * z + 1.0",
+            ),
+        ],
+    ),
+    *mistakes(
+        "models/integrate.py",
+        MOTION,
+        [
+            ("Runge-Kutta: third slope", "k3 = f(x + 0.5 * h * k2, u)", "k3 = f(x + 0.5 * h * k1, u)"),
+            ("Radau: sign of a root", "(296 - 169 * _ROOT6) / 1800", "(296 + 169 * _ROOT6) / 1800"),
+        ],
+    ),
+    *mistakes(
+        "models/pendulum.py",
+        MOTION,
+        [("pendulum: centrifugal force", "- ml * sin(theta) * omega * omega", "+ ml * sin(theta) * omega * omega")],
+    ),
+]
