@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.errors import ExcitationError, ParameterError, SimulationError, TooShortError
+from slipangle.errors import ExcitationError, IdentifiabilityWarning, ParameterError, SimulationError, TooShortError
 from slipangle.identify import lags
 from slipangle.identify.arx import ARX
 from slipangle.models.arx import ARXModel
@@ -236,3 +236,35 @@ def test_each_input_has_its_own_delay_and_count(offset):
     assert error[6:249] == pytest.approx(clean, rel=1e-6, abs=1e-9 * np.abs(target).max())
     with pytest.raises(ParameterError, match="nk has 2 entries for the inputs u0, u1, u2"):
         ARX(na=1, nb=1, nk=(1, 2)).fit(data)
+
+
+def nearly_the_same(digits, lag=0, seed=0):
+    """Two inputs of which one is the other times two plus one, to some digits, maybe later."""
+    rng = np.random.default_rng(seed)
+    u, y = rng.standard_normal(2000), np.zeros(2000)
+    w = np.round(2 * np.roll(u, lag) + 1, digits)
+    for k in range(1, 2000):
+        y[k] = 0.8 * y[k - 1] + 0.9 * u[k - 1] + 0.05 * w[k - 1] + 0.01 * rng.standard_normal()
+    return Dataset.from_arrays({"u": u, "w": w}, {"y": y}, 0.1)
+
+
+@pytest.mark.parametrize(("digits", "lag", "nb"), [(4, 0, 1), (4, 0, 3), (6, 0, 1), (4, 1, 3)])
+def test_inputs_that_are_nearly_one_are_named(digits, lag, nb):
+    with pytest.warns(IdentifiabilityWarning, match=r"do not tell the effect of . from that of .") as caught:
+        model = ARX(na=1, nb=nb, offset=True).fit(nearly_the_same(digits, lag))
+    assert [str(w.message) for w in caught] == list(model.fit_info.warnings)
+    assert 1 <= len(caught) <= 2
+
+
+@pytest.mark.parametrize("case", ["told apart by their means", "by one digit", "the effect is large", "lags of one"])
+def test_inputs_that_can_be_told_apart_are_not(case):
+    data, offset, nb = nearly_the_same(1 if case == "by one digit" else 4), True, 1
+    if case == "told apart by their means":
+        offset = False  # then w has a mean of its own
+    if case == "the effect is large":
+        y = data["y"] * 1e-6 + np.r_[0.0, (data["w"] - 2 * data["u"] - 1)[:-1]] * 1e4
+        data = data.with_channel("y", y)
+    if case == "lags of one":
+        slow = np.sin(0.001 * np.arange(2000)) + 1e-3 * np.random.default_rng(1).standard_normal(2000)
+        data, nb = data.with_channel("u", slow).select(inputs=["u"]), 5
+    assert not ARX(na=1, nb=nb, offset=offset).fit(data).fit_info.warnings

@@ -8,9 +8,11 @@ import pytest
 from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ModelWarning, SimulationError, SlipangleError
+from slipangle.errors import IdentifiabilityWarning, ModelWarning, ParameterError, SimulationError, SlipangleError
+from slipangle.identify import greybox
 from slipangle.identify.arx import ARX
 from slipangle.identify.compare import compare
+from slipangle.identify.greybox import GreyBox
 from slipangle.identify.pem import PEM
 from slipangle.identify.polynomial import ARMAX, OutputError
 from slipangle.identify.recursive import RLS
@@ -19,6 +21,7 @@ from slipangle.identify.statespace import StateSpace
 from slipangle.identify.subspace import Subspace
 from slipangle.identify.validate import validate
 from slipangle.models.arx import ARXModel
+from slipangle.models.custom import Ode
 from slipangle.models.statespace import StateSpaceModel
 
 
@@ -187,3 +190,56 @@ def test_orders_that_differ_by_rounding_are_not_ranked():
     y = lfilter([0.0, 0.1, 0.05], [1.0, -1.5, 0.7], u)
     data = Dataset.from_arrays({"u": u}, {"y": y}, 0.05)
     assert StateSpace(order=(1, 2, 3, 4)).choose_order(data).order == 2
+
+
+# ---- grey box ------------------------------------------------------------------------------------------------------
+
+
+def tank(dt, **more):
+    """Level of a tank that a pump fills and a hole empties; ``idle`` hardly matters."""
+
+    def rate(x, u, p):
+        return [p.pump * u[0] - p.hole * x[0] + 1e-6 * p.idle]
+
+    parameters = {"pump": (0.02, 1e-4, 1.0), "hole": (0.03, 1e-4, 1.0), "idle": (1.0, 0.0, 10.0)} | more
+    return Ode(f=rate, states=("h",), inputs=("u",), params=parameters, dt=dt)
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.5, 4.0, 30.0])
+def test_slow_data_cost_no_finished_fit(dt):
+    """Levels every 4 s: sweeps from 0.5 Hz on cannot be logged, so the advice is of slower ones."""
+    rng = np.random.default_rng(0)
+    true = tank(dt).with_values(pump=0.03, hole=0.02)
+    data = Dataset.from_arrays({"u": np.repeat(rng.uniform(0, 2, 50), 5)}, {"h": np.zeros(250)}, dt)
+    noisy = true.simulate(data).y[:, 0] + 0.2 * rng.standard_normal(250)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", IdentifiabilityWarning)
+        model = GreyBox(start=tank(dt), free=("pump", "hole", "idle")).fit(data.with_channel("h", noisy))
+    off = (model.fit_info.values[:2] - [0.03, 0.02]) / model.fit_info.std[:2]
+    assert np.abs(off).max() < 4
+    assert any("idle" in s for s in model.fit_info.warnings)
+
+
+def test_advice_that_cannot_be_made_costs_no_finished_fit(monkeypatch):
+    def refused(*arguments):
+        raise ParameterError("f_start is 0.5 Hz")
+
+    monkeypatch.setattr(greybox, "better_sentences", refused)
+    rng = np.random.default_rng(0)
+    data = Dataset.from_arrays({"u": rng.uniform(0, 2, 200)}, {"h": np.zeros(200)}, 4.0)
+    made = data.with_channel("h", tank(4.0).simulate(data).y[:, 0] + 0.1 * rng.standard_normal(200))
+    with pytest.warns(IdentifiabilityWarning):
+        assert GreyBox(start=tank(4.0), free=("pump", "hole", "idle")).fit(made).fit_info.n_samples == 199
+
+
+@pytest.mark.filterwarnings("ignore::slipangle.errors.IdentifiabilityWarning")
+def test_a_grey_box_that_runs_away_on_its_own_data_says_so():
+    def rate(x, u, p):
+        return [p.grow * x[0] ** 3 + u[0]]
+
+    start = Ode(f=rate, states=("h",), inputs=("u",), params={"grow": (5.0, 4.0, 6.0)}, dt=0.1)
+    rng = np.random.default_rng(0)
+    data = Dataset.from_arrays({"u": np.ones(100) + rng.standard_normal(100)}, {"h": 1 + rng.standard_normal(100)}, 0.1)
+    with np.errstate(all="ignore"):
+        model = GreyBox(start=start, free="grow").fit(data)
+    assert any("leaves the finite numbers on its own training data" in s for s in model.fit_info.warnings)

@@ -90,7 +90,7 @@ def advise(
     parameter : str, optional
         Which parameter to care about; by default the one with the largest relative standard deviation.
     duration : float
-        Of each manoeuvre. [s]
+        Of each manoeuvre, at least 40 samples. [s]
     harder : float
         Largest input of a manoeuvre over the log's.
 
@@ -199,20 +199,22 @@ def _deviations(information: np.ndarray) -> np.ndarray:
 def _waves(dt: float) -> dict[str, Wave]:
     """Signals of amplitude 1 by name."""
     top = min(4.0, 0.25 / dt)
+    low, middle = min(0.1, top / 8), min(0.5, top / 2)
+    bit = max(1, round(0.4 / dt))
 
     def steps(n: int, dt: float) -> np.ndarray:
         return excite.staircase(n, dt, levels=(0.0, 1.0, 0.0, -1.0, 0.0, 0.5, -0.5, 0.0))
 
     def bits(n: int, dt: float) -> np.ndarray:
-        return excite.prbs(n, hold=max(1, round(0.4 / dt)), seed=1)
+        return excite.prbs(n, hold=bit, seed=1)
 
     return {
         "a step of {}": partial(excite.step, start=1.0, rise=0.1),
         "steps of {} to both sides": steps,
-        f"a sine sweep of {{}}, 0.1 to {top:.2g} Hz": partial(excite.swept_sine, f_start=0.1, f_stop=top),
-        f"a sine sweep of {{}}, 0.5 to {top:.2g} Hz": partial(excite.swept_sine, f_start=0.5, f_stop=top),
+        f"a sine sweep of {{}}, {low:.2g} to {top:.2g} Hz": partial(excite.swept_sine, f_start=low, f_stop=top),
+        f"a sine sweep of {{}}, {middle:.2g} to {top:.2g} Hz": partial(excite.swept_sine, f_start=middle, f_stop=top),
         "a slow ramp of {}": lambda n, dt: excite.time(n, dt) / max((n - 1) * dt, dt),
-        "a random binary sequence of {}, 0.4 s a bit": bits,
+        f"a random binary sequence of {{}}, {bit * dt:.2g} s a bit": bits,
     }
 
 
@@ -227,6 +229,7 @@ def _candidates(
     moving = [name for name in model.inputs if name not in ("v_x", "v_x_dot")]
     rest = {name: float(np.median(data[name])) for name in model.inputs} | {"v_x_dot": 0.0}
     fast = speed is not None and "v_x" in (*model.inputs, *model.ode.states)
+    waves = {text: wave(n, dt) for text, wave in _waves(dt).items()}
     for name in moving:
         most = harder * float(np.abs(data[name] - rest[name]).max())
         unit = data.unit(name)
@@ -238,8 +241,8 @@ def _candidates(
                 if "v_x" in inputs:
                     inputs["v_x"] = np.full(n, share * speed)
             trial = _Trial(problem, found, inputs, _straight(problem, share), name)
-            for text, wave in _waves(dt).items():
-                driven = trial.within_range(wave(n, dt), most)
+            for text, wave in waves.items():
+                driven = trial.within_range(wave, most)
                 if driven is not None:
                     rows, made, size = driven
                     what = text.format(f"{name} (±{size:.2g}{'' if unit == '-' else ' ' + unit})")
@@ -249,7 +252,7 @@ def _candidates(
                     extra = {c: v for c, v in extra.items() if c not in outputs}
                     units = {c: data.unit(c) for c in (*made, *outputs)}
                     log = Dataset.from_arrays(made, outputs, dt, extra=extra, units=units, name="manoeuvre")
-                    yield f"{what}{where} for {duration:.3g} s", rows, log
+                    yield f"{what}{where} for {(n - m) * dt:.3g} s", rows, log
 
 
 def _named(model: Any, rows: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:

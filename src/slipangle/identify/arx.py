@@ -18,6 +18,8 @@ from slipangle.models.arx import ARXModel
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
 
+_APART = 1e-3  # share of an input's RMS that the others do not make up, below which their effects are one
+
 
 @dataclass(frozen=True, kw_only=True)
 class ARX:
@@ -71,6 +73,8 @@ class ARX:
 
         Warns
         -----
+        IdentifiabilityWarning
+            If the effects of two inputs cannot be told apart.
         ModelWarning
             If a free run of the model would blow up.
         """
@@ -97,6 +101,7 @@ class ARX:
             units=("-",) * theta.size,
             seconds=time.perf_counter() - began,
             method=f"least squares on the one-step-ahead error, {solver}; covariance for white residuals",
+            warnings=regression.confused(theta, np.outer(np.diag(inverse), np.diag(sigma))),
             **provenance(data),
         )
         A = -theta[: self.na * ny].T.reshape(ny, self.na, ny).transpose(1, 0, 2)
@@ -158,7 +163,8 @@ class _Regression:
 
     def __init__(self, settings: ARX, data: Dataset, used: list[tuple[int, int]]) -> None:
         na = settings.na
-        self.na, self.offset, self.data = na, settings.offset, data
+        self.na, self.offset, self.data, self.used = na, settings.offset, data, used
+        self.gram = np.empty((0, 0))  # of the regressors scaled to one length, then the targets; made by `solve`
         self.ny = len(data.outputs)
         names = tuple(dict.fromkeys((*data.outputs, *data.inputs)))
         # in file order where possible: contiguous columns are read without gathering
@@ -190,10 +196,43 @@ class _Regression:
         gram = self._gram()
         scale = np.sqrt(np.diag(gram))
         scale[scale == 0] = 1.0
-        found = self._from_gram(gram / np.outer(scale, scale), scale)
+        self.gram = gram / np.outer(scale, scale)
+        found = self._from_gram(self.gram, scale)
         if found is not None:
             return (*found, "Gram matrix of lag products")
         return (*self._from_triangle(scale, labels), "blocked QR")
+
+    def confused(self, theta: np.ndarray, variance: np.ndarray) -> tuple[str, ...]:
+        """A sentence for each input that the others nearly make up, where none of its coefficients is determined.
+
+        Parameters
+        ----------
+        theta, variance : array, shape (n_regressors, n_outputs)
+            Coefficients and their variances.
+        """
+        first = self.na * self.ny
+        of = np.array([i for _, i in self.used])
+        said = []
+        for i, name in enumerate(self.data.inputs):
+            own = first + np.flatnonzero(of == i)
+            others = [*(first + np.flatnonzero(of != i)), *([self.n_regressors - 1] if self.offset else [])]
+            if not len(own) or len(others) == self.offset:
+                continue
+            if np.any(1.96 * np.sqrt(variance[own]) < 0.5 * np.abs(theta[own])):
+                continue
+            known = self.gram[np.ix_(others, others)]
+            share = self.gram[own[0], others] @ np.linalg.lstsq(known, self.gram[own[0], others], rcond=1e-14)[0]
+            left = float(np.sqrt(max(1.0 - share, 0.0)))
+            if left < _APART:
+                rest = ", ".join(n for j, n in enumerate(self.data.inputs) if j != i)
+                k = own[0]
+                said.append(
+                    f"the data do not tell the effect of {name} from that of {rest}: all but {left:.1g} of it is a "
+                    f"combination of them, so its first coefficient is {theta[k, 0]:.3g} ± "
+                    f"{1.96 * np.sqrt(variance[k, 0]):.2g} (95 %); expected inputs that move apart: leave one out, or "
+                    "record richer excitation"
+                )
+        return tuple(said)
 
     def _gram(self) -> np.ndarray:
         """Of regressors, constant last, then targets."""

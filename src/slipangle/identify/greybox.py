@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import IdentifiabilityWarning, ParameterError
+from slipangle.errors import IdentifiabilityWarning, ParameterError, SlipangleError
 from slipangle.identify import uncertainty
 from slipangle.identify.advice import better_sentences
 from slipangle.identify.simulation_error import Minimum, SimulationError, check_names
+from slipangle.identify.stability import breakdown_said
 from slipangle.identify.starts import STARTS, best_start
 from slipangle.identify.threads import one_blas_thread
 from slipangle.models.model import FitInfo
@@ -82,6 +83,13 @@ class GreyBox:
     def fit(self, data: Dataset) -> Any:
         """The model with estimated parameters, their covariance and warnings in ``fit_info``.
 
+        Raises
+        ------
+        ExcitationError, TooShortError
+            If the data cannot tell.
+        SimulationError
+            If the numbers broke down.
+
         Warns
         -----
         IdentifiabilityWarning
@@ -90,14 +98,15 @@ class GreyBox:
         """
         began = time.perf_counter()
         starts = self.starts or (STARTS if self.start.ode.several_minima else 1)
-        if starts == 1:
-            problem = self.problem(data)
-            return finish(problem, problem.minimise(problem.start, self.max_iterations), how=_HOW, began=began)
-        with one_blas_thread():  # many small factorisations
-            problem = self.problem(data)
-            best = best_start(problem, starts, self.seed)
-            found = problem.minimise(best, self.max_iterations, tolerance=_FLAT)
-            return finish(problem, found, how=f"{_HOW}, best of {starts} starts", began=began)
+        with breakdown_said("the grey box", data):
+            if starts == 1:
+                problem = self.problem(data)
+                return finish(problem, problem.minimise(problem.start, self.max_iterations), how=_HOW, began=began)
+            with one_blas_thread():  # many small factorisations
+                problem = self.problem(data)
+                best = best_start(problem, starts, self.seed)
+                found = problem.minimise(best, self.max_iterations, tolerance=_FLAT)
+                return finish(problem, found, how=f"{_HOW}, best of {starts} starts", began=began)
 
     def problem(self, data: Dataset) -> SimulationError:
         """The least-squares problem that `fit` solves."""
@@ -132,7 +141,10 @@ def finish(
     """
     n_p, scale = problem.n_p, problem.scale[: problem.n_p]
     jacobian = found.jacobian if kept is None else found.jacobian @ kept
-    spread, colour = uncertainty.covariance(found.error, jacobian, problem.model.n_outputs)
+    try:
+        spread, colour = uncertainty.covariance(found.error, jacobian, problem.model.n_outputs)
+    except (np.linalg.LinAlgError, ArithmeticError):
+        spread, colour = np.full((jacobian.shape[1],) * 2, np.inf), "no covariance, as the derivatives overflow"
     if kept is not None:
         spread = kept @ spread @ kept.T
     spread = spread[:n_p, :n_p] * np.outer(scale, scale)
@@ -143,9 +155,13 @@ def finish(
         values = np.where(np.abs(values - bound) < 1e-9 * scale, bound, values)  # interior methods stop just short
     values = np.clip(values, *bounds)  # scaled bounds can round to just outside
     std = np.sqrt(np.maximum(np.diag(spread), 0))
-    better = better_sentences(problem, found, values, std) if problem.run.compiled and kept is None else {}
-    said = uncertainty.notes(problem.names, values, std, scale, metadata, found.jacobian[:, :n_p], better)
+    said = _notes(problem, found, values, std, advised=problem.run.compiled and kept is None)
     said += more
+    if found.diverged:
+        said.append(
+            "the free run of the fitted model leaves the finite numbers on its own training data; expected one that "
+            "follows them: start nearer, free fewer parameters, or use Collocation"
+        )
     if not found.converged:
         said.append("the fit stopped at its iteration limit; expected convergence: raise max_iterations")
     info = FitInfo(
@@ -163,6 +179,22 @@ def finish(
     for sentence in info.warnings:
         warnings.warn(sentence, IdentifiabilityWarning, stacklevel=3)
     return replace(problem.model.with_values(**nominal(problem, values)), fit_info=info)
+
+
+def _notes(problem: SimulationError, found: Minimum, values: np.ndarray, std: np.ndarray, advised: bool) -> list[str]:
+    """What the data do not determine. No advice, and no check, is worth losing a finished fit for."""
+    n_p = problem.n_p
+    metadata = [problem.model.si(n) for n in problem.base_names]
+    better = {}
+    try:
+        better = better_sentences(problem, found, values, std) if advised else {}
+    except (SlipangleError, np.linalg.LinAlgError, ArithmeticError):
+        pass  # the sentences then say what is missing, not what to drive
+    scale, slopes = problem.scale[:n_p], found.jacobian[:, :n_p]
+    try:
+        return uncertainty.notes(problem.names, values, std, scale, metadata, slopes, better)
+    except (np.linalg.LinAlgError, ArithmeticError):
+        return ["which parameters the data determine cannot be told, as the derivatives overflow; expected finite ones"]
 
 
 def nominal(problem: SimulationError, values: np.ndarray) -> dict[str, float]:

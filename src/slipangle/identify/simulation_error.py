@@ -44,6 +44,11 @@ class Minimum:
     sigma: np.ndarray
     converged: bool
 
+    @property
+    def diverged(self) -> bool:
+        """Whether the free run is not finite or all but infinite somewhere."""
+        return bool((np.abs(self.error) >= _WORST).any())
+
 
 class SimulationError:
     """Weighted free-run errors and their Jacobian over scaled unknowns.
