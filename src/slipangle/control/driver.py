@@ -8,7 +8,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from slipangle.control.terms import Values
+from slipangle.control.terms import Values, coerce
 from slipangle.errors import ParameterError
 
 FASTEST = 1e3  # m/s and m/s2, beyond which a speed or acceleration is a fault
@@ -65,6 +65,7 @@ class SpeedDriver:
     brake: Values | None = None
 
     def __post_init__(self) -> None:
+        coerce(self, Values, "drive", *(("brake",) if self.brake is not None else ()))
         if not len(self.kp) == len(self.ki) == len(self.speeds) >= 1:
             raise ParameterError(
                 f"the schedule has {len(self.speeds)} speeds, {len(self.kp)} kp and {len(self.ki)} ki; expected "

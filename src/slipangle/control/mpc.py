@@ -33,7 +33,7 @@ from slipangle.control.plan import (
     within,
 )
 from slipangle.control.realtime import RealTime
-from slipangle.control.terms import Limits, Values, require_names
+from slipangle.control.terms import Limits, Values, coerce, require_names
 from slipangle.control.threads import BUILDING
 from slipangle.data.path import Preview
 from slipangle.errors import ParameterError
@@ -76,6 +76,8 @@ class MPC(OCP):
     plausible: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
+        coerce(self, Values, "safe")
+        coerce(self, Limits, "plausible")
         super().__post_init__()
         if isinstance(self.solver, str) and self.solver not in ("ipopt", "realtime"):
             raise ParameterError(

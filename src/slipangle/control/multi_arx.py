@@ -25,7 +25,7 @@ from slipangle.control.checks import (
 from slipangle.control.multi_arx_solver import Numbers, Problem, Solver, build
 from slipangle.control.ocp import Reference
 from slipangle.control.plan import Plan, Status, finite, shifted, within
-from slipangle.control.terms import Limits, Values, Weights, require_names
+from slipangle.control.terms import Limits, Values, Weights, coerce, require_names
 from slipangle.control.threads import BUILDING
 from slipangle.data.path import Preview
 from slipangle.errors import ParameterError
@@ -133,6 +133,9 @@ class MultiARXMPC:
     plausible: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
+        coerce(self, Weights, "Q", "S", "R", *(("terminal",) if self.terminal is not None else ()))
+        coerce(self, Limits, "limits", "rates", "plausible")
+        coerce(self, Values, "safe")
         if not (isinstance(self.horizon, int) and self.horizon >= 1):
             raise ParameterError(f"the horizon is {self.horizon!r}; expected a whole number of at least 1")
         if self.knots is not None:

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from slipangle.control.arrays import array
-from slipangle.control.terms import Limits, Weights, require_names
+from slipangle.control.terms import Limits, Weights, coerce, require_names
 from slipangle.data.path import Preview
 from slipangle.errors import ParameterError
 from slipangle.models.model import Model, without_caches
@@ -55,6 +55,8 @@ class OCP:
     subject to the model, where ``u_{-1}`` is the input applied before and x_0 the state now. Weights are
     diagonal, by name. A tracked name is a state or an output of the model or, for a model with X, Y and psi,
     an error relative to the reference pose: ``e_x`` along, ``e_y`` to the left of, ``e_psi`` in heading.
+
+    Weights and limits may be dictionaries too, for names such as ``r[k-1]`` that are no Python identifiers.
 
     Stages may be several steps of the model long, ``steps[i]`` of them with the input held, so that few inputs look
     far ahead. The sums are then integrals over time in steps of the model: Q, R and slack of stage i count
@@ -124,6 +126,10 @@ class OCP:
     identity: str = field(init=False, repr=False, default_factory=lambda: uuid4().hex)
 
     def __post_init__(self) -> None:
+        coerce(
+            self, Weights, "Q", "R", "S", "slack", "slack_linear", *(("terminal",) if self.terminal is not None else ())
+        )
+        coerce(self, Limits, "limits", "rates")
         model = self.model
         if not (isinstance(self.horizon, int) and self.horizon >= 1):
             raise ParameterError(f"the horizon is {self.horizon!r}; expected a whole number of at least 1")
