@@ -14,8 +14,8 @@ before the first sample.
 The better model is linear with a stiffening curve fed back (`Lure`), fitted to its free run. Structure and order are
 chosen by cross-validation inside the estimation part: five blocks are left out in turn, and the free run over each
 starts from its first 10 samples. Only the chosen structure is then fitted to the whole estimation part and judged on
-the validation part. Seed 0 draws the starts. The default weight of the ridge, 300, was compared with 100 and 1000 on
-the same five blocks.
+the validation part. Seed 0 draws the starts. The default weight of the ridge, 300, was compared on the same five
+blocks: one hardening branch gives 76.8, 76.8 and 75.4 x 1e-4 at 100, 300 and 1000; up to 100 few descents converge.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The compiler is ``cc``, else the one in the ``ziglang`` package; ``SLIPANGLE_CC`` names another, or ``none``. Without
 one, everything runs without compiled code, slower, and `sentence` says so. A compiler may take ``SLIPANGLE_CC_LIMIT``
-seconds (300) for one library.
+seconds (300) for one library; ``SLIPANGLE_CFLAGS`` replaces its optimisation flags, ``-O3 -march=native``.
 """
 
 from __future__ import annotations
@@ -97,14 +97,22 @@ def library(source: str, *, name: str, flags: tuple[str, ...] = ()) -> ctypes.CD
         If SLIPANGLE_CC or SLIPANGLE_CC_LIMIT cannot be understood.
     """
     command = compiler()
-    return _library(source, name, (*command, *flags), files.cache_folder()) if command else None
+    return _library(source, name, (*command, *flags), _levels(), files.cache_folder()) if command else None
+
+
+def _levels() -> tuple[tuple[str, ...], ...]:
+    """Optimisation flags, of which the first that the compiler knows are taken."""
+    given = os.environ.get("SLIPANGLE_CFLAGS", "").strip()
+    return (tuple(shlex.split(given)),) if given else (NATIVE, PORTABLE)  # not every compiler knows -march=native
 
 
 @cache
-def _library(source: str, name: str, command: tuple[str, ...], home: Path) -> ctypes.CDLL | None:
+def _library(
+    source: str, name: str, command: tuple[str, ...], levels: tuple[tuple[str, ...], ...], home: Path
+) -> ctypes.CDLL | None:
     """The library, from the first place that holds it or can hold it; ``home`` only tells caches apart."""
     suffix = {"Windows": ".dll", "Darwin": ".dylib"}.get(platform.system(), ".so")
-    identity = "\0".join((source, *command, _version(command), _processor()))
+    identity = "\0".join((source, *command, str(levels), _version(command), _processor()))
     complaint = "no folder for it can be written"
     for folder, reason in code_cache.folders():
         if reason:
@@ -116,7 +124,7 @@ def _library(source: str, name: str, command: tuple[str, ...], home: Path) -> ct
             found = code_cache.find(folder, name, identity, suffix)
             if found is None:
                 code_cache.sweep(folder)
-                found = _compile(source, command, folder, name, identity, suffix)
+                found = _compile(source, (command, levels), folder, name, identity, suffix)
             return ctypes.CDLL(str(found))
         except _RejectedError as error:
             complaint = str(error)
@@ -141,14 +149,15 @@ class _RejectedError(Exception):
     """The compiler's complaint."""
 
 
-def _compile(source: str, command: tuple[str, ...], folder: Path, name: str, identity: str, suffix: str) -> Path:
+def _compile(source: str, how: tuple, folder: Path, name: str, identity: str, suffix: str) -> Path:
     """Compile into the folder, whole or not at all."""
     environment = {"ZIG_GLOBAL_CACHE_DIR": str(folder / "zig"), **os.environ}
     said = ""
     with tempfile.TemporaryDirectory(dir=folder, prefix=f".{name}.") as scratch:
         code, made = Path(scratch) / "model.c", Path(scratch) / f"model{suffix}"
         code.write_text(source, encoding="utf-8")
-        for flags in (NATIVE, PORTABLE):  # not every compiler knows -march=native
+        command, levels = how
+        for flags in levels:
             call = (*command, *flags, "-shared", "-fPIC", "-std=gnu11", "-o", str(made), str(code), "-lm")
             status, text = _run(call, environment)
             if status == 0 and made.is_file():

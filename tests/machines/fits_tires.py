@@ -1,0 +1,55 @@
+"""Magic Formula and neural tires."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slipangle.experiments import table_6_4
+from slipangle.identify.curves import MagicCurveFit
+from slipangle.identify.metrics import rmse
+from slipangle.identify.tires import TireFit
+from slipangle.models.catalogue import SOUSA_TABLE_6_8
+from slipangle.models.tires_physical import BrushTire
+from tests.identify.test_curves import rig
+from tests.identify.test_tires import BRUSH, measured
+from tests.machines.registry import Errors, fit
+
+
+@fit("Magic Formula curves with noise, table 6.8")
+def _() -> Errors:
+    found = np.zeros(2)
+    for curve in (SOUSA_TABLE_6_8.longitudinal, SOUSA_TABLE_6_8.lateral):
+        slip, mu = rig(curve, noise=0.06)
+        fitted = MagicCurveFit().fit(slip, mu)
+        far = np.linspace(-0.3, 0.3, 200)
+        found += rmse(mu, fitted(slip)), rmse(curve(far), fitted(far))
+    return {"train": found[0], "validation": found[1]}
+
+
+def neural(label: str) -> Errors:
+    """Both curves of table 6.4; between its points too."""
+    found = np.zeros(2)
+    for slip, mu in table_6_4.data():
+        curve = table_6_4.settings(label).fit(slip, mu)
+        between = (slip[1:] + slip[:-1]) / 2
+        found += rmse(mu, curve(slip)), rmse((mu[1:] + mu[:-1]) / 2, curve(between))
+    return {"train": found[0], "validation": found[1]}
+
+
+for name in table_6_4.PRINTED:
+    printed = table_6_4.PRINTED[name]
+    bound = float(printed[1]) + float(printed[3]) + table_6_4.half_digit(printed[1]) + table_6_4.half_digit(printed[3])
+    fit(f"neural tire {name}, table 6.4", most={"train": bound}, noise=1e-4)(lambda name=name: neural(name))
+
+
+@fit("brush tire from a rig")
+def _() -> Errors:
+    start = BrushTire(C_alpha=2e4, C_s=3e5, mu=0.6, half_length=0.02)
+    train, test = measured(BRUSH), measured(BRUSH, seed=1, loads=(3e3, 5e3))
+    model = TireFit(start=start, free=("C_alpha", "C_s", "mu")).fit(train)
+
+    def error(data) -> float:
+        out = model.forces(data.slip_ratio, data.slip_angle, data.load)
+        return float(np.hypot(rmse(data.F_x, out.F_x), rmse(data.F_y, out.F_y)))
+
+    return {"train": error(train), "validation": error(test)}
