@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from math import isnan
 from time import perf_counter
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -181,7 +181,8 @@ class MPC(OCP):
         status = solution.status
         begun = status.unfinished and solution.iterations > 0 and solution.violation <= FEASIBLE
         if not (status.solved or begun):
-            return self._fallback(call, status, solution.iterations)
+            left = solution.memory if status.resumes else None
+            return self._fallback(call, status, solution.iterations, unfinished=left)
         if not finite(solution.u, solution.x):
             return self._fallback(call, Status.NOT_FINITE if status.solved else status, solution.iterations)
         seconds = perf_counter() - begin
@@ -193,6 +194,7 @@ class MPC(OCP):
             "iterations": solution.iterations,
             "controls": self.controls,
             "residual": solution.residual,
+            "violation": solution.violation,
             "memory": solution.memory,
             "times": self.times,
             "health": health_of(previous).after(False, self._late(seconds)),
@@ -312,7 +314,9 @@ class MPC(OCP):
             states[i + 1] = after
         return states
 
-    def _fallback(self, call: Call, status: Status, iterations: int = 0, detail: str = "") -> Plan:
+    def _fallback(
+        self, call: Call, status: Status, iterations: int = 0, detail: str = "", unfinished: Any = None
+    ) -> Plan:
         """The last good plan shifted, or the safe stop law."""
         begun, previous, before = perf_counter(), call.previous, call.before
         age = 1 if previous is None else counted(previous.age) + 1
@@ -339,6 +343,7 @@ class MPC(OCP):
             stopping=stopping,
             detail=detail,
             memory=None if stopping else kept,
+            unfinished=unfinished,
             times=self.times,
             health=health_of(previous).after(True, self._late(seconds)),
         )

@@ -21,7 +21,7 @@ class Status(Enum):
 
     SOLVED = "optimal within tolerance"
     ACCEPTABLE = "optimal within the solver's wider, acceptable tolerance"
-    REAL_TIME = "one real-time iteration from the last plan: as good as optimal while the vehicle follows it"
+    REAL_TIME = "real-time iterations from the last plan: not converged, but the residuals are small"
     ITERATION_LIMIT = "the iteration limit was reached before the optimum: allow more iterations or a shorter horizon"
     STALLED = "no further progress was possible before the optimum: rescale the weights or loosen the tolerance"
     TIME_OUT = "the deadline passed before the optimum: allow more time, a shorter horizon or a faster solver"
@@ -40,9 +40,16 @@ class Status(Enum):
         """Whether the answer, though no optimum yet, may be a plan if it keeps every constraint."""
         return self in _UNFINISHED
 
+    @property
+    def resumes(self) -> bool:
+        """Whether the next solve had better go on from where this one was when it ran out of iterations or time."""
+        return self in _RESUMED
 
+
+MOST_ATTEMPTS = 50  # solves in a row that go on from an unfinished one; then another start is better
 _ANSWERS = Status.SOLVED, Status.ACCEPTABLE, Status.REAL_TIME
 _UNFINISHED = Status.ITERATION_LIMIT, Status.STALLED, Status.TIME_OUT
+_RESUMED = Status.ITERATION_LIMIT, Status.TIME_OUT
 
 
 class Health(NamedTuple):
@@ -101,10 +108,17 @@ class Plan:
     detail : str
         What a solver that stopped said.
     residual : float
-        Of the optimality conditions at the end of the solve, as far as the solver knows it: of the last quadratic
-        program (real-time iteration), or the last relative change of an input (converged).
+        Of the optimality conditions at the end of the solve, as far as the solver knows it. After real-time iterations
+        the largest of: what is violated; what the quadratic program left; and about how much the curvature of the
+        problem along the last step makes the next one change inputs (relative to half their range) and states. States
+        and limited quantities count relative to 1 + their mean change per step. Of a converged plan, the last
+        relative change of an input.
+    violation : float
+        Largest excess over any constraint at this plan: defects of the model from step to step, limits of states.
     memory : object
         What the solver needs for its next start; of a fallback, what the next fallback needs.
+    unfinished : object
+        Where a solve was that ran out of iterations or time, if the command is not from it; the next goes on there.
     times : array, shape (horizon + 1,), optional
         From now on, beginning with 0; equal steps where there is none. [s]
     health : Health
@@ -122,7 +136,9 @@ class Plan:
     stopping: bool = False
     detail: str = ""
     residual: float = float("nan")
+    violation: float = float("nan")
     memory: Any = field(default=None, repr=False, compare=False)
+    unfinished: Any = field(default=None, repr=False, compare=False)
     times: np.ndarray | None = field(default=None, repr=False)
     health: Health = NEW
 
@@ -130,6 +146,11 @@ class Plan:
     def command(self) -> np.ndarray:
         """Inputs to apply now, shape (n_controls,)."""
         return self.u[0]
+
+    @property
+    def start(self) -> Any:
+        """Of what the solver left, that from which its next solve starts."""
+        return self.memory if self.unfinished is None else self.unfinished
 
     @property
     def message(self) -> str:

@@ -23,7 +23,9 @@ class RealTime:
 
     The first plan is iterated to convergence from the inputs held or brought to zero, whichever promises less
     cost, and the states rolled out, so it needs no guess; later ones take `iterations` steps each from the plan
-    before, shifted.
+    before, shifted. After these the model is evaluated at the new plan; where `Plan.residual` is larger than `accept`,
+    as after a jump of the state, up to ten steps with a line search follow while there is time. A solve that runs out
+    of time or iterations is gone on with by the next one.
 
     Parameters
     ----------
@@ -35,6 +37,8 @@ class RealTime:
         Most steps to convergence.
     newton : float
         Accuracy of the implicit integrator's stages, relative to 1 + |state|.
+    accept : float
+        Largest residual of real-time iterations that are a plan; see `Plan.residual`.
 
     References
     ----------
@@ -45,15 +49,17 @@ class RealTime:
     tolerance: float = 1e-9
     max_iterations: int = 100
     newton: float = 1e-7
+    accept: float = 1e-2
 
     def __post_init__(self) -> None:
         if not (self.iterations >= 0 and self.max_iterations >= 1):
             raise ParameterError(
                 f"iterations is {self.iterations}, max_iterations {self.max_iterations}; expected at least 0 and 1"
             )
-        if not (self.tolerance > 0 and self.newton > 0):
+        if not (self.tolerance > 0 and self.newton > 0 and self.accept > 0):
             raise ParameterError(
-                f"tolerance is {self.tolerance}, newton {self.newton}; expected positive numbers, such as 1e-9 and 1e-7"
+                f"tolerance is {self.tolerance}, newton {self.newton}, accept {self.accept}; expected positive "
+                "numbers, such as 1e-9, 1e-7 and 1e-2"
             )
 
     def build(self, ocp: OCP, deadline: float | None = None) -> Engine:

@@ -10,7 +10,7 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
-from slipangle.control.plan import Plan, Solution, Start, Status, between, finite, inputs_later
+from slipangle.control.plan import MOST_ATTEMPTS, Plan, Solution, Start, Status, between, finite, inputs_later
 from slipangle.control.realtime.parts import implicit, limit_rows, slack_of_rows
 from slipangle.control.realtime.program import COUNTS, FIELDS
 from slipangle.control.threads import PerThread
@@ -25,7 +25,7 @@ OUTCOMES = (
     Status.NOT_FINITE,
     Status.FAILED,
 )
-CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS = range(4)
+CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME = range(5)
 
 
 @dataclass(eq=False)
@@ -33,13 +33,14 @@ class Memory:
     """What the next start needs: all that a solve found, the integrator's stage slopes and the working rows too.
 
     ``owner`` is the `OCP.identity` of the problem, ``area`` the work area that still holds all this if its ``serial``
-    is the same.
+    is the same. ``unfinished`` counts the solves in a row that have not got to their end from here.
     """
 
     serial: int
     owner: str
     found: np.ndarray
     area: int = -1
+    unfinished: int = 0
 
     def __getstate__(self) -> dict[str, Any]:
         """Of a copy, which no work area holds."""
@@ -115,6 +116,7 @@ class WorkArea:
         view["plain"][:], view["square"][:] = slack_of_rows(ocp)
         view["tolerance"][0] = settings.tolerance
         view["newton"][0] = settings.newton
+        view["accept"][0] = settings.accept
         view["max_iterations"][0] = settings.max_iterations
         view["fixed"][0] = settings.iterations
         self._limit = np.inf if deadline is None else deadline
@@ -145,7 +147,7 @@ class WorkArea:
 
     def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
         """Solve from a state and the plan of the step before, which is shifted; without one, from nothing."""
-        memory = previous.memory if previous is not None else None
+        memory = previous.start if previous is not None else None
         ready, self._ready = self._ready, None
         if ready is not None and ready is memory and self._same(applied, reference):
             self._x0[:] = x
@@ -153,7 +155,8 @@ class WorkArea:
         self._set(x, applied, reference)
         if self._ours(memory):
             self._recall(memory)
-            self._fresh[0] = CONTINUE
+            self._fresh[0] = RESUME if memory.unfinished else CONTINUE
+            return self._run(attempts=memory.unfinished)
         elif previous is not None and previous.u.shape == self._u.shape:
             self._u[:] = inputs_later(previous.u, self.ocp.lengths)
             self._fresh[0] = GIVEN_INPUTS
@@ -184,7 +187,7 @@ class WorkArea:
         A following `resume` from the same plan and reference then only solves the quadratic program.
         """
         memory = previous.memory
-        if not self._ours(memory) or self._settings.iterations != 1:
+        if not self._ours(memory) or memory.unfinished or self._settings.iterations != 1:
             return
         self._set(previous.x[1], applied, reference)
         self._recall(memory)
@@ -196,7 +199,8 @@ class WorkArea:
         """Whether a memory is of this problem and says something."""
         if not (isinstance(memory, Memory) and memory.owner == self.ocp.identity):
             return False
-        return memory.found.shape == self._found.shape and finite(memory.found)
+        known = memory.found.shape == self._found.shape and memory.unfinished <= MOST_ATTEMPTS
+        return known and finite(memory.found[: self._result.start])
 
     def _recall(self, memory: Memory) -> None:
         if memory.area != self._area or memory.serial != self._serial:
@@ -234,7 +238,7 @@ class WorkArea:
         if self._limited and self.ocp.corridor is not None:
             self._bounds[:] = self.ocp.state_bounds(reference)
 
-    def _run(self, call: Any = None) -> Solution:
+    def _run(self, call: Any = None, attempts: int = 0) -> Solution:
         status = OUTCOMES[(call or self._call)(self._pointer)]
         self._time[0] = self._limit
         self._serial += 1
@@ -250,7 +254,7 @@ class WorkArea:
             iterations=self._iterations.item(),
             violation=violation,
             residual=residual,
-            memory=Memory(self._serial, self.ocp.identity, found, self._area),
+            memory=Memory(self._serial, self.ocp.identity, found, self._area, attempts + 1 if status.resumes else 0),
             kept=True,
         )
 

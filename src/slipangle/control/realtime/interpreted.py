@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
-from slipangle.control.plan import Plan, Solution, Start, Status, between, finite, inputs_later, shifted, within
+from slipangle.control.plan import (
+    MOST_ATTEMPTS,
+    Plan,
+    Solution,
+    Start,
+    Status,
+    between,
+    finite,
+    inputs_later,
+    shifted,
+    within,
+)
 from slipangle.control.realtime.interpreted_model import bind, columns, dense, newton_columns, newton_node
 from slipangle.control.realtime.interpreted_qp import LimitedStep, secant
 from slipangle.control.realtime.interpreted_step import InputStep
+from slipangle.control.realtime.interpreted_truth import Promise, Values, moves_on, reach_of, units
 from slipangle.control.realtime.parts import (
     Implicit,
     dynamics_function,
@@ -24,16 +36,32 @@ from slipangle.control.realtime.parts import (
 )
 from slipangle.control.threads import PerThread
 
-PAIRS = 24
+PAIRS, MORE = 24, 10  # remembered steps; iterations with a line search where full steps were not enough
 
 
 @dataclass(kw_only=True, eq=False)
 class Memory:
-    """States after every step of the model and stage slopes of the integrator, for the next start."""
+    """Inputs, states after every step of the model and stage slopes of the integrator, for the next start.
+
+    ``unfinished`` counts the solves in a row that have not got to their end from here.
+    """
 
     x: np.ndarray
     k: np.ndarray
     owner: str
+    u: np.ndarray
+    unfinished: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """How iterations ended, and what is known of the iterate."""
+
+    status: Status
+    iterations: int
+    cost: float = float("nan")
+    violation: float = np.inf
+    residual: float = np.inf
 
 
 @dataclass(eq=False)
@@ -50,6 +78,12 @@ class Linear:
     Lx: np.ndarray
     Lu: np.ndarray
 
+    @classmethod
+    def values(cls, later: np.ndarray, e: np.ndarray, limited: np.ndarray) -> Linear:
+        """Without derivatives."""
+        none = np.empty(0)
+        return cls(later, none, none, e, limited, none, none, none, none)
+
     @property
     def finite(self) -> bool:
         """Whether it can be used."""
@@ -62,6 +96,7 @@ class Functions(NamedTuple):
     parts: Implicit | None
     node: Any
     stage: Any
+    values: tuple[Any, Any]
     quick: tuple[Any, Any] | None
 
     @classmethod
@@ -69,10 +104,11 @@ class Functions(NamedTuple):
         """Build them."""
         parts, steps = implicit(ocp), int(ocp.nodes[-1])
         one = newton_node(ocp, parts) if parts else dense(dynamics_function(ocp))
-        stage = stage_function(ocp)
+        stage = dense(stage_function(ocp))
         limited = len(ocp.limited) or np.isfinite(ocp.step_bounds[0]).any()
         quick = None if limited else InputStep.functions(ocp, parts, one, stage)
-        return cls(parts, newton_columns(ocp, parts, one, steps), columns(dense(stage), ocp.horizon + 1), quick)
+        values = Values.functions(ocp, parts, one, stage)
+        return cls(parts, newton_columns(ocp, parts, one, steps), columns(stage, ocp.horizon + 1), values, quick)
 
 
 class WorkArea:
@@ -85,7 +121,7 @@ class WorkArea:
         self.ocp, self._settings = ocp, settings
         self._limit = self._allowed = np.inf if deadline is None else deadline
         n, _, nu = self._sizes = ocp.horizon, ocp.model.n_states, len(ocp.controls)
-        self._parts, node, stage, quick = functions
+        self._parts, node, stage, values, quick = functions
         self._nk = 3 * len(self._parts.core) if self._parts else 0
         self._steps = steps = int(ocp.nodes[-1])
         self._nodes, self._held = (ocp.nodes, ocp.stage_of) if steps > n else (slice(None), slice(None))
@@ -103,6 +139,7 @@ class WorkArea:
         inputs = change.T @ np.diag(self._s.ravel()) @ change + np.diag(self._r.ravel())
         self._quadratic = both[:, None] * inputs * both
         self._k = np.zeros((steps, self._nk))
+        self._values = Values(ocp, *values)
         self._quick = None if quick is None else InputStep(ocp, *quick)
 
     # ---- starts ------------------------------------------------------------------------------------------------
@@ -110,15 +147,29 @@ class WorkArea:
     def solve(self, start: Start) -> Solution:
         """Solve from a state and a guess, to convergence."""
         self._k[:] = 0.0
-        states = between(start.guess_x, self.ocp.nodes)
-        return self._run(start.x, start.applied, start.reference, start.guess_u, states, False)
+        self._until = perf_counter() + self._allowed
+        self._allowed = self._limit
+        self._begin(start.x, start.applied, start.reference)
+        return self._run(start.guess_u, between(start.guess_x, self.ocp.nodes), False)
 
     def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
         """Solve from a state and the plan of the step before; without one, from nothing."""
         ocp, (n, _, nu) = self.ocp, self._sizes
-        memory = previous.memory if previous is not None else None
-        if self._quick and self._settings.iterations and previous is not None and self._ours(memory):
-            return self._resume_quickly(self._quick, x, applied, reference, previous)
+        memory = previous.start if previous is not None else None
+        self._until = perf_counter() + self._allowed
+        self._allowed = self._limit
+        self._begin(x, applied, reference)
+        if self._ours(memory):
+            if self._quick and self._settings.iterations and not memory.unfinished:
+                return self._resume_quickly(self._quick, memory)
+            u, states, self._k[:] = memory.u, memory.x.copy(), memory.k
+            if not memory.unfinished or moves_on(x, states):
+                u, states, self._k[:] = inputs_later(u, ocp.lengths), shifted(states), shifted(memory.k)
+                if n > 1:  # the last state is a guess; the solver closes the gap
+                    states[-1] = 2 * states[-2] - states[-3]
+            states[0] = x
+            u = within(u, applied, ocp.input_bounds, ocp.step_bounds)
+            return self._run(np.array(u), states, bool(self._settings.iterations), memory.unfinished)
         known = previous is not None and previous.u.shape == (n, nu)
         guesses = (
             [inputs_later(previous.u, ocp.lengths)]
@@ -126,21 +177,11 @@ class WorkArea:
             else [np.tile(applied, (n, 1)), np.zeros((n, nu))]
         )
         guesses = [within(u, applied, ocp.input_bounds, ocp.step_bounds) for u in guesses]
-        u = guesses[0]
-        warm = self._ours(memory)
-        if warm and previous is not None and isinstance(memory, Memory):
-            self._k[:] = shifted(memory.k)
-            states = shifted(memory.x)
-            states[0] = x
-            if n > 1:  # the last state is a guess; the solver closes the gap
-                states[-1] = 2 * states[-2] - states[-3]
-        else:
-            self._k[:] = 0.0
-            rolled = [self._roll_out(x, u, reference) for u in guesses]
-            promised = [self._promise(x, applied, reference, u, s) for u, s in zip(guesses, rolled, strict=True)]
-            best = int(np.argmin(promised)) if len(guesses) > 1 and np.isfinite(promised).any() else 0
-            u, states = guesses[best], rolled[best]
-        return self._run(x, applied, reference, np.array(u), states, warm)
+        self._k[:] = 0.0
+        rolled = [self._roll_out(x, u, reference) for u in guesses]
+        promised = [self._promise(u, s) for u, s in zip(guesses, rolled, strict=True)]
+        best = int(np.argmin(promised)) if len(guesses) > 1 and np.isfinite(promised).any() else 0
+        return self._run(np.array(guesses[best]), rolled[best], False)
 
     def allow(self, seconds: float) -> None:
         """Longest time of the next solve. [s]"""
@@ -150,7 +191,7 @@ class WorkArea:
         self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Inputs within limits and rates, and where they lead, by two Newton steps on all steps side by side."""
-        self._begin(x, applied, reference, u)
+        self._begin(x, applied, reference)
         u = within(u, applied, self.ocp.input_bounds, self.ocp.step_bounds)
         self._k[:] = 0.0
         states = between(guess, self.ocp.nodes)
@@ -172,67 +213,65 @@ class WorkArea:
             states[m + 1] = np.asarray(self.ocp.dynamics(states[m], u[i], reference.exogenous[i])).ravel()
         return states
 
-    def _promise(
-        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, states: np.ndarray
-    ) -> float:
+    def _promise(self, u: np.ndarray, states: np.ndarray) -> float:
         """Half the cost of inputs and the states they lead to, limits apart."""
-        self._begin(x, applied, reference, u)
         m = self._linearise(u, states, exact=False)
         self._k[:] = 0.0
         return self._half_cost(m.e, u) if np.isfinite(m.e).all() else np.inf
 
-    def _ours(self, memory: Any) -> bool:
+    def _ours(self, memory: Any) -> TypeGuard[Memory]:
         """Whether a memory is of this problem and says something."""
         if not (isinstance(memory, Memory) and memory.owner == self.ocp.identity):
             return False
         known = memory.x.shape == (self._steps + 1, self._sizes[1]) and memory.k.shape == self._k.shape
-        return known and finite(memory.x, memory.k)
+        return known and memory.unfinished <= MOST_ATTEMPTS and finite(memory.u, memory.x, memory.k)
 
-    def _resume_quickly(
-        self, step: InputStep, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan
-    ) -> Solution:
-        until = perf_counter() + self._allowed
-        self._allowed = self._limit
-        step.load(x, applied, reference, previous.u, previous.memory.x, previous.memory.k)
-        status, cost, count, size = step.run(self._settings.iterations, until)
+    def _resume_quickly(self, step: InputStep, memory: Memory) -> Solution:
+        step.load(self._x0, self._applied, self._reference, memory.u, memory.x, memory.k)
+        status, count = step.run(self._settings.iterations, self._until)
+        u, x, self._k[:] = step.u[:-1], step.x, step.slopes
+        if status not in (Status.REAL_TIME, Status.TIME_OUT) or not count:
+            return self._solution(u.copy(), x.copy(), Found(status, count))
+        return self._finish(u.copy(), x.copy(), status, count, step.promise())
+
+    def _run(self, u: np.ndarray, states: np.ndarray, warm: bool, unfinished: int = 0) -> Solution:
+        if warm and not unfinished:
+            return self._iterate(u, states)
+        return self._solution(*self._converge(u, states, self._settings.max_iterations), unfinished)
+
+    def _finish(self, u: np.ndarray, x: np.ndarray, status: Status, count: int, promise: Promise | None) -> Solution:
+        """Full steps that did not end at an acceptable plan are followed by some with a line search."""
+        if promise is None:
+            return self._solution(u, x, Found(status, count))
+        later, e, limited = self._values(x, u, self._reference.exogenous, self._reference.tracked, self._k)
+        cost, violation, residual = self._judge(Linear.values(later, e, limited), u, x, promise)
+        found = Found(Status.REAL_TIME, count, cost, violation, residual)
+        if found.residual <= self._settings.accept:
+            return self._solution(u, x, found)
+        if status is Status.TIME_OUT or perf_counter() > self._until:
+            return self._solution(u, x, replace(found, status=Status.TIME_OUT))
+        return self._solution(*self._converge(u, x, MORE, loose=True, before=count))
+
+    def _solution(self, u: np.ndarray, x: np.ndarray, found: Found, unfinished: int = 0) -> Solution:
+        u = within(u, self._applied, self.ocp.input_bounds, self.ocp.step_bounds)
+        attempts = unfinished + 1 if found.status.resumes else 0
         return Solution(
-            u=step.u[:-1].copy(),
-            x=step.x[self._nodes].copy(),
-            status=status,
-            cost=cost,
-            iterations=count,
-            violation=0.0,
-            residual=size,
-            memory=Memory(x=step.x.copy(), k=step.slopes.copy(), owner=self.ocp.identity),
+            u=u,
+            x=x[self._nodes],
+            status=found.status,
+            cost=found.cost,
+            iterations=found.iterations,
+            violation=found.violation,
+            residual=found.residual,
+            memory=Memory(x=x, k=self._k.copy(), owner=self.ocp.identity, u=u, unfinished=attempts),
             kept=True,
         )
 
-    def _run(
-        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, states: np.ndarray, warm: bool
-    ) -> Solution:
-        self._begin(x, applied, reference, u)
-        self._until = perf_counter() + self._allowed
-        self._allowed = self._limit
-        if warm and self._settings.iterations:
-            u, states, status, cost, count, residual = self._iterate(u, states)
-            violation = 0.0
-        else:
-            u, states, status, cost, count, residual, violation = self._converge(u, states)
-        return Solution(
-            u=u,
-            x=states[self._nodes],
-            status=status,
-            cost=cost,
-            iterations=count,
-            violation=violation,
-            residual=residual,
-            memory=Memory(x=states, k=self._k.copy(), owner=self.ocp.identity),
-        )
-
-    def _begin(self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray) -> None:
+    def _begin(self, x: np.ndarray, applied: np.ndarray, reference: Reference) -> None:
         self._x0, self._applied, self._reference = x, applied, reference
         self._bounds = self.ocp.state_bounds(reference)[self._limit_at] if len(self.ocp.limited) else np.empty((0, 2))
-        self._wanted = np.zeros_like(u) if reference.inputs is None else np.asarray(reference.inputs, dtype=float)
+        wanted = np.zeros(self._s.shape) if reference.inputs is None else reference.inputs
+        self._wanted = np.asarray(wanted, dtype=float)
 
     # ---- the parts ---------------------------------------------------------------------------------------------
 
@@ -316,27 +355,57 @@ class WorkArea:
         gradient = both[:, -1] + ((self._r * (u - self._wanted) + pull) * self._scale).ravel()
         return both[:, :-1] + self._quadratic, gradient, G, L[self._limit_at]
 
-    def _iterate(self, u: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, Status, float, int, float]:
+    def _iterate(self, u: np.ndarray, x: np.ndarray) -> Solution:
         """A fixed number of full steps."""
-        n, _, nu = self._sizes
-        cost, size = float("nan"), 0.0
-        for count in range(self._settings.iterations):
+        promise, took, count = None, 0.0, 0
+        for count in range(1, self._settings.iterations + 1):
+            begin = perf_counter()
+            if promise is not None and begin + took > self._until:
+                return self._finish(u, x, Status.TIME_OUT, count - 1, promise)
             m = self._linearise(u, x, exact=False)
             if not m.finite:
-                return u, x, Status.NOT_FINITE, cost, count, size
+                return self._solution(u, x, Found(Status.NOT_FINITE, count - 1))
             H, g, G, L = self._condense(m, x, u)
-            status, step, _ = self._qp.solve(H, g, L, u, self._applied, self._bounds)
+            status, step, multipliers = self._qp.solve(H, g, L, u, self._applied, self._bounds)
             if status is not Status.SOLVED:
-                return u, x, status, cost, count, size
-            u = u + step.reshape(n, nu) * self._scale
-            dx = G[:, :, :-1] @ step + G[:, :, -1]
-            at = np.vstack([step.reshape(n, nu), step.reshape(n, nu)[-1:]])
-            e = m.e + (m.Ex @ dx[self._nodes][:, :, None] + m.Eu @ at[:, :, None])[:, :, 0]
-            x = x + dx
-            cost, size = 2 * self._half_cost(e, u), float(np.abs(step).max())
-            if perf_counter() > self._until:
-                return u, x, Status.TIME_OUT, cost, count + 1, size
-        return u, x, Status.REAL_TIME, cost, self._settings.iterations, size
+                return self._solution(u, x, Found(status, count - 1))
+            du, dx, _, promise = self._expand(m, x, G, L, step, multipliers)
+            u, x = u + du, x + dx
+            took = perf_counter() - begin
+        status = Status.TIME_OUT if perf_counter() > self._until else Status.REAL_TIME
+        return self._finish(u, x, status, count, promise)
+
+    def _expand(
+        self, m: Linear, x: np.ndarray, G: np.ndarray, L: np.ndarray, step: np.ndarray, multipliers: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Promise]:
+        """Step in inputs and states, errors after it, and what the linear model makes of it."""
+        n, _, nu = self._sizes
+        du, dx = step.reshape(n, nu) * self._scale, G[:, :, :-1] @ step + G[:, :, -1]
+        at = np.vstack([step.reshape(n, nu), step.reshape(n, nu)[-1:]])
+        de = (m.Ex @ dx[self._nodes][:, :, None] + m.Eu @ at[:, :, None])[:, :, 0]
+        change = np.diff(du, axis=0, prepend=0 * du[:1])
+        bend = (self._weight_rows * de * de).sum() + (self._r * du * du).sum() + (self._s * change * change).sum()
+        promise = Promise(
+            errors=np.sqrt(self._weight_rows) * (m.e + de),
+            limited=L[:, :-1] @ step + L[:, -1],
+            multipliers=multipliers,
+            pi=self._adjoint(m, m.e + de, multipliers),
+            bend=float(bend),
+            reach=reach_of(step, x + dx, dx),
+        )
+        return du, dx, m.e + de, promise
+
+    def _judge(self, m: Linear, u: np.ndarray, x: np.ndarray, promise: Promise) -> tuple[float, float, float]:
+        """Cost, largest violation and residual at an iterate after a full step."""
+        limited, defects = m.limited[self._limit_at], m.next - x[1:]
+        excess = self._excess(limited)
+        cost = 2 * (self._half_cost(m.e, u) + self._paid(excess))
+        miss = excess[~self._soft]
+        of_limits = units(m.limited)[self._limit_at[1]][~self._soft]
+        off = max(float((np.abs(defects) / units(x)).max()), float((miss / of_limits).max(initial=0.0)))
+        violation = max(float(np.abs(defects).max()), float(miss.max(initial=0.0)))
+        residual = max(off, promise.left(np.sqrt(self._weight_rows) * m.e, limited, defects))
+        return (cost, violation, residual) if np.isfinite(cost + residual) else (cost, np.inf, np.inf)
 
     def _half_cost(self, e: np.ndarray, u: np.ndarray) -> float:
         change = u - np.vstack([self._applied, u[:-1]])
@@ -351,19 +420,25 @@ class WorkArea:
         return float((self._plain[soft] * excess[soft] + 0.5 * self._square[soft] * excess[soft] ** 2).sum())
 
     def _converge(
-        self, u: np.ndarray, x: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, Status, float, int, float, float]:
-        """Steps with a line search on an exact penalty function, corrected along remembered steps."""
-        n, _, nu = self._sizes
+        self, u: np.ndarray, x: np.ndarray, most: int, *, loose: bool = False, before: int = 0
+    ) -> tuple[np.ndarray, np.ndarray, Found]:
+        """Steps with a line search on an exact penalty function, corrected along remembered steps.
+
+        If ``loose``, until the iterate can be accepted. An unfinished iterate is left where it is.
+        """
+        n = self._sizes[0]
         penalty, hard_penalty, past = np.zeros_like(x), 0.0, [np.inf] * 3
         pairs: list[tuple[np.ndarray, np.ndarray]] = []
         old: tuple[np.ndarray, np.ndarray] | None = None
-        status, cost, violation, size, count = Status.ITERATION_LIMIT, float("nan"), np.inf, np.inf, 0
-        multipliers = np.zeros(len(self._plain))
+        multipliers, found, took = np.zeros(len(self._plain)), Found(Status.ITERATION_LIMIT, before), 0.0
+        accept, tolerance = self._settings.accept, self._settings.tolerance
         m = self._linearise(u, x, exact=True)
         if not m.finite:
-            return u, x, Status.NOT_FINITE, cost, 0, size, violation
-        for count in range(1, self._settings.max_iterations + 1):
+            return u, x, replace(found, status=Status.NOT_FINITE)
+        for count in range(1, most + 1):
+            begin = perf_counter()
+            if begin + took > self._until:
+                return u, x, replace(found, status=Status.TIME_OUT)
             H, g, G, L = self._condense(m, x, u)
             slope = g + multipliers @ L[:, :-1]
             if old is not None and count > 3:
@@ -372,19 +447,16 @@ class WorkArea:
                 H = secant(H, step, change)
             done, step, multipliers = self._qp.solve(H, g, L, u, self._applied, self._bounds)
             if done is not Status.SOLVED:
-                return u, x, done, cost, count - 1, size, violation
+                return u, x, replace(found, status=done)
             old = (u.ravel().copy(), g + multipliers @ L[:, :-1])
-            du, dx = step.reshape(n, nu) * self._scale, G[:, :, :-1] @ step + G[:, :, -1]
-            at = np.vstack([step.reshape(n, nu), step.reshape(n, nu)[-1:]])
-            e_after = m.e + (m.Ex @ dx[self._nodes][:, :, None] + m.Eu @ at[:, :, None])[:, :, 0]
-            penalty = np.maximum(penalty, 1.5 * np.abs(self._adjoint(m, e_after, multipliers)))
+            du, dx, e_after, promise = self._expand(m, x, G, L, step, multipliers)
+            penalty = np.maximum(penalty, 1.5 * np.abs(promise.pi))
             if (~self._soft).any():
                 hard_penalty = max(hard_penalty, 1.5 * float(np.abs(multipliers[~self._soft]).max()))
 
             here, _, violation = self._merit(m, u, x, penalty, hard_penalty)
-            after = self._half_cost(e_after, u + du) + self._paid(self._excess(L[:, :-1] @ step + L[:, -1]))
+            after = self._half_cost(e_after, u + du) + self._paid(self._excess(promise.limited))
             predicted, size, t = max(here - after, 0.0), float(np.abs(step).max()), 1.0
-            tolerance = self._settings.tolerance
             last = violation <= 1e-6 and (
                 size <= tolerance or (size <= 1e3 * tolerance and predicted <= 1e-12 * abs(here))
             )
@@ -401,12 +473,17 @@ class WorkArea:
                 t *= 0.5
                 self._k[:] = k
             if not np.isfinite(there):
-                return u, x, Status.NOT_FINITE, cost, count, size, np.inf
-            u, x, cost = trial_u, trial_x, 2 * half
-            if last or late or t < 1e-6:
-                status = Status.SOLVED if last else Status.TIME_OUT if late else Status.STALLED
-                break
-        return u, x, status, cost, count, size, violation
+                return u, x, replace(found, status=Status.NOT_FINITE)
+            u, x, took = trial_u, trial_x, perf_counter() - begin
+            residual = size if last else self._judge(m, u, x, promise)[2] if t == 1.0 else np.inf
+            found = Found(Status.ITERATION_LIMIT, before + count, 2 * half, violation, residual)
+            if last or t < 1e-6:
+                return u, x, replace(found, status=Status.SOLVED if last else Status.STALLED)
+            if residual <= accept and (loose or late or count == most):
+                return u, x, replace(found, status=Status.REAL_TIME)
+            if late:
+                return u, x, replace(found, status=Status.TIME_OUT)
+        return u, x, found
 
     def _merit(
         self, m: Linear, u: np.ndarray, x: np.ndarray, penalty: np.ndarray, hard_penalty: float

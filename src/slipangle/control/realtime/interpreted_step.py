@@ -12,6 +12,7 @@ import numpy as np
 from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import Status, finite, inputs_later
 from slipangle.control.realtime.interpreted_model import bind, columns, newton_columns
+from slipangle.control.realtime.interpreted_truth import Promise, reach_of
 from slipangle.control.realtime.parts import Implicit, input_scale
 
 
@@ -70,6 +71,7 @@ class InputStep:
         self._diagonal = self._H.reshape(-1)[:: size + 1]
         self._step = np.ones(size + 1)
         self._none = np.zeros((0, size))
+        self._dx = np.zeros(self.x.shape)
 
     @staticmethod
     def functions(
@@ -120,17 +122,20 @@ class InputStep:
             self._before[len(self._both) :] = 0.0
         self._wanted = self._before[self._used]
 
-    def run(self, iterations: int, until: float) -> tuple[Status, float, int, float]:
-        """Some full steps: status, cost, how many, and the size of the last."""
+    def run(self, iterations: int, until: float) -> tuple[Status, int]:
+        """Some full steps: status and how many."""
         rows, u = self._rows, self.u[:-1].reshape(-1)
-        cost, size = float("nan"), 0.0
+        took = 0.0
         for count in range(iterations):
+            begin = perf_counter()
+            if begin + took > until and count:
+                return Status.TIME_OUT, count
             if count:
                 self.k[:] = self.slopes
             self._condense()
             square = rows.T @ rows
             if not finite(square):
-                return Status.NOT_FINITE, cost, count, size
+                return Status.NOT_FINITE, count
             self._H[:] = square[:-1, :-1]
             self._diagonal += 1e-12 * max(self._diagonal.max(), 1e-300)
             z, _, flag, _ = daqp.solve(
@@ -143,16 +148,33 @@ class InputStep:
                 dual_tol=1e-10,
             )
             if flag != 1:
-                return (Status.INFEASIBLE if flag == -1 else Status.FAILED), cost, count, size
+                return (Status.INFEASIBLE if flag == -1 else Status.FAILED), count
             self._step[:-1] = z
             u += z * self._both
             np.minimum(np.maximum(u, self._low, out=u), self._high, out=u)
-            self.x += (self._flat @ self._step).reshape(len(self.x), -1)[:, : self.x.shape[1]]
-            e = rows @ self._step
-            cost, size = float(e @ e), max(map(abs, z.tolist()))
-            if perf_counter() > until:
-                return Status.TIME_OUT, cost, count + 1, size
-        return Status.REAL_TIME, cost, iterations, size
+            self._dx = (self._flat @ self._step).reshape(len(self.x), -1)[:, : self.x.shape[1]]
+            self.x += self._dx
+            took = perf_counter() - begin
+        return (Status.TIME_OUT if perf_counter() > until else Status.REAL_TIME), iterations
+
+    def promise(self) -> Promise:
+        """What the linear model makes of the last step."""
+        nx, z = self.x.shape[1], self._step[:-1]
+        after = self._errors @ self._step
+        change = self._rows[self._errors.size // len(self._step) :, :-1] @ z
+        bend = np.square(after - self._E[:, :, nx]).sum() + change @ change
+        pi = np.zeros(self.x.shape)
+        pi[self._nodes] = (after[:, None] @ self._E[:, :, :nx])[:, 0]
+        for j in range(len(self._A) - 1, -1, -1):
+            pi[j] += pi[j + 1] @ self._A[j][0][:nx, :nx]
+        return Promise(
+            errors=after,
+            limited=np.zeros(0),
+            multipliers=np.zeros(0),
+            pi=pi,
+            bend=float(bend),
+            reach=reach_of(z, self.x, self._dx),
+        )
 
     def _condense(self) -> None:
         """Weighted errors and inputs by the scaled step and, in the last column, without one."""

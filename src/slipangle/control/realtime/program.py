@@ -23,8 +23,8 @@ from slipangle.models.integrate import RADAU_A, RETRY
 
 MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
 FIELDS = (  # of the C struct, as seen from Python
-    "x0 applied w p r bounds q wr ws plain square tolerance time_limit newton u x k working cost violation residual "
-    "step seconds seconds_prepare seconds_feedback"
+    "x0 applied w p r bounds q wr ws plain square tolerance time_limit newton accept u x k working cost violation "
+    "residual step seconds seconds_prepare seconds_feedback"
 ).split()
 COUNTS = "max_iterations fixed fresh iterations qp_iterations".split()
 
@@ -50,13 +50,14 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
     if parts:
         code += _implicit_code(parts)
     elif plain is not None:
-        code.append(lanes_code(plain, "explicit_dynamics"))
+        code += [lanes_code(plain, "explicit_dynamics"), lanes_code(_first(plain, 1), "explicit_values")]
     else:
-        called.append(_by_row(dynamics_function(ocp), "called_dynamics"))
+        dynamics = dynamics_function(ocp)
+        called += [_by_row(dynamics, "called_dynamics"), _by_row(_first(dynamics, 1), "called_values")]
     if stage_lanes is not None:
-        code.append(lanes_code(stage_lanes, "lanes_stage"))
+        code += [lanes_code(stage_lanes, "lanes_stage"), lanes_code(_first(stage_lanes, 2), "stage_values")]
     else:
-        called.append(_by_row(stage, "called_stage"))
+        called += [_by_row(stage, "called_stage"), _by_row(_first(stage, 2), "called_stage_values")]
     kinds = ["RADAU" if parts else "EXPLICIT" if plain is not None else "CALLED"]
     kinds.append("EXPLICIT" if stage_lanes is not None else "CALLED")
     head = [f"#define LANES {lanes}"] if lanes else []
@@ -94,11 +95,20 @@ def _implicit_code(parts: Implicit) -> list[str]:
     newton = [
         {3 * b + m for b in range(n) if pattern[a, b] or a == b for m in range(3)} for a in range(n) for _ in "123"
     ]
-    code = [lanes_code(parts.slopes, "core"), elimination_code(newton, "newton")]
+    code = [lanes_code(parts.slopes, "core"), lanes_code(_first(parts.slopes, 1), "core_values")]
+    code.append(elimination_code(newton, "newton"))
     if parts.rest:
         code.append(lanes_code(parts.quadrature, "quadrature"))
+        code.append(lanes_code(_first(parts.quadrature, 1), "quadrature_values"))
         code.append(lanes_code(parts.short_quadrature, "short_quadrature"))
     return code
+
+
+def _first(function: ca.Function, results: int) -> ca.Function:
+    """The function with its first results only, the values without derivatives."""
+    kind: Any = ca.SX if function.is_a("SXFunction") else ca.MX
+    given = [kind.sym(function.name_in(i), function.size1_in(i)) for i in range(function.n_in())]
+    return ca.Function("values", given, function.call(given)[:results])
 
 
 def _core_pattern(parts: Implicit) -> np.ndarray:
@@ -164,6 +174,7 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
     lines = ["#define EXPLICIT 0", "#define RADAU 1", "#define CALLED 2"]
     lines += [f"#define DYNAMICS {kinds[0]}", f"#define STAGE {kinds[1]}", "#define M1(n) ((n) > 0 ? (n) : 1)"]
     lines += [f"#define {k} {v}" for k, v in numbers.items()]
+    lines.append("#define GROUPS ((NS + LANES - 1) / LANES)")
     lines += [
         _array("double", "SCALE", input_scale(ocp)),
         _array("double", "INPUT_LOW", ocp.input_bounds[:, 0]),
@@ -218,7 +229,9 @@ def _scratch(called: Sequence[ca.Function], is_implicit: bool) -> str:
     lines.append("    V x[NX], u[NU], w[M1(NW)], p[M1(NP)], next[NX], A[NX * NX], B[NX * NU], e[M1(NE)], l[M1(NL)];")
     lines.append("    V E[M1(NE * NX)], D[M1(NE * NU)], LX[M1(NL * NX)], LU[M1(NL * NU)];")
     if is_implicit:
-        lines.append("    V k[NK], d[NK], kept[NK], way[NK], m[NK * NK], s[(NC + NU) * NK];")
+        lines.append("    V k[NK], d[NK], kept[NK], way[NK], *m, *s, dx[NX], du[NU];")
+        lines.append("    V factors[GROUPS * NK * NK], by[GROUPS * (NC + NU) * NK]; /* m and s of all columns */")
+        lines.append("    int spoilt[GROUPS]; /* they belong to a shorter step */")
         lines.append("    V f[3 * NC], fx[3 * NC * NC], fu[3 * NC * NU];")
         lines.append("    V q[M1(NQ)], qk[M1(NQ * NK)], qx[M1(NQ * NX)], qu[M1(NQ * NU)];")
     if called:

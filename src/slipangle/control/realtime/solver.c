@@ -268,64 +268,36 @@ static double soft_cost(const Work *s, int row, double excess)
     return q->plain[i] * excess + 0.5 * q->square[i] * excess * excess;
 }
 
-/* Half the cost plus penalties; `linear` for the model of the cost after the step, with the dynamics kept. */
-static double merit(const Work *s, int linear, double *cost, double *violation)
+/* Half the cost plus penalties. */
+static double merit(const Work *s, double *cost, double *violation)
 {
-    double sum = 0, defects = 0, worst = 0;
-    for (int i = 0; i <= N; i++) {
-        const double *weight = s->q + i * NE;
-        const double *dx = s->dx + NODE(i) * NX, *du = s->du + (i < N ? i : N - 1) * NU;
-        for (int k = 0; k < NE; k++) {
-            double v = s->e[i * NE + k];
-            if (linear) {
-                const double *ex = s->E + i * NE * NX + k * NX;
-                const double *eu = s->D + i * NE * NU + k * NU;
-                for (int c = 0; c < NX; c++)
-                    v += ex[c] * dx[c];
-                for (int j = 0; j < NU; j++)
-                    v += eu[j] * du[j];
-            }
-            sum += 0.5 * weight[k] * v * v;
-        }
-    }
+    double sum = 0, defects = 0, worst = 0, hard = 0;
+    for (int i = 0; i < (N + 1) * NE; i++)
+        sum += 0.5 * s->q[i] * s->e[i] * s->e[i];
     for (int a = 0; a < N * NU; a++) {
-        int j = a % NU;
-        double u = s->u[a] + (linear ? s->du[a] : 0);
-        double before = a < NU ? s->applied[j] : s->u[a - NU] + (linear ? s->du[a - NU] : 0);
-        sum += 0.5 * (s->wr[a] * (u - s->r[a]) * (u - s->r[a]) + s->ws[a] * (u - before) * (u - before));
+        double u = s->u[a], change = u - (a < NU ? s->applied[a] : s->u[a - NU]);
+        sum += 0.5 * (s->wr[a] * (u - s->r[a]) * (u - s->r[a]) + s->ws[a] * change * change);
     }
-    double hard = 0;
     for (int row = 0; row < N_LIMITS; row++) {
         int i, k;
         const double *b = limit_of(s, row, &i, &k);
-        double v = s->l[i * NL + k];
-        if (linear) {
-            const double *lx = s->LX + i * NL * NX + k * NX;
-            const double *lu = s->LU + i * NL * NU + k * NU;
-            for (int c = 0; c < NX; c++)
-                v += lx[c] * s->dx[NODE(i) * NX + c];
-            for (int j = 0; j < NU; j++)
-                v += lu[j] * s->du[(i < N ? i : N - 1) * NU + j];
-        }
-        double excess = fmax(v - b[1], b[0] - v);
+        double v = s->l[i * NL + k], excess = fmax(v - b[1], b[0] - v);
         if (s->qp.plain[QN + QR + row] < INFINITY)
             sum += soft_cost(s, row, excess);
-        else if (!linear && excess > 0) {
+        else if (excess > 0) {
             hard += soft_cost(s, row, excess);
             worst = fmax(worst, excess);
         }
     }
-    if (!linear) {
-        for (int i = 0; i < NS * NX; i++) {
-            double d = fabs(s->next[i] - s->x[NX + i]);
-            defects += s->penalty[NX + i] * d;
-            worst = fmax(worst, d);
-        }
-        for (int a = 0; a < NX; a++) {
-            double d = fabs(s->x[a] - s->x0[a]);
-            defects += s->penalty[a] * d;
-            worst = fmax(worst, d);
-        }
+    for (int i = 0; i < NS * NX; i++) {
+        double d = fabs(s->next[i] - s->x[NX + i]);
+        defects += s->penalty[NX + i] * d;
+        worst = fmax(worst, d);
+    }
+    for (int a = 0; a < NX; a++) {
+        double d = fabs(s->x[a] - s->x0[a]);
+        defects += s->penalty[a] * d;
+        worst = fmax(worst, d);
     }
     if (cost)
         *cost = sum;
@@ -338,7 +310,22 @@ static double merit(const Work *s, int linear, double *cost, double *violation)
 static void raise_penalties(Work *s)
 {
     const Qp *q = &s->qp;
-    double *pi = s->pi;
+    for (int i = 0; i < (NS + 1) * NX; i++)
+        s->penalty[i] = fmax(s->penalty[i], 1.5 * fabs(s->pi[i]));
+    for (int row = 0; row < N_LIMITS; row++)
+        if (!(q->plain[QN + QR + row] < INFINITY))
+            s->hard_penalty = fmax(s->hard_penalty, 1.5 * fabs(q->lambda[QN + QR + row]));
+}
+
+/* ---- truth ---------------------------------------------------------------------------------------------------- */
+
+/* What the linear model makes of the step: errors and limited quantities after it, multipliers of the dynamics, and the
+   curvature of the cost along it. */
+static void promise(Work *s)
+{
+    const Qp *q = &s->qp;
+    double *pi = s->pi, bend = 0;
+    int row = N_LIMITS - 1;
     memset(pi, 0, sizeof s->pi);
     for (int i = N; i >= 0; i--) {
         const double *weight = s->q + i * NE, *dx = s->dx + NODE(i) * NX;
@@ -351,26 +338,134 @@ static void raise_penalties(Work *s)
         }
         for (int k = 0; k < NE; k++) {
             const double *ex = s->E + i * NE * NX + k * NX, *eu = s->D + i * NE * NU + k * NU;
-            double v = s->e[i * NE + k];
-            for (int c = 0; c < NX; c++)
-                v += ex[c] * dx[c];
-            for (int j = 0; j < NU; j++)
-                v += eu[j] * du[j];
+            double v = 0;
+            for (int c = E_FIRST[k]; c < E_FIRST[k + 1]; c++)
+                v += ex[E_AT[c]] * dx[E_AT[c]];
+            if (E_INPUT[k])
+                for (int j = 0; j < NU; j++)
+                    v += eu[j] * du[j];
+            bend += weight[k] * v * v;
+            v += s->e[i * NE + k];
+            s->e_after[i * NE + k] = v;
             for (int c = E_FIRST[k]; c < E_FIRST[k + 1]; c++)
                 pi[NODE(i) * NX + E_AT[c]] += ex[E_AT[c]] * weight[k] * v;
         }
-        for (int row = 0; row < N_LIMITS; row++)
-            if (LIMIT_STAGE[row] == i && q->lambda[QN + QR + row] != 0) {
-                const double *lx = s->LX + i * NL * NX + LIMIT_WHICH[row] * NX;
+        for (; row >= 0 && LIMIT_STAGE[row] == i; row--) {
+            const double *lx = s->LX + i * NL * NX + LIMIT_WHICH[row] * NX;
+            const double *lu = s->LU + i * NL * NU + LIMIT_WHICH[row] * NU;
+            double v = s->l[i * NL + LIMIT_WHICH[row]], lambda = q->lambda[QN + QR + row];
+            for (int c = 0; c < NX; c++)
+                v += lx[c] * dx[c];
+            for (int j = 0; j < NU; j++)
+                v += lu[j] * du[j];
+            s->l_after[row] = v;
+            if (lambda != 0)
                 for (int c = 0; c < NX; c++)
-                    pi[NODE(i) * NX + c] += lx[c] * q->lambda[QN + QR + row];
-            }
+                    pi[NODE(i) * NX + c] += lx[c] * lambda;
+        }
     }
-    for (int i = 0; i < (NS + 1) * NX; i++)
-        s->penalty[i] = fmax(s->penalty[i], 1.5 * fabs(pi[i]));
-    for (int row = 0; row < N_LIMITS; row++)
-        if (!(q->plain[QN + QR + row] < INFINITY))
-            s->hard_penalty = fmax(s->hard_penalty, 1.5 * fabs(q->lambda[QN + QR + row]));
+    for (int a = 0; a < N * NU; a++) {
+        double change = s->du[a] - (a < NU ? 0 : s->du[a - NU]);
+        bend += s->wr[a] * s->du[a] * s->du[a] + s->ws[a] * change * change;
+    }
+    s->bend = bend;
+}
+
+/* Largest change of an input, in units of its range. */
+static double step_size(const Work *s)
+{
+    double worst = 0;
+    for (int a = 0; a < N * NU; a++)
+        worst = fmax(worst, fabs(s->qp.u[a]));
+    return worst;
+}
+
+/* One over 1 + the mean change of each column from row to row, which does not depend on where zero is. */
+static void units(const double *rows, int count, int wide, double *to)
+{
+    for (int a = 0; a < wide; a++)
+        to[a] = 0;
+    for (int i = 0; i + 1 < count; i++)
+        for (int a = 0; a < wide; a++)
+            to[a] += fabs(rows[(i + 1) * wide + a] - rows[i * wide + a]);
+    for (int a = 0; a < wide; a++)
+        to[a] = 1 / (1 + to[a] / (count - 1));
+}
+
+/* How good the iterate is after a full step, from the values there: its cost, the largest defect of the dynamics or excess
+   over a hard limit, and a residual, the largest of these in `units` and of what is left of stationarity. For
+   the last: terms of the Lagrangian beyond the model that the step was computed with, over the curvature of that model along
+   the step, are about the share of the step by which the next one corrects it. */
+static void judge(Work *s)
+{
+    const Qp *q = &s->qp;
+    double half = 0, beyond = 0, worst = 0, off = 0, reach = step_size(s), of_x[NX], of_l[M1(NL)];
+    units(s->x, NS + 1, NX, of_x);
+    units(s->l, N + 1, NL, of_l);
+    for (int i = 0; i < (N + 1) * NE; i++) {
+        half += 0.5 * s->q[i] * s->e[i] * s->e[i];
+        beyond += fabs(s->q[i] * s->e[i] * (s->e[i] - s->e_after[i]));
+    }
+    for (int a = 0; a < N * NU; a++) {
+        double u = s->u[a], change = u - (a < NU ? s->applied[a] : s->u[a - NU]);
+        half += 0.5 * (s->wr[a] * (u - s->r[a]) * (u - s->r[a]) + s->ws[a] * change * change);
+    }
+    for (int row = 0; row < N_LIMITS; row++) {
+        int i, k;
+        const double *b = limit_of(s, row, &i, &k);
+        double v = s->l[i * NL + k], excess = fmax(v - b[1], b[0] - v);
+        beyond += fabs(q->lambda[QN + QR + row] * (v - s->l_after[row]));
+        if (q->plain[QN + QR + row] < INFINITY)
+            half += soft_cost(s, row, excess);
+        else if (excess > 0)
+            worst = fmax(worst, excess), off = fmax(off, excess * of_l[k]);
+    }
+    for (int m = 0; m < NS; m++)
+        for (int a = 0; a < NX; a++) {
+            int i = m * NX + a;
+            double d = fabs(s->next[i] - s->x[NX + i]);
+            beyond += fabs(s->pi[NX + i]) * d;
+            worst = fmax(worst, d), off = fmax(off, d * of_x[a]);
+            reach = fmax(reach, fabs(s->dx[NX + i]) * of_x[a]);
+        }
+    s->cost = 2 * half, s->violation = worst;
+    s->residual = fmax(fmax(q->kkt, off), reach * (2 * beyond < s->bend ? 2 * beyond / s->bend : 1));
+    if (!(half < INFINITY && worst < INFINITY && beyond * 0 == 0))
+        s->violation = s->residual = INFINITY;
+}
+
+/* The same after the values, without derivatives, have been found. */
+static void check(Work *s)
+{
+    for (int i = 0; i < NS; i += LANES)
+        evaluate_ends(s, i);
+    for (int i = 0; i <= N; i += LANES)
+        evaluate_errors(s, i);
+    judge(s);
+}
+
+static int accepted(const Work *s)
+{
+    return s->residual <= s->accept;
+}
+
+/* ---- time ----------------------------------------------------------------------------------------------------- */
+
+/* Whether a part of an iteration can still be finished, if it takes as long as the last time. */
+static int begins(Work *s, int part)
+{
+    if (!(s->qp.until < INFINITY))
+        return 1;
+    s->since = now();
+    if (s->since + s->took[part] <= s->qp.until)
+        return 1;
+    s->took[part] *= 0.8; /* that may have been an exception */
+    return 0;
+}
+static void ends(Work *s, int part)
+{
+    if (s->qp.until < INFINITY)
+        s->took[part] = now() - s->since;
 }
 
 /* ---- iterations ----------------------------------------------------------------------------------------------- */
@@ -397,31 +492,34 @@ static void keep_inputs(Work *s)
         }
 }
 
+/* States that the inputs lead to; where time runs out, they stay as they are. */
 static void roll_out(Work *s)
 {
     memcpy(s->x, s->x0, sizeof s->x0);
     memset(s->k, 0, sizeof s->k);
-    for (int m = 0; m < NS; m++) {
-        evaluate_dynamics(s, m, 1);
-        memcpy(s->x + (m + 1) * NX, s->next + m * NX, sizeof s->x0);
+    for (int m = 0, late = 0; m < NS; m++) {
+        late = late || (s->qp.until < INFINITY && now() > s->qp.until);
+        if (!late)
+            evaluate_dynamics(s, m, 1);
+        memcpy(s->x + (m + 1) * NX, late ? s->x + m * NX : s->next + m * NX, sizeof s->x0);
     }
-}
-
-/* Largest change of an input, in units of its range. */
-static double step_size(const Work *s)
-{
-    double worst = 0;
-    for (int a = 0; a < N * NU; a++)
-        worst = fmax(worst, fabs(s->qp.u[a]));
-    return worst;
 }
 
 static int prepare(Work *s)
 {
     double begin = now();
-    int ok = linearise(s) && condense(s);
+    int status = TIME_OUT;
+    if (begins(s, LINEARISE)) {
+        status = linearise(s) ? SOLVED : NOT_FINITE;
+        ends(s, LINEARISE);
+    }
+    if (status == SOLVED && begins(s, CONDENSE)) {
+        status = condense(s) ? SOLVED : NOT_FINITE;
+        ends(s, CONDENSE);
+    } else if (status == SOLVED)
+        status = TIME_OUT;
     s->seconds_prepare = now() - begin;
-    return ok ? SOLVED : NOT_FINITE;
+    return status;
 }
 
 /* The rows that the last quadratic program ended with travel with the plan: another work area starts from the same. */
@@ -456,95 +554,136 @@ static int solve_qp(Work *s, int warm)
     static const int outcome[] = {SOLVED, INFEASIBLE, FAILED, TIME_OUT, FAILED};
     if (status == QP_NUMBER && s->qp.kkt <= 1e-6) /* wildly scaled, but good enough for a step; `residual` says it */
         status = QP_SOLVED;
-    if (status == QP_SOLVED)
+    if (status == QP_SOLVED) {
         expand(s);
+        promise(s);
+        s->step = step_size(s);
+        memcpy(s->u_from, s->u, sizeof s->u);
+        memcpy(s->x_from, s->x, sizeof s->x);
+        memcpy(s->k_from, s->k, sizeof s->k);
+    }
     return outcome[status];
 }
 
 /* Full step of the prepared problem from the state now. */
-int rt_feedback(Work *s)
+static int feedback(Work *s)
 {
     double begin = now();
-    s->qp.until = begin + s->time_limit;
-    s->qp_iterations = 0;
     int status = solve_qp(s, !s->fresh);
     if (status == SOLVED) {
-        memcpy(s->u_from, s->u, sizeof s->u);
-        memcpy(s->x_from, s->x, sizeof s->x);
-        s->cost = 2 * merit(s, 1, NULL, NULL);
         move(s, 1);
         keep_inputs(s);
-        s->step = step_size(s);
-        s->residual = s->qp.kkt;
-        s->iterations = 1;
+        check(s);
+        s->iterations++;
     }
     s->seconds_feedback = now() - begin;
     return status == SOLVED ? ITERATED : status;
 }
 
-/* Iterate to convergence with a line search on an exact penalty function (weights per state, three steps of memory). */
-static int converge(Work *s)
+/* Half the cost, and soft excess, after the step by the linear model. */
+static double promised(const Work *s)
+{
+    double sum = 0;
+    for (int i = 0; i < (N + 1) * NE; i++)
+        sum += 0.5 * s->q[i] * s->e_after[i] * s->e_after[i];
+    for (int a = 0; a < N * NU; a++) {
+        double u = s->u_from[a] + s->du[a];
+        double change = u - (a < NU ? s->applied[a] : s->u_from[a - NU] + s->du[a - NU]);
+        sum += 0.5 * (s->wr[a] * (u - s->r[a]) * (u - s->r[a]) + s->ws[a] * change * change);
+    }
+    for (int row = 0; row < N_LIMITS; row++) {
+        int i, k;
+        const double *b = limit_of(s, row, &i, &k);
+        if (s->qp.plain[QN + QR + row] < INFINITY)
+            sum += soft_cost(s, row, fmax(s->l_after[row] - b[1], b[0] - s->l_after[row]));
+    }
+    return sum;
+}
+
+/* No time to linearise after the step: take it whole, or a quarter of it if the values there are worse. */
+static int step_late(Work *s, double t, double allowed)
+{
+    move(s, t);
+    if (t < 1)
+        return TIME_OUT;
+    check(s);
+    if (accepted(s))
+        return ITERATED;
+    if (!(merit(s, NULL, NULL) <= allowed)) {
+        memcpy(s->k, s->k_from, sizeof s->k);
+        move(s, 0.25);
+        s->violation = s->residual = INFINITY;
+    }
+    return TIME_OUT;
+}
+
+/* Iterate to convergence with a line search on an exact penalty function (weights per state, three steps of memory); or, if
+   `loose`, until the iterate is accepted. An unfinished iterate is left where it is. */
+static int converge(Work *s, int64_t most, int loose)
 {
     double past[3] = {INFINITY, INFINITY, INFINITY}, cost, violation;
     int status = ITERATION_LIMIT;
     memset(s->penalty, 0, sizeof s->penalty);
-    s->hard_penalty = 0;
-    s->iterations = 0, s->qp_iterations = 0;
+    s->hard_penalty = 0, s->pairs = 0;
+    if (!begins(s, LINEARISE))
+        return TIME_OUT;
     if (!linearise(s))
         return NOT_FINITE;
-    for (s->pairs = 0; s->iterations < s->max_iterations;) {
+    ends(s, LINEARISE);
+    for (int64_t n = 0; n < most;) {
+        if (!begins(s, CONDENSE))
+            return TIME_OUT;
         if (!condense(s))
             return FAILED;
-        if (s->iterations >= 3) { /* Gauss-Newton steps alone are slow where errors remain large */
+        if (n >= 3) { /* Gauss-Newton steps alone are slow where errors remain large */
             feed(s);
             remember(s);
             if (!condense(s))
                 return FAILED;
         }
-        int done = solve_qp(s, s->iterations > 0 || !s->fresh);
+        ends(s, CONDENSE);
+        int done = solve_qp(s, n > 0 || !s->fresh);
         if (done != SOLVED)
-            return s->iterations > 0 && done == TIME_OUT ? TIME_OUT : done;
-        s->iterations++;
+            return done;
+        n++, s->iterations++;
         gradient(s, s->g_from);
         raise_penalties(s);
-        double here = merit(s, 0, &cost, &violation), wanted = merit(s, 1, NULL, NULL), t = 1, there = here;
-        double predicted = fmax(here - wanted, 0);
-        memcpy(s->u_from, s->u, sizeof s->u);
-        memcpy(s->x_from, s->x, sizeof s->x);
-        memcpy(s->k_from, s->k, sizeof s->k);
-        s->step = step_size(s);
+        double here = merit(s, &cost, &violation), t = 1, there = here, predicted = fmax(here - promised(s), 0);
         int last = violation <= 1e-6 && (s->step <= s->tolerance ||
                                          (s->step <= 1e3 * s->tolerance && predicted <= 1e-12 * fabs(here)));
-        past[s->iterations % 3] = here;
+        past[n % 3] = here;
         double allowed = fmax(fmax(past[0] < INFINITY ? past[0] : here, past[1] < INFINITY ? past[1] : here),
                               past[2] < INFINITY ? past[2] : here);
         for (;;) {
+            if (!begins(s, LINEARISE)) {
+                status = step_late(s, t, allowed);
+                return last ? SOLVED : status;
+            }
             move(s, t);
             int finite = linearise(s);
-            there = finite ? merit(s, 0, &cost, &violation) : INFINITY;
-            if (there <= allowed - 1e-4 * t * predicted + 1e-13 * fabs(here))
-                break;
-            if (last || t < 1e-6 || now() > s->qp.until)
+            ends(s, LINEARISE);
+            there = finite ? merit(s, &cost, &violation) : INFINITY;
+            if (there <= allowed - 1e-4 * t * predicted + 1e-13 * fabs(here) || last || t < 1e-6)
                 break;
             t *= 0.5;
             memcpy(s->k, s->k_from, sizeof s->k);
         }
-        s->cost = 2 * cost, s->violation = violation;
         if (!(there < INFINITY))
             return NOT_FINITE;
+        judge(s);
+        if (t < 1)
+            s->residual = INFINITY;
+        s->cost = 2 * cost, s->violation = violation;
         if (last) {
-            status = SOLVED;
-            break;
+            s->residual = s->step;
+            return SOLVED;
         }
-        if (t < 1e-6) {
-            status = STALLED;
-            break;
-        }
-        if (now() > s->qp.until)
-            return TIME_OUT;
+        if (loose && accepted(s))
+            return ITERATED;
+        if (t < 1e-6)
+            return STALLED;
     }
-    s->residual = s->step;
-    return status;
+    return accepted(s) ? ITERATED : ITERATION_LIMIT;
 }
 
 /* Half the cost of constant inputs, from their roll-out. */
@@ -555,9 +694,10 @@ static double try_inputs(Work *s, const double *u)
         memcpy(s->u + i * NU, u, sizeof s->applied);
     keep_inputs(s);
     roll_out(s);
-    if (!linearise(s))
+    if (!begins(s, LINEARISE) || !linearise(s))
         return INFINITY;
-    merit(s, 0, &cost, NULL);
+    ends(s, LINEARISE);
+    merit(s, &cost, NULL);
     return cost;
 }
 
@@ -569,6 +709,8 @@ static void start_from_nothing(Work *s)
     memcpy(s->u_from, s->u, sizeof s->u);
     memcpy(s->x_from, s->x, sizeof s->x);
     memcpy(s->k_from, s->k, sizeof s->k);
+    if (now() > s->qp.until)
+        return;
     if (try_inputs(s, s->applied) > relaxed) {
         memcpy(s->u, s->u_from, sizeof s->u);
         memcpy(s->x, s->x_from, sizeof s->x);
@@ -588,34 +730,50 @@ static void shift_inputs(Work *s)
     }
 }
 
-/* Start from the plan of the step before (CONTINUE: u, x, k as it left them), from nothing (FROM_NOTHING: constant
-   inputs, states rolled out), from inputs and states (GIVEN), or from inputs (GIVEN_INPUTS: states rolled out). Only the first
-   takes a fixed number of iterations. */
+/* Whether the state now is nearer to that a step ahead than to the first, as when the vehicle moves on. */
+static int moves_on(const Work *s)
+{
+    double of_x[NX], here = 0, ahead = 0;
+    units(s->x, NS + 1, NX, of_x);
+    for (int a = 0; a < NX; a++) {
+        double d = (s->x0[a] - s->x[a]) * of_x[a], e = (s->x0[a] - s->x[NX + a]) * of_x[a];
+        here += d * d, ahead += e * e;
+    }
+    return ahead <= here;
+}
+
+/* Start from the plan of the step before (CONTINUE: u, x, k as it left them; RESUME: as an unfinished solve left them, which
+   may have been about a vehicle that has not moved since), from nothing (FROM_NOTHING: constant inputs, states rolled out), from inputs and states (GIVEN), or from inputs (GIVEN_INPUTS:
+   states rolled out). Only the first takes a fixed number of iterations. */
 static void start(Work *s)
 {
+    int shifts = s->fresh == CONTINUE || (s->fresh == RESUME && moves_on(s));
     for (int row = 0; row < N_LIMITS; row++) {
         s->qp.plain[QN + QR + row] = s->plain[row];
         s->qp.square[QN + QR + row] = s->square[row];
     }
-    if (s->fresh == CONTINUE) {
+    s->iterations = s->qp_iterations = s->pairs = 0;
+    s->cost = NAN, s->violation = s->residual = INFINITY;
+    if (s->fresh == CONTINUE)
         recall_rows(s);
+    else
+        s->qp.k = 0;
+    if (shifts) {
         shift_inputs(s);
         memmove(s->x, s->x + NX, sizeof(double) * NS * NX);
         if (NK > 0)
             memmove(s->k, s->k + NK, sizeof(double) * (size_t)((NS - 1) * NK));
-    } else {
-        s->qp.k = 0;
+    } else if (s->fresh != RESUME)
         memset(s->k, 0, sizeof s->k);
-    }
     if (s->fresh == FROM_NOTHING)
         start_from_nothing(s);
     else
         keep_inputs(s);
     if (s->fresh == GIVEN_INPUTS || N == 1)
         roll_out(s);
-    else if (s->fresh == CONTINUE)
+    else if (shifts || s->fresh == RESUME)
         memcpy(s->x, s->x0, sizeof s->x0);
-    s->open_end = s->fresh == CONTINUE;
+    s->open_end = shifts;
 }
 
 /* Everything that can be done before the state is known: shift the plan, expect its next state, linearise, condense. */
@@ -623,34 +781,50 @@ int rt_prepare(Work *s)
 {
     memcpy(s->x0, s->x + NX, sizeof s->x0);
     s->fresh = CONTINUE;
+    s->qp.until = INFINITY;
     start(s);
     return prepare(s);
+}
+
+/* Full steps that did not end at an acceptable plan are followed by some with a line search. */
+static int finish(Work *s, int status)
+{
+    if (status == ITERATED && !accepted(s))
+        status = converge(s, MORE, 1);
+    keep_inputs(s);
+    return status;
+}
+
+int rt_feedback(Work *s)
+{
+    double begin = now();
+    s->qp.until = begin + s->time_limit;
+    int status = finish(s, feedback(s));
+    s->seconds = now() - begin;
+    return status;
 }
 
 int rt_solve(Work *s)
 {
     double begin = now();
     s->qp.until = begin + s->time_limit;
+    s->seconds_prepare = s->seconds_feedback = 0;
     start(s);
-    int status;
-    double limit = s->time_limit;
+    int status = NOT_FINITE;
     if (s->fresh || s->fixed == 0) {
-        status = converge(s);
+        status = converge(s, s->max_iterations, 0);
         keep_inputs(s);
-        s->pairs = 0;
     } else {
-        status = NOT_FINITE;
         for (int64_t i = 0; i < s->fixed; i++) {
             status = prepare(s);
-            s->time_limit -= now() - begin;
             if (status == SOLVED)
-                status = rt_feedback(s);
-            s->time_limit = limit;
+                status = feedback(s);
             if (status != ITERATED)
                 break;
-            s->iterations = i + 1;
         }
-        s->violation = 0;
+        if (status == TIME_OUT && accepted(s)) /* by an earlier of these iterations */
+            status = ITERATED;
+        status = finish(s, status);
     }
     s->seconds = now() - begin;
     return status;
@@ -678,6 +852,7 @@ Work *rt_new(void)
     s->time_limit = INFINITY;
     s->tolerance = 1e-9;
     s->max_iterations = 50;
+    s->accept = 1e-2;
     return s;
 }
 void rt_free(Work *s)

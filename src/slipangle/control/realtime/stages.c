@@ -225,14 +225,58 @@ static __attribute__((noinline, cold)) void short_steps(Scratch *c, double toler
 }
 
 /* Three-stage Radau IIA. The core states (those that feed back on each other) are implicit; the others follow by
-   quadrature. Stage slopes k are kept between calls. */
-static void integrate(Scratch *c, double tolerance)
+   quadrature. Stage slopes k are kept between calls. Returns whether some column took short steps. */
+static int integrate(Scratch *c, double tolerance)
 {
     I moving;
     find_stages(c, RADAU_H, STEP, tolerance, 1, &moving);
     end_step(c, RADAU_H, 1);
-    if (__builtin_expect(v_any(moving), 0))
+    int failed = v_any(moving);
+    if (__builtin_expect(failed, 0))
         short_steps(c, tolerance, moving);
+    return failed;
+}
+
+/* End of the step after the state and the inputs have moved by dx and du: stages follow along their derivatives and are
+   corrected once with the factors at hand. */
+INLINE void follow(Scratch *c)
+{
+    const double *H = RADAU_H;
+    V at[NX], off = {0};
+    memcpy(c->kept, c->k, sizeof c->k);
+    for (int b = 0; b < NC + NU; b++) {
+        V by = b < NC ? c->dx[CORE[b]] : c->du[b - NC];
+        for (int i = 0; i < NK; i++)
+            c->k[i] += c->s[b * NK + i] * by;
+    }
+    for (int a = 0; a < NX; a++)
+        at[a] = c->x[a];
+    for (int j = 0; j < 3; j++) {
+        for (int a = 0; a < NC; a++) {
+            const V *k = c->k + 3 * a;
+            at[CORE[a]] = c->x[CORE[a]] + (H[3 * j] * k[0] + H[3 * j + 1] * k[1] + H[3 * j + 2] * k[2]);
+        }
+        core_values(at, c->u, c->w, c->f + j * NC);
+    }
+    for (int a = 0; a < NC; a++)
+        for (int j = 0; j < 3; j++)
+            c->d[3 * a + j] = c->k[3 * a + j] - c->f[j * NC + a];
+    newton_solve(c->m, c->d);
+    for (int i = 0; i < NK; i++) {
+        c->k[i] -= c->d[i];
+        off += v_fabs(STEP / (1.0 + v_fabs(c->x[CORE[i / 3]])) * c->d[i]);
+    }
+    for (int a = 0; a < NC; a++) {
+        const V *k = c->k + 3 * a;
+        c->next[CORE[a]] = c->x[CORE[a]] + (H[6] * k[0] + H[7] * k[1] + H[8] * k[2]);
+    }
+#if NQ > 0
+    quadrature_values(c->k, c->x, c->u, c->w, c->q);
+    for (int a = 0; a < NQ; a++)
+        c->next[REST[a]] = c->q[a];
+#endif
+    for (int i = 0; i < NK; i++) /* a better start for the next step, unless they were far off */
+        c->k[i] = v_pick(off <= 1e-2, c->k[i], c->kept[i]);
 }
 
 #endif
@@ -253,8 +297,10 @@ static void evaluate_dynamics(Work *s, int first, int count)
     gather_held(c->u, s->u, NU, first, count, NS - 1);
     gather_held(c->w, s->w, NW, first, count, NS - 1);
 #if DYNAMICS == RADAU
+    int group = first / LANES;
+    c->m = c->factors + group * NK * NK, c->s = c->by + group * (NC + NU) * NK;
     gather(c->k, s->k, NK, first, count, NS - 1);
-    integrate(c, s->newton);
+    c->spoilt[group] = integrate(c, s->newton) || count < LANES;
     scatter(c->k, s->k, NK, first, count, NS - 1);
 #else
     explicit_dynamics(c->x, c->u, c->w, c->next, c->A, c->B);
@@ -290,5 +336,67 @@ static void evaluate_stage(Work *s, int first)
     scatter(c->D, s->D, NE * NU, first, LANES, N);
     scatter(c->LX, s->LX, NL * NX, first, LANES, N);
     scatter(c->LU, s->LU, NL * NU, first, LANES, N);
+#endif
+}
+
+/* Where the steps of the model from LANES nodes end after x and u have moved by dx and du since they were linearised, and
+   the stage slopes there; without derivatives. */
+static void evaluate_ends(Work *s, int first)
+{
+    Scratch *c = &s->scratch;
+#if DYNAMICS == CALLED
+    for (int i = first; i < first + LANES && i < NS; i++) {
+        const double *in[3] = {s->x + i * NX, s->u + STAGE_OF(i) * NU, s->w + STAGE_OF(i) * NW};
+        double *out[1] = {s->next + i * NX};
+        memcpy(c->in, in, sizeof in);
+        memcpy(c->out, out, sizeof out);
+        called_values(c->in, c->out, c->iw, c->work, 0);
+    }
+#else
+#if DYNAMICS == RADAU
+    int group = first / LANES;
+    if (c->spoilt[group]) {
+        evaluate_dynamics(s, first, LANES);
+        return;
+    }
+    c->m = c->factors + group * NK * NK, c->s = c->by + group * (NC + NU) * NK;
+    gather(c->dx, s->dx, NX, first, LANES, NS - 1);
+    gather_held(c->du, s->du, NU, first, LANES, NS - 1);
+    gather(c->k, s->k, NK, first, LANES, NS - 1);
+#endif
+    gather(c->x, s->x, NX, first, LANES, NS - 1);
+    gather_held(c->u, s->u, NU, first, LANES, NS - 1);
+    gather_held(c->w, s->w, NW, first, LANES, NS - 1);
+#if DYNAMICS == RADAU
+    follow(c);
+    scatter(c->k, s->k, NK, first, LANES, NS - 1);
+#else
+    explicit_values(c->x, c->u, c->w, c->next);
+#endif
+    scatter(c->next, s->next, NX, first, LANES, NS - 1);
+#endif
+}
+
+/* Errors and limited quantities of LANES stages, without derivatives. */
+static void evaluate_errors(Work *s, int first)
+{
+    Scratch *c = &s->scratch;
+#if STAGE == CALLED
+    for (int i = first; i < first + LANES && i <= N; i++) {
+        int at = i < N ? i : N - 1;
+        const double *in[4] = {s->x + NODE(i) * NX, s->u + at * NU, s->w + at * NW, s->p + i * NP};
+        double *out[2] = {s->e + i * NE, s->l + i * NL};
+        memcpy(c->in, in, sizeof in);
+        memcpy(c->out, out, sizeof out);
+        called_stage_values(c->in, c->out, c->iw, c->work, 0);
+    }
+#else
+    gather_nodes(c->x, s->x, NX, first, LANES, N);
+    gather(c->u, s->u, NU, first, LANES, N - 1);
+    gather(c->w, s->w, NW, first, LANES, N - 1);
+    gather(c->p, s->p, NP, first, LANES, N);
+    stage_values(c->x, c->u, c->w, c->p, c->e, c->l);
+    scatter(c->e, s->e, NE, first, LANES, N);
+    scatter(c->l, s->l, NL, first, LANES, N);
 #endif
 }

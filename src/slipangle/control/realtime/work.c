@@ -15,15 +15,17 @@
 #endif
 
 enum { SOLVED, ITERATED, ITERATION_LIMIT, STALLED, TIME_OUT, INFEASIBLE, NOT_FINITE, FAILED };
-enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS };
+enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME };
+enum { LINEARISE, CONDENSE, PARTS };
 
 #define PAIRS 24 /* remembered steps and changes of the gradient */
+#define MORE 10  /* iterations with a line search where full steps were not enough */
 
 typedef struct {
     /* what Python sets */
     double x0[NX], applied[NU], w[M1(N * NW)], p[M1((N + 1) * NP)], r[N * NU], bounds[M1((N + 1) * NL * 2)];
     double q[M1((N + 1) * NE)], wr[N * NU], ws[N * NU], plain[M1(N_LIMITS)], square[M1(N_LIMITS)]; /* weights */
-    double tolerance, time_limit, newton;
+    double tolerance, time_limit, newton, accept;
     int64_t max_iterations, fixed, fresh;
     /* the iterate and what Python reads, u to residual as one block */
     double u[N * NU], x[(NS + 1) * NX], k[M1(NS * NK)], working[1 + 2 * QT], cost, violation, residual;
@@ -33,13 +35,14 @@ typedef struct {
     double A[NS * NX * NX], B[NS * NX * NU], E[M1((N + 1) * NE * NX)], D[M1((N + 1) * NE * NU)];
     double LX[M1((N + 1) * NL * NX)], LU[M1((N + 1) * NL * NU)];
     double next[NS * NX], e[M1((N + 1) * NE)], l[M1((N + 1) * NL)];
+    double e_after[M1((N + 1) * NE)], l_after[M1(N_LIMITS)], bend; /* of the linear model after the step */
     /* step */
     double dx[(NS + 1) * NX], pi[(NS + 1) * NX], du[N * NU];
     double u_from[N * NU], x_from[(NS + 1) * NX], k_from[M1(NS * NK)], penalty[(NS + 1) * NX], hard_penalty;
     double pair_s[PAIRS * QL], pair_y[PAIRS * QL], g_from[QL], product[QL];
     int64_t pairs, open_end; /* open_end: the last state is where the last step ends */
     V G[2 * NX * QL / LANES], R[QL / LANES];
-    double begin;
+    double took[PARTS], since; /* time of parts of an iteration, when one began */
     Qp qp;
     Scratch scratch;
 } Work;
