@@ -20,8 +20,8 @@ Start here:
   slipangle reproduce table-8.2               a table of the thesis, with our number beside the printed one
 """
 _EXITS = """\
-Exit code: 0 done, 1 a bound did not hold or a file is not the published one, 2 bad input (one sentence on
-standard error says what to do)."""
+Exit code: 0 done, 1 a bound did not hold, a file is not the published one, or some models of a job could not be
+fitted while others are kept, 2 bad input (one sentence on standard error says what to do)."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

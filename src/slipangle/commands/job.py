@@ -74,7 +74,7 @@ def _job(file: Path, out: str | None, as_json: bool, progress: Bar, bar: Bar, co
     else:
         _print_verdict(outcome)
         print(f"\nThe page: {page.resolve()}")
-    return 0
+    return 1 if outcome.failures else 0
 
 
 def _print_verdict(outcome: object) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from slipangle.commands.progress import Bar
-from slipangle.errors import ConfigError
+from slipangle.errors import ConfigError, SlipangleError
 from slipangle.files import check_output
 
 if TYPE_CHECKING:
@@ -62,14 +62,23 @@ def _identify(options: argparse.Namespace) -> int:
         settings, data = _data(options.file)
         train, _ = data.split(settings.data.train)
         found: dict[str, Model] = {}
+        failures: dict[str, str] = {}
         for i, wanted in enumerate(settings.model):
             bar(i / len(settings.model), f"identifying {wanted.name}")
-            found[wanted.name] = identify(wanted, train)
+            try:
+                found[wanted.name] = identify(wanted, train)
+            except ConfigError:
+                raise
+            except SlipangleError as error:
+                if len(settings.model) == 1 or (not found and i == len(settings.model) - 1):
+                    raise
+                failures[wanted.name] = str(error)
     paths = {name: save(model, Path(options.out) / f"{_slug(name)}.json") for name, model in found.items()}
     warned = {name: list(m.fit_info.warnings) if m.fit_info else [] for name, m in found.items()}
     if options.json:
-        print(json.dumps({n: {"file": str(p), "warnings": warned[n]} for n, p in paths.items()}, indent=2))
-        return 0
+        listed: dict[str, dict] = {n: {"file": str(p), "warnings": warned[n]} for n, p in paths.items()}
+        print(json.dumps(listed | {n: {"failure": why} for n, why in failures.items()}, indent=2))
+        return 1 if failures else 0
     for name, path in paths.items():
         print(f"{name}: {path}")
         info = found[name].fit_info
@@ -77,7 +86,9 @@ def _identify(options: argparse.Namespace) -> int:
             print(f"  {info.confounding}")
         for sentence in warned[name]:
             print(f"  {sentence}")
-    return 0
+    for name, why in failures.items():
+        print(f"{name}: failed. {why}")
+    return 1 if failures else 0
 
 
 def _validate(options: argparse.Namespace) -> int:

@@ -60,7 +60,8 @@ def breakdown_said(what: str, data: Dataset) -> Iterator[None]:
         If the fit diverged.
     """
     try:
-        yield
+        with np.errstate(over="ignore", invalid="ignore"):  # a trial step may make a free run overflow
+            yield
     except SlipangleError:
         raise
     except (np.linalg.LinAlgError, FloatingPointError, ZeroDivisionError, OverflowError) as error:

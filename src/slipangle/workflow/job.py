@@ -6,7 +6,7 @@ import json
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from slipangle.data.path import Path
 from slipangle.data.quality import DataReport, despike, inspect
 from slipangle.data.readers import read
 from slipangle.data.readers.csv import Column
-from slipangle.errors import ConfigError, IdentifiabilityWarning, ModelWarning, nearest
+from slipangle.errors import ConfigError, IdentifiabilityWarning, ModelWarning, SlipangleError, nearest
 from slipangle.identify.greybox import GreyBox
 from slipangle.identify.validate import Validation, validate
 from slipangle.models import catalogue
@@ -74,6 +74,7 @@ _FREE = {
     "nonlinear-bicycle": ("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_lag", "steering_offset"),
     "longitudinal": ("k_e", "k_d", "k_r"),
 }
+_FEWEST, _CELLS = 20, 5e8  # samples of the longest record after resampling, and numbers of all
 NOISE = {"v_y": 0.02, "r": 0.002, "X": 0.02, "Y": 0.02, "psi": 0.001, "v_x": 0.02}
 
 
@@ -97,6 +98,8 @@ class Outcome:
         The closed loop.
     plant : str
         What the plant was.
+    failures : dict of str to str
+        Why the other models could not be fitted, or not be driven.
     """
 
     settings: Settings
@@ -109,6 +112,7 @@ class Outcome:
     delay_check: tuple[str, ...]
     run: Run | None
     plant: str
+    failures: dict[str, str] = field(default_factory=dict)
 
     def metrics(self) -> dict[str, Any]:
         """Numbers for machines; ``free_run`` is the first model's."""
@@ -135,6 +139,8 @@ class Outcome:
             "models": models,
             "warnings": {v.name: list(v.model.fit_info.warnings) for v in self.validations if v.model.fit_info},
         }
+        if self.failures:
+            found["failures"] = self.failures
         if self.run is not None:
             seconds = self.run.seconds
             found["closed_loop"] = {
@@ -156,36 +162,31 @@ class Outcome:
 def run_job(settings: Settings, progress: Progress = lambda share, what: None) -> Outcome:
     """Do the whole job; nothing is written.
 
+    A model that cannot be fitted costs the others nothing: it is in `Outcome.failures`.
+
     Raises
     ------
     SlipangleError
-        For every kind of bad input, before any later step begins.
+        For every kind of bad input, before any later step begins; or if no model could be fitted.
     """
     progress(0.0, "reading the log")
     raw = load_data(settings)
     quality = inspect(raw)
     data = condition(raw, settings)
     train, test = data.split(settings.data.train)
-    fitted, validations, training = [], [], []
-    for i, wanted in enumerate(settings.model):
-        progress(0.1 + 0.4 * i / len(settings.model), f"identifying {wanted.name}")
-        model = identify(wanted, train)
-        fitted.append(model)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ModelWarning)  # shown on the page
-            validations.append(validate(model, test, name=wanted.name))
-            training.append(validate(model, train, name=wanted.name, on_training_data=True))
+    judged, failures = _judged(settings, train, test, progress)
     progress(0.5, "checking the steering delay")
     said = delay_check(settings, quality, train)
     run, plant_name = None, ""
-    if settings.controller is not None:
-        names = [m.name for m in settings.model]
-        model = fitted[names.index(settings.controller.model)]
+    wanted = settings.controller
+    if wanted is not None and wanted.model in failures:
+        failures["controller"] = f"its model '{wanted.model}' could not be fitted"
+    elif wanted is not None:
         progress(0.55, "building the controller")
         run, plant_name = drive(
-            settings.controller,
+            wanted,
             settings.plant,
-            model,
+            judged[wanted.model][0].model,
             lambda share: progress(0.55 + 0.4 * share, "driving in closed loop"),
         )
     return Outcome(
@@ -194,12 +195,35 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
         train=train,
         test=test,
         quality=quality,
-        validations=tuple(validations),
-        training=tuple(training),
+        validations=tuple(test for test, _ in judged.values()),
+        training=tuple(training for _, training in judged.values()),
         delay_check=said,
         run=run,
         plant=plant_name,
+        failures=failures,
     )
+
+
+def _judged(
+    settings: Settings, train: Dataset, test: Dataset, progress: Progress
+) -> tuple[dict[str, tuple[Validation, Validation]], dict[str, str]]:
+    """Verdicts on the test and the training part of each model that could be fitted, and why the others could not."""
+    judged, failures = {}, {}
+    for i, wanted in enumerate(settings.model):
+        progress(0.1 + 0.4 * i / len(settings.model), f"identifying {wanted.name}")
+        try:
+            model = identify(wanted, train)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ModelWarning)  # shown on the page
+                seen = validate(model, train, name=wanted.name, on_training_data=True)
+                judged[wanted.name] = validate(model, test, name=wanted.name), seen
+        except ConfigError:
+            raise
+        except SlipangleError as error:
+            if len(settings.model) == 1 or (not judged and i == len(settings.model) - 1):
+                raise
+            failures[wanted.name] = str(error)
+    return judged, failures
 
 
 # ---- data ----------------------------------------------------------------------------------------------------------
@@ -230,6 +254,14 @@ def condition(data: Dataset, settings: Settings) -> Dataset:
         data, _ = despike(data, channel)
     rate = settings.data.rate
     if rate is not None and not math.isclose(rate * data.dt, 1.0, rel_tol=1e-9):
+        longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True)) * data.dt
+        cells = data.duration * rate * len(data.channels)
+        if longest * rate < _FEWEST or cells > _CELLS:
+            raise ConfigError(
+                f"[data] rate is {rate:g} Hz for a record of {longest:.4g} s and {len(data.channels)} channels; "
+                f"expected {_FEWEST / longest:.2g} to {_CELLS / (data.duration * len(data.channels)):.2g} Hz: it was "
+                f"logged at {1 / data.dt:.4g} Hz"
+            )
         data = data.resample(1 / rate, cutoff=settings.data.cutoff)
     if "v_x" in data and "v_x_dot" not in data:
         data = with_speed_derivative(data)
@@ -267,11 +299,18 @@ def _start(wanted: ModelSettings, train: Dataset) -> OdeModel:
         try:
             params = kind(**wanted.car)
         except TypeError:
-            needed = [n for n in kind.metadata() if n not in wanted.car]
+            optional = {f.name for f in fields(kind) if f.default is not MISSING or f.default_factory is not MISSING}
+            needed = [n for n in kind.metadata() if n not in wanted.car and n not in optional]
             raise ConfigError(
-                f"model '{wanted.name}': car lacks some of {needed}; expected every parameter of the {wanted.kind} "
+                f"model '{wanted.name}': car lacks {', '.join(needed)}; expected every parameter of the {wanted.kind} "
                 "(free ones as start values), or a catalogue name"
             ) from None
+    l_f, wheelbase = getattr(params, "l_f", 0.0), getattr(params, "wheelbase", math.inf)
+    if not l_f < wheelbase:
+        raise ConfigError(
+            f"model '{wanted.name}': l_f is {l_f:g} m and the wheelbase {wheelbase:g} m; expected the centre of "
+            "gravity between the axles: l_f is its distance from the front one"
+        )
     outputs = wanted.outputs or train.outputs
     return _MODELS[wanted.kind](params=params, dt=train.dt, outputs=outputs)
 
@@ -286,11 +325,16 @@ def delay_check(settings: Settings, quality: DataReport, train: Dataset) -> tupl
         return ()
     fits = []
     shifts = (0.0, 0.5 * train.dt, train.dt)
-    for shift in shifts:
-        model = identify(wanted, _shifted(train, shift))
-        info, score = model.fit_info, validate(model, _shifted(train, shift), on_training_data=True)
-        if info is not None:
-            fits.append((info, score.free_run_scores[model.outputs[0]].fit))
+    try:
+        for shift in shifts:
+            model = identify(wanted, _shifted(train, shift))
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ModelWarning)
+                score = validate(model, _shifted(train, shift), on_training_data=True)
+            if model.fit_info is not None:
+                fits.append((model.fit_info, score.free_run_scores[model.outputs[0]].fit))
+    except SlipangleError as error:  # a check is worth no lost job
+        return (f"what the steering delay does to the parameters cannot be told: {error}",)
     said = [
         f"{found.output} follows delta by {1000 * found.seconds:.0f} ms; what of that is delay of actuator or logger "
         "and not lag of the car ends up in the parameters"

@@ -65,7 +65,11 @@ def build_page(outcome: Outcome, command: list[str]) -> Page:
 
 
 def _sections(outcome: Outcome, command: str) -> Iterator[Section]:
-    yield Section(title="Verdict", blocks=tuple(_verdicts(outcome, command)))
+    blocks: list[Block] = list(_verdicts(outcome, command))
+    if outcome.failures:
+        items = tuple(Finding(sentence=f"{name}: {why}", tone="poor") for name, why in outcome.failures.items())
+        blocks.append(Findings(title="What could not be done", items=items))
+    yield Section(title="Verdict", blocks=tuple(blocks))
     for name in outcome.validations[0].model.outputs:
         yield _fit_section(outcome, name, command)
     yield _parameter_section(outcome, command)
@@ -79,10 +83,10 @@ def _sections(outcome: Outcome, command: str) -> Iterator[Section]:
 
 
 def _verdicts(outcome: Outcome, command: str) -> Iterator[Verdict]:
-    for i, v in enumerate(outcome.validations):
-        published = outcome.settings.model[i].published
+    published = {m.name: m.published for m in outcome.settings.model}
+    for v in outcome.validations:
         for name in v.model.outputs:
-            yield _model_verdict(outcome, v, name, published, command)
+            yield _model_verdict(outcome, v, name, published[v.name], command)
     if outcome.run is not None:
         yield _drive_verdict(outcome, outcome.run, command)
 
@@ -496,6 +500,7 @@ def _facts(outcome: Outcome) -> tuple[Fact, ...]:
 def summary(outcome: Outcome) -> list[str]:
     """The verdicts as sentences for the terminal."""
     said = [f"{v.title}: {v.tone}. {v.sentence}" for v in _verdicts(outcome, "")]
+    said += [f"{name}: failed. {reason}" for name, reason in outcome.failures.items()]
     for v in outcome.validations:
         warned = v.model.fit_info.warnings if v.model.fit_info is not None else ()
         said += [f"warning of {v.name}: {sentence}" for sentence in warned]

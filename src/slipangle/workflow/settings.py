@@ -6,13 +6,32 @@ import tomllib
 import types
 import typing
 from dataclasses import MISSING, dataclass, field, fields
-from pathlib import Path
-from typing import Any, Literal, TypeVar
+from itertools import pairwise
+from math import isfinite
+from os.path import normpath, sep
+from pathlib import Path, PurePath, PureWindowsPath
+from typing import Annotated, Any, Literal, TypeVar
 
 from slipangle.errors import ConfigError, MissingFileError, nearest, shown
 
 T = TypeVar("T")
 _LARGEST = 10**15  # of the whole numbers in a job
+_MANY, _WIDE = 64, 1000  # entries that a list and a table of a job may have
+_WEIGHTS = 1_000_000  # of a network
+
+
+@dataclass(frozen=True)
+class Within:
+    """Range of a number, ends included, and its unit; for a list or a table, of each entry."""
+
+    low: float
+    high: float
+    unit: str = ""
+
+
+Lags = Annotated[int, Within(0, 1000, "samples")]
+Seed = Annotated[int, Within(0, 2**32 - 1)]
+Weight = Annotated[float, Within(0, 1e12)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,15 +50,15 @@ class DataSettings:
     set: str = ""
     columns: dict[str, ColumnSettings] = field(default_factory=dict)
     time: ColumnSettings | None = None
-    dt: float | None = None
+    dt: Annotated[float, Within(1e-6, 1e4, "s")] | None = None
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
-    rate: float | None = None
-    cutoff: float | None = None
+    rate: Annotated[float, Within(1e-4, 1e5, "Hz")] | None = None
+    cutoff: Annotated[float, Within(1e-5, 1e5, "Hz")] | None = None
     despike: tuple[str, ...] = ()
     hold: Literal["sample", "mean"] = "sample"
     nan: Literal["error", "gap"] = "error"
-    train: float = 0.7
+    train: Annotated[float, Within(0.01, 0.99)] = 0.7
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,17 +90,17 @@ class ModelSettings:
     car: dict[str, float] = field(default_factory=dict)
     catalogue: str = ""
     free: tuple[str, ...] = ()
-    na: int = 2
-    nb: int = 2
-    nk: int = 1
-    nc: int = 1
-    nd: int = 1
-    nf: int = 2
-    order: tuple[int, ...] = ()
+    na: Lags = 2
+    nb: Lags = 2
+    nk: Lags = 1
+    nc: Lags = 1
+    nd: Lags = 1
+    nf: Lags = 2
+    order: tuple[Annotated[int, Within(1, 50)], ...] = ()
     focus: Literal["prediction", "simulation"] = "prediction"
     offset: bool = True
-    hidden: tuple[int, ...] = (30, 30)
-    seeds: tuple[int, ...] = (0,)
+    hidden: tuple[Annotated[int, Within(1, 1000)], ...] = (30, 30)
+    seeds: tuple[Seed, ...] = (0,)
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
     published: PublishedSettings | None = None
@@ -92,9 +111,9 @@ class PlantSettings:
     """The car that the controller drives in simulation."""
 
     catalogue: str = ""
-    friction: float = 1.0
-    noise: dict[str, float] = field(default_factory=dict)
-    seed: int = 0
+    friction: Annotated[float, Within(0.01, 10)] = 1.0
+    noise: dict[str, Weight] = field(default_factory=dict)
+    seed: Seed = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,15 +123,15 @@ class ControllerSettings:
     model: str
     manoeuvre: Literal["iso3888-1", "iso3888-2", "lane-changes"] = "iso3888-1"
     solver: Literal["ipopt", "realtime"] = "ipopt"
-    v_x: float = 20.0
-    dt: float = 0.05
-    horizon: int = 20
-    steps: tuple[int, ...] = ()
-    width: float = 1.8
-    Q: dict[str, float] = field(default_factory=lambda: {"X": 0.1, "Y": 1.0, "psi": 1.0})
-    S: dict[str, float] = field(default_factory=lambda: {"delta": 50.0})
-    delta_max: float = 20.0
-    delta_rate_max: float = 60.0
+    v_x: Annotated[float, Within(1, 150, "m/s")] = 20.0
+    dt: Annotated[float, Within(1e-3, 1, "s")] = 0.05
+    horizon: Annotated[int, Within(1, 200, "steps")] = 20
+    steps: tuple[Annotated[int, Within(1, 1000)], ...] = ()
+    width: Annotated[float, Within(0.5, 10, "m")] = 1.8
+    Q: dict[str, Weight] = field(default_factory=lambda: {"X": 0.1, "Y": 1.0, "psi": 1.0})
+    S: dict[str, Weight] = field(default_factory=lambda: {"delta": 50.0})
+    delta_max: Annotated[float, Within(0.1, 90, "deg")] = 20.0
+    delta_rate_max: Annotated[float, Within(0.1, 1e4, "deg/s")] = 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,7 +147,7 @@ class Settings:
     data, model, controller, plant
         The tables of the file; ``model`` is a list. Without a controller the job ends with the verdict.
     out : str
-        Folder for the results.
+        Folder for the results, below the one that the job is run in; only the command line may name another.
     folder : Path
         Where the settings file is; the log's file name is relative to it.
     """
@@ -186,21 +205,35 @@ def _check(settings: Settings, where: str) -> None:
         raise ConfigError(f"{where} has no [[model]]; expected at least one: add [[model]] with name and kind")
     names = [m.name for m in settings.model]
     if len(set(names)) < len(names):
-        raise ConfigError(f"{where}: model names repeat in {names}; expected each once: rename one")
+        again = next(n for n in names if names.count(n) > 1)
+        raise ConfigError(f"{where}: model names repeat: {shown(again)}; expected each once: rename one")
+    for m in settings.model:
+        weights = sum(a * b for a, b in pairwise((m.na + m.nb, *m.hidden, 1)))
+        if m.kind == "narx" and weights > _WEIGHTS:
+            raise ConfigError(
+                f"{where}: model {shown(m.name)} has about {weights:.1g} weights; expected at most {_WEIGHTS:.0g}: "
+                "choose fewer or smaller entries of hidden"
+            )
+    out = PurePath(settings.out)
+    if PureWindowsPath(settings.out).anchor or out.is_absolute() or normpath(out).split(sep)[0] == "..":
+        raise ConfigError(
+            f"{where}: out is {shown(settings.out)}; expected a folder below the one that the job is run in: name any "
+            "other on the command line, with --out"
+        )
     if settings.controller is not None and settings.controller.model not in names:
         wanted = settings.controller.model
         raise ConfigError(
-            f"{where}: [controller] uses the model '{wanted}'; {nearest(wanted, names)}: use one of these names"
+            f"{where}: [controller] uses the model {shown(wanted)}; {nearest(wanted, names)}: use one of these names"
         )
 
 
 def _record(cls: type[T], table: dict[str, Any], where: str) -> T:
     """A dataclass from a table, unknown and missing entries refused."""
-    hints = typing.get_type_hints(cls)
+    hints = typing.get_type_hints(cls, include_extras=True)
     known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
     for key in table:
         if key not in known:
-            raise ConfigError(f"{where} has no entry '{key}'; {nearest(key, known)}: use one of these names")
+            raise ConfigError(f"{where} has no entry {shown(key)}; {nearest(key[:60], known)}: use one of these names")
     for name, f in known.items():
         if name not in table and f.default is MISSING and f.default_factory is MISSING:
             raise ConfigError(f"{where} lacks the entry '{name}'; expected it: add {name} = ...")
@@ -209,24 +242,36 @@ def _record(cls: type[T], table: dict[str, Any], where: str) -> T:
 
 def _value(value: Any, hint: Any, where: str) -> Any:
     """One entry, converted to what the record's field says."""
+    if typing.get_origin(hint) is Annotated:
+        inner, *more = typing.get_args(hint)
+        number = _value(value, inner, where)
+        for span in more:
+            if not span.low <= number <= span.high:
+                unit = f" {span.unit}" if span.unit else ""
+                raise ConfigError(
+                    f"{where} is {shown(number)}{unit}; expected {span.low:g} to {span.high:g}{unit}: correct it"
+                )
+        return number
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin is types.UnionType or origin is typing.Union:
         return _value(value, next(a for a in arguments if a is not type(None)), where)
     if origin is Literal:
         if value not in arguments:
             raise ConfigError(
-                f"{where} is {shown(value)}; {nearest(str(value), map(str, arguments))}: use one of these"
+                f"{where} is {shown(value)}; {nearest(str(value)[:60], map(str, arguments))}: use one of these"
             )
         return value
     if origin is tuple:
-        items = [value] if isinstance(value, str | dict) else value
-        if not isinstance(items, list | tuple):
+        items = value if isinstance(value, list | tuple) else [value]  # one entry may stand without brackets
+        _bounded(len(items), _MANY, where)
+        if items is not value and not isinstance(value, str | dict) and not _is_number(value):
             raise ConfigError(f"{where} is {shown(value)}; expected a list")
         return tuple(_value(v, arguments[0], f"{where}[{i}]") for i, v in enumerate(items))
     if origin is dict:
         if not isinstance(value, dict):
             raise ConfigError(f"{where} is {shown(value)}; expected a table of name = value")
-        return {k: _value(v, arguments[1], f"{where}.{k}") for k, v in value.items()}
+        _bounded(len(value), _WIDE, where)
+        return {k: _value(v, arguments[1], f"{where}.{shown(k)[1:-1]}") for k, v in value.items()}
     if hasattr(hint, "__dataclass_fields__"):
         if hint is ColumnSettings and isinstance(value, str):
             return ColumnSettings(column=value)
@@ -239,7 +284,18 @@ def _value(value: Any, hint: Any, where: str) -> Any:
         return float(value)
     if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
         raise ConfigError(f"{where} is {shown(value)}; expected {_SPOKEN.get(hint, hint.__name__)}")
+    if isinstance(value, float) and not isfinite(value):
+        raise ConfigError(f"{where} is {value}; expected a finite number")
     return value
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _bounded(count: int, most: int, where: str) -> None:
+    if count > most:
+        raise ConfigError(f"{where} has {count} entries; expected at most {most}")
 
 
 _SPOKEN = {float: "a number", int: "a whole number", str: "text in quotes", bool: "true or false"}
