@@ -21,6 +21,8 @@ import numpy as np
 
 from slipangle.control.ipopt import Ipopt
 from slipangle.control.mpc import MPC
+from slipangle.control.ocp import Reference
+from slipangle.control.plan import Plan
 from slipangle.control.realtime import RealTime
 from slipangle.control.realtime.engine import CompiledEngine
 from slipangle.control.terms import Limits, Weights
@@ -159,8 +161,11 @@ def bench(progress: Progress) -> Reproduction:
     for few, long in STAGES.items():
         found += _stages(times, few, long)
     ours = times["8 states, N = 10"].median("process")
+    progress(0.5, "fallbacks and deadlines")
+    found += fallbacks("8 states, N = 10", runs[0][1])
+    found += deadlines(*next((name, mpc) for name, mpc, _ in runs if name == f"8 states, N = 20, {SOFT}"))
     progress(0.5, "without a compiler")
-    found.append(_no_compiler())
+    found += _no_compiler()
     progress(0.6, "the thesis' way")
     old = thesis_way(CAR, CAR.model(SOUSA_TABLE_6_2), 10, PATH, steps=4)
     found.append(_ratio("Ipopt with CVODES inside, as in the thesis", old, ours, 3000))
@@ -248,7 +253,67 @@ def _stages(times: dict[str, Times], few: str, long: str) -> list[Record]:
     ]
 
 
-def _no_compiler() -> Record:
+def _drive(mpc: MPC, steps: int) -> Iterator[tuple[np.ndarray, Reference, Plan | None, Plan]]:
+    """State, reference, plan before and plan along one drive on the full model."""
+    plant = CAR.model(SOUSA_TABLE_6_2).functions[0]
+    x, plan, s = CAR.model(SOUSA_TABLE_6_2).straight(19.0, X=PATH.start[0]), None, 0.0
+    for _ in range(steps):
+        s = PATH.project(x[5], x[6], s).s
+        reference = mpc.reference(PATH.ahead(s, mpc.times), T_r=0.0)
+        before, plan = plan, mpc.plan(x, reference, plan)
+        yield x, reference, before, plan
+        x = np.asarray(plant(x, [*plan.command, 0.0])).ravel()
+
+
+def fallbacks(name: str, mpc: MPC) -> list[Record]:
+    """Calls that end in a fallback for want of a state, beside those that end in a plan, in the same situations."""
+    late = {"shifted plan": mpc, "stop law": replace(mpc, fallback=0)}
+    spent: dict[str, list[float]] = {what: [] for what in ("plan", *late)}
+    for _ in range(ROUNDS):
+        for x, reference, before, plan in _drive(mpc, STEPS):
+            if before is None:
+                continue
+            spent["plan"].append(plan.seconds)
+            for what, each in late.items():
+                spent[what].append(each.plan(x * np.nan, reference, before).seconds)
+    whole = float(np.median(spent["plan"]))
+    return [
+        Record(
+            row=f"{name}, {what}",
+            quantity="fallback over a plan, through Python [-]",
+            thesis=None,
+            here=float(np.median(spent[what])) / whole,
+            bound="<= 1",
+            holds=bool(np.median(spent[what]) <= whole),
+            note=f"median {1e6 * np.median(spent[what]):.0f} us and {1e6 * whole:.0f} us, p99 "
+            f"{1e6 * np.percentile(spent[what], 99):.0f} us and {1e6 * np.percentile(spent['plan'], 99):.0f} us, wall",
+        )
+        for what in late
+    ]
+
+
+def deadlines(name: str, mpc: MPC, deadline: float = 150e-6) -> list[Record]:
+    """Time of whole calls beyond a deadline."""
+    hurried, over, health = replace(mpc, deadline=deadline), [], None
+    for _ in range(ROUNDS):
+        for *_, plan in _drive(hurried, STEPS):
+            over.append(plan.seconds - deadline)
+            health = plan.health
+    late = np.maximum(over, 0.0)
+    said = "" if health is None else f"; of the last drive's {health.plans} plans {health.fallbacks} were fallbacks"
+    return [
+        Record(
+            row=f"{name}, deadline {1e6 * deadline:.0f} us",
+            quantity=f"overrun of the whole call [us], {label}",
+            thesis=None,
+            here=1e6 * float(np.percentile(late, share)),
+            note=f"{100 * np.mean(late > 0):.1f} % of the calls overran{said}" if share == 50 else "",
+        )
+        for label, share in (("median", 50), ("p99", 99))
+    ]
+
+
+def _no_compiler() -> list[Record]:
     before = os.environ.get("SLIPANGLE_CC")
     os.environ["SLIPANGLE_CC"] = "none"
     try:
@@ -265,8 +330,9 @@ def _no_compiler() -> Record:
     for _ in range(ROUNDS):
         situations(mpc, lambda x: x, t, STEPS)
     here = 1e6 * t.median("process")
-    return Record(
-        row="8 states, N = 10, no compiler",
+    row = "8 states, N = 10, no compiler"
+    plan = Record(
+        row=row,
         quantity="through Python [us], median",
         thesis=None,
         here=here,
@@ -274,6 +340,7 @@ def _no_compiler() -> Record:
         holds=here <= 250,
         note=f"p99 {1e6 * t.p99('process'):.0f}",
     )
+    return [plan, *fallbacks(row, mpc)]
 
 
 # ---- peers ---------------------------------------------------------------------------------------------------------

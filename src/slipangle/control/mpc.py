@@ -327,50 +327,55 @@ class MPC(OCP):
             u = self._safe_input + self._relaxing * (before - self._safe_input)
         else:
             u = inputs_later(kept.u, self.lengths, age - kept.age)
-        u, states = self._predict(call, u, age, kept)
+        u, states = self._predict(call, u, age, kept, stopping)
         seconds = perf_counter() - call.begin
         if self.deadline is not None:
             self._pace[0] = min(max(perf_counter() - begun, 0.9 * self._pace[0]), 0.5 * self.deadline)
-        return Plan(
-            u=u,
-            x=states,
-            status=status,
-            seconds=seconds,
-            cost=float("nan"),
-            iterations=iterations,
-            controls=self.controls,
-            age=age,
-            stopping=stopping,
-            detail=detail,
-            memory=None if stopping else kept,
-            unfinished=unfinished,
-            times=self.times,
-            health=health_of(previous).after(True, self._late(seconds)),
-        )
+        values = {
+            "u": u,
+            "x": states,
+            "status": status,
+            "seconds": seconds,
+            "cost": float("nan"),
+            "iterations": iterations,
+            "controls": self.controls,
+            "age": age,
+            "stopping": stopping,
+            "detail": detail,
+            "memory": None if stopping else kept,
+            "unfinished": unfinished,
+            "times": self.times,
+            "health": health_of(previous).after(True, self._late(seconds)),
+        }
+        return quick(Plan, values)
 
     @cached_property
     def _relaxing(self) -> np.ndarray:
         return np.exp(-self.times[1:, None] / RELAX)
 
-    def _predict(self, call: Call, u: np.ndarray, age: int, kept: Kept | None) -> tuple[np.ndarray, np.ndarray]:
+    def _predict(
+        self, call: Call, u: np.ndarray, age: int, kept: Kept | None, stopping: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Inputs of a fallback within limits and rates, and where they lead: from the state if that is known."""
-        last = call.previous.x if call.previous is not None else None
-        guess = states_later(last, self.nodes) if last is not None and is_numbers(last, self._shape_x) else None
+        guess, last = None, None if call.previous is None else call.previous.x
         if kept is not None and is_numbers(kept.x, self._shape_x):
             guess = states_later(kept.x, self.nodes, age - kept.age)
-        x = call.x if self._judge.states.holds(call.x) else None if guess is None else guess[0]
-        if x is None:
-            return within(u, call.before, self.input_bounds, self.step_bounds), np.zeros(self._shape_x)
+        elif is_numbers(last, self._shape_x):
+            guess = states_later(last, self.nodes)
+        x = call.x if self._judge.states.holds(call.x) else None
+        if x is None and (guess is None or not stopping):  # what was predicted is all there is
+            u = within(u, call.before, self.input_bounds, self.step_bounds)
+            return u, np.zeros(self._shape_x) if guess is None else guess
+        x = guess[0] if x is None and guess is not None else call.x
         guess = np.tile(x, (self.horizon + 1, 1)) if guess is None else guess
-        states = None
         if self._follows is not None:
             if self._bounds is not None:
                 self._bounds.allow(self._left(call.begin))
             u, states = self._follows.follow(x, call.before, call.wanted, u, guess)
-        u = within(u, call.before, self.input_bounds, self.step_bounds)
-        if self._follows is None:
+        else:
+            u = within(u, call.before, self.input_bounds, self.step_bounds)
             states = self._roll_out(x, u, call.wanted)
-        return u, states if states is not None and finite(states) else guess
+        return u, states if finite(states) else guess
 
     def _kept(self, previous: Plan | None, age: int) -> Kept | None:
         """The good plan behind the one before, if it is of this problem."""
@@ -384,7 +389,9 @@ class MPC(OCP):
         if not is_numbers(kept.u, self._shape_u):
             return None
         times = previous.times
-        same = times is None or (np.shape(times) == self.times.shape and np.allclose(times, self.times))
+        same = times is None or times is self.times or is_numbers(times, self.times.shape)
+        if same and times is not None and times is not self.times:
+            same = np.allclose(times, self.times)
         return kept if same else None
 
 

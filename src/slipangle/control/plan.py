@@ -277,8 +277,10 @@ def shifted(rows: np.ndarray, steps: int = 1) -> np.ndarray:
     >>> shifted(np.array([[1.0], [2.0], [3.0]])).ravel()
     array([2., 3., 3.])
     """
-    index = np.minimum(np.arange(len(rows)) + steps, len(rows) - 1)
-    return rows[index]
+    out = np.empty_like(rows)
+    left = max(len(rows) - steps, 0)
+    out[:left], out[left:] = rows[steps:], rows[-1]
+    return out
 
 
 def inputs_later(u: np.ndarray, lengths: np.ndarray, steps: int = 1) -> np.ndarray:
@@ -300,6 +302,8 @@ def inputs_later(u: np.ndarray, lengths: np.ndarray, steps: int = 1) -> np.ndarr
     >>> inputs_later(np.array([[1.0], [2.0], [4.0], [8.0]]), np.array([1, 1, 2, 4])).ravel()
     array([2., 4., 6., 8.])
     """
+    if len(lengths) == lengths.sum():
+        return shifted(u, steps)
     held = shifted(np.repeat(u, lengths, axis=0), steps)
     first = np.cumsum(lengths) - lengths
     return np.add.reduceat(held, first, axis=0) / lengths[:, None]
@@ -317,6 +321,8 @@ def states_later(x: np.ndarray, nodes: np.ndarray, steps: int = 1) -> np.ndarray
     steps : int
         That have passed.
     """
+    if nodes[-1] == len(nodes) - 1:
+        return shifted(x, steps)
     return shifted(between(x, nodes), steps)[nodes]
 
 
@@ -326,6 +332,8 @@ def between(x: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     >>> between(np.array([[0.0], [1.0], [5.0]]), np.array([0, 1, 3])).ravel()
     array([0., 1., 3., 5.])
     """
+    if nodes[-1] == len(nodes) - 1:
+        return np.array(x, dtype=float)
     steps = np.arange(nodes[-1] + 1)
     before = np.minimum(np.searchsorted(nodes, steps, side="right") - 1, len(nodes) - 2)
     share = ((steps - nodes[before]) / (nodes[before + 1] - nodes[before]))[:, None]
