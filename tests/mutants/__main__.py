@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from slipangle.models import compiled
 from tests.mutants import methods, tires, vehicles
 from tests.mutants.listed import ROOT, SOURCE, Mutant
 
@@ -82,12 +83,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Judge all mutants, or those whose name or file matches a pattern."""
     parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=(__doc__ or "").split("\n\n")[0])
     parser.add_argument("--jobs", type=int, default=2, help="mutants at a time")
-    parser.add_argument("--only", default="*", metavar="PATTERN", help="shell pattern of names or files")
+    parser.add_argument("--only", nargs="+", default=["*"], metavar="PATTERN", help="shell patterns of names or files")
     parser.add_argument("--limit", type=float, default=120.0, metavar="SECONDS", help="time for one mutant")
     given = parser.parse_args(arguments)
-    chosen = [m for m in ALL if any(fnmatch.fnmatch(t, given.only) for t in (m.name, m.file))]
+    chosen = [m for m in ALL if any(fnmatch.fnmatch(t, p) for t in (m.name, m.file) for p in given.only)]
     if not chosen:
-        print(f"no mutant is named {given.only!r}; expected a pattern of a name or file, such as 'models/*'")
+        print(f"no mutant is named {' or '.join(given.only)}; expected a pattern of a name or file, such as 'models/*'")
+        return 1
+    if not compiled.compiler():
+        print(f"{compiled.sentence()}: some mutants are in C")
         return 1
     for mutant in chosen:
         mutant.broken((ROOT / SOURCE / mutant.file).read_text(encoding="utf-8"))

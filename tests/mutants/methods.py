@@ -5,6 +5,7 @@ from tests.mutants.listed import mistakes
 MEASURES = "oracles/test_measures.py"
 PLANS = "oracles/test_control.py"
 PATH = "data/test_path.py"
+BLACK_BOX = "oracles/test_black_box.py"
 
 MUTANTS = [
     *mistakes(
@@ -61,8 +62,57 @@ MUTANTS = [
     ),
     *mistakes(
         "models/lagged.py",
-        "models/test_arx.py",
-        [("lags: delay one too long", "max(self.nk - 1, 0)", "max(self.nk, 0)")],
+        BLACK_BOX,
+        [
+            ("lags: delay one too long", "max(self.nk - 1, 0)", "max(self.nk, 0)"),
+            (
+                "lags: inputs of the state in reverse",
+                "for i in range(1, self._reach + 1))])",
+                "for i in range(self._reach, 0, -1))])",
+            ),
+        ],
+    ),
+    *mistakes(
+        "models/arx.py",
+        BLACK_BOX,
+        [("ARX model: sign of eqs. 4-1, 4-2 as printed", "[*(-self.A), *self.B]", "[*self.A, *self.B]")],
+    ),
+    *mistakes(
+        "models/statespace.py",
+        BLACK_BOX,
+        [
+            ("state space: predictor forgets D", "[self.B - K @ D, K]", "[self.B, K]"),
+            ("state space: gain of the sample after", "return np.linalg.solve(self.A, K)", "return K"),
+            (
+                "state space: output offset taken off",
+                'return _minus(y, -self._array("y_offset"))',
+                'return _minus(y, self._array("y_offset"))',
+            ),
+        ],
+    ),
+    *mistakes(
+        "models/polynomial.py",
+        BLACK_BOX,
+        [
+            ("ARMAX: sign of the innovation", "(c - a)[:, None]", "(a - c)[:, None]"),
+            ("polynomial: direct input a sample late", "B=np.where(direct, A @ B, B)", "B=np.where(direct, B, B)"),
+            ("Box-Jenkins: A counted as C", "K[last, 0] -= A", "K[last, 0] += A"),
+        ],
+    ),
+    *mistakes(
+        "models/hybrid.py",
+        BLACK_BOX,
+        [("sensor offsets: wrong way round", "u[i] - self.inputs_at_zero", "u[i] + self.inputs_at_zero")],
+    ),
+    *mistakes(
+        "models/multi_arx.py",
+        BLACK_BOX,
+        [("speed weights: cubic", "t * t * (3.0 - 2.0 * t)", "t * t * (3.0 - t)")],
+    ),
+    *mistakes(
+        "data/narendra.py",
+        BLACK_BOX,
+        [("Narendra: lag of the input", "u[k - 1], u[k - 2]", "u[k - 2], u[k - 1]")],
     ),
     *mistakes(
         "identify/kalman.py",
@@ -225,6 +275,55 @@ MUTANTS = [
                 "right[here] = (lane.right - path.Y[here])",
             ),
         ],
+    ),
+    *mistakes(
+        "data/tire_data.py",
+        "data/test_tire_data.py::test_mirror_keeps_the_physics",
+        [
+            (
+                "mirrored rig data: camber stays",
+                '("slip_angle", "camber", "F_y", "M_x", "M_z")',
+                '("slip_angle", "F_y", "M_x", "M_z")',
+            )
+        ],
+    ),
+    *mistakes(
+        "data/readers/ttc.py",
+        (
+            "data/readers/test_ttc.py::test_every_sign_system_gives_the_same_data",
+            "data/readers/test_ttc.py::test_signs_are_ours",
+        ),
+        [
+            ("rig data: sign of the slip angle", "opposes = link < 0", "opposes = link > 0"),
+            ("rig data: where z points", 'np.median(si["FZ"]) < 0', 'np.median(si["FZ"]) > 0'),
+        ],
+    ),
+    *mistakes(
+        "data/excite.py",
+        "data/test_excite.py",
+        [
+            ("sine with dwell: at the first peak", "peak = 0.75 / frequency", "peak = 0.25 / frequency"),
+            (
+                "multisine: Schroeder's phases",
+                "phase = -np.pi * k * (k - 1) / len(lines)",
+                "phase = -np.pi * k / len(lines)",
+            ),
+        ],
+    ),
+    *mistakes(
+        "data/dataset.py",
+        "data/test_dataset.py::test_detrend_uses_training_offsets_on_test_data",
+        [("detrend: adds the mean", "self.index(name)] -= value", "self.index(name)] += value")],
+    ),
+    *mistakes(
+        "simulate/loop.py",
+        "simulate/test_loop.py::test_the_run_holds_what_happened",
+        [("drive: sign of the heading error", 'true["psi"] - foot.psi', 'foot.psi - true["psi"]')],
+    ),
+    *mistakes(
+        "simulate/run.py",
+        "simulate/test_loop.py::test_width_decides_whether_it_was_inside",
+        [("drive: width of the car on one side", "self.e_y + half <= lane.left", "self.e_y - half <= lane.left")],
     ),
     *mistakes(
         "simulate/sensors.py",

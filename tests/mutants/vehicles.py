@@ -214,6 +214,17 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "models/dual_track_code.py",
+        DUAL,
+        [
+            (
+                "dual track in C: third slope a whole step on",
+                "y[i] = x[i] + {half} * k[i]; }}",
+                "y[i] = x[i] + {h} * k[i]; }}",
+            )
+        ],
+    ),
+    *mistakes(
         "models/driveline.py",
         DUAL,
         [
