@@ -313,6 +313,11 @@ def test_width_decides_whether_it_was_inside():
     run = closed_loop(PLANT, STEER, SHORT)
     assert run.inside
     assert not replace(run, width=2.4).inside
+    far, near = np.full(len(run.path.s), 50.0), np.full(len(run.path.s), 2.0)
+    for left, right, reach in ((near, far, run.e_y.max()), (far, near, -run.e_y.min())):  # one edge alone decides
+        beside = replace(run, path=replace(run.path, left=left, right=right))
+        assert replace(beside, width=2 * (2.0 - reach) - 0.01).inside
+        assert not replace(beside, width=2 * (2.0 - reach) + 0.01).inside
 
 
 @pytest.mark.parametrize(
