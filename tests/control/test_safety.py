@@ -221,3 +221,22 @@ def test_an_engine_that_stops_with_any_error_is_survived():
     plan = mpc.plan(x, reference)
     assert plan.status is Status.FAILED
     assert "ZeroDivisionError" in plan.message
+
+
+@pytest.mark.parametrize("value", [1e13, -1e30, 1e100, 7.5, -1.0, 3.0])
+def test_memory_that_was_written_over_is_survived(value):
+    """Working rows travel as numbers: one that is no row's must not be taken for one."""
+    mpc = posed(corridor=1.0, slack=Weights(e_y=1.0), slack_linear=Weights(e_y=10.0), rates=Limits(delta=1.0))
+    x, reference = moment(mpc)
+    good = mpc.plan(x, reference)
+    found = getattr(good.memory, "found", None)
+    if found is None:
+        pytest.skip("no compiler")
+    size = good.u.size + good.x.size
+    for first in range(size, len(found) - 3, 7):
+        spoiled = found.copy()
+        spoiled[first : first + 7] = value
+        plan = mpc.plan(x, reference, replace(good, memory=replace(good.memory, found=spoiled, area=-1)))
+        assert np.isfinite(plan.u).all()
+        assert np.abs(plan.u).max() <= 0.3
+        assert mpc.plan(x, reference, good).status.solved

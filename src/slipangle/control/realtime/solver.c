@@ -536,12 +536,17 @@ static void keep_rows(Work *s)
 static void recall_rows(Work *s)
 {
     Qp *q = &s->qp;
-    q->k = (int)s->working[0];
-    for (int a = 0; a < q->k; a++) {
-        double how = s->working[2 + 2 * a];
-        q->row[a] = (int)s->working[1 + 2 * a];
-        q->sign[a] = how > 0 ? 1 : -1;
-        q->mode[q->row[a]] = (int)fabs(how) - 1;
+    char seen[QT] = {0};
+    q->k = 0;
+    if (!(s->working[0] >= 0 && s->working[0] <= QN))
+        return;
+    for (int a = 0, many = (int)s->working[0]; a < many; a++) {
+        double row = s->working[1 + 2 * a], how = s->working[2 + 2 * a];
+        if (!(row >= 0 && row < QT && fabs(how) >= 1 + KEPT && fabs(how) < 2 + PAID) || seen[(int)row]++)
+            continue; /* whoever wrote that */
+        q->row[q->k] = (int)row;
+        q->sign[q->k++] = how > 0 ? 1 : -1;
+        q->mode[(int)row] = fabs(how) >= 1 + PAID && q->square[(int)row] > 0 ? PAID : KEPT;
     }
 }
 
