@@ -1,7 +1,9 @@
-# make demo          the main job on a built-in car: log, models, verdict, controller, page
-# make test          lint, types and tests
-# make test-all      the slow checks too
-# make test-lowest   the tests with the lowest versions that pyproject.toml allows, on Python 3.11
+# make demo            the main job on a built-in car: log, models, verdict, controller, page
+# make test            lint, types and tests
+# make test-all        the slow checks too
+# make test-machines   everything that fits, as other machines compute it; COMMIT=hash: as one, which the hash chooses
+# make test-lowest     the tests with the lowest versions that pyproject.toml allows, extras too, on Python 3.11
+# make mutants         the source broken on purpose, one place at a time: do the tests notice?
 PYTHON ?= python3
 LOWEST_PYTHON ?= $(shell command -v python3.11 || echo $(PYTHON))
 BIN := .venv/bin
@@ -11,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export SLIPANGLE_DATA ?= $(wildcard $(abspath ../shared/data))
 
-.PHONY: demo test test-all test-lowest lint clean
+.PHONY: demo test test-all test-machines test-lowest mutants lint clean
 
 demo: .venv/installed
 	$(BIN)/slipangle demo
@@ -22,8 +24,14 @@ test: lint
 test-all: lint
 	$(BIN)/python -m pytest -n auto -q -m "slow or not slow"
 
+test-machines: .venv/installed-dev
+	$(BIN)/python -m tests.machines --tests $(if $(COMMIT),--one $(COMMIT))
+
 test-lowest: .venv-lowest/installed
 	.venv-lowest/bin/python -m pytest -n auto -q
+
+mutants: .venv/installed-dev
+	$(BIN)/python -m tests.mutants
 
 lint: .venv/installed-dev .venv/installed-types
 	$(BIN)/ruff check .
@@ -56,7 +64,7 @@ lint: .venv/installed-dev .venv/installed-types
 	$(LOWEST_PYTHON) -m venv --clear .venv-lowest
 	.venv-lowest/bin/python -m pip install --quiet --upgrade "pip>=25.1"
 	.venv-lowest/bin/python -m tests.lowest > .venv-lowest/constraints.txt
-	.venv-lowest/bin/python -m pip install --quiet --constraint .venv-lowest/constraints.txt --editable . --group test
+	.venv-lowest/bin/python -m pip install --quiet --constraint .venv-lowest/constraints.txt --editable ".[cluster]" --group test
 	touch $@
 
 clean:

@@ -13,11 +13,12 @@ import warnings
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
+from slipangle.errors import MissingFileError
 from tests.machines.combinations import Combination, design
 from tests.machines.registry import Errors, Fit, load
 
 MOST = {"train": 1.0, "validation": 3.0}  # percent
-_MARK = "machines:"
+_MARK, _ABSENT = "machines:", "absent:"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -64,7 +65,11 @@ def _work(fit: Fit) -> int:
     """In a process of its own: print the errors of one fit."""
     warnings.simplefilter("ignore")
     began = time.process_time()
-    errors = {key: float(value) for key, value in fit.run().items()}
+    try:
+        errors = {key: float(value) for key, value in fit.run().items()}
+    except MissingFileError as error:
+        print(_ABSENT + str(error))
+        return 0
     print(_MARK + json.dumps({**errors, "seconds": time.process_time() - began}))
     return 0
 
@@ -79,6 +84,9 @@ def _matrix(fits: dict[str, Fit], combinations: list[Combination], jobs: int, li
             found: list[Errors] = []
             for combination, task in zip(combinations, tasks[name], strict=True):
                 result = task.result()
+                if result is None:
+                    print(f"  {combination!s:<42} skipped, its data are not here")
+                    continue
                 if isinstance(result, str):
                     wrong.append(f"{name} under {combination}: {result}")
                     print(f"  {combination!s:<42} {result}", flush=True)
@@ -109,8 +117,8 @@ def spread(values: list[float], noise: float = 0.0) -> float:
     return 100 * (max(values) - min(values)) / max(min(abs(v) for v in values), noise, 1e-300)
 
 
-def _run(name: str, combination: Combination, limit: float) -> Errors | str:
-    """Errors of one fit on one machine, or what went wrong."""
+def _run(name: str, combination: Combination, limit: float) -> Errors | str | None:
+    """Errors of one fit on one machine, or what went wrong; None if its public data are absent."""
     command = [sys.executable, "-m", "tests.machines", "--worker", name]
     try:
         done = subprocess.run(
@@ -118,6 +126,8 @@ def _run(name: str, combination: Combination, limit: float) -> Errors | str:
         )
     except subprocess.TimeoutExpired:
         return f"not done after {limit:g} s"
+    if any(line.startswith(_ABSENT) for line in done.stdout.splitlines()):
+        return None
     lines = [line for line in done.stdout.splitlines() if line.startswith(_MARK)]
     if done.returncode or not lines:
         said = (done.stderr.strip().splitlines() or ["nothing said"])[-1]
