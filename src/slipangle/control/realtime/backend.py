@@ -47,7 +47,7 @@ class RealTime:
 
     iterations: int = 1
     tolerance: float = 1e-9
-    max_iterations: int = 100
+    max_iterations: int = 200
     newton: float = 1e-7
     accept: float = 1e-2
 

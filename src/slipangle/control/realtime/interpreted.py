@@ -36,7 +36,8 @@ from slipangle.control.realtime.parts import (
 )
 from slipangle.control.threads import PerThread
 
-PAIRS, MORE = 24, 10  # remembered steps; iterations with a line search where full steps were not enough
+PAIRS, CALM = 24, 5  # remembered steps; iterations without a short one before they count
+MORE = 10  # iterations with a line search where full steps were not enough
 
 
 @dataclass(kw_only=True, eq=False)
@@ -430,6 +431,7 @@ class WorkArea:
         penalty, hard_penalty, past = np.zeros_like(x), 0.0, [np.inf] * 3
         pairs: list[tuple[np.ndarray, np.ndarray]] = []
         old: tuple[np.ndarray, np.ndarray] | None = None
+        damp, calm = 0.0, 0
         multipliers, found, took = np.zeros(len(self._plain)), Found(Status.ITERATION_LIMIT, before), 0.0
         accept, tolerance = self._settings.accept, self._settings.tolerance
         m = self._linearise(u, x, exact=True)
@@ -441,24 +443,28 @@ class WorkArea:
                 return u, x, replace(found, status=Status.TIME_OUT)
             H, g, G, L = self._condense(m, x, u)
             slope = g + multipliers @ L[:, :-1]
-            if old is not None and count > 3:
+            if old is not None and calm >= CALM:
                 pairs = [*pairs, ((u.ravel() - old[0]) / np.tile(self._scale, n), slope - old[1])][-PAIRS:]
             for step, change in pairs:
                 H = secant(H, step, change)
+            H[np.diag_indices_from(H)] *= 1 + damp
             done, step, multipliers = self._qp.solve(H, g, L, u, self._applied, self._bounds)
             if done is not Status.SOLVED:
                 return u, x, replace(found, status=done)
             old = (u.ravel().copy(), g + multipliers @ L[:, :-1])
             du, dx, e_after, promise = self._expand(m, x, G, L, step, multipliers)
-            penalty = np.maximum(penalty, 1.5 * np.abs(promise.pi))
+            least = 1.5 * np.abs(promise.pi)
+            penalty = np.maximum(least, 0.8 * penalty + 0.2 * least)  # early, wild steps are slowly forgotten
             if (~self._soft).any():
                 hard_penalty = max(hard_penalty, 1.5 * float(np.abs(multipliers[~self._soft]).max()))
 
             here, _, violation = self._merit(m, u, x, penalty, hard_penalty)
             after = self._half_cost(e_after, u + du) + self._paid(self._excess(promise.limited))
             predicted, size, t = max(here - after, 0.0), float(np.abs(step).max()), 1.0
-            last = violation <= 1e-6 and (
-                size <= tolerance or (size <= 1e3 * tolerance and predicted <= 1e-12 * abs(here))
+            last = (
+                violation <= 1e-6
+                and damp <= 1e-8
+                and (size <= tolerance or (size <= 1e3 * tolerance and predicted <= 1e-12 * abs(here)))
             )
             past[count % 3] = here
             allowed = max(p for p in past if p < np.inf)
@@ -483,6 +489,11 @@ class WorkArea:
                 return u, x, replace(found, status=Status.REAL_TIME)
             if late:
                 return u, x, replace(found, status=Status.TIME_OUT)
+            calm += 1
+            if t == 1.0:
+                damp = 0.2 * damp if damp > 1e-4 else 0.0
+            elif t <= 0.25:  # far from where the model of the step holds, and remembered steps are of no use there
+                damp, calm, pairs = max(4 * damp, 1e-3), 0, []
         return u, x, found
 
     def _merit(

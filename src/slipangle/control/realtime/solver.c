@@ -157,6 +157,9 @@ static int condense(Work *s)
         top = fmax(top, H[a * QL + a]);
     if (!(top < INFINITY))
         return 0;
+    if (s->damp > 0)
+        for (int a = 0; a < N * NU; a++)
+            H[a * QL + a] += s->damp * H[a * QL + a];
     for (double more = 1e-12; more < 1; more *= 100) { /* an input without effect stays where it is */
         for (int a = 0; a < N * NU; a++)
             H[a * QL + a] += more * (top > 0 ? top : 1);
@@ -310,8 +313,10 @@ static double merit(const Work *s, double *cost, double *violation)
 static void raise_penalties(Work *s)
 {
     const Qp *q = &s->qp;
-    for (int i = 0; i < (NS + 1) * NX; i++)
-        s->penalty[i] = fmax(s->penalty[i], 1.5 * fabs(s->pi[i]));
+    for (int i = 0; i < (NS + 1) * NX; i++) { /* those of early, wild steps are slowly forgotten */
+        double least = 1.5 * fabs(s->pi[i]);
+        s->penalty[i] = fmax(least, 0.8 * s->penalty[i] + 0.2 * least);
+    }
     for (int row = 0; row < N_LIMITS; row++)
         if (!(q->plain[QN + QR + row] < INFINITY))
             s->hard_penalty = fmax(s->hard_penalty, 1.5 * fabs(q->lambda[QN + QR + row]));
@@ -622,14 +627,15 @@ static int step_late(Work *s, double t, double allowed)
     return TIME_OUT;
 }
 
-/* Iterate to convergence with a line search on an exact penalty function (weights per state, three steps of memory); or, if
-   `loose`, until the iterate is accepted. An unfinished iterate is left where it is. */
+/* Iterate to convergence with a line search on an exact penalty function (weights per state, three steps of memory), damped
+   after short steps; or, if `loose`, until the iterate is accepted. An unfinished iterate is left where it is. */
 static int converge(Work *s, int64_t most, int loose)
 {
     double past[3] = {INFINITY, INFINITY, INFINITY}, cost, violation;
     int status = ITERATION_LIMIT;
     memset(s->penalty, 0, sizeof s->penalty);
-    s->hard_penalty = 0, s->pairs = 0;
+    s->hard_penalty = 0, s->pairs = 0, s->damp = 0;
+    int calm = 0;
     if (!begins(s, LINEARISE))
         return TIME_OUT;
     if (!linearise(s))
@@ -640,7 +646,7 @@ static int converge(Work *s, int64_t most, int loose)
             return TIME_OUT;
         if (!condense(s))
             return FAILED;
-        if (n >= 3) { /* Gauss-Newton steps alone are slow where errors remain large */
+        if (calm >= CALM) { /* Gauss-Newton steps alone are slow where errors remain large */
             feed(s);
             remember(s);
             if (!condense(s))
@@ -650,11 +656,11 @@ static int converge(Work *s, int64_t most, int loose)
         int done = solve_qp(s, n > 0 || !s->fresh);
         if (done != SOLVED)
             return done;
-        n++, s->iterations++;
+        n++, s->iterations++, calm++;
         gradient(s, s->g_from);
         raise_penalties(s);
         double here = merit(s, &cost, &violation), t = 1, there = here, predicted = fmax(here - promised(s), 0);
-        int last = violation <= 1e-6 && (s->step <= s->tolerance ||
+        int last = violation <= 1e-6 && s->damp <= 1e-8 && (s->step <= s->tolerance ||
                                          (s->step <= 1e3 * s->tolerance && predicted <= 1e-12 * fabs(here)));
         past[n % 3] = here;
         double allowed = fmax(fmax(past[0] < INFINITY ? past[0] : here, past[1] < INFINITY ? past[1] : here),
@@ -687,6 +693,12 @@ static int converge(Work *s, int64_t most, int loose)
             return ITERATED;
         if (t < 1e-6)
             return STALLED;
+        if (t == 1)
+            s->damp = s->damp > 1e-4 ? 0.2 * s->damp : 0;
+        else if (t <= 0.25) { /* far from where the model of the step holds, and remembered steps are of no use there */
+            s->damp = fmax(4 * s->damp, 1e-3);
+            calm = s->pairs = 0;
+        }
     }
     return accepted(s) ? ITERATED : ITERATION_LIMIT;
 }
@@ -757,7 +769,7 @@ static void start(Work *s)
         s->qp.plain[QN + QR + row] = s->plain[row];
         s->qp.square[QN + QR + row] = s->square[row];
     }
-    s->iterations = s->qp_iterations = s->pairs = 0;
+    s->iterations = s->qp_iterations = s->pairs = 0, s->damp = 0;
     s->cost = NAN, s->violation = s->residual = INFINITY;
     if (s->fresh == CONTINUE)
         recall_rows(s);

@@ -19,6 +19,7 @@ enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME };
 enum { LINEARISE, CONDENSE, PARTS };
 
 #define PAIRS 24 /* remembered steps and changes of the gradient */
+#define CALM 5   /* iterations without a short step before remembered ones count */
 #define MORE 10  /* iterations with a line search where full steps were not enough */
 
 typedef struct {
@@ -42,6 +43,7 @@ typedef struct {
     double pair_s[PAIRS * QL], pair_y[PAIRS * QL], g_from[QL], product[QL];
     int64_t pairs, open_end; /* open_end: the last state is where the last step ends */
     V G[2 * NX * QL / LANES], R[QL / LANES];
+    double damp; /* of inputs, relative to the curvature */
     double took[PARTS], since; /* time of parts of an iteration, when one began */
     Qp qp;
     Scratch scratch;
