@@ -268,3 +268,9 @@ def test_inputs_that_can_be_told_apart_are_not(case):
         slow = np.sin(0.001 * np.arange(2000)) + 1e-3 * np.random.default_rng(1).standard_normal(2000)
         data, nb = data.with_channel("u", slow).select(inputs=["u"]), 5
     assert not ARX(na=1, nb=nb, offset=offset).fit(data).fit_info.warnings
+
+
+@pytest.mark.parametrize("settings", [{"nb": 10**9}, {"na": 10**9}, {"nk": 10**9}, {"nb": 201}], ids=str)
+def test_more_lags_than_samples_are_refused_before_they_are_counted_out(settings):
+    with pytest.raises(TooShortError, match=r"has 200 samples for .* expected"):
+        ARX(**{"na": 1, "nb": 1, **settings}).fit(record(200))

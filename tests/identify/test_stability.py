@@ -192,6 +192,27 @@ def test_orders_that_differ_by_rounding_are_not_ranked():
     assert StateSpace(order=(1, 2, 3, 4)).choose_order(data).order == 2
 
 
+@pytest.mark.parametrize(
+    ("order", "second", "enough"),
+    [
+        (1, lambda y: 2 * y, False),
+        (2, lambda y: 2 * y, True),
+        ((1, 2, 3), lambda y: 2 * y, True),
+        ((2, 3), lambda y: np.r_[0.0, y[:-1]], True),  # a delay is one more state
+    ],
+    ids=["too few states", "twice", "twice, order open", "later"],
+)
+def test_outputs_that_repeat_each_other_are_fitted(order, second, enough):
+    """Their residuals' covariance is singular: no gain can be made of it."""
+    rng = np.random.default_rng(0)
+    u = rng.standard_normal(300)
+    y = lfilter([0.0, 0.1, 0.05], [1.0, -1.5, 0.7], u)
+    data = Dataset.from_arrays({"u": u}, {"y": y, "z": second(y)}, 0.05)
+    model = StateSpace(order=order, offsets="output", max_radius=1.0).fit(data)
+    error = np.std(model.simulate(data).error, axis=0)
+    assert np.all(error < (0.05 if enough else 2.0) * np.std(data.y, axis=0))
+
+
 # ---- grey box ------------------------------------------------------------------------------------------------------
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import re
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from slipangle.commands.progress import Bar
-from slipangle.errors import ConfigError, SlipangleError
+from slipangle.errors import ConfigError, ModelWarning, SlipangleError
 from slipangle.files import check_output
 
 if TYPE_CHECKING:
@@ -96,7 +97,9 @@ def _validate(options: argparse.Namespace) -> int:
 
     models = _models(options.models)
     name, model = next(iter(models.items()))
-    verdict = validate(model, _test(options), name=name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # printed below
+        verdict = validate(model, _test(options), name=name)
     rows = [
         (kind, output, score)
         for kind, scores in (("free run", verdict.free_run_scores), ("one-step-ahead", verdict.one_step_scores))
@@ -123,11 +126,13 @@ def _compare(options: argparse.Namespace) -> int:
     if options.out:
         check_output(options.out)
     test = _test(options)
-    result = compare(_models(options.models), test)
-    page = None
-    if options.out:
-        command = f"slipangle compare {' '.join(options.models)} --data {options.data}"
-        page = comparison_page(result, test, command=command).write(Path(options.out) / "comparison.html")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # printed below
+        result = compare(_models(options.models), test)
+        page = None
+        if options.out:
+            command = f"slipangle compare {' '.join(options.models)} --data {options.data}"
+            page = comparison_page(result, test, command=command).write(Path(options.out) / "comparison.html")
     if options.json:
         rows = [
             {

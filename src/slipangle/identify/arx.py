@@ -123,6 +123,12 @@ class ARX:
     def _used(self, data: Dataset) -> list[tuple[int, int]]:
         """Lag and number of every input that is a regressor, smallest lag first."""
         counts, delays = (per_input(getattr(self, name), name, data) for name in ("nb", "nk"))
+        wanted = self.na * len(data.outputs) + sum(counts)
+        if max(wanted, *(n + k for n, k in zip(counts, delays, strict=True)), 0) > data.n_samples:
+            raise TooShortError(
+                f"'{data.name}' has {data.n_samples} samples for {wanted} parameters per output and delays up to "
+                f"{max(delays)}; expected more samples than either: record longer or choose fewer lags"
+            )
         lags = [(lag, i) for i, (n, k) in enumerate(zip(counts, delays, strict=True)) for lag in range(k, k + n)]
         return sorted(lags)
 

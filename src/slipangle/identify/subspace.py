@@ -198,10 +198,10 @@ class Projection:
             return np.zeros((order, self.n_y))
         try:
             p = linalg.solve_discrete_are(A.T, C.T, q + 1e-12 * np.trace(q) * np.eye(order), r, s=cross)
+            K = np.linalg.solve(C @ p @ C.T + r, (A @ p @ C.T + cross).T).T  # singular where one output is another
+            stable = np.abs(np.linalg.eigvals(A - K @ C)).max() < 1
         except (linalg.LinAlgError, ValueError):
             return np.zeros((order, self.n_y))
-        K = np.linalg.solve(C @ p @ C.T + r, (A @ p @ C.T + cross).T).T
-        stable = np.abs(np.linalg.eigvals(A - K @ C)).max() < 1
         return K if stable else np.zeros((order, self.n_y))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.identify.compare import Comparison, horizon_errors
 from slipangle.report.diagnostics import horizon_curves
-from slipangle.report.page import Figure, Page, Section
+from slipangle.report.page import Figure, Finding, Findings, Page, Section
 from slipangle.report.plots import rainclouds, trajectories
 from slipangle.report.tables import ScoreRow, score_table
 
@@ -57,6 +57,10 @@ def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> 
             ),
         )
         sections.append(Section(title=f"Output {output}", blocks=blocks))
+    said = [(e, s) for e in result.entries for s in (e.failure, *e.warnings) if s]
+    if said:
+        items = tuple(Finding(sentence=f"{e.name}: {s}", tone="poor" if e.failure else "fair") for e, s in said)
+        sections.append(Section(title="What to be careful about", blocks=(Findings(title="Warnings", items=items),)))
     return Page(
         title="Comparison of models",
         subtitle=f"{result.data_name}, {result.n_samples} samples that none was fitted to",
