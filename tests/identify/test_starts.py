@@ -11,6 +11,7 @@ from slipangle.identify.validate import score
 from tests.identify.test_greybox import CASES, drive
 
 MODEL, FREE = CASES["nonlinear bicycle"]
+DRIVE = drive(MODEL, n=60, noise=0.02)
 POOR = {"C_f": 6.4e4, "C_r": 2.5e4, "inertia_z": 3400.0, "mu_f": 1.34, "mu_r": 0.28, "steering_lag": 0.17}  # it spins
 
 
@@ -49,6 +50,16 @@ def test_starts_are_seeded_within_bounds_and_never_worse_than_the_given_one():
     assert np.ptp(a, axis=0).min() > 0.1
     best = starts.best_start(problem, 8, 0)
     assert problem.cost(best) <= problem.cost(problem.start)
+
+
+def test_bounds_are_kept_to_the_last_bit():
+    """A bound over the parameter's unit times the unit may round to just outside."""
+    start = MODEL.with_values(yaw_rate_bias=0.023)
+    problem = GreyBox(start=start, free=("yaw_rate_bias",)).problem(DRIVE)
+    assert (problem.upper * problem.scale)[0] > MODEL.si("yaw_rate_bias").upper
+    for z in (problem.lower, problem.upper):
+        assert np.isfinite(problem.cost(z))
+        assert np.isfinite(problem.evaluate(z)[0]).all()
 
 
 def test_no_start_at_all_is_refused():

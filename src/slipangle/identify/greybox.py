@@ -150,10 +150,9 @@ def finish(
     spread = spread[:n_p, :n_p] * np.outer(scale, scale)
     values = found.z[:n_p] * scale
     metadata = [problem.model.si(n) for n in problem.base_names]
-    bounds = np.array([[m.lower for m in metadata], [m.upper for m in metadata]])
-    for bound in bounds:
+    for bound in problem.ranges:
         values = np.where(np.abs(values - bound) < 1e-9 * scale, bound, values)  # interior methods stop just short
-    values = np.clip(values, *bounds)  # scaled bounds can round to just outside
+    values = np.clip(values, *problem.ranges)
     std = np.sqrt(np.maximum(np.diag(spread), 0))
     said = _notes(problem, found, values, std, advised=problem.run.compiled and kept is None)
     said += more

@@ -107,6 +107,7 @@ class SimulationError:
         values = np.array([self.model.value(n) for n in self.base_names])
         lower = np.array([m.lower for m in metadata])
         upper = np.array([m.upper for m in metadata])
+        self.ranges = np.array([lower, upper])  # exactly: scaled there and back, a bound may round to just outside
         span = np.where(np.isfinite(upper - lower), upper - lower, 1.0)
         own = (np.abs(values) > 1e-4 * span) | ((lower >= 0) & (values > 0))
         scale = np.where(own, np.abs(values), 0.05 * span)
@@ -152,8 +153,7 @@ class SimulationError:
     def parameters(self, i: int, z: np.ndarray) -> np.ndarray:
         """Values of the free parameters in experiment ``i``, in their order, SI units."""
         places = self.columns(i)[: len(self.free)]
-        bounds = (self.lower * self.scale)[places], (self.upper * self.scale)[places]
-        return np.clip(z[places] * self.scale[places], *bounds)
+        return np.clip(z[places] * self.scale[places], *self.ranges[:, places])
 
     def initial(self, i: int, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """State at the first sample of experiment ``i``, and its derivatives by `columns`."""
