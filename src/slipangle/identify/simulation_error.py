@@ -17,6 +17,7 @@ from slipangle.models.parametrised import Parametrised
 MOST_ROUNDS = 12  # of weighing the outputs by their errors and solving again
 _SETTLED = 1e-6  # relative change of the weights that ends this
 _FOLLOWS = 0.05  # difference of free run and given states over the error, both RMS, up to which they are the same
+_STEEPEST = 1e100  # derivative of a free run about to diverge, whose square is still a number
 _WORST = 1e6  # error in standard deviations that a diverging free run counts
 
 
@@ -207,8 +208,8 @@ class SimulationError:
             jacobian *= self.scale
         error = np.clip(np.nan_to_num(error, nan=_WORST, posinf=_WORST, neginf=-_WORST), -_WORST, _WORST)
         lost = np.abs(error) == _WORST
-        if lost.any() or not np.isfinite(jacobian).all():
-            jacobian = np.nan_to_num(jacobian, nan=0.0, posinf=0.0, neginf=0.0)
+        if lost.any() or not (np.abs(jacobian) < _STEEPEST).all():
+            jacobian = np.clip(np.nan_to_num(jacobian, nan=0.0, posinf=0.0, neginf=0.0), -_STEEPEST, _STEEPEST)
         self._last = (key, error, jacobian)
         return error, jacobian
 

@@ -14,7 +14,6 @@ STARTS = 32  # tried by default where a model is known to have several minima
 _ROUNDS = ((4, 4), (2, 6))  # how many random ones are carried on, and Levenberg-Marquardt steps of each
 _FINAL = 14  # steps on all data
 _COARSE = 1500  # samples of a long recording on which starts are tried
-_STEEPEST = 1e100  # derivative of a free run about to diverge, whose square is still a number
 _FACTOR = 2.0  # by which a positive parameter is multiplied or divided at most
 _SHARE = 0.1  # of its range that another parameter moves at most
 
@@ -76,7 +75,6 @@ def _descent(problem: SimulationError, z: np.ndarray, steps: int) -> np.ndarray:
 
     def linearise(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
         error, jacobian = problem.evaluate(z)
-        jacobian = np.clip(jacobian, -_STEEPEST, _STEEPEST)
         gradient = jacobian.T @ error
         held = ((z <= lower) & (gradient > 0)) | ((z >= upper) & (gradient < 0))
         both: Any = np.linalg.qr(np.column_stack([np.where(held, 0.0, -jacobian), error]), mode="r")
