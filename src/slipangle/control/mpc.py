@@ -29,6 +29,7 @@ from slipangle.control.plan import (
     finite,
     inputs_later,
     quick,
+    shifted,
     states_later,
     within,
 )
@@ -171,7 +172,7 @@ class MPC(OCP):
         wrong = self._judge.status(x, wanted.tracked, wanted.exogenous)
         if wrong is not None or not _others_finite(wanted):
             detail = self._judge.fault(x, wanted.tracked, wanted.exogenous) if wrong is Status.IMPLAUSIBLE else ""
-            return self._fallback(call, wrong or Status.NOT_FINITE, detail=detail)
+            return self._fallback(call._replace(sound=False), wrong or Status.NOT_FINITE, detail=detail)
         if self._bounds is not None:
             self._bounds.allow(self._left(begin) - self._pace[0])
         try:
@@ -232,7 +233,7 @@ class MPC(OCP):
 
     @cached_property
     def _pace(self) -> list[float]:
-        """What a fallback needs after a solve, as far as seen: the largest time, slowly forgotten. [s]"""
+        """What a fallback needs after a solve: a mean of those seen. [s]"""
         return [min(5e-5, 0.5 * (self.deadline or 0.0))]
 
     def _left(self, begin: float) -> float:
@@ -326,11 +327,13 @@ class MPC(OCP):
         if stopping or kept is None:
             u = self._safe_input + self._relaxing * (before - self._safe_input)
         else:
-            u = inputs_later(kept.u, self.lengths, age - kept.age)
+            later = age - kept.age
+            u = shifted(kept.u, later) if self.steps is None else inputs_later(kept.u, self.lengths, later)
         u, states = self._predict(call, u, age, kept, stopping)
         seconds = perf_counter() - call.begin
         if self.deadline is not None:
-            self._pace[0] = min(max(perf_counter() - begun, 0.9 * self._pace[0]), 0.5 * self.deadline)
+            needed = min(perf_counter() - begun, 2.0 * self._pace[0])  # not what another program took away
+            self._pace[0] = min(0.8 * self._pace[0] + 0.2 * needed, 0.5 * self.deadline)
         values = {
             "u": u,
             "x": states,
@@ -362,7 +365,7 @@ class MPC(OCP):
             guess = states_later(kept.x, self.nodes, age - kept.age)
         elif is_numbers(last, self._shape_x):
             guess = states_later(last, self.nodes)
-        x = call.x if self._judge.states.holds(call.x) else None
+        x = call.x if call.sound or self._judge.states.holds(call.x) else None
         if x is None and (guess is None or not stopping):  # what was predicted is all there is
             u = within(u, call.before, self.input_bounds, self.step_bounds)
             return u, np.zeros(self._shape_x) if guess is None else guess
@@ -403,6 +406,7 @@ class Call(NamedTuple):
     previous: Plan | None
     before: np.ndarray
     begin: float
+    sound: bool = True  # nothing in x or the reference is a fault
 
 
 def _others_finite(reference: Reference) -> bool:

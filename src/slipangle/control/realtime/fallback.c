@@ -1,6 +1,6 @@
-/* Where given inputs lead: what a fallback predicts, at no more than the cost of a few linearisations. */
+/* Where given inputs lead: what a fallback predicts, at the cost of two linearisations. */
 
-#define SWEEPS 3
+#define SWEEPS 2
 #define COARSE 1e-3 /* accuracy of the integrator's stages in the first sweep */
 #define NEAR 1e-4 /* a sweep that moves no state by more, relative to 1 + |x|, leaves about the square of it */
 
