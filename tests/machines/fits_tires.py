@@ -11,6 +11,7 @@ from slipangle.identify.tires import TireFit
 from slipangle.models.catalogue import SOUSA_TABLE_6_8
 from slipangle.models.tires_physical import BrushTire
 from tests.identify.test_curves import rig
+from tests.identify.test_magic_formula import BOTH, TIRE, prediction, quiet_fit, rms
 from tests.identify.test_tires import BRUSH, measured
 from tests.machines.registry import Errors, fit
 
@@ -53,3 +54,15 @@ def _() -> Errors:
         return float(np.hypot(rmse(data.F_x, out.F_x), rmse(data.F_y, out.F_y)))
 
     return {"train": error(train), "validation": error(test)}
+
+
+@fit("Magic Formula 6.1 from rig runs, pruned")
+def _() -> Errors:
+    """Forces beside the measured ones, and beside the true ones on the same slips, in the noise of each."""
+    tire = quiet_fit(BOTH)
+    found, true, pairs = prediction(tire, BOTH), prediction(TIRE, BOTH), []
+    for name in ("F_x", "F_y"):
+        noise = rms(getattr(BOTH, name) - getattr(true, name))
+        measured_error = rms(getattr(BOTH, name) - getattr(found, name)) / noise
+        pairs.append((measured_error, rms(getattr(found, name) - getattr(true, name)) / noise))
+    return dict(zip(("train", "validation"), np.sqrt(np.mean(np.square(pairs), axis=0)), strict=True))
