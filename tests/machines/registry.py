@@ -13,7 +13,10 @@ Errors = dict[str, float]
 
 @dataclass(frozen=True)
 class Fit:
-    """A function that fits and returns ``train`` and ``validation`` errors and other numbers that are bounded."""
+    """A function that fits and returns errors and other numbers, some of them bounded.
+
+    Keys are ``train`` and ``validation``, or these and a name, such as ``train RBF {1}``.
+    """
 
     run: Callable[[], Errors]
     most: dict[str, float] = field(default_factory=dict)
