@@ -62,6 +62,23 @@ def test_judging_a_linear_model(parts):
     assert len(records("M3", [judge(table_8_2.state_space(train, LAGGED[:2]), test)], printed=None, fit=None)) == 3
 
 
+def test_bounds_of_medians_have_the_width_of_their_scatter(parts):
+    rng = np.random.default_rng(0)
+    draws = rng.standard_normal((4000, 25))
+    assert np.std(np.median(draws, axis=1)) == pytest.approx(
+        _chapter_8.median_error(draws.ravel()) * np.sqrt(4000), rel=0.05
+    )
+    assert _chapter_8.median_error(np.array([94.0])) == 0.0
+    train, test = parts
+    verdict = judge(table_8_2.state_space(train, _chapter_8.PRODUCT), test)
+    low, high = (replace(verdict, free=replace(verdict.free, fit=f)) for f in (93.9, 94.0))
+    for least, holds in ((93.9, True), (94.05, True), (94.2, False)):
+        made = records("M3", [low, high], printed=None, fit=least, seeds=(0, 1))[0]
+        assert made.holds is holds
+        assert made.bound == f">= {least:g} - 0.13"
+    assert records("M3", [low], printed=None, fit=93.91)[0].holds is False
+
+
 @pytest.mark.slow
 def test_hybrid_on_the_ferrari_does_not_look_at_outputs(parts):
     train, test = parts
