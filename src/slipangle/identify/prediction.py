@@ -270,7 +270,7 @@ class Problem:
         noise = self.moments(point) / self.data.n_samples
         if not self.prediction:  # free-run errors are coloured: their correlation is not noise to exploit
             noise = np.diag(np.diag(noise))
-        noise = noise + np.diag((1e-10 * self.size) ** 2)
+        noise = noise + np.diag(1e-10 * np.diag(noise) + (1e-10 * self.size) ** 2)  # outputs may repeat each other
         return np.linalg.inv(np.linalg.cholesky(noise))
 
     def _descend(self, point: Point, max_iterations: int) -> tuple[Point, tuple[str, ...]]:
