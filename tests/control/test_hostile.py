@@ -106,3 +106,17 @@ def test_a_few_hostile_samples_for_the_driver():
 @pytest.mark.slow
 def test_a_hundred_thousand_hostile_samples_for_the_driver():
     hostile_driver(100_000)
+
+
+def test_a_plan_whose_memory_was_changed_by_hand_is_no_way_into_other_memory():
+    """Finite numbers where the solver keeps indices of rows: beyond the end, negative, twice the same, fractions."""
+    rng = np.random.default_rng(5)
+    hostile = real_time(corridor=1.0)
+    mpc, (x, reference) = hostile.controller, hostile.situations[3]
+    plan = mpc.plan(x, reference)
+    for value in (1e3, 1e6, 1e9, -1.0, 7.0, 2.5):
+        for share in (0.02, 0.5, 1.0):
+            found = np.where(rng.random(plan.memory.found.shape) < share, value, plan.memory.found)
+            again = mpc.plan(x, reference, replace(plan, memory=replace(plan.memory, found=found)))
+            assert np.isfinite(again.u).all()
+            assert np.abs(again.u).max() <= 0.3

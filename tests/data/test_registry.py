@@ -189,3 +189,9 @@ def test_tests_ask_for_published_files_alone(place, monkeypatch):
             data(path)
     with pytest.raises(pytest.skip.Exception, match="no published others/"):
         data.glob("others/*")
+
+
+def test_an_answer_without_end_is_not_taken(place, monkeypatch):
+    monkeypatch.setattr(registry, "_LARGEST", len(GOOD) - 1)
+    with pytest.raises(errors.MissingFileError, match=r"good\.csv: more than .* MB"):
+        fetch("toy", "good.csv")

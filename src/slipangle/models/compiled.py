@@ -24,7 +24,7 @@ from functools import cache
 from pathlib import Path
 
 from slipangle import files
-from slipangle.errors import ConfigError, ModelWarning
+from slipangle.errors import ConfigError, ModelWarning, shown
 from slipangle.models import code_cache
 
 NATIVE = ("-O3", "-march=native")
@@ -41,13 +41,7 @@ def _compiler(named: str) -> tuple[str, ...] | None:
     if named.strip().lower() == "none":
         return None
     if named.strip():
-        try:
-            command = tuple(shlex.split(named))
-        except ValueError as error:
-            raise ConfigError(
-                f"SLIPANGLE_CC is {named[:60]!r} ({error}); expected the command of a C compiler, or none: correct the "
-                "variable"
-            ) from None
+        command = _words(named, "SLIPANGLE_CC")
         return command if shutil.which(command[0]) else None
     found = shutil.which("cc")
     if found:
@@ -55,6 +49,16 @@ def _compiler(named: str) -> tuple[str, ...] | None:
     if importlib.util.find_spec("ziglang"):
         return (sys.executable, "-m", "ziglang", "cc", "-fno-sanitize=undefined")
     return None
+
+
+def _words(text: str, variable: str) -> tuple[str, ...]:
+    try:
+        return tuple(shlex.split(text))
+    except ValueError as error:
+        wanted = "the command" if variable == "SLIPANGLE_CC" else "flags"
+        raise ConfigError(
+            f"{variable} is {shown(text)} ({error}); expected {wanted} of a C compiler, as in a shell: correct it"
+        ) from None
 
 
 def sentence() -> str:
@@ -94,7 +98,7 @@ def library(source: str, *, name: str, flags: tuple[str, ...] = ()) -> ctypes.CD
     Raises
     ------
     ConfigError
-        If SLIPANGLE_CC or SLIPANGLE_CC_LIMIT cannot be understood.
+        If SLIPANGLE_CC, SLIPANGLE_CFLAGS or SLIPANGLE_CC_LIMIT cannot be understood.
     """
     command = compiler()
     return _library(source, name, (*command, *flags), _levels(), files.cache_folder()) if command else None
@@ -103,7 +107,9 @@ def library(source: str, *, name: str, flags: tuple[str, ...] = ()) -> ctypes.CD
 def _levels() -> tuple[tuple[str, ...], ...]:
     """Optimisation flags, of which the first that the compiler knows are taken."""
     given = os.environ.get("SLIPANGLE_CFLAGS", "").strip()
-    return (tuple(shlex.split(given)),) if given else (NATIVE, PORTABLE)  # not every compiler knows -march=native
+    if given:
+        return (_words(given, "SLIPANGLE_CFLAGS"),)
+    return (NATIVE, PORTABLE)  # not every compiler knows -march=native
 
 
 @cache
