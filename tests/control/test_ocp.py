@@ -139,7 +139,7 @@ def test_reference_from_a_path():
     ocp = OCP(CAR, horizon=5, Q=Weights(e_y=2.0, r=3.0, v_y=1.0), S=Weights(delta=1.0))
     preview = double_lane_change(20.0).ahead(50.0, 5, 0.05)
     reference = ocp.reference(preview)
-    assert reference.exogenous == pytest.approx(np.full((5, 1), 20.0))
+    assert reference.exogenous == pytest.approx(np.full((6, 1), 20.0))
     table = dict(zip(ocp.references, reference.tracked.T, strict=True))
     assert np.array_equal(table["Y"], preview.Y)
     assert table["r"] == pytest.approx(20.0 * preview.curvature)

@@ -169,7 +169,7 @@ def test_a_fallback_says_where_it_leads(steps, stopping, compiled):
     wanted = late._fallback(late_call(late, x, reference, good), Status.TIME_OUT)  # the same fallback without a clock
     assert wanted.stopping is stopping
     states = [x]
-    for u, w, n in zip(wanted.u, reference.exogenous, mpc.lengths, strict=True):
+    for u, w, n in zip(wanted.u, reference.exogenous[:-1], mpc.lengths, strict=True):
         now = states[-1]
         for _ in range(n):
             now = np.asarray(mpc.dynamics(now, u, w)).ravel()

@@ -34,7 +34,7 @@ class Plausible:
     ranges : mapping of str to (float, float), optional
         Ranges that replace the usual ones.
     rows : int, optional
-        Of the arrays to be judged; by default they are vectors.
+        Most of the arrays to be judged; by default they are vectors.
 
     Examples
     --------
@@ -54,7 +54,7 @@ class Plausible:
 
     def holds(self, values: np.ndarray) -> bool:
         """Whether all are numbers within their ranges."""
-        if np.vdot(np.abs(values), self._share) <= 1.0:  # enough, and nearly always so
+        if np.vdot(np.abs(values), self._share[: len(values)]) <= 1.0:  # enough, and nearly always so
             return True
         return self._inside(values)
 
@@ -104,7 +104,7 @@ class Judge:
     ) -> None:
         self.states = Plausible(states, ranges)
         self.tracked = Plausible(references, ranges, horizon + 1)
-        self.exogenous = Plausible(exogenous, ranges, horizon)
+        self.exogenous = Plausible(exogenous, ranges, horizon + 1)  # the end may be left out
 
     def status(self, x: np.ndarray, tracked: np.ndarray, exogenous: np.ndarray) -> Status | None:
         """None where all is plausible, else NOT_FINITE or IMPLAUSIBLE."""

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from slipangle.control.ocp import OCP, Reference
+from slipangle.control.ocp import OCP, Reference, at_nodes
 from slipangle.control.plan import Solution, Start, Status, between, finite
 from slipangle.errors import ParameterError
 from slipangle.models.integrate import RADAU_A, radau_equations
@@ -218,7 +218,8 @@ class IpoptEngine:
         ocp, at = self.ocp, self._layout
         reference = start.reference
         inputs = np.zeros(at.u.shape) if reference.inputs is None else reference.inputs
-        p = (start.x, start.applied, reference.exogenous, reference.tracked, inputs)
+        w = at_nodes(reference.exogenous, ocp.horizon)
+        p = (start.x, start.applied, w, reference.tracked, inputs)
         memory = start.memory if self._settings.warm and isinstance(start.memory, _Memory) else None
         if memory is not None and not (memory.owner == ocp.identity and finite(*memory[1:])):
             memory = None
@@ -317,13 +318,14 @@ def _program(ocp: OCP, collocate: bool) -> tuple[_Layout, dict[str, Any], bool]:
     U, later, slack = (_take(v, rows) for rows in (at.u, at.x, at.slack))
     first_slack = _take(v, at.first_slack[:, None]).T
     x0, applied = ca.MX.sym("x0", nx), ca.MX.sym("applied", nu)
-    W = ca.MX.sym("w", len(ocp.exogenous), n)
+    W_nodes = ca.MX.sym("w", len(ocp.exogenous), n + 1)
+    W = W_nodes[:, :n]
     P = ca.MX.sym("p", len(ocp.references), n + 1)
     wanted = ca.MX.sym("r", nu, n)
 
     X = ca.horzcat(x0, later[:, : n - 1]) if n > 1 else x0
     error, limited = ocp.stage.map(n)(X, U, W, P[:, :n])
-    last_error, last_limited = ocp.stage(later[:, n - 1], U[:, n - 1], W[:, n - 1], P[:, n])
+    last_error, last_limited = ocp.stage(later[:, n - 1], U[:, n - 1], W_nodes[:, n], P[:, n])
     change = U - (ca.horzcat(applied, U[:, : n - 1]) if n > 1 else applied)
     q, r, s = (ca.DM(w.T) for w in ocp.stage_weights)
     square, plain = (ca.DM(w) for w in ocp.slack_weights)
@@ -360,7 +362,7 @@ def _program(ocp: OCP, collocate: bool) -> tuple[_Layout, dict[str, Any], bool]:
     constraints += [_pick(limited[:, 0], at.hard_now), at_first - first_slack, at_first + first_slack]
     nlp = {
         "x": v,
-        "p": ca.vertcat(x0, applied, ca.vec(W), ca.vec(P), ca.vec(wanted)),
+        "p": ca.vertcat(x0, applied, ca.vec(W_nodes), ca.vec(P), ca.vec(wanted)),
         "f": cost,
         "g": ca.vertcat(*constraints),
     }

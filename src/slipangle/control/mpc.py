@@ -297,7 +297,9 @@ class MPC(OCP):
             if self.horizon > 1 and known:
                 states = states_later(previous.x, self.nodes)
                 states[0] = x
-                states[-1] = np.asarray(self.dynamics(previous.x[-1], u[-1], wanted.exogenous[-1])).ravel()
+                states[-1] = np.asarray(
+                    self.dynamics(previous.x[-1], u[-1], wanted.exogenous[self.horizon - 1])
+                ).ravel()
             else:
                 states = self._roll_out(x, u, wanted)
             memory = previous.memory

@@ -416,7 +416,9 @@ class MultiARXMPC:
         """
         require_reference(reference)
         tracked = array(reference.tracked, self._shape, POSE, "reference.tracked")
-        exogenous = array(reference.exogenous, (self.horizon, 1), ("v_x",), "reference.exogenous")
+        speed = reference.exogenous  # perhaps with a row for the end, which counts nowhere here
+        speed = speed[: self.horizon] if np.ndim(speed) == 2 and len(speed) == self.horizon + 1 else speed
+        exogenous = array(speed, (self.horizon, 1), ("v_x",), "reference.exogenous")
         if tracked is reference.tracked and exogenous is reference.exogenous:
             return reference
         return Reference(tracked=tracked, exogenous=exogenous)

@@ -33,8 +33,9 @@ class Reference:
     ----------
     tracked : array, shape (horizon + 1, n_references)
         Wanted values of ``ocp.references``, in that order, at the instants ``ocp.times``. SI units.
-    exogenous : array, shape (horizon, n_exogenous)
-        Inputs that are not decided, in the order of ``ocp.exogenous``, held over each stage. SI units.
+    exogenous : array, shape (horizon + 1, n_exogenous) or (horizon, n_exogenous)
+        Inputs that are not decided, in the order of ``ocp.exogenous``, held over each stage; the last row, which is the
+        one before where it is left out, is for what is tracked or limited at the end. SI units.
     inputs : array, shape (horizon, n_controls), optional
         Wanted inputs, from which R counts; zero by default.
     corridor : array, shape (horizon + 1, 2), optional
@@ -381,7 +382,7 @@ class OCP:
         preview : Preview
             From ``path.ahead(s, ocp.times)``, horizon + 1 rows. X, Y, psi, v_x, r and curvature come from
             it; other tracked quantities, such as v_y, are wanted at zero.
-        **exogenous : array, shape (horizon,), or float
+        **exogenous : array, shape (horizon + 1,) or (horizon,), or float
             Exogenous inputs; ``v_x`` comes from the preview unless given.
 
         Raises
@@ -393,7 +394,7 @@ class OCP:
         preview.require_times(self.times)
         require_names(exogenous, self.exogenous, "reference()", "use an input that is not decided")
         known = {n: getattr(preview, n) for n in (*POSE, "v_x", "r", "curvature")}
-        given: dict[str, Any] = {"v_x": preview.v_x[:-1], "curvature": preview.curvature[:-1], **exogenous}
+        given: dict[str, Any] = {"v_x": preview.v_x, "curvature": preview.curvature, **exogenous}
         for name in self.exogenous:
             if name not in given:
                 raise ParameterError(
@@ -401,10 +402,10 @@ class OCP:
                     f"say mpc.reference(preview, {name}=...), or decide it by naming it in controls"
                 )
         columns = [known[n] if n in known else np.zeros(rows) for n in self.references]
-        inputs = [np.broadcast_to(np.asarray(given[n], dtype=float), (self.horizon,)) for n in self.exogenous]
+        inputs = [at_nodes(np.asarray(given[n], dtype=float), self.horizon) for n in self.exogenous]
         return Reference(
             tracked=np.column_stack(columns) if columns else np.empty((rows, 0)),
-            exogenous=np.column_stack(inputs) if inputs else np.empty((self.horizon, 0)),
+            exogenous=np.column_stack(inputs) if inputs else np.empty((rows, 0)),
             corridor=np.column_stack([preview.right, preview.left]),
         )
 
@@ -414,7 +415,7 @@ class OCP:
         n = self.horizon
         return {
             "tracked": ((n + 1, len(self.references)), list(self.references)),
-            "exogenous": ((n, len(self.exogenous)), list(self.exogenous)),
+            "exogenous": ((n + 1, len(self.exogenous)), list(self.exogenous)),
             "inputs": ((n, len(self.controls)), list(self.controls)),
             "corridor": ((n + 1, 2), ["right", "left"]),
         }
@@ -436,6 +437,8 @@ class OCP:
         for key, (shape, names) in self._shapes.items():
             given = getattr(reference, key)
             if given is not None or key in ("tracked", "exogenous"):
+                if key == "exogenous" and _height(given) == self.horizon:
+                    shape = self.horizon, shape[1]
                 found = array(given, shape, names, f"reference.{key}")
                 if found is not given:
                     changed[key] = found
@@ -444,6 +447,23 @@ class OCP:
                 "the reference has no corridor; expected one for this problem: use mpc.reference(preview)"
             )
         return replace(reference, **changed) if changed else reference
+
+
+def _height(given: Any) -> int:
+    """Rows of what may be an array, or -1."""
+    many = given.ndim > 0 if isinstance(given, np.ndarray) else isinstance(given, list | tuple)
+    return len(given) if many else -1
+
+
+def at_nodes(rows: np.ndarray, horizon: int) -> np.ndarray:
+    """Values at every stage and at the end, shape (horizon + 1, ...), from these, from those without the end, or one.
+
+    >>> at_nodes(np.array([1.0, 2.0]), 2)
+    array([1., 2., 2.])
+    """
+    if rows.ndim and len(rows) == horizon and len(rows) != 1 + horizon:
+        return np.concatenate([rows, rows[-1:]])
+    return rows if rows.ndim and len(rows) == horizon + 1 else np.broadcast_to(rows, (horizon + 1,))
 
 
 def _checked_steps(steps: Sequence[int], horizon: int, dt: float) -> tuple[int, ...]:

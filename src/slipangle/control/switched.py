@@ -209,7 +209,7 @@ class SwitchedMPC(Led):
             return self._demand(x, reference, previous)
 
     def _demand(self, x: np.ndarray, reference: Reference, previous: Plan | None) -> float:
-        v = np.abs(reference.exogenous[:, 0])
+        v = np.abs(reference.exogenous[: len(reference.tracked) - 1, 0])
         step = np.maximum(np.hypot(*np.diff(reference.tracked[:, :2], axis=0).T), 1e-3)
         bend = np.abs(np.diff(reference.tracked[:, 2])) / step * v**2
         needed = [float(bend.max()), float(v[0] * abs(self._yaw_rate(x)))]

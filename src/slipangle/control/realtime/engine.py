@@ -82,7 +82,7 @@ class WorkArea:
         shapes: dict[str, tuple[int, ...]] = {
             "x0": (nx,),
             "applied": (nu,),
-            "w": (n, len(ocp.exogenous)),
+            "w": (n + 1, len(ocp.exogenous)),
             "p": (n + 1, len(ocp.references)),
             "r": (n, nu),
             "bounds": (n + 1, len(ocp.limited), 2),
@@ -210,7 +210,8 @@ class WorkArea:
         inputs = 0.0 if reference.inputs is None else reference.inputs
         return bool(
             (self._p == reference.tracked).all()
-            and (self._w == reference.exogenous).all()
+            and (self._w[:-1] == reference.exogenous[: len(self._r)]).all()
+            and (self._w[-1] == reference.exogenous[-1]).all()
             and (self._applied == applied).all()
             and (self._r == inputs).all()
             and (self.ocp.corridor is None or (self._bounds == self.ocp.state_bounds(reference)).all())
@@ -229,7 +230,8 @@ class WorkArea:
     def _set(self, x: np.ndarray, applied: np.ndarray, reference: Reference) -> None:
         self._x0[:] = x
         self._applied[:] = applied
-        self._w[:] = reference.exogenous
+        w = reference.exogenous  # with or without a row for the end
+        self._w[:-1], self._w[-1] = w[: len(self._r)], w[-1]
         self._p[:] = reference.tracked
         if reference.inputs is None:
             self._r.fill(0.0)

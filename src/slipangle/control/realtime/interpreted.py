@@ -278,7 +278,7 @@ class WorkArea:
 
     def _linearise(self, u: np.ndarray, x: np.ndarray, *, exact: bool) -> Linear:
         n, nx, nu = self._sizes
-        w = self._reference.exogenous
+        w, end = self._reference.exogenous[:n], self._reference.exogenous[-1]
         given = self._node_in
         given[0][:], given[1][:], given[2][:] = x[:-1], u[self._held], w[self._held]
         if self._parts:
@@ -299,7 +299,7 @@ class WorkArea:
         given = self._stage_in
         given[0][:], given[3][:] = x[self._nodes], self._reference.tracked
         given[1][:-1], given[1][-1] = u, u[-1]
-        given[2][:-1], given[2][-1] = w, w[-1]
+        given[2][:-1], given[2][-1] = w, end
         self._stage()
         out = self._stage_out
         ne, nl = out[0].shape[1], out[1].shape[1]

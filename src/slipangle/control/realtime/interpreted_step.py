@@ -113,7 +113,7 @@ class InputStep:
         self.x[0] = x
         self.x[-1] = 2 * self.x[-2] - self.x[-3] if len(self.x) > 2 else states[1]
         self.k[:-1], self.k[-1] = k[1:], k[-1]
-        self._w[:n], self._w[n] = reference.exogenous, reference.exogenous[-1]
+        self._w[:n], self._w[n] = reference.exogenous[:n], reference.exogenous[-1]
         self._p[:] = reference.tracked
         self._before[: len(applied)] = self._by_change * applied
         if reference.inputs is not None:

@@ -87,8 +87,8 @@ class Values:
         self, x: np.ndarray, u: np.ndarray, w: np.ndarray, p: np.ndarray, k: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """States after each step of the model, errors, limited quantities; stage slopes k are brought up to date."""
-        given = self._node_in
-        given[0][:], given[1][:], given[2][:] = x[:-1], u[self._held], w[self._held]
+        given, n = self._node_in, len(u)
+        given[0][:], given[1][:], given[2][:] = x[:-1], u[self._held], w[:n][self._held]
         for _ in range(2 if len(given) > 3 else 1):  # of Newton's method: k belongs to the iterate before
             if len(given) > 3:
                 given[3][:] = k
@@ -98,7 +98,7 @@ class Values:
         given = self._stage_in
         given[0][:], given[3][:] = x[self._nodes], p
         given[1][:-1], given[1][-1] = u, u[-1]
-        given[2][:-1], given[2][-1] = w, w[-1]
+        given[2][:-1], given[2][-1] = w[:n], w[-1]
         self._stage()
         return self._node_out[0], self._stage_out[0], self._stage_out[1]
 

@@ -317,7 +317,7 @@ static void evaluate_stage(Work *s, int first)
 #if STAGE == CALLED
     for (int i = first; i < first + LANES && i <= N; i++) {
         int at = i < N ? i : N - 1;
-        const double *in[4] = {s->x + NODE(i) * NX, s->u + at * NU, s->w + at * NW, s->p + i * NP};
+        const double *in[4] = {s->x + NODE(i) * NX, s->u + at * NU, s->w + i * NW, s->p + i * NP};
         double *out[6] = {s->e + i * NE, s->l + i * NL, s->E + i * NE * NX, s->D + i * NE * NU,
                           s->LX + i * NL * NX, s->LU + i * NL * NU};
         memcpy(c->in, in, sizeof in);
@@ -327,7 +327,7 @@ static void evaluate_stage(Work *s, int first)
 #else
     gather_nodes(c->x, s->x, NX, first, LANES, N);
     gather(c->u, s->u, NU, first, LANES, N - 1);
-    gather(c->w, s->w, NW, first, LANES, N - 1);
+    gather(c->w, s->w, NW, first, LANES, N);
     gather(c->p, s->p, NP, first, LANES, N);
     lanes_stage(c->x, c->u, c->w, c->p, c->e, c->l, c->E, c->D, c->LX, c->LU);
     scatter(c->e, s->e, NE, first, LANES, N);
@@ -384,7 +384,7 @@ static void evaluate_errors(Work *s, int first)
 #if STAGE == CALLED
     for (int i = first; i < first + LANES && i <= N; i++) {
         int at = i < N ? i : N - 1;
-        const double *in[4] = {s->x + NODE(i) * NX, s->u + at * NU, s->w + at * NW, s->p + i * NP};
+        const double *in[4] = {s->x + NODE(i) * NX, s->u + at * NU, s->w + i * NW, s->p + i * NP};
         double *out[2] = {s->e + i * NE, s->l + i * NL};
         memcpy(c->in, in, sizeof in);
         memcpy(c->out, out, sizeof out);
@@ -393,7 +393,7 @@ static void evaluate_errors(Work *s, int first)
 #else
     gather_nodes(c->x, s->x, NX, first, LANES, N);
     gather(c->u, s->u, NU, first, LANES, N - 1);
-    gather(c->w, s->w, NW, first, LANES, N - 1);
+    gather(c->w, s->w, NW, first, LANES, N);
     gather(c->p, s->p, NP, first, LANES, N);
     stage_values(c->x, c->u, c->w, c->p, c->e, c->l);
     scatter(c->e, s->e, NE, first, LANES, N);

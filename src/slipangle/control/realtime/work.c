@@ -24,7 +24,7 @@ enum { LINEARISE, CONDENSE, PARTS };
 
 typedef struct {
     /* what Python sets */
-    double x0[NX], applied[NU], w[M1(N * NW)], p[M1((N + 1) * NP)], r[N * NU], bounds[M1((N + 1) * NL * 2)];
+    double x0[NX], applied[NU], w[M1((N + 1) * NW)], p[M1((N + 1) * NP)], r[N * NU], bounds[M1((N + 1) * NL * 2)];
     double q[M1((N + 1) * NE)], wr[N * NU], ws[N * NU], plain[M1(N_LIMITS)], square[M1(N_LIMITS)]; /* weights */
     double tolerance, time_limit, newton, accept;
     int64_t max_iterations, fixed, fresh;
