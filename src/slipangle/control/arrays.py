@@ -57,6 +57,8 @@ def applied_input(given: Any, controls: Sequence[str]) -> np.ndarray:
     ParameterError
         If it is no vector of numbers of that length.
     """
+    if type(given) is np.ndarray and given.dtype == np.float64 and given.shape == (len(controls),):
+        return given
     if len(controls) == 1 and np.ndim(given) == 0 and isinstance(given, int | float | np.floating | np.ndarray):
         given = np.atleast_1d(np.asarray(given, dtype=float))
     return vector(given, controls, "applied")

@@ -49,12 +49,13 @@ class Plausible:
         both = np.array([(ranges or {}).get(n) or _usual(n) for n in names], dtype=float).reshape(-1, 2)
         self._low, self._high = np.clip(both, -NUMBER, NUMBER).T
         least = np.minimum(-self._low, self._high)
-        share = np.where(least > 0, 1.0 / np.where(least > 0, least, 1.0), np.inf)  # without zero: always looked at
+        share = np.where(least >= 1, 1.0 / np.maximum(least, 1.0), np.nan)  # not a number: always looked at
         self._share = np.tile(share, (rows, 1)) if rows else share
 
     def holds(self, values: np.ndarray) -> bool:
         """Whether all are numbers within their ranges."""
-        if np.vdot(np.abs(values), self._share[: len(values)]) <= 1.0:  # enough, and nearly always so
+        part = values * self._share[: len(values)]
+        if np.vdot(part, part) <= 1.0:  # enough, and nearly always so
             return True
         return self._inside(values)
 
@@ -160,7 +161,7 @@ def last_input(previous: Plan | None, controls: tuple[str, ...]) -> np.ndarray |
 
 def believable(u: np.ndarray) -> bool:
     """Whether inputs can have been applied: numbers of a size that any unit allows."""
-    return bool((np.abs(u) <= ANY).all())
+    return bool(np.vdot(u, u) <= ANY * ANY)
 
 
 def is_numbers(given: Any, shape: tuple[int, ...]) -> TypeGuard[np.ndarray]:

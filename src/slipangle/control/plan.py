@@ -214,7 +214,10 @@ def quick(kind: type[P], values: dict[str, Any]) -> P:
 
 def finite(*arrays: np.ndarray) -> bool:
     """Whether no entry is NaN, infinite, or beyond 1e150."""
-    return all(isfinite(np.vdot(a, a)) for a in arrays)
+    for a in arrays:  # an expression with a generator takes twice as long
+        if not isfinite(np.vdot(a, a)):
+            return False
+    return True
 
 
 class Engine(Protocol):
