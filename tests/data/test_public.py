@@ -132,30 +132,6 @@ def test_session_is_the_same_car():
     assert data["v_x"].min() > 10
 
 
-# Handwheel angle [deg] at times [s] of telemetry_train_1.csv, beside the session at its origin, where it moves slowly.
-SISTER = (
-    *((244.204, -62.473), (244.304, -62.459), (244.704, -65.750), (244.804, -65.701), (245.554, -51.951)),
-    *((245.804, -46.154), (246.054, -41.486), (246.204, -39.032), (246.904, -14.563), (247.004, -14.813)),
-    *((247.204, -14.524), (247.304, -14.478), (247.954, 5.818), (248.004, 5.874), (248.504, 17.530)),
-    *((248.554, 17.625), (249.354, 22.141), (249.404, 22.199), (249.454, 22.246), (249.504, 22.270)),
-    *((329.604, 2.089), (330.304, -0.002), (332.654, -0.263)),
-)
-
-
-def test_steering_ratio_of_the_session_is_that_of_its_sister_file():
-    """The sister file's handwheel over the road wheel of the run that it is; its clock is about 50 ms behind."""
-    run = ferrari_250lm(100.0)
-    t, handwheel = np.array(SISTER).T
-    road_wheel = np.degrees(np.interp(t + 0.05, run.t, run["delta"]))
-    table = np.column_stack([road_wheel, np.ones(len(t))])
-    found = np.linalg.lstsq(table, handwheel, rcond=None)[0]
-    ratio = found[0]
-    assert np.std(handwheel - table @ found) / ratio < 0.023  # degrees at the road wheel
-    assert ratio == pytest.approx(13.97, abs=0.1)
-    data = load("ferrari-250lm-session")
-    assert np.median(data["delta_sw"] / data["delta"]) == pytest.approx(ratio, rel=0.01)
-
-
 # ---- the others --------------------------------------------------------------------------------------------------
 
 
