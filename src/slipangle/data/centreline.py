@@ -11,7 +11,7 @@ import numpy as np
 from scipy import interpolate
 
 from slipangle.data.numerals import decoded, to_number
-from slipangle.errors import FormatError, MissingFileError, ParameterError, TooShortError, shown
+from slipangle.errors import FormatError, MissingFileError, NotFiniteError, ParameterError, TooShortError, shown
 
 MOST_POINTS = 100_000  # of a track's line
 _MOST_SAMPLES = 1_000_000  # of a path, 250 km at the usual spacing
@@ -117,6 +117,8 @@ def read_track(file: str | Path) -> np.ndarray:
         If there is no such file.
     FormatError
         If a line does not hold two or four numbers, as many as the first.
+    NotFiniteError
+        If a point has a coordinate that is NaN or infinite.
     """
     source = Path(file)
     try:
@@ -133,12 +135,12 @@ def read_track(file: str | Path) -> np.ndarray:
             continue
         try:
             row = [to_number(c) for c in content.replace(";", ",").replace(",", " ").split()]
-            if not all(map(math.isfinite, row[:2])):
-                raise ValueError("a point must be somewhere")
         except ValueError:
             raise FormatError(
                 f"line {number} of '{source.name}' is {shown(content)}; expected numbers x, y, width right, width left"
             ) from None
+        if not all(map(math.isfinite, row[:2])):
+            raise NotFiniteError(f"line {number} of '{source.name}' is {shown(content)}; expected a finite x and y")
         if len(row) not in (2, 4) or len(row) != len(rows[0] if rows else row):
             raise FormatError(
                 f"line {number} of '{source.name}' has {len(row)} numbers; expected x, y or x, y, width right, "
