@@ -18,7 +18,6 @@ import numpy as np
 from tests.fuzz.targets import TARGETS
 
 MEMORY = 4 << 30  # bytes beyond what the program itself takes
-PER_INPUT = 10.0  # s of processor time
 _LONGEST = 2000  # letters of a message
 _ENOUGH = 20  # kinds of failure, then a run ends
 
@@ -65,7 +64,7 @@ def child(target: str, seed: int, first: int, count: int, seconds: float, folder
             break
         (folder / "index").write_text(str(index))
         if hasattr(signal, "setitimer"):
-            signal.setitimer(signal.ITIMER_PROF, PER_INPUT)  # its signal ends the process, whatever it is doing
+            signal.setitimer(signal.ITIMER_PROF, TARGETS[target].seconds)  # its signal ends the process, come what may
         wrong = try_one(target, seed, index, folder)
         if wrong and wrong.split(": ")[0] not in seen:
             seen.add(wrong.split(": ")[0])

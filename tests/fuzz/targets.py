@@ -31,11 +31,14 @@ class Target:
         What must end in a result or in a `SlipangleError`.
     inputs : int
         How many are tried within some seconds, for the everyday tests.
+    seconds : float
+        Longest processor time of one input. [s]
     """
 
     make: Callable[[Rng], tuple[str, bytes, dict[str, Any]]]
     read: Callable[..., None]
     inputs: int
+    seconds: float = 10.0
 
 
 def _often(rng: Rng, share: float) -> bool:
@@ -299,6 +302,46 @@ def _read_job(path: Path) -> None:
     read_settings(path)
 
 
+_SMALL = """
+[[model]]
+name = "arx"
+kind = "arx"
+na = 1
+nb = 2
+[[model]]
+name = "black box"
+kind = "state-space"
+order = 2
+"""
+
+
+def _make_run(rng: Rng) -> tuple[str, bytes, dict[str, Any]]:
+    from tests.workflow.test_cli import JOB, log_rows
+
+    job = tomllib.loads(JOB.format(more=_SMALL))
+    if _often(rng, 0.9):
+        job = tree_of(rng, job)
+    log = "\n".join(",".join(row) for row in [["time", "steer", "speed", "yaw"], *log_rows(160)]) + "\n"
+    if _often(rng, 0.3):
+        log = text_of(rng, log)
+    return "job.toml", toml_of(job).encode(errors="replace"), {"log": log}
+
+
+def _run(path: Path, log: str) -> None:
+    """The whole job, page included; what it cannot fit is said, not raised."""
+    from slipangle.workflow.job import run_job
+    from slipangle.workflow.page import build_page
+    from slipangle.workflow.settings import read_settings
+
+    (path.parent / "log.csv").write_bytes(log.encode(errors="replace"))
+    settings = read_settings(path)
+    if settings.data.file != str(path.parent / "log.csv") and settings.data.file != "log.csv":
+        return
+    outcome = run_job(settings, lambda share, what: None)
+    build_page(outcome, ["slipangle", "run", "job.toml"]).to_html()
+    json.loads(outcome.to_json())
+
+
 @cache
 def _models() -> tuple[str, ...]:
     import tempfile
@@ -338,5 +381,6 @@ TARGETS: dict[str, Target] = {
     "tir": Target(_make_tir, _read_tir, 3000),
     "track": Target(_make_track, _read_track, 2500),
     "job": Target(_make_job, _read_job, 3000),
+    "run": Target(_make_run, _run, 40, seconds=60.0),
     "model": Target(_make_model, _read_model, 2500),
 }

@@ -51,3 +51,8 @@ def test_a_message_repeats_at_most_a_line(job):
         with pytest.raises(ConfigError) as caught:
             read_settings(job(data=entry))
         assert len(str(caught.value)) < 2001
+
+
+def test_a_model_has_a_name(job):
+    with pytest.raises(ConfigError, match="a model's name is empty"):
+        read_settings(job(text=JOB.replace('name = "a"', 'name = " "').format(data="", model="")))

@@ -204,6 +204,8 @@ def _check(settings: Settings, where: str) -> None:
     if not settings.model:
         raise ConfigError(f"{where} has no [[model]]; expected at least one: add [[model]] with name and kind")
     names = [m.name for m in settings.model]
+    if not all(n.strip() for n in names):
+        raise ConfigError(f"{where}: a model's name is empty; expected a few letters: give it one")
     if len(set(names)) < len(names):
         again = next(n for n in names if names.count(n) > 1)
         raise ConfigError(f"{where}: model names repeat: {shown(again)}; expected each once: rename one")
