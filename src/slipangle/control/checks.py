@@ -52,6 +52,11 @@ class Plausible:
         share = np.where(least >= 1, 1.0 / np.maximum(least, 1.0), np.nan)  # not a number: always looked at
         self._share = np.tile(share, (rows, 1)) if rows else share
 
+    @property
+    def ranges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest of each entry or column."""
+        return self._low, self._high
+
     def holds(self, values: np.ndarray) -> bool:
         """Whether all are numbers within their ranges."""
         part = values * self._share[: len(values)]
@@ -106,6 +111,12 @@ class Judge:
         self.states = Plausible(states, ranges)
         self.tracked = Plausible(references, ranges, horizon + 1)
         self.exogenous = Plausible(exogenous, ranges, horizon + 1)  # the end may be left out
+
+    @property
+    def ranges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest of the state's entries, then of the reference's columns."""
+        low, high = zip(*(part.ranges for part in (self.states, self.tracked, self.exogenous)), strict=True)
+        return np.concatenate(low), np.concatenate(high)
 
     def status(self, x: np.ndarray, tracked: np.ndarray, exogenous: np.ndarray) -> Status | None:
         """None where all is plausible, else NOT_FINITE or IMPLAUSIBLE."""

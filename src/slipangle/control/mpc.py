@@ -17,8 +17,10 @@ from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import (
     Backend,
     Bounds,
+    Continues,
     Engine,
     Follows,
+    Health,
     Kept,
     Plan,
     Prepares,
@@ -98,7 +100,10 @@ class MPC(OCP):
         backend = named[self.solver] if isinstance(self.solver, str) else self.solver
         with BUILDING:
             if "_engine" not in vars(self):
-                vars(self)["_engine"] = backend.build(self, self.deadline)
+                engine = backend.build(self, self.deadline)
+                if isinstance(engine, Continues):
+                    engine.expect(*self._judge.ranges)
+                vars(self)["_engine"] = engine
             return vars(self)["_engine"]
 
     @cached_property
@@ -164,6 +169,10 @@ class MPC(OCP):
         """
         _ = self._engine
         begin = perf_counter()
+        if type(previous) is Plan and type(reference) is Reference:
+            found = self._again(x, reference, previous, applied, begin)
+            if found is not None:
+                return found
         x = vector(x, self._states, "x")
         wanted = self.check_reference(self.reference(reference) if isinstance(reference, Preview) else reference)
         require_plan(previous)
@@ -179,14 +188,40 @@ class MPC(OCP):
             solution = self._solve(x, self._unwound(wanted, x), self._known(previous), before)
         except Exception as error:  # a solver from outside may stop with any
             return self._fallback(call, Status.FAILED, detail=str(error).partition("\n")[0] or type(error).__name__)
-        status = solution.status
+        return self._ended(call, solution)
+
+    # ---- the parts ---------------------------------------------------------------------------------------------
+
+    def _again(
+        self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, begin: float
+    ) -> Plan | None:
+        """The usual call, from the plan that the engine still holds, in as few steps as possible; None for others."""
+        health, engine = previous.health, self._continues
+        if engine is None or type(health) is not Health:
+            return None
+        left = None if self._bounds is None else self._left(begin) - self._pace[0]
+        found = engine.again(x, reference, previous, applied, left)
+        if found is None:
+            return None
+        if not found["status"].solved:
+            call = Call(x=x, wanted=reference, previous=previous, before=self._before(previous, applied), begin=begin)
+            return self._ended(call, Solution(**found))
+        del found["kept"]
+        found["controls"], found["times"] = self.controls, self._times
+        found["seconds"] = seconds = perf_counter() - begin
+        found["health"] = health.after(False, self.deadline is not None and seconds > self.deadline)
+        return quick(Plan, found)
+
+    def _ended(self, call: Call, solution: Solution) -> Plan:
+        """The plan of a solution, or a fallback where it is none."""
+        previous, before, status = call.previous, call.before, solution.status
         begun = status.unfinished and solution.iterations > 0 and solution.violation <= FEASIBLE
         if not (status.solved or begun):
             left = solution.memory if status.resumes else None
             return self._fallback(call, status, solution.iterations, unfinished=left)
         if not finite(solution.u, solution.x):
             return self._fallback(call, Status.NOT_FINITE if status.solved else status, solution.iterations)
-        seconds = perf_counter() - begin
+        seconds = perf_counter() - call.begin
         values = {
             "u": solution.u if solution.kept else within(solution.u, before, self.input_bounds, self.step_bounds),
             "x": solution.x,
@@ -202,8 +237,6 @@ class MPC(OCP):
             "seconds": seconds,
         }
         return quick(Plan, values)
-
-    # ---- the parts ---------------------------------------------------------------------------------------------
 
     @cached_property
     def _safe_input(self) -> np.ndarray:
@@ -221,6 +254,14 @@ class MPC(OCP):
     @cached_property
     def _judge(self) -> Judge:
         return Judge(self._states, self.references, self.exogenous, self.horizon, self.plausible)
+
+    @cached_property
+    def _continues(self) -> Continues | None:
+        """The engine, where it judges by itself what the usual call is given; a heading is unwound before that."""
+        engine = self._engine
+        if not isinstance(engine, Continues) or ("psi" in self.references and "psi" in self.model.states):
+            return None
+        return engine
 
     @cached_property
     def _bounds(self) -> Bounds | None:

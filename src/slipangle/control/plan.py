@@ -74,7 +74,8 @@ class Health(NamedTuple):
     def after(self, fallback: bool, late: bool) -> Health:
         """One plan later."""
         a, b, c, d, e = self
-        return Health(a + 1, b + fallback, c + 1 if fallback else 0, d + late, e + 1 if late else 0)
+        later = (a + 1, b + fallback, c + 1 if fallback else 0, d + late, e + 1 if late else 0)
+        return tuple.__new__(Health, later)  # half the time of its constructor
 
 
 NEW = Health()
@@ -234,6 +235,21 @@ class Resumes(Protocol):
 
     def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
         """Solve from a state and the plan of the step before, if there is one."""
+        ...
+
+
+@runtime_checkable
+class Continues(Protocol):
+    """An engine that judges by itself what the usual call is given: the reference and the plan of a step later."""
+
+    def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
+        """Ranges of the state's entries, then of the reference's columns, beyond which a value is doubtful."""
+        ...
+
+    def again(
+        self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, seconds: float | None
+    ) -> dict[str, Any] | None:
+        """A `Solution` as a dictionary, within so much time [s]; None, and nothing done, if anything is unusual."""
         ...
 
 

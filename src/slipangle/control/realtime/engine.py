@@ -25,6 +25,8 @@ OUTCOMES = (
     Status.NOT_FINITE,
     Status.FAILED,
 )
+DOUBTFUL = len(OUTCOMES)
+DOUBLE = np.dtype(np.float64)
 CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME = range(5)
 
 
@@ -70,13 +72,14 @@ class WorkArea:
         library.rt_at.argtypes = [ctypes.c_void_p, ctypes.c_int]
         library.rt_free.argtypes = [ctypes.c_void_p]
         library.rt_free.restype = None
-        for call in (library.rt_solve, library.rt_prepare, library.rt_feedback, library.rt_follow):
+        calls = (library.rt_solve, library.rt_again, library.rt_prepare, library.rt_feedback, library.rt_follow)
+        for call in calls:
             call.argtypes, call.restype = [ctypes.c_void_p], ctypes.c_int
         self._work = library.rt_new()
         if not self._work:
             raise MemoryError("no memory for the solver")
         self._pointer = ctypes.c_void_p(self._work)
-        self._call = library.rt_solve
+        self._call, self._call_again = library.rt_solve, library.rt_again
         n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
         parts, steps, limits = implicit(ocp), int(ocp.nodes[-1]), len(limit_rows(ocp))
         shapes: dict[str, tuple[int, ...]] = {
@@ -89,6 +92,8 @@ class WorkArea:
             "q": (n + 1, len(ocp.tracked)),
             "wr": (n, nu),
             "ws": (n, nu),
+            "lowest": (nx + len(ocp.references) + len(ocp.exogenous),),
+            "highest": (nx + len(ocp.references) + len(ocp.exogenous),),
             "plain": (limits,),
             "square": (limits,),
             "u": (n, nu),
@@ -111,6 +116,11 @@ class WorkArea:
         self._found = np.frombuffer(block)  # from u to residual
         at = (view["cost"].ctypes.data - first) // 8
         self._result = slice(at, at + 3)  # cost, violation, residual
+        self._numbers = self._found[self._result]
+        self._controls, self._sizes = ocp.controls, (self._x0.shape, self._p.shape, self._w.shape, self._applied.shape)
+        self._lanes, self._owner = ocp.corridor is not None, ocp.identity
+        self._shape_u, self._shape_x = self._u.shape, self._x.shape
+        self._head, self._split = slice(self._u.size), slice(self._u.size, self._u.size + self._x.size)
         self._q, self._wr, self._ws = (view[name] for name in ("q", "wr", "ws"))
         self._q[:], self._wr[:], self._ws[:] = ocp.stage_weights
         view["plain"][:], view["square"][:] = slack_of_rows(ocp)
@@ -163,6 +173,40 @@ class WorkArea:
         else:
             self._fresh[0] = FROM_NOTHING
         return self._run()
+
+    def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
+        """Ranges of states, then of the reference's columns; see `slipangle.control.plan.Continues`."""
+        self._view["lowest"][:], self._view["highest"][:] = lowest, highest
+
+    def again(
+        self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, seconds: float | None
+    ) -> dict[str, Any] | None:
+        """Solve from the plan that this area still holds, if all that is given is as usual; else do nothing."""
+        memory, u, p, w = previous.memory, previous.u, reference.tracked, reference.exogenous
+        if type(memory) is not Memory or memory.serial != self._serial or memory.area != self._area:
+            return None
+        if (
+            memory.unfinished
+            or type(u) is not np.ndarray
+            or u.base is not memory.found
+            or previous.unfinished is not None
+        ):
+            return None
+        given = u[0] if applied is None else applied
+        if not (type(x) is type(p) is type(w) is type(given) is np.ndarray and previous.controls is self._controls):
+            return None
+        if not (x.dtype is DOUBLE and p.dtype is DOUBLE and w.dtype is DOUBLE and given.dtype is DOUBLE):
+            return None
+        if self._lanes or reference.inputs is not None or (x.shape, p.shape, w.shape, given.shape) != self._sizes:
+            return None
+        self._x0[...], self._p[...], self._w[...], self._applied[...] = x, p, w, given
+        self._r.fill(0.0)
+        self._fresh[0] = CONTINUE
+        if seconds is not None:
+            self._time[0] = max(seconds, 0.0)
+        outcome = self._call_again(self._pointer)
+        self._time[0] = self._limit
+        return None if outcome == DOUBTFUL else self._answer(OUTCOMES[outcome], 0)
 
     def allow(self, seconds: float) -> None:
         """Longest time of the next solve. [s]"""
@@ -243,29 +287,40 @@ class WorkArea:
     def _run(self, call: Any = None, attempts: int = 0) -> Solution:
         status = OUTCOMES[(call or self._call)(self._pointer)]
         self._time[0] = self._limit
-        self._serial += 1
+        return Solution(**self._answer(status, attempts))
+
+    def _answer(self, status: Status, attempts: int) -> dict[str, Any]:
+        """A `Solution` as a dictionary."""
+        self._serial = serial = self._serial + 1
         found = self._found.copy()
-        inputs = self._u.size
-        states = found[inputs : inputs + self._x.size].reshape(self._x.shape)
-        cost, violation, residual = found[self._result].tolist()
-        return Solution(
-            u=found[:inputs].reshape(self._u.shape),
-            x=states if self._nodes is None else states[self._nodes],
-            status=status,
-            cost=cost,
-            iterations=self._iterations.item(),
-            violation=violation,
-            residual=residual,
-            memory=Memory(self._serial, self.ocp.identity, found, self._area, attempts + 1 if status.resumes else 0),
-            kept=True,
-        )
+        states = found[self._split].reshape(self._shape_x)
+        cost, violation, residual = self._numbers.tolist()
+        return {
+            "u": found[self._head].reshape(self._shape_u),
+            "x": states if self._nodes is None else states[self._nodes],
+            "status": status,
+            "cost": cost,
+            "iterations": self._iterations.item(),
+            "violation": violation,
+            "residual": residual,
+            "memory": Memory(serial, self._owner, found, self._area, attempts + 1 if status.resumes else 0),
+            "kept": True,
+        }
 
 
 class CompiledEngine:
     """Engine on a loaded library, a work area for each thread; see `slipangle.control.realtime.program.source`."""
 
     def __init__(self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None) -> None:
-        self._areas = PerThread(lambda: WorkArea(ocp, library, settings, deadline))
+        self._ranges: tuple[np.ndarray, np.ndarray] | None = None
+
+        def area() -> WorkArea:
+            made = WorkArea(ocp, library, settings, deadline)
+            if self._ranges is not None:
+                made.expect(*self._ranges)
+            return made
+
+        self._areas = PerThread(area)
         _ = self._areas.mine
 
     def solve(self, start: Start) -> Solution:
@@ -275,6 +330,17 @@ class CompiledEngine:
     def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
         """Solve from a state and the plan of the step before, which is shifted; without one, from nothing."""
         return self._areas.mine.resume(x, applied, reference, previous)
+
+    def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
+        """Ranges beyond which a value is doubtful, for all threads' areas that are made from now on, and this one's."""
+        self._ranges = lowest, highest
+        self._areas.mine.expect(lowest, highest)
+
+    def again(
+        self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, seconds: float | None
+    ) -> dict[str, Any] | None:
+        """The usual solve, a step after the one that this thread did last; None if anything is unusual."""
+        return self._areas.mine.again(x, reference, previous, applied, seconds)
 
     def allow(self, seconds: float) -> None:
         """Longest time of this thread's next solve. [s]"""

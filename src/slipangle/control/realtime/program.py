@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from slipangle.control.checks import ANY
 from slipangle.control.ocp import OCP
 from slipangle.control.realtime.emit import elimination_code, lanes_code, nonzeros, scalar_code
 from slipangle.control.realtime.parts import (
@@ -23,8 +24,8 @@ from slipangle.models.integrate import RADAU_A, RETRY
 
 MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
 FIELDS = (  # of the C struct, as seen from Python
-    "x0 applied w p r bounds q wr ws plain square tolerance time_limit newton accept u x k working cost violation "
-    "residual step seconds seconds_prepare seconds_feedback"
+    "x0 applied w p r bounds q wr ws plain square lowest highest tolerance time_limit newton accept u x k working cost "
+    "violation residual step seconds seconds_prepare seconds_feedback"
 ).split()
 COUNTS = "max_iterations fixed fresh iterations qp_iterations".split()
 
@@ -79,6 +80,7 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
             _text("stages.c"),
             _text("solver.c"),
             _text("fallback.c"),
+            _text("judge.c"),
             _fields(),
         ]
     )
@@ -171,7 +173,7 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
         "QD": len(rows),
         "N_LIMITS": len(rows),
     }
-    lines = ["#define EXPLICIT 0", "#define RADAU 1", "#define CALLED 2"]
+    lines = ["#define EXPLICIT 0", "#define RADAU 1", "#define CALLED 2", f"#define ANY_INPUT {ANY!r}"]
     lines += [f"#define DYNAMICS {kinds[0]}", f"#define STAGE {kinds[1]}", "#define M1(n) ((n) > 0 ? (n) : 1)"]
     lines += [f"#define {k} {v}" for k, v in numbers.items()]
     lines.append("#define GROUPS ((NS + LANES - 1) / LANES)")

@@ -14,7 +14,7 @@
 #define STAGE_OF(m) STAGES[m]
 #endif
 
-enum { SOLVED, ITERATED, ITERATION_LIMIT, STALLED, TIME_OUT, INFEASIBLE, NOT_FINITE, FAILED };
+enum { SOLVED, ITERATED, ITERATION_LIMIT, STALLED, TIME_OUT, INFEASIBLE, NOT_FINITE, FAILED, DOUBTFUL };
 enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME };
 enum { LINEARISE, CONDENSE, PARTS };
 
@@ -26,6 +26,7 @@ typedef struct {
     /* what Python sets */
     double x0[NX], applied[NU], w[M1((N + 1) * NW)], p[M1((N + 1) * NP)], r[N * NU], bounds[M1((N + 1) * NL * 2)];
     double q[M1((N + 1) * NE)], wr[N * NU], ws[N * NU], plain[M1(N_LIMITS)], square[M1(N_LIMITS)]; /* weights */
+    double lowest[NX + NP + NW], highest[NX + NP + NW]; /* of x0, p and w that can be true */
     double tolerance, time_limit, newton, accept;
     int64_t max_iterations, fixed, fresh;
     /* the iterate and what Python reads, u to residual as one block */

@@ -1,0 +1,46 @@
+/* The usual call, from the plan that the work area still holds: what it is given is judged here, at once. */
+
+/* Whether all rows lie within the ranges of their columns; NaN lies in none. */
+static int plausible(const double *v, int rows, int n, const double *low, const double *high)
+{
+    int all = 1;
+    for (int i = 0; i < rows; i++)
+        for (int j = 0; j < n; j++)
+            all &= (v[i * n + j] >= low[j]) & (v[i * n + j] <= high[j]);
+    return all;
+}
+
+/* Whether no number is NaN, infinite, or so large that its square is. */
+static int moderate(const double *v, int n)
+{
+    V all = {0}, w;
+    double rest = 0;
+    int i = 0;
+    for (; i + LANES <= n; i += LANES) {
+        memcpy(&w, v + i, sizeof w);
+        all += 0 * (w * w);
+    }
+    for (; i < n; i++)
+        rest += 0 * (v[i] * v[i]);
+    return rest == 0 && !v_any(all != 0.0);
+}
+
+/* As rt_solve; DOUBTFUL, with nothing solved, where anything given is for a closer look. */
+int rt_again(Work *s)
+{
+    const double *low = s->lowest, *high = s->highest;
+    int good = plausible(s->x0, 1, NX, low, high) && plausible(s->p, N + 1, NP, low + NX, high + NX) &&
+               plausible(s->w, N + 1, NW, low + NX + NP, high + NX + NP) && moderate(s->u, N * NU) &&
+               moderate(s->x, (NS + 1) * NX) && moderate(s->k, NS * NK) && moderate(s->working, 1 + 2 * QT);
+    double size = 0;
+    for (int j = 0; j < NU; j++) {
+        size += s->applied[j] * s->applied[j];
+        s->applied[j] = fmin(fmax(s->applied[j], INPUT_LOW[j]), INPUT_HIGH[j]);
+    }
+    if (!(good && size <= ANY_INPUT * ANY_INPUT))
+        return DOUBTFUL;
+    int status = rt_solve(s);
+    if ((status == SOLVED || status == ITERATED) && !(moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX)))
+        return NOT_FINITE;
+    return status;
+}
