@@ -9,6 +9,8 @@ import numpy as np
 
 from slipangle.errors import ParameterError
 
+DOUBLE = np.dtype(np.float64)
+
 
 def vector(given: Any, names: Sequence[str], what: str) -> np.ndarray:
     """One number for each name.

@@ -11,7 +11,7 @@
 
 #define WIDE_ROW __attribute__((aligned(sizeof(V))))
 
-enum { DONE, NOT_FINITE = 1, NO_ANSWER = 2, NO_INPUT = 3 };
+enum { DONE, NOT_FINITE = 1, NO_ANSWER = 2, NO_INPUT = 3, DOUBTFUL = 4 };
 #define M1(n) ((n) > 0 ? (n) : 1)
 #define PAST (NA * NY)
 
@@ -20,6 +20,7 @@ typedef struct {
     double x[NS], path[(NH + 1) * 3], v[NH], applied[1], speeds[NJ];
     double A[NJ * NA * NY * NY], B[NJ * NB * NY], c[NJ * NY], offset[NY];
     double q[2], end[2], r[1], s[1], bounds[2], steps[2];
+    double lowest[NS + 4], highest[NS + 4]; /* of x, path and v that can be true */
     /* what Python reads */
     double u[NH], states[(NH + 1) * NS], weights[NJ], cost[1], residual[1], seconds[1];
     int64_t iterations[1];
@@ -314,6 +315,19 @@ int marx_plan(Work *s)
     report(s);
     *s->seconds = now() - begin;
     return DONE;
+}
+
+/* The same, judged; DOUBTFUL, with nothing solved, where anything given is for a closer look. */
+int marx_again(Work *s)
+{
+    const double *low = s->lowest, *high = s->highest;
+    int good = plausible(s->x, 1, NS, low, high) && plausible(s->path, NH + 1, 3, low + NS, high + NS) &&
+               plausible(s->v, NH, 1, low + NS + 3, high + NS + 3) && fabs(*s->applied) <= ANY_INPUT;
+    *s->applied = fmin(fmax(*s->applied, s->bounds[0]), s->bounds[1]);
+    if (!good)
+        return DOUBTFUL;
+    int status = marx_plan(s);
+    return status == DONE && !(moderate(s->u, NH) && moderate(s->states, (NH + 1) * NS)) ? NO_ANSWER : status;
 }
 
 Work *marx_new(void)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, MISSING, dataclass, field, fields
+from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from time import perf_counter
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slipangle.control.arrays import applied_input, array, vector
+from slipangle.control.arrays import DOUBLE, applied_input, array, vector
 from slipangle.control.checks import (
     ANY,
     Judge,
@@ -22,9 +22,9 @@ from slipangle.control.checks import (
     require_plan,
     require_reference,
 )
-from slipangle.control.multi_arx_solver import Numbers, Problem, Solver, build
+from slipangle.control.multi_arx_solver import Continues, Numbers, Problem, Solver, build
 from slipangle.control.ocp import Reference
-from slipangle.control.plan import Plan, Status, finite, shifted, within
+from slipangle.control.plan import NEW, Health, Plan, Status, finite, quick, shifted, within
 from slipangle.control.terms import Limits, Values, Weights, coerce, require_names
 from slipangle.control.threads import BUILDING
 from slipangle.data.path import Preview
@@ -285,7 +285,10 @@ class MultiARXMPC:
         """The compiled solver or, without a compiler, NumPy and DAQP."""
         with BUILDING:
             if "solver" not in vars(self):
-                vars(self)["solver"] = build(self.problem, self.numbers)
+                solver = build(self.problem, self.numbers)
+                if isinstance(solver, Continues):
+                    solver.expect(*self._judge.ranges)
+                vars(self)["solver"] = solver
             return vars(self)["solver"]
 
     @cached_property
@@ -341,6 +344,10 @@ class MultiARXMPC:
         """`plan` with other coefficients than the model's, such as adapted ones; ``memory`` goes into the plan."""
         solver = self.solver
         begin = perf_counter()
+        if type(reference) is Reference and not self.integral:
+            found = self._again(numbers, x, reference, previous, applied, memory, begin)
+            if found is not None:
+                return found
         x = vector(x, self._states, "x")
         reference = self.check_reference(self.reference(reference) if isinstance(reference, Preview) else reference)
         require_plan(previous)
@@ -361,22 +368,71 @@ class MultiARXMPC:
             return self._fallback(call, Status.FAILED, str(error).partition("\n")[0] or type(error).__name__)
         if found.status is not Status.SOLVED or not finite(found.u, found.x):
             return self._fallback(call, Status.FAILED if found.status is Status.SOLVED else found.status)
-        return _quick_plan(
-            u=found.u,
-            x=found.x,
-            status=Status.SOLVED,
-            seconds=perf_counter() - begin,
-            cost=found.cost,
-            iterations=found.iterations,
-            controls=self.controls,
-            residual=found.residual,
-            memory=memory,
-            times=self.times,
-            health=health_of(previous).after(False, False),
-            weights=found.weights,
-            outside=not self._lowest <= speed <= self._highest,
-            offset=offset,
-        )
+        values = {
+            "u": found.u,
+            "x": found.x,
+            "status": Status.SOLVED,
+            "seconds": perf_counter() - begin,
+            "cost": found.cost,
+            "iterations": found.iterations,
+            "controls": self.controls,
+            "residual": found.residual,
+            "memory": memory,
+            "times": self.times,
+            "health": health_of(previous).after(False, False),
+            "weights": found.weights,
+            "outside": not self._lowest <= speed <= self._highest,
+            "offset": offset,
+        }
+        return quick(MultiARXPlan, values)
+
+    def _again(
+        self,
+        numbers: Numbers | None,
+        x: np.ndarray,
+        reference: Reference,
+        previous: Plan | None,
+        applied: np.ndarray | None,
+        memory: Any,
+        begin: float,
+    ) -> MultiARXPlan | None:
+        """The usual call in as few steps as possible; None for others, which are looked at closely."""
+        solver, before, health, speed = self._continues, 0.0, NEW, reference.exogenous
+        if previous is not None:
+            if not isinstance(previous, Plan):
+                return None
+            u, health = previous.u, previous.health
+            if type(u) is not np.ndarray or u.shape != self._shape_u or u.dtype is not DOUBLE:
+                return None
+            if type(health) is not Health or previous.controls != self.controls:
+                return None
+            before = u.item(0)
+        if applied is not None:
+            if type(applied) is not np.ndarray or applied.shape != (1,) or applied.dtype is not DOUBLE:
+                return None
+            before = applied.item()
+        if solver is None or type(speed) is not np.ndarray or speed.ndim != 2:
+            return None
+        v_x = speed if len(speed) == self.horizon else speed[: self.horizon]
+        if not v_x.size or not (now := v_x.item(0)) >= SLOWEST:
+            return None
+        found = solver.again(x, reference.tracked, v_x, before, numbers)
+        if found is None:
+            return None
+        found["controls"], found["times"], found["memory"] = self.controls, self.times, memory
+        found["outside"] = not self._lowest <= now <= self._highest
+        found["health"] = health.after(False, False)
+        found["seconds"] = perf_counter() - begin
+        return quick(MultiARXPlan, found)
+
+    @cached_property
+    def _continues(self) -> Continues | None:
+        """The solver, where it judges by itself what the usual call is given."""
+        return self.solver if isinstance(self.solver, Continues) else None
+
+    @cached_property
+    def _shape_u(self) -> tuple[int, int]:
+        return self.horizon, 1
 
     def _offset(self, x: np.ndarray, previous: Plan) -> np.ndarray | float:
         """Sum of the believed prediction errors, from a fresh plan one step ago; zero after anything else."""
@@ -388,7 +444,7 @@ class MultiARXMPC:
 
     def _known(self, previous: Plan | None) -> bool:
         """Whether a plan's inputs are of this problem, and numbers."""
-        return previous is not None and previous.controls == self.controls and is_numbers(previous.u, (self.horizon, 1))
+        return previous is not None and previous.controls == self.controls and is_numbers(previous.u, self._shape_u)
 
     @cached_property
     def _shape_x(self) -> tuple[int, int]:
@@ -519,13 +575,3 @@ def _checked_knots(knots: Sequence[int], horizon: int) -> tuple[int, ...]:
             f"knots is {str(given)[:60]}; expected growing whole numbers from 0 to at most {horizon - 1}, the last step"
         )
     return tuple(int(k) for k in given)
-
-
-_DEFAULTS = {f.name: f.default for f in fields(MultiARXPlan) if f.default is not MISSING}
-
-
-def _quick_plan(**values: Any) -> MultiARXPlan:
-    """A plan without the constructor of frozen dataclasses, which takes as long as the whole solve."""
-    plan = object.__new__(MultiARXPlan)
-    plan.__dict__.update(_DEFAULTS, **values)
-    return plan

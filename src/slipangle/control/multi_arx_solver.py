@@ -6,16 +6,19 @@ import ctypes
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from slipangle.control.arrays import DOUBLE
+from slipangle.control.checks import ANY
 from slipangle.control.plan import Status, within
 from slipangle.control.threads import PerThread
 from slipangle.models.compiled import library
 
 FIELDS = (
-    "x path v applied speeds A B c offset q end r s bounds steps u states weights cost residual seconds iterations"
+    "x path v applied speeds A B c offset q end r s bounds steps lowest highest u states weights "
+    "cost residual seconds iterations"
 ).split()
 FLAGS = ("-fno-math-errno", "-fno-trapping-math")
 OUTCOMES = (Status.SOLVED, Status.NOT_FINITE, Status.FAILED, Status.INFEASIBLE)
@@ -85,6 +88,21 @@ class Answer(NamedTuple):
     residual: float
 
 
+@runtime_checkable
+class Continues(Protocol):
+    """A solver that judges by itself what the usual call is given."""
+
+    def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
+        """Ranges of the state's entries, of X, Y, psi and of the speed, beyond which a value is doubtful."""
+        ...
+
+    def again(
+        self, x: np.ndarray, path: np.ndarray, v_x: np.ndarray, applied: float, numbers: Numbers | None
+    ) -> dict[str, Any] | None:
+        """What a plan says of an answer; None if anything is unusual, or there is no answer."""
+        ...
+
+
 class Solver(Protocol):
     """A solver for one `Problem`."""
 
@@ -120,9 +138,10 @@ def source(problem: Problem) -> str:
         "RR": names.index("r") if problem.posed else 0,
         "SMOOTH": int(problem.smooth),
         "STEP": repr(float(problem.dt)),
+        "ANY_INPUT": repr(ANY),
     }
     place = files("slipangle.control")
-    text = [(place / "realtime" / n).read_text(encoding="utf-8") for n in ("lanes.h", "qp.c")]
+    text = [(place / "realtime" / n).read_text(encoding="utf-8") for n in ("lanes.h", "ranges.c", "qp.c")]
     own = (place / "multi_arx.c").read_text(encoding="utf-8")
     cases = "\n".join(f"    case {i}: return s->{name};" for i, name in enumerate(FIELDS))
     reach = f"void *marx_at(Work *s, int i)\n{{\n    switch (i) {{\n{cases}\n    }}\n    return NULL;\n}}\n"
@@ -159,12 +178,13 @@ class WorkArea:
         found.marx_new.restype = ctypes.c_void_p
         found.marx_at.restype, found.marx_at.argtypes = ctypes.c_void_p, [ctypes.c_void_p, ctypes.c_int]
         found.marx_free.restype, found.marx_free.argtypes = None, [ctypes.c_void_p]
-        found.marx_plan.restype, found.marx_plan.argtypes = ctypes.c_int, [ctypes.c_void_p]
+        for call in (found.marx_plan, found.marx_again):
+            call.restype, call.argtypes = ctypes.c_int, [ctypes.c_void_p]
         self._work = found.marx_new()
         if not self._work:
             raise MemoryError("no memory for the solver")
         self._pointer = ctypes.c_void_p(self._work)
-        self._call = found.marx_plan
+        self._call, self._call_again = found.marx_plan, found.marx_again
         n, ny, tracked = problem.horizon, len(problem.outputs), len(problem.q)
         shapes: dict[str, tuple[int, ...]] = {
             "x": (problem.n_states,),
@@ -179,6 +199,8 @@ class WorkArea:
             "end": (tracked,),
             "bounds": (2,),
             "steps": (2,),
+            "lowest": (problem.n_states + 4,),
+            "highest": (problem.n_states + 4,),
             "u": (n, 1),
             "states": (n + 1, problem.n_states),
             "weights": (problem.n_models,),
@@ -198,6 +220,7 @@ class WorkArea:
         self._offset = view["offset"]
         self._u, self._states, self._weights = (view[k] for k in ("u", "states", "weights"))
         self._cost, self._residual, self._iterations = (view[k] for k in ("cost", "residual", "iterations"))
+        self._sizes = self._x.shape, self._path.shape, self._v.shape
         self._loaded: Numbers | None = None
         self._load(numbers)
 
@@ -245,12 +268,49 @@ class WorkArea:
             self._residual.item(),
         )
 
+    def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
+        """See `Continues`."""
+        self._view["lowest"][:], self._view["highest"][:] = lowest, highest
+
+    def again(
+        self, x: np.ndarray, path: np.ndarray, v_x: np.ndarray, applied: float, numbers: Numbers | None
+    ) -> dict[str, Any] | None:
+        """See `Continues`."""
+        if not (type(x) is type(path) is type(v_x) is np.ndarray and (x.shape, path.shape, v_x.shape) == self._sizes):
+            return None
+        if not (x.dtype is DOUBLE and path.dtype is DOUBLE and v_x.dtype is DOUBLE):
+            return None
+        wanted = self._numbers if numbers is None else numbers
+        if self._loaded is not wanted:
+            self._load(wanted)
+        self._x[...], self._path[...], self._v[...], self._applied[0] = x, path, v_x, applied
+        self._offset.fill(0.0)
+        if self._call_again(self._pointer):
+            return None
+        return {
+            "u": self._u.copy(),
+            "x": self._states.copy(),
+            "status": Status.SOLVED,
+            "cost": self._cost.item(),
+            "iterations": self._iterations.item(),
+            "residual": self._residual.item(),
+            "weights": self._weights.copy(),
+        }
+
 
 class Compiled:
     """Solver on a loaded library, a work area for each thread."""
 
     def __init__(self, problem: Problem, numbers: Numbers, found: ctypes.CDLL) -> None:
-        self._areas = PerThread(lambda: WorkArea(problem, numbers, found))
+        self._ranges: tuple[np.ndarray, np.ndarray] | None = None
+
+        def area() -> WorkArea:
+            made = WorkArea(problem, numbers, found)
+            if self._ranges is not None:
+                made.expect(*self._ranges)
+            return made
+
+        self._areas = PerThread(area)
         _ = self._areas.mine
 
     @property
@@ -269,6 +329,17 @@ class Compiled:
     ) -> Answer:
         """See `Solver`."""
         return self._areas.mine.solve(x, path, v_x, applied, numbers, offset)
+
+    def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
+        """See `Continues`; for all threads' areas that are made from now on, and this one's."""
+        self._ranges = lowest, highest
+        self._areas.mine.expect(lowest, highest)
+
+    def again(
+        self, x: np.ndarray, path: np.ndarray, v_x: np.ndarray, applied: float, numbers: Numbers | None
+    ) -> dict[str, Any] | None:
+        """See `Continues`."""
+        return self._areas.mine.again(x, path, v_x, applied, numbers)
 
 
 class Interpreted:

@@ -9,6 +9,7 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
+from slipangle.control.arrays import DOUBLE
 from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import MOST_ATTEMPTS, Plan, Solution, Start, Status, between, finite, inputs_later
 from slipangle.control.realtime.parts import implicit, limit_rows, slack_of_rows
@@ -26,7 +27,6 @@ OUTCOMES = (
     Status.FAILED,
 )
 DOUBTFUL = len(OUTCOMES)
-DOUBLE = np.dtype(np.float64)
 CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME = range(5)
 
 

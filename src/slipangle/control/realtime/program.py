@@ -80,6 +80,7 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
             _text("stages.c"),
             _text("solver.c"),
             _text("fallback.c"),
+            _text("ranges.c"),
             _text("judge.c"),
             _fields(),
         ]
