@@ -257,11 +257,8 @@ class MPC(OCP):
 
     @cached_property
     def _continues(self) -> Continues | None:
-        """The engine, where it judges by itself what the usual call is given; a heading is unwound before that."""
-        engine = self._engine
-        if not isinstance(engine, Continues) or ("psi" in self.references and "psi" in self.model.states):
-            return None
-        return engine
+        """The engine, where it judges by itself what the usual call is given."""
+        return self._engine if isinstance(self._engine, Continues) else None
 
     @cached_property
     def _bounds(self) -> Bounds | None:
@@ -315,10 +312,10 @@ class MPC(OCP):
 
     def _unwound(self, wanted: Reference, x: np.ndarray) -> Reference:
         """The reference with its heading on the turn nearest to the vehicle's."""
-        if "psi" not in self.references or "psi" not in self.model.states:
+        if self.headings is None:
             return wanted
-        column = self.references.index("psi")
-        turns = np.round((x[self.model.states.index("psi")] - wanted.tracked[0, column]) / (2 * np.pi))
+        here, column = self.headings
+        turns = np.round((x[here] - wanted.tracked[0, column]) / (2 * np.pi))
         if turns == 0:
             return wanted
         tracked = np.array(wanted.tracked, dtype=float)

@@ -238,6 +238,13 @@ class OCP:
         return tuple(dict.fromkeys((*plain, *pose)))
 
     @cached_property
+    def headings(self) -> tuple[int, int] | None:
+        """Where states and references have the heading, None unless both do."""
+        if "psi" not in self.references or "psi" not in self.model.states:
+            return None
+        return self.model.states.index("psi"), self.references.index("psi")
+
+    @cached_property
     def soft(self) -> tuple[str, ...]:
         """Limited quantities whose limits may be exceeded at a price."""
         return tuple(n for n in self.limited if n in self.slack or n in self.slack_linear)

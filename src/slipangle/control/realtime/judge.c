@@ -7,6 +7,9 @@ int rt_again(Work *s)
     int good = plausible(s->x0, 1, NX, low, high) && plausible(s->p, N + 1, NP, low + NX, high + NX) &&
                plausible(s->w, N + 1, NW, low + NX + NP, high + NX + NP) && moderate(s->u, N * NU) &&
                moderate(s->x, (NS + 1) * NX) && moderate(s->k, NS * NK) && moderate(s->working, 1 + 2 * QT);
+#ifdef HEADING
+    good &= fabs(s->x0[HEADING] - s->p[HEADING_WANTED]) <= 3.1415; /* no turn more, or less, to be unwound */
+#endif
     double size = 0;
     for (int j = 0; j < NU; j++) {
         size += s->applied[j] * s->applied[j];

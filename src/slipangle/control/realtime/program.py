@@ -177,6 +177,8 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
     lines = ["#define EXPLICIT 0", "#define RADAU 1", "#define CALLED 2", f"#define ANY_INPUT {ANY!r}"]
     lines += [f"#define DYNAMICS {kinds[0]}", f"#define STAGE {kinds[1]}", "#define M1(n) ((n) > 0 ? (n) : 1)"]
     lines += [f"#define {k} {v}" for k, v in numbers.items()]
+    if ocp.headings is not None:
+        lines += [f"#define {name} {i}" for name, i in zip(("HEADING", "HEADING_WANTED"), ocp.headings, strict=True)]
     lines.append("#define GROUPS ((NS + LANES - 1) / LANES)")
     lines += [
         _array("double", "SCALE", input_scale(ocp)),
