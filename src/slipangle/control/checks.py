@@ -65,6 +65,8 @@ class Plausible:
         return self._inside(values)
 
     def _inside(self, values: np.ndarray) -> bool:
+        if not isfinite(np.vdot(values, values)):  # the usual fault, found without a look at each
+            return False
         return bool(((values >= self._low) & (values <= self._high)).all())
 
     def fault(self, values: np.ndarray) -> str:
@@ -122,8 +124,10 @@ class Judge:
         """None where all is plausible, else NOT_FINITE or IMPLAUSIBLE."""
         if self.states.holds(x) and self.tracked.holds(tracked) and self.exogenous.holds(exogenous):
             return None
-        numbers = all((np.abs(a) <= NUMBER).all() for a in (x, tracked, exogenous))
-        return Status.IMPLAUSIBLE if numbers else Status.NOT_FINITE
+        for a in (x, tracked, exogenous):
+            if not (isfinite(np.vdot(a, a)) and (np.abs(a) <= NUMBER).all()):
+                return Status.NOT_FINITE
+        return Status.IMPLAUSIBLE
 
     def fault(self, x: np.ndarray, tracked: np.ndarray, exogenous: np.ndarray) -> str:
         """Which value is out of its range."""

@@ -426,7 +426,7 @@ class MPC(OCP):
             return None
         kept = previous.memory
         if not isinstance(kept, Kept):
-            kept = Kept(u=previous.u, x=previous.x, age=counted(previous.age))
+            kept = quick(Kept, {"u": previous.u, "x": previous.x, "age": counted(previous.age)})
         if previous.controls != self.controls or not 0 <= kept.age < age:
             return None
         if not is_numbers(kept.u, self._shape_u):
@@ -434,7 +434,7 @@ class MPC(OCP):
         times = previous.times
         same = times is None or times is self.times or is_numbers(times, self.times.shape)
         if same and times is not None and times is not self.times:
-            same = np.allclose(times, self.times)
+            same = bool((times == self.times).all()) or np.allclose(times, self.times)
         return kept if same else None
 
 
