@@ -177,11 +177,13 @@ class MPC(OCP):
         wanted = self.check_reference(self.reference(reference) if isinstance(reference, Preview) else reference)
         require_plan(previous)
         before = self._before(previous, applied)
-        call = Call(x=x, wanted=wanted, previous=previous, before=before, begin=begin)
         wrong = self._judge.status(x, wanted.tracked, wanted.exogenous)
-        if wrong is not None or not _others_finite(wanted):
+        if wrong is None and not _others_finite(wanted):
+            wrong = Status.NOT_FINITE
+        call = Call(x, wanted, previous, before, begin, wrong is None)
+        if wrong is not None:
             detail = self._judge.fault(x, wanted.tracked, wanted.exogenous) if wrong is Status.IMPLAUSIBLE else ""
-            return self._fallback(call._replace(sound=False), wrong or Status.NOT_FINITE, detail=detail)
+            return self._fallback(call, wrong, detail=detail)
         if self._bounds is not None:
             self._bounds.allow(self._left(begin) - self._pace[0])
         try:
