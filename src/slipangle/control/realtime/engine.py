@@ -98,7 +98,7 @@ class WorkArea:
             "square": (limits,),
             "u": (n, nu),
             "x": (steps + 1, nx),
-            "k": (steps, 3 * len(parts.core) if parts else 0),
+            "k": (steps + 1, 3 * len(parts.core) if parts else 0),
         }
         view: dict[str, np.ndarray] = {}
         for i, name in enumerate((*FIELDS, *COUNTS)):

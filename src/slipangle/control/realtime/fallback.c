@@ -4,8 +4,8 @@
 #define COARSE 1e-3 /* accuracy of the integrator's stages in the first sweep */
 #define NEAR 1e-4 /* a sweep that moves no state by more, relative to 1 + |x|, leaves about the square of it */
 
-/* Inputs within limits and rates, and states from x0 on: Newton's method on all steps side by side, from the states that
-   s->x holds. As many sweeps as time allows, at least one; 0 where the states leave the finite numbers. */
+/* Inputs within limits and rates, and states from x0 on: Newton's method on all steps side by side, from the states
+   that s->x holds. As many sweeps as time allows, at least one; 0 where the states leave the finite numbers. */
 int rt_follow(Work *s)
 {
     double until = now() + s->time_limit, exact = s->newton;

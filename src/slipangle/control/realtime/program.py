@@ -190,6 +190,7 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
         _array("int", "LIMIT_WHICH", [j for _, j in rows]),
         _array("int", "E_INPUT", [bool(row) for row in nonzeros(stage.sparsity_out(3))]),
         *_patterns("E", stage.sparsity_out(2)),
+        *_patterns("L", stage.sparsity_out(4)),
     ]
     if ocp.nodes[-1] > n:
         lines += [_array("int", "NODES", ocp.nodes), _array("int", "STAGES", ocp.stage_of)]
@@ -234,7 +235,7 @@ def _scratch(called: Sequence[ca.Function], is_implicit: bool) -> str:
     lines.append("    V x[NX], u[NU], w[M1(NW)], p[M1(NP)], next[NX], A[NX * NX], B[NX * NU], e[M1(NE)], l[M1(NL)];")
     lines.append("    V E[M1(NE * NX)], D[M1(NE * NU)], LX[M1(NL * NX)], LU[M1(NL * NU)];")
     if is_implicit:
-        lines.append("    V k[NK], d[NK], kept[NK], way[NK], *m, *s, dx[NX], du[NU];")
+        lines.append("    V k[NK], d[NK], kept[NK], way[NK], *m, *s, dx[NX], du[NU], shift[NU];")
         lines.append("    V factors[GROUPS * NK * NK], by[GROUPS * (NC + NU) * NK]; /* m and s of all columns */")
         lines.append("    int spoilt[GROUPS]; /* they belong to a shorter step */")
         lines.append("    V f[3 * NC], fx[3 * NC * NC], fu[3 * NC * NU];")

@@ -50,6 +50,14 @@ static double now(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
+INLINE double larger(double a, double b) /* b where a is no number */
+{
+    return a > b ? a : b;
+}
+INLINE double smaller(double a, double b)
+{
+    return a < b ? a : b;
+}
 INLINE double dot(const double *a, const double *b, int n)
 {
     V sum = {0}, x, y;
@@ -258,9 +266,10 @@ static double qp_residual(Qp *q)
         if (q->lambda[i] != 0)
             row_add(q, i, q->lambda[i], forces);
     for (int a = 0; a < Q_N; a++)
-        size = fmax(size, fabs(q->g[a]) + fabs(z[a]) + fabs(forces[a]));
+        size = larger(fabs(q->g[a]) + fabs(z[a]) + fabs(forces[a]), size);
     for (int a = 0; a < Q_N; a++)
-        worst = fmax(worst, fabs(z[a] + q->g[a] + forces[a]) / size);
+        worst = larger(fabs(z[a] + q->g[a] + forces[a]), worst);
+    worst /= size;
     for (int i = 0; i < Q_N + Q_R + Q_D; i++) {
         double v = row_value(q, i, q->u), l = q->lambda[i];
         double over = fmax(v - q->hi[i], q->lo[i] - v), paid = 0;
@@ -295,6 +304,8 @@ static int most_violated(const Qp *q, double *sign, int *back)
             e = (b - s * v) / (1 + fabs(b));
         } else {
             double over = v - q->hi[i], under = q->lo[i] - v;
+            if (over <= 0 && under <= 0)
+                continue;
             s = over > under ? 1 : -1;
             e = s > 0 ? over / (1 + fabs(q->hi[i])) : under / (1 + fabs(q->lo[i]));
             if (q->plain[i] <= 0 && q->square[i] <= 0)

@@ -29,6 +29,8 @@ static int linearise(Work *s)
 {
     for (int i = 0; i < NS; i += LANES)
         evaluate_dynamics(s, i, LANES);
+    if (NK > 0) /* of a step after the last; `evaluate_ends` may know better */
+        memcpy(s->k + NS * NK, s->k + (NS - 1) * NK, sizeof(double) * NK);
     if (s->open_end)
         memcpy(s->x + NS * NX, s->next + (NS - 1) * NX, sizeof s->x0);
     s->open_end = 0;
@@ -128,9 +130,8 @@ static int condense(Work *s)
             double *c = (double *)q->C + limit * QL;
             const double *lx = s->LX + i * NL * NX + k * NX, *lu = s->LU + i * NL * NU + k * NU;
             memset(c, 0, sizeof(double) * QL);
-            for (int b = 0; b < NX; b++)
-                if (lx[b] != 0)
-                    add_rows(c, lx[b], old + b * QL, 0, width);
+            for (int b = L_FIRST[k]; b < L_FIRST[k + 1]; b++)
+                add_rows(c, lx[L_AT[b]], old + L_AT[b] * QL, 0, width);
             for (int j = 0; j < NU; j++)
                 c[at * NU + j] += SCALE[j] * lu[j];
         }
@@ -169,6 +170,20 @@ static int condense(Work *s)
     return 0;
 }
 
+/* Multipliers of the dynamics carried from the end of a step of the model to its beginning, added to those there: whole
+   rows of A, as what is stored by element must be waited for before it can be read again. */
+INLINE void carry_back(const double *restrict A, const double *restrict after, double *restrict before)
+{
+    double sum[NX];
+    for (int c = 0; c < NX; c++)
+        sum[c] = before[c];
+    for (int a = 0; a < NX; a++)
+        for (int c = 0; c < NX; c++)
+            sum[c] += A[a * NX + c] * after[a];
+    for (int c = 0; c < NX; c++)
+        before[c] = sum[c];
+}
+
 /* Gradient and limits for the state now, relative to the iterate. */
 static void feed(Work *s)
 {
@@ -191,13 +206,14 @@ static void feed(Work *s)
         const double *weight = s->q + i * NE, *dx = s->dx + NODE(i) * NX;
         int at = i < N ? i : N - 1;
         for (int m = i < N ? NODE(i + 1) - 1 : -1; m >= NODE(i); m--) {
-            const double *A = s->A + m * NX * NX, *B = s->B + m * NX * NU, *after = pi + (m + 1) * NX;
-            for (int a = 0; a < NX; a++) {
-                for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
-                    pi[m * NX + A_AT[c]] += A[a * NX + A_AT[c]] * after[a];
+            const double *B = s->B + m * NX * NU, *after = pi + (m + 1) * NX;
+            double sum[NU] = {0};
+            carry_back(s->A + m * NX * NX, after, pi + m * NX);
+            for (int a = 0; a < NX; a++)
                 for (int j = 0; j < NU; j++)
-                    q->g[i * NU + j] += SCALE[j] * B[a * NU + j] * after[a];
-            }
+                    sum[j] += B[a * NU + j] * after[a];
+            for (int j = 0; j < NU; j++)
+                q->g[i * NU + j] += SCALE[j] * sum[j];
         }
         for (int k = 0; k < NE; k++) {
             const double *ex = s->E + i * NE * NX + k * NX, *eu = s->D + i * NE * NU + k * NU;
@@ -231,8 +247,8 @@ static void feed(Work *s)
         int i, k;
         const double *b = limit_of(s, row, &i, &k), *lx = s->LX + i * NL * NX + k * NX;
         double v = s->l[i * NL + k];
-        for (int c = 0; c < NX; c++)
-            v += lx[c] * s->dx[NODE(i) * NX + c];
+        for (int c = L_FIRST[k]; c < L_FIRST[k + 1]; c++)
+            v += lx[L_AT[c]] * s->dx[NODE(i) * NX + L_AT[c]];
         q->lo[QN + QR + row] = b[0] - v, q->hi[QN + QR + row] = b[1] - v;
     }
 }
@@ -335,12 +351,8 @@ static void promise(Work *s)
     for (int i = N; i >= 0; i--) {
         const double *weight = s->q + i * NE, *dx = s->dx + NODE(i) * NX;
         const double *du = s->du + (i < N ? i : N - 1) * NU;
-        for (int m = i < N ? NODE(i + 1) - 1 : -1; m >= NODE(i); m--) {
-            const double *A = s->A + m * NX * NX;
-            for (int a = 0; a < NX; a++)
-                for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
-                    pi[m * NX + A_AT[c]] += A[a * NX + A_AT[c]] * pi[(m + 1) * NX + a];
-        }
+        for (int m = i < N ? NODE(i + 1) - 1 : -1; m >= NODE(i); m--)
+            carry_back(s->A + m * NX * NX, pi + (m + 1) * NX, pi + m * NX);
         for (int k = 0; k < NE; k++) {
             const double *ex = s->E + i * NE * NX + k * NX, *eu = s->D + i * NE * NU + k * NU;
             double v = 0;
@@ -356,17 +368,17 @@ static void promise(Work *s)
                 pi[NODE(i) * NX + E_AT[c]] += ex[E_AT[c]] * weight[k] * v;
         }
         for (; row >= 0 && LIMIT_STAGE[row] == i; row--) {
-            const double *lx = s->LX + i * NL * NX + LIMIT_WHICH[row] * NX;
-            const double *lu = s->LU + i * NL * NU + LIMIT_WHICH[row] * NU;
-            double v = s->l[i * NL + LIMIT_WHICH[row]], lambda = q->lambda[QN + QR + row];
-            for (int c = 0; c < NX; c++)
-                v += lx[c] * dx[c];
+            int k = LIMIT_WHICH[row];
+            const double *lx = s->LX + i * NL * NX + k * NX, *lu = s->LU + i * NL * NU + k * NU;
+            double v = s->l[i * NL + k], lambda = q->lambda[QN + QR + row];
+            for (int c = L_FIRST[k]; c < L_FIRST[k + 1]; c++)
+                v += lx[L_AT[c]] * dx[L_AT[c]];
             for (int j = 0; j < NU; j++)
                 v += lu[j] * du[j];
             s->l_after[row] = v;
             if (lambda != 0)
-                for (int c = 0; c < NX; c++)
-                    pi[NODE(i) * NX + c] += lx[c] * lambda;
+                for (int c = L_FIRST[k]; c < L_FIRST[k + 1]; c++)
+                    pi[NODE(i) * NX + L_AT[c]] += lx[L_AT[c]] * lambda;
         }
     }
     for (int a = 0; a < N * NU; a++) {
@@ -381,12 +393,12 @@ static double step_size(const Work *s)
 {
     double worst = 0;
     for (int a = 0; a < N * NU; a++)
-        worst = fmax(worst, fabs(s->qp.u[a]));
+        worst = larger(worst, fabs(s->qp.u[a]));
     return worst;
 }
 
 /* One over 1 + the mean change of each column from row to row, which does not depend on where zero is. */
-static void units(const double *rows, int count, int wide, double *to)
+INLINE void units(const double *rows, int count, int wide, double *to)
 {
     for (int a = 0; a < wide; a++)
         to[a] = 0;
@@ -397,16 +409,17 @@ static void units(const double *rows, int count, int wide, double *to)
         to[a] = 1 / (1 + to[a] / (count - 1));
 }
 
-/* How good the iterate is after a full step, from the values there: its cost, the largest defect of the dynamics or excess
-   over a hard limit, and a residual, the largest of these in `units` and of what is left of stationarity. For
-   the last: terms of the Lagrangian beyond the model that the step was computed with, over the curvature of that model along
-   the step, are about the share of the step by which the next one corrects it. */
+/* How good the iterate is after a full step, from the values there: its cost, the largest defect of the dynamics or
+   excess over a hard limit, and a residual, the largest of these in `units` and of what is left of stationarity. For
+   the last: terms of the Lagrangian beyond the model that the step was computed with, over the curvature of that model
+   along the step, are about the share of the step by which the next one corrects it. */
 static void judge(Work *s)
 {
     const Qp *q = &s->qp;
-    double half = 0, beyond = 0, worst = 0, off = 0, reach = step_size(s), of_x[NX], of_l[M1(NL)];
+    double half = 0, beyond = 0, worst = 0, off = 0, reach = s->step, of_x[NX], of_l[M1(NL)];
     units(s->x, NS + 1, NX, of_x);
-    units(s->l, N + 1, NL, of_l);
+    if (NL > 0)
+        units(s->l, N + 1, NL, of_l);
     for (int i = 0; i < (N + 1) * NE; i++) {
         half += 0.5 * s->q[i] * s->e[i] * s->e[i];
         beyond += fabs(s->q[i] * s->e[i] * (s->e[i] - s->e_after[i]));
@@ -425,23 +438,41 @@ static void judge(Work *s)
         else if (excess > 0)
             worst = fmax(worst, excess), off = fmax(off, excess * of_l[k]);
     }
+    double part[NX] = {0}, most[NX] = {0}, moved[NX] = {0}; /* of each state; `beyond` shows what is no number */
     for (int m = 0; m < NS; m++)
         for (int a = 0; a < NX; a++) {
-            int i = m * NX + a;
-            double d = fabs(s->next[i] - s->x[NX + i]);
-            beyond += fabs(s->pi[NX + i]) * d;
-            worst = fmax(worst, d), off = fmax(off, d * of_x[a]);
-            reach = fmax(reach, fabs(s->dx[NX + i]) * of_x[a]);
+            double d = fabs(s->next[m * NX + a] - s->x[NX + m * NX + a]);
+            part[a] += fabs(s->pi[NX + m * NX + a]) * d;
+            most[a] = larger(most[a], d);
+            moved[a] = larger(moved[a], fabs(s->dx[NX + m * NX + a]));
         }
+    for (int a = 0; a < NX; a++) {
+        beyond += part[a], worst = larger(worst, most[a]);
+        off = larger(off, most[a] * of_x[a]), reach = larger(reach, moved[a] * of_x[a]);
+    }
     s->cost = 2 * half, s->violation = worst;
     s->residual = fmax(fmax(q->kkt, off), reach * (2 * beyond < s->bend ? 2 * beyond / s->bend : 1));
     if (!(half < INFINITY && worst < INFINITY && beyond * 0 == 0))
         s->violation = s->residual = INFINITY;
 }
 
+/* Inputs a step later, the mean over each stage. */
+static void later_inputs(const Work *s, double *to)
+{
+    for (int i = 0; i < N; i++) {
+        double length = NODE(i + 1) - NODE(i);
+        for (int j = 0; j < NU; j++) {
+            const double *u = s->u + i * NU + j;
+            to[i * NU + j] = i + 1 < N ? ((length - 1) * u[0] + u[NU]) / length : u[0];
+        }
+    }
+}
+
 /* The same after the values, without derivatives, have been found. */
 static void check(Work *s)
 {
+    if (NS > N)
+        later_inputs(s, s->u_later);
     for (int i = 0; i < NS; i += LANES)
         evaluate_ends(s, i);
     for (int i = 0; i <= N; i += LANES)
@@ -492,8 +523,8 @@ static void keep_inputs(Work *s)
         for (int j = 0; j < NU; j++) {
             int a = i * NU + j;
             double before = i ? s->u[a - NU] : s->applied[j], u = s->u[a];
-            u = fmin(fmax(u, before + STEP_LOW[a]), before + STEP_HIGH[a]);
-            s->u[a] = fmin(fmax(u, INPUT_LOW[j]), INPUT_HIGH[j]);
+            u = smaller(larger(u, before + STEP_LOW[a]), before + STEP_HIGH[a]);
+            s->u[a] = smaller(larger(u, INPUT_LOW[j]), INPUT_HIGH[j]);
         }
 }
 
@@ -515,7 +546,9 @@ static int prepare(Work *s)
     double begin = now();
     int status = TIME_OUT;
     if (begins(s, LINEARISE)) {
+        s->from = FROM;
         status = linearise(s) ? SOLVED : NOT_FINITE;
+        s->from = 0;
         ends(s, LINEARISE);
     }
     if (status == SOLVED && begins(s, CONDENSE)) {
@@ -627,8 +660,8 @@ static int step_late(Work *s, double t, double allowed)
     return TIME_OUT;
 }
 
-/* Iterate to convergence with a line search on an exact penalty function (weights per state, three steps of memory), damped
-   after short steps; or, if `loose`, until the iterate is accepted. An unfinished iterate is left where it is. */
+/* Iterate to convergence with a line search on an exact penalty function (weights per state, three steps of memory),
+   damped after short steps; or, if `loose`, until the iterate is accepted. An unfinished iterate stays where it is. */
 static int converge(Work *s, int64_t most, int loose)
 {
     double past[3] = {INFINITY, INFINITY, INFINITY}, cost, violation;
@@ -735,18 +768,6 @@ static void start_from_nothing(Work *s)
     }
 }
 
-/* Inputs as they were planned a step ago, the mean over each stage. */
-static void shift_inputs(Work *s)
-{
-    for (int i = 0; i + 1 < N; i++) {
-        double length = NODE(i + 1) - NODE(i);
-        for (int j = 0; j < NU; j++) {
-            double *u = s->u + i * NU + j;
-            u[0] = ((length - 1) * u[0] + u[NU]) / length;
-        }
-    }
-}
-
 /* Whether the state now is nearer to that a step ahead than to the first, as when the vehicle moves on. */
 static int moves_on(const Work *s)
 {
@@ -759,9 +780,10 @@ static int moves_on(const Work *s)
     return ahead <= here;
 }
 
-/* Start from the plan of the step before (CONTINUE: u, x, k as it left them; RESUME: as an unfinished solve left them, which
-   may have been about a vehicle that has not moved since), from nothing (FROM_NOTHING: constant inputs, states rolled out), from inputs and states (GIVEN), or from inputs (GIVEN_INPUTS:
-   states rolled out). Only the first takes a fixed number of iterations. */
+/* Start from the plan of the step before (CONTINUE: u, x, k as it left them; RESUME: as an unfinished solve left them,
+   which may have been about a vehicle that has not moved since), from nothing (FROM_NOTHING: constant inputs, states
+   rolled out), from inputs and states (GIVEN), or from inputs (GIVEN_INPUTS: states rolled out). Only the first takes a
+   fixed number of iterations. */
 static void start(Work *s)
 {
     int shifts = s->fresh == CONTINUE || (s->fresh == RESUME && moves_on(s));
@@ -776,10 +798,11 @@ static void start(Work *s)
     else
         s->qp.k = 0;
     if (shifts) {
-        shift_inputs(s);
+        later_inputs(s, s->u_later);
+        memcpy(s->u, s->u_later, sizeof s->u);
         memmove(s->x, s->x + NX, sizeof(double) * NS * NX);
         if (NK > 0)
-            memmove(s->k, s->k + NK, sizeof(double) * (size_t)((NS - 1) * NK));
+            memmove(s->k, s->k + NK, sizeof(double) * (size_t)(NS * NK));
     } else if (s->fresh != RESUME)
         memset(s->k, 0, sizeof s->k);
     if (s->fresh == FROM_NOTHING)
@@ -806,7 +829,9 @@ int rt_prepare(Work *s)
 /* Full steps that did not end at an acceptable plan are followed by some with a line search. */
 static int finish(Work *s, int status)
 {
-    if (status == ITERATED && !accepted(s))
+    if (status == ITERATED && accepted(s))
+        return status;
+    if (status == ITERATED)
         status = converge(s, MORE, 1);
     keep_inputs(s);
     return status;

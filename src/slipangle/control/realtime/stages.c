@@ -70,10 +70,10 @@ static void settle_fast_states(Scratch *c, I which)
 
 /* Stage slopes k of one step of Radau IIA by exact Newton steps, H its coefficients times its length; columns that
    find none stay marked in `moving`. A step is the last one where it, or what its shrinking promises of the next, is
-   within the tolerance. */
-INLINE void find_stages(Scratch *c, const double *H, double step, double tolerance, int settle, I *moving)
+   within the tolerance; the first counts as shrunk from `from`, zero if nothing is known of where k is. */
+INLINE void find_stages(Scratch *c, const double *H, double step, double tolerance, double from, int settle, I *moving)
 {
-    V at[NX], unit[NC], before = v_all(INFINITY), last = v_all(0.0), t = v_all(1.0);
+    V at[NX], unit[NC], before = v_all(INFINITY), last = v_all(from), t = v_all(1.0);
     for (int a = 0; a < NX; a++)
         at[a] = c->x[a];
     for (int a = 0; a < NC; a++)
@@ -187,7 +187,7 @@ static __attribute__((noinline, cold)) void short_steps(Scratch *c, double toler
     for (int n = 0; n < SHORT; n++) {
         I moving;
         memset(c->k, 0, sizeof k);
-        find_stages(c, SHORT_H, STEP / SHORT, tolerance, 0, &moving);
+        find_stages(c, SHORT_H, STEP / SHORT, tolerance, 0, 0, &moving);
         failed |= moving;
         end_step(c, SHORT_H, 0);
         memcpy(c->x, c->next, sizeof from);
@@ -226,10 +226,10 @@ static __attribute__((noinline, cold)) void short_steps(Scratch *c, double toler
 
 /* Three-stage Radau IIA. The core states (those that feed back on each other) are implicit; the others follow by
    quadrature. Stage slopes k are kept between calls. Returns whether some column took short steps. */
-static int integrate(Scratch *c, double tolerance)
+static int integrate(Scratch *c, double tolerance, double from)
 {
     I moving;
-    find_stages(c, RADAU_H, STEP, tolerance, 1, &moving);
+    find_stages(c, RADAU_H, STEP, tolerance, from, 1, &moving);
     end_step(c, RADAU_H, 1);
     int failed = v_any(moving);
     if (__builtin_expect(failed, 0))
@@ -277,6 +277,11 @@ INLINE void follow(Scratch *c)
 #endif
     for (int i = 0; i < NK; i++) /* a better start for the next step, unless they were far off */
         c->k[i] = v_pick(off <= 1e-2, c->k[i], c->kept[i]);
+#if NS > N
+    for (int b = 0; b < NU; b++)
+        for (int i = 0; i < NK; i++)
+            c->k[i] += c->s[(NC + b) * NK + i] * c->shift[b];
+#endif
 }
 
 #endif
@@ -300,7 +305,7 @@ static void evaluate_dynamics(Work *s, int first, int count)
     int group = first / LANES;
     c->m = c->factors + group * NK * NK, c->s = c->by + group * (NC + NU) * NK;
     gather(c->k, s->k, NK, first, count, NS - 1);
-    c->spoilt[group] = integrate(c, s->newton) || count < LANES;
+    c->spoilt[group] = integrate(c, s->newton, s->from) || count < LANES;
     scatter(c->k, s->k, NK, first, count, NS - 1);
 #else
     explicit_dynamics(c->x, c->u, c->w, c->next, c->A, c->B);
@@ -339,8 +344,8 @@ static void evaluate_stage(Work *s, int first)
 #endif
 }
 
-/* Where the steps of the model from LANES nodes end after x and u have moved by dx and du since they were linearised, and
-   the stage slopes there; without derivatives. */
+/* Where the steps of the model from LANES nodes end after x and u have moved by dx and du since they were linearised,
+   and the stage slopes there; without derivatives. */
 static void evaluate_ends(Work *s, int first)
 {
     Scratch *c = &s->scratch;
@@ -363,13 +368,23 @@ static void evaluate_ends(Work *s, int first)
     gather(c->dx, s->dx, NX, first, LANES, NS - 1);
     gather_held(c->du, s->du, NU, first, LANES, NS - 1);
     gather(c->k, s->k, NK, first, LANES, NS - 1);
-#endif
+    gather(c->x, s->x, NX, first, LANES, NS);
+    for (int lane = NS - first; lane < LANES; lane++) /* to spare: the step after the last, from where that was */
+        for (int a = 0; a < NX; a++)
+            c->dx[a][lane] = s->x[NS * NX + a] - s->x_from[(NS - 1) * NX + a];
+    for (int lane = 0; NS > N && lane < LANES; lane++) { /* the next plan holds the mean of two inputs over a stage */
+        int m = first + lane < NS ? first + lane : NS - 1, before = first + lane > NS ? NS - 1 : first + lane - 1;
+        for (int b = 0; b < NU; b++)
+            c->shift[b][lane] = before < 0 ? 0 : s->u_later[STAGE_OF(before) * NU + b] - s->u[STAGE_OF(m) * NU + b];
+    }
+#else
     gather(c->x, s->x, NX, first, LANES, NS - 1);
+#endif
     gather_held(c->u, s->u, NU, first, LANES, NS - 1);
     gather_held(c->w, s->w, NW, first, LANES, NS - 1);
 #if DYNAMICS == RADAU
     follow(c);
-    scatter(c->k, s->k, NK, first, LANES, NS - 1);
+    scatter(c->k, s->k, NK, first, LANES, NS);
 #else
     explicit_values(c->x, c->u, c->w, c->next);
 #endif

@@ -20,6 +20,7 @@ enum { LINEARISE, CONDENSE, PARTS };
 
 #define PAIRS 24 /* remembered steps and changes of the gradient */
 #define CALM 5   /* iterations without a short step before remembered ones count */
+#define FROM 1e-2 /* `from` where stage slopes have been followed to where the step begins: they are better than that */
 #define MORE 10  /* iterations with a line search where full steps were not enough */
 
 typedef struct {
@@ -30,7 +31,7 @@ typedef struct {
     double tolerance, time_limit, newton, accept;
     int64_t max_iterations, fixed, fresh;
     /* the iterate and what Python reads, u to residual as one block */
-    double u[N * NU], x[(NS + 1) * NX], k[M1(NS * NK)], working[1 + 2 * QT], cost, violation, residual;
+    double u[N * NU], x[(NS + 1) * NX], k[M1((NS + 1) * NK)], working[1 + 2 * QT], cost, violation, residual;
     double step, seconds, seconds_prepare, seconds_feedback;
     int64_t iterations, qp_iterations;
     /* linearisation */
@@ -39,12 +40,13 @@ typedef struct {
     double next[NS * NX], e[M1((N + 1) * NE)], l[M1((N + 1) * NL)];
     double e_after[M1((N + 1) * NE)], l_after[M1(N_LIMITS)], bend; /* of the linear model after the step */
     /* step */
-    double dx[(NS + 1) * NX], pi[(NS + 1) * NX], du[N * NU];
-    double u_from[N * NU], x_from[(NS + 1) * NX], k_from[M1(NS * NK)], penalty[(NS + 1) * NX], hard_penalty;
+    double dx[(NS + 1) * NX], pi[(NS + 1) * NX], du[N * NU], u_later[N * NU];
+    double u_from[N * NU], x_from[(NS + 1) * NX], k_from[M1((NS + 1) * NK)], penalty[(NS + 1) * NX], hard_penalty;
     double pair_s[PAIRS * QL], pair_y[PAIRS * QL], g_from[QL], product[QL];
     int64_t pairs, open_end; /* open_end: the last state is where the last step ends */
     V G[2 * NX * QL / LANES], R[QL / LANES];
     double damp; /* of inputs, relative to the curvature */
+    double from; /* size of the step before the first of the integrator's, as far as is known */
     double took[PARTS], since; /* time of parts of an iteration, when one began */
     Qp qp;
     Scratch scratch;
