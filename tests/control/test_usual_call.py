@@ -166,3 +166,12 @@ def test_blended_models_refuse_what_cannot_be(mpc, value):
         assert a.status in (Status.NOT_FINITE, Status.IMPLAUSIBLE)
         assert (a.status, a.message, a.health) == (b.status, b.message, b.health)
         assert np.array_equal(a.u, b.u)
+
+
+@pytest.mark.parametrize("rows", [0, 1])
+def test_a_plan_before_that_has_lost_rows_gets_a_close_look(rows):
+    mpc = posed(solver=RealTime())
+    x, reference, plan = drive(mpc, 3)[-1]
+    after = mpc.plan(x, reference, replace(plan, u=plan.u[:rows]))
+    assert np.isfinite(after.u).all()
+    assert after.u.shape == plan.u.shape

@@ -189,6 +189,7 @@ class WorkArea:
             memory.unfinished
             or type(u) is not np.ndarray
             or u.base is not memory.found
+            or u.shape != self._u.shape
             or previous.unfinished is not None
         ):
             return None

@@ -37,6 +37,7 @@ from slipangle.control.realtime.parts import (
 from slipangle.control.threads import PerThread
 
 PAIRS, CALM = 24, 5  # remembered steps; iterations without a short one before they count
+FAR = 0.05  # largest change of an input in units of its range; below, remembered steps are what helps
 MORE = 10  # iterations with a line search where full steps were not enough
 
 
@@ -492,7 +493,7 @@ class WorkArea:
             calm += 1
             if t == 1.0:
                 damp = 0.2 * damp if damp > 1e-4 else 0.0
-            elif t <= 0.25:  # far from where the model of the step holds, and remembered steps are of no use there
+            elif t <= 0.25 and size > FAR:  # where the model of the step does not hold, nor remembered steps
                 damp, calm, pairs = max(4 * damp, 1e-3), 0, []
         return u, x, found
 

@@ -728,7 +728,7 @@ static int converge(Work *s, int64_t most, int loose)
             return STALLED;
         if (t == 1)
             s->damp = s->damp > 1e-4 ? 0.2 * s->damp : 0;
-        else if (t <= 0.25) { /* far from where the model of the step holds, and remembered steps are of no use there */
+        else if (t <= 0.25 && s->step > FAR) { /* where the model of the step does not hold, nor remembered steps */
             s->damp = fmax(4 * s->damp, 1e-3);
             calm = s->pairs = 0;
         }

@@ -19,7 +19,8 @@ enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME };
 enum { LINEARISE, CONDENSE, PARTS };
 
 #define PAIRS 24 /* remembered steps and changes of the gradient */
-#define CALM 5   /* iterations without a short step before remembered ones count */
+#define CALM 5   /* iterations without a short step before remembered ones count; short: a quarter of one beyond FAR */
+#define FAR 0.05 /* largest change of an input in units of its range; below, remembered steps are what helps */
 #define FROM 1e-2 /* `from` where stage slopes have been followed to where the step begins: they are better than that */
 #define MORE 10  /* iterations with a line search where full steps were not enough */
 
