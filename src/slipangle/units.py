@@ -161,7 +161,7 @@ def to_si(values: np.ndarray | float, unit: str, *, expected: str | None = None,
             f"{what} is given in {unit!r}, which is {name}; expected {quantity(expected)}, such as "
             f"{si_unit(expected)!r}: correct the unit or choose another column"
         )
-    with np.errstate(over="ignore"):  # what overflows is infinite, and missing like other infinite values
+    with np.errstate(over="ignore", invalid="ignore"):  # infinite and NaN, signalling too, are missing values
         return np.asarray(values, dtype=float) * factor
 
 

@@ -167,8 +167,8 @@ MUTANTS = [
         [
             (
                 "QP in C: sign of the gradient in the residual",
-                "fabs(z[a] + q->g[a] + forces[a]) / size",
-                "fabs(z[a] - q->g[a] + forces[a]) / size",
+                "fabs(z[a] + q->g[a] + forces[a])",
+                "fabs(z[a] - q->g[a] + forces[a])",
             ),
             (
                 "QP in C: lower limits pull up",
