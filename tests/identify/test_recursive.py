@@ -19,7 +19,9 @@ from slipangle.identify.arx import ARX
 from slipangle.identify.recursive import RLS
 from slipangle.identify.recursive_code import Recursion
 from slipangle.models.arx import ARXModel
+from slipangle.models.compiled import compiler, sentence
 
+needs_compiler = pytest.mark.skipif(compiler() is None, reason=sentence())
 ORDERS = pytest.mark.parametrize(
     ("na", "nb", "nk", "nu", "ny", "offset"),
     [
@@ -67,6 +69,7 @@ def test_without_forgetting_it_is_batch_least_squares(monkeypatch, compiled, na,
     assert (online.A, online.B) == (pytest.approx(batch.A, rel=1e-7), pytest.approx(batch.B, rel=1e-7))
 
 
+@needs_compiler
 @ORDERS
 @pytest.mark.parametrize("forget", ["directional", "everywhere"])
 def test_c_equals_numpy(monkeypatch, forget, na, nb, nk, nu, ny, offset):
@@ -289,6 +292,7 @@ def test_the_covariance_is_what_the_estimates_scatter_by():
     assert np.sqrt(np.mean(np.square(errors), axis=0)) == pytest.approx([1.0, 1.0], abs=0.25)
 
 
+@needs_compiler
 def test_update_allocates_nothing():
     estimate = RLS(na=2, nb=2, forgetting=0.99).start(inputs=("u",), outputs=("y",), dt=0.1)
     y = np.random.default_rng(0).standard_normal((3000, 1))
