@@ -531,9 +531,9 @@ static void perturb(Qp *q, double amount)
     }
 }
 
-/* Solve from the working rows of the solve before (`warm`) or from none; if that fails, again from the rows that
-   slightly perturbed problems end with. The answer is u and lambda; its residual, kkt, is measured on the problem
-   itself, whatever happened on the way. */
+/* Solve from the working rows of the solve before (`warm`) or from none; if that fails, again with limits moved by next
+   to nothing, whose answer is good enough by itself or gives the working rows to begin with. The answer is u and lambda;
+   its residual, kkt, is measured on the problem itself, whatever happened on the way. */
 static int qp_solve(Qp *q, int warm)
 {
     q->dependent = 1e-12;
@@ -541,11 +541,11 @@ static int qp_solve(Qp *q, int warm)
     if (warm && status != QP_SOLVED && status != QP_LATE)
         status = qp_attempt(q, 0);
     q->dependent = 1e-9;
-    for (double amount = 1e-7; amount < 1e-4 && status != QP_SOLVED && status != QP_LATE; amount *= 10) {
+    for (double amount = 1e-9; amount < 1e-4 && status != QP_SOLVED && status != QP_LATE; amount *= 10) {
         perturb(q, amount);
         int other = qp_attempt(q, 0);
         perturb(q, 0);
-        if (other == QP_SOLVED)
+        if (other == QP_SOLVED && (q->kkt = qp_residual(q)) > 1e-8)
             other = qp_attempt(q, 1);
         else if (other == QP_INFEASIBLE || (other != QP_LATE && contradicts(q, -1, 0, 0)))
             return QP_INFEASIBLE;
