@@ -7,7 +7,7 @@ import pytest
 
 from slipangle.control.plan import Plan, Status
 from slipangle.control.realtime import RealTime
-from slipangle.control.terms import Limits
+from slipangle.control.terms import Limits, Values
 from slipangle.models.compiled import compiler, sentence
 from tests.control.test_copies import PATH, posed
 from tests.control.test_multi_arx import BOTH, situation
@@ -135,6 +135,25 @@ def test_another_turn_inputs_and_spoilt_plans_get_a_close_look(fast):
         assert found.status.solved
         assert np.array_equal(found.u, close.u)
     assert all(p is None for p in seen)
+
+
+@pytest.mark.parametrize("steps", [None, (1, 1, 2, 2, 3, 3, 4, 4)], ids=["equal", "growing"])
+@pytest.mark.parametrize("fallback", [0, 2])
+def test_a_fallback_in_one_piece_is_the_one_put_together(fast, steps, fallback):
+    mpc, twin = (replace(fast, steps=steps, fallback=fallback, safe=Values(delta=0.1)) for _ in "12")
+    vars(twin).update(_rescues=None, _follows=None)
+    x, reference, plan = drive(mpc, 3)[-1]
+    short = count(mpc, "_lost")
+    one = other = plan
+    for _ in range(fallback + 2):
+        one, other = mpc.plan(x * np.nan, reference, one), twin.plan(x * np.nan, reference, other)
+        assert one.u == pytest.approx(other.u, abs=1e-12)
+        assert one.x == pytest.approx(other.x, abs=5e-3 if one.stopping else 1e-12, rel=0)
+        assert (one.status, one.message, one.health) == (other.status, other.message, other.health)
+        assert set(vars(one)) == set(vars(other))
+    assert one.stopping
+    assert all(isinstance(p, Plan) for p in short)
+    assert mpc.plan(x, reference, plan).u == pytest.approx(undisturbed(replace(fast, steps=steps), 3, x, reference))
 
 
 @BOTH

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import isnan
+from math import isnan, nan
 from time import perf_counter
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from slipangle.control.arrays import applied_input, vector
-from slipangle.control.checks import Judge, believable, counted, health_of, is_numbers, last_input, require_plan
+from slipangle.control.checks import MOST, Judge, believable, counted, health_of, is_numbers, last_input, require_plan
 from slipangle.control.ipopt import Ipopt
 from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import (
@@ -24,6 +24,7 @@ from slipangle.control.plan import (
     Kept,
     Plan,
     Prepares,
+    Rescues,
     Resumes,
     Solution,
     Start,
@@ -103,6 +104,8 @@ class MPC(OCP):
                 engine = backend.build(self, self.deadline)
                 if isinstance(engine, Continues):
                     engine.expect(*self._judge.ranges)
+                if isinstance(engine, Rescues):
+                    engine.relax(self._safe_input, self._relaxing.ravel())
                 vars(self)["_engine"] = engine
             return vars(self)["_engine"]
 
@@ -171,6 +174,8 @@ class MPC(OCP):
         begin = perf_counter()
         if type(previous) is Plan and type(reference) is Reference:
             found = self._again(x, reference, previous, applied, begin)
+            if found is None:
+                found = self._lost(x, reference, previous, applied, begin)
             if found is not None:
                 return found
         x = vector(x, self._states, "x")
@@ -268,6 +273,11 @@ class MPC(OCP):
         return self._engine if self.deadline is not None and isinstance(self._engine, Bounds) else None
 
     @cached_property
+    def _rescues(self) -> Rescues | None:
+        """The engine, where it does fallbacks by itself."""
+        return self._engine if isinstance(self._engine, Rescues) else None
+
+    @cached_property
     def _follows(self) -> Follows | None:
         return self._engine if isinstance(self._engine, Follows) else None
 
@@ -288,6 +298,11 @@ class MPC(OCP):
         if previous is None or previous.controls != self.controls or not is_numbers(previous.u, self._shape_u):
             return None
         return previous
+
+    @cached_property
+    def _longest(self) -> int:
+        """How many shifted plans in a row there can be."""
+        return min(self.fallback, int(self.nodes[-1]) - 1)
 
     @cached_property
     def _shape_u(self) -> tuple[int, int]:
@@ -357,40 +372,72 @@ class MPC(OCP):
             states[i + 1] = after
         return states
 
+    def _lost(
+        self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, begin: float
+    ) -> Plan | None:
+        """The usual fallback, for a state that is no number, in as few steps as possible; None for other calls."""
+        engine, u, health, age = self._rescues, previous.u, previous.health, previous.age
+        if engine is None or type(health) is not Health or type(age) is not int or not 0 <= age < MOST:
+            return None
+        before = engine.lost(x, reference, u, applied)
+        if before is None or previous.controls != self.controls:
+            return None
+        if self._bounds is not None:
+            self._bounds.allow(self._left(begin))
+        source = self._source(previous)
+        found = self._rescued(previous, None, before, reference, source)
+        return None if found is None else self._fallen(begin, health, found, Status.NOT_FINITE, source)
+
     def _fallback(
         self, call: Call, status: Status, iterations: int = 0, detail: str = "", unfinished: Any = None
     ) -> Plan:
         """The last good plan shifted, or the safe stop law."""
-        begun, previous, before = perf_counter(), call.previous, call.before
-        age = 1 if previous is None else counted(previous.age) + 1
-        kept = self._kept(previous, age)
-        left = 0 if kept is None else min(self.fallback, int(self.nodes[-1]) - 1)
-        stopping = age > left or kept is None
-        if stopping or kept is None:
-            u = self._safe_input + self._relaxing * (before - self._safe_input)
-        else:
-            later = age - kept.age
-            u = shifted(kept.u, later) if self.steps is None else inputs_later(kept.u, self.lengths, later)
-        u, states = self._predict(call, u, age, kept, stopping)
-        seconds = perf_counter() - call.begin
+        begun, previous = perf_counter(), call.previous
+        source = self._source(previous)
+        known = call.x if call.sound or self._judge.states.holds(call.x) else None
+        if self._bounds is not None:
+            self._bounds.allow(self._left(call.begin))
+        found = self._rescued(previous, known, call.before, call.wanted, source) or self._predict(call, known, source)
         if self.deadline is not None:
             needed = min(perf_counter() - begun, 2.0 * self._pace[0])  # not what another program took away
             self._pace[0] = min(0.8 * self._pace[0] + 0.2 * needed, 0.5 * self.deadline)
+        return self._fallen(call.begin, health_of(previous), found, status, source, iterations, detail, unfinished)
+
+    def _source(self, previous: Plan | None) -> Source:
+        """Which fallback in a row this is, and what it follows; None for the stop law."""
+        age = 1 if previous is None else counted(previous.age) + 1
+        kept = self._kept(previous, age) if age <= self._longest else None
+        return age, kept
+
+    def _fallen(
+        self,
+        begin: float,
+        health: Health,
+        found: tuple[np.ndarray, np.ndarray],
+        status: Status,
+        source: Source,
+        iterations: int = 0,
+        detail: str = "",
+        unfinished: Any = None,
+    ) -> Plan:
+        """The plan of a fallback."""
+        age, kept = source
+        seconds = perf_counter() - begin
         values = {
-            "u": u,
-            "x": states,
+            "u": found[0],
+            "x": found[1],
             "status": status,
             "seconds": seconds,
-            "cost": float("nan"),
+            "cost": nan,
             "iterations": iterations,
             "controls": self.controls,
             "age": age,
-            "stopping": stopping,
+            "stopping": kept is None,
             "detail": detail,
-            "memory": None if stopping else kept,
+            "memory": kept,
             "unfinished": unfinished,
-            "times": self.times,
-            "health": health_of(previous).after(True, self._late(seconds)),
+            "times": self._times,
+            "health": health.after(True, self.deadline is not None and seconds > self.deadline),
         }
         return quick(Plan, values)
 
@@ -398,28 +445,40 @@ class MPC(OCP):
     def _relaxing(self) -> np.ndarray:
         return np.exp(-self.times[1:, None] / RELAX)
 
-    def _predict(
-        self, call: Call, u: np.ndarray, age: int, kept: Kept | None, stopping: bool
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def _rescued(
+        self, previous: Plan | None, x: np.ndarray | None, before: np.ndarray, wanted: Reference, source: Source
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Inputs of a fallback and where they lead, all by the engine, where that can and the plan before is whole."""
+        engine, (age, kept) = self._rescues, source
+        if engine is None or previous is None:
+            return None
+        if kept is None:
+            return engine.rescue(x, before, wanted, previous.u, previous.x, 1, True)
+        return engine.rescue(x, before, wanted, kept.u, kept.x, age - kept.age, False)
+
+    def _predict(self, call: Call, x: np.ndarray | None, source: Source) -> tuple[np.ndarray, np.ndarray]:
         """Inputs of a fallback within limits and rates, and where they lead: from the state if that is known."""
+        age, kept = source
+        if kept is None:
+            u = self._safe_input + self._relaxing * (call.before - self._safe_input)
+        else:
+            later = age - kept.age
+            u = shifted(kept.u, later) if self.steps is None else inputs_later(kept.u, self.lengths, later)
         guess, last = None, None if call.previous is None else call.previous.x
         if kept is not None and is_numbers(kept.x, self._shape_x):
             guess = states_later(kept.x, self.nodes, age - kept.age)
         elif is_numbers(last, self._shape_x):
             guess = states_later(last, self.nodes)
-        x = call.x if call.sound or self._judge.states.holds(call.x) else None
-        if x is None and (guess is None or not stopping):  # what was predicted is all there is
+        if x is None and (guess is None or kept is not None):  # what was predicted is all there is
             u = within(u, call.before, self.input_bounds, self.step_bounds)
             return u, np.zeros(self._shape_x) if guess is None else guess
-        x = guess[0] if x is None and guess is not None else call.x
-        guess = np.tile(x, (self.horizon + 1, 1)) if guess is None else guess
+        state: np.ndarray = guess[0] if x is None and guess is not None else call.x
+        guess = np.tile(state, (self.horizon + 1, 1)) if guess is None else guess
         if self._follows is not None:
-            if self._bounds is not None:
-                self._bounds.allow(self._left(call.begin))
-            u, states = self._follows.follow(x, call.before, call.wanted, u, guess)
+            u, states = self._follows.follow(state, call.before, call.wanted, u, guess)
         else:
             u = within(u, call.before, self.input_bounds, self.step_bounds)
-            states = self._roll_out(x, u, call.wanted)
+            states = self._roll_out(state, u, call.wanted)
         return u, states if finite(states) else guess
 
     def _kept(self, previous: Plan | None, age: int) -> Kept | None:
@@ -438,6 +497,9 @@ class MPC(OCP):
         if same and times is not None and times is not self.times:
             same = bool((times == self.times).all()) or np.allclose(times, self.times)
         return kept if same else None
+
+
+Source = tuple[int, Kept | None]  # of a fallback: which one in a row, and the plan it follows; None: the stop law
 
 
 class Call(NamedTuple):

@@ -274,6 +274,39 @@ class Follows(Protocol):
 
 
 @runtime_checkable
+class Rescues(Protocol):
+    """An engine that does a whole fallback by itself."""
+
+    def relax(self, safe: np.ndarray, left: np.ndarray) -> None:
+        """The stop law: where inputs go, and how much is left of the way there at each stage, shape (horizon,)."""
+        ...
+
+    def lost(self, x: Any, reference: Reference, u: Any, applied: Any) -> np.ndarray | None:
+        """The input applied (by default ``u[0]``) where the state is no number, but all else of usual types and shapes.
+
+        None for any other call; whether these are numbers is not looked at.
+        """
+        ...
+
+    def rescue(
+        self,
+        x: np.ndarray | None,
+        applied: np.ndarray,
+        reference: Reference,
+        u: Any,
+        states: Any,
+        later: int,
+        stopping: bool,
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Inputs within limits and rates, and the states that they lead to, from ``x`` on if that is known.
+
+        They are those planned ``later`` steps ago, shifted, or when ``stopping`` those of the stop law. None, and
+        nothing done, if what was planned is not made of numbers, or the input applied before cannot be true.
+        """
+        ...
+
+
+@runtime_checkable
 class Prepares(Protocol):
     """An engine that can do most of its work before the state is known."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import itertools
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -58,6 +59,14 @@ class Timing:
     feedback: float
 
 
+def _block(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """The doubles of a work area from those of one array to those of another."""
+    start = first.ctypes.data
+    size = (last.ctypes.data - start) // 8 + last.size
+    block: Any = (ctypes.c_double * size).from_address(start)
+    return np.frombuffer(block)
+
+
 _areas = itertools.count()  # no number is given twice, so that none is ever taken for another
 
 
@@ -72,14 +81,14 @@ class WorkArea:
         library.rt_at.argtypes = [ctypes.c_void_p, ctypes.c_int]
         library.rt_free.argtypes = [ctypes.c_void_p]
         library.rt_free.restype = None
-        calls = (library.rt_solve, library.rt_again, library.rt_prepare, library.rt_feedback, library.rt_follow)
-        for call in calls:
+        for call in (library.rt_solve, library.rt_again, library.rt_prepare, library.rt_feedback):
             call.argtypes, call.restype = [ctypes.c_void_p], ctypes.c_int
+        library.rt_fallback.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int, ctypes.c_int]
         self._work = library.rt_new()
         if not self._work:
             raise MemoryError("no memory for the solver")
         self._pointer = ctypes.c_void_p(self._work)
-        self._call, self._call_again = library.rt_solve, library.rt_again
+        self._call, self._call_again, self._call_fallback = library.rt_solve, library.rt_again, library.rt_fallback
         n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
         parts, steps, limits = implicit(ocp), int(ocp.nodes[-1]), len(limit_rows(ocp))
         shapes: dict[str, tuple[int, ...]] = {
@@ -94,6 +103,10 @@ class WorkArea:
             "ws": (n, nu),
             "lowest": (nx + len(ocp.references) + len(ocp.exogenous),),
             "highest": (nx + len(ocp.references) + len(ocp.exogenous),),
+            "safe": (nu,),
+            "relaxing": (n,),
+            "way_u": (n, nu),
+            "way_x": (n + 1, nx),
             "plain": (limits,),
             "square": (limits,),
             "u": (n, nu),
@@ -111,16 +124,17 @@ class WorkArea:
         self._x0, self._applied, self._w, self._p, self._r = (view[n] for n in ("x0", "applied", "w", "p", "r"))
         self._u, self._x, self._bounds = (view[n] for n in ("u", "x", "bounds"))
         self._iterations, self._fresh = view["iterations"], view["fresh"]
-        first, last = (view[name].ctypes.data for name in ("u", "residual"))  # all of it starts a later solve
-        block = (ctypes.c_double * ((last - first) // 8 + 1)).from_address(first)
-        self._found = np.frombuffer(block)  # from u to residual
-        at = (view["cost"].ctypes.data - first) // 8
+        self._way_u, self._way_x = view["way_u"], view["way_x"]
+        self._way = _block(self._way_u, self._way_x)
+        self._found = _block(view["u"], view["residual"])  # all of it starts a later solve
+        at = (view["cost"].ctypes.data - view["u"].ctypes.data) // 8
         self._result = slice(at, at + 3)  # cost, violation, residual
         self._numbers = self._found[self._result]
         self._controls, self._sizes = ocp.controls, (self._x0.shape, self._p.shape, self._w.shape, self._applied.shape)
         self._lanes, self._owner = ocp.corridor is not None, ocp.identity
         self._shape_u, self._shape_x = self._u.shape, self._x.shape
         self._head, self._split = slice(self._u.size), slice(self._u.size, self._u.size + self._x.size)
+        self._rest, self._shape_way = slice(self._u.size, None), self._way_x.shape
         self._q, self._wr, self._ws = (view[name] for name in ("q", "wr", "ws"))
         self._q[:], self._wr[:], self._ws[:] = ocp.stage_weights
         view["plain"][:], view["square"][:] = slack_of_rows(ocp)
@@ -137,7 +151,7 @@ class WorkArea:
             empty = Reference(tracked=self._p, exogenous=self._w)
             self._bounds[:] = ocp.state_bounds(empty)
         self._nodes = ocp.nodes if steps > n else None  # of the states, those at which stages begin and end
-        self._stages = slice(None) if self._nodes is None else self._nodes
+        self._most = int(ocp.nodes[-1])
         self._serial, self._area = 0, next(_areas)
         self._settings = settings
         self._ready: Memory | None = None
@@ -194,11 +208,7 @@ class WorkArea:
         ):
             return None
         given = u[0] if applied is None else applied
-        if not (type(x) is type(p) is type(w) is type(given) is np.ndarray and previous.controls is self._controls):
-            return None
-        if not (x.dtype is DOUBLE and p.dtype is DOUBLE and w.dtype is DOUBLE and given.dtype is DOUBLE):
-            return None
-        if self._lanes or reference.inputs is not None or (x.shape, p.shape, w.shape, given.shape) != self._sizes:
+        if self._lanes or not (previous.controls is self._controls and self._usual(x, reference, given)):
             return None
         self._x0[...], self._p[...], self._w[...], self._applied[...] = x, p, w, given
         self._r.fill(0.0)
@@ -213,18 +223,63 @@ class WorkArea:
         """Longest time of the next solve. [s]"""
         self._time[0] = max(seconds, 0.0)
 
+    def _usual(self, x: Any, reference: Reference, given: Any) -> bool:
+        """Whether all this is in the arrays that it nearly always is in."""
+        p, w = reference.tracked, reference.exogenous
+        return (
+            type(x) is type(p) is type(w) is type(given) is np.ndarray
+            and x.dtype is p.dtype is w.dtype is given.dtype is DOUBLE
+            and reference.inputs is None
+            and (x.shape, p.shape, w.shape, given.shape) == self._sizes
+        )
+
+    def lost(self, x: Any, reference: Reference, u: Any, applied: Any) -> np.ndarray | None:
+        """The input applied, where the state is no number in a call that is otherwise as usual."""
+        if type(u) is not np.ndarray or u.shape != self._shape_u:
+            return None
+        given = u[0] if applied is None else applied
+        usual = not self._lanes and self._usual(x, reference, given)
+        return given if usual and not isfinite(np.vdot(x, x)) else None
+
+    def relax(self, safe: np.ndarray, left: np.ndarray) -> None:
+        """Where the stop law goes, and how much is left of the way there at each stage."""
+        self._view["safe"][:], self._view["relaxing"][:] = safe, left
+
+    def rescue(
+        self,
+        x: np.ndarray | None,
+        applied: np.ndarray,
+        reference: Reference,
+        u: Any,
+        states: Any,
+        later: int,
+        stopping: bool,
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Inputs of a fallback and where they lead; see `slipangle.control.plan.Rescues`."""
+        if not (type(u) is type(states) is np.ndarray and u.dtype is states.dtype is DOUBLE):
+            return None
+        if u.shape != self._shape_u or states.shape != self._shape_way:
+            return None
+        self._ready = None
+        self._applied[...], self._way_u[...], self._way_x[...] = applied, u, states
+        if x is not None or stopping:
+            w = reference.exogenous
+            self._w[: len(w)], self._w[-1] = w, w[-1]
+        if x is not None:
+            self._x0[...] = x
+        good = self._call_fallback(self._pointer, later if later < self._most else self._most, stopping, x is not None)
+        self._time[0] = self._limit
+        if not good:
+            return None
+        found = self._way.copy()
+        return found[self._head].reshape(self._shape_u), found[self._rest].reshape(self._shape_way)
+
     def follow(
         self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs within limits and rates, and where they lead; NaN where the model has no answer."""
-        self._ready = None
-        self._set(x, applied, reference)
-        self._u[:], self._x[:] = u, between(guess, self.ocp.nodes)
-        good = self._library.rt_follow(self._pointer)
-        self._time[0] = self._limit
-        self._serial += 1
-        states = self._x[self._stages] if good else np.full((len(self.ocp.nodes), len(x)), np.nan)
-        return self._u.copy(), states.copy()
+        """Inputs within limits and rates, and where they lead; near the guess where the model has no answer."""
+        found = self.rescue(x, applied, reference, np.array(u, dtype=float), np.array(guess, dtype=float), 0, False)
+        return (u, np.full_like(guess, np.nan)) if found is None else found
 
     def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:
         """Linearise and condense around a plan, shifted, before the state is known.
@@ -314,11 +369,14 @@ class CompiledEngine:
 
     def __init__(self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None) -> None:
         self._ranges: tuple[np.ndarray, np.ndarray] | None = None
+        self._stop: tuple[np.ndarray, np.ndarray] | None = None
 
         def area() -> WorkArea:
             made = WorkArea(ocp, library, settings, deadline)
             if self._ranges is not None:
                 made.expect(*self._ranges)
+            if self._stop is not None:
+                made.relax(*self._stop)
             return made
 
         self._areas = PerThread(area)
@@ -336,6 +394,28 @@ class CompiledEngine:
         """Ranges beyond which a value is doubtful, for all threads' areas that are made from now on, and this one's."""
         self._ranges = lowest, highest
         self._areas.mine.expect(lowest, highest)
+
+    def relax(self, safe: np.ndarray, left: np.ndarray) -> None:
+        """The stop law, for all threads' areas that are made from now on, and this one's."""
+        self._stop = safe, left
+        self._areas.mine.relax(safe, left)
+
+    def lost(self, x: Any, reference: Reference, u: Any, applied: Any) -> np.ndarray | None:
+        """The input applied, where the state is no number in a call that is otherwise as usual."""
+        return self._areas.mine.lost(x, reference, u, applied)
+
+    def rescue(
+        self,
+        x: np.ndarray | None,
+        applied: np.ndarray,
+        reference: Reference,
+        u: Any,
+        states: Any,
+        later: int,
+        stopping: bool,
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Inputs of a fallback and where they lead; see `slipangle.control.plan.Rescues`."""
+        return self._areas.mine.rescue(x, applied, reference, u, states, later, stopping)
 
     def again(
         self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, seconds: float | None

@@ -24,8 +24,8 @@ from slipangle.models.integrate import RADAU_A, RETRY
 
 MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
 FIELDS = (  # of the C struct, as seen from Python
-    "x0 applied w p r bounds q wr ws plain square lowest highest tolerance time_limit newton accept u x k working cost "
-    "violation residual step seconds seconds_prepare seconds_feedback"
+    "x0 applied w p r bounds q wr ws plain square lowest highest safe relaxing way_u way_x tolerance time_limit newton "
+    "accept u x k working cost violation residual step seconds seconds_prepare seconds_feedback"
 ).split()
 COUNTS = "max_iterations fixed fresh iterations qp_iterations".split()
 
@@ -79,8 +79,8 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
             _text("work.c"),
             _text("stages.c"),
             _text("solver.c"),
-            _text("fallback.c"),
             _text("ranges.c"),
+            _text("fallback.c"),
             _text("judge.c"),
             _fields(),
         ]
