@@ -1,6 +1,7 @@
 """Without a compiler the same controller runs, gives the same answers and says so once."""
 
 import warnings
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -75,3 +76,36 @@ def test_wheels_far_past_the_peak_of_their_tires_are_planned_for(no_compiler):
             solved += 1
             assert plan.x[1] == pytest.approx(mpc.model.step(x, [*plan.command, 0.0]), rel=0.05, abs=0.05)
     assert solved >= 4
+
+
+def test_a_plan_does_not_depend_on_what_the_work_area_remembers(no_compiler):
+    """The model found at a plan serves the next one; where another plan came in between, it is found again."""
+    mpc = car(solver=RealTime())
+    other, rng = deepcopy(mpc), np.random.default_rng(0)
+    for k, (x, reference, previous, plan) in enumerate(drive(mpc, steps=12)):
+        if previous is None:
+            continue
+        again = other.plan(x, reference, previous)  # never what `other` has at hand
+        assert (again.u == plan.u).all()
+        assert (again.x == plan.x).all()
+        assert (again.cost, again.violation, again.residual) == (plan.cost, plan.violation, plan.residual)
+        if k % 3 == 0:  # another state, near or far, and other exogenous inputs
+            off = x + 10.0 ** rng.uniform(-4, 0) * rng.normal(size=len(x))
+            torque = replace(reference, exogenous=reference.exogenous + 100.0)
+            for given in ((off, reference), (x, torque)):
+                assert (mpc.plan(*given, plan).u == other.plan(*given, plan).u).all()
+
+
+def test_a_state_off_the_predicted_one_is_planned_for(no_compiler):
+    """Derivatives at the predicted state serve a measured one near it; the plan says how good it is all the same."""
+    mpc = car(solver=RealTime())
+    best = replace(mpc, solver=CONVERGED)
+    rng = np.random.default_rng(1)
+    *_, (x, reference, previous, _) = drive(mpc, steps=8)
+    for size in (1e-3, 5e-3, 1e-2, 5e-2):
+        off = x + size * rng.normal(size=len(x))
+        plan, there = mpc.plan(off, reference, previous), best.plan(off, reference, previous)
+        ends = [mpc.model.step(a, [*u, 0.0]) for a, u in zip(plan.x, plan.u, strict=False)]
+        assert plan.violation == pytest.approx(np.abs(np.array(ends) - plan.x[1:]).max(), rel=0.3, abs=1e-6)
+        assert plan.x[0] == pytest.approx(off, abs=0)
+        assert np.abs((plan.u[0] - there.u[0]) / [0.03, 2500]).max() <= 10 * plan.residual + 1e-6

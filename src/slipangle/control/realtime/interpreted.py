@@ -22,7 +22,7 @@ from slipangle.control.plan import (
     shifted,
     within,
 )
-from slipangle.control.realtime.interpreted_model import bind, columns, dense, newton_columns, newton_node
+from slipangle.control.realtime.interpreted_model import bind, columns, dense, newton_columns, newton_node, only
 from slipangle.control.realtime.interpreted_qp import LimitedStep, secant
 from slipangle.control.realtime.interpreted_step import InputStep
 from slipangle.control.realtime.interpreted_truth import Promise, Values, moves_on, reach_of, units
@@ -38,6 +38,8 @@ from slipangle.control.threads import PerThread
 
 PAIRS, CALM = 24, 5  # remembered steps; iterations without a short one before they count
 FAR = 0.05  # largest change of an input in units of its range; below, remembered steps are what helps
+Truth = tuple[float, float, float]  # cost, largest violation and residual of a plan
+UNKNOWN: Truth = float("nan"), np.inf, np.inf
 MORE = 10  # iterations with a line search where full steps were not enough
 
 
@@ -45,7 +47,8 @@ MORE = 10  # iterations with a line search where full steps were not enough
 class Memory:
     """Inputs, states after every step of the model and stage slopes of the integrator, for the next start.
 
-    ``unfinished`` counts the solves in a row that have not got to their end from here.
+    Stage slopes have a row more, for the step after the last. ``unfinished`` counts the solves in a row that have not
+    got to their end from here.
     """
 
     x: np.ndarray
@@ -55,7 +58,7 @@ class Memory:
     unfinished: int = 0
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class Found:
     """How iterations ended, and what is known of the iterate."""
 
@@ -99,7 +102,7 @@ class Functions(NamedTuple):
     node: Any
     stage: Any
     values: tuple[Any, Any]
-    quick: tuple[Any, Any] | None
+    quick: tuple[Any, Any, Any, Any] | None
 
     @classmethod
     def of(cls, ocp: OCP) -> Functions:
@@ -110,6 +113,8 @@ class Functions(NamedTuple):
         limited = len(ocp.limited) or np.isfinite(ocp.step_bounds[0]).any()
         quick = None if limited else InputStep.functions(ocp, parts, one, stage)
         values = Values.functions(ocp, parts, one, stage)
+        if parts:
+            one = only(one, range(4))
         return cls(parts, newton_columns(ocp, parts, one, steps), columns(stage, ocp.horizon + 1), values, quick)
 
 
@@ -164,9 +169,9 @@ class WorkArea:
         if self._ours(memory):
             if self._quick and self._settings.iterations and not memory.unfinished:
                 return self._resume_quickly(self._quick, memory)
-            u, states, self._k[:] = memory.u, memory.x.copy(), memory.k
+            u, states, self._k[:] = memory.u, memory.x.copy(), memory.k[:-1]
             if not memory.unfinished or moves_on(x, states):
-                u, states, self._k[:] = inputs_later(u, ocp.lengths), shifted(states), shifted(memory.k)
+                u, states, self._k[:] = inputs_later(u, ocp.lengths), shifted(states), memory.k[1:]
                 if n > 1:  # the last state is a guess; the solver closes the gap
                     states[-1] = 2 * states[-2] - states[-3]
             states[0] = x
@@ -225,37 +230,50 @@ class WorkArea:
         """Whether a memory is of this problem and says something."""
         if not (isinstance(memory, Memory) and memory.owner == self.ocp.identity):
             return False
-        known = memory.x.shape == (self._steps + 1, self._sizes[1]) and memory.k.shape == self._k.shape
+        steps, (_, nx, _) = self._steps, self._sizes
+        known = memory.x.shape == (steps + 1, nx) and memory.k.shape == (steps + 1, self._nk)
         return known and memory.unfinished <= MOST_ATTEMPTS and finite(memory.u, memory.x, memory.k)
 
     def _resume_quickly(self, step: InputStep, memory: Memory) -> Solution:
-        step.load(self._x0, self._applied, self._reference, memory.u, memory.x, memory.k)
+        step.load(self._x0, self._applied, self._reference, memory)
         status, count = step.run(self._settings.iterations, self._until)
-        u, x, self._k[:] = step.u[:-1], step.x, step.slopes
+        n = len(step.u) - 2
+        self._k[:] = step.before
         if status not in (Status.REAL_TIME, Status.TIME_OUT) or not count:
-            return self._solution(u.copy(), x.copy(), Found(status, count))
-        return self._finish(u.copy(), x.copy(), status, count, step.promise())
+            return self._solution(step.u[1:-1].copy(), step.x[1:].copy(), Found(status, count))
+        u, x, good = step.u[:n].copy(), step.x[:-1].copy(), step.truth[2] <= self._settings.accept
+        found = self._finish(u, x, status, count, step.truth, step.k.copy() if good else None)
+        if good:
+            step.holds(found.memory)
+        return found
 
     def _run(self, u: np.ndarray, states: np.ndarray, warm: bool, unfinished: int = 0) -> Solution:
         if warm and not unfinished:
             return self._iterate(u, states)
         return self._solution(*self._converge(u, states, self._settings.max_iterations), unfinished)
 
-    def _finish(self, u: np.ndarray, x: np.ndarray, status: Status, count: int, promise: Promise | None) -> Solution:
+    def _finish(
+        self, u: np.ndarray, x: np.ndarray, status: Status, count: int, truth: Truth, k: np.ndarray | None = None
+    ) -> Solution:
         """Full steps that did not end at an acceptable plan are followed by some with a line search."""
-        if promise is None:
-            return self._solution(u, x, Found(status, count))
-        later, e, limited = self._values(x, u, self._reference.exogenous, self._reference.tracked, self._k)
-        cost, violation, residual = self._judge(Linear.values(later, e, limited), u, x, promise)
-        found = Found(Status.REAL_TIME, count, cost, violation, residual)
+        found = Found(Status.REAL_TIME, count, *truth)
         if found.residual <= self._settings.accept:
-            return self._solution(u, x, found)
+            return self._solution(u, x, found, k=k)
         if status is Status.TIME_OUT or perf_counter() > self._until:
             return self._solution(u, x, replace(found, status=Status.TIME_OUT))
         return self._solution(*self._converge(u, x, MORE, loose=True, before=count))
 
-    def _solution(self, u: np.ndarray, x: np.ndarray, found: Found, unfinished: int = 0) -> Solution:
-        u = within(u, self._applied, self.ocp.input_bounds, self.ocp.step_bounds)
+    def _true(self, u: np.ndarray, x: np.ndarray, promise: Promise) -> Truth:
+        """`_judge` of a full step, by the values there."""
+        later, e, limited = self._values(x, u, self._reference.exogenous, self._reference.tracked, self._k)
+        return self._judge(Linear.values(later, e, limited), u, x, promise)
+
+    def _solution(
+        self, u: np.ndarray, x: np.ndarray, found: Found, unfinished: int = 0, k: np.ndarray | None = None
+    ) -> Solution:
+        if k is None:
+            k = np.vstack([self._k, self._k[-1:]])
+            u = within(u, self._applied, self.ocp.input_bounds, self.ocp.step_bounds)
         attempts = unfinished + 1 if found.status.resumes else 0
         return Solution(
             u=u,
@@ -265,7 +283,7 @@ class WorkArea:
             iterations=found.iterations,
             violation=found.violation,
             residual=found.residual,
-            memory=Memory(x=x, k=self._k.copy(), owner=self.ocp.identity, u=u, unfinished=attempts),
+            memory=Memory(x=x, k=k, owner=self.ocp.identity, u=u, unfinished=attempts),
             kept=True,
         )
 
@@ -363,7 +381,7 @@ class WorkArea:
         for count in range(1, self._settings.iterations + 1):
             begin = perf_counter()
             if promise is not None and begin + took > self._until:
-                return self._finish(u, x, Status.TIME_OUT, count - 1, promise)
+                return self._finish(u, x, Status.TIME_OUT, count - 1, self._true(u, x, promise))
             m = self._linearise(u, x, exact=False)
             if not m.finite:
                 return self._solution(u, x, Found(Status.NOT_FINITE, count - 1))
@@ -375,7 +393,7 @@ class WorkArea:
             u, x = u + du, x + dx
             took = perf_counter() - begin
         status = Status.TIME_OUT if perf_counter() > self._until else Status.REAL_TIME
-        return self._finish(u, x, status, count, promise)
+        return self._finish(u, x, status, count, UNKNOWN if promise is None else self._true(u, x, promise))
 
     def _expand(
         self, m: Linear, x: np.ndarray, G: np.ndarray, L: np.ndarray, step: np.ndarray, multipliers: np.ndarray
@@ -397,7 +415,7 @@ class WorkArea:
         )
         return du, dx, m.e + de, promise
 
-    def _judge(self, m: Linear, u: np.ndarray, x: np.ndarray, promise: Promise) -> tuple[float, float, float]:
+    def _judge(self, m: Linear, u: np.ndarray, x: np.ndarray, promise: Promise) -> Truth:
         """Cost, largest violation and residual at an iterate after a full step."""
         limited, defects = m.limited[self._limit_at], m.next - x[1:]
         excess = self._excess(limited)

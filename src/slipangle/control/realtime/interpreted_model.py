@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -17,7 +17,9 @@ MOST_INSTRUCTIONS = 20_000  # that are turned into one of columns each
 
 
 def newton_node(ocp: OCP, parts: Implicit) -> ca.Function:
-    """``(x, u, w, k, slopes) -> next, A, B, k``: one Newton step on the stages of Radau IIA, and the derivatives there.
+    """``(x, u, w, k, slopes) -> next, A, B, k, K``: one Newton step on the stages of Radau IIA, and derivatives there.
+
+    ``K`` is the derivative of the stage slopes k by x and u.
 
     ``slopes`` has one column per stage, what `parts.slopes` gives there: see `columns`. In the stages z themselves,
     ``inv(A) (z - x) = h f(z)``, one state is coupled over the stages with constants only, which takes the fewest
@@ -47,9 +49,7 @@ def newton_node(ocp: OCP, parts: Implicit) -> ca.Function:
                     matrix[row, 3 * b + j] -= h * fx[a, b]
     behind = _rest(parts, nx, h) if rest else None
     ends = [3 * c + 2 for c in range(nc)]
-    used = [i for i in range(nk) if behind and any(behind.sparsity_out(1).has_nz(r, i) for r in range(len(rest)))]
-    columns = [list(range(nk)), *([sorted({*ends, *used})] * (nc + nu))]
-    solved = _eliminate(ca.sparsify(matrix), ca.sparsify(right), columns)
+    solved = _eliminate(ca.sparsify(matrix), ca.sparsify(right))
     step, by_start = solved[:, 0], solved[:, 1:]
     z = ca.vertcat(*[x[core[i // 3]] + move[i] - step[i] for i in range(nk)])
     after = [
@@ -70,7 +70,12 @@ def newton_node(ocp: OCP, parts: Implicit) -> ca.Function:
             for b in range(nc):
                 A[a, core[b]] += through[i, b]
             B[a, :] = by_input[i, :] + through[i, nc:]
-    results = [ca.densify(later), ca.densify(A), ca.densify(B), ca.densify(ca.vertcat(*after))]
+    K = ca.SX(nk, nx + nu)
+    for c in range(nc):
+        here = by_start[3 * c : 3 * c + 3, :]
+        here[:, c] -= 1
+        K[3 * c : 3 * c + 3, [*core, *range(nx, nx + nu)]] = ca.mtimes(ca.DM(inverse / h), here)
+    results = [ca.densify(later), ca.densify(A), ca.densify(B), ca.densify(ca.vertcat(*after)), ca.densify(K)]
     return ca.Function("node", [x, u, w, k, slopes], results)
 
 
@@ -88,8 +93,8 @@ def _rest(parts: Implicit, nx: int, h: float) -> ca.Function:
     return ca.Function("rest", [z, x, u, w], [q, *(ca.jacobian(q, v) for v in (z, x, u))])
 
 
-def _eliminate(matrix: Any, right: Any, wanted: list[list[int]]) -> Any:
-    """Solution of a system with structural zeros, without pivoting; of each column the wanted rows."""
+def _eliminate(matrix: Any, right: Any) -> Any:
+    """Solution of a system with structural zeros, without pivoting."""
     n, m = matrix.shape[0], right.shape[1]
     a = [{j: matrix[i, j] for j in range(n) if matrix.has_nz(i, j)} for i in range(n)]
     b = [{j: right[i, j] for j in range(m) if right.has_nz(i, j)} for i in range(n)]
@@ -106,17 +111,21 @@ def _eliminate(matrix: Any, right: Any, wanted: list[list[int]]) -> Any:
                         row[j] = row[j] - factor * value if j in row else -factor * value
     out = ca.SX(n, m)
     for c in range(m):
-        needed = set(wanted[c])
-        for i in range(n):
-            if i in needed:
-                needed.update(j for j in a[i] if j > i)
-        for i in sorted(needed, reverse=True):
+        for i in reversed(range(n)):
             value = b[i].get(c, ca.SX(0))
             for j, coefficient in a[i].items():
                 if j > i:
                     value = value - coefficient * out[j, c]
             out[i, c] = value * inverse[i]
     return out
+
+
+def only(function: ca.Function, results: Sequence[int]) -> ca.Function:
+    """The function with some of its results."""
+    kind: Any = ca.SX if function.is_a("SXFunction") else ca.MX
+    given = [kind.sym(function.name_in(i), *function.size_in(i)) for i in range(function.n_in())]
+    found = function.call(given)
+    return ca.Function(function.name(), given, [found[i] for i in results])
 
 
 def dense(function: ca.Function) -> ca.Function:

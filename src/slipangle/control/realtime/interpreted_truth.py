@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from slipangle.control.ocp import OCP
-from slipangle.control.realtime.interpreted_model import bind, columns, newton_columns
+from slipangle.control.realtime.interpreted_model import bind, columns, newton_columns, only
 from slipangle.control.realtime.parts import Implicit
 
 
@@ -80,8 +79,8 @@ class Values:
         ocp: OCP, parts: Implicit | None, node: ca.Function, stage: ca.Function
     ) -> tuple[ca.Function, ca.Function]:
         """Those of `Functions` without derivatives; of implicit models with the stage slopes."""
-        plain = _only(node, [0, 3] if parts else [0])
-        return newton_columns(ocp, parts, plain, int(ocp.nodes[-1])), columns(_only(stage, [0, 1]), ocp.horizon + 1)
+        plain = only(node, [0, 3] if parts else [0])
+        return newton_columns(ocp, parts, plain, int(ocp.nodes[-1])), columns(only(stage, [0, 1]), ocp.horizon + 1)
 
     def __call__(
         self, x: np.ndarray, u: np.ndarray, w: np.ndarray, p: np.ndarray, k: np.ndarray
@@ -101,10 +100,3 @@ class Values:
         given[2][:-1], given[2][-1] = w[:n], w[-1]
         self._stage()
         return self._node_out[0], self._stage_out[0], self._stage_out[1]
-
-
-def _only(function: ca.Function, results: list[int]) -> ca.Function:
-    kind: Any = ca.SX if function.is_a("SXFunction") else ca.MX
-    given = [kind.sym(function.name_in(i), *function.size_in(i)) for i in range(function.n_in())]
-    found = function.call(given)
-    return ca.Function("values", given, [found[i] for i in results])
