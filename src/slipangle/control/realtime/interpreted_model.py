@@ -17,9 +17,9 @@ MOST_INSTRUCTIONS = 20_000  # that are turned into one of columns each
 
 
 def newton_node(ocp: OCP, parts: Implicit) -> ca.Function:
-    """``(x, u, w, k, slopes) -> next, A, B, k, K``: one Newton step on the stages of Radau IIA, and derivatives there.
+    """``(x, u, w, k, slopes) -> next, A, B, k, Z``: one Newton step on the stages of Radau IIA, and derivatives there.
 
-    ``K`` is the derivative of the stage slopes k by x and u.
+    ``Z`` is how the three stages of each state of the core move away from it, by the core and u: see `along`.
 
     ``slopes`` has one column per stage, what `parts.slopes` gives there: see `columns`. In the stages z themselves,
     ``inv(A) (z - x) = h f(z)``, one state is coupled over the stages with constants only, which takes the fewest
@@ -70,13 +70,17 @@ def newton_node(ocp: OCP, parts: Implicit) -> ca.Function:
             for b in range(nc):
                 A[a, core[b]] += through[i, b]
             B[a, :] = by_input[i, :] + through[i, nc:]
-    K = ca.SX(nk, nx + nu)
+    Z = ca.SX(by_start)
     for c in range(nc):
-        here = by_start[3 * c : 3 * c + 3, :]
-        here[:, c] -= 1
-        K[3 * c : 3 * c + 3, [*core, *range(nx, nx + nu)]] = ca.mtimes(ca.DM(inverse / h), here)
-    results = [ca.densify(later), ca.densify(A), ca.densify(B), ca.densify(ca.vertcat(*after)), ca.densify(K)]
+        Z[3 * c : 3 * c + 3, c] -= 1
+    results = [ca.densify(later), ca.densify(A), ca.densify(B), ca.densify(ca.vertcat(*after)), ca.densify(Z)]
     return ca.Function("node", [x, u, w, k, slopes], results)
+
+
+def along(moved: Any, h: float) -> Any:
+    """Changes of stage slopes where stages move away from the states by so much, three of each state in a column."""
+    slopes = ca.mtimes(ca.DM(np.linalg.inv(RADAU_A) / h), ca.reshape(moved, 3, moved.numel() // 3))
+    return ca.reshape(slopes, *moved.shape)
 
 
 def _rest(parts: Implicit, nx: int, h: float) -> ca.Function:

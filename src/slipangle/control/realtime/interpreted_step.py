@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 from time import perf_counter
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 
 from slipangle.control.ocp import OCP, Reference
 from slipangle.control.plan import Status, finite, inputs_later
-from slipangle.control.realtime.interpreted_model import bind, columns, newton_columns, only
+from slipangle.control.realtime.interpreted_model import along, bind, columns, newton_columns, only
 from slipangle.control.realtime.interpreted_truth import units
 from slipangle.control.realtime.parts import Implicit, input_scale
 
@@ -58,7 +59,7 @@ class InputStep:
         self._both = np.tile(scale, n)
         self.u, self.x = np.zeros((n + 2, nu)), np.zeros((steps + 2, nx))
         self._w, self._p = np.zeros((n + 2, len(ocp.exogenous))), np.zeros((n + 1, len(ocp.references)))
-        slopes = node.numel_out(1) // ((steps + 1) * wide)
+        slopes = node.numel_out(2) // (steps + 1)
         self.k = np.zeros((steps + 1, slopes))
         u_steps, w_steps, x_guess, x_plan = self.u[:-1], self._w[:-1], self.x[1:], self.x[:-1]
         if self._long:
@@ -66,7 +67,7 @@ class InputStep:
             x_guess = x_plan = np.zeros((n + 1, nx))
         self._u_steps, self._w_steps, self._x_stages = u_steps, w_steps, x_plan
         kept = [self.k] if slopes else []
-        self._node, (A, K) = bind(node, steps + 1, [self.x[:-1], u_steps, w_steps, *kept, self.x[1:]])
+        self._node, (A, Z, self._slopes) = bind(node, steps + 1, [self.x[:-1], u_steps, w_steps, *kept, self.x[1:]])
         q, r, s = ocp.stage_weights
         root = np.sqrt(q)
         self._stage, (E,) = bind(stage, n + 1, [x_guess, self.u[1:], self._w[1:], self._p, root])
@@ -76,7 +77,7 @@ class InputStep:
         for G, i in zip(self._G, [*self._held, n - 1], strict=True):
             G[nx + 1 :, i * nu : (i + 1) * nu] = np.eye(nu)
         self._A = list(zip(A.reshape(steps + 1, nx + 1, wide)[1:], self._G[:-1], self._G[1:, : nx + 1], strict=True))
-        self._slopes, self._derivatives = K.reshape(steps + 1, slopes, wide)[:, :, nx], (A, K)
+        self._derivatives = A, Z, self._slopes
         self.before = np.zeros((steps, slopes))
         self._E = E.reshape(n + 1, ne, wide)
         self._inputs, self._used = _input_rows(ocp)
@@ -91,7 +92,7 @@ class InputStep:
         self._H = np.zeros((size, size))
         self._diagonal = self._H.reshape(-1)[:: size + 1]
         self._z, self._none = np.zeros(size), np.zeros((0, size))
-        self._after, linear = bind(after, 1, [self._z, self._gap, A, K, E, self.x])
+        self._after, linear = bind(after, 1, [self._z, self._gap, A, self._slopes, Z, E, self.x])
         self._k_after, self._x_after = (a.reshape(b.shape) for a, b in zip(linear, (self.k, self.x), strict=False))
         self._truth, (self._measures,) = bind(
             truth,
@@ -114,7 +115,7 @@ class InputStep:
         parts : Implicit, optional
             Of the integrator.
         node : Function
-            ``(x, u, w, k, slopes) -> next, A, B, k, K``, dense; without k, slopes and K for explicit models.
+            ``(x, u, w, k, slopes) -> next, A, B, k, Z``, dense; without k, slopes and Z for explicit models.
         stage : Function
             ``(x, u, w, p) -> error, limited`` and their derivatives by x and u, dense.
         """
@@ -122,8 +123,7 @@ class InputStep:
         many = newton_columns(ocp, parts, _augmented(node, scale), int(ocp.nodes[-1]) + 1)
         errors = columns(_errors(stage, scale), ocp.horizon + 1)
         values = columns(_values(stage), ocp.horizon + 1)
-        slopes = node.numel_out(3) if parts else 0
-        return many, errors, _after(ocp, slopes), _truth(ocp, values)
+        return many, errors, _after(ocp, parts.core if parts else ()), _truth(ocp, values)
 
     def load(self, x: np.ndarray, applied: np.ndarray, reference: Reference, memory: Any) -> None:
         """Start from a plan's inputs, states and slopes, a step later; the step closes the gap to the last state."""
@@ -235,7 +235,7 @@ class InputStep:
 
 
 def _augmented(node: ca.Function, scale: np.ndarray) -> ca.Function:
-    """``(x, u, w, k, slopes, after) -> [A, next - after, B scaled; 0, 1, 0], [K]`` alike, stored by row."""
+    """``(x, u, w, k, slopes, after) -> [A, next - after, B scaled; 0, 1, 0], Z scaled, k``, first two stored by row."""
     kind: Any = ca.SX if node.is_a("SXFunction") else ca.MX
     given = [kind.sym(node.name_in(i), *node.size_in(i)) for i in range(node.n_in())]
     found = node.call(given)
@@ -244,10 +244,11 @@ def _augmented(node: ca.Function, scale: np.ndarray) -> ca.Function:
     unit = ca.diag(ca.DM(scale))
     top = ca.horzcat(found[1], found[0] - after, ca.mtimes(found[2], unit))
     last = ca.horzcat(kind.zeros(1, nx), kind.ones(1, 1), kind.zeros(1, nu))
-    results = [ca.densify(ca.vertcat(top, last)).T, kind(nx + 1 + nu, 0)]
+    results = [ca.densify(ca.vertcat(top, last)).T, kind(0, 1), kind(0, 1)]
     if len(found) > 3:
-        K = ca.horzcat(found[4][:, :nx], found[3], ca.mtimes(found[4][:, nx:], unit))
-        results[1] = ca.densify(K).T
+        nc = found[4].shape[1] - nu
+        Z = ca.horzcat(found[4][:, :nc], ca.mtimes(found[4][:, nc:], unit))
+        results[1:] = ca.densify(Z).T, found[3]
     return ca.Function("augmented", [*given, after], results)
 
 
@@ -280,32 +281,37 @@ def _input_rows(ocp: OCP) -> tuple[np.ndarray, np.ndarray]:
     return inputs[used], used
 
 
-def _after(ocp: OCP, slopes: int) -> ca.Function:
-    """``(z, gap, A, K, E, x) -> slopes, x, dx, errors, multipliers, curvature``: what the linear model makes of a step.
+def _after(ocp: OCP, core: Sequence[int]) -> ca.Function:
+    """``(z, gap, A, k, Z, E, x) -> slopes, x, dx, errors, multipliers, curvature`` of a step in the linear model.
 
-    z is the scaled step of the inputs, gap that of the first state; A, K and E are those of `InputStep`, x the states
-    of the guess from the row before its first on. Slopes and states are those of the plan and of the step after its
-    last, which begins where that one ended. The curvature is that of the cost along the step.
+    z is the scaled step of the inputs, gap that of the first state; A, k, Z and E are those of `InputStep`, x the
+    states of the guess from the row before its first on. Slopes and states are those of the plan and of the step after
+    its last, which begins where that one ended. The curvature is that of the cost along the step.
     """
     n, steps, nx, nu, ne = ocp.horizon, int(ocp.nodes[-1]), ocp.model.n_states, len(ocp.controls), len(ocp.tracked)
     wide, nodes = nx + 1 + nu, ocp.nodes.tolist()
     z, gap, x = ca.MX.sym("z", nu, n), ca.MX.sym("gap", nx), ca.MX.sym("x", nx, steps + 2)
-    sizes = (nx + 1) * (steps + 1), slopes * (steps + 1), ne * (n + 1)
-    given = [ca.MX.sym(name, wide, size) for name, size in zip("AKE", sizes, strict=True)]
-    A, E = ca.horzsplit(given[0], nx + 1), ca.horzsplit(given[2], ne)
+    slopes = 3 * len(core)
+    k, ZT = ca.MX.sym("k", slopes, steps + 1), ca.MX.sym("Z", len(core) + nu if core else 0, slopes * (steps + 1))
+    AT, ET = ca.MX.sym("A", wide, (nx + 1) * (steps + 1)), ca.MX.sym("E", wide, ne * (n + 1))
+    A, E = ca.horzsplit(AT, nx + 1), ca.horzsplit(ET, ne)
     inputs, points = ca.horzsplit(z), ca.horzsplit(x)
     moved = [ca.vertcat(gap, 1, inputs[0])]
     for j, i in enumerate([*ocp.stage_of[1:], n - 1], start=1):
         moved.append(ca.vertcat(ca.mtimes(moved[-1].T, A[j])[:nx].T, 1, inputs[i]))
     later = [point + m[:nx] for point, m in zip(points[1:], moved, strict=True)]
-    along = ca.MX(0, steps + 1)
-    if slopes:
+    if core:
         ahead = ca.vertcat(later[-1] - points[steps], 1, inputs[-1])
-        K = ca.horzsplit(given[1], slopes)
-        along = ca.horzcat(*(ca.mtimes(m.T, k).T for m, k in zip([*moved[:-1], ahead], [*K[1:], K[-1]], strict=True)))
+        Z, at = ca.horzsplit(ZT, slopes), [*core, *range(nx + 1, wide)]
+        pairs = zip([*moved[:-1], ahead], [*Z[1:], Z[-1]], strict=True)
+        k_after = ca.horzcat(k[:, 1:], k[:, -1]) + along(
+            ca.horzcat(*(ca.mtimes(m[at].T, z).T for m, z in pairs)), ocp.dt
+        )
+    else:
+        k_after = ca.MX(0, steps + 1)
     errors = [ca.mtimes(moved[j].T, E[i]) for i, j in enumerate(nodes)]
     rows = ca.sparsify(ca.DM(_input_rows(ocp)[0] * np.tile(input_scale(ocp), n)))
-    bend = ca.sumsqr(ca.horzcat(*errors) - given[2][nx, :]) + ca.sumsqr(ca.mtimes(rows, ca.vec(z)))
+    bend = ca.sumsqr(ca.horzcat(*errors) - ET[nx, :]) + ca.sumsqr(ca.mtimes(rows, ca.vec(z)))
     forced = {j: ca.mtimes(E[i], errors[i].T)[:nx] for i, j in enumerate(nodes)}
     pi = [forced[steps]]
     for j in range(steps - 1, 0, -1):
@@ -313,8 +319,8 @@ def _after(ocp: OCP, slopes: int) -> ca.Function:
         pi.append(back + forced[j] if j in forced else back)
     dx = ca.horzcat(*(m[:nx] for m in moved[1:]))
     states = ca.horzcat(*later, 2 * later[-1] - later[-2])
-    results = [along, states, dx, ca.horzcat(*errors), ca.horzcat(*reversed(pi)), bend]
-    return ca.Function("after", [z, gap, *given, x], results)
+    results = [k_after, states, dx, ca.horzcat(*errors), ca.horzcat(*reversed(pi)), bend]
+    return ca.Function("after", [z, gap, AT, k, ZT, ET, x], results)
 
 
 def _truth(ocp: OCP, values: ca.Function) -> ca.Function:
