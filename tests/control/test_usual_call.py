@@ -7,7 +7,7 @@ import pytest
 
 from slipangle.control.plan import Plan, Status
 from slipangle.control.realtime import RealTime
-from slipangle.control.terms import Limits, Values
+from slipangle.control.terms import Limits, Values, Weights
 from slipangle.models.compiled import compiler, sentence
 from tests.control.test_copies import PATH, posed
 from tests.control.test_multi_arx import BOTH, situation
@@ -154,6 +154,38 @@ def test_a_fallback_in_one_piece_is_the_one_put_together(fast, steps, fallback):
     assert one.stopping
     assert all(isinstance(p, Plan) for p in short)
     assert mpc.plan(x, reference, plan).u == pytest.approx(undisturbed(replace(fast, steps=steps), 3, x, reference))
+
+
+def test_edges_of_a_corridor_become_limits_as_elsewhere():
+    mpc = posed(
+        solver=RealTime(),
+        rates=Limits(delta=1.0),
+        corridor=1.0,
+        slack=Weights(e_y=1.0),
+        slack_linear=Weights(e_y=10.0),
+    )
+    seen, rng, x, reference, plan = count(mpc), np.random.default_rng(4), *drive(mpc, 3)[-1]
+    odd = np.array([[3.0, np.inf], [-np.inf, 2.0], [0.2, 0.1], [np.inf, -np.inf], [-np.inf, -3.0], [0.6, 0.7]])
+    for k in range(8):
+        edges = rng.uniform(0.0, 3.0, (mpc.horizon + 1, 2)) if k else np.resize(odd, (mpc.horizon + 1, 2))
+        given = replace(reference, corridor=edges)
+        after = mpc.plan(x, given, plan)
+        assert np.array_equal(mpc.engine._areas.mine._view["bounds"], mpc.state_bounds(given))
+        plan = after if after.status.solved else plan
+    assert any(isinstance(p, Plan) for p in seen)
+    assert mpc.plan(x, replace(reference, corridor=spoilt(edges, (2, 0), np.nan)), plan).status is Status.NOT_FINITE
+
+
+def test_an_unfinished_solve_goes_on_by_the_short_way(fast):
+    mpc = replace(fast, solver=RealTime(max_iterations=1, accept=1e-300))
+    twin = closely(mpc)
+    x, reference, _ = drive(fast, 2)[-1]
+    seen, a, b = count(mpc), None, None
+    for _ in range(6):
+        a, b = mpc.plan(x, reference, a), twin.plan(x, reference, b)
+        assert (a.status, a.age, a.health) == (b.status, b.age, b.health)
+        assert np.array_equal(a.u, b.u)
+    assert any(isinstance(p, Plan) for p in seen)
 
 
 @BOTH

@@ -107,6 +107,7 @@ class MPC(OCP):
                 if isinstance(engine, Rescues):
                     engine.relax(self._safe_input, self._relaxing.ravel())
                 vars(self)["_engine"] = engine
+                _ = self._resumes, self._continues, self._rescues, self._follows, self._bounds  # looked at by no plan
             return vars(self)["_engine"]
 
     @cached_property
@@ -450,11 +451,17 @@ class MPC(OCP):
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Inputs of a fallback and where they lead, all by the engine, where that can and the plan before is whole."""
         engine, (age, kept) = self._rescues, source
-        if engine is None or previous is None:
+        if engine is None:
             return None
+        if previous is None:
+            return None if x is None else engine.rescue(x, before, wanted, *self._nothing(x), 0, True)
         if kept is None:
             return engine.rescue(x, before, wanted, previous.u, previous.x, 1, True)
         return engine.rescue(x, before, wanted, kept.u, kept.x, age - kept.age, False)
+
+    def _nothing(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs and states of a vehicle that stays as it is."""
+        return np.zeros(self._shape_u), np.broadcast_to(x, self._shape_x)
 
     def _predict(self, call: Call, x: np.ndarray | None, source: Source) -> tuple[np.ndarray, np.ndarray]:
         """Inputs of a fallback within limits and rates, and where they lead: from the state if that is known."""

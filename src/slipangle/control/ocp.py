@@ -377,7 +377,12 @@ class OCP:
 
     @cached_property
     def _limits_at_nodes(self) -> np.ndarray:
-        return np.tile(_rows(self.limits, self.limited), (self.horizon + 1, 1, 1))
+        return np.tile(self.state_limits, (self.horizon + 1, 1, 1))
+
+    @cached_property
+    def state_limits(self) -> np.ndarray:
+        """Bounds of `limited` without a corridor, shape (n_limited, 2)."""
+        return _rows(self.limits, self.limited)
 
     # ---- references --------------------------------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ import ctypes
 import itertools
 from dataclasses import dataclass
 from math import isfinite
+from time import perf_counter
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -97,6 +98,7 @@ class WorkArea:
             "w": (n + 1, len(ocp.exogenous)),
             "p": (n + 1, len(ocp.references)),
             "r": (n, nu),
+            "corridor": (n + 1, 2),
             "bounds": (n + 1, len(ocp.limited), 2),
             "q": (n + 1, len(ocp.tracked)),
             "wr": (n, nu),
@@ -122,7 +124,7 @@ class WorkArea:
             view[name] = np.frombuffer(block, dtype=np.int64 if name in COUNTS else float)[:size].reshape(shape)
         self._view = view
         self._x0, self._applied, self._w, self._p, self._r = (view[n] for n in ("x0", "applied", "w", "p", "r"))
-        self._u, self._x, self._bounds = (view[n] for n in ("u", "x", "bounds"))
+        self._u, self._x, self._corridor = (view[n] for n in ("u", "x", "corridor"))
         self._iterations, self._fresh = view["iterations"], view["fresh"]
         self._way_u, self._way_x = view["way_u"], view["way_x"]
         self._way = _block(self._way_u, self._way_x)
@@ -131,7 +133,7 @@ class WorkArea:
         self._result = slice(at, at + 3)  # cost, violation, residual
         self._numbers = self._found[self._result]
         self._controls, self._sizes = ocp.controls, (self._x0.shape, self._p.shape, self._w.shape, self._applied.shape)
-        self._lanes, self._owner = ocp.corridor is not None, ocp.identity
+        self._lanes, self._edges, self._owner = ocp.corridor is not None, self._corridor.shape, ocp.identity
         self._shape_u, self._shape_x = self._u.shape, self._x.shape
         self._head, self._split = slice(self._u.size), slice(self._u.size, self._u.size + self._x.size)
         self._rest, self._shape_way = slice(self._u.size, None), self._way_x.shape
@@ -146,13 +148,12 @@ class WorkArea:
         self._limit = np.inf if deadline is None else deadline
         self._time = view["time_limit"]
         self._time[0] = self._limit
-        self._limited = bool(ocp.limited)
-        if self._limited and ocp.corridor is None:
-            empty = Reference(tracked=self._p, exogenous=self._w)
-            self._bounds[:] = ocp.state_bounds(empty)
+        if ocp.limited:
+            view["bounds"][:] = ocp.state_limits  # a corridor narrows them in C
         self._nodes = ocp.nodes if steps > n else None  # of the states, those at which stages begin and end
         self._most = int(ocp.nodes[-1])
         self._serial, self._area = 0, next(_areas)
+        self._until: float | None = None
         self._settings = settings
         self._ready: Memory | None = None
 
@@ -196,36 +197,36 @@ class WorkArea:
         self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, seconds: float | None
     ) -> dict[str, Any] | None:
         """Solve from the plan that this area still holds, if all that is given is as usual; else do nothing."""
-        memory, u, p, w = previous.memory, previous.u, reference.tracked, reference.exogenous
+        left, u, p, w = previous.unfinished, previous.u, reference.tracked, reference.exogenous
+        memory = previous.memory if left is None else left
         if type(memory) is not Memory or memory.serial != self._serial or memory.area != self._area:
             return None
-        if (
-            memory.unfinished
-            or type(u) is not np.ndarray
-            or u.base is not memory.found
-            or u.shape != self._u.shape
-            or previous.unfinished is not None
-        ):
+        attempts = memory.unfinished
+        if type(u) is not np.ndarray or u.shape != self._shape_u or attempts > MOST_ATTEMPTS:
+            return None
+        if left is None and (attempts or u.base is not memory.found):
             return None
         given = u[0] if applied is None else applied
-        if self._lanes or not (previous.controls is self._controls and self._usual(x, reference, given)):
+        if not (previous.controls is self._controls and self._usual(x, reference, given)):
             return None
+        if self._lanes:
+            self._corridor[...] = reference.corridor
         self._x0[...], self._p[...], self._w[...], self._applied[...] = x, p, w, given
         self._r.fill(0.0)
-        self._fresh[0] = CONTINUE
-        if seconds is not None:
-            self._time[0] = max(seconds, 0.0)
+        self._fresh[0] = RESUME if attempts else CONTINUE
+        self._time[0] = self._limit if seconds is None else max(seconds, 0.0)
         outcome = self._call_again(self._pointer)
-        self._time[0] = self._limit
-        return None if outcome == DOUBTFUL else self._answer(OUTCOMES[outcome], 0)
+        return None if outcome == DOUBTFUL else self._answer(OUTCOMES[outcome], attempts)
 
     def allow(self, seconds: float) -> None:
-        """Longest time of the next solve. [s]"""
-        self._time[0] = max(seconds, 0.0)
+        """Longest time from now to the end of the next solve. [s]"""
+        self._until = perf_counter() + seconds
 
     def _usual(self, x: Any, reference: Reference, given: Any) -> bool:
         """Whether all this is in the arrays that it nearly always is in."""
-        p, w = reference.tracked, reference.exogenous
+        p, w, edges = reference.tracked, reference.exogenous, reference.corridor
+        if self._lanes and not (type(edges) is np.ndarray and edges.dtype is DOUBLE and edges.shape == self._edges):
+            return False
         return (
             type(x) is type(p) is type(w) is type(given) is np.ndarray
             and x.dtype is p.dtype is w.dtype is given.dtype is DOUBLE
@@ -238,8 +239,7 @@ class WorkArea:
         if type(u) is not np.ndarray or u.shape != self._shape_u:
             return None
         given = u[0] if applied is None else applied
-        usual = not self._lanes and self._usual(x, reference, given)
-        return given if usual and not isfinite(np.vdot(x, x)) else None
+        return given if self._usual(x, reference, given) and not isfinite(np.vdot(x, x)) else None
 
     def relax(self, safe: np.ndarray, left: np.ndarray) -> None:
         """Where the stop law goes, and how much is left of the way there at each stage."""
@@ -267,8 +267,8 @@ class WorkArea:
             self._w[: len(w)], self._w[-1] = w, w[-1]
         if x is not None:
             self._x0[...] = x
+        self._hurry()
         good = self._call_fallback(self._pointer, later if later < self._most else self._most, stopping, x is not None)
-        self._time[0] = self._limit
         if not good:
             return None
         found = self._way.copy()
@@ -314,7 +314,7 @@ class WorkArea:
             and (self._w[-1] == reference.exogenous[-1]).all()
             and (self._applied == applied).all()
             and (self._r == inputs).all()
-            and (self.ocp.corridor is None or (self._bounds == self.ocp.state_bounds(reference)).all())
+            and (not self._lanes or (self._corridor == reference.corridor).all())
         )
 
     @property
@@ -337,12 +337,17 @@ class WorkArea:
             self._r.fill(0.0)
         else:
             self._r[:] = reference.inputs
-        if self._limited and self.ocp.corridor is not None:
-            self._bounds[:] = self.ocp.state_bounds(reference)
+        if self._lanes:
+            self._corridor[:] = reference.corridor
+
+    def _hurry(self) -> None:
+        """Give the next call into C what is left of the time allowed."""
+        self._time[0] = self._limit if self._until is None else max(self._until - perf_counter(), 0.0)
+        self._until = None
 
     def _run(self, call: Any = None, attempts: int = 0) -> Solution:
+        self._hurry()
         status = OUTCOMES[(call or self._call)(self._pointer)]
-        self._time[0] = self._limit
         return Solution(**self._answer(status, attempts))
 
     def _answer(self, status: Status, attempts: int) -> dict[str, Any]:

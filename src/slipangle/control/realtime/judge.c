@@ -7,6 +7,10 @@ int rt_again(Work *s)
     int good = plausible(s->x0, 1, NX, low, high) && plausible(s->p, N + 1, NP, low + NX, high + NX) &&
                plausible(s->w, N + 1, NW, low + NX + NP, high + NX + NP) && moderate(s->u, N * NU) &&
                moderate(s->x, (NS + 1) * NX) && moderate(s->k, NS * NK) && moderate(s->working, 1 + 2 * QT);
+#ifdef EDGES
+    for (int i = 0; i < 2 * (N + 1); i++)
+        good &= s->corridor[i] == s->corridor[i];
+#endif
 #ifdef HEADING
     good &= fabs(s->x0[HEADING] - s->p[HEADING_WANTED]) <= 3.1415; /* no turn more, or less, to be unwound */
 #endif

@@ -24,8 +24,8 @@ from slipangle.models.integrate import RADAU_A, RETRY
 
 MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
 FIELDS = (  # of the C struct, as seen from Python
-    "x0 applied w p r bounds q wr ws plain square lowest highest safe relaxing way_u way_x tolerance time_limit newton "
-    "accept u x k working cost violation residual step seconds seconds_prepare seconds_feedback"
+    "x0 applied w p r corridor bounds q wr ws plain square lowest highest safe relaxing way_u way_x tolerance "
+    "time_limit newton accept u x k working cost violation residual step seconds seconds_prepare seconds_feedback"
 ).split()
 COUNTS = "max_iterations fixed fresh iterations qp_iterations".split()
 
@@ -179,6 +179,13 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
     lines += [f"#define {k} {v}" for k, v in numbers.items()]
     if ocp.headings is not None:
         lines += [f"#define {name} {i}" for name, i in zip(("HEADING", "HEADING_WANTED"), ocp.headings, strict=True)]
+    if ocp.corridor is not None:
+        at = ocp.limited.index("e_y")
+        low, high = (
+            f"({'-' if v < 0 else ''}INFINITY)" if np.isinf(v) else f"({v!r})" for v in ocp.state_limits[at].tolist()
+        )
+        lines += [f"#define EDGES {at}", f"#define HALF_WIDTH {0.5 * ocp.corridor!r}"]
+        lines += [f"#define EDGE_LOW {low}", f"#define EDGE_HIGH {high}"]
     lines.append("#define GROUPS ((NS + LANES - 1) / LANES)")
     lines += [
         _array("double", "SCALE", input_scale(ocp)),

@@ -10,6 +10,20 @@ static const double *limit_of(const Work *s, int row, int *stage, int *which)
     return s->bounds + (*stage * NL + *which) * 2;
 }
 
+#ifdef EDGES
+/* Limits of the distance from the path by the corridor's edges; where it is narrower than the vehicle, its middle. */
+static void keep_between_edges(Work *s)
+{
+    for (int i = 0; i <= N; i++) {
+        double right = s->corridor[2 * i], left = s->corridor[2 * i + 1], low = HALF_WIDTH - right, high = left - HALF_WIDTH;
+        if (low > high)
+            low = high = fabs(left) < INFINITY && fabs(right) < INFINITY ? 0.5 * (left - right) : 0;
+        s->bounds[(i * NL + EDGES) * 2] = fmax(EDGE_LOW, low);
+        s->bounds[(i * NL + EDGES) * 2 + 1] = fmin(EDGE_HIGH, high);
+    }
+}
+#endif
+
 /* ---- linearisation -------------------------------------------------------------------------------------------- */
 
 static int all_finite(const double *values, int n)
@@ -500,8 +514,9 @@ static int begins(Work *s, int part)
 }
 static void ends(Work *s, int part)
 {
+    double took = now() - s->since; /* much longer than ever: another program had the processor */
     if (s->qp.until < INFINITY)
-        s->took[part] = now() - s->since;
+        s->took[part] = s->took[part] > 0 ? smaller(took, 2 * s->took[part]) : took;
 }
 
 /* ---- iterations ----------------------------------------------------------------------------------------------- */
@@ -787,6 +802,9 @@ static int moves_on(const Work *s)
 static void start(Work *s)
 {
     int shifts = s->fresh == CONTINUE || (s->fresh == RESUME && moves_on(s));
+#ifdef EDGES
+    keep_between_edges(s);
+#endif
     for (int row = 0; row < N_LIMITS; row++) {
         s->qp.plain[QN + QR + row] = s->plain[row];
         s->qp.square[QN + QR + row] = s->square[row];

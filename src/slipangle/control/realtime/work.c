@@ -26,7 +26,8 @@ enum { LINEARISE, CONDENSE, PARTS };
 
 typedef struct {
     /* what Python sets */
-    double x0[NX], applied[NU], w[M1((N + 1) * NW)], p[M1((N + 1) * NP)], r[N * NU], bounds[M1((N + 1) * NL * 2)];
+    double x0[NX], applied[NU], w[M1((N + 1) * NW)], p[M1((N + 1) * NP)], r[N * NU], corridor[(N + 1) * 2];
+    double bounds[M1((N + 1) * NL * 2)];
     double q[M1((N + 1) * NE)], wr[N * NU], ws[N * NU], plain[M1(N_LIMITS)], square[M1(N_LIMITS)]; /* weights */
     double lowest[NX + NP + NW], highest[NX + NP + NW]; /* of x0, p and w that can be true */
     double safe[NU], relaxing[N]; /* of the stop law: where it goes, and how much is left of the way at each stage */
