@@ -203,14 +203,19 @@ class WorkArea:
         self._k[:] = 0.0
         states = between(guess, self.ocp.nodes)
         for _ in range(2):
-            m = self._linearise(u, states, exact=False)
-            if not m.finite:
+            self._set_nodes(u, states)
+            self._node()
+            later, by = self._node_out[:2]
+            if not finite(later, by):
                 return u, np.full(guess.shape, np.nan)
-            dx = x - states[0]
+            if self._parts:
+                self._k[:] = self._node_out[3]
+            moved, dx = later - states[1:], x - states[0]
+            for here, A in zip(moved, by.reshape(self._steps, len(x), len(x)), strict=True):
+                here += np.dot(dx, A)
+                dx = here
             states[0] = x
-            for j in range(self._steps):
-                dx = m.A[j] @ dx + m.next[j] - states[j + 1]
-                states[j + 1] += dx
+            states[1:] += moved
         return u, states[self._nodes]
 
     def _roll_out(self, x: np.ndarray, u: np.ndarray, reference: Reference) -> np.ndarray:
@@ -298,10 +303,9 @@ class WorkArea:
     def _linearise(self, u: np.ndarray, x: np.ndarray, *, exact: bool) -> Linear:
         n, nx, nu = self._sizes
         w, end = self._reference.exogenous[:n], self._reference.exogenous[-1]
-        given = self._node_in
-        given[0][:], given[1][:], given[2][:] = x[:-1], u[self._held], w[self._held]
+        self._set_nodes(u, x)
         if self._parts:
-            missing = np.arange(self._steps)
+            given, missing = self._node_in, np.arange(self._steps)
             for _ in range(25 if exact else 1):
                 given[3][:] = self._k
                 self._node()
@@ -333,6 +337,13 @@ class WorkArea:
             Lx=out[4].reshape(n + 1, nx, nl).transpose(0, 2, 1).copy(),
             Lu=out[5].reshape(n + 1, nu, nl).transpose(0, 2, 1) * self._scale,
         )
+
+    def _set_nodes(self, u: np.ndarray, x: np.ndarray) -> None:
+        """What the model is given next: these states and inputs, and the slopes at hand."""
+        given, w = self._node_in, self._reference.exogenous[: len(u)]
+        given[0][:], given[1][:], given[2][:] = x[:-1], u[self._held], w[self._held]
+        if self._parts:
+            given[3][:] = self._k
 
     def _retry(self, steps: np.ndarray) -> None:
         """Take the steps whose stages were not found as the model itself does, which then makes them shorter."""
