@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
+from slipangle.codegen import compiler as compiled
 from slipangle.data.dataset import Dataset
-from slipangle.experiments import Progress, Reproduction
-from slipangle.experiments._peers import absent, in_turn, installed, median_record
-from slipangle.identify.arx import ARX
-from slipangle.models import compiled
-from slipangle.models.arx import ARXModel
+from slipangle.identify.linear.arx import ARX
+from slipangle.models.black_box.arx import ARXModel
 from slipangle.report.tables import Record
+from slipangle.reproduce import Progress, Reproduction
+from slipangle.reproduce._peers import absent, in_turn, installed, median_record
 
 SAMPLES, FEWER, ROUNDS = 10_000_000, 100_000, 7
 SECONDS, MEGABYTES, RATE = 1.0, 200.0, 1e8

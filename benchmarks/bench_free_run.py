@@ -11,10 +11,10 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from slipangle.data.dataset import Dataset
-from slipangle.experiments import Progress, Reproduction
-from slipangle.models.catalogue import FERRARI_250LM
-from slipangle.models.vehicles import Bicycle
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import FERRARI_250LM
 from slipangle.report.tables import Record
+from slipangle.reproduce import Progress, Reproduction
 
 ROUNDS, SAMPLES = 15, 11_000
 

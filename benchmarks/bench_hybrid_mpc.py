@@ -16,29 +16,30 @@ import numpy as np
 from scipy import signal
 
 from slipangle.control.mpc import MPC
-from slipangle.control.pedals import pedal_driver
-from slipangle.control.realtime import RealTime
-from slipangle.control.realtime.engine import CompiledEngine
-from slipangle.control.terms import Limits, Weights
+from slipangle.control.speed.pedals import pedal_driver
 from slipangle.data.dataset import Dataset
-from slipangle.data.manoeuvres import double_lane_change
 from slipangle.errors import IdentifiabilityWarning, ModelWarning
-from slipangle.experiments import Progress, Reproduction
-from slipangle.identify.greybox import GreyBox
-from slipangle.identify.hybrid import Hybrid
-from slipangle.identify.narx import NARX
-from slipangle.identify.narx_free_run import FreeRunNARX
-from slipangle.identify.training import Stage
-from slipangle.identify.validate import score
-from slipangle.models.catalogue import BMW_320I, PASSENGER_TIRE
-from slipangle.models.dual_track import DualTrack
-from slipangle.models.ground import OnGround
+from slipangle.identify.judge.validate import score
+from slipangle.identify.networks.hybrid import Hybrid
+from slipangle.identify.networks.narx import NARX
+from slipangle.identify.networks.narx_free_run import FreeRunNARX
+from slipangle.identify.networks.problem import Stage
+from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.model import Model
-from slipangle.models.vehicles import Bicycle, BicycleParams
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
+from slipangle.models.vehicles.dual_track.dual_track import DualTrack
+from slipangle.models.vehicles.parameters import BicycleParams
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.realtime.engine import CompiledEngine
+from slipangle.optimal.terms import Limits, Weights
+from slipangle.paths.lane_change import double_lane_change
 from slipangle.report.tables import Record
+from slipangle.reproduce import Progress, Reproduction
 from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.manoeuvres import Manoeuvre, record
-from slipangle.simulate.plants import Plant
+from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import Run
 
 SEEDS = (0, 1, 2)

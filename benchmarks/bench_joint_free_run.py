@@ -10,13 +10,13 @@ import time
 
 import numpy as np
 
+from slipangle.codegen.compiler import sentence
 from slipangle.data.dataset import Dataset
-from slipangle.experiments import Progress, Reproduction
-from slipangle.models.compiled import sentence
-from slipangle.models.networks import MLP, Scaling
-from slipangle.models.neural_bicycle import LONG, NeuralBicycle, TireNetworkBicycle
-from slipangle.models.nonlinear_bicycle import NonlinearBicycleParams
+from slipangle.models.black_box.networks import MLP, Scaling
+from slipangle.models.vehicles.neural_bicycle import LONG, NeuralBicycle, TireNetworkBicycle
+from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycleParams
 from slipangle.report.tables import Record
+from slipangle.reproduce import Progress, Reproduction
 
 ROUNDS, SAMPLES = 15, 11_000
 CAR = NonlinearBicycleParams(mass=982.0, inertia_z=900.0, wheelbase=2.4, l_f=1.3, C_f=6e4, C_r=9e4)

@@ -16,11 +16,11 @@ from dataclasses import fields
 import casadi as ca
 import numpy as np
 
-from slipangle.experiments import Progress, Reproduction
-from slipangle.models.compiled import library, sentence
-from slipangle.models.magic_formula import MagicFormulaTire
-from slipangle.models.mf_coefficients import MF61Coefficients
+from slipangle.codegen.compiler import library, sentence
+from slipangle.models.tires.magic_formula.coefficients import MF61Coefficients
+from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
 from slipangle.report.tables import Record
+from slipangle.reproduce import Progress, Reproduction
 
 BATCH, ROUNDS = 100_000, 40
 LEAST = {"NumPy": 0.5, "C, scalar": 2.0, "C, vector math": 2.0}  # million evaluations per second

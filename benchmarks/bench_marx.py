@@ -16,17 +16,21 @@ from typing import Any
 import daqp
 import numpy as np
 
-from slipangle.control.ipopt import Ipopt
+from slipangle.codegen.compiler import sentence
+from slipangle.control.marx.mpc import MultiARXMPC
+from slipangle.control.marx.solver import Compiled, Interpreted
 from slipangle.control.mpc import MPC
-from slipangle.control.multi_arx import MultiARXMPC
-from slipangle.control.multi_arx_solver import Compiled, Interpreted
-from slipangle.control.ocp import Reference
-from slipangle.control.realtime import RealTime
-from slipangle.control.realtime.engine import CompiledEngine
-from slipangle.control.terms import Weights
-from slipangle.data.manoeuvres import double_lane_change
-from slipangle.experiments import Progress, Reproduction
-from slipangle.experiments._chapter_7 import (
+from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.wrappers.multi_arx import MultiARXModel, ParallelARX
+from slipangle.optimal.ipopt import Ipopt
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.realtime.engine import CompiledEngine
+from slipangle.optimal.terms import Weights
+from slipangle.paths.lane_change import double_lane_change
+from slipangle.report.tables import Record
+from slipangle.reproduce import Progress, Reproduction
+from slipangle.reproduce._chapter_7 import (
     HORIZON,
     KNOTS,
     MORE_SPEEDS,
@@ -41,10 +45,6 @@ from slipangle.experiments._chapter_7 import (
     magic_model,
     planar_model,
 )
-from slipangle.models.arx import ARXModel
-from slipangle.models.compiled import sentence
-from slipangle.models.multi_arx import MultiARXModel, ParallelARX
-from slipangle.report.tables import Record
 
 ROUNDS, MOMENTS = 30, 100
 V_X = 13.0

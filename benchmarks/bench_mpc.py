@@ -19,23 +19,23 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 
-from slipangle.control.ipopt import Ipopt
 from slipangle.control.mpc import MPC
-from slipangle.control.ocp import Reference
-from slipangle.control.plan import Plan
-from slipangle.control.realtime import RealTime
-from slipangle.control.realtime.engine import CompiledEngine
-from slipangle.control.terms import Limits, Weights
-from slipangle.data.manoeuvres import double_lane_change
 from slipangle.errors import ModelWarning
-from slipangle.experiments import Progress, Reproduction
-from slipangle.experiments._chapter_6 import FRONT_DRIVE, thesis_way
-from slipangle.experiments._tires_6 import simulated_tires
-from slipangle.experiments.table_6_4 import data, settings
-from slipangle.models.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
-from slipangle.models.quasi_steady import QuasiSteadySingleTrack
-from slipangle.models.tires_neural import NeuralTire
+from slipangle.models.tires.neural import NeuralTire
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
+from slipangle.models.vehicles.quasi_steady import QuasiSteadySingleTrack
+from slipangle.optimal.ipopt import Ipopt
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.realtime.engine import CompiledEngine
+from slipangle.optimal.solution import Plan
+from slipangle.optimal.terms import Limits, Weights
+from slipangle.paths.lane_change import double_lane_change
 from slipangle.report.tables import Record
+from slipangle.reproduce import Progress, Reproduction
+from slipangle.reproduce._chapter_6 import FRONT_DRIVE, thesis_way
+from slipangle.reproduce._tires_6 import simulated_tires
+from slipangle.reproduce.table_6_4 import data, settings
 
 PATH = double_lane_change(20.0, blend=12.0)
 CAR, G = FRONT_DRIVE, FRONT_DRIVE.steering_ratio

@@ -17,11 +17,11 @@ import numpy as np
 from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset
-from slipangle.experiments import Progress, Reproduction
-from slipangle.experiments._peers import absent, in_turn, installed, median_record
-from slipangle.identify.subspace import Subspace
-from slipangle.identify.threads import one_blas_thread
+from slipangle.identify.linear.subspace import Subspace
+from slipangle.numerics.blas import one_blas_thread
 from slipangle.report.tables import Record
+from slipangle.reproduce import Progress, Reproduction
+from slipangle.reproduce._peers import absent, in_turn, installed, median_record
 
 SAMPLES, FEWER, FEWEST, ROWS, ORDER, ROUNDS = 1_000_000, 20_000, 5_000, 20, 4, 7
 SECONDS, MEGABYTES = 0.5, 200.0

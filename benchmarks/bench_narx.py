@@ -16,17 +16,17 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.data import narendra
+from slipangle.codegen import compiler as compiled
 from slipangle.data.dataset import Dataset
-from slipangle.experiments import Progress, Reproduction
-from slipangle.experiments._peers import absent, in_turn, installed, one_core
-from slipangle.identify.narx import NARX
-from slipangle.identify.training import Stage
-from slipangle.models import compiled
+from slipangle.identify.networks.narx import NARX
+from slipangle.identify.networks.problem import Stage
+from slipangle.models.black_box.narx import NARXModel
+from slipangle.models.black_box.networks import MLP
 from slipangle.models.model import Model
-from slipangle.models.narx import NARXModel
-from slipangle.models.networks import MLP
 from slipangle.report.tables import Record
+from slipangle.reproduce import Progress, Reproduction
+from slipangle.reproduce._peers import absent, in_turn, installed, one_core
+from slipangle.reproduce.plants import narendra
 
 SAMPLES, ROUNDS = 1_000_000, 7
 EPOCHS, BATCH = 600, 99
@@ -126,7 +126,7 @@ def jax_scan(model: NARXModel, u: np.ndarray) -> Callable[[], np.ndarray]:
     import jax
     import jax.numpy as jnp
 
-    from slipangle.identify import descent
+    from slipangle.identify.networks import descent
 
     net: Any = model.network
 

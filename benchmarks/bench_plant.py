@@ -13,12 +13,12 @@ from importlib.util import find_spec
 
 import numpy as np
 
-from slipangle.experiments import Progress, Reproduction
-from slipangle.models.catalogue import BMW_320I, PASSENGER_TIRE
-from slipangle.models.compiled import sentence
-from slipangle.models.dual_track import DualTrack
+from slipangle.codegen.compiler import sentence
 from slipangle.models.model import roll_out
+from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
+from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.report.tables import Record
+from slipangle.reproduce import Progress, Reproduction
 
 ROUNDS, STEPS, CARS = 15, 20_000, 256
 V_X = 20.0

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.experiments import Progress, Reproduction
-from slipangle.experiments._peers import absent, installed, median_record
-from slipangle.identify.kalman import EKF
-from slipangle.identify.recursive import RLS
-from slipangle.models import compiled
-from slipangle.models.catalogue import SOUSA_TABLE_7_2
-from slipangle.models.vehicles import Bicycle
+from slipangle.codegen import compiler as compiled
+from slipangle.estimate.ekf import EKF
+from slipangle.identify.linear.recursive import RLS
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.reproduce import Progress, Reproduction
+from slipangle.reproduce._peers import absent, installed, median_record
 
 UPDATES, ROUNDS, MICROSECONDS = 20_000, 7, 2.0
 TYPICAL = 4  # lags of each: eight coefficients

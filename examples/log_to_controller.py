@@ -4,7 +4,7 @@ python examples/log_to_controller.py
 """
 
 import slipangle as sa
-from slipangle.models.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
 from slipangle.workflow.demo import prepare_demo
 
 folder = prepare_demo("slipangle-out/example").parent  # a test drive of a built-in car, as a CSV file

@@ -7,7 +7,7 @@ import warnings
 
 import slipangle as sa
 from slipangle import ops
-from slipangle.models.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
 from slipangle.units import SI
 from slipangle.workflow.demo import prepare_demo
 

@@ -10,7 +10,7 @@ for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # tests already run
 
 import pytest  # noqa: E402
 
-from slipangle.data import registry  # noqa: E402
+from slipangle.data.public import registry  # noqa: E402
 
 
 class PublicData:

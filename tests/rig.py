@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.io import savemat
 
-from slipangle.models.magic_formula import MagicFormulaTire
-from slipangle.models.mf_coefficients import MF61Coefficients
+from slipangle.models.tires.magic_formula.coefficients import MF61Coefficients
+from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
 
 LOADS = (222.0, 445.0, 667.0, 890.0, 1112.0)
 CAMBERS = (0.0, 2.0, 4.0)  # deg

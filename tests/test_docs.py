@@ -74,8 +74,8 @@ def test_python_in_the_readme_compiles():
 
 @pytest.mark.filterwarnings("ignore::slipangle.errors.IdentifiabilityWarning")
 def test_numbers_in_the_readme_are_reproduced(real_data):
-    from slipangle.data.public import ferrari_250lm
-    from slipangle.models.catalogue import FERRARI_250LM
+    from slipangle.data.public.sets import ferrari_250lm
+    from slipangle.models.vehicles.catalogue import FERRARI_250LM
 
     train, test = ferrari_250lm().split(0.7)
     three = ("C_f", "C_r", "inertia_z")
@@ -104,7 +104,10 @@ def test_commands_in_the_readme_exist(capsys):
 
 def test_nomenclature_names_are_the_models():
     text = (ROOT / "docs" / "nomenclature.md").read_text()
-    from slipangle.models.vehicles import Bicycle, Kinematic, Longitudinal, SingleTrack
+    from slipangle.models.vehicles.bicycle import Bicycle
+    from slipangle.models.vehicles.kinematic import Kinematic
+    from slipangle.models.vehicles.longitudinal import Longitudinal
+    from slipangle.models.vehicles.single_track import SingleTrack
 
     for model in (Bicycle, Kinematic, Longitudinal, SingleTrack):
         for name in (*model.states, *model.inputs):

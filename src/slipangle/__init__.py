@@ -29,100 +29,92 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from slipangle.control.driver import SpeedDriver
+    from slipangle.control.marx.mpc import MultiARXMPC
     from slipangle.control.mpc import MPC
-    from slipangle.control.multi_arx import MultiARXMPC
-    from slipangle.control.terms import Limits, Values, Weights
+    from slipangle.control.speed.driver import SpeedDriver
     from slipangle.data.dataset import Channel, Dataset, join
-    from slipangle.data.manoeuvres import double_lane_change, lane_changes, obstacle_avoidance
-    from slipangle.data.path import Path
-    from slipangle.data.public import load
-    from slipangle.data.quality import inspect
+    from slipangle.data.public.sets import load
+    from slipangle.data.quality.inspect import inspect
     from slipangle.data.readers import read
-    from slipangle.identify.advice import advise
-    from slipangle.identify.arx import ARX
-    from slipangle.identify.collocation import Collocation
-    from slipangle.identify.compare import compare, cross_validate
-    from slipangle.identify.greybox import GreyBox
-    from slipangle.identify.kalman import EKF
-    from slipangle.identify.narx import NARX
-    from slipangle.identify.neural_statespace import NeuralStateSpace
-    from slipangle.identify.polynomial import ARMAX, BoxJenkins, OutputError
-    from slipangle.identify.recursive import RLS
-    from slipangle.identify.statespace import StateSpace
-    from slipangle.identify.validate import Validation, validate
-    from slipangle.models.arx import ARXModel
+    from slipangle.estimate.ekf import EKF
+    from slipangle.identify.judge.compare import compare, cross_validate
+    from slipangle.identify.judge.validate import Validation, validate
+    from slipangle.identify.linear.arx import ARX
+    from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError
+    from slipangle.identify.linear.recursive import RLS
+    from slipangle.identify.linear.statespace import StateSpace
+    from slipangle.identify.networks.narx import NARX
+    from slipangle.identify.networks.neural_statespace import NeuralStateSpace
+    from slipangle.identify.physics.advise import advise
+    from slipangle.identify.physics.collocation import Collocation
+    from slipangle.identify.physics.grey_box import GreyBox
+    from slipangle.models.black_box.arx import ARXModel
+    from slipangle.models.black_box.narx import NARXModel
     from slipangle.models.custom import Ode
-    from slipangle.models.delayed import Delayed
-    from slipangle.models.ground import OnGround
-    from slipangle.models.magic_formula import MagicFormulaTire
     from slipangle.models.model import FitInfo, Model, Trajectory
-    from slipangle.models.multi_arx import MultiARXModel
-    from slipangle.models.narx import NARXModel
-    from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
     from slipangle.models.storage import save
-    from slipangle.models.tires import LinearTire, MagicCurve, SimpleMagicFormula, Tire
-    from slipangle.models.vehicles import (
-        Bicycle,
-        BicycleParams,
-        Kinematic,
-        Longitudinal,
-        LongitudinalParams,
-        SingleTrack,
-        SingleTrackParams,
-    )
+    from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
+    from slipangle.models.tires.simple import LinearTire, MagicCurve, SimpleMagicFormula, Tire
+    from slipangle.models.vehicles.bicycle import Bicycle
+    from slipangle.models.vehicles.kinematic import Kinematic
+    from slipangle.models.vehicles.longitudinal import Longitudinal, LongitudinalParams
+    from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
+    from slipangle.models.vehicles.parameters import BicycleParams, SingleTrackParams
+    from slipangle.models.vehicles.single_track import SingleTrack
+    from slipangle.models.wrappers.delayed import Delayed
+    from slipangle.models.wrappers.multi_arx import MultiARXModel
+    from slipangle.models.wrappers.on_ground import OnGround
+    from slipangle.optimal.terms import Limits, Values, Weights
+    from slipangle.paths.lane_change import double_lane_change, lane_changes, obstacle_avoidance
+    from slipangle.paths.path import Path
     from slipangle.report.comparison import comparison_page
     from slipangle.simulate.loop import closed_loop
-    from slipangle.simulate.plants import Plant
+    from slipangle.simulate.plant import Plant
     from slipangle.simulate.run import Run
     from slipangle.units import deg, kmh
 
 _HOME = {  # where each public name lives; imported on first use, so that `import slipangle` is quick
     "slipangle.data.dataset": ("Channel", "Dataset", "join"),
     "slipangle.data.readers": ("read",),
-    "slipangle.data.public": ("load",),
-    "slipangle.data.quality": ("inspect",),
-    "slipangle.data.path": ("Path",),
-    "slipangle.data.manoeuvres": ("double_lane_change", "lane_changes", "obstacle_avoidance"),
+    "slipangle.data.public.sets": ("load",),
+    "slipangle.data.quality.inspect": ("inspect",),
+    "slipangle.paths.path": ("Path",),
+    "slipangle.paths.lane_change": ("double_lane_change", "lane_changes", "obstacle_avoidance"),
     "slipangle.models.model": ("FitInfo", "Model", "Trajectory"),
-    "slipangle.models.tires": ("LinearTire", "MagicCurve", "SimpleMagicFormula", "Tire"),
-    "slipangle.models.vehicles": (
-        "Bicycle",
-        "BicycleParams",
-        "Kinematic",
-        "Longitudinal",
-        "LongitudinalParams",
-        "SingleTrack",
-        "SingleTrackParams",
-    ),
-    "slipangle.models.arx": ("ARXModel",),
-    "slipangle.models.narx": ("NARXModel",),
-    "slipangle.models.magic_formula": ("MagicFormulaTire",),
-    "slipangle.models.nonlinear_bicycle": ("NonlinearBicycle", "NonlinearBicycleParams"),
+    "slipangle.models.tires.simple": ("LinearTire", "MagicCurve", "SimpleMagicFormula", "Tire"),
+    "slipangle.models.vehicles.bicycle": ("Bicycle",),
+    "slipangle.models.vehicles.kinematic": ("Kinematic",),
+    "slipangle.models.vehicles.longitudinal": ("Longitudinal", "LongitudinalParams"),
+    "slipangle.models.vehicles.parameters": ("BicycleParams", "SingleTrackParams"),
+    "slipangle.models.vehicles.single_track": ("SingleTrack",),
+    "slipangle.models.black_box.arx": ("ARXModel",),
+    "slipangle.models.black_box.narx": ("NARXModel",),
+    "slipangle.models.tires.magic_formula.tire": ("MagicFormulaTire",),
+    "slipangle.models.vehicles.nonlinear_bicycle": ("NonlinearBicycle", "NonlinearBicycleParams"),
     "slipangle.models.storage": ("save",),
-    "slipangle.models.ground": ("OnGround",),
-    "slipangle.models.multi_arx": ("MultiARXModel",),
+    "slipangle.models.wrappers.on_ground": ("OnGround",),
+    "slipangle.models.wrappers.multi_arx": ("MultiARXModel",),
     "slipangle.models.custom": ("Ode",),
-    "slipangle.models.delayed": ("Delayed",),
-    "slipangle.identify.arx": ("ARX",),
-    "slipangle.identify.narx": ("NARX",),
-    "slipangle.identify.greybox": ("GreyBox",),
-    "slipangle.identify.collocation": ("Collocation",),
-    "slipangle.identify.advice": ("advise",),
-    "slipangle.identify.compare": ("compare", "cross_validate"),
-    "slipangle.identify.kalman": ("EKF",),
-    "slipangle.identify.neural_statespace": ("NeuralStateSpace",),
-    "slipangle.identify.polynomial": ("ARMAX", "BoxJenkins", "OutputError"),
-    "slipangle.identify.recursive": ("RLS",),
-    "slipangle.identify.statespace": ("StateSpace",),
-    "slipangle.identify.validate": ("Validation", "validate"),
-    "slipangle.control.driver": ("SpeedDriver",),
+    "slipangle.models.wrappers.delayed": ("Delayed",),
+    "slipangle.identify.linear.arx": ("ARX",),
+    "slipangle.identify.networks.narx": ("NARX",),
+    "slipangle.identify.physics.grey_box": ("GreyBox",),
+    "slipangle.identify.physics.collocation": ("Collocation",),
+    "slipangle.identify.physics.advise": ("advise",),
+    "slipangle.identify.judge.compare": ("compare", "cross_validate"),
+    "slipangle.estimate.ekf": ("EKF",),
+    "slipangle.identify.networks.neural_statespace": ("NeuralStateSpace",),
+    "slipangle.identify.linear.polynomial": ("ARMAX", "BoxJenkins", "OutputError"),
+    "slipangle.identify.linear.recursive": ("RLS",),
+    "slipangle.identify.linear.statespace": ("StateSpace",),
+    "slipangle.identify.judge.validate": ("Validation", "validate"),
+    "slipangle.control.speed.driver": ("SpeedDriver",),
     "slipangle.control.mpc": ("MPC",),
-    "slipangle.control.multi_arx": ("MultiARXMPC",),
-    "slipangle.control.terms": ("Limits", "Values", "Weights"),
+    "slipangle.control.marx.mpc": ("MultiARXMPC",),
+    "slipangle.optimal.terms": ("Limits", "Values", "Weights"),
     "slipangle.report.comparison": ("comparison_page",),
     "slipangle.simulate.loop": ("closed_loop",),
-    "slipangle.simulate.plants": ("Plant",),
+    "slipangle.simulate.plant": ("Plant",),
     "slipangle.simulate.run": ("Run",),
     "slipangle.units": ("deg", "kmh"),
 }

@@ -10,10 +10,10 @@ from slipangle.cli import main
 from slipangle.commands import tire
 from slipangle.commands.tire import read_tire
 from slipangle.errors import ConfigError, FormatError, MissingFileError, OutputError, ParameterError
-from slipangle.models.magic_formula import MagicFormulaTire
 from slipangle.models.storage import save
-from slipangle.models.tires_neural import NeuralTire
-from slipangle.models.tires_physical import BrushTire
+from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
+from slipangle.models.tires.neural import NeuralTire
+from slipangle.models.tires.physical import BrushTire
 from tests.rig import TIRE, channels, write_dat, write_mat
 
 
@@ -54,7 +54,7 @@ def test_eval(tir, capsys):
 def test_eval_outside_the_range(tmp_path, capsys):
     from dataclasses import replace
 
-    from slipangle.models.mf_limits import Limits
+    from slipangle.models.tires.magic_formula.validity import Limits
 
     path = replace(TIRE, limits=Limits(load=(100.0, 1500.0))).write_tir(tmp_path / "tire.tir")
     with pytest.raises(ParameterError, match="load is 5000 N; expected 100 to 1500 N"):

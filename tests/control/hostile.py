@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from slipangle.control.plan import Kept, Plan, Status
 from slipangle.errors import ParameterError
+from slipangle.optimal.solution import Kept, Plan, Status
 
 NEVER = (np.nan, np.inf, -np.inf, 1e308, -1e308, 1e200, -1e154, 1e100, -1e30, 1e13)  # no quantity is that
 ODD = (0.0, -0.0, 5e-324, -5e-324, 1e-300, 1e-12, 1.0, -1.0, 9.0, -40.0)  # but a number

@@ -9,20 +9,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slipangle.control.adaptation import AdaptiveMultiARXMPC
-from slipangle.control.baselines import PreviewLQR
-from slipangle.control.ipopt import Ipopt
+from slipangle.control.followers.followers import PreviewLQR
+from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC
 from slipangle.control.mpc import MPC
-from slipangle.control.realtime import RealTime
-from slipangle.control.realtime.interpreted import InterpretedEngine
-from slipangle.control.terms import Limits, Weights
-from slipangle.control.threads import PerThread
-from slipangle.data.manoeuvres import double_lane_change
-from slipangle.models.catalogue import SOUSA_TABLE_7_2
 from slipangle.models.custom import Ode
-from slipangle.models.ground import OnGround
-from slipangle.models.vehicles import Bicycle
-from tests.control.test_multi_arx import BY_POSE
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.numerics.per_thread import PerThread
+from slipangle.optimal.ipopt import Ipopt
+from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.realtime.interpreted import InterpretedEngine
+from slipangle.optimal.terms import Limits, Weights
+from slipangle.paths.lane_change import double_lane_change
+from tests.control.marx.test_mpc import BY_POSE
 from tests.models.all_models import ALL_MODELS
 
 PATH = double_lane_change(15.0)

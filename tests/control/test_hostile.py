@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slipangle.control.adaptation import AdaptiveMultiARXMPC
-from slipangle.control.baselines import PreviewLQR, PurePursuit, Stanley
-from slipangle.control.driver import DriverState, SpeedDriver
-from slipangle.control.plan import Status
+from slipangle.control.followers.followers import PreviewLQR, PurePursuit, Stanley
+from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC
+from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.control.switched import SwitchedMPC
-from slipangle.control.terms import Limits
-from slipangle.models.catalogue import SOUSA_TABLE_7_2
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.optimal.solution import Status
+from slipangle.optimal.terms import Limits
 from tests.control.hostile import NEVER, ODD, Hostile
 from tests.control.test_copies import PATH, interpreted, lagged, posed
 

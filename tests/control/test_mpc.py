@@ -7,13 +7,13 @@ from math import inf
 import numpy as np
 import pytest
 
-from slipangle.control.ipopt import Ipopt
 from slipangle.control.mpc import MPC, RELAX
-from slipangle.control.ocp import Reference
-from slipangle.control.plan import Status, within
-from slipangle.control.terms import Limits, Values, Weights
 from slipangle.errors import ParameterError
-from tests.control.linear import Linear, double_integrator, lqr, two_masses
+from slipangle.optimal.ipopt import Ipopt
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.solution import Status, within
+from slipangle.optimal.terms import Limits, Values, Weights
+from tests.optimal.linear import Linear, double_integrator, lqr, two_masses
 
 
 def still(mpc, target=0.0):
@@ -298,7 +298,7 @@ class Broken:
 def test_a_killed_or_lying_solver_is_survived():
     engine = Ipopt().build(CART, None)
     good = CART.plan(np.array([1.0, 0.0]), still(CART))
-    from slipangle.control.plan import Start
+    from slipangle.optimal.solution import Start
 
     start = Start(
         x=np.array([1.0, 0.0]),

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from slipangle.control.mpc import MPC
-from slipangle.control.ocp import Reference
-from slipangle.control.plan import Health, Status
-from slipangle.control.realtime import RealTime
-from slipangle.control.realtime.interpreted import InterpretedEngine
-from slipangle.control.terms import Limits, Values, Weights
 from slipangle.errors import ParameterError
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.realtime.interpreted import InterpretedEngine
+from slipangle.optimal.solution import Health, Status
+from slipangle.optimal.terms import Limits, Values, Weights
 from tests.control.test_copies import PATH, interpreted, posed
 
 

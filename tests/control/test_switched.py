@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
-from slipangle.control.multi_arx import MultiARXMPC
-from slipangle.control.ocp import Reference
-from slipangle.control.plan import Status
 from slipangle.control.switched import SideBySide, SwitchedMPC
-from slipangle.control.terms import Limits, Weights
-from slipangle.data.manoeuvres import lane_changes
 from slipangle.errors import ParameterError
-from slipangle.models.arx import ARXModel
-from slipangle.models.catalogue import SOUSA_TABLE_7_2
-from slipangle.models.ground import OnGround
-from slipangle.models.multi_arx import MultiARXModel
-from slipangle.models.vehicles import Bicycle
+from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.models.wrappers.multi_arx import MultiARXModel
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.solution import Status
+from slipangle.optimal.terms import Limits, Weights
+from slipangle.paths.lane_change import lane_changes
 from slipangle.simulate.loop import closed_loop
-from slipangle.simulate.plants import Plant
+from slipangle.simulate.plant import Plant
 
 V = 15.0
 BICYCLE = OnGround(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r", "v_y")))

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slipangle.control.plan import Plan, Status
-from slipangle.control.realtime import RealTime
-from slipangle.control.terms import Limits, Values, Weights
-from slipangle.models.compiled import compiler, sentence
+from slipangle.codegen.compiler import compiler, sentence
+from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.solution import Plan, Status
+from slipangle.optimal.terms import Limits, Values, Weights
+from tests.control.marx.test_mpc import BOTH, situation
 from tests.control.test_copies import PATH, posed
-from tests.control.test_multi_arx import BOTH, situation
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason=sentence())
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.data.events import find_spikes
-from slipangle.data.public import ferrari_250lm, load
-from slipangle.data.quality import estimate_delay, inspect
+from slipangle.data.public.sets import ferrari_250lm, load
+from slipangle.data.quality.events import find_spikes
+from slipangle.data.quality.inspect import estimate_delay, inspect
 from slipangle.data.race import (
     EARTH,
     corners,
@@ -18,8 +18,8 @@ from slipangle.data.race import (
     with_position,
 )
 from slipangle.errors import ParameterError, TooShortError
-from slipangle.identify.arx import ARX
-from slipangle.identify.compare import cross_validate
+from slipangle.identify.judge.compare import cross_validate
+from slipangle.identify.linear.arx import ARX
 
 
 def haversine(a, b):

@@ -81,8 +81,8 @@ def _limit_memory() -> None:
         return
     import resource
 
-    import slipangle.data.path
     import slipangle.models.storage
+    import slipangle.paths.path
     import slipangle.workflow.settings  # noqa: F401
 
     now = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")

@@ -95,7 +95,7 @@ def _make_csv(rng: Rng) -> tuple[str, bytes, dict[str, Any]]:
 
 
 def _read_csv(path: Path, **options: Any) -> None:
-    from slipangle.data.quality import inspect
+    from slipangle.data.quality.inspect import inspect
     from slipangle.data.readers import read_csv
 
     data = read_csv(path, **options)
@@ -185,7 +185,7 @@ def _read_ttc(path: Path) -> None:
 @cache
 def _tir_texts() -> tuple[str, ...]:
     from tests.data.readers.test_tir import TEXT
-    from tests.models.example_tires import TIRES
+    from tests.models.tires.example_tires import TIRES
 
     return (TEXT, *(tire.to_tir().text for tire in TIRES.values()))
 
@@ -201,7 +201,7 @@ def _make_tir(rng: Rng) -> tuple[str, bytes, dict[str, Any]]:
 def _read_tir(path: Path) -> None:
     from slipangle.data.readers.tir import read_tir
     from slipangle.errors import SlipangleError
-    from slipangle.models.magic_formula import MagicFormulaTire
+    from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
 
     file = read_tir(path)
     assert all(np.isfinite(v) for v in file.numbers.values())
@@ -241,7 +241,7 @@ def _make_track(rng: Rng) -> tuple[str, bytes, dict[str, Any]]:
 
 
 def _read_track(path: Path, **options: Any) -> None:
-    from slipangle.data.path import Path as Line
+    from slipangle.paths.path import Path as Line
 
     track = Line.from_csv(path, **options)
     assert np.isfinite(track.curvature).all()

@@ -23,7 +23,7 @@ BROKEN = {
 CHILD = """
 import ctypes, sys
 import numpy as np
-from slipangle.models import compiled
+from slipangle.codegen import compiler as compiled
 run = compiled.library(sys.argv[1], name="broken").twice
 run.restype, run.argtypes = ctypes.c_double, [ctypes.c_void_p, ctypes.c_int]
 x = np.ones(1000)

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from slipangle.codegen import compiler as compiled
 from slipangle.errors import SlipangleError
-from slipangle.models import compiled
 from tests.control.hostile import NEVER, ODD, poisoned
 
 
@@ -27,7 +27,7 @@ def wild(rng: np.random.Generator, array: Any) -> np.ndarray:
 
 def qp(calls: int, rng: np.random.Generator) -> None:
     """The quadratic program's solver."""
-    from tests.control.realtime.qps import Solver, draw
+    from tests.optimal.realtime.qps import Solver, draw
 
     solver = Solver()
     for k in range(calls):
@@ -46,7 +46,7 @@ def real_time(calls: int, rng: np.random.Generator) -> None:
 
 def stages(calls: int, rng: np.random.Generator) -> None:
     """The real-time solver with implicit steps of several samples, slip limits and wheels."""
-    from tests.control.realtime.test_stages import PATH, quasi, wheels
+    from tests.optimal.realtime.test_stages import PATH, quasi, wheels
 
     for make in (wheels, quasi):
         mpc, plan = make(), None
@@ -82,10 +82,10 @@ def free_runs(calls: int, rng: np.random.Generator) -> None:
 
 def sensitivities(calls: int, rng: np.random.Generator) -> None:
     """The free runs behind fits of physics and of Lur'e models, with derivatives."""
-    from slipangle.identify import forward
-    from slipangle.identify.freerun import FreeRun
-    from slipangle.models.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
-    from slipangle.models.vehicles import SingleTrack
+    from slipangle.identify.physics import forward
+    from slipangle.identify.physics.free_run import FreeRun
+    from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
+    from slipangle.models.vehicles.single_track import SingleTrack
 
     car = SingleTrack(params=SOUSA_TABLE_6_1, dt=0.1, tire_f=SOUSA_TABLE_6_2, tire_r=SOUSA_TABLE_6_2, method="radau")
     free = ("inertia_z", "l_f")
@@ -111,7 +111,7 @@ def sensitivities(calls: int, rng: np.random.Generator) -> None:
 
 def plant(calls: int, rng: np.random.Generator) -> None:
     """The dual-track car, alone and many at once, on several threads."""
-    from tests.models.test_dual_track import Kernel, plant
+    from tests.models.vehicles.dual_track.test_dual_track import Kernel, plant
 
     car = plant()
     kernel = Kernel.build(car, varied=("mass", "mu_fl"))
@@ -129,7 +129,7 @@ def plant(calls: int, rng: np.random.Generator) -> None:
 def recursive(calls: int, rng: np.random.Generator) -> None:
     """Recursive least squares, sample by sample and over records."""
     from slipangle.data.dataset import Dataset
-    from slipangle.identify.recursive import RLS
+    from slipangle.identify.linear.recursive import RLS
 
     for _ in range(max(calls // 50, 1)):
         nu, ny = int(rng.integers(1, 4)), int(rng.integers(1, 4))

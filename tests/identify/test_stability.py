@@ -9,20 +9,20 @@ from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import IdentifiabilityWarning, ModelWarning, ParameterError, SimulationError, SlipangleError
-from slipangle.identify import greybox
-from slipangle.identify.arx import ARX
-from slipangle.identify.compare import compare
-from slipangle.identify.greybox import GreyBox
-from slipangle.identify.pem import PEM
-from slipangle.identify.polynomial import ARMAX, OutputError
-from slipangle.identify.recursive import RLS
+from slipangle.identify.judge.compare import compare
+from slipangle.identify.judge.validate import validate
+from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.pem import PEM
+from slipangle.identify.linear.polynomial import ARMAX, OutputError
+from slipangle.identify.linear.recursive import RLS
+from slipangle.identify.linear.statespace import StateSpace
+from slipangle.identify.linear.subspace import Subspace
+from slipangle.identify.physics import grey_box as greybox
+from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.identify.stability import breakdown_said
-from slipangle.identify.statespace import StateSpace
-from slipangle.identify.subspace import Subspace
-from slipangle.identify.validate import validate
-from slipangle.models.arx import ARXModel
+from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.custom import Ode
-from slipangle.models.statespace import StateSpaceModel
 
 
 def log(pole, n=400, noise=0.01, seed=0):

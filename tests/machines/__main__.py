@@ -144,7 +144,7 @@ def _run(name: str, combination: Combination, limit: float) -> Errors | str | No
 def _tests(combination: Combination) -> int:
     """The fast tests of all that fits, on one machine; pytest's exit code."""
     command = [sys.executable, "-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider"]
-    command += ["tests/identify", "tests/experiments"]
+    command += ["tests/identify", "tests/reproduce"]
     done = subprocess.run(command, env=combination.environment(), capture_output=True, text=True, check=False)
     lines = done.stdout.strip().splitlines()
     failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]

@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from slipangle.data import narendra
 from slipangle.data.dataset import Dataset
-from slipangle.data.public import load
-from slipangle.experiments import table_4_1, table_4_2, table_4_5
-from slipangle.identify.lure import Lure
-from slipangle.identify.narx import NARX
-from slipangle.identify.narx_free_run import FreeRunNARX
-from slipangle.identify.neural_statespace import NeuralStateSpace
-from slipangle.identify.polynomial import ARMAX, OutputError
-from slipangle.identify.statespace import StateSpace
-from slipangle.identify.training import Stage
+from slipangle.data.public.sets import load
+from slipangle.identify.linear.polynomial import ARMAX, OutputError
+from slipangle.identify.linear.statespace import StateSpace
+from slipangle.identify.lure.lure import Lure
+from slipangle.identify.networks.narx import NARX
+from slipangle.identify.networks.narx_free_run import FreeRunNARX
+from slipangle.identify.networks.neural_statespace import NeuralStateSpace
+from slipangle.identify.networks.problem import Stage
 from slipangle.models.model import Model
-from tests.identify.test_neural_statespace import duffing
+from slipangle.reproduce import table_4_1, table_4_2, table_4_5
+from slipangle.reproduce.plants import narendra
+from tests.identify.networks.test_neural_statespace import duffing
 from tests.machines.registry import Errors, fit
 
 

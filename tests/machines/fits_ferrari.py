@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from slipangle.experiments import _chapter_8, table_8_2
-from slipangle.identify.hybrid import Hybrid
-from slipangle.identify.training import Stage
+from slipangle.identify.networks.hybrid import Hybrid
+from slipangle.identify.networks.problem import Stage
 from slipangle.models.model import Model
+from slipangle.reproduce import _chapter_8, table_8_2
 from tests.machines.fits_black_box import free_run
 from tests.machines.registry import Errors, fit
 

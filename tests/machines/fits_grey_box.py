@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from slipangle.identify.greybox import GreyBox
-from slipangle.models.catalogue import FERRARI_250LM, SOUSA_TABLE_7_2
-from slipangle.models.vehicles import Bicycle
-from tests.identify.test_greybox import drive
+from slipangle.identify.physics.grey_box import GreyBox
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import FERRARI_250LM, SOUSA_TABLE_7_2
+from tests.identify.physics.test_grey_box import drive
 from tests.machines.fits_black_box import free_run
 from tests.machines.registry import Errors, fit
 

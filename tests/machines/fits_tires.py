@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from slipangle.experiments import table_6_4
-from slipangle.identify.curves import MagicCurveFit
-from slipangle.identify.metrics import rmse
-from slipangle.identify.tires import TireFit
-from slipangle.models.catalogue import SOUSA_TABLE_6_8
-from slipangle.models.tires_physical import BrushTire
-from tests.identify.test_curves import rig
-from tests.identify.test_magic_formula import BOTH, TIRE, prediction, quiet_fit, rms
-from tests.identify.test_tires import BRUSH, measured
+from slipangle.identify.judge.metrics import rmse
+from slipangle.identify.tires.curves import MagicCurveFit
+from slipangle.identify.tires.whole_tire import TireFit
+from slipangle.models.tires.physical import BrushTire
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_8
+from slipangle.reproduce import table_6_4
+from tests.identify.tires.test_curves import rig
+from tests.identify.tires.test_magic_formula import BOTH, TIRE, prediction, quiet_fit, rms
+from tests.identify.tires.test_whole_tire import BRUSH, measured
 from tests.machines.registry import Errors, fit
 
 

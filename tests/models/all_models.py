@@ -2,8 +2,18 @@
 
 import numpy as np
 
-from slipangle.models.arx import ARXModel
-from slipangle.models.catalogue import (
+from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.black_box.lure import LureModel
+from slipangle.models.black_box.narx import NARXModel
+from slipangle.models.black_box.networks import MLP, Scaling
+from slipangle.models.black_box.neural_statespace import NeuralStateSpaceModel
+from slipangle.models.black_box.polynomial import PolynomialModel
+from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.models.custom import Ode
+from slipangle.models.tires.neural import NeuralCurve, NeuralTire
+from slipangle.models.tires.simple import LinearTire
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import (
     BMW_320I,
     FERRARI_250LM,
     PASSENGER_TIRE,
@@ -14,29 +24,21 @@ from slipangle.models.catalogue import (
     SOUSA_TABLE_6_10,
     SOUSA_TABLE_7_2,
 )
-from slipangle.models.custom import Ode
-from slipangle.models.delayed import Delayed
-from slipangle.models.dual_track import DualTrack
-from slipangle.models.emps import Emps, EmpsParams, FrictionCurve
-from slipangle.models.ensemble import EnsembleModel
-from slipangle.models.ground import OnGround
-from slipangle.models.hybrid import HybridModel, OffsetModel
-from slipangle.models.longitudinal import DrivelineParams, PedalCar
-from slipangle.models.lure import LureModel
-from slipangle.models.multi_arx import MultiARXModel, ParallelARX
-from slipangle.models.narx import NARXModel
-from slipangle.models.networks import MLP, Scaling
-from slipangle.models.neural_bicycle import NeuralBicycle, TireNetworkBicycle
-from slipangle.models.neural_statespace import NeuralStateSpaceModel
-from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
-from slipangle.models.pendulum import Pendulum
-from slipangle.models.polynomial import PolynomialModel
-from slipangle.models.quasi_steady import QuasiSteadySingleTrack
-from slipangle.models.statespace import StateSpaceModel
-from slipangle.models.tires import LinearTire
-from slipangle.models.tires_neural import NeuralCurve, NeuralTire
-from slipangle.models.vehicles import Bicycle, Kinematic, Longitudinal, LongitudinalParams, SingleTrack
+from slipangle.models.vehicles.dual_track.dual_track import DualTrack
+from slipangle.models.vehicles.kinematic import Kinematic
+from slipangle.models.vehicles.longitudinal import DrivelineParams, Longitudinal, LongitudinalParams, PedalCar
+from slipangle.models.vehicles.neural_bicycle import NeuralBicycle, TireNetworkBicycle
+from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
+from slipangle.models.vehicles.quasi_steady import QuasiSteadySingleTrack
+from slipangle.models.vehicles.single_track import SingleTrack
+from slipangle.models.wrappers.delayed import Delayed
+from slipangle.models.wrappers.ensemble import EnsembleModel
+from slipangle.models.wrappers.hybrid import HybridModel, OffsetModel
+from slipangle.models.wrappers.multi_arx import MultiARXModel, ParallelARX
+from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.ops import tanh, where
+from slipangle.reproduce.plants.emps import Emps, EmpsParams, FrictionCurve
+from slipangle.reproduce.plants.pendulum import Pendulum
 from slipangle.units import SI
 
 LIMIT = NonlinearBicycleParams(

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from slipangle.models.catalogue import BMW_320I
-from slipangle.models.driveline import Brakes, Differential, Driveline, Engine, Steering
-from slipangle.models.dual_track import DualTrack
 from slipangle.models.model import roll_out
-from slipangle.models.tires import Tire, TireForces, practical_slip
+from slipangle.models.tires.simple import Tire, TireForces, practical_slip
+from slipangle.models.vehicles.catalogue import BMW_320I
+from slipangle.models.vehicles.driveline import Brakes, Differential, Driveline, Engine, Steering
+from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.ops import atan, clip, cos, fabs, sign, sin
 
 

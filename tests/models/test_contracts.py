@@ -8,10 +8,10 @@ import pytest
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import MissingColumnError, SampleTimeError, SimulationError, TooShortError
-from slipangle.models.arx import ARXModel
-from slipangle.models.multi_arx import ParallelARX
-from slipangle.models.narx import NARXModel
-from slipangle.models.networks import MLP
+from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.black_box.narx import NARXModel
+from slipangle.models.black_box.networks import MLP
+from slipangle.models.wrappers.multi_arx import ParallelARX
 from tests.models.all_models import ALL_MODELS, SIZE, typical
 
 EVERY = pytest.mark.parametrize("model", ALL_MODELS.values(), ids=ALL_MODELS.keys())

@@ -8,12 +8,12 @@ import pytest
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ModelWarning, ParameterError
-from slipangle.identify.arx import ARX
-from slipangle.identify.recursive import RLS
-from slipangle.identify.validate import require_unseen, validate
-from slipangle.models.ensemble import EnsembleModel
+from slipangle.identify.judge.validate import require_unseen, validate
+from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.recursive import RLS
 from slipangle.models.provenance import WINDOW, fingerprint, overlap
 from slipangle.models.storage import load, save
+from slipangle.models.wrappers.ensemble import EnsembleModel
 
 DT = 0.02
 

@@ -8,23 +8,24 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from slipangle.data import narendra
 from slipangle.errors import FormatError, MissingFileError, OutputError, ParameterError, SlipangleError
-from slipangle.identify.arx import ARX
+from slipangle.identify.linear.arx import ARX
 from slipangle.models import storage
-from slipangle.models.arx import ARXModel
-from slipangle.models.catalogue import SOUSA_TABLE_6_2, SOUSA_TABLE_7_2
-from slipangle.models.magic_formula import MagicFormulaTire
+from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.black_box.networks import MLP, RBF
 from slipangle.models.model import FitInfo, Model, Trial
-from slipangle.models.networks import MLP, RBF
+from slipangle.models.ode import OdeModel
 from slipangle.models.storage import fits, load, save
-from slipangle.models.tires import LinearTire, Tire
-from slipangle.models.tires_neural import NeuralCurve, NeuralTire
-from slipangle.models.tires_physical import BrushTire, DugoffTire
-from slipangle.models.vehicles import BicycleParams, OdeModel
+from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
+from slipangle.models.tires.neural import NeuralCurve, NeuralTire
+from slipangle.models.tires.physical import BrushTire, DugoffTire
+from slipangle.models.tires.simple import LinearTire, Tire
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2, SOUSA_TABLE_7_2
+from slipangle.models.vehicles.parameters import BicycleParams
+from slipangle.reproduce.plants import narendra
 from tests.models.all_models import ALL_MODELS, typical
-from tests.models.example_tires import TIRES
 from tests.models.test_contracts import record
+from tests.models.tires.example_tires import TIRES
 
 EVERY = pytest.mark.parametrize("model", ALL_MODELS.values(), ids=ALL_MODELS.keys())
 NEAT = FitInfo(
@@ -305,11 +306,11 @@ def test_class_names_are_unique():
 
     package = importlib.import_module("slipangle.models")
     seen = []
-    for module in pkgutil.iter_modules(package.__path__, "slipangle.models."):
+    for module in pkgutil.walk_packages(package.__path__, "slipangle.models."):
         content = vars(importlib.import_module(module.name)).values()
         seen += [c.__name__ for c in content if isinstance(c, type) and is_dataclass(c) and c.__module__ == module.name]
     assert len(seen) == len(set(seen))
-    assert set(storage._known(())) <= {*seen, "TirFile", "TirLine", "Units"}
+    assert set(storage._known(())) <= {*seen, *storage.RECORDS, "TirFile", "TirLine", "Units"}
 
 
 @pytest.mark.parametrize(

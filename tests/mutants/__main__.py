@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from slipangle.models import compiled
+from slipangle.codegen import compiler as compiled
 from tests.mutants import methods, tires, vehicles
 from tests.mutants.listed import ROOT, SOURCE, Mutant
 

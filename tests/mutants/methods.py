@@ -4,12 +4,12 @@ from tests.mutants.listed import mistakes
 
 MEASURES = "oracles/test_measures.py"
 PLANS = "oracles/test_control.py"
-PATH = "data/test_path.py"
+PATH = "paths/test_path.py"
 BLACK_BOX = "oracles/test_black_box.py"
 
 MUTANTS = [
     *mistakes(
-        "identify/metrics.py",
+        "identify/judge/metrics.py",
         MEASURES,
         [
             (
@@ -38,8 +38,8 @@ MUTANTS = [
     ),
     # ---- identification
     *mistakes(
-        "identify/arx.py",
-        "identify/test_arx.py",
+        "identify/linear/arx.py",
+        "identify/linear/test_arx.py",
         [
             (
                 "ARX: order of the lags",
@@ -61,7 +61,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/lagged.py",
+        "models/black_box/lagged.py",
         BLACK_BOX,
         [
             ("lags: delay one too long", "max(self.nk - 1, 0)", "max(self.nk, 0)"),
@@ -73,12 +73,12 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/arx.py",
+        "models/black_box/arx.py",
         BLACK_BOX,
         [("ARX model: sign of eqs. 4-1, 4-2 as printed", "[*(-self.A), *self.B]", "[*self.A, *self.B]")],
     ),
     *mistakes(
-        "models/statespace.py",
+        "models/black_box/statespace.py",
         BLACK_BOX,
         [
             ("state space: predictor forgets D", "[self.B - K @ D, K]", "[self.B, K]"),
@@ -91,7 +91,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/polynomial.py",
+        "models/black_box/polynomial.py",
         BLACK_BOX,
         [
             ("ARMAX: sign of the innovation", "(c - a)[:, None]", "(a - c)[:, None]"),
@@ -100,23 +100,23 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/hybrid.py",
+        "models/wrappers/hybrid.py",
         BLACK_BOX,
         [("sensor offsets: wrong way round", "u[i] - self.inputs_at_zero", "u[i] + self.inputs_at_zero")],
     ),
     *mistakes(
-        "models/multi_arx.py",
+        "models/wrappers/multi_arx.py",
         BLACK_BOX,
         [("speed weights: cubic", "t * t * (3.0 - 2.0 * t)", "t * t * (3.0 - t)")],
     ),
     *mistakes(
-        "data/narendra.py",
+        "reproduce/plants/narendra.py",
         BLACK_BOX,
         [("Narendra: lag of the input", "u[k - 1], u[k - 2]", "u[k - 2], u[k - 1]")],
     ),
     *mistakes(
-        "identify/kalman.py",
-        "identify/test_kalman.py",
+        "estimate/ekf.py",
+        "estimate/test_ekf.py",
         [
             (
                 "Kalman: sign in Joseph's form",
@@ -134,14 +134,14 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "data/delay.py",
-        "data/test_quality.py::test_a_pure_delay_is_found_between_the_samples",
+        "data/quality/delay.py",
+        "data/quality/test_inspect.py::test_a_pure_delay_is_found_between_the_samples",
         [("delay: leads for lags", "np.exp(2j * np.pi * np.outer(lags", "np.exp(-2j * np.pi * np.outer(lags")],
     ),
     # ---- control
     *mistakes(
-        "control/ocp.py",
-        (MEASURES, PLANS, "control/test_ocp.py::test_corridor_keeps_the_vehicle_between_the_edges"),
+        "optimal/ocp.py",
+        (MEASURES, PLANS, "optimal/test_ocp.py::test_corridor_keeps_the_vehicle_between_the_edges"),
         [
             ("OCP: sign of e_y", "cos(psi) * dy - sin(psi) * dx", "cos(psi) * dy + sin(psi) * dx"),
             ("OCP: sign of e_psi", 'values["psi"] - psi', 'psi - values["psi"]'),
@@ -150,7 +150,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "control/realtime/interpreted_qp.py",
+        "optimal/realtime/interpreted_qp.py",
         PLANS,
         [
             (
@@ -162,8 +162,8 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "control/realtime/qp.c",
-        (PLANS, "control/realtime/test_qp.py::test_same_as_daqp"),
+        "optimal/realtime/qp.c",
+        (PLANS, "optimal/realtime/test_qp.py::test_same_as_daqp"),
         [
             (
                 "QP in C: sign of the gradient in the residual",
@@ -178,7 +178,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "control/realtime/solver.c",
+        "optimal/realtime/solver.c",
         PLANS,
         [
             ("solver in C: S weight in the gradient", "q->g[a - NU] -= c * change;", "q->g[a - NU] += c * change;"),
@@ -190,11 +190,11 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "control/baselines.py",
+        "control/followers/followers.py",
         (
             PLANS,
-            "control/test_baselines.py::test_pure_pursuit_on_its_circle_steers_as_the_geometry_says",
-            "control/test_baselines.py::test_stanley_closes_the_distance_exponentially",
+            "control/followers/test_followers.py::test_pure_pursuit_on_its_circle_steers_as_the_geometry_says",
+            "control/followers/test_followers.py::test_stanley_closes_the_distance_exponentially",
         ),
         [
             (
@@ -207,8 +207,8 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "control/driver.py",
-        "control/test_driver.py",
+        "control/speed/driver.py",
+        "control/speed/test_driver.py",
         [
             ("driver: the integral runs away from the limit", "back * (output - free)", "back * (free - output)"),
             (
@@ -220,7 +220,7 @@ MUTANTS = [
     ),
     # ---- paths, manoeuvres, sensors
     *mistakes(
-        "data/path.py",
+        "paths/path.py",
         MEASURES,
         [
             (
@@ -237,12 +237,12 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "data/path.py",
+        "paths/path.py",
         f"{PATH}::test_open_path_goes_straight_on_beyond_its_ends",
         [("path: turns off beyond its end", "+ beyond * np.sin(psi)", "+ beyond * np.cos(psi)")],
     ),
     *mistakes(
-        "data/centreline.py",
+        "paths/centreline.py",
         MEASURES,
         [
             (
@@ -255,7 +255,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "data/manoeuvres.py",
+        "paths/lane_change.py",
         (
             f"{PATH}::test_double_lane_change_has_the_lanes_of_iso_3888_1",
             f"{PATH}::test_obstacle_avoidance_has_the_lanes_of_iso_3888_2",
@@ -299,8 +299,8 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "data/excite.py",
-        "data/test_excite.py",
+        "data/signals/excitation.py",
+        "data/signals/test_excitation.py",
         [
             ("sine with dwell: at the first peak", "peak = 0.75 / frequency", "peak = 0.25 / frequency"),
             (

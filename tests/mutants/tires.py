@@ -6,7 +6,7 @@ ORACLE = "oracles/test_tires.py"
 
 MUTANTS = [
     *mistakes(
-        "models/tires.py",
+        "models/tires/simple.py",
         ORACLE,
         [
             (
@@ -41,7 +41,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/tires_physical.py",
+        "models/tires/physical.py",
         ORACLE,
         [
             ("brush: cubic term", "grip * rho * (3.0 - (3.0 - rho) * rho)", "grip * rho * (3.0 - (2.0 - rho) * rho)"),
@@ -55,7 +55,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/networks.py",
+        "models/black_box/networks.py",
         ORACLE,
         [
             ("Gaussian: width not squared", "exp(-square / (width * width))", "exp(-square / width)"),
@@ -68,12 +68,12 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/tires_neural.py",
+        "models/tires/neural.py",
         ORACLE,
         [("neural tire: sigmoid folded with the wrong sign", "b + offset * w.sum", "b - offset * w.sum")],
     ),
     *mistakes(
-        "models/mf_terms.py",
+        "models/tires/magic_formula/terms.py",
         ORACLE,
         [
             ("6.1: sign of RBY3", "(s.tangent - c.RBY3)", "(s.tangent + c.RBY3)"),
@@ -83,7 +83,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/mf61.py",
+        "models/tires/magic_formula/mf61.py",
         ORACLE,
         [
             ("6.1: shift by camber", "ratio(K_g * gamma - S_vg, K)", "ratio(K_g * gamma + S_vg, K)"),
@@ -97,7 +97,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/mf52.py",
+        "models/tires/magic_formula/mf52.py",
         ORACLE,
         [
             ("5.2: half the angle in the stiffness", "sin(2.0 * atan(load / top))", "sin(atan(load / top))"),
@@ -105,7 +105,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/magic_formula.py",
+        "models/tires/magic_formula/tire.py",
         ORACLE,
         [
             ("axes: slip angle of SAE", '"SAE": (-1.0, -1.0)', '"SAE": (1.0, -1.0)'),

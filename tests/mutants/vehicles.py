@@ -8,7 +8,57 @@ MOTION = "oracles/test_motion.py"
 
 MUTANTS = [
     *mistakes(
-        "models/vehicles.py",
+        "models/vehicles/axle.py",
+        ORACLE,
+        [
+            (
+                "axle: slip angle of the rear axle",
+                "v_y + p.l_f * r, v_y - p.l_r * r",
+                "v_y + p.l_f * r, v_y - p.l_f * r",
+            ),
+            (
+                "axle: slip angle of the front axle",
+                "delta * v_x / v - atan2(v_yf, v)",
+                "delta * v_x / v + atan2(v_yf, v)",
+            ),
+            ("axle: sign of the rear slip angle", ", -atan2(v_yr, v)", ", atan2(v_yr, v)"),
+            ("axle: small slip angle of the front axle", "delta - v_yf / v", "delta + v_yf / v"),
+            ("axle: small slip angle of the rear axle", "-v_yr / v", "v_yr / v"),
+            (
+                "axle: rotation of the side force",
+                "F_x * cos(delta) - F_y * sin(delta)",
+                "F_x * cos(delta) + F_y * sin(delta)",
+            ),
+            (
+                "axle: rotation of the driving force",
+                "F_x * sin(delta) + F_y * cos(delta)",
+                "F_y * cos(delta) - F_x * sin(delta)",
+            ),
+            (
+                "axle: rotation to the ground",
+                "v_x * sin(psi) + v_y * cos(psi)",
+                "v_x * sin(psi) - v_y * cos(psi)",
+            ),
+        ],
+    ),
+    *mistakes(
+        "models/vehicles/parameters.py",
+        ORACLE,
+        [
+            (
+                "static load: axles swapped",
+                "0.5 * self.mass * GRAVITY * self.l_r / self.wheelbase",
+                "0.5 * self.mass * GRAVITY * self.l_f / self.wheelbase",
+            ),
+            (
+                "sign of the steering's offset",
+                "self.steering_gain * (delta - self.steering_offset)",
+                "self.steering_gain * (delta + self.steering_offset)",
+            ),
+        ],
+    ),
+    *mistakes(
+        "models/vehicles/single_track.py",
         ORACLE,
         [
             (
@@ -18,35 +68,12 @@ MUTANTS = [
             ),
             ("single track: sign in a_x", '"a_x": rate[0] - x[1] * x[2]', '"a_x": rate[0] + x[1] * x[2]'),
             ("single track: sign in a_y", '"a_y": rate[1] + x[0] * x[2]', '"a_y": rate[1] - x[0] * x[2]'),
-            (
-                "single track: reported alpha_f",
-                "x[0] / v - atan2(x[1] + p.l_f * x[2], v)",
-                "x[0] / v + atan2(x[1] + p.l_f * x[2], v)",
-            ),
-            (
-                "single track: reported alpha_r",
-                '"alpha_r": -atan2(x[1] - p.l_r * x[2], v)',
-                '"alpha_r": -atan2(x[1] + p.l_r * x[2], v)',
-            ),
-            (
-                "single track: rotation of the side force",
-                "along = F_xf * cos(delta) - F_yf * sin(delta)",
-                "along = F_xf * cos(delta) + F_yf * sin(delta)",
-            ),
-            (
-                "single track: rotation of the driving force",
-                "across = F_xf * sin(delta) + F_yf * cos(delta)",
-                "across = F_yf * cos(delta) - F_xf * sin(delta)",
-            ),
+            ("single track: reported alpha_f", '"alpha_f": alpha_f', '"alpha_f": -alpha_f'),
+            ("single track: reported alpha_r", '"alpha_r": alpha_r', '"alpha_r": -alpha_r'),
             (
                 "single track: axles swapped in the yaw moment",
                 "(p.l_f * across - p.l_r * F_yr) / p.inertia_z,",
                 "(p.l_r * across - p.l_f * F_yr) / p.inertia_z,",
-            ),
-            (
-                "single track: slip angle of the rear axle",
-                "v_y + p.l_f * r, v_y - p.l_r * r",
-                "v_y + p.l_f * r, v_y - p.l_f * r",
             ),
             (
                 "single track: rear wheels with the front's inertia",
@@ -60,22 +87,17 @@ MUTANTS = [
                 "(along + F_xr) / p.mass + v_y * r",
                 "(along + F_xr) / p.mass - v_y * r",
             ),
-            (
-                "static load: axles swapped",
-                "0.5 * self.mass * GRAVITY * self.l_r / self.wheelbase",
-                "0.5 * self.mass * GRAVITY * self.l_f / self.wheelbase",
-            ),
-            ("kinematic: l_f for l_r", "v_y = v_x * p.l_r * slope", "v_y = v_x * p.l_f * slope"),
-            (
-                "kinematic: rotation to the ground",
-                "v_x * sin(psi) + v_y * cos(psi), v_x * slope",
-                "v_x * sin(psi) - v_y * cos(psi), v_x * slope",
-            ),
-            (
-                "bicycle: slip angle of the rear axle",
-                "alpha_r = -(v_y - p.l_r * r) / v",
-                "alpha_r = -(v_y + p.l_r * r) / v",
-            ),
+        ],
+    ),
+    *mistakes(
+        "models/vehicles/kinematic.py",
+        ORACLE,
+        [("kinematic: l_f for l_r", "v_y = v_x * p.l_r * slope", "v_y = v_x * p.l_f * slope")],
+    ),
+    *mistakes(
+        "models/vehicles/bicycle.py",
+        ORACLE,
+        [
             (
                 "bicycle: yaw moment of the rear axle",
                 "(p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z])",
@@ -86,17 +108,18 @@ MUTANTS = [
                 "stack([(F_yf + F_yr) / p.mass - v_x * r, (p.l_f",
                 "stack([(F_yf + F_yr) / p.mass + v_x * r, (p.l_f",
             ),
-            ("longitudinal: rolling resistance pushes", "- GRAVITY * p.k_r * tanh", "+ GRAVITY * p.k_r * tanh"),
-            ("longitudinal: drag pushes", "(p.k_e * pedal - p.k_d * v_x)", "(p.k_e * pedal + p.k_d * v_x)"),
-            (
-                "sign of the steering's offset",
-                "self.steering_gain * (delta - self.steering_offset)",
-                "self.steering_gain * (delta + self.steering_offset)",
-            ),
         ],
     ),
     *mistakes(
-        "models/nonlinear_bicycle.py",
+        "models/vehicles/longitudinal.py",
+        ORACLE,
+        [
+            ("longitudinal: rolling resistance pushes", "- GRAVITY * p.k_r * tanh", "+ GRAVITY * p.k_r * tanh"),
+            ("longitudinal: drag pushes", "(p.k_e * pedal - p.k_d * v_x)", "(p.k_e * pedal + p.k_d * v_x)"),
+        ],
+    ),
+    *mistakes(
+        "models/vehicles/nonlinear_bicycle.py",
         ORACLE,
         [
             ("nonlinear bicycle: front share of F_x", "F_x - F_xr, t.C_f", "F_xr, t.C_f"),
@@ -131,7 +154,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/longitudinal.py",
+        "models/vehicles/longitudinal.py",
         ORACLE,
         [
             ("pedal car: uphill pushes", "- GRAVITY * p.grade", "+ GRAVITY * p.grade"),
@@ -140,7 +163,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/quasi_steady.py",
+        "models/vehicles/quasi_steady.py",
         ORACLE,
         [
             (
@@ -157,7 +180,18 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/dual_track.py",
+        "models/vehicles/dual_track/contact.py",
+        DUAL,
+        [
+            (
+                "dual track: side slip against the motion",
+                "side_rate=(-patch.v_y - speed",
+                "side_rate=(patch.v_y - speed",
+            ),
+        ],
+    ),
+    *mistakes(
+        "models/vehicles/dual_track/dual_track.py",
         DUAL,
         [
             (
@@ -197,11 +231,6 @@ MUTANTS = [
             ),
             ("dual track: pushed up the bank", "pull_y - GRAVITY * cos(slope)", "pull_y + GRAVITY * cos(slope)"),
             (
-                "dual track: side slip against the motion",
-                "side_rate=(-patch.v_y - speed",
-                "side_rate=(patch.v_y - speed",
-            ),
-            (
                 "dual track: rear wheels reach a place first",
                 "self.road.friction_at(i, place + arm)",
                 "self.road.friction_at(i, place - arm)",
@@ -214,7 +243,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/dual_track_code.py",
+        "models/vehicles/dual_track/kernel.py",
         DUAL,
         [
             (
@@ -225,7 +254,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/driveline.py",
+        "models/vehicles/driveline.py",
         DUAL,
         [
             (
@@ -247,7 +276,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/ground.py",
+        "models/wrappers/on_ground.py",
         MOTION,
         [
             ("pose: heading at the middle", "psi + h * (3 * r0 + r1) / 8", "psi + h * (r0 + 3 * r1) / 8"),
@@ -258,7 +287,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/delayed.py",
+        "models/wrappers/delayed.py",
         MOTION,
         [
             ("late input: extrapolation", "weights[1] - ahead", "weights[1] + ahead"),
@@ -270,7 +299,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/integrate.py",
+        "numerics/integrate.py",
         MOTION,
         [
             ("Runge-Kutta: third slope", "k3 = f(x + 0.5 * h * k2, u)", "k3 = f(x + 0.5 * h * k1, u)"),
@@ -278,7 +307,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/pendulum.py",
+        "reproduce/plants/pendulum.py",
         MOTION,
         [("pendulum: centrifugal force", "- ml * sin(theta) * omega * omega", "+ ml * sin(theta) * omega * omega")],
     ),

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.narendra import respond
-from slipangle.models.arx import ARXModel
-from slipangle.models.hybrid import OffsetModel
-from slipangle.models.multi_arx import speed_weights
-from slipangle.models.narx import NARXModel
-from slipangle.models.networks import MLP
-from slipangle.models.polynomial import PolynomialModel
-from slipangle.models.statespace import StateSpaceModel
+from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.black_box.narx import NARXModel
+from slipangle.models.black_box.networks import MLP
+from slipangle.models.black_box.polynomial import PolynomialModel
+from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.models.wrappers.hybrid import OffsetModel
+from slipangle.models.wrappers.multi_arx import speed_weights
+from slipangle.reproduce.plants.narendra import respond
 from tests.oracles import black_box
 from tests.oracles.compare import agree, uniform
 

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, lsq_linear
 
-from slipangle.control.baselines import PreviewLQR
-from slipangle.control.ipopt import Ipopt
+from slipangle.codegen import compiler as compiled
+from slipangle.control.followers.followers import PreviewLQR
 from slipangle.control.mpc import MPC
-from slipangle.control.ocp import Reference
-from slipangle.control.plan import Status
-from slipangle.control.realtime import RealTime, backend
-from slipangle.control.terms import Limits, Weights
-from slipangle.models import compiled
-from slipangle.models.catalogue import SOUSA_TABLE_7_2
-from tests.control.linear import two_masses
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.optimal.ipopt import Ipopt
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.realtime import RealTime, backend
+from slipangle.optimal.solution import Status
+from slipangle.optimal.terms import Limits, Weights
+from tests.optimal.linear import two_masses
 from tests.oracles import control
 from tests.oracles.compare import uniform
 

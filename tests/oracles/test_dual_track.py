@@ -5,11 +5,11 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 import pytest
 
-from slipangle.models.catalogue import SOUSA_CAR_7
-from slipangle.models.driveline import Brakes, Differential, Driveline, Engine, Steering
-from slipangle.models.dual_track import STATES, DualTrack
-from slipangle.models.road import Road
-from slipangle.models.tires import Tire, TireForces
+from slipangle.models.tires.simple import Tire, TireForces
+from slipangle.models.vehicles.catalogue import SOUSA_CAR_7
+from slipangle.models.vehicles.driveline import Brakes, Differential, Driveline, Engine, Steering
+from slipangle.models.vehicles.dual_track.dual_track import STATES, DualTrack
+from slipangle.models.vehicles.road import Road
 from slipangle.ops import tanh
 from tests.oracles import dual_track
 from tests.oracles.compare import agree, uniform

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from slipangle.control.ocp import OCP, Weights
-from slipangle.data.centreline import limit_rise
-from slipangle.data.path import Path
-from slipangle.identify import metrics
-from slipangle.models.catalogue import SOUSA_TABLE_7_2
-from slipangle.models.vehicles import Kinematic
+from slipangle.identify.judge import metrics
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.models.vehicles.kinematic import Kinematic
+from slipangle.optimal.ocp import OCP, Weights
+from slipangle.paths.centreline import limit_rise
+from slipangle.paths.path import Path
 from slipangle.units import _UNITS, deg, from_si, kmh, to_si
 from tests.oracles import measures
 from tests.oracles.compare import uniform

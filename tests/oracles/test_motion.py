@@ -6,15 +6,15 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from slipangle.models.catalogue import SOUSA_TABLE_7_2
-from slipangle.models.delayed import Delayed
-from slipangle.models.emps import Emps, EmpsParams
-from slipangle.models.ground import OnGround
-from slipangle.models.integrate import RADAU_A, discretise, radau_equations
 from slipangle.models.model import Model
-from slipangle.models.pendulum import Pendulum
-from slipangle.models.vehicles import Bicycle
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.models.wrappers.delayed import Delayed
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.numerics.integrate import RADAU_A, discretise, radau_equations
 from slipangle.ops import stack
+from slipangle.reproduce.plants.emps import Emps, EmpsParams
+from slipangle.reproduce.plants.pendulum import Pendulum
 from tests.oracles import motion, vehicles
 from tests.oracles.compare import agree, uniform
 

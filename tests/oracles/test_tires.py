@@ -4,12 +4,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from slipangle.models.catalogue import SOUSA_TABLE_6_2, SOUSA_TABLE_6_8
-from slipangle.models.networks import MLP, RBF, Scaling
-from slipangle.models.tires import LinearTire, MagicCurve, SimpleMagicFormula, practical_slip, slip_ratio
-from slipangle.models.tires_neural import NeuralCurve, NeuralTire
-from slipangle.models.tires_physical import BrushTire, DugoffTire, tread_slip
-from tests.models.example_tires import MF52, MF61, ONLY_52, ONLY_61, SHARED
+from slipangle.models.black_box.networks import MLP, RBF, Scaling
+from slipangle.models.tires.neural import NeuralCurve, NeuralTire
+from slipangle.models.tires.physical import BrushTire, DugoffTire, tread_slip
+from slipangle.models.tires.simple import LinearTire, MagicCurve, SimpleMagicFormula, practical_slip, slip_ratio
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2, SOUSA_TABLE_6_8
+from tests.models.tires.example_tires import MF52, MF61, ONLY_52, ONLY_61, SHARED
 from tests.oracles import magic_formula, tires
 from tests.oracles.compare import agree, uniform
 

@@ -5,12 +5,15 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from slipangle.models.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
-from slipangle.models.longitudinal import DrivelineParams, PedalCar
-from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
-from slipangle.models.quasi_steady import QuasiSteadySingleTrack
-from slipangle.models.tires import LinearTire
-from slipangle.models.vehicles import Bicycle, BicycleParams, Kinematic, Longitudinal, LongitudinalParams, SingleTrack
+from slipangle.models.tires.simple import LinearTire
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
+from slipangle.models.vehicles.kinematic import Kinematic
+from slipangle.models.vehicles.longitudinal import DrivelineParams, Longitudinal, LongitudinalParams, PedalCar
+from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
+from slipangle.models.vehicles.parameters import BicycleParams
+from slipangle.models.vehicles.quasi_steady import QuasiSteadySingleTrack
+from slipangle.models.vehicles.single_track import SingleTrack
 from tests.oracles import tires, vehicles
 from tests.oracles.compare import agree, uniform
 

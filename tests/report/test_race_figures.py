@@ -6,7 +6,7 @@ import pytest
 from slipangle.data.dataset import Channel
 from slipangle.data.race import Corner
 from slipangle.errors import ParameterError
-from slipangle.identify.search import SearchResult, TrialResult
+from slipangle.identify.search.search import SearchResult, TrialResult
 from slipangle.report.race import error_by_level, error_by_phase, share_map
 from slipangle.report.search import parallel_coordinates, search_table
 

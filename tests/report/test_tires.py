@@ -8,9 +8,9 @@ import pytest
 from slipangle.data.readers.ttc import from_channels
 from slipangle.data.tire_data import joined
 from slipangle.errors import ParameterError
-from slipangle.models.catalogue import SOUSA_TABLE_6_2
-from slipangle.models.mf_limits import Limits
-from slipangle.models.tires_physical import BrushTire
+from slipangle.models.tires.magic_formula.validity import Limits
+from slipangle.models.tires.physical import BrushTire
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2
 from slipangle.report.tables import Table
 from slipangle.report.tire_figures import (
     OperatingRange,

@@ -4,23 +4,23 @@ from functools import cache
 
 import numpy as np
 
-from slipangle.control.adaptation import AdaptiveMultiARXMPC
+from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC
+from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
-from slipangle.control.multi_arx import MultiARXMPC
-from slipangle.control.pedals import pedal_driver
-from slipangle.control.realtime import RealTime
+from slipangle.control.speed.pedals import pedal_driver
 from slipangle.control.switched import SwitchedMPC
-from slipangle.control.terms import Limits, Weights
-from slipangle.experiments._chapter_7 import Lateral
-from slipangle.identify.arx import ARX
-from slipangle.models.catalogue import PASSENGER_TIRE
-from slipangle.models.dual_track import DualTrack
-from slipangle.models.ground import OnGround
-from slipangle.models.multi_arx import MultiARXModel
-from slipangle.models.tires import LinearTire
-from slipangle.models.vehicles import GRAVITY
+from slipangle.identify.linear.arx import ARX
+from slipangle.models.tires.simple import LinearTire
+from slipangle.models.vehicles.catalogue import PASSENGER_TIRE
+from slipangle.models.vehicles.dual_track.dual_track import DualTrack
+from slipangle.models.vehicles.parameters import GRAVITY
+from slipangle.models.wrappers.multi_arx import MultiARXModel
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.terms import Limits, Weights
+from slipangle.reproduce._chapter_7 import Lateral
 from slipangle.simulate.manoeuvres import Manoeuvre, record
-from slipangle.simulate.plants import Plant
+from slipangle.simulate.plant import Plant
 
 STEP = 0.05
 LIMIT = float(np.deg2rad(20))

@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from slipangle.control.driver import SpeedDriver
-from slipangle.control.terms import Values
+from slipangle.control.speed.driver import SpeedDriver
+from slipangle.optimal.terms import Values
 from tests.models.commonroad import plain, reference_parameters
 
 NAMES = (

@@ -6,19 +6,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from slipangle.control.driver import SpeedDriver
 from slipangle.control.mpc import MPC
-from slipangle.control.plan import Status
-from slipangle.control.terms import Limits, Values, Weights
-from slipangle.data.manoeuvres import double_lane_change, obstacle_avoidance
-from slipangle.data.path import Path
+from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError, SampleTimeError
-from slipangle.models.arx import ARXModel
-from slipangle.models.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
-from slipangle.models.ground import OnGround
-from slipangle.models.vehicles import Bicycle, BicycleParams, SingleTrack
+from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
+from slipangle.models.vehicles.parameters import BicycleParams
+from slipangle.models.vehicles.single_track import SingleTrack
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.optimal.solution import Status
+from slipangle.optimal.terms import Limits, Values, Weights
+from slipangle.paths.lane_change import double_lane_change, obstacle_avoidance
+from slipangle.paths.path import Path
 from slipangle.simulate.loop import closed_loop
-from slipangle.simulate.plants import Plant
+from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import End
 
 CAR = SOUSA_TABLE_6_1

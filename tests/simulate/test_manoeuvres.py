@@ -5,15 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from slipangle.control.pedals import pedal_driver
-from slipangle.control.terms import Values
+from slipangle.control.speed.pedals import pedal_driver
 from slipangle.errors import NotFiniteError, ParameterError, SampleTimeError
-from slipangle.models.catalogue import PASSENGER_TIRE, SOUSA_CAR_7, SOUSA_TABLE_7_2
-from slipangle.models.dual_track import DualTrack
-from slipangle.models.ground import OnGround
-from slipangle.models.vehicles import Bicycle
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import PASSENGER_TIRE, SOUSA_CAR_7, SOUSA_TABLE_7_2
+from slipangle.models.vehicles.dual_track.dual_track import DualTrack
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.optimal.terms import Values
 from slipangle.simulate import manoeuvres as m
-from slipangle.simulate.plants import Plant
+from slipangle.simulate.plant import Plant
 from slipangle.simulate.sensors import Sensor, Sensors
 
 CAR = DualTrack(

@@ -2,14 +2,14 @@
 
 import pytest
 
-from slipangle.control.baselines import PreviewLQR, PurePursuit, Stanley
-from slipangle.control.pedals import pedal_driver
-from slipangle.data.manoeuvres import double_lane_change
-from slipangle.models.catalogue import BMW_320I, PASSENGER_TIRE
-from slipangle.models.dual_track import DualTrack
-from slipangle.models.vehicles import GRAVITY, BicycleParams
+from slipangle.control.followers.followers import PreviewLQR, PurePursuit, Stanley
+from slipangle.control.speed.pedals import pedal_driver
+from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
+from slipangle.models.vehicles.dual_track.dual_track import DualTrack
+from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams
+from slipangle.paths.lane_change import double_lane_change
 from slipangle.simulate.loop import closed_loop
-from slipangle.simulate.plants import Plant
+from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import End
 
 pytest.importorskip("vehiclemodels", reason="commonroad-vehicle-models is not installed")

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from slipangle.control.pedals import pedal_driver
-from slipangle.control.plan import Status
-from slipangle.control.terms import Values
-from slipangle.data.manoeuvres import double_lane_change
-from slipangle.data.path import Path
-from slipangle.models.catalogue import BMW_320I, PASSENGER_TIRE, SOUSA_CAR_7
-from slipangle.models.compiled import compiler, sentence
-from slipangle.models.dual_track import DualTrack
-from slipangle.models.road import Road
+from slipangle.codegen.compiler import compiler, sentence
+from slipangle.control.speed.pedals import pedal_driver
+from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE, SOUSA_CAR_7
+from slipangle.models.vehicles.dual_track.dual_track import DualTrack
+from slipangle.models.vehicles.road import Road
+from slipangle.optimal.solution import Status
+from slipangle.optimal.terms import Values
+from slipangle.paths.lane_change import double_lane_change
+from slipangle.paths.path import Path
 from slipangle.simulate.loop import closed_loop
-from slipangle.simulate.plants import Plant
+from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import End
 from tests.simulate.controllers import LIMIT, controller
 

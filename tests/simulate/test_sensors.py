@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from slipangle.control.terms import Values
 from slipangle.errors import ParameterError, SampleTimeError
-from slipangle.models.catalogue import PASSENGER_TIRE, SOUSA_CAR_7, SOUSA_TABLE_7_2
-from slipangle.models.dual_track import DualTrack
-from slipangle.models.ground import OnGround
-from slipangle.models.vehicles import Bicycle
-from slipangle.simulate.plants import Plant
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import PASSENGER_TIRE, SOUSA_CAR_7, SOUSA_TABLE_7_2
+from slipangle.models.vehicles.dual_track.dual_track import DualTrack
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.optimal.terms import Values
+from slipangle.simulate.plant import Plant
 from slipangle.simulate.sensors import Sensor, Sensors
 
 RAMP = np.arange(100.0)

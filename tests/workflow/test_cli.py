@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slipangle import experiments
+from slipangle import reproduce as experiments
 from slipangle.cli import main
-from slipangle.models.catalogue import FERRARI_250LM
-from slipangle.models.vehicles import Bicycle
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import FERRARI_250LM
 from slipangle.workflow.demo import prepare_demo
 from slipangle.workflow.job import build_mpc
 from slipangle.workflow.settings import ControllerSettings
@@ -273,8 +273,8 @@ def test_every_named_experiment_and_benchmark_can_run():
 
 
 def test_a_broken_bound_is_exit_code_1(monkeypatch, capsys):
-    from slipangle.experiments import Reproduction, table_8_2
     from slipangle.report.tables import Record
+    from slipangle.reproduce import Reproduction, table_8_2
 
     bad = Record(row="x", quantity="y", thesis=1.0, here=2.0, bound="<= 1", holds=False)
     monkeypatch.setattr(table_8_2, "reproduce", lambda progress: Reproduction(title="t", records=(bad,), protocol="p"))

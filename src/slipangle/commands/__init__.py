@@ -1,1 +1,1 @@
-"""One module per group of commands: ``add`` describes them, the functions run them."""
+"""What the command line does, a file a command."""

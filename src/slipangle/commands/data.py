@@ -25,7 +25,7 @@ def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) 
 
 
 def _data_list(options: argparse.Namespace) -> int:
-    from slipangle.data import registry
+    from slipangle.data.public import registry
 
     sets = registry.list_sets()
     if options.json:
@@ -41,7 +41,7 @@ def _data_list(options: argparse.Namespace) -> int:
 
 
 def _data_get(options: argparse.Namespace) -> int:
-    from slipangle.data import registry
+    from slipangle.data.public import registry
 
     with Bar(quiet=options.json) as bar:
         found = {
@@ -59,7 +59,7 @@ def _data_get(options: argparse.Namespace) -> int:
 
 
 def _data_check(options: argparse.Namespace) -> int:
-    from slipangle.data import registry
+    from slipangle.data.public import registry
 
     states = {name: registry.check(name) for name in options.names}
     if options.json:

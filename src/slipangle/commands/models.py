@@ -93,7 +93,7 @@ def _identify(options: argparse.Namespace) -> int:
 
 
 def _validate(options: argparse.Namespace) -> int:
-    from slipangle.identify.validate import validate
+    from slipangle.identify.judge.validate import validate
 
     models = _models(options.models)
     name, model = next(iter(models.items()))
@@ -120,7 +120,7 @@ def _validate(options: argparse.Namespace) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from slipangle.identify.compare import compare
+    from slipangle.identify.judge.compare import compare
     from slipangle.report.comparison import comparison_page
 
     if options.out:

@@ -29,7 +29,7 @@ def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) 
 
 
 def _reproduce(options: argparse.Namespace) -> int:
-    from slipangle import experiments
+    from slipangle import reproduce as experiments
     from slipangle.report.tables import record_table
 
     bench = options.command == "bench"

@@ -12,7 +12,7 @@ from slipangle.commands.progress import Bar
 from slipangle.files import check_output, write_atomic
 
 if TYPE_CHECKING:
-    from slipangle.identify.search import SearchResult
+    from slipangle.identify.search.search import SearchResult
 
 _ABOUT = """\
 Search lags, layers and neurons of a NARX network for the log that FILE.toml names. Only its training part is
@@ -53,8 +53,8 @@ def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) 
 
 
 def _search(options: argparse.Namespace) -> int:
-    from slipangle.identify.search import Search
-    from slipangle.identify.search_narx import STAGES, THESIS, WIDER, NarxObjective
+    from slipangle.identify.search.narx import STAGES, THESIS, WIDER, NarxObjective
+    from slipangle.identify.search.search import Search
     from slipangle.workflow.job import condition, load_data
     from slipangle.workflow.settings import read_settings
 

@@ -19,7 +19,7 @@ from slipangle.files import check_output
 
 if TYPE_CHECKING:
     from slipangle.data.tire_data import TireData
-    from slipangle.models.tires import Tire
+    from slipangle.models.tires.simple import Tire
 
 _MODELS = "mf61, magic, linear, brush, dugoff, rbf:N, mlp:N,N,... (N neurons)"
 _FILES = "a .tir file, or a tire that slipangle saved as .json"
@@ -163,8 +163,8 @@ def _plot(options: argparse.Namespace) -> int:
 def _convert(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
-    from slipangle.models.magic_formula import MagicFormulaTire
     from slipangle.models.storage import save
+    from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
 
     tire: Any = read_tire(options.file, extrapolate=False)
     check_output(Path(options.out).parent)
@@ -187,9 +187,9 @@ def read_tire(path: str | Path, *, extrapolate: bool = False) -> Tire:
     MissingFileError, FormatError
         If there is no such file, or it is not one of a tire.
     """
-    from slipangle.models.magic_formula import MagicFormulaTire
     from slipangle.models.storage import load
-    from slipangle.models.tires import Tire
+    from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
+    from slipangle.models.tires.simple import Tire
 
     suffix = Path(path).suffix.lower()
     outside = "extrapolate" if extrapolate else "error"
@@ -205,8 +205,8 @@ def read_tire(path: str | Path, *, extrapolate: bool = False) -> Tire:
 
 
 def _write(tire: Any, out: str, save: Any) -> Path:
-    from slipangle.identify.magic_formula import confidence
-    from slipangle.models.magic_formula import MagicFormulaTire
+    from slipangle.identify.tires.magic_formula import confidence
+    from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
 
     suffix = Path(out).suffix.lower()
     if suffix == ".json":
@@ -223,11 +223,11 @@ def _write(tire: Any, out: str, save: Any) -> Path:
 
 def _estimator(options: argparse.Namespace) -> Any:
     """The fit that ``--model`` names, as a function of the data."""
-    from slipangle.identify.curves import MagicCurveFit, MLPCurveFit, RBFCurveFit
-    from slipangle.identify.magic_formula import MagicFormulaFit, typical
-    from slipangle.identify.tires import CurveTireFit
-    from slipangle.models.tires import LinearTire
-    from slipangle.models.tires_physical import BrushTire, DugoffTire
+    from slipangle.identify.tires.curves import MagicCurveFit, MLPCurveFit, RBFCurveFit
+    from slipangle.identify.tires.magic_formula import MagicFormulaFit, typical
+    from slipangle.identify.tires.whole_tire import CurveTireFit
+    from slipangle.models.tires.physical import BrushTire, DugoffTire
+    from slipangle.models.tires.simple import LinearTire
 
     name, seed = options.model, options.seed
     inputs: Any = tuple(part for part in options.inputs.split(",") if part)
@@ -251,7 +251,7 @@ def _estimator(options: argparse.Namespace) -> Any:
 
 def _physical(start: Any, data: TireData, seed: int) -> Any:
     """Stiffness in the directions that the data move in, and friction where the model has it."""
-    from slipangle.identify.tires import TireFit
+    from slipangle.identify.tires.whole_tire import TireFit
 
     linear = "mu" not in start.metadata()
     limit = 0.02 if linear else 10.0

@@ -1,1 +1,5 @@
-"""control."""
+"""Controllers: what to do with a state and a reference.
+
+Start with `mpc.MPC`; ``marx`` is predictive control on ARX models, ``followers`` the classic path followers, ``speed``
+holds a speed.
+"""

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.ocp import Reference
-from slipangle.data.path import Preview
 from slipangle.models.model import without_caches
+from slipangle.optimal.ocp import Reference
+from slipangle.paths.path import Preview
 
 
 class Led(abc.ABC):

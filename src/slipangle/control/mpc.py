@@ -10,11 +10,14 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from slipangle.control.arrays import applied_input, vector
-from slipangle.control.checks import MOST, Judge, believable, counted, health_of, is_numbers, last_input, require_plan
-from slipangle.control.ipopt import Ipopt
-from slipangle.control.ocp import OCP, Reference
-from slipangle.control.plan import (
+from slipangle.errors import ParameterError
+from slipangle.numerics.per_thread import BUILDING
+from slipangle.optimal.arrays import applied_input, vector
+from slipangle.optimal.checks import MOST, Judge, believable, counted, health_of, is_numbers, last_input, require_plan
+from slipangle.optimal.ipopt import Ipopt
+from slipangle.optimal.ocp import OCP, Reference
+from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.solution import (
     Backend,
     Bounds,
     Continues,
@@ -36,11 +39,8 @@ from slipangle.control.plan import (
     states_later,
     within,
 )
-from slipangle.control.realtime import RealTime
-from slipangle.control.terms import Limits, Values, coerce, require_names
-from slipangle.control.threads import BUILDING
-from slipangle.data.path import Preview
-from slipangle.errors import ParameterError
+from slipangle.optimal.terms import Limits, Values, coerce, require_names
+from slipangle.paths.path import Preview
 
 FEASIBLE = 1e-6  # an unfinished answer with no larger constraint violation is still a plan
 RELAX = 0.5  # s, time constant of the safe stop law

@@ -10,20 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.arrays import vector
-from slipangle.control.checks import counted, is_numbers, require_plan
 from slipangle.control.leading import Led
+from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
-from slipangle.control.multi_arx import MultiARXMPC
-from slipangle.control.ocp import Reference
-from slipangle.control.plan import Plan
 from slipangle.data.dataset import Dataset
-from slipangle.data.path import Preview
 from slipangle.errors import ParameterError
-from slipangle.models.ground import POSE
 from slipangle.models.model import Model
-from slipangle.models.vehicles import GRAVITY
+from slipangle.models.vehicles.parameters import GRAVITY
+from slipangle.models.wrappers.on_ground import POSE
 from slipangle.ops import Vector, concatenate
+from slipangle.optimal.arrays import vector
+from slipangle.optimal.checks import counted, is_numbers, require_plan
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.solution import Plan
+from slipangle.paths.path import Preview
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, nearest
 from slipangle.models.equations import Recorded
+from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import ParameterSet
-from slipangle.models.vehicles import OdeModel
 from slipangle.ops import Scalar, Vector, is_symbolic, is_traced, stack
 from slipangle.units import SI
 

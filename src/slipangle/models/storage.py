@@ -1,7 +1,8 @@
 """Save and load models as readable text: JSON with arrays as rows of numbers, no pickle.
 
 A file names its format's version, the class and every field. Numbers are written with as many digits as it takes to
-read the same bits again. Loading creates records of this package's own classes only, and runs nothing from the file.
+read the same bits again. Loading creates records of this package's own classes and of those in `RECORDS` only, and runs
+nothing from the file.
 """
 
 from __future__ import annotations
@@ -25,11 +26,14 @@ import numpy as np
 from slipangle.errors import FormatError, MissingFileError, ParameterError, SlipangleError, nearest, shown
 from slipangle.files import write_atomic
 from slipangle.ops import is_symbolic
+from slipangle.registry import Registry
 
 FORMAT = "slipangle record"
 VERSION = 1
 _MODULES = ("slipangle.data.readers.tir",)  # beside every module of slipangle.models
 _DTYPES = ("float64", "int64", "bool")
+RECORDS: Registry[type] = Registry("record", "slipangle.records")
+"""Dataclasses of others that a file may name: ``@RECORDS.register("Spinner")``."""
 _WORDS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 
 
@@ -113,17 +117,21 @@ def load(path: str | Path, *, classes: Sequence[type] = ()) -> Any:
     return record
 
 
-@cache
 def _known(extra: tuple[type, ...]) -> dict[str, type]:
     """Every dataclass that a file may name."""
+    return {**_built_in(), **RECORDS, **{c.__name__: c for c in extra}}
+
+
+@cache
+def _built_in() -> dict[str, type]:
     found: dict[str, type] = {}
     package = importlib.import_module("slipangle.models")
-    names = [module.name for module in pkgutil.iter_modules(package.__path__, "slipangle.models.")]
+    names = [module.name for module in pkgutil.walk_packages(package.__path__, "slipangle.models.")]
     for name in (*names, *_MODULES):
         for value in vars(importlib.import_module(name)).values():
             if isinstance(value, type) and is_dataclass(value) and value.__module__ == name:
                 found[value.__name__] = value
-    return {**{n: c for n, c in found.items() if not isabstract(c)}, **{c.__name__: c for c in extra}}
+    return {n: c for n, c in found.items() if not isabstract(c)}
 
 
 def _kept(cls: type) -> Iterator[Any]:
@@ -150,7 +158,7 @@ def _encode(value: Any, where: str, known: Mapping[str, type]) -> Any:
         if known.get(name) is not type(value):
             raise ParameterError(
                 f"{where} is of class {name}, which is not slipangle's own; expected it in classes=[...] of both "
-                "save and load"
+                "save and load, or registered in slipangle.models.storage.RECORDS"
             )
         content = {f.name: _encode(getattr(value, f.name), f"{where}.{f.name}", known) for f in _kept(type(value))}
         return {"class": name, "fields": content}

@@ -1,9 +1,9 @@
-"""`comparison_page`: what `slipangle.identify.compare.compare` found, to look at."""
+"""`comparison_page`: what `slipangle.identify.judge.compare.compare` found, to look at."""
 
 from __future__ import annotations
 
 from slipangle.data.dataset import Channel, Dataset
-from slipangle.identify.compare import Comparison, horizon_errors
+from slipangle.identify.judge.compare import Comparison, horizon_errors
 from slipangle.report.diagnostics import horizon_curves
 from slipangle.report.page import Figure, Finding, Findings, Page, Section
 from slipangle.report.plots import rainclouds, trajectories
@@ -16,7 +16,7 @@ def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> 
     Parameters
     ----------
     result : Comparison
-        From `slipangle.identify.compare.compare`.
+        From `slipangle.identify.judge.compare.compare`.
     data : Dataset
         The test data that it was made with.
     command : str

@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from slipangle.data.dataset import Channel
 from slipangle.errors import ParameterError
-from slipangle.identify.compare import HorizonErrors
+from slipangle.identify.judge.compare import HorizonErrors
 from slipangle.models.model import FitInfo
 from slipangle.report.style import (
     INK,
@@ -111,7 +111,7 @@ def horizon_curves(curves: Mapping[str, HorizonErrors], channel: Channel) -> go.
     Parameters
     ----------
     curves : mapping of str to HorizonErrors
-        By model, from `slipangle.identify.compare.horizon_errors`.
+        By model, from `slipangle.identify.judge.compare.horizon_errors`.
     channel : Channel
         Which output, and its unit.
 

@@ -96,7 +96,7 @@ def share_map(X: np.ndarray, Y: np.ndarray, share: np.ndarray, *, starts: Sequen
     X, Y : array, shape (n,)
         Position. [m]
     share : array, shape (n,)
-        One column of `slipangle.models.hybrid.HybridModel.share`; NaN is drawn as a thin line. [%]
+        One column of `slipangle.models.wrappers.hybrid.HybridModel.share`; NaN is drawn as a thin line. [%]
     starts : sequence of int
         First row of each experiment.
     """

@@ -9,7 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from slipangle.errors import ParameterError
-from slipangle.identify.search import SearchResult, columns
+from slipangle.identify.search.search import SearchResult, columns
 from slipangle.report.style import BLUE, INK, MIDDLE, SLATE, compact, escape, new_figure, nice_step
 from slipangle.report.tables import Cell, Column, Row, Table
 

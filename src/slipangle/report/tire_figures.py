@@ -13,9 +13,9 @@ import plotly.graph_objects as go
 
 from slipangle.data.tire_data import TireData
 from slipangle.errors import ModelWarning, ParameterError, nearest
-from slipangle.models.magic_formula import MagicFormulaTire
-from slipangle.models.tires import Tire, TireForces, practical_slip
-from slipangle.models.tires_neural import NeuralTire
+from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
+from slipangle.models.tires.neural import NeuralTire
+from slipangle.models.tires.simple import Tire, TireForces, practical_slip
 from slipangle.report.style import SLATE, EqualScale, compact, escape, new_figure, series_style
 
 __all__ = [

@@ -12,7 +12,7 @@ import numpy as np
 from slipangle.data.tire_data import TireData
 from slipangle.errors import ParameterError
 from slipangle.models.model import FitInfo
-from slipangle.models.tires import Tire
+from slipangle.models.tires.simple import Tire
 from slipangle.report.page import Fact, Figure, Finding, Findings, Grid, Page, Section
 from slipangle.report.tables import Column, Row, Table, parameter_table
 from slipangle.report.tire_figures import (
@@ -113,7 +113,7 @@ def tire_page(
 def _kind(tire: Tire) -> str:
     """Class of the tire in words.
 
-    >>> from slipangle.models.tires_physical import BrushTire
+    >>> from slipangle.models.tires.physical import BrushTire
     >>> _kind(BrushTire(C_alpha=5e4, C_s=6e4))
     'Brush tire'
     """

@@ -9,14 +9,14 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from slipangle.control.driver import DriverState, SpeedDriver
-from slipangle.control.ocp import Reference
-from slipangle.control.plan import Plan
-from slipangle.control.terms import Values, require_names
-from slipangle.data.path import Path, Preview
+from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.errors import ParameterError, SampleTimeError
 from slipangle.models.model import Model
-from slipangle.simulate.plants import Plant, Simulation
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.solution import Plan
+from slipangle.optimal.terms import Values, require_names
+from slipangle.paths.path import Path, Preview
+from slipangle.simulate.plant import Plant, Simulation
 from slipangle.simulate.run import End, Run
 
 FAR = 20.0  # m from the path: the drive is over

@@ -1,6 +1,6 @@
 """Manoeuvres: steering and speed over time to excite and test a plant, and paths with a speed profile to follow.
 
-Lane changes of ISO 3888 are in `slipangle.data.manoeuvres`, steering signals in `slipangle.data.excite`.
+Lane changes of ISO 3888 are in `slipangle.paths.lane_change`, steering signals in `slipangle.data.signals.excitation`.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from slipangle.control.driver import DriverState, SpeedDriver
-from slipangle.control.terms import Values, require_names
-from slipangle.data import excite
+from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.data.dataset import Dataset
-from slipangle.data.path import Path
+from slipangle.data.signals import excitation as excite
 from slipangle.errors import NotFiniteError, ParameterError, SampleTimeError, SimulationError
-from slipangle.simulate.plants import Plant
+from slipangle.optimal.terms import Values, require_names
+from slipangle.paths.path import Path
+from slipangle.simulate.plant import Plant
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -7,9 +7,9 @@ from enum import Enum
 
 import numpy as np
 
-from slipangle.control.plan import Plan, Status, count
-from slipangle.data.path import Path
 from slipangle.errors import ParameterError, nearest
+from slipangle.optimal.solution import Plan, Status, count
+from slipangle.paths.path import Path
 
 
 class End(Enum):

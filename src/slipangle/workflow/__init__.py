@@ -1,1 +1,1 @@
-"""The main job: from a log to an identified model, a verdict, a controller and a page."""
+"""From one settings file to data, models, verdict, controller and page."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from slipangle.identify.arx import ARX
-from slipangle.identify.compare import Estimator
-from slipangle.identify.polynomial import ARMAX, BoxJenkins, OutputError
-from slipangle.identify.statespace import StateSpace
+from slipangle.identify.judge.compare import Estimator
+from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError
+from slipangle.identify.linear.statespace import StateSpace
 from slipangle.workflow.settings import ModelSettings
 
 BLACK_BOXES = ("arx", "armax", "output-error", "box-jenkins", "state-space", "narx")
@@ -32,6 +32,6 @@ def estimator(wanted: ModelSettings) -> Estimator:
         order = s.order[0] if len(s.order) == 1 else s.order or StateSpace.order
         offsets = "output" if s.offset else "none"
         return StateSpace(order=order, focus=s.focus, offsets=offsets, direct=s.nk == 0, max_radius=1.0)
-    from slipangle.identify.narx import NARX  # brings JAX
+    from slipangle.identify.networks.narx import NARX  # brings JAX
 
     return NARX(na=s.na, nb=s.nb, nk=s.nk, hidden=s.hidden, seeds=s.seeds)

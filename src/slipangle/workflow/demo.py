@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
-from slipangle.control.driver import DriverState, SpeedDriver
-from slipangle.control.terms import Values
-from slipangle.data import excite
+from slipangle.control.speed.driver import DriverState, SpeedDriver
+from slipangle.data.signals import excitation as excite
 from slipangle.files import write_atomic
-from slipangle.models.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
-from slipangle.models.vehicles import SingleTrack
-from slipangle.simulate.plants import Plant
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
+from slipangle.models.vehicles.single_track import SingleTrack
+from slipangle.optimal.terms import Values
+from slipangle.simulate.plant import Plant
 from slipangle.units import from_si
 
 LOG_DT = 0.01  # s

@@ -11,38 +11,34 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.driver import SpeedDriver
 from slipangle.control.mpc import MPC
-from slipangle.control.terms import Limits, Values, Weights
-from slipangle.data import manoeuvres, public
+from slipangle.control.speed.driver import SpeedDriver
 from slipangle.data.dataset import Dataset
-from slipangle.data.path import Path
-from slipangle.data.quality import DataReport, despike, inspect
+from slipangle.data.public import sets as public
+from slipangle.data.quality.inspect import DataReport, despike, inspect
 from slipangle.data.readers import read
 from slipangle.data.readers.csv import Column
 from slipangle.errors import ConfigError, IdentifiabilityWarning, ModelWarning, SlipangleError, nearest
-from slipangle.identify.greybox import GreyBox
-from slipangle.identify.validate import Validation, validate
-from slipangle.models import catalogue
-from slipangle.models.delayed import Delayed
-from slipangle.models.ground import OnGround
+from slipangle.identify.judge.validate import Validation, validate
+from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.model import Model
-from slipangle.models.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, with_speed_derivative
+from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import ParameterSet
-from slipangle.models.tires import MagicCurve, SimpleMagicFormula
-from slipangle.models.vehicles import (
-    GRAVITY,
-    Bicycle,
-    BicycleParams,
-    Longitudinal,
-    LongitudinalParams,
-    OdeModel,
-    SingleTrack,
-    SingleTrackParams,
-)
+from slipangle.models.tires.simple import MagicCurve, SimpleMagicFormula
+from slipangle.models.vehicles import catalogue
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.longitudinal import Longitudinal, LongitudinalParams
+from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, with_speed_derivative
+from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams, SingleTrackParams
+from slipangle.models.vehicles.single_track import SingleTrack
+from slipangle.models.wrappers.delayed import Delayed
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.optimal.terms import Limits, Values, Weights
+from slipangle.paths import lane_change as manoeuvres
+from slipangle.paths.path import Path
 from slipangle.report.tables import number
 from slipangle.simulate.loop import closed_loop
-from slipangle.simulate.plants import Plant
+from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import Run
 from slipangle.units import deg
 from slipangle.workflow.black_box import BLACK_BOXES, estimator

@@ -11,8 +11,8 @@ from importlib.metadata import version
 import numpy as np
 
 from slipangle.data.dataset import Channel, Dataset
-from slipangle.identify.validate import Validation
-from slipangle.models.arx import ARXModel
+from slipangle.identify.judge.validate import Validation
+from slipangle.models.black_box.arx import ARXModel
 from slipangle.report import (
     Body,
     Fact,

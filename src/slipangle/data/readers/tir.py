@@ -3,7 +3,7 @@
 The format is a TeimOrbit text: ``[SECTION]`` headings, ``KEY = value $comment`` lines, whole-line comments
 (``!`` and ``$``) and tables of numbers. `TirFile` keeps every line, so an unchanged file is written back
 byte for byte, with its comments, unknown keys, order and line ends. What the coefficients mean is the
-business of `slipangle.models.magic_formula`.
+business of `slipangle.models.tires.magic_formula.tire`.
 """
 
 from __future__ import annotations

@@ -1,0 +1,1 @@
+"""Path followers to compare with: pure pursuit, Stanley, LQR with preview."""

@@ -1,0 +1,432 @@
+"""Path followers to compare with: pure pursuit, Stanley, LQR with preview. All steer; a driver holds the speed.
+
+Each is a controller for `slipangle.simulate.loop.closed_loop`, and a function of state and preview alone.
+"""
+
+from __future__ import annotations
+
+import abc
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from time import perf_counter
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import linalg
+
+from slipangle.errors import ParameterError
+from slipangle.models.model import Model, without_caches
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.kinematic import Kinematic
+from slipangle.models.vehicles.parameters import BicycleParams, ChassisParams
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.optimal.arrays import applied_input, array, vector
+from slipangle.optimal.checks import (
+    NUMBER,
+    Judge,
+    believable,
+    counted,
+    health_of,
+    last_input,
+    require_plan,
+    require_reference,
+)
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.solution import Plan, Status, within
+from slipangle.paths.path import Preview
+
+_COLUMNS = ("X", "Y", "psi", "curvature", "v_x")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathFollower(abc.ABC):
+    """A steering law; subclasses say from what model's state and how.
+
+    Parameters
+    ----------
+    params : ChassisParams
+        Geometry of the car, its steering gain and offset.
+    dt : float
+        Time between commands. [s]
+    horizon : int
+        How many steps it looks ahead.
+    limit : float
+        Largest steering angle. [rad]
+    rate : float
+        Largest steering rate. [rad/s]
+
+    Raises
+    ------
+    ParameterError
+        If a number is not positive.
+    """
+
+    controls: ClassVar[tuple[str, ...]] = ("delta",)
+    exogenous: ClassVar[tuple[str, ...]] = ("v_x",)
+
+    params: ChassisParams
+    dt: float = 0.05
+    horizon: int = 20
+    limit: float = 0.5
+    rate: float = math.inf
+
+    def __post_init__(self) -> None:
+        for name in ("dt", "horizon", "limit", "rate"):
+            if not getattr(self, name) > 0:
+                raise ParameterError(
+                    f"{name} of {type(self).__name__} is {getattr(self, name)}; expected a positive number"
+                )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy needs: the settings."""
+        return without_caches(self)
+
+    @cached_property
+    def times(self) -> np.ndarray:
+        """Instants to look at, shape (horizon + 1,). [s]"""
+        return self.dt * np.arange(self.horizon + 1)
+
+    @property
+    @abc.abstractmethod
+    def model(self) -> Model:
+        """Whose state `law` reads and whose outputs must be measured."""
+
+    @abc.abstractmethod
+    def law(self, x: np.ndarray, ahead: np.ndarray, v_x: float, last: float) -> float:
+        """Road-wheel angle. [rad]
+
+        Parameters
+        ----------
+        x : array, shape (n_states,)
+            State of the model.
+        ahead : array, shape (horizon + 1, 5)
+            The path: X, Y, psi, curvature, v_x now and at each step.
+        v_x : float
+            Speed. [m/s]
+        last : float
+            Road-wheel angle applied before. [rad]
+        """
+
+    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
+        """The path ahead as the law reads it.
+
+        Raises
+        ------
+        ParameterError
+            If the preview is not at `times`.
+        """
+        preview.require_times(self.times)
+        tracked = np.column_stack([getattr(preview, n) for n in _COLUMNS])
+        speed = exogenous.get("v_x", preview.v_x[:-1])
+        return Reference(tracked=tracked, exogenous=np.broadcast_to(np.asarray(speed), (self.horizon,))[:, None])
+
+    def plan(
+        self,
+        x: np.ndarray,
+        reference: Reference | Preview,
+        previous: Plan | None = None,
+        *,
+        applied: np.ndarray | None = None,
+    ) -> Plan:
+        """The steering angle now, held over the horizon; within limit and rate, and the previous one if x cannot be.
+
+        Parameters
+        ----------
+        x : array, shape (n_states,)
+            State of the model now.
+        reference : Reference or Preview
+            The path ahead.
+        previous : Plan, optional
+            The plan before.
+        applied : array, shape (1,), optional
+            Angle applied before; by default the previous command, else zero. [rad]
+
+        Raises
+        ------
+        ParameterError
+            If an argument has the wrong type, or an array the wrong shape.
+        """
+        begin = perf_counter()
+        x = vector(x, self._judged[0], "x")
+        wanted = self._checked(self.reference(reference) if isinstance(reference, Preview) else reference)
+        require_plan(previous)
+        before = self._before(previous, applied)
+        judge = self._judged[1]
+        wrong = judge.status(x, wanted.tracked, wanted.exogenous)
+        angle = float(before[0])
+        if wrong is None:
+            try:
+                angle = self._angle(x, wanted, angle)
+            except (ArithmeticError, ValueError):  # a law that has no answer
+                angle = math.nan
+            if not math.isfinite(angle):
+                angle, wrong = float(before[0]), Status.FAILED
+        bounds, steps = np.array([[-self.limit, self.limit]]), np.array([[-self.rate, self.rate]]) * self.dt
+        u = within(np.full((self.horizon, 1), angle), before, bounds, steps)
+        return Plan(
+            u=u,
+            x=np.tile(np.where(np.abs(x) < NUMBER, x, 0.0), (self.horizon + 1, 1)),
+            status=wrong or Status.SOLVED,
+            seconds=perf_counter() - begin,
+            cost=math.nan,
+            iterations=0,
+            controls=self.controls,
+            age=0 if wrong is None else (1 if previous is None else counted(previous.age) + 1),
+            detail=judge.fault(x, wanted.tracked, wanted.exogenous) if wrong is Status.IMPLAUSIBLE else "",
+            times=self.times,
+            health=health_of(previous).after(wrong is not None, False),
+        )
+
+    def _angle(self, x: np.ndarray, wanted: Reference, before: float) -> float:
+        last = float(self.params.road_wheel(before))
+        road = self.law(x, wanted.tracked, float(wanted.exogenous[0, 0]), last)
+        return float(road / self.params.steering_gain + self.params.steering_offset)
+
+    @cached_property
+    def _judged(self) -> tuple[tuple[str, ...], Judge]:
+        """Names of the state's entries, and what is plausible."""
+        names = tuple(self.model.states)
+        return names, Judge(names, _COLUMNS, self.exogenous, self.horizon)
+
+    def _checked(self, reference: Reference) -> Reference:
+        require_reference(reference)
+        tracked = array(reference.tracked, (self.horizon + 1, len(_COLUMNS)), _COLUMNS, "reference.tracked")
+        exogenous = array(reference.exogenous, (self.horizon, 1), self.exogenous, "reference.exogenous")
+        return Reference(tracked=tracked, exogenous=exogenous)
+
+    def _before(self, previous: Plan | None, applied: np.ndarray | None) -> np.ndarray:
+        """Angle applied before, within the limit."""
+        last = last_input(previous, self.controls)
+        asked = None if applied is None else applied_input(applied, self.controls)
+        given = asked if asked is not None and believable(asked) else np.zeros(1) if last is None else last
+        return np.clip(given, -self.limit, self.limit)
+
+
+def _forward(ahead: np.ndarray, k: int) -> tuple[float, float, float]:
+    """X, Y, psi of a row."""
+    return float(ahead[k, 0]), float(ahead[k, 1]), float(ahead[k, 2])
+
+
+@dataclass(frozen=True, kw_only=True)
+class PurePursuit(PathFollower):
+    """Steer onto the circle through the rear axle, tangent to the car, and a point ahead on the path. [1]_
+
+    ``delta = atan(2 wheelbase sin(eta) / distance)``, eta the bearing of the point from the rear axle.
+
+    Parameters
+    ----------
+    gain : float
+        Look-ahead distance over speed. [s]
+    shortest : float
+        Least look-ahead distance. [m]
+
+    The others are those of `PathFollower`; the horizon must reach as far as the look-ahead distance, or its end counts.
+
+    References
+    ----------
+    .. [1] R. C. Coulter, Implementation of the pure pursuit path tracking algorithm, CMU-RI-TR-92-01, 1992.
+    """
+
+    gain: float = 0.5
+    shortest: float = 4.0
+
+    @cached_property
+    def model(self) -> Model:  # type: ignore[override]
+        """Kinematic: only the pose counts."""
+        return Kinematic(params=self.params, dt=self.dt)
+
+    def law(self, x: np.ndarray, ahead: np.ndarray, v_x: float, last: float) -> float:
+        """See the class."""
+        X, Y, psi = x[0] - self.params.l_r * math.cos(x[2]), x[1] - self.params.l_r * math.sin(x[2]), x[2]
+        wanted = max(self.gain * abs(v_x), self.shortest)
+        distance = np.hypot(ahead[:, 0] - X, ahead[:, 1] - Y)
+        far = np.flatnonzero(distance >= wanted)
+        k = int(far[0]) if len(far) else len(distance) - 1
+        x1, y1, d1 = ahead[k, 0], ahead[k, 1], distance[k]
+        if len(far) and k > 0 and d1 > distance[k - 1]:  # between two rows
+            t = (wanted - distance[k - 1]) / (d1 - distance[k - 1])
+            x1, y1 = ahead[k - 1, :2] + t * (ahead[k, :2] - ahead[k - 1, :2])
+            d1 = wanted
+        eta = math.remainder(math.atan2(y1 - Y, x1 - X) - psi, 2 * math.pi)
+        return math.atan2(2 * self.params.wheelbase * math.sin(eta), max(float(d1), 0.1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stanley(PathFollower):
+    """Steer along the path and towards it, seen from the front axle. [1]_
+
+    ``delta = e_psi + atan(gain e / (softening + v)) + damping (r_path - r)``, with the heading error counted
+    to the path at the front axle.
+
+    Parameters
+    ----------
+    gain : float
+        How fast the distance decays. [1/s]
+    softening : float
+        Speed that keeps the gain finite at standstill. [m/s]
+    damping : float
+        Steering angle per yaw rate beyond the path's. [s]
+
+    The others are those of `PathFollower`.
+
+    References
+    ----------
+    .. [1] G. M. Hoffmann, C. J. Tomlin, M. Montemerlo, S. Thrun, Autonomous automobile trajectory tracking for
+       off-road driving, American Control Conference, 2007.
+    """
+
+    gain: float = 2.5
+    softening: float = 1.0
+    damping: float = 0.2
+
+    @cached_property
+    def model(self) -> Model:  # type: ignore[override]
+        """A car with a yaw rate and a pose."""
+        return _posed_bicycle(self.params, self.dt)
+
+    def law(self, x: np.ndarray, ahead: np.ndarray, v_x: float, last: float) -> float:
+        """See the class."""
+        r, X, Y, psi = x[1], x[2], x[3], x[4]
+        front = X + self.params.l_f * math.cos(psi), Y + self.params.l_f * math.sin(psi)
+        k = int(np.argmin(np.hypot(ahead[:, 0] - front[0], ahead[:, 1] - front[1])))
+        x0, y0, angle = _forward(ahead, k)
+        along = (front[0] - x0) * math.cos(angle) + (front[1] - y0) * math.sin(angle)
+        curvature = float(ahead[k, 3])
+        heading = angle + curvature * along
+        e = -(front[0] - x0) * math.sin(angle) + (front[1] - y0) * math.cos(angle) - 0.5 * curvature * along**2
+        e_psi = math.remainder(heading - psi, 2 * math.pi)
+        pull = math.atan2(-self.gain * e, self.softening + abs(v_x))
+        return e_psi + pull + self.damping * (curvature * v_x - r)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PreviewLQR(PathFollower):
+    """Linear-quadratic regulator of the bicycle's path errors that knows the curvature ahead. [1]_, [2]_
+
+    The errors ``e_y, e_y', e_psi, e_psi'`` of the linear bicycle obey a linear system disturbed by the path's
+    curvature; discretised at ``dt`` and augmented by the steering angle, so that its change is weighted, its optimal
+    law is feedback plus a weighted sum of the curvatures at every step of the horizon. Gains are computed at `speeds`
+    and interpolated.
+
+    Parameters
+    ----------
+    params : BicycleParams
+        Car with cornering stiffness per axle.
+    weight_y, weight_psi : float
+        On the squared distance [1/m2] and heading error [1/rad2].
+    weight_change : float
+        On the squared change of steering angle per step. [1/rad2]
+    speeds : sequence of float
+        Where the gains are computed, rising. [m/s]
+    slip : float
+        Largest slip angle asked of the front tires, past whose peak more steering no longer helps. [rad]
+
+    The others are those of `PathFollower`.
+
+    References
+    ----------
+    .. [1] R. Rajamani, Vehicle Dynamics and Control, 2nd ed., 2012, sec. 2.5 and 3.1.
+    .. [2] R. S. Sharp, V. Valtetsiotis, Optimal preview car steering control, Vehicle System Dynamics 35 (2001).
+    """
+
+    params: BicycleParams  # type: ignore[override]
+    weight_y: float = 1.0
+    weight_psi: float = 20.0
+    weight_change: float = 300.0
+    speeds: Sequence[float] = (2.0, 5.0, 8.0, 11.0, 14.0, 17.0, 20.0, 25.0, 30.0, 40.0, 55.0)
+    slip: float = 0.12
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if min(self.speeds) <= 0 or any(not b > a for a, b in pairwise(self.speeds)):
+            raise ParameterError(f"the schedule's speeds are {tuple(self.speeds)}; expected positive, rising ones")
+        if min(self.weight_y, self.weight_psi) < 0 or not self.weight_change > 0 or not self.weight_y > 0:
+            raise ParameterError(
+                f"weights are {self.weight_y}, {self.weight_psi}, {self.weight_change}; expected positive ones"
+            )
+
+    @cached_property
+    def model(self) -> Model:  # type: ignore[override]
+        """The bicycle on the ground."""
+        return _posed_bicycle(self.params, self.dt)
+
+    def errors(self, v_x: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A (4, 4), B (4, 1) and E (4, 1) of ``e' = A e + B delta + E v_x curvature`` at a speed. [1]_ eq. 2.45"""
+        p, v = self.params, v_x
+        f, r = p.C_f, p.C_r
+        a = (f + r) / p.mass
+        b = (f * p.l_f - r * p.l_r) / p.mass
+        c = (f * p.l_f - r * p.l_r) / p.inertia_z
+        d = (f * p.l_f**2 + r * p.l_r**2) / p.inertia_z
+        A = np.array([[0, 1, 0, 0], [0, -a / v, a, -b / v], [0, 0, 0, 1], [0, -c / v, c, -d / v]], dtype=float)
+        B = np.array([[0.0], [f / p.mass], [0.0], [f * p.l_f / p.inertia_z]])
+        E = np.array([[0.0], [-b / v - v], [0.0], [-d / v]])
+        return A, B, E
+
+    @cached_property
+    def gains(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the errors and the last angle, shape (n_speeds, 5); of the curvatures, (n_speeds, horizon + 1)."""
+        feedback, preview = zip(*[self._gains(v) for v in self.speeds], strict=True)
+        return np.array(feedback), np.array(preview)
+
+    def _gains(self, v: float) -> tuple[np.ndarray, np.ndarray]:
+        """Riccati equation with the change of angle as input; then the disturbance's share, step by step."""
+        A, B, E = self.errors(v)
+        block = np.zeros((6, 6))
+        block[:4, :4], block[:4, 4:5], block[:4, 5:] = A, B, E * v
+        hold = linalg.expm(block * self.dt)
+        F = np.zeros((5, 5))
+        F[:4, :4], F[:4, 4], F[4, 4] = hold[:4, :4], hold[:4, 4], 1.0
+        G = np.append(hold[:4, 4], 1.0)[:, None]
+        D = np.append(hold[:4, 5], 0.0)
+        Q = np.diag([self.weight_y, 0.0, self.weight_psi, 0.0, 0.0])
+        P = linalg.solve_discrete_are(F, G, Q, np.array([[self.weight_change]]))
+        inverse = 1.0 / float(self.weight_change + (G.T @ P @ G)[0, 0])
+        K = inverse * (G.T @ P @ F)[0]
+        closed = F - G @ K[None]
+        share, effect = np.empty(self.horizon + 1), P @ D
+        for j in range(self.horizon + 1):
+            share[j] = inverse * float(G[:, 0] @ effect)
+            effect = closed.T @ effect
+        return K, share
+
+    def law(self, x: np.ndarray, ahead: np.ndarray, v_x: float, last: float) -> float:
+        """See the class."""
+        v_y, r, X, Y, psi = x
+        x0, y0, angle = _forward(ahead, 0)
+        e_y = -(X - x0) * math.sin(angle) + (Y - y0) * math.cos(angle)
+        e_psi = math.remainder(psi - angle, 2 * math.pi)
+        rates = v_y + v_x * e_psi, r - v_x * float(ahead[0, 3])
+        v = min(max(v_x, self.speeds[0]), self.speeds[-1])
+        feedback, preview = (_between(v, self.speeds, table) for table in self.gains)
+        error = np.array([e_y, rates[0], e_psi, rates[1], last])
+        angle = last - float(feedback @ error) - float(preview @ ahead[:, 3])
+        along = math.atan2(v_y + self.params.l_f * r, max(v_x, self.speeds[0]))  # where the front axle goes
+        return min(max(angle, along - self.slip), along + self.slip)
+
+
+def _between(v: float, speeds: Sequence[float], table: np.ndarray) -> np.ndarray:
+    """Row of a table at a speed, straight lines between."""
+    i = int(np.clip(np.searchsorted(speeds, v) - 1, 0, len(speeds) - 2))
+    t = (v - speeds[i]) / (speeds[i + 1] - speeds[i])
+    return (1 - t) * table[i] + t * table[i + 1]
+
+
+def _posed_bicycle(p: ChassisParams, dt: float) -> Model:
+    """Linear bicycle on the ground; a typical stiffness where the parameters have none, since all is measured."""
+    if not isinstance(p, BicycleParams):
+        stiff = 40.0 * p.mass  # N/rad
+        p = BicycleParams(
+            mass=p.mass,
+            inertia_z=p.inertia_z,
+            wheelbase=p.wheelbase,
+            l_f=p.l_f,
+            C_f=stiff,
+            C_r=stiff,
+            steering_gain=p.steering_gain,
+            steering_offset=p.steering_offset,
+        )
+    return OnGround(Bicycle(params=p, dt=dt, outputs=("v_y", "r")))

@@ -1,0 +1,1 @@
+"""Drivers that hold a speed while another controller steers."""

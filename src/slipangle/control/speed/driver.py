@@ -1,0 +1,154 @@
+"""`SpeedDriver`: holds the speed with drive and brake, as a driver would, while another controller steers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from slipangle.errors import ParameterError
+from slipangle.optimal.terms import Values, coerce
+
+FASTEST = 1e3  # m/s and m/s2, beyond which a speed or acceleration is a fault
+MOST = 1e12  # of the integral part, likewise
+STANDSTILL = 0.5  # m/s, speed below which braking fades out
+
+
+class DriverState(NamedTuple):
+    """Integral part and last output, in the driver's output unit."""
+
+    integral: float = 0.0
+    output: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedDriver:
+    """PI controller of speed with gains scheduled over speed and anti-windup by back-calculation.
+
+    The output is a torque [N m] or a normalised pedal [-], whichever the gains and limits are in;
+    `inputs` shares it out over a vehicle's inputs.
+
+    Braking fades out below 0.5 m/s.
+
+    Parameters
+    ----------
+    kp : tuple of float
+        Proportional gain at each of `speeds`. [output per m/s]
+    ki : tuple of float
+        Integral gain at each of `speeds`. [output per m]
+    limits : tuple of float
+        Smallest (braking) and largest (driving) output.
+    speeds : tuple of float
+        Where the gains hold, rising; linear in between, constant beyond. [m/s]
+    feedforward : float
+        Output per wanted acceleration. [output per m/s2]
+    dt : float
+        Sample time. [s]
+    drive, brake : Values
+        Share of a positive, of a negative output that each input gets; `brake` defaults to `drive`.
+
+    Raises
+    ------
+    ParameterError
+        If the tables do not match, speeds do not rise, a gain is negative or the limits do not contain zero.
+    """
+
+    kp: tuple[float, ...]
+    ki: tuple[float, ...]
+    limits: tuple[float, float]
+    speeds: tuple[float, ...] = (0.0,)
+    feedforward: float = 0.0
+    dt: float = 0.01
+    drive: Values = field(default_factory=lambda: Values(T_f=1.0, T_r=0.0))
+    brake: Values | None = None
+
+    def __post_init__(self) -> None:
+        coerce(self, Values, "drive", *(("brake",) if self.brake is not None else ()))
+        if not len(self.kp) == len(self.ki) == len(self.speeds) >= 1:
+            raise ParameterError(
+                f"the schedule has {len(self.speeds)} speeds, {len(self.kp)} kp and {len(self.ki)} ki; expected "
+                "as many of each"
+            )
+        if any(b <= a for a, b in zip(self.speeds, self.speeds[1:], strict=False)):
+            raise ParameterError(f"the schedule's speeds are {self.speeds}; expected rising ones")
+        if min(*self.kp, *self.ki, 0.0) < 0 or not self.dt > 0:
+            raise ParameterError(f"kp {self.kp}, ki {self.ki}, dt {self.dt} s; expected gains >= 0 and a positive time")
+        if not self.limits[0] <= 0 <= self.limits[1]:
+            raise ParameterError(f"the driver's limits are {self.limits}; expected (lowest <= 0, highest >= 0)")
+
+    @classmethod
+    def for_car(
+        cls,
+        *,
+        mass: float,
+        radius: float,
+        limits: tuple[float, float],
+        bandwidth: float = 2.0,
+        damping: float = 1.0,
+        dt: float = 0.01,
+        drive: Values | None = None,
+        brake: Values | None = None,
+    ) -> Self:
+        """Gains that place the poles of ``mass radius v' = torque``.
+
+        Parameters
+        ----------
+        mass, radius : float
+            Of the car [kg] and its wheels [m].
+        limits : tuple of float
+            Largest brake torque (negative) and drive torque. [N m]
+        bandwidth, damping : float
+            Natural frequency [rad/s] and damping ratio of the speed error.
+        dt : float
+            Sample time. [s]
+        drive, brake : Values, optional
+            Shares; by default all on the front axle.
+        """
+        inertia = mass * radius
+        return cls(
+            kp=(2 * damping * bandwidth * inertia,),
+            ki=(bandwidth**2 * inertia,),
+            limits=limits,
+            feedforward=inertia,
+            dt=dt,
+            drive=drive if drive is not None else Values(T_f=1.0, T_r=0.0),
+            brake=brake,
+        )
+
+    def step(self, state: DriverState, wanted: float, v_x: float, a_x: float = 0.0) -> tuple[float, DriverState]:
+        """Output for one sample, and the state for the next.
+
+        Parameters
+        ----------
+        state : DriverState
+            ``DriverState()`` at first.
+        wanted, v_x : float
+            Wanted and measured speed [m/s]; while either is no number or beyond 1000 m/s, the last output is held.
+        a_x : float
+            Wanted acceleration, for the feedforward. [m/s2]
+        """
+        state = self._sound(state)
+        if not (abs(wanted) <= FASTEST and abs(v_x) <= FASTEST and abs(a_x) <= FASTEST):
+            return state.output, state
+        kp, ki = (float(np.interp(v_x, self.speeds, gain)) for gain in (self.kp, self.ki))
+        error = wanted - v_x
+        free = kp * error + state.integral + self.feedforward * a_x
+        rolling = min(max(v_x / STANDSTILL, 0.0), 1.0)  # brakes stop the car, they do not push it back
+        output = min(max(free, self.limits[0] * rolling), self.limits[1])
+        back = ki / kp if kp > 0 else 1.0  # 1/s: the integral follows the limit within kp / ki
+        integral = state.integral + self.dt * (ki * error + back * (output - free))
+        return output, DriverState(integral, output)
+
+    def _sound(self, state: DriverState) -> DriverState:
+        """The state, or what is left of it where it is no number: an output within limits, no integral part."""
+        low, high = self.limits
+        output = min(max(state.output, low), high) if math.isfinite(state.output) else 0.0
+        return DriverState(state.integral if abs(state.integral) <= MOST else 0.0, output)
+
+    def inputs(self, output: float) -> dict[str, float]:
+        """The output shared out over the vehicle's inputs, by name."""
+        brake = self.drive if self.brake is None else self.brake
+        shares = self.drive if output >= 0 else brake
+        return {name: output * shares.get(name, 0.0) for name in dict.fromkeys((*self.drive, *brake))}

@@ -1,0 +1,387 @@
+"""Named public data sets as `Dataset`: `load("ferrari-250lm")`; licences and origins are in `registry`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+from scipy import integrate, io, signal
+
+from slipangle.data.clock import find_grid
+from slipangle.data.dataset import Channel, Dataset, join
+from slipangle.data.public.registry import FileState, PublicFile, PublicSet, check, fetch, find_set, list_sets
+from slipangle.data.quality.events import despike, find_jumps
+from slipangle.data.readers import Column, read_csv
+from slipangle.errors import FormatError, ParameterError, SampleTimeError, nearest
+
+__all__ = [
+    "LOADERS",
+    "FileState",
+    "PublicFile",
+    "PublicSet",
+    "check",
+    "ferrari_250lm",
+    "fetch",
+    "find_set",
+    "list_sets",
+    "load",
+]
+
+
+def load(name: str) -> Dataset:
+    """Read a public data set, in SI units, at the rate it was recorded with.
+
+    Parameters
+    ----------
+    name : str
+        One of ``LOADERS``.
+
+    Returns
+    -------
+    Dataset
+        With inputs and outputs chosen; `Dataset.notes` says what is odd about the data.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such set, or it is not a log.
+    MissingFileError, HashError
+        If its files cannot be had, or are not the published ones.
+    """
+    if name not in LOADERS:
+        if any(s.name == name for s in list_sets()):
+            raise ParameterError(
+                f"the public data set '{name}' is not a log; expected one of {', '.join(LOADERS)}: get its files with "
+                f"fetch('{name}')"
+            )
+        raise ParameterError(f"there is no public data set '{name}'; {nearest(name, LOADERS)}: use one of these names")
+    return LOADERS[name]()
+
+
+# ---- Ferrari 250 LM --------------------------------------------------------------------------------------------------
+
+_FERRARI = {
+    "delta": ("delta", "rad"),
+    "v_x": ("vx", "m/s"),
+    "r": ("yawRate", "rad/s"),
+    "v_y": ("vy", "m/s"),
+    "beta": ("beta_true", "rad"),
+    "a_x": ("axCG", "m/s2"),
+    "a_y": ("ayCG", "m/s2"),
+    "r_dot": ("yawAngAcc", "rad/s2"),
+    "delta_fl": ("deltaFL", "rad"),
+    "delta_fr": ("deltaFR", "rad"),
+}
+
+
+def with_dead_reckoning(data: Dataset) -> Dataset:
+    """Add heading and position, integrated from yaw rate and velocity; each experiment starts at the origin.
+
+    Good for a map, not for measuring: errors add up.
+
+    Parameters
+    ----------
+    data : Dataset
+        With the channels ``r``, ``v_x`` and, if measured, ``v_y``.
+
+    Returns
+    -------
+    Dataset
+        With ``X``, ``Y`` [m] and ``psi`` [rad].
+    """
+    columns = []
+    for part in data.experiments:
+        v_y = part["v_y"] if "v_y" in part else 0.0
+        psi = integrate.cumulative_trapezoid(part["r"], dx=part.dt, initial=0.0)
+        east = part["v_x"] * np.cos(psi) - v_y * np.sin(psi)
+        north = part["v_x"] * np.sin(psi) + v_y * np.cos(psi)
+        x, y = (integrate.cumulative_trapezoid(v, dx=part.dt, initial=0.0) for v in (east, north))
+        columns.append(np.column_stack([x, y, psi]))
+    table = np.vstack(columns)
+    for k, (name, unit) in enumerate((("X", "m"), ("Y", "m"), ("psi", "rad"))):
+        data = data.with_channel(name, table[:, k], unit)
+    return data.with_note("X, Y and psi are dead-reckoned from r, v_x and v_y: for maps only")
+
+
+def _ferrari_run() -> Dataset:
+    """The run of 22 February 2014 as recorded, 100 Hz, spikes and all."""
+    files = {name: f"{source}.txt" for name, (source, _) in _FERRARI.items()}
+    paths = fetch("ferrari-250lm", "t.txt", *files.values())
+    t = np.loadtxt(paths["t.txt"])
+    values = np.column_stack([np.loadtxt(paths[file]) for file in files.values()])
+    grid = find_grid(t, what="the Ferrari run")
+    table, starts = grid.onto(t, values)
+    data = Dataset(
+        values=table,
+        channels=tuple(Channel(name, unit) for name, (_, unit) in _FERRARI.items()),
+        dt=grid.dt,
+        inputs=("delta", "v_x"),
+        outputs=("r",),
+        starts=starts,
+        start_times=grid.start_times,
+        name="Ferrari 250 LM, Palm Beach",
+        notes=(*grid.notes, "delta is the road-wheel angle, beta = atan2(v_y, v_x); no pedals were recorded"),
+    )
+    return with_dead_reckoning(data)
+
+
+def ferrari_250lm(rate: float = 20.0) -> Dataset:
+    """The Ferrari run, ready for identification.
+
+    The four single-sample spikes of ``delta`` are replaced by the median of five samples; then every
+    channel passes a zero-phase low-pass at 0.4 of the new rate (8 Hz at 20 Hz) and is resampled. The
+    spikes and the jumps of ``v_y`` are named in `Dataset.notes`. The yaw rate follows the steering by
+    80 to 90 ms: nothing is shifted here.
+
+    Parameters
+    ----------
+    rate : float
+        Sample rate, at most 100. [Hz]
+
+    Returns
+    -------
+    Dataset
+        Inputs ``delta`` [rad], ``v_x`` [m/s]; output ``r`` [rad/s]; ``v_y``, ``beta``, ``a_x``, ``a_y``,
+        ``r_dot`` and the dead-reckoned ``X``, ``Y``, ``psi`` ride along.
+
+    Raises
+    ------
+    SampleTimeError
+        If the rate is not between 0 and 100 Hz.
+    MissingFileError, HashError
+        If the files cannot be had, or are not the published ones.
+    """
+    if not 0 < rate <= 100:
+        raise SampleTimeError(f"the rate is {rate} Hz; expected above 0 and at most 100 Hz, as recorded: lower it")
+    data = _ferrari_run()
+    jumps = find_jumps(data, "v_y")
+    data, _ = despike(data, "delta")
+    for channel in ("delta_fl", "delta_fr"):
+        repaired, spikes = despike(data, channel)
+        if spikes:
+            said = f"{channel} had its spikes where delta has: {len(spikes)} replaced alike"
+            data = replace(repaired, notes=(*data.notes, said))
+    if jumps:
+        where = ", ".join(f"{j.t:.2f}" for j in jumps)
+        data = data.with_note(f"v_y jumps in one sample at t = {where} s: left as recorded")
+    return data if rate == 1 / data.dt else data.resample(1 / rate, cutoff=0.4 * rate)
+
+
+_STEERING_RATIO = 13.97  # handwheel over road wheel: see `_ferrari_session`
+
+
+def _ferrari_session() -> Dataset:
+    """Another session, 20 Hz, low-passed at 5 Hz by its publisher.
+
+    Its parameter file says a steering ratio of 13.4. A sister file of the same publisher, telemetry_train_1.csv, is the
+    run of `ferrari_250lm` itself: its handwheel angle over that run's road-wheel angle is 13.97, to 0.023 degrees.
+    """
+    paths = fetch("ferrari-250lm-session", "telemetry_train_0.csv", "params.csv")
+    head, row = (line.split(",") for line in paths["params.csv"].read_text().strip().splitlines()[:2])
+    published = float(dict(zip(head, row, strict=True))["steer_tau"])
+    data = read_csv(
+        paths["telemetry_train_0.csv"],
+        {
+            "delta": Column("handwheelAngle", "deg", factor=1 / _STEERING_RATIO),
+            "v_x": Column("vxCG", "m/s"),
+            "r": Column("yawRate", "deg/s"),
+            "delta_sw": Column("handwheelAngle", "deg"),
+            "psi": Column("yawAngle", "deg"),
+            "a_x": Column("axCG", "m/s2"),
+            "a_y": Column("ayCG", "m/s2"),
+        },
+        time=Column("time", "s"),
+        inputs=("delta", "v_x"),
+        outputs=("r",),
+        name="Ferrari 250 LM, another session",
+    )
+    return data.with_note(
+        f"delta is the steering-wheel angle over {_STEERING_RATIO:g}, as a sister file of the same publisher has it, "
+        f"which is the run ferrari-250lm; the published ratio is {published:g}"
+    )
+
+
+# ---- laboratory ------------------------------------------------------------------------------------------------------
+
+
+def _robot_arm() -> Dataset:
+    """DaISy 96-009: torque in, acceleration out, no units and no sample time."""
+    data = read_csv(
+        fetch("robot-arm")["robot_arm.dat"],
+        {"u": Column(0, "-"), "y": Column(1, "-")},
+        dt=1.0,
+        inputs=("u",),
+        outputs=("y",),
+        name="flexible robot arm",
+    )
+    return data.with_note(
+        "u is the reaction torque, y the arm's acceleration; neither unit nor sample time is known: 1 s"
+    )
+
+
+def _emps(name: str, file: str, title: str) -> Dataset:
+    """Electro-mechanical positioning system: force in, position out, closed loop."""
+    path = fetch(name, file)[file]
+    try:
+        mat = io.loadmat(path)
+        t = mat["t"].ravel()
+        columns = {
+            "force": ("N", mat["vir"].ravel() * float(mat["gtau"].item())),
+            "q": ("m", mat["qm"].ravel()),
+            "q_ref": ("m", mat["qg"].ravel()),
+            "voltage": ("V", mat["vir"].ravel()),
+        }
+        if "pulses_N" in mat:
+            columns["force_pulses"] = ("N", mat["pulses_N"].ravel())
+    except (KeyError, ValueError) as error:
+        raise FormatError(
+            f"'{path}' is not the record it should be ({error}); expected t, vir, gtau, qm, qg: fetch it again"
+        ) from None
+    grid = find_grid(t, what=title)
+    values, starts = grid.onto(t, np.column_stack([v for _, v in columns.values()]))
+    return Dataset(
+        values=values,
+        channels=tuple(Channel(n, u) for n, (u, _) in columns.items()),
+        dt=grid.dt,
+        inputs=("force",),
+        outputs=("q",),
+        starts=starts,
+        start_times=grid.start_times,
+        name=title,
+        notes=(*grid.notes, "recorded in closed loop; the velocity was not measured"),
+    )
+
+
+# ---- autonomous cars -------------------------------------------------------------------------------------------------
+
+_FULL_BRAKE = 1.8e6  # largest brake command of the log [Pa]
+
+
+def _iac_putnam() -> Dataset:
+    """Dallara AV-21 at Putnam Park, 25 Hz."""
+    data = read_csv(
+        fetch("iac-putnam", "Putnam_park2023_run4_2.csv")["Putnam_park2023_run4_2.csv"],
+        {
+            "delta": Column("delta", "rad"),
+            "throttle": Column("throttle_ped_cmd", "%"),
+            "brake": Column("brake_ped_cmd", "kPa"),
+            "v_x": Column("vx", "m/s"),
+            "v_y": Column("vy", "m/s"),
+            "r": Column("omega", "rad/s"),
+            "a_x": Column("ax", "m/s2"),
+            "X": Column("x", "m"),
+            "Y": Column("y", "m"),
+            "psi": Column("phi", "rad"),
+            "delta_rate": Column("deltadelta", "rad/s"),
+            "v_fl": Column("wheel_fl", "km/h"),
+            "v_fr": Column("wheel_fr", "km/h"),
+            "v_rl": Column("wheel_rl", "km/h"),
+            "v_rr": Column("wheel_rr", "km/h"),
+        },
+        time=Column("time", "s"),
+        name="Dallara AV-21, Putnam Park",
+    )
+    data = data.with_channel("psi", np.unwrap(data["psi"]), "rad")
+    data = data.with_channel("pedal", data["throttle"] - data["brake"] / _FULL_BRAKE, "-")
+    data = data.select(inputs=("pedal", "delta"), outputs=("v_x", "r"))
+    return data.with_note("pedal = throttle - brake / 1.8 MPa, the largest command; the fast laps start at about 202 s")
+
+
+_DART_RECORDS = ("car_1_Datarecording_09_04_2024_12_34_30.csv", "car_1_Datarecording_09_16_2024_10_02_28.csv")
+
+
+def _dart_record(name: str) -> Dataset:
+    """One drive of the small car: pose at 100 Hz, velocities from it."""
+    data = read_csv(
+        fetch("dart", name)[name],
+        {
+            "throttle": Column("throttle", "-"),
+            "steering": Column("steering", "-"),
+            "X": Column("vicon x", "m"),
+            "Y": Column("vicon y", "m"),
+            "psi": Column("vicon yaw", "rad"),
+            "v_encoder": Column("vel encoder", "m/s"),
+            "r_imu": Column("W (IMU)", "rad/s"),
+            "clock": Column("elapsed time sensors", "s"),
+        },
+        time=Column("vicon time", "s"),
+        name="DART",
+    )
+    first = int(np.argmax(data["clock"] > 0))
+    data = data.rows(first, data.n_samples).with_channel("psi", np.unwrap(data["psi"])[first:], "rad")
+    said = [*data.notes, f"{first} rows before the sensors started were cut"]
+    for channel in ("X", "Y", "psi"):
+        data, spikes = despike(data, channel, threshold=6.0)
+        if spikes:
+            largest = max(spikes, key=lambda s: abs(s.size))
+            said.append(
+                f"{len(spikes)} spikes of {channel} (motion capture), up to {largest.size:+.3g} {largest.unit} at t = "
+                f"{largest.t:.2f} s, replaced by the median of 5 samples"
+            )
+    window = 2 * round(0.075 / data.dt) + 1
+    psi = data["psi"]
+    east, north, r = (
+        np.asarray(signal.savgol_filter(data[n], window, 2, deriv=1, delta=data.dt)) for n in ("X", "Y", "psi")
+    )
+    v_x = east * np.cos(psi) + north * np.sin(psi)
+    v_y = -east * np.sin(psi) + north * np.cos(psi)
+    said.append(f"v_x, v_y and r are derivatives of the pose over {window} samples (zero phase)")
+    kept = ("throttle", "steering", "X", "Y", "psi", "v_encoder", "r_imu")
+    channels = [Channel(n, data.unit(n)) for n in kept]
+    channels += [Channel("v_x", "m/s"), Channel("v_y", "m/s"), Channel("r", "rad/s")]
+    return Dataset(
+        values=np.column_stack([*(data[n] for n in kept), v_x, v_y, r]),
+        channels=tuple(channels),
+        dt=data.dt,
+        inputs=("throttle", "steering"),
+        outputs=("v_x", "v_y", "r"),
+        start_times=data.start_times,
+        name=data.name,
+        notes=tuple(said),
+    )
+
+
+def _dart() -> Dataset:
+    """Both drives of the small car as two experiments."""
+    return join(*(_dart_record(name) for name in _DART_RECORDS))
+
+
+def _dart_steps() -> Dataset:
+    """Eight throttle steps at 10 Hz, one experiment each."""
+    parts = []
+    for path in fetch("dart-steps").values():
+        part = read_csv(
+            path,
+            {
+                "throttle": Column("throttle", "-"),
+                "v_x": Column("vel encoder", "m/s"),
+                "steering": Column("steering", "-"),
+                "a_x": Column("acc x (IMU)", "m/s2"),
+                "a_y": Column("acc y (IMU)", "m/s2"),
+                "r": Column("W (IMU)", "rad/s"),
+            },
+            time=Column("elapsed time sensors", "s"),
+            dt=0.1,
+            inputs=("throttle",),
+            outputs=("v_x",),
+            name="DART throttle steps",
+        )
+        parts.append(part)
+    return join(*parts)
+
+
+LOADERS: Mapping[str, Callable[[], Dataset]] = MappingProxyType(
+    {
+        "ferrari-250lm": _ferrari_run,
+        "ferrari-250lm-session": _ferrari_session,
+        "robot-arm": _robot_arm,
+        "emps": lambda: _emps("emps", "DATA_EMPS.mat", "EMPS"),
+        "emps-pulses": lambda: _emps("emps-pulses", "DATA_EMPS_PULSES.mat", "EMPS with force pulses"),
+        "iac-putnam": _iac_putnam,
+        "dart": _dart,
+        "dart-steps": _dart_steps,
+    }
+)
+"""The public logs and how each becomes a `Dataset`."""

@@ -1,0 +1,4 @@
+"""What a recording is worth before anything is fitted to it.
+
+Start with `inspect.inspect`; ``events`` finds spikes and jumps, ``delay`` how late an output follows an input.
+"""

@@ -1,0 +1,378 @@
+"""What a recording is worth before anything is fitted to it: `inspect` reports, nothing is repaired or hidden."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+
+from slipangle.data.dataset import Dataset
+from slipangle.data.quality.delay import Delay, estimate_delay
+from slipangle.data.quality.events import Jump, Spike, despike, find_jumps, find_spikes, level_step
+from slipangle.errors import ExcitationError, TooShortError
+
+__all__ = [
+    "Clipping",
+    "DataReport",
+    "Delay",
+    "Excitation",
+    "Jump",
+    "Offset",
+    "Resolution",
+    "Spike",
+    "Stretch",
+    "despike",
+    "estimate_delay",
+    "find_jumps",
+    "find_spikes",
+    "inspect",
+]
+
+_STRAIGHT = {"r": 0.02, "a_y": 0.8}  # below these a car drives straight [rad/s, m/s2]
+_STANDING = 5.0  # [m/s]
+_FEW_LEVELS = 8  # a channel with no more levels is a switch, not clipped
+_MANY = 10  # events of one channel that are told one by one
+_HELD = 1.0  # a channel at rest for longer is worth a word [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Offset:
+    """What a channel shows while the car drives straight, where it should show zero."""
+
+    channel: str
+    value: float
+    error: float
+    samples: int
+    unit: str
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        size = f"{self.value:+.2g} {self.unit} (95 % within {1.96 * self.error:.1g})"
+        if self.unit == "rad":
+            value, within = np.degrees(self.value), 1.96 * np.degrees(self.error)
+            size = f"{value:+.2f} deg (95 % within {within:.1g} deg)"
+        return f"{self.channel} shows {size} while the car drives straight ({self.samples} samples)"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """A channel that stands still for a while."""
+
+    channel: str
+    t: float
+    duration: float
+    value: float
+    count: int
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        return (
+            f"{self.channel} stays at {self.value:.4g} for {self.duration:.3g} s from t = {self.t:.2f} s, the longest "
+            f"of {self.count} such stretches"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clipping:
+    """A channel that rests at its largest or smallest value as if it could go no further."""
+
+    channel: str
+    value: float
+    share: float
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        share = f"{100 * self.share:.2g} %"
+        return f"{self.channel} rests at its limit {self.value:.4g} for {share} of the time: saturated or clipped"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resolution:
+    """Steps in which a channel comes, and how often a sample repeats the one before."""
+
+    channel: str
+    step: float
+    repeats: float
+    unit: str
+    rate: float
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        said = []
+        if self.step:
+            said.append(f"{self.channel} comes in steps of {self.step:.3g} {self.unit}")
+        if self.repeats > 0.02:
+            real = (1 - self.repeats) * self.rate
+            said.append(
+                f"{100 * self.repeats:.0f} % of the samples of {self.channel} repeat the one before: new values come "
+                f"at about {real:.3g} Hz"
+            )
+        return "; ".join(said)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Excitation:
+    """How far and how fast an input moves."""
+
+    channel: str
+    low: float
+    high: float
+    std: float
+    bandwidth: float
+    unit: str
+
+    @property
+    def constant(self) -> bool:
+        """Whether it does not move at all."""
+        return self.high - self.low <= 1e-12 * max(1.0, abs(self.low), abs(self.high))
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        if self.constant:
+            return f"{self.channel} is constant at {self.low:.4g} {self.unit}: it excites nothing"
+        return (
+            f"{self.channel} runs from {self.low:.3g} to {self.high:.3g} {self.unit}, standard deviation "
+            f"{self.std:.3g}, 95 % of its power below {self.bandwidth:.2g} Hz"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DataReport:
+    """What was found in a recording; `sentences` says it all in words."""
+
+    name: str
+    dt: float
+    samples: int
+    duration: float
+    gaps: tuple[float, ...]
+    spikes: tuple[Spike, ...]
+    jumps: tuple[Jump, ...]
+    delays: tuple[Delay, ...]
+    offsets: tuple[Offset, ...]
+    stretches: tuple[Stretch, ...]
+    clippings: tuple[Clipping, ...]
+    resolutions: tuple[Resolution, ...]
+    excitations: tuple[Excitation, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def clock_sentence(self) -> str:
+        """Sample time, length and gaps in words."""
+        text = f"{self.samples} samples at {1 / self.dt:.6g} Hz, {self.duration:.4g} s"
+        if not self.gaps:
+            return text + ", no gaps"
+        longest = max(self.gaps)
+        plural = "s" if len(self.gaps) > 1 else ""
+        between = f"{len(self.gaps)} border{plural} between experiments"
+        return f"{text}, {between}" + (f", the longest gap {longest:.3g} s" if longest > 0 else "")
+
+    @property
+    def findings(
+        self,
+    ) -> tuple[Spike | Jump | Delay | Offset | Stretch | Clipping | Resolution | Excitation, ...]:
+        """All findings, the most alarming kind first."""
+        return (
+            *self.spikes,
+            *self.jumps,
+            *self.clippings,
+            *self.stretches,
+            *self.offsets,
+            *self.delays,
+            *self.excitations,
+            *self.resolutions,
+        )
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Everything in words, the sample time first and what was done to the data last.
+
+        Of more than ten spikes or jumps of a channel only the number and the largest are told.
+        """
+        events = (*_told(self.spikes, "spikes"), *_told(self.jumps, "jumps"))
+        others = [f.sentence for f in self.findings if not isinstance(f, Spike | Jump)]
+        return (self.clock_sentence, *events, *others, *self.notes)
+
+
+def _told(events: Sequence[Spike] | Sequence[Jump], kind: str) -> list[str]:
+    """Sentences of events, those of a channel with many as one."""
+    said = []
+    for channel in dict.fromkeys(e.channel for e in events):
+        own = [e for e in events if e.channel == channel]
+        largest = max(own, key=lambda e: abs(e.size))
+        if len(own) <= _MANY:
+            said += [e.sentence for e in own]
+        else:
+            size = f"{largest.size:+.3g} {largest.unit}"
+            said.append(f"{channel} has {len(own)} {kind}, the largest {size} at t = {largest.t:.2f} s")
+    return said
+
+
+def inspect(data: Dataset, *, width: int = 5, threshold: float = 12.0) -> DataReport:
+    """Look for what spoils an identification: spikes, jumps, delays, offsets, clipping, poor excitation.
+
+    Nothing is changed. Spikes are taken out only for the estimates of delay, offset and excitation,
+    which they would distort.
+
+    Parameters
+    ----------
+    data : Dataset
+        The recording; its inputs and outputs say which delays to estimate.
+    width, threshold
+        Of the search for spikes and jumps, see `find_spikes`.
+
+    Returns
+    -------
+    DataReport
+        Findings with numbers, each with a ``sentence``.
+
+    Raises
+    ------
+    ParameterError
+        If ``width`` or ``threshold`` make no sense.
+    """
+    spikes, jumps, clean = [], [], data
+    for name in data.names:
+        found = find_spikes(data, name, width=width, threshold=threshold)
+        spikes += found
+        jumps += find_jumps(data, name, threshold=threshold, skip=found)
+        clean = despike(clean, name, width, threshold)[0] if found else clean
+    ends = [t0 + (b - a) * data.dt for t0, a, b in zip(data.start_times, data.starts, data.stops, strict=True)]
+    return DataReport(
+        name=data.name,
+        dt=data.dt,
+        samples=data.n_samples,
+        duration=data.duration,
+        gaps=tuple(max(begin - end, 0.0) for end, begin in zip(ends, data.start_times[1:], strict=False)),
+        spikes=tuple(sorted(spikes, key=lambda s: s.row)),
+        jumps=tuple(sorted(jumps, key=lambda j: j.row)),
+        delays=_delays(clean),
+        offsets=_offsets(clean),
+        stretches=tuple(s for n in data.names if (s := _stretch(data, n))),
+        clippings=tuple(c for n in data.names for c in _clippings(data, n)),
+        resolutions=tuple(r for n in data.names if (r := _resolution(data, n)).sentence),
+        excitations=tuple(_excitation(clean, n) for n in data.inputs),
+        notes=data.notes,
+    )
+
+
+def _moves(x: np.ndarray) -> bool:
+    return float(np.ptp(x)) > 1e-12 * max(1.0, float(np.abs(x).max()))
+
+
+def _delays(data: Dataset) -> tuple[Delay, ...]:
+    found = []
+    for i in data.inputs:
+        for o in data.outputs:
+            try:
+                found.append(estimate_delay(data, i, o))
+            except (TooShortError, ExcitationError):
+                continue  # told by the length of the recording, or by its excitation
+    return tuple(found)
+
+
+def _offsets(data: Dataset) -> tuple[Offset, ...]:
+    """Channels that should be zero on the straight: their means there, with the error of the mean."""
+    conditions = [n for n in _STRAIGHT if n in data]
+    if not conditions:
+        return ()
+    straight = np.all([np.abs(data[n]) < _STRAIGHT[n] for n in conditions], axis=0)
+    if "v_x" in data:
+        straight &= data["v_x"] > _STANDING
+    if straight.sum() < max(20, round(1 / data.dt)):
+        return ()
+    runs = 1 + int((np.diff(np.flatnonzero(straight)) > 1).sum())  # samples side by side tell the same
+    found = []
+    for name in ("delta", "delta_sw", "v_y", "beta", "steering"):
+        if name in data and _moves(data[name]):
+            x = data[name][straight]
+            found.append(
+                Offset(
+                    channel=name,
+                    value=float(np.median(x)),
+                    error=float(x.std() / np.sqrt(runs)),
+                    samples=int(straight.sum()),
+                    unit=data.unit(name),
+                )
+            )
+    return tuple(found)
+
+
+def _rests(data: Dataset, name: str) -> list[tuple[int, int]]:
+    """Rows (start, stop) over which a channel does not change, at least two samples long."""
+    found, offset = [], 0
+    for part in data.experiments:
+        still = np.concatenate([[0], (np.diff(part[name]) == 0).astype(int), [0]])
+        edges = np.flatnonzero(np.diff(still))
+        found += [(offset + a, offset + b + 1) for a, b in edges.reshape(-1, 2).tolist()]
+        offset += len(part)
+    return found
+
+
+def _stretch(data: Dataset, name: str) -> Stretch | None:
+    if not _moves(data[name]):
+        return None
+    long = [(a, b) for a, b in _rests(data, name) if (b - a) * data.dt > _HELD]
+    if not long:
+        return None
+    a, b = max(long, key=lambda r: r[1] - r[0])
+    return Stretch(
+        channel=name,
+        t=float(data.t[a]),
+        duration=(b - a) * data.dt,
+        value=float(data[name][a]) + 0.0,
+        count=len(long),
+    )
+
+
+def _clippings(data: Dataset, name: str) -> list[Clipping]:
+    x = data[name]
+    if len(np.unique(x)) <= _FEW_LEVELS:
+        return []
+    found = []
+    rests = [(a, b) for a, b in _rests(data, name) if b - a >= 5]
+    for value in (float(x.max()), float(x.min())):
+        rows = sum(b - a for a, b in rests if x[a] == value)
+        visits = sum(1 for a, _ in rests if x[a] == value)
+        if value != 0.0 and visits >= 3 and rows > 1e-3 * len(x):
+            found.append(Clipping(channel=name, value=value, share=rows / len(x)))
+    return found
+
+
+def _resolution(data: Dataset, name: str) -> Resolution:
+    """Quantisation (if the levels are evenly spaced and few) and repeated samples."""
+    x = data[name]
+    step = level_step(x)
+    parts = data.experiments
+    still = sum(int((np.diff(p[name]) == 0).sum()) for p in parts)
+    rests = sum(b - a - 1 for a, b in _rests(data, name) if (b - a) * data.dt > 0.2)
+    pairs = max(sum(len(p) - 1 for p in parts) - rests, 1)
+    repeats = (still - rests) / pairs if _moves(x) and not step else 0.0
+    return Resolution(channel=name, step=step, repeats=repeats, unit=data.unit(name), rate=1 / data.dt)
+
+
+def _excitation(data: Dataset, name: str) -> Excitation:
+    x = data[name]
+    power, f = 0.0, np.zeros(1)
+    longest = max(len(p) for p in data.experiments)
+    n = min(longest, max(round(30 / data.dt), 8))
+    for part in data.experiments:
+        if len(part) >= n and n > 3:
+            f, p = signal.welch(part[name], fs=1 / data.dt, nperseg=n, detrend="constant")
+            power = power + p * len(part)
+    total = np.cumsum(np.atleast_1d(power))
+    bandwidth = float(f[np.searchsorted(total, 0.95 * total[-1])]) if total[-1] > 0 else 0.0
+    return Excitation(
+        channel=name,
+        low=float(x.min()),
+        high=float(x.max()),
+        std=float(x.std()),
+        bandwidth=bandwidth,
+        unit=data.unit(name),
+    )

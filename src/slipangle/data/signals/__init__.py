@@ -1,0 +1,1 @@
+"""Signals that excite a vehicle or a model."""

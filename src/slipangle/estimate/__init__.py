@@ -1,0 +1,1 @@
+"""From measurements to states and parameters, sample by sample."""

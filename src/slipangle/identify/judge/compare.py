@@ -1,0 +1,397 @@
+"""Compare models by their free runs, look k steps ahead, cross-validate over experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset, join
+from slipangle.errors import MissingColumnError, ParameterError, SimulationError
+from slipangle.identify.judge.initial import Start, free_run
+from slipangle.identify.judge.validate import Score, require_unseen, score
+from slipangle.identify.networks.training import Progress
+from slipangle.models.model import Model, Trajectory
+
+HORIZONS = (1, 2, 5, 10, 20, 50, 100)
+
+
+class Estimator(Protocol):
+    """Frozen settings whose `fit` returns a model."""
+
+    def fit(self, data: Dataset) -> Model:
+        """A model of ``data``."""
+        ...
+
+
+# ---- ranking -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One model of a comparison.
+
+    Parameters
+    ----------
+    name : str
+        As given.
+    model : Model
+        The model.
+    scores : dict of str to Score
+        Free-run metrics of each output over the samples that every model predicts; empty if it failed.
+    error : float
+        Free-run RMSE over the standard deviation of the measured output, mean over the outputs; infinite if the
+        model failed. `Comparison` ranks by it. [-]
+    one_step_error : float
+        The same for one-step-ahead prediction.
+    free_run : Trajectory or None
+        What it predicted.
+    failure : str
+        Why there is no free run.
+    warnings : tuple of str
+        What its fit and its free run give cause to say.
+    """
+
+    name: str
+    model: Model
+    scores: dict[str, Score]
+    error: float
+    one_step_error: float
+    free_run: Trajectory | None
+    failure: str = ""
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """Models ranked by free run, the best first.
+
+    Parameters
+    ----------
+    entries : tuple of Entry
+        Every model, failed ones last.
+    outputs : tuple of str
+        What they were compared on.
+    data_name : str
+        The test data.
+    start : {"first samples", "least squares"}
+        Protocol of the initial state.
+    n_samples : int
+        Samples that every model predicts.
+    """
+
+    entries: tuple[Entry, ...]
+    outputs: tuple[str, ...]
+    data_name: str
+    start: Start
+    n_samples: int
+
+    @property
+    def best(self) -> Entry:
+        """The winner."""
+        return self.entries[0]
+
+    @property
+    def trajectories(self) -> dict[str, Trajectory]:
+        """Free runs by name, for plots; failed models are left out."""
+        return {entry.name: entry.free_run for entry in self.entries if entry.free_run is not None}
+
+
+def compare(
+    models: Mapping[str, Model] | Sequence[Model],
+    data: Dataset,
+    *,
+    outputs: Sequence[str] | None = None,
+    start: Start = "first samples",
+    on_training_data: bool = False,
+) -> Comparison:
+    """Rank models by their free-run error on data that none of them was fitted to.
+
+    All are judged on the same samples, those that every model predicts. A model whose free run leaves the finite
+    numbers is ranked last, with the reason.
+
+    Parameters
+    ----------
+    models : mapping of str to Model, or sequence of Model
+        A sequence is named by class, with a number where classes repeat.
+    data : Dataset
+        Test data.
+    outputs : sequence of str, optional
+        What to compare; by default the outputs that all models have.
+    start : {"first samples", "least squares"}
+        Protocol of the initial state, see `slipangle.identify.judge.initial.free_run`.
+    on_training_data : bool
+        Allow data that overlap the training data of a model.
+
+    Raises
+    ------
+    ParameterError
+        If there is no model, no common output, or the data overlap training data.
+    SampleTimeError, MissingColumnError, TooShortError
+        If the data do not suit a model.
+    """
+    named = _named(models)
+    judged = _common(named, outputs)
+    runs: dict[str, tuple[Trajectory, Trajectory] | str] = {}
+    for name, model in named.items():
+        if not on_training_data:
+            require_unseen(model, data)
+        try:
+            runs[name] = free_run(model, data, start=start), model.predict(data)
+        except SimulationError as error:
+            runs[name] = str(error)
+    masks = [pair[0].predicted for pair in runs.values() if not isinstance(pair, str)]
+    mask = np.logical_and.reduce(masks) if masks else np.zeros(data.n_samples, dtype=bool)
+    entries = [_entry(name, model, runs[name], judged, mask) for name, model in named.items()]
+    return Comparison(
+        entries=tuple(sorted(entries, key=lambda entry: entry.error)),
+        outputs=judged,
+        data_name=data.name,
+        start=start,
+        n_samples=int(mask.sum()),
+    )
+
+
+def _entry(
+    name: str, model: Model, runs: tuple[Trajectory, Trajectory] | str, outputs: tuple[str, ...], mask: np.ndarray
+) -> Entry:
+    fitted = model.fit_info.warnings if model.fit_info is not None else ()
+    if isinstance(runs, str):
+        return Entry(
+            name=name,
+            model=model,
+            scores={},
+            error=np.inf,
+            one_step_error=np.inf,
+            free_run=None,
+            failure=runs,
+            warnings=fitted,
+        )
+    said = tuple(sentence for run in runs for sentence in run.astray.values())
+    free, one = (replace(run, predicted=mask) for run in runs)
+    return Entry(
+        name=name,
+        model=model,
+        scores={o: score(free, o) for o in outputs},
+        error=_relative(free, outputs),
+        one_step_error=_relative(one, outputs),
+        free_run=runs[0],
+        warnings=(*fitted, *said),
+    )
+
+
+def _relative(run: Trajectory, outputs: tuple[str, ...]) -> float:
+    """RMSE over standard deviation, mean over the outputs; ``1 - F / 100``."""
+    return float(np.mean([1 - score(run, o).fit / 100 for o in outputs]))
+
+
+def _named(models: Mapping[str, Model] | Sequence[Model]) -> dict[str, Model]:
+    if isinstance(models, Mapping):
+        named = dict(models)
+    else:
+        named, classes = {}, [type(m).__name__ for m in models]
+        for i, (name, model) in enumerate(zip(classes, models, strict=True)):
+            named[f"{name} {classes[: i + 1].count(name)}" if classes.count(name) > 1 else name] = model
+    if not named:
+        raise ParameterError("no model was given; expected at least one to compare")
+    return named
+
+
+def _common(named: Mapping[str, Model], outputs: Sequence[str] | None) -> tuple[str, ...]:
+    first = next(iter(named.values()))
+    if outputs is None:
+        shared = tuple(o for o in first.outputs if all(o in m.outputs for m in named.values()))
+        if not shared:
+            has = "; ".join(f"'{n}' has {', '.join(m.outputs)}" for n, m in named.items())
+            raise ParameterError(f"the models have no output in common ({has}); expected one to compare them by")
+        return shared
+    chosen = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    for name, model in named.items():
+        for o in chosen:
+            if o not in model.outputs:
+                raise MissingColumnError(
+                    f"'{name}' has no output '{o}', only {', '.join(model.outputs)}; expected one that all models have"
+                )
+    if not chosen:
+        raise ParameterError("no output was given; expected at least one to compare the models by")
+    return chosen
+
+
+# ---- k steps ahead -------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class HorizonErrors:
+    """Error over how far a model looks ahead.
+
+    Parameters
+    ----------
+    horizons : array of int, shape (n_horizons,)
+        Steps ahead of the last measured output used.
+    rmse : array, shape (n_horizons, n_outputs)
+        RMSE at each horizon, in the outputs' units.
+    free_run : array, shape (n_outputs,)
+        RMSE of the free run on the same samples: the limit of long horizons.
+    outputs : tuple of str
+        Output names.
+    dt : float
+        Sample time. [s]
+    """
+
+    horizons: np.ndarray
+    rmse: np.ndarray
+    free_run: np.ndarray
+    outputs: tuple[str, ...]
+    dt: float
+
+
+def horizon_errors(
+    model: Model, data: Dataset, horizons: Sequence[int] = HORIZONS, *, on_training_data: bool = False
+) -> HorizonErrors:
+    """RMSE of k-step-ahead predictions for several k, all over the same samples.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    data : Dataset
+        Test data.
+    horizons : sequence of int
+        Steps ahead; those that no experiment is long enough for are left out.
+    on_training_data : bool
+        Allow data that overlap the training data.
+
+    Raises
+    ------
+    ParameterError
+        If no horizon fits into the data, one is below 1, or the data overlap training data.
+    """
+    if not on_training_data:
+        require_unseen(model, data)
+    room = max(part.n_samples for part in data.experiments) - model.memory
+    steps = sorted({k for k in horizons if k <= room})
+    if not steps:
+        raise ParameterError(
+            f"the horizons are {list(horizons)}; expected some up to {room}, which the longest experiment has room for"
+        )
+    runs = [model.predict(data, k) for k in steps]
+    mask = runs[-1].predicted
+    free = model.simulate(data)
+
+    def rmse(run: Trajectory) -> np.ndarray:
+        return np.sqrt(np.mean(run.error[mask] ** 2, axis=0))
+
+    return HorizonErrors(
+        horizons=np.array(steps),
+        rmse=np.array([rmse(run) for run in runs]),
+        free_run=rmse(free),
+        outputs=model.outputs,
+        dt=data.dt,
+    )
+
+
+# ---- cross-validation ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fold:
+    """One fold: the model fitted to the other experiments, judged on these.
+
+    Parameters
+    ----------
+    spans : tuple of tuple of float
+        First and last time of each held-out experiment. [s]
+    model : Model
+        Fitted to the rest.
+    scores : dict of str to Score
+        Free-run metrics; empty if it failed.
+    error : float
+        As in `Entry`.
+    failure : str
+        Why there are no scores.
+    """
+
+    spans: tuple[tuple[float, float], ...]
+    model: Model
+    scores: dict[str, Score]
+    error: float
+    failure: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrossValidation:
+    """Every fold of a cross-validation."""
+
+    folds: tuple[Fold, ...]
+
+    @property
+    def error(self) -> float:
+        """Mean of the folds' errors; infinite if a fold failed. [-]"""
+        return float(np.mean([fold.error for fold in self.folds]))
+
+    def fit(self, output: str) -> np.ndarray:
+        """Fit F of one output in every fold; NaN where it failed. [%]"""
+        return np.array([fold.scores[output].fit if fold.scores else np.nan for fold in self.folds])
+
+
+def cross_validate(
+    estimator: Estimator, data: Dataset, *, folds: int | None = None, progress: Progress | None = None
+) -> CrossValidation:
+    """Fit to all experiments but some, judge the free run on those, in turn.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Anything with ``fit(data)``.
+    data : Dataset
+        Training data, several experiments or one.
+    folds : int, optional
+        Cut the record into this many stretches of about equal length and leave out one at a time; by default each
+        experiment is left out once.
+    progress : callable, optional
+        Told the share done.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than two folds.
+    """
+    edges = _edges(data, folds)
+    results = []
+    for i, (a, b) in enumerate(edges):
+        if progress is not None:
+            progress(i / len(edges), f"fold {i + 1} of {len(edges)}")
+        rest = [data.rows(*rows) for rows in ((0, a), (b, data.n_samples)) if rows[0] < rows[1]]
+        results.append(_fold(estimator, join(*rest), data.rows(a, b)))
+    if progress is not None:
+        progress(1.0, "done")
+    return CrossValidation(folds=tuple(results))
+
+
+def _edges(data: Dataset, folds: int | None) -> list[tuple[int, int]]:
+    """First row and the row after the last of every stretch that is left out once."""
+    if folds is None:
+        if len(data.starts) < 2:
+            raise ParameterError(
+                f"'{data.name}' is one experiment; expected several to leave out in turn: pass folds=5 to cut it"
+            )
+        return list(zip(data.starts, data.stops, strict=True))
+    if not 2 <= folds <= data.n_samples // 2:
+        raise ParameterError(
+            f"folds is {folds}; expected 2 to {data.n_samples // 2} stretches of {data.n_samples} samples"
+        )
+    return list(pairwise(np.linspace(0, data.n_samples, folds + 1).round().astype(int).tolist()))
+
+
+def _fold(estimator: Estimator, rest: Dataset, held: Dataset) -> Fold:
+    spans = tuple((float(part.t[0]), float(part.t[-1])) for part in held.experiments)
+    model = estimator.fit(rest)
+    try:
+        run = model.simulate(held)
+    except SimulationError as error:
+        return Fold(spans=spans, model=model, scores={}, error=np.inf, failure=str(error))
+    scores = {o: score(run, o) for o in model.outputs}
+    return Fold(spans=spans, model=model, scores=scores, error=_relative(run, model.outputs))

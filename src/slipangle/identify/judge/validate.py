@@ -1,0 +1,316 @@
+"""An honest verdict on a model: free run beside one-step-ahead, on data it was not fitted to."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy import stats
+
+from slipangle.data.dataset import Dataset, join
+from slipangle.errors import ModelWarning, ParameterError, TooShortError
+from slipangle.identify.judge import metrics
+from slipangle.models.model import FitInfo, Model, Trajectory
+from slipangle.models.provenance import Overlap, overlap
+
+_UNNAMED = Dataset.name  # what data are called that nobody named
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """Metrics of one output over the predicted samples; see `slipangle.identify.judge.metrics`."""
+
+    rmse: float
+    r2: float
+    fit: float
+    vaf: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Residuals:
+    """Residual tests of one output.
+
+    Parameters
+    ----------
+    lags : array, shape (n_lags,)
+        Lags of the cross-correlations, in samples; `autocorrelation` uses those from 0 on.
+    autocorrelation : array, shape (max_lag + 1,)
+        Of the one-step-ahead residual, 1 at lag 0.
+    cross : array, shape (n_inputs, n_lags)
+        Correlation of the free-run residual at k + lag with each input at k.
+    band : float
+        Half width of the 99 % band of white residuals.
+    cross_band : array, shape (n_inputs,)
+        Half width of the 99 % band of an input that does not correlate, given both signals' colour.
+    white_p : float
+        p value of the Ljung-Box test that the one-step-ahead residual is white.
+    sentences : tuple of str
+        What follows, for a reader.
+    """
+
+    lags: np.ndarray
+    autocorrelation: np.ndarray
+    cross: np.ndarray
+    band: float
+    cross_band: np.ndarray
+    white_p: float
+    sentences: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validation:
+    """Verdict on one model; `free_run_scores` and the others are keyed by output name."""
+
+    name: str
+    model: Model
+    free_run: Trajectory
+    one_step: Trajectory
+    free_run_scores: dict[str, Score]
+    one_step_scores: dict[str, Score]
+    residuals: dict[str, Residuals]
+    inputs: tuple[str, ...]
+
+
+def score(trajectory: Trajectory, output: str) -> Score:
+    """Metrics of one output over the samples that were predicted."""
+    i = trajectory.outputs.index(output)
+    y, y_hat = trajectory.measured[trajectory.predicted, i], trajectory.y[trajectory.predicted, i]
+    return Score(
+        rmse=float(metrics.rmse(y, y_hat)),
+        r2=float(metrics.r2(y, y_hat)),
+        fit=float(metrics.fit(y, y_hat)),
+        vaf=float(metrics.vaf(y, y_hat)),
+    )
+
+
+def restarted(data: Dataset, seconds: float, memory: int) -> Dataset:
+    """The data cut into experiments that a free run starts anew in.
+
+    Each predicts ``seconds`` (the last of a record what is left) from the ``memory`` samples before. So runs of it
+    predict the same samples as one run over all the data, and what a single long run hides or shows is seen beside it.
+
+    Parameters
+    ----------
+    data : Dataset
+        One or more experiments; those not longer than ``memory`` are left out.
+    seconds : float
+        Length of each free run. [s]
+    memory : int
+        Samples that the model starts from (`Model.memory`).
+
+    Raises
+    ------
+    ParameterError
+        If ``seconds`` is shorter than one sample.
+    TooShortError
+        If no experiment is longer than ``memory``.
+    """
+    n = round(seconds / data.dt)
+    if n < 1:
+        raise ParameterError(
+            f"restarts every {seconds:g} s, a sample lasts {data.dt:g} s; expected at least one sample"
+        )
+    parts = [part.rows(a - memory, a + n) for part in data.experiments for a in range(memory, part.n_samples, n)]
+    if not parts:
+        raise TooShortError(
+            f"no experiment of '{data.name}' is longer than the {memory} samples a free run starts from; record longer"
+        )
+    return join(*parts, name=data.name)
+
+
+def validate(
+    model: Model, data: Dataset, *, name: str | None = None, max_lag: int = 40, on_training_data: bool = False
+) -> Validation:
+    """Judge a model on data it was not fitted to.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    data : Dataset
+        Test data; one free run per experiment.
+    name : str, optional
+        Name for reports, by default the model's class.
+    max_lag : int
+        Largest lag of the residual tests. [samples]
+    on_training_data : bool
+        Allow data that overlap the training data, for a training score.
+
+    Raises
+    ------
+    ParameterError
+        If the data overlap those the model was fitted to.
+
+    Warns
+    -----
+    ModelWarning
+        If a prediction leaves any plausible range of the data; the verdict's sentences say so too.
+    """
+    if not on_training_data:
+        require_unseen(model, data)
+    free, one = model.simulate(data), model.predict(data)
+    chosen = data.select(inputs=model.inputs, outputs=model.outputs)
+    return Validation(
+        name=name or type(model).__name__,
+        model=model,
+        free_run=free,
+        one_step=one,
+        free_run_scores={o: score(free, o) for o in model.outputs},
+        one_step_scores={o: score(one, o) for o in model.outputs},
+        residuals={o: _with_astray(residual_tests(free, one, chosen, o, max_lag), free, one, o) for o in model.outputs},
+        inputs=model.inputs,
+    )
+
+
+def _with_astray(tests: Residuals, free: Trajectory, one: Trajectory, output: str) -> Residuals:
+    """The tests, with what is to be said of a prediction that left any plausible range in front."""
+    said = tuple(run.astray[output] for run in (free, one) if output in run.astray)
+    return replace(tests, sentences=(*said, *tests.sentences))
+
+
+def require_unseen(model: Model, data: Dataset) -> None:
+    """Raise if the model, or one that it is made of, was fitted to any of these samples.
+
+    They are known by their content, whatever their name, their time and the pieces that they come in (see
+    `slipangle.models.provenance`). A model saved without a fingerprint is judged by name and time.
+
+    Raises
+    ------
+    ParameterError
+        With how many samples overlap and where.
+
+    Warns
+    -----
+    ModelWarning
+        If nothing tells the data apart from those that the model was fitted to.
+    """
+    for info in _fits(model):
+        seen = info.fingerprint
+        found = overlap(seen, data) if seen is not None else _same_name_and_time(info, data)
+        if found is None:
+            continue
+        first = float(data.t[np.argmax(found.rows)])
+        moved = abs(first - found.earlier) > 0.5 * data.dt
+        other = [f"under the name '{info.train_name}'"] if info.train_name != data.name else []
+        other += [f"at t = {found.earlier:g} s"] if moved else []
+        raise ParameterError(
+            f"{int(found.rows.sum())} of {data.n_samples} samples of '{data.name}' (from t = {first:g} s) were used to "
+            f"fit the model{', ' + ' '.join(other) if other else ''}; expected other data: validate on the test part, "
+            "or pass on_training_data=True for a training score"
+        )
+
+
+def _fits(model: Model) -> Iterator[FitInfo]:
+    """How the model and the models inside it were fitted."""
+    if model.fit_info is not None:
+        yield model.fit_info
+    for f in fields(model) if is_dataclass(model) else ():
+        value = getattr(model, f.name)
+        for inner in value if isinstance(value, tuple) else (value,):
+            if isinstance(inner, Model):
+                yield from _fits(inner)
+
+
+def _same_name_and_time(info: FitInfo, data: Dataset) -> Overlap | None:
+    """What a fit that kept no content can tell."""
+    if info.train_name != data.name:
+        return None
+    rows = (data.t >= info.train_span[0] - 1e-9) & (data.t <= info.train_span[1] + 1e-9)
+    if not rows.any():
+        return None
+    if data.name == _UNNAMED:
+        warnings.warn(
+            f"whether the model was fitted to some of these data cannot be told: both are called '{_UNNAMED}' and its "
+            "file keeps nothing of their content; expected a name for each, or a model fitted anew",
+            ModelWarning,
+            stacklevel=4,
+        )
+        return None
+    return Overlap(rows=rows, earlier=float(data.t[np.argmax(rows)]))
+
+
+def residual_tests(free: Trajectory, one: Trajectory, data: Dataset, output: str, max_lag: int = 40) -> Residuals:
+    """Whiteness of the one-step-ahead residual, correlation of the free-run residual with the inputs.
+
+    Source: L. Ljung, System Identification, 2nd ed., 1999, sec. 16.6; the band of the cross-correlation
+    is Bartlett's, which allows for the colour of both signals.
+    """
+    i = one.outputs.index(output)
+    residuals = _pieces(one.error[:, i], one)
+    n = sum(map(len, residuals))
+    max_lag = max(1, min(max_lag, n // 4))
+    auto = _correlation(residuals, residuals, max_lag)[max_lag:]
+    q = n * (n + 2) * np.sum(auto[1:] ** 2 / (n - np.arange(1, max_lag + 1)))
+    p = float(stats.chi2.sf(q, max_lag))
+    z = float(stats.norm.ppf(0.995))
+    band = z / np.sqrt(n)
+
+    errors = _pieces(free.error[:, i], free)
+    count = sum(map(len, errors))
+    cross, cross_band = [], []
+    for name in data.inputs:
+        u = _pieces(data[name], free)
+        low, high = min(p.min() for p in u), max(p.max() for p in u)
+        if high - low < 1e-12 * max(1.0, -low, high):
+            cross.append(np.zeros(2 * max_lag + 1))
+            cross_band.append(z / np.sqrt(count))
+            continue
+        long = min(count // 4, 10 * max_lag)
+        rho_e, rho_u = _correlation(errors, errors, long), _correlation(u, u, long)
+        spread = max(1.0, float(np.sum(rho_e * rho_u)))
+        cross.append(_correlation(errors, u, max_lag))
+        cross_band.append(z * np.sqrt(spread / count))
+    return Residuals(
+        lags=np.arange(-max_lag, max_lag + 1),
+        autocorrelation=auto,
+        cross=np.array(cross).reshape(len(cross), 2 * max_lag + 1),
+        band=band,
+        cross_band=np.array(cross_band),
+        white_p=p,
+        sentences=_residual_sentences(auto, band, p, cross, cross_band, data),
+    )
+
+
+def _residual_sentences(
+    auto: np.ndarray, band: float, p: float, cross: list, cross_band: list, data: Dataset
+) -> tuple[str, ...]:
+    outside = int(np.sum(np.abs(auto[1:]) > band))
+    said = [
+        f"the one-step-ahead residual is {'white' if p > 0.01 else 'not white'} (Ljung-Box p = {p:.2g}, {outside} of "
+        f"{len(auto) - 1} lags outside the 99 % band)"
+    ]
+    for name, values, width in zip(data.inputs, cross, cross_band, strict=True):
+        half = len(values) // 2
+        past = np.abs(values[half:])  # residual after the input
+        if past.max() > width:
+            lag = int(np.argmax(past))
+            said.append(
+                f"the free-run error still depends on {name} (correlation {values[half + lag]:+.2f} at "
+                f"{lag * data.dt:.2f} s): dynamics are missing or an input delay is not modelled"
+            )
+        else:
+            said.append(f"the free-run error does not depend on {name}")
+    return tuple(said)
+
+
+def _pieces(values: np.ndarray, run: Trajectory) -> list[np.ndarray]:
+    """The predicted samples of one column, experiment by experiment."""
+    edges = (*run.starts, len(values))
+    return [values[a:b][run.predicted[a:b]] for a, b in pairwise(edges) if run.predicted[a:b].any()]
+
+
+def _correlation(first: list[np.ndarray], second: list[np.ndarray], max_lag: int) -> np.ndarray:
+    """Correlation of a(k + lag) with b(k) for lag = -max_lag .. max_lag, both samples in the same experiment."""
+    means = [np.concatenate(parts).mean() for parts in (first, second)]
+    lags, powers = np.zeros(2 * max_lag + 1), np.zeros(2)
+    for a, b in zip(first, second, strict=True):
+        a, b = a - means[0], b - means[1]
+        size = 1 << int(np.ceil(np.log2(len(a) + max_lag + 1)))
+        raw = np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)
+        lags += np.concatenate([raw[-max_lag:], raw[: max_lag + 1]])
+        powers += a @ a, b @ b
+    scale = np.sqrt(powers[0] * powers[1])
+    return lags / scale if scale > 0 else np.zeros_like(lags)

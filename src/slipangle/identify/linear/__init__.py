@@ -1,0 +1,4 @@
+"""ARX, ARMAX, output error, Box-Jenkins, subspaces, prediction error, recursive least squares.
+
+Start with `arx.ARX`.
+"""

@@ -1,0 +1,137 @@
+"""Prediction-error refinement of a state space: Gauss-Newton with exact derivatives in local coordinates."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError, nearest
+from slipangle.identify.linear.prediction import Problem
+from slipangle.identify.stability import announced, breakdown_said, judged
+from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.models.model import FitInfo
+from slipangle.models.provenance import provenance
+from slipangle.numerics.blas import one_blas_thread
+
+Focus = Literal["prediction", "simulation"]
+Offsets = Literal["none", "output", "input", "both"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PEM:
+    """Levenberg-Marquardt on the one-step-ahead or the free-run error of a state space. [1]_ ch. 7.
+
+    All of A, B, C, D, K is free. Changes of the state's basis, which change nothing outside, are kept out of every
+    step: it moves orthogonally to them ([2]_, data-driven local coordinates). The derivatives are exact and the
+    normal equations are never formed. Initial states of all experiments are estimated along.
+
+    Parameters
+    ----------
+    start : StateSpaceModel
+        Where to start, usually from `Subspace`; D and K that are zero there stay zero unless asked for.
+    focus : {"prediction", "simulation"}
+        One-step-ahead error with K free, or free-run error with K = 0.
+    offsets : {"none", "output", "input", "both"}
+        Which levels at rest to estimate. "input" is what an integrator needs.
+    direct : bool, optional
+        Estimate D; by default where the start has one.
+    weights : {"residual", "output"} or tuple of float
+        How errors of several outputs are weighed: by the covariance of their residuals (maximum likelihood), each by
+        the standard deviation of its signal, or each by the error given here, in the outputs' units.
+    max_radius : float, optional
+        Largest modulus of the poles, such as 1 for a stable model; by default not limited.
+    max_iterations : int
+        Limit on steps.
+
+    References
+    ----------
+    .. [1] L. Ljung, System Identification, 2nd ed., 1999.
+    .. [2] T. McKelvey, A. Helmersson, T. Ribarits, Automatica 40, 2004.
+    """
+
+    start: StateSpaceModel
+    focus: Focus = "prediction"
+    offsets: Offsets = "none"
+    direct: bool | None = None
+    weights: Literal["residual", "output"] | tuple[float, ...] = "residual"
+    max_radius: float | None = None
+    max_iterations: int = 100
+
+    def __post_init__(self) -> None:
+        for name, known in (
+            ("focus", ("prediction", "simulation")),
+            ("offsets", ("none", "output", "input", "both")),
+        ):
+            value = getattr(self, name)
+            if value not in known:
+                raise ParameterError(f"{name} is {value!r}; {nearest(str(value), known)}: use one of these")
+        if isinstance(self.weights, str):
+            if self.weights not in ("residual", "output"):
+                raise ParameterError(
+                    f"weights is {self.weights!r}; {nearest(self.weights, ('residual', 'output'))}: use one of these, "
+                    "or one typical error per output"
+                )
+        elif len(self.weights) != self.start.n_outputs or min(self.weights) <= 0:
+            raise ParameterError(
+                f"weights are {self.weights}; expected {self.start.n_outputs} positive numbers, the typical error of "
+                f"each of {', '.join(self.start.outputs)}"
+            )
+        if self.max_radius is not None and not self.max_radius > 0:
+            raise ParameterError(f"max_radius is {self.max_radius}; expected a positive modulus, such as 0.999")
+
+    def fit(self, data: Dataset) -> StateSpaceModel:
+        """The refined model; its ``fit_info`` holds the covariance of the matrices' entries in the final basis.
+
+        Raises
+        ------
+        TooShortError
+            If there are fewer samples than parameters.
+        SimulationError
+            If the fit diverged.
+
+        Warns
+        -----
+        IdentifiabilityWarning
+            If the fit stopped at its limit of steps.
+        ModelWarning
+            If a free run of the model would blow up.
+        """
+        with breakdown_said("the state space", data):
+            return announced(judged(self._fit(data), data))
+
+    def _fit(self, data: Dataset) -> StateSpaceModel:
+        """`fit` without a word about what it found."""
+        began = time.perf_counter()
+        with one_blas_thread():
+            problem = Problem(self, data)
+            point, notes = problem.solve(self.max_iterations)
+            covariance, sigma, rows = problem.covariance(point)
+        names, values = problem.named(point)
+        error = "one-step-ahead" if self.focus == "prediction" else "free-run"
+        info = FitInfo(
+            names=names,
+            values=values,
+            covariance=covariance,
+            noise_std=sigma,
+            n_samples=rows,
+            units=("-",) * len(names),
+            seconds=time.perf_counter() - began,
+            method=f"{error} error, Levenberg-Marquardt with exact derivatives in data-driven local coordinates; "
+            "covariance for white residuals, zero along changes of the state's basis",
+            warnings=notes,
+            **provenance(data),
+        )
+        return replace(
+            self.start,
+            A=point.F + point.K @ point.C,
+            B=point.G + point.K @ point.D,
+            C=point.C,
+            D=point.D,
+            K=point.K,
+            u_offset=point.u_offset,
+            y_offset=point.y_offset,
+            x0=point.x0,
+            fit_info=info,
+        )

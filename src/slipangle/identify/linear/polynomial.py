@@ -1,0 +1,337 @@
+"""ARMAX, output-error and Box-Jenkins models by prediction error."""
+
+from __future__ import annotations
+
+import time
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError
+from slipangle.identify.excitation import require_identifiable
+from slipangle.identify.linear.arx import per_input
+from slipangle.identify.linear.pem import PEM
+from slipangle.identify.linear.polynomial_start import first_guess
+from slipangle.identify.linear.prediction import Point, Problem, shrunk
+from slipangle.identify.stability import announced, breakdown_said, judged
+from slipangle.models.black_box.polynomial import PolynomialModel, realise
+from slipangle.models.model import FitInfo
+from slipangle.models.provenance import provenance
+from slipangle.numerics.blas import one_blas_thread
+
+Orders = int | tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Polynomial:
+    """``A(z) y = sum_i B_i(z) / F_i(z) u_i + C(z) / D(z) e`` by the one-step-ahead error. [1]_ ch. 4, 7.
+
+    Starts from a long ARX model, then Levenberg-Marquardt with exact derivatives; the initial state of every
+    experiment is estimated along. One output, any number of inputs.
+
+    Parameters
+    ----------
+    na, nc, nd : int
+        Coefficients of A, C, D after the leading 1.
+    nb, nf : int or tuple of int
+        Coefficients of each input's B and F.
+    nk : int or tuple of int
+        Samples from each input to the output; 0 where the output depends on the input at the same sample.
+    offset : bool
+        Estimate the output's level at the inputs' means; for data whose means were not removed.
+    max_radius : float, optional
+        Largest modulus of the poles of system and disturbance, such as 1 for a stable model.
+    max_iterations : int
+        Limit on steps.
+
+    Raises
+    ------
+    ParameterError
+        If an order makes no sense.
+
+    References
+    ----------
+    .. [1] L. Ljung, System Identification, 2nd ed., 1999.
+    """
+
+    na: int = 0
+    nb: Orders = 1
+    nc: int = 0
+    nd: int = 0
+    nf: Orders = 0
+    nk: Orders = 1
+    offset: bool = False
+    max_radius: float | None = None
+    max_iterations: int = 100
+
+    def __post_init__(self) -> None:
+        for name, least in (("na", 0), ("nb", 1), ("nc", 0), ("nd", 0), ("nf", 0), ("nk", 0)):
+            value = getattr(self, name)
+            if min(value if isinstance(value, tuple) else (value,)) < least:
+                raise ParameterError(f"{name} is {value}; expected whole numbers of at least {least}")
+        if self.max_radius is not None and not self.max_radius > 0:
+            raise ParameterError(f"max_radius is {self.max_radius}; expected a positive modulus, such as 0.999")
+
+    def fit(self, data: Dataset) -> PolynomialModel:
+        """Model of the output from all inputs of ``data``; experiments are never joined.
+
+        Raises
+        ------
+        ParameterError
+            If there are several outputs, or orders for another number of inputs.
+        ExcitationError, TooShortError
+            If the data cannot tell.
+        SimulationError
+            If the fit diverged.
+
+        Warns
+        -----
+        IdentifiabilityWarning
+            If the fit stopped at its limit of steps.
+        ModelWarning
+            If a free run of the model would blow up.
+        """
+        with breakdown_said("the polynomial model", data):
+            return announced(judged(self._fit(data), data))
+
+    def _fit(self, data: Dataset) -> PolynomialModel:
+        began = time.perf_counter()
+        if len(data.outputs) != 1:
+            raise ParameterError(
+                f"'{data.name}' has the outputs {', '.join(data.outputs) or 'none'}; expected one: fit one at a time "
+                "with data.select(outputs=[...]), or use ARX or StateSpace"
+            )
+        layout = _Layout(self, data)
+        require_identifiable(data, layout.count)
+        with one_blas_thread():
+            u0 = np.array([data[n].mean() for n in data.inputs]) if self.offset else np.zeros(len(data.inputs))
+            y0 = float(data[data.outputs[0]].mean()) if self.offset else 0.0
+            later, led = layout.waiting(data)
+            theta = first_guess(self, later.nb, later.nf, later.nk, led, u0, y0)
+            problem = _Structured(self, later, later.model(theta, led, u0, y0), theta, led)
+            point, notes = problem.solve(self.max_iterations)
+            found = problem.theta_of(point)
+            covariance, sigma, rows = problem.coefficient_covariance(point)
+        names = layout.names(data) + ((f"y_offset[{data.outputs[0]}]",) if self.offset else ())
+        info = FitInfo(
+            names=names,
+            values=np.concatenate([found, point.y_offset]) if self.offset else found,
+            covariance=covariance,
+            noise_std=sigma,
+            n_samples=rows,
+            units=("-",) * len(names),
+            seconds=time.perf_counter() - began,
+            method="one-step-ahead error, Levenberg-Marquardt with exact derivatives from a long ARX model; covariance "
+            "for white residuals",
+            warnings=notes,
+            **provenance(data),
+        )
+        return replace(layout.model(found, data, u0, float(point.y_offset[0])), fit_info=info)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ARMAX:
+    """``A(z) y = sum_i B_i(z) u_i + C(z) e``: the disturbance shares the system's poles. See `Polynomial`."""
+
+    na: int
+    nb: Orders
+    nc: int
+    nk: Orders = 1
+    offset: bool = False
+    max_radius: float | None = None
+
+    def fit(self, data: Dataset) -> PolynomialModel:
+        """See `Polynomial.fit`."""
+        return Polynomial(**vars(self)).fit(data)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputError:
+    """``y = sum_i B_i(z) / F_i(z) u_i + e``: the free-run error is minimised. See `Polynomial`."""
+
+    nb: Orders
+    nf: Orders
+    nk: Orders = 1
+    offset: bool = False
+    max_radius: float | None = None
+
+    def fit(self, data: Dataset) -> PolynomialModel:
+        """See `Polynomial.fit`."""
+        return Polynomial(**vars(self)).fit(data)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxJenkins:
+    """``y = sum_i B_i(z) / F_i(z) u_i + C(z) / D(z) e``: system and disturbance apart. See `Polynomial`."""
+
+    nb: Orders
+    nc: int
+    nd: int
+    nf: Orders
+    nk: Orders = 1
+    offset: bool = False
+    max_radius: float | None = None
+
+    def fit(self, data: Dataset) -> PolynomialModel:
+        """See `Polynomial.fit`."""
+        return Polynomial(**vars(self)).fit(data)
+
+
+class _Layout:
+    """Where each coefficient is in the vector: A, then B and F of each input, then C and D."""
+
+    def __init__(self, settings: Polynomial, data: Dataset) -> None:
+        nu = len(data.inputs)
+        self.na, self.nc, self.nd = settings.na, settings.nc, settings.nd
+        self.nb, self.nf, self.nk = (per_input(getattr(settings, n), n, data) for n in ("nb", "nf", "nk"))
+        self.count = self.na + sum(self.nb) + sum(self.nf) + self.nc + self.nd
+        self.nu = nu
+
+    def waiting(self, data: Dataset) -> tuple[_Layout, Dataset]:
+        """The same with delays of at least 1, for data in which inputs that act at once come one sample earlier."""
+        ahead = [data.index(n) for n, k in zip(data.inputs, self.nk, strict=True) if k == 0]
+        if not ahead:
+            return self, data
+        later = copy(self)
+        later.nk = tuple(max(k, 1) for k in self.nk)
+        pieces, starts, times = [], [], []
+        for a, b, t0 in zip(data.starts, data.stops, data.start_times, strict=True):
+            if b - a < 2:
+                continue
+            rows = np.array(data.values[a : b - 1])
+            rows[:, ahead] = data.values[a + 1 : b, ahead]
+            starts.append(sum(map(len, pieces)))
+            times.append(t0)
+            pieces.append(rows)
+        return later, replace(data, values=np.vstack(pieces), starts=tuple(starts), start_times=tuple(times))
+
+    def parts(self, theta: np.ndarray) -> dict[str, Any]:
+        """Polynomials of a coefficient vector."""
+        pieces = np.split(theta, np.cumsum([self.na, *self.nb, *self.nf, self.nc, self.nd])[:-1])
+        nu = self.nu
+        return {
+            "A": pieces[0],
+            "B": pieces[1 : 1 + nu],
+            "F": pieces[1 + nu : 1 + 2 * nu],
+            "C": pieces[-2],
+            "D": pieces[-1],
+        }
+
+    def names(self, data: Dataset) -> tuple[str, ...]:
+        """Such as ``a1``, ``b1[delta]``."""
+        found = [f"a{i + 1}" for i in range(self.na)]
+        for letter, counts, first in (("b", self.nb, self.nk), ("f", self.nf, (1,) * self.nu)):
+            for name, count, start in zip(data.inputs, counts, first, strict=True):
+                found += [f"{letter}{i + start}[{name}]" for i in range(count)]
+        return (*found, *(f"c{i + 1}" for i in range(self.nc)), *(f"d{i + 1}" for i in range(self.nd)))
+
+    def model(self, theta: np.ndarray, data: Dataset, u0: np.ndarray, y0: float) -> PolynomialModel:
+        """The model of a coefficient vector."""
+        return PolynomialModel(
+            **self.parts(theta),
+            nk=self.nk,
+            u_offset=u0,
+            y_offset=y0,
+            dt=data.dt,
+            inputs=data.inputs,
+            outputs=data.outputs,
+        )
+
+
+class _Structured(Problem):
+    """The prediction-error criterion over coefficients: the predictor is affine in them."""
+
+    def __init__(
+        self, settings: Polynomial, layout: _Layout, start: PolynomialModel, theta: np.ndarray, data: Dataset
+    ) -> None:
+        self.layout, self.theta, self.polynomial = layout, theta, settings
+        base = self._predictor(np.zeros(layout.count))
+        columns = []
+        for unit in np.eye(layout.count):
+            columns.append(np.concatenate([(v - w).ravel() for v, w in zip(self._predictor(unit), base, strict=True)]))
+        self.by_theta = np.array(columns).T.reshape(-1, layout.count)
+        if settings.offset:
+            n = len(self.by_theta)
+            self.by_theta = np.block(
+                [[self.by_theta, np.zeros((n, 1))], [np.zeros((1, layout.count)), np.ones((1, 1))]]
+            )
+        super().__init__(
+            PEM(start=start.realisation, offsets="output" if settings.offset else "none", direct=False), data
+        )
+
+    def _predictor(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        A, B, C, K = realise(nk=self.layout.nk, **self.layout.parts(theta))
+        return A - K @ C, B, K
+
+    def _matrices(self, direct: bool) -> tuple[str, ...]:
+        return ("F", "G", "K")
+
+    def _n_determined(self) -> int:
+        return self.layout.count
+
+    def _first(self, direct: bool) -> Point:
+        start = self.settings.start
+        F, G, K = self._predictor(self.theta)
+        return Point(
+            F=F,
+            G=G,
+            C=np.array(start.C),
+            D=np.zeros((self.ny, self.nu)),
+            K=K,
+            u_offset=np.array(start.u_offset),
+            y_offset=np.array(start.y_offset),
+            x0=np.zeros((len(self.data.starts), self.n)),
+        )
+
+    def _moves(self, point: Point) -> np.ndarray:
+        return self.by_theta
+
+    def _descend(self, point: Point, max_iterations: int) -> tuple[Point, tuple[str, ...]]:
+        """Where the model has several parts, their initial states have the output's variance as their prior.
+
+        Without one, where two parts have nearly the same pole, their initial states grow against each other to explain
+        the first samples, and the search gets stuck there.
+        """
+        if self.layout.nd == 0 and not any(self.layout.nf):
+            return super()._descend(point, max_iterations)
+        rest = self.moments(self._with_initial_states(point))
+        noise = np.sqrt(float(np.trace(self.root @ rest @ self.root.T)) / self.n_rows)
+        self.x0_weight = np.full(self.n, noise / float(self.size[0]))
+        return super()._descend(point, max_iterations)
+
+    def moved(self, point: Point, theta: np.ndarray, x0: np.ndarray) -> Point:
+        """The point after a step; infinite cost where the predictor is unstable or the poles leave the limit."""
+        new = super().moved(point, theta, x0)
+        limit = self.polynomial.max_radius
+        A = new.F + new.K @ new.C
+        if np.isfinite(A).all():
+            past = limit is not None and shrunk(A, limit) is not A
+            if past or shrunk(new.F, 1.0) is not new.F:  # roots of C and F, which the errors go through
+                return replace(new, F=np.full_like(new.F, np.nan))
+        return new
+
+    def projected(self, point: Point) -> Point:
+        """The point itself: the coefficients enter F and G or K together."""
+        return point
+
+    def theta_of(self, point: Point) -> np.ndarray:
+        """Coefficients of a point."""
+        now = np.concatenate([getattr(point, k).ravel() for k in ("F", "G", "K")])
+        then = np.concatenate([getattr(self.point, k).ravel() for k in ("F", "G", "K")])
+        count = self.layout.count
+        return self.theta + np.linalg.lstsq(self.by_theta[: len(now), :count], now - then, rcond=None)[0]
+
+    def coefficient_covariance(self, point: Point) -> tuple[np.ndarray, np.ndarray, int]:
+        """Covariance of the coefficients (and the level), residual standard deviation, residuals."""
+        work, moves = self.linearise(point)
+        d = moves.shape[1]
+        r = work.shared[:d, :d]
+        norms = np.maximum(np.linalg.norm(r, axis=0), 1e-300)
+        spread = np.linalg.pinv(r / norms, rcond=1e-12) / norms[:, None]
+        moments = self.moments(point)
+        dof = max(1, self.n_rows - d - sum(map(len, work.locals)))
+        variance = float(np.trace(self.root @ moments @ self.root.T)) / dof
+        return spread @ spread.T * variance, np.sqrt(np.diag(moments) / dof), self.data.n_samples

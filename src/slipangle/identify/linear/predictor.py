@@ -1,0 +1,230 @@
+"""Derivatives of a linear predictor's outputs, block by block, and least squares that keeps only triangles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from slipangle.data.dataset import Dataset
+from slipangle.numerics.linear_response import LTI, recurrence
+
+
+class Bank:
+    """Responses of ``x+ = F x + e_i z_j, y = C x`` to every signal z_j from every unit vector e_i.
+
+    These are the building blocks of all derivatives of a linear predictor. Whole blocks of samples are one matrix
+    product. A record is fed in chunks, whole multiples of ``block`` except for the last.
+
+    Parameters
+    ----------
+    F : array, shape (n, n)
+    C : array, shape (n_outputs, n)
+    n_signals : int
+        How many signals; behind them comes one of zeros whose state starts at the unit matrix: the derivative with
+        respect to the initial state.
+    block : int
+        Samples per block.
+    """
+
+    def __init__(self, F: np.ndarray, C: np.ndarray, n_signals: int, block: int = 16) -> None:
+        n, ny = len(F), len(C)
+        self.block, self.n, self.ny, self.q = block, n, ny, n_signals + 1
+        observe, powers = np.empty((block, ny, n)), np.empty((block, n, n))
+        power: Any = np.eye(n)
+        for i in range(block):
+            observe[i], powers[i] = C @ power, power
+            power = power @ F
+        self.power = power
+        toeplitz = np.zeros((block, ny, n, block))
+        for i in range(1, block):
+            toeplitz[i, :, :, :i] = observe[i - 1 :: -1].transpose(1, 2, 0)
+        self.toeplitz = toeplitz.reshape(block * ny * n, block)
+        self.observe = observe.reshape(block * ny, n)
+        self.reach = powers[::-1].transpose(1, 2, 0).reshape(n * n, block)
+        self.state = np.zeros((n, self.q, n))
+        self.state[:, -1] = np.eye(n)
+
+    def respond(self, z: np.ndarray) -> np.ndarray:
+        """Responses to the next samples of the signals, shape (n_samples, n_outputs, n, n_signals + 1)."""
+        n_samples = len(z)
+        n_blocks = -(-n_samples // self.block)
+        padded = np.zeros((n_blocks * self.block, self.q))
+        padded[:n_samples, :-1] = z
+        columns = padded.reshape(n_blocks, self.block, self.q).transpose(1, 0, 2).reshape(self.block, -1)
+        driven = (self.reach @ columns).reshape(self.n, self.n, n_blocks, self.q).transpose(1, 3, 2, 0)
+        starts = recurrence(self.power, driven, self.state)  # unit vector, signal, block, state
+        self.state = starts[:, :, -1].copy()
+        before = starts[:, :, :-1].transpose(3, 0, 2, 1).reshape(self.n, -1)
+        out = self.toeplitz @ columns
+        out = out.reshape(self.block * self.ny, -1)
+        out += self.observe @ before
+        out = out.reshape(self.block, self.ny, self.n, n_blocks, self.q).transpose(3, 0, 1, 2, 4)
+        return out.reshape(-1, self.ny, self.n, self.q)[:n_samples]
+
+    def chunk(self) -> int:
+        """Samples per call that keep the responses within tens of megabytes."""
+        return max(1, min(4096, 2_000_000 // (self.ny * self.n * self.q)) // self.block) * self.block
+
+
+class Triangles:
+    """Least squares of rows ``[local, shared | target]``, local unknowns differing by experiment.
+
+    Memory is that of a few triangles, whatever the number of rows.
+    """
+
+    def __init__(self, n_local: int, n_shared: int) -> None:
+        self.n_local, self.n_shared = n_local, n_shared
+        self.shared = np.zeros((0, n_shared + 1))
+        self.locals: list[np.ndarray] = []
+        self._open = np.zeros((0, n_local + n_shared + 1))
+
+    def add(self, rows: np.ndarray) -> None:
+        """More rows of the current experiment."""
+        self._open = reduce_rows(np.vstack([self._open, rows]))
+
+    def close(self) -> None:
+        """End the current experiment: its local unknowns are eliminated.
+
+        Where the rows do not determine all of them (states that the output does not show), the rows left over hold
+        shared unknowns only and stay with those.
+        """
+        k = self.n_local
+        top, rest = self._open[:k], self._open[k:, k:]
+        if k:
+            factors: Any = linalg.qr(top[:, :k], pivoting=True)
+            size = np.abs(np.diag(factors[1]))
+            rank = int(np.sum(size > 1e-11 * size.max(initial=0.0)))
+            if rank < len(top):
+                top = factors[0].T @ top
+                top, rest = top[:rank], np.vstack([top[rank:, k:], rest])
+        self.locals.append(top.copy())
+        if len(rest):
+            self.shared = reduce_rows(np.vstack([self.shared, rest]))
+        self._open = np.zeros_like(self._open[:0])
+
+    def solve_locals(self, shared: np.ndarray) -> np.ndarray:
+        """Local unknowns for given shared ones, shape (n_experiments, n_local)."""
+        k = self.n_local
+        found = [np.linalg.lstsq(t[:, :k], t[:, -1] - t[:, k:-1] @ shared, rcond=1e-12)[0] for t in self.locals]
+        return np.array(found).reshape(len(self.locals), k)
+
+
+def reduce_rows(rows: np.ndarray) -> np.ndarray:
+    """Triangle with the same inner products: by Cholesky where columns are well apart, else by QR."""
+    n, p = rows.shape
+    if n > 2 * p:
+        gram = rows.T @ rows
+        scale = np.sqrt(np.diag(gram))
+        if np.isfinite(scale).all() and scale.min() > 0:
+            scaled = gram / np.outer(scale, scale)
+            size = np.linalg.eigvalsh(scaled)
+            if size[0] > 1e-9 * size[-1]:  # at least half of the digits survive
+                return np.linalg.cholesky(scaled).T * scale
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearSolution:
+    """What is linear in the one-step-ahead prediction once A, C and K are known."""
+
+    B: np.ndarray
+    D: np.ndarray
+    x0: np.ndarray
+    u_offset: np.ndarray
+    y_offset: np.ndarray
+    names: tuple[str, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+    noise_std: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearFit:
+    """B, D, the initial state of each experiment and the outputs' level, for given A, C, K.
+
+    The one-step-ahead error is linear in them. With ``offset`` the inputs' means become the input at rest and the
+    outputs' level at that input is estimated.
+    """
+
+    A: np.ndarray
+    C: np.ndarray
+    K: np.ndarray
+    direct: bool
+    offset: bool
+    data: Dataset
+
+    def solve(self) -> LinearSolution:
+        """Least squares over all experiments."""
+        data = self.data
+        n, ny, nu = len(self.A), len(self.C), len(data.inputs)
+        u0 = np.array([data[c].mean() for c in data.inputs]) if self.offset else np.zeros(nu)
+        y0 = np.array([data[c].mean() for c in data.outputs]) if self.offset else np.zeros(ny)
+        n_shared = n * nu + (ny * nu if self.direct else 0) + (ny if self.offset else 0)
+        work = Triangles(n, n_shared)
+        F = self.A - self.K @ self.C
+        own = LTI(A=F, B=self.K, C=self.C, D=np.zeros((ny, ny)))
+        inputs, outputs = [data.index(c) for c in data.inputs], [data.index(c) for c in data.outputs]
+        for start, stop in zip(data.starts, data.stops, strict=True):
+            bank, state = Bank(F, self.C, nu + self.offset), np.zeros(n)
+            size = bank.chunk()
+            for a in range(start, stop, size):
+                rows = data.values[a : min(a + size, stop)]
+                u, y = rows[:, inputs] - u0, rows[:, outputs] - y0
+                known, state = own.respond(state, y)
+                signals = np.hstack([u, np.ones((len(u), 1))]) if self.offset else u
+                work.add(self._rows(bank.respond(signals), u, y - known))
+            work.close()
+        return self._unpack(work, u0, y0)
+
+    def _rows(self, response: np.ndarray, u: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Regressors of one chunk: x0, B, D, level; then the target."""
+        n_samples, ny, n, _ = response.shape
+        nu = u.shape[1]
+        parts = [response[..., -1], response[..., :nu].reshape(n_samples, ny, n * nu)]
+        unit = np.eye(ny)
+        if self.direct:
+            straight = unit[:, :, None] * u[:, None, None, :]  # sample, output, row of D, input
+            back = np.einsum("kyij,il->kylj", response[..., :nu], self.K)
+            parts.append((straight - back).reshape(n_samples, ny, ny * nu))
+        if self.offset:
+            parts.append(unit - np.einsum("kyi,il->kyl", response[..., nu], self.K))
+        parts.append(target[:, :, None])
+        return np.concatenate(parts, axis=2).reshape(n_samples * ny, -1)
+
+    def _unpack(self, work: Triangles, u0: np.ndarray, y0: np.ndarray) -> LinearSolution:
+        data, n, ny = self.data, len(self.A), len(self.C)
+        nu, p = len(data.inputs), work.n_shared
+        r, target = work.shared[:p, :p], work.shared[:p, p]
+        scale = np.maximum(np.linalg.norm(r, axis=0), 1e-300)
+        pinv = np.linalg.pinv(r / scale, rcond=1e-12) / scale[:, None]
+        theta = pinv @ target
+        if self.offset:  # beside an integrator the initial state explains any level: keep the mean
+            loose = np.arange(p) >= p - ny
+            loose &= np.linalg.norm(r, axis=0) < 0.01 * np.sqrt(data.n_samples)
+            theta[loose] = 0.0
+            kept = ~loose
+            theta[kept] = np.linalg.pinv(r[:, kept] / scale[kept], rcond=1e-12) @ target / scale[kept]
+        left = float(work.shared[p, p] ** 2) if len(work.shared) > p else 0.0
+        dof = max(1, data.n_samples * ny - p - n * len(data.starts))
+        B, rest = theta[: n * nu].reshape(n, nu), theta[n * nu :]
+        D = rest[: ny * nu].reshape(ny, nu) if self.direct else np.zeros((ny, nu))
+        level = rest[-ny:] if self.offset else np.zeros(ny)
+        names = [f"B[{i},{j}]" for i in range(n) for j in range(nu)]
+        names += [f"D[{i},{j}]" for i in range(ny) for j in range(nu)] if self.direct else []
+        names += [f"y_offset[{o}]" for o in data.outputs] if self.offset else []
+        values = theta.copy()
+        values[p - ny :] += y0 if self.offset else 0.0
+        return LinearSolution(
+            B=B,
+            D=D,
+            x0=work.solve_locals(theta),
+            u_offset=u0,
+            y_offset=y0 + level,
+            names=tuple(names),
+            values=values,
+            covariance=pinv @ pinv.T * left / dof,
+            noise_std=np.full(ny, np.sqrt(left / dof)),
+        )

@@ -1,0 +1,217 @@
+"""State space from data in one call: subspace start, order by cross-validation, prediction-error refinement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset, join
+from slipangle.errors import ParameterError, SlipangleError
+from slipangle.identify.linear.pem import PEM, Focus, Offsets
+from slipangle.identify.linear.subspace import Algorithm, Subspace, project
+from slipangle.identify.stability import announced, breakdown_said, judged, noted
+from slipangle.models.black_box.statespace import StateSpaceModel
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrderChoice:
+    """How an order was chosen.
+
+    Parameters
+    ----------
+    orders : tuple of int
+        Candidates.
+    errors : array, shape (n_orders,)
+        Error on held-out data, in units of the outputs' standard deviations; infinite where the fit failed.
+    singular_values : array, shape (n,)
+        Of the subspace projection of all data.
+    order : int
+        The smallest order within 1 % of the least error, or below which nothing but rounding is left.
+    held_out : str
+        What the errors were measured on.
+    failures : tuple of str
+        Why an order could not be judged.
+    """
+
+    orders: tuple[int, ...]
+    errors: np.ndarray
+    singular_values: np.ndarray
+    order: int
+    held_out: str
+    failures: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateSpace:
+    """State-space estimator: `Subspace`, then `PEM`.
+
+    Parameters
+    ----------
+    order : int or tuple of int
+        Number of states, or candidates of which cross-validation chooses one.
+    focus : {"prediction", "simulation"}
+        What is minimised: the one-step-ahead error with K free, or the free-run error with K = 0.
+    algorithm : {"cva", "moesp", "n4sid"}
+        Weighting of the subspace start.
+    block_rows : int, optional
+        Past and future samples of its windows.
+    direct : bool
+        Estimate D.
+    offsets : {"none", "output", "input", "both"}
+        Which levels at rest to estimate.
+    weights : {"residual", "output"} or tuple of float
+        How errors of several outputs are weighed, see `PEM`.
+    max_radius : float, optional
+        Largest modulus of the poles; 1 asks for a stable model.
+    memory : int
+        Samples from which the model reads its initial state; 0 for ``3 order + 3``.
+    held_out : float
+        Share of a single record, at its end, on which orders are compared. Several experiments are held out in turn.
+    max_iterations : int
+        Limit on refinement steps.
+    """
+
+    order: int | tuple[int, ...] = tuple(range(1, 9))
+    focus: Focus = "prediction"
+    algorithm: Algorithm = "cva"
+    block_rows: int | None = None
+    direct: bool = False
+    offsets: Offsets = "none"
+    weights: Literal["residual", "output"] | tuple[float, ...] = "residual"
+    max_radius: float | None = None
+    memory: int = 0
+    held_out: float = 0.25
+    max_iterations: int = 100
+
+    def __post_init__(self) -> None:
+        candidates = (self.order,) if isinstance(self.order, int) else tuple(self.order)
+        if not candidates or min(candidates) < 1:
+            raise ParameterError(f"order is {self.order}; expected a whole number of at least 1, or several of them")
+        if not 0 < self.held_out < 1:
+            raise ParameterError(f"held_out is {self.held_out}; expected a share between 0 and 1, such as 0.25")
+
+    def fit(self, data: Dataset) -> StateSpaceModel:
+        """Model of all outputs from all inputs of ``data``; where the order is open, `choose_order` settles it.
+
+        A free-run fit without a limit on the poles can end at a model whose free run holds only from the very
+        initial state that was estimated along. Where it goes astray from the training data's first samples, the fit
+        is made again with ``max_radius=1``, and says so.
+
+        Raises
+        ------
+        ExcitationError, TooShortError, ParameterError
+            If the data cannot tell, or no order could be fitted.
+        SimulationError
+            If the fit diverged.
+
+        Warns
+        -----
+        IdentifiabilityWarning
+            If the fit stopped at its limit of steps.
+        ModelWarning
+            If a free run of the model would blow up, or the poles had to be held back.
+        """
+        with breakdown_said("the state space", data):
+            order = self.order if isinstance(self.order, int) else self.choose_order(data).order
+            return announced(judged(self._usable(data, order), data))
+
+    def _usable(self, data: Dataset, order: int) -> StateSpaceModel:
+        """The fit, with its poles held where a free-run fit cannot run freely over its own data."""
+        model = self._fit(data, order)
+        size = float(np.abs(model.poles).max())
+        if self.focus != "simulation" or self.max_radius is not None or size <= 1 or _follows(model, data):
+            return model
+        held = replace(self, max_radius=1.0)._fit(data, order)
+        if not _follows(held, data):
+            return noted(model, _ASTRAY.format(size=size, what="no stable one does better"))
+        return noted(held, _ASTRAY.format(size=size, what="the poles were held inside the unit circle"))
+
+    def choose_order(self, data: Dataset) -> OrderChoice:
+        """Compare the candidate orders on data that their fits have not seen.
+
+        Raises
+        ------
+        ParameterError
+            If no candidate could be fitted; the reasons are given.
+        """
+        orders = (self.order,) if isinstance(self.order, int) else tuple(sorted(set(self.order)))
+        folds, held_out = self._folds(data)
+        errors, failures = np.full(len(orders), np.inf), []
+        for i, order in enumerate(orders):
+            try:
+                with breakdown_said("the state space", data):
+                    squares = [self._error(self._fit(train, order), test) for train, test in folds]
+                errors[i] = np.sqrt(np.mean(squares))
+            except SlipangleError as reason:
+                failures.append(f"order {order}: {reason}")
+        if not np.isfinite(errors).any():
+            raise ParameterError(f"no order among {list(orders)} could be fitted; {failures[0]}")
+        best = next(o for o, e in zip(orders, errors, strict=True) if e <= 1.01 * max(errors.min(), _EXACT))
+        start = Subspace(order=max(orders), algorithm=self.algorithm, block_rows=self.block_rows)
+        shown = project(data, algorithm=self.algorithm, block_rows=start.rows(data), offset=self.offsets != "none")
+        return OrderChoice(
+            orders=orders,
+            errors=errors,
+            singular_values=shown.singular_values,
+            order=best,
+            held_out=held_out,
+            failures=tuple(failures),
+        )
+
+    def _folds(self, data: Dataset) -> tuple[list[tuple[Dataset, Dataset]], str]:
+        parts = data.experiments
+        if len(parts) == 1:
+            return [data.split(1 - self.held_out)], f"the last {100 * self.held_out:g} % of the record"
+        groups = [parts[i :: min(5, len(parts))] for i in range(min(5, len(parts)))]
+        folds = []
+        for group in groups:
+            rest = [p for p in parts if not any(p is g for g in group)]
+            folds.append((join(*rest), join(*group)))
+        return folds, f"each of {len(groups)} groups of experiments in turn"
+
+    def _error(self, model: StateSpaceModel, test: Dataset) -> float:
+        """Mean squared error in units of the outputs' variances."""
+        run = model._simulate(test) if self.focus == "simulation" else model._predict(test)
+        return float(np.mean(run.error[run.predicted] ** 2 / np.var(test.y, axis=0)))
+
+    def _fit(self, data: Dataset, order: int) -> StateSpaceModel:
+        start = Subspace(
+            order=order,
+            algorithm=self.algorithm,
+            block_rows=self.block_rows,
+            direct=self.direct,
+            offset=self.offsets != "none",
+            disturbance=self.focus == "prediction",
+        )._fit(data)
+        refined = PEM(
+            start=start,
+            focus=self.focus,
+            offsets=self.offsets,
+            direct=self.direct,
+            weights=self.weights,
+            max_radius=self.max_radius,
+            max_iterations=self.max_iterations,
+        )._fit(data)
+        info = refined.fit_info
+        if info is not None and start.fit_info is not None:
+            info = replace(info, method=f"{info.method}; start: {start.fit_info.method}")
+        return replace(refined, fit_info=info, memory=self.memory or refined.memory)
+
+
+_EXACT = 1e-6  # error in standard deviations of the outputs, below which orders differ by rounding
+_ASTRAY = (
+    "the free-run fit ended at a pole of modulus {size:.6g}, and from the first samples of its own training data that "
+    "model goes astray: {what}; expected data that a free run can follow: use focus='prediction', or another order"
+)
+
+
+def _follows(model: StateSpaceModel, data: Dataset) -> bool:
+    """Whether free runs over the data err less than twice as much as their means would."""
+    try:
+        run = model._simulate(data)
+    except SlipangleError:
+        return False
+    error = np.mean(run.error[run.predicted] ** 2, axis=0)
+    return bool(np.all(error < 4 * np.maximum(np.var(run.measured, axis=0), 1e-300)))

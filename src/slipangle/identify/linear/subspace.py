@@ -1,0 +1,332 @@
+"""Subspace identification: a state space from projections of past and future, without iteration."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from scipy import linalg
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ExcitationError, ParameterError, TooShortError, nearest
+from slipangle.identify.excitation import require_identifiable
+from slipangle.identify.linear.lags import Windows, triangle
+from slipangle.identify.linear.predictor import LinearFit
+from slipangle.identify.stability import announced, breakdown_said, judged
+from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.models.model import FitInfo
+from slipangle.models.provenance import provenance
+from slipangle.numerics.blas import one_blas_thread
+
+Algorithm = Literal["n4sid", "moesp", "cva"]
+_ALGORITHMS = ("n4sid", "moesp", "cva")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subspace:
+    """MOESP, N4SID or CVA, in the common frame of [1]_ ch. 4.
+
+    The data enter through one triangular factor of the windows of ``2 block_rows`` samples, found from lag products
+    or, where those would lose digits, by a QR factorisation made block by block: memory does not depend on the
+    length of the record. B, D, the initial states and the output offset then follow by linear least squares on the
+    one-step-ahead error, K from the covariance of the projected states' residuals.
+
+    Parameters
+    ----------
+    order : int, optional
+        Number of states; by default chosen from the singular values (`suggest_order`).
+    algorithm : {"cva", "moesp", "n4sid"}
+        Weighting of the projection: canonical variates, orthogonal to future inputs, or none.
+    block_rows : int, optional
+        Past and future samples in a window; by default ``max(10, 2 order + 2)``, fewer for short records.
+    direct : bool
+        Estimate D; otherwise inputs act one sample later.
+    offset : bool
+        Estimate the outputs' level; for data whose mean was not removed.
+    disturbance : bool
+        Estimate K; otherwise all disturbance is noise on the outputs.
+
+    Raises
+    ------
+    ParameterError
+        If the order, block rows or algorithm make no sense.
+
+    References
+    ----------
+    .. [1] P. Van Overschee, B. De Moor, Subspace Identification for Linear Systems, 1996.
+    """
+
+    order: int | None = None
+    algorithm: Algorithm = "cva"
+    block_rows: int | None = None
+    direct: bool = False
+    offset: bool = False
+    disturbance: bool = True
+
+    def __post_init__(self) -> None:
+        if self.algorithm not in _ALGORITHMS:
+            raise ParameterError(
+                f"the algorithm is {self.algorithm!r}; {nearest(str(self.algorithm), _ALGORITHMS)}: use one of these"
+            )
+        for name, least in (("order", 1), ("block_rows", 2)):
+            value = getattr(self, name)
+            if value is not None and value < least:
+                raise ParameterError(f"{name} is {value}; expected a whole number of at least {least}, or None")
+
+    def fit(self, data: Dataset) -> StateSpaceModel:
+        """Model of all outputs from all inputs of ``data``; experiments are never joined.
+
+        Raises
+        ------
+        ExcitationError
+            If the inputs do not excite ``2 block_rows`` lags, with the input at fault.
+        TooShortError
+            If there are fewer windows than rows.
+
+        Warns
+        -----
+        ModelWarning
+            If a free run of the model would blow up.
+        """
+        with breakdown_said("the state space", data):
+            return announced(judged(self._fit(data), data))
+
+    def _fit(self, data: Dataset) -> StateSpaceModel:
+        """`fit` without a word about what it found."""
+        began = time.perf_counter()
+        with one_blas_thread():
+            return self._project_and_solve(data, began)
+
+    def _project_and_solve(self, data: Dataset, began: float) -> StateSpaceModel:
+        projection = project(data, algorithm=self.algorithm, block_rows=self.rows(data), offset=self.offset)
+        order = self.order or suggest_order(projection.singular_values)
+        A, C = projection.observability(order)
+        K = projection.gain(order, A, C) if self.disturbance else np.zeros((order, len(C)))
+        fitted = LinearFit(A=A, C=C, K=K, direct=self.direct, offset=self.offset, data=data).solve()
+        strength = ", ".join(f"{s:.3g}" for s in projection.singular_values[: order + 3])
+        info = FitInfo(
+            names=fitted.names,
+            values=fitted.values,
+            covariance=fitted.covariance,
+            noise_std=fitted.noise_std,
+            n_samples=data.n_samples,
+            units=("-",) * len(fitted.names),
+            seconds=time.perf_counter() - began,
+            method=f"subspace ({self.algorithm}), {projection.block_rows} block rows, {projection.solver}, singular "
+            f"values {strength}, ...; B, D, x0 by least squares on the one-step-ahead error, covariance given A, C, K",
+            **provenance(data),
+        )
+        return StateSpaceModel(
+            A=A,
+            B=fitted.B,
+            C=C,
+            D=fitted.D,
+            K=K,
+            x0=fitted.x0,
+            u_offset=fitted.u_offset,
+            y_offset=fitted.y_offset,
+            dt=data.dt,
+            inputs=data.inputs,
+            outputs=data.outputs,
+            fit_info=info,
+        )
+
+    def rows(self, data: Dataset) -> int:
+        """Block rows used on these data."""
+        nu, ny = len(data.inputs), len(data.outputs)
+        require_identifiable(data, (self.order or 1) * (nu + ny))
+        least = 2 if self.order is None else self.order // ny + 2
+        if self.block_rows is not None:
+            if self.order is not None and (self.block_rows - 1) * ny < self.order:
+                raise ParameterError(
+                    f"block_rows is {self.block_rows} for order {self.order} and {ny} outputs; expected at least "
+                    f"{self.order // ny + 2}: raise block_rows or lower the order"
+                )
+            return self.block_rows
+        wanted = 15 if self.order is None else max(10, 2 * self.order + 2)
+        longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
+        affordable = int((longest + 1) // (2 * (nu + ny) + 2))  # twice as many windows as rows
+        return max(least, min(wanted, affordable))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Projection:
+    """The oblique projection of future outputs on the past, compressed into small matrices.
+
+    The columns of ``r`` have the inner products of the windows' entries, so they stand for the signals.
+    """
+
+    r: np.ndarray
+    n_u: int
+    n_y: int
+    block_rows: int
+    algorithm: Algorithm
+    solver: str
+    singular_values: np.ndarray
+    left: np.ndarray
+    oblique: np.ndarray
+
+    def observability(self, order: int) -> tuple[np.ndarray, np.ndarray]:
+        """A and C from the shift invariance of the extended observability matrix."""
+        gamma = self._gamma(order)
+        A: Any = np.linalg.lstsq(gamma[: -self.n_y], gamma[self.n_y :], rcond=None)[0]
+        return A, gamma[: self.n_y].copy()
+
+    def _gamma(self, order: int) -> np.ndarray:
+        if order > len(self.singular_values) or order > (self.block_rows - 1) * self.n_y:
+            raise ParameterError(
+                f"the order is {order}; expected at most {(self.block_rows - 1) * self.n_y} with {self.block_rows} "
+                "block rows: raise block_rows or lower the order"
+            )
+        return self.left[:, :order] * np.sqrt(self.singular_values[:order])
+
+    def gain(self, order: int, A: np.ndarray, C: np.ndarray) -> np.ndarray:
+        """K from the residual covariance of the projected states, by the Riccati equation; zero where it fails."""
+        s, gamma = self.block_rows, self._gamma(order)
+        now = self.oblique @ np.linalg.pinv(gamma).T
+        later = _oblique(self.r, self.n_u, self.n_y, s + 1) @ np.linalg.pinv(gamma[: -self.n_y]).T
+        u = self.r[:, _entries(self.n_u, self.n_y, range(s, s + 1), "u")]
+        y = self.r[:, _entries(self.n_u, self.n_y, range(s, s + 1), "y")]
+        target = np.hstack([later, y]) - now @ np.vstack([A, C]).T
+        residual = target - u @ np.linalg.lstsq(u, target, rcond=None)[0]
+        noise = residual.T @ residual
+        q, r, cross = noise[:order, :order], noise[order:, order:], noise[:order, order:]
+        power = np.diag(y.T @ y)
+        if np.any(np.diag(r) < 1e-14 * power):  # nothing is left to correct with
+            return np.zeros((order, self.n_y))
+        try:
+            p = linalg.solve_discrete_are(A.T, C.T, q + 1e-12 * np.trace(q) * np.eye(order), r, s=cross)
+            K = np.linalg.solve(C @ p @ C.T + r, (A @ p @ C.T + cross).T).T  # singular where one output is another
+            stable = np.abs(np.linalg.eigvals(A - K @ C)).max() < 1
+        except (linalg.LinAlgError, ValueError):
+            return np.zeros((order, self.n_y))
+        return K if stable else np.zeros((order, self.n_y))
+
+
+def project(data: Dataset, *, algorithm: Algorithm, block_rows: int, offset: bool = False) -> Projection:
+    """Compress the record and project future outputs on the past along future inputs. [1]_ sec. 4.2.
+
+    Parameters
+    ----------
+    data : Dataset
+        The record.
+    algorithm : {"cva", "moesp", "n4sid"}
+        Weighting.
+    block_rows : int
+        Past and future samples.
+    offset : bool
+        Subtract the channels' means first.
+
+    References
+    ----------
+    .. [1] P. Van Overschee, B. De Moor, Subspace Identification for Linear Systems, 1996.
+    """
+    nu, ny, s = len(data.inputs), len(data.outputs), block_rows
+    names = (*data.inputs, *data.outputs)
+    shift = np.array([data[n].mean() for n in names]) if offset else None
+    windows = Windows(data=data, names=names, lags=2 * s, shift=shift)
+    width = 2 * s * (nu + ny)
+    if windows.count < width + 1:
+        raise TooShortError(
+            f"'{data.name}' gives {windows.count} windows of {2 * s} samples for {width} rows; expected more windows "
+            "than rows: record longer, without gaps, or use fewer block_rows"
+        )
+    r, solver = _compress(windows, data)
+    future = r[:, _entries(nu, ny, range(s, 2 * s), "y")]
+    oblique = _oblique(r, nu, ny, s)
+    u_future = r[:, _entries(nu, ny, range(s, 2 * s), "u")]
+    target, weight = oblique, np.eye(s * ny)
+    if algorithm != "n4sid":
+        target = _without(oblique, u_future)
+    if algorithm == "cva":
+        free = _without(future, u_future)
+        _, size, vector = np.linalg.svd(free, full_matrices=False)
+        weight = (vector.T / np.maximum(size, 1e-8 * size[0])) @ vector
+    _, singular, right = np.linalg.svd(target @ weight, full_matrices=False)
+    left = np.linalg.solve(weight, right.T) if algorithm == "cva" else right.T
+    return Projection(
+        r=r,
+        n_u=nu,
+        n_y=ny,
+        block_rows=s,
+        algorithm=algorithm,
+        solver=solver,
+        singular_values=singular,
+        left=left,
+        oblique=oblique,
+    )
+
+
+def suggest_order(singular_values: np.ndarray) -> int:
+    """The order after which the singular values drop most, on a logarithmic scale above rounding.
+
+    Candidates end where a value falls below the middle (geometric mean) of the largest and the smallest.
+    """
+    s = np.maximum(singular_values, singular_values[0] * 1e-13)
+    log = np.log(s)
+    above = int(np.sum(log > 0.5 * (log[0] + log[-1])))
+    drops = log[:-1] - log[1:]
+    return int(np.argmax(drops[: max(1, above)])) + 1
+
+
+def _compress(windows: Windows, data: Dataset) -> tuple[np.ndarray, str]:
+    """A small matrix whose columns have the inner products of the windows' entries, less their means if shifted."""
+    gram, sums = windows.gram()
+    centred = windows.shift is not None
+    if centred:  # a constant is one more input
+        gram -= np.outer(sums, sums) / windows.count
+    scale = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    scale[scale == 0] = 1.0
+    scaled = gram / np.outer(scale, scale)
+    size = np.linalg.eigvalsh(scaled)
+    nu, nc = len(data.inputs), len(windows.names)
+    if size[0] > 1e-10 * size[-1]:
+        r, solver = linalg.cholesky(scaled), "lag products"
+    else:
+        wide = np.concatenate([[1.0], scale]) if centred else scale
+        r = triangle(windows, range(len(scale)), constant=centred, scale=wide)
+        r, solver = r[int(centred) :, int(centred) :], "blocked QR"
+    inputs = [k * nc + j for k in range(windows.lags) for j in range(nu)]
+    _require_excitation(r[:, inputs], data, windows.lags)
+    return r * scale, solver
+
+
+def _require_excitation(u: np.ndarray, data: Dataset, lags: int) -> None:
+    """Raise where the inputs' lags depend on each other: they must excite as many frequencies as there are lags."""
+    factors: Any = linalg.qr(u, mode="r", pivoting=True)
+    size, pivot = np.abs(np.diag(factors[0])), factors[1]
+    rank = int(np.sum(size > 1e-10 * size[0]))
+    if rank < u.shape[1]:
+        nu = len(data.inputs)
+        at_fault = sorted({data.inputs[j % nu] for j in pivot[rank:]})
+        raise ExcitationError(
+            f"{lags} lags of {nu} inputs of '{data.name}' have rank {rank}: those of {', '.join(at_fault)} depend on "
+            f"the others; expected rank {lags * nu}: use fewer block_rows, drop a collinear input, or record richer "
+            "excitation"
+        )
+
+
+def _entries(nu: int, ny: int, samples: range, kind: str) -> list[int]:
+    """Positions of the inputs (``"u"``), outputs or both (``"z"``) of some samples in a window."""
+    nc = nu + ny
+    inside = range(nu) if kind == "u" else range(nu, nc) if kind == "y" else range(nc)
+    return [k * nc + j for k in samples for j in inside]
+
+
+def _oblique(r: np.ndarray, nu: int, ny: int, split: int) -> np.ndarray:
+    """Part of the outputs from ``split`` on that the samples before it explain, beside the inputs from ``split`` on."""
+    lags = r.shape[1] // (nu + ny)
+    past = r[:, _entries(nu, ny, range(split), "z")]
+    u = r[:, _entries(nu, ny, range(split, lags), "u")]
+    y = r[:, _entries(nu, ny, range(split, lags), "y")]
+    clean = _without(past, u)
+    weights = np.linalg.lstsq(clean, _without(y, u), rcond=1e-12)[0]
+    return past @ weights
+
+
+def _without(columns: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Part of the columns orthogonal to the others."""
+    q: Any = np.linalg.qr(others)[0]
+    return columns - q @ (q.T @ columns)

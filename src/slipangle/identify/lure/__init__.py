@@ -1,0 +1,1 @@
+"""A linear state space bent by a few static curves, fitted to its free run."""

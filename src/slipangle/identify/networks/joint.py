@@ -1,0 +1,398 @@
+"""Physics and a network on its state derivative, fitted together to the whole free run."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ModelWarning, ParameterError
+from slipangle.identify.excitation import require_identifiable
+from slipangle.identify.judge.validate import restarted
+from slipangle.identify.networks.runs import Runs, side_by_side
+from slipangle.identify.networks.training import Progress, as_tuples, require_holdout
+from slipangle.models.black_box.networks import MLP, Activation, Scaling
+from slipangle.models.model import FitInfo, Trial
+from slipangle.models.provenance import provenance
+from slipangle.models.vehicles.neural_bicycle import NeuralBicycle, TireNetworkBicycle
+from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle
+from slipangle.models.wrappers.ensemble import EnsembleModel
+from slipangle.numerics.marquardt import improve
+
+FREE = (
+    "C_f",
+    "C_r",
+    "inertia_z",
+    "mu_f",
+    "mu_r",
+    "steering_lag",
+    "steering_offset",
+    "yaw_rate_bias",
+    "l_f",
+    "transfer_x",
+    "friction_load",
+    "stiffness_load",
+    "E_f",
+    "E_r",
+    "brake_rear",
+    "compliance",
+    "transfer_f",
+    "transfer_r",
+)
+_REACH = {"v_y": 5.0, "r": 1.0}  # size of the network's outputs [m/s2, rad/s2]
+_LEAST_LAG = 0.02  # the step integrates a faster steering lag inaccurately [s]
+_EASY = 0.25  # share of the steps over which starts come to be thrown off as far as set
+_PATIENCE = 5  # steps without progress in a row after which a fit ends
+_MARGIN = 1.2  # how far beyond the training data the state may go
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint:
+    """Levenberg-Marquardt on free runs of physics with a network inside: both move together.
+
+    The network starts at zero correction, so every run starts at the fitted physics; ridge priors hold weights near
+    zero and parameters near their start values. Channels named in ``also`` that the training data hold are fitted
+    too, with a weight and an offset each: they steady the state and are no part of the model's output. What
+    is fitted are free runs that start anew every ``restart`` seconds, ``settle`` seconds before, from a state thrown
+    off at random: so the model learns to find its way back, where a car driven at the limit would spin without its
+    driver. Its state is bounded to a little more than the training data show.
+
+    Parameters
+    ----------
+    start : NonlinearBicycle
+        The physics, best fitted before by `slipangle.identify.physics.grey_box.GreyBox`.
+    free : tuple of str
+        Parameters that move with the network.
+    corrects : {"derivative", "tires"}
+        What the network does: adds to the state derivative (`NeuralBicycle`), or moves the tire coefficients within
+        bounds (`TireNetworkBicycle`).
+    hidden : tuple of int
+        Neurons of each hidden layer.
+    activation : {"tanh", "sigmoid", "elu"}
+        Of the hidden layers.
+    weight_prior, parameter_prior : float
+        Precision of the priors, per sample and per unit of scaled weight or relative parameter.
+    also : tuple of str
+        Of ``"v_y"`` and ``"a_y"``: measured channels that are fitted along.
+    also_weight : float
+        Weight of a channel fitted along; an output has 1.
+    restart : float, optional
+        Length of each free run that is fitted; None for one over each experiment. [s]
+    settle : float
+        How long before its fitted part each run starts; the state is thrown off only where this is positive. [s]
+    thrown_off : float
+        How far, as a share of the largest v_y and r of the training data.
+    iterations : int
+        Limit on accepted steps.
+    holdout : float
+        Share at the end of the training data that only chooses the step to stop at; 0 works all steps on all data.
+    seeds : tuple of int
+        One run each.
+
+    Raises
+    ------
+    ParameterError
+        If a setting is out of range.
+
+    References
+    ----------
+    .. [1] L. Ljung, System Identification, 2nd ed., 1999, sec. 10.2: Gauss-Newton with sensitivities.
+    """
+
+    start: NonlinearBicycle
+    free: tuple[str, ...] = FREE
+    corrects: Literal["derivative", "tires"] = "derivative"
+    hidden: tuple[int, ...] = (12,)
+    activation: Activation = "tanh"
+    weight_prior: float = 1e-5
+    parameter_prior: float = 1e-4
+    also: tuple[str, ...] = ()
+    also_weight: float = 0.15
+    restart: float | None = 5.0
+    settle: float = 1.0
+    thrown_off: float = 1.0
+    iterations: int = 80
+    holdout: float = 0.0
+    seeds: tuple[int, ...] = (0,)
+
+    def __post_init__(self) -> None:
+        as_tuples(self, "free", "hidden", "also", "seeds")
+        for name in self.free:
+            self.start.params.si(name)
+        if self.corrects not in ("derivative", "tires"):
+            raise ParameterError(f"corrects is '{self.corrects}'; expected 'derivative' or 'tires'")
+        if any(n < 1 for n in self.hidden) or not self.hidden:
+            raise ParameterError(f"the hidden layers are {self.hidden}; expected at least one with at least 1 neuron")
+        if not (self.weight_prior > 0 and self.parameter_prior > 0):
+            raise ParameterError(
+                f"the priors are {self.weight_prior} and {self.parameter_prior}; expected them positive, such as 1e-6"
+            )
+        unknown = [name for name in self.also if name not in ("v_y", "a_y")]
+        if unknown:
+            raise ParameterError(f"'{unknown[0]}' cannot be fitted along; expected 'v_y' or 'a_y'")
+        require_holdout(self.holdout)
+        if self.restart is not None and not self.restart > 0:
+            raise ParameterError(f"restart is {self.restart} s; expected a positive time, or None for no restarts")
+        if not (self.settle >= 0 and self.thrown_off >= 0):
+            raise ParameterError(
+                f"settle is {self.settle} s and thrown_off {self.thrown_off}; expected neither below 0, such as 1 and 1"
+            )
+        if self.iterations < 1 or not self.seeds:
+            raise ParameterError(
+                f"{self.iterations} iterations and {len(self.seeds)} seeds; expected at least one of each"
+            )
+
+    def fit(self, data: Dataset, *, progress: Progress | None = None) -> NeuralBicycle:
+        """The model of the seed with the smallest error (on the held-out part, if there is one)."""
+        models = self.fit_all(data, progress=progress)
+        return min(models, key=lambda m: m.fit_info.trials[0].score if m.fit_info else np.inf)
+
+    def fit_ensemble(self, data: Dataset, *, progress: Progress | None = None) -> EnsembleModel:
+        """The models of all seeds as one."""
+        models = self.fit_all(data, progress=progress)
+        infos = [m.fit_info for m in models if m.fit_info is not None]
+        info = replace(
+            infos[0], seconds=sum(i.seconds for i in infos), trials=tuple(t for i in infos for t in i.trials)
+        )
+        return EnsembleModel(members=models, fit_info=info)
+
+    def fit_all(self, data: Dataset, *, progress: Progress | None = None) -> tuple[NeuralBicycle, ...]:
+        """One model per seed.
+
+        Raises
+        ------
+        MissingColumnError, ExcitationError, TooShortError
+            If the data cannot identify the physics.
+
+        Warns
+        -----
+        ModelWarning
+            If a run never improved on the physics it started from.
+        """
+        began = time.perf_counter()
+        names = tuple(n for n in self.also if n in data and n not in self.start.outputs)
+        chosen = data.select(inputs=self.start.inputs, outputs=(*self.start.outputs, *names))
+        self.start.check(chosen)
+        require_identifiable(chosen, len(self.free), scheduling=("v_x", "v_x_dot"))
+        inner, held = (chosen, None) if self.holdout == 0 else chosen.split(1 - self.holdout)
+        lead = 0
+        if self.restart is not None:
+            lead = round(self.settle / data.dt)
+            inner = restarted(inner, self.restart, self.start.memory + lead)
+        from slipangle.identify.networks import descent
+
+        models = []
+        with descent.precision("double"):
+            fit = _Fit(self, inner, held, n_judged=len(self.start.outputs), lead=lead)
+            for i, seed in enumerate(self.seeds):
+                told = _share(progress, i, len(self.seeds))
+                models.append(fit.run(seed, data, time.perf_counter() - began, told))
+                began = time.perf_counter()
+        return tuple(models)
+
+
+def _share(progress: Progress | None, i: int, n: int) -> Any:
+    if progress is None:
+        return lambda share, error: None
+    return lambda share, error: progress((i + share) / n, f"joint fit, seed {i + 1} of {n}, relative error {error:.4f}")
+
+
+@dataclass
+class _Fit:
+    """The least-squares problem, compiled once for all seeds."""
+
+    settings: Joint
+    inner: Dataset
+    held: Dataset | None
+    n_judged: int
+    lead: int
+    unrolled: Any = field(init=False)
+    share: float = 1.0
+
+    def __post_init__(self) -> None:
+        from slipangle.identify.networks.unrolled import Unrolled
+
+        s = self.settings
+        outputs = self.inner.outputs
+        lag = max(s.start.params.steering_lag, _LEAST_LAG)
+        params: Any = s.start.params.with_values(steering_lag=lag)
+        size = np.std(self.inner.y, axis=0)
+        most_v_y, most_r = self._bounds()
+        self.template = self.kind(
+            params=params,
+            dt=s.start.dt,
+            outputs=outputs,
+            substeps=max(1, round(s.start.dt / 0.025)),
+            memory=s.start.memory,
+            network=self.network(0),
+            most_v_y=most_v_y,
+            most_r=most_r,
+        )
+        self.scale = np.array([_unit(params, name) for name in s.free])
+        self.unrolled = Unrolled(self.template, s.free, self.scale, size)
+        self.weights = np.where(np.arange(len(outputs)) < self.n_judged, 1.0, s.also_weight) / size
+        memory, most = s.start.memory, np.array([most_v_y, most_r, 0.0]) / _MARGIN
+        self.fitted = side_by_side(self.inner, memory, self.weights, lead=self.lead, away=s.thrown_off * most)
+        self.judge = self.fitted if self.held is None else side_by_side(self.held, memory, self.weights)
+        start = self.unrolled.pack(self.network(0))
+        n = len(s.free)
+        metadata = [params.si(name) for name in s.free]
+        self.lower = np.concatenate(
+            [np.array([m.lower for m in metadata]) / self.scale, np.full(len(start) - n, -np.inf)]
+        )
+        self.upper = np.concatenate(
+            [np.array([m.upper for m in metadata]) / self.scale, np.full(len(start) - n, np.inf)]
+        )
+        if "steering_lag" in s.free:
+            i = s.free.index("steering_lag")
+            self.lower[i] = _LEAST_LAG / self.scale[i]
+        ny = len(outputs)
+        self.precision = np.concatenate(
+            [np.full(n, s.parameter_prior), np.full(len(start) - n - ny, s.weight_prior), np.full(ny, 1e-6)]
+        )
+        self.precision[len(start) - ny : len(start) - ny + self.n_judged] = 1e6  # judged outputs have no free offset
+        self.centre = np.concatenate([start[:n], np.zeros(len(start) - n)])
+
+    def _bounds(self) -> tuple[float, float]:
+        """Bounds of the state: from what was measured, else from the physics' own free run."""
+        data, names = self.inner, ("v_y", "r")
+        missing = [name for name in names if name not in data]
+        if missing:
+            for name in missing:
+                data = data.with_channel(name, np.zeros(data.n_samples))
+            run = replace(self.settings.start, outputs=names).simulate(data.select(outputs=names))
+            for name in missing:
+                data = data.with_channel(name, run.y[:, names.index(name)])
+        return _MARGIN * float(np.abs(data["v_y"]).max()), _MARGIN * float(np.abs(data["r"]).max())
+
+    @property
+    def kind(self) -> type[NeuralBicycle]:
+        """Class of the model."""
+        return TireNetworkBicycle if self.settings.corrects == "tires" else NeuralBicycle
+
+    def network(self, seed: int) -> MLP:
+        """Random hidden layers, no output."""
+        s, data = self.settings, self.inner
+        size = list(_REACH.values()) if s.corrects == "derivative" else [1.0] * self.kind.network_outputs()[0]
+        v_y = data["v_y"] if "v_y" in data else np.array([-1.5, 1.5])
+        factor = [float(np.std(v_y)) + 0.1, float(np.std(data["r"])), float(np.std(data["delta"]))]
+        offset = [0.0, 0.0, 0.0, 0.0, float(np.mean(data["v_x"])), 0.0]
+        factor += [factor[2], float(np.std(data["v_x"])) + 0.1, float(np.std(data["v_x_dot"])) + 0.1]
+        net = MLP.random(
+            (6, *s.hidden, len(size)),
+            activation=s.activation,
+            seed=seed,
+            input_scaling=Scaling(offset=np.array(offset), factor=np.array(factor)),
+            output_scaling=Scaling(offset=np.zeros(len(size)), factor=np.array(size)),
+        )
+        return replace(net, weights=(*net.weights[:-1], 0.0 * net.weights[-1]))
+
+    # ---- free runs as a least-squares problem ------------------------------------------------------------------
+
+    def starts(self, theta: np.ndarray, runs: Runs) -> np.ndarray:
+        """States that the runs start from, thrown off by as much as the fit has come to."""
+        return self.unrolled.starts(theta, runs.heads, self.settings.start.outputs) + self.share * runs.away
+
+    def error(self, theta: np.ndarray, runs: Runs) -> np.ndarray:
+        """Weighted errors of every output, shape (n_runs, n, n_outputs), 0 where a sample does not count."""
+        y = self.unrolled.outputs(theta, self.starts(theta, runs), runs.u)
+        return (np.asarray(y) - runs.y) * runs.weight
+
+    def judged(self, theta: np.ndarray) -> float:
+        """RMSE of the model's outputs over their standard deviation, free runs."""
+        runs, k = self.judge, self.n_judged
+        counts = runs.weight[:, :, 0] > 0
+        size = np.std(runs.y[counts][:, :k], axis=0) * self.weights[:k]
+        return float(np.sqrt(np.mean((self.error(theta, runs)[counts][:, :k] / size) ** 2)))
+
+    def cost(self, theta: np.ndarray) -> float:
+        """Mean squared weighted error and priors."""
+        e = self.error(theta, self.fitted)
+        return float(np.sum(e * e)) / self.fitted.n_counting + float(self.precision @ (theta - self.centre) ** 2)
+
+    def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gauss-Newton matrix and gradient, per sample."""
+        runs = self.fitted
+        y, j = self.unrolled.derivatives(theta, self.starts(theta, runs), runs.u)
+        e = ((np.asarray(y) - runs.y) * runs.weight).ravel()
+        j = (np.asarray(j) * runs.weight[..., None]).reshape(-1, len(theta))
+        hessian, gradient = j.T @ j / runs.n_counting, j.T @ e / runs.n_counting
+        return hessian + np.diag(self.precision), gradient + self.precision * (theta - self.centre)
+
+    def run(self, seed: int, data: Dataset, spent: float, told: Any) -> NeuralBicycle:
+        """Levenberg-Marquardt from one seed."""
+        began, s = time.perf_counter(), self.settings
+        theta = self.unrolled.pack(self.network(seed))
+        self.share, cost, damping = 1.0, self.cost(theta), 1e-3
+        best, score = theta, self.judged(theta)
+        curve, epoch, k, flat = [(0, score)], 0, 0, 0
+        for k in range(1, s.iterations + 1):
+            share = min(1.0, (k - 1) / (_EASY * s.iterations))
+            if share != self.share:
+                self.share, flat = share, 0
+                cost = self.cost(theta)
+            found = improve(
+                theta,
+                cost,
+                damping,
+                linearised=self.linearised,
+                evaluate=self.cost,
+                lower=self.lower,
+                upper=self.upper,
+            )
+            if found is None and share < 1.0:
+                damping = 1e-3
+                continue
+            if found is None:
+                break
+            theta, new_cost, damping = found
+            now = self.judged(theta)
+            curve.append((k, now))
+            told(k / s.iterations, now)
+            if now < score or self.held is None:
+                best, score, epoch = theta, now, k
+            flat = flat + 1 if cost - new_cost < 1e-5 * cost else 0
+            cost = new_cost
+            if flat == _PATIENCE:
+                break
+        model = self.unrolled.unpack(best, self.settings.start.outputs)
+        note = "" if epoch else "never improved on the physics it started from"
+        if note:
+            warnings.warn(
+                f"seed {seed}: {note}; expected a smaller error: other seeds or priors", ModelWarning, stacklevel=4
+            )
+        seconds = spent + time.perf_counter() - began
+        trial = Trial(seed=seed, score=score, epoch=epoch, epochs=k, seconds=seconds, curve=np.array(curve), note=note)
+        return replace(model, fit_info=self._info(best, data, trial))
+
+    def _info(self, theta: np.ndarray, data: Dataset, trial: Trial) -> FitInfo:
+        s, n = self.settings, len(self.settings.free)
+        hessian, _ = self.linearised(theta)
+        e = self.error(theta, self.fitted)[self.fitted.weight[:, :, 0] > 0]
+        sigma2 = float(np.mean(e[:, : self.n_judged] ** 2))
+        posterior = np.linalg.inv(hessian)[:n, :n] * sigma2 / len(e)
+        noise = np.std(e[:, : self.n_judged] / self.weights[: self.n_judged], axis=0)
+        along = [name for name in self.inner.outputs[self.n_judged :]]
+        return FitInfo(
+            names=s.free,
+            values=theta[:n] * self.scale,
+            covariance=posterior * np.outer(self.scale, self.scale),
+            noise_std=noise,
+            n_samples=len(e),
+            units=tuple(self.template.params.si(name).unit for name in s.free),
+            seconds=trial.seconds,
+            method=f"free-run error{' with ' + ', '.join(along) if along else ''}, Levenberg-Marquardt over "
+            f"{len(theta)} parameters and weights, ridge priors; covariance for white residuals, given the priors",
+            **provenance(data),
+            trials=(trial,),
+        )
+
+
+def _unit(params: Any, name: str) -> float:
+    """Scale of a parameter: its value, or a share of its range where that is nearly zero."""
+    meta, value = params.si(name), abs(float(getattr(params, name)))
+    return value if value > 1e-2 * (meta.upper - meta.lower) or value > 0.1 else 0.05 * (meta.upper - meta.lower)

@@ -1,0 +1,176 @@
+"""Train a network: stages that look one step, then several steps ahead; early stopping; several seeds.
+
+What is trained is a `Problem`; how long and how far ahead, a sequence of `Stage`. The gradient steps themselves are
+in `slipangle.identify.networks.descent`, which needs JAX and is imported when training starts.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from slipangle.errors import ParameterError, TooShortError
+from slipangle.identify.networks.problem import Precision, Problem, Stage
+from slipangle.models.model import Trial
+
+Progress = Callable[[float, str], None]  # share done (0 to 1), what is being done
+CHECK_EVERY = 50  # epochs between two free runs on the held-out part, fewer in short stages
+
+
+def as_tuples(settings: Any, *names: str) -> None:
+    """Make tuples of an estimator's settings that may be given as lists, ranges or single values."""
+    for name in names:
+        given = getattr(settings, name)
+        object.__setattr__(settings, name, tuple(given) if isinstance(given, (tuple, list, range)) else (given,))
+
+
+def require_holdout(holdout: float) -> None:
+    """Raise `ParameterError` unless the held-out share of the training data is from 0 to 0.5."""
+    if not 0 <= holdout <= 0.5:
+        raise ParameterError(f"holdout is {holdout}; expected a share from 0 to 0.5, such as 0.15")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trained:
+    """The best parameters as NumPy arrays, every trial, and sentences about what went wrong."""
+
+    params: Any
+    trials: tuple[Trial, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def best(self) -> Trial:
+        """The trial whose parameters these are."""
+        return min(self.trials, key=lambda trial: trial.score)
+
+
+def train(
+    problem: Problem,
+    initial: Callable[[int], Any],
+    arrays: Any,
+    starts: Callable[[int], np.ndarray],
+    *,
+    stages: Sequence[Stage],
+    seeds: Sequence[int],
+    precision: Precision = "single",
+    progress: Progress | None = None,
+) -> Trained:
+    """Train from every seed; keep the parameters with the smallest free-run error on the held-out part.
+
+    Parameters
+    ----------
+    problem : Problem
+        Loss and score.
+    initial : callable
+        Start parameters of a seed, NumPy arrays.
+    arrays : nest of arrays
+        The data that `Problem.loss` and `Problem.score` take.
+    starts : callable
+        Rows at which windows of a given horizon may start.
+    stages : sequence of Stage
+        Worked through in order, each from the best parameters so far.
+    seeds : sequence of int
+        One training run each.
+    precision : {"single", "double"}
+        Of the training; JAX's global setting stays as it is.
+    progress : callable, optional
+        Told the share done.
+
+    Raises
+    ------
+    ParameterError
+        If there is no stage or no seed, or the precision is unknown.
+    TooShortError
+        If no experiment is long enough for a window.
+    """
+    if not stages or not seeds:
+        raise ParameterError(f"{len(stages)} stages and {len(seeds)} seeds; expected at least one of each")
+    if precision not in ("single", "double"):
+        raise ParameterError(f"the precision is '{precision}'; expected 'single' or 'double'")
+    from slipangle.identify.networks import descent
+
+    windows = [np.asarray(starts(stage.horizon)) for stage in stages]
+    for stage, rows in zip(stages, windows, strict=True):
+        if not len(rows):
+            raise TooShortError(
+                f"no experiment is long enough for a window of {stage.horizon} steps after its lags; expected longer "
+                "experiments: choose a smaller horizon or record without gaps"
+            )
+    found: list[tuple[Trial, Any]] = []
+    with descent.precision(precision):
+        for i, seed in enumerate(seeds):
+            run = _Run(problem, initial(seed), arrays, seed)
+            for j, (stage, rows) in enumerate(zip(stages, windows, strict=True)):
+                run.stage(stage, rows, lambda share, i=i, j=j: _tell(progress, (i, j, share), len(seeds), len(stages)))
+            found.append((run.trial(), descent.to_numpy(run.best)))
+    trials = tuple(trial for trial, _ in found)
+    winner = min(range(len(found)), key=lambda i: trials[i].score)
+    notes = [f"seed {trial.seed}: {trial.note}" for trial in trials if trial.note]
+    return Trained(params=found[winner][1], trials=trials, warnings=tuple(notes))
+
+
+def _tell(progress: Progress | None, at: tuple[int, int, float], seeds: int, stages: int) -> None:
+    if progress is not None:
+        i, j, share = at
+        progress((i + (j + share) / stages) / seeds, f"training, seed {i + 1} of {seeds}, stage {j + 1} of {stages}")
+
+
+class _Run:
+    """One training run: knows the best parameters so far and how it got there."""
+
+    def __init__(self, problem: Problem, start: Any, arrays: Any, seed: int) -> None:
+        from slipangle.identify.networks import descent
+
+        self.descent, self.problem, self.seed = descent, problem, seed
+        self.began = time.perf_counter()
+        self.arrays = descent.to_device(arrays)
+        self.best = descent.to_device(start)
+        self.score = self._score(self.best)
+        self.epoch = self.best_epoch = 0
+        self.curve = [(0, self.score)]
+        self.notes: list[str] = []
+
+    def _score(self, params: Any) -> float:
+        value = float(self.descent.score(self.problem, params, self.arrays))
+        return value if np.isfinite(value) else np.inf
+
+    def stage(self, stage: Stage, rows: np.ndarray, told: Callable[[float], None]) -> None:
+        """Train until the stage is over, nothing improves any more, or the loss is no number."""
+        steps = self.descent.Steps(self.problem, stage, self.best, self.arrays, rows, seed=(self.seed, self.epoch))
+        began, improved = self.epoch, self.epoch
+        every = min(CHECK_EVERY, max(1, stage.epochs // 40))
+        while self.epoch - began < stage.epochs and self.epoch - improved < stage.patience:
+            count = min(every, stage.epochs - (self.epoch - began))
+            loss = steps.advance(count)
+            self.epoch += count
+            score = self._score(steps.params) if np.isfinite(loss) else np.inf
+            self.curve.append((self.epoch, score))
+            if score < self.score:
+                self.best, self.score = steps.snapshot(), score
+                self.best_epoch = improved = self.epoch
+            if not np.isfinite(loss):
+                self.notes.append(
+                    f"training diverged before epoch {self.epoch} (the loss at horizon {stage.horizon} is {loss}); the "
+                    f"weights of epoch {self.best_epoch} are kept: lower the learning rate of {stage.learning_rate:g}"
+                )
+                break
+            told((self.epoch - began) / stage.epochs)
+
+    def trial(self) -> Trial:
+        if not np.isfinite(self.score):
+            self.notes.append("no free run on the held-out part stayed finite")
+        elif self.best_epoch == 0:
+            self.notes.append("training never improved on the random start")
+        return Trial(
+            seed=self.seed,
+            score=self.score,
+            epoch=self.best_epoch,
+            epochs=self.epoch,
+            seconds=time.perf_counter() - self.began,
+            curve=np.array(self.curve, dtype=float),
+            note="; ".join(self.notes),
+        )

@@ -1,0 +1,220 @@
+"""Free runs with forward sensitivities of a parametrised ODE: compiled C where there is a compiler, else CasADi."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipangle.codegen.compiler import library
+from slipangle.errors import ParameterError
+from slipangle.models.model import evaluate, roll_out
+from slipangle.models.ode import OdeModel, Parametrised
+from slipangle.numerics.integrate import MISSED, RADAU_A, RETRY, SHORTENED, discretise
+
+_STAGES = {"euler": 1, "radau": 3, "rk4": 4}
+_ITERATIONS = 12  # of Newton's method, as in the integrator itself
+
+
+@dataclass(frozen=True)
+class Run:
+    """A free run with its derivatives, see `forward`; and whether it is compiled, that is fast."""
+
+    call: Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+    compiled: bool
+
+    def __call__(self, x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Outputs and their derivatives."""
+        return self.call(x0, S0, rows, p)
+
+
+def forward(model: Any, free: tuple[str, ...]) -> Run:
+    """The free run of a parametrised model and its derivatives.
+
+    Parameters
+    ----------
+    model : Parametrised
+        Start values, integrator and outputs.
+    free : tuple of str
+        Parameters with respect to which derivatives are wanted.
+
+    Returns
+    -------
+    callable
+        ``run(x0, S0, rows, p)``: from the state ``x0``, shape (n_states,), and its derivatives ``S0``, shape
+        (n_states, m), the first ``len(free)`` columns with respect to the parameters, the others to anything, or none
+        at all (m = 0) where only outputs are wanted, in half the time; the drive's ``rows``, shape (n, n_w); values
+        ``p`` of the free parameters. It gives an array of shape (n, n_outputs, 1 + m): outputs, then their derivatives.
+
+    Raises
+    ------
+    ParameterError
+        If the model has an integrator of its own.
+    """
+    try:
+        hash(model)
+    except TypeError:  # holds arrays, so it cannot be looked up
+        return _forward(model, free)
+    return _known_forward(model, free)
+
+
+@lru_cache(maxsize=8)
+def _known_forward(model: Any, free: tuple[str, ...]) -> Run:
+    return _forward(model, free)
+
+
+def _forward(model: Any, free: tuple[str, ...]) -> Run:
+    if type(model.ode)._step is not OdeModel.__dict__["_step"]:
+        raise ParameterError(
+            f"{type(model.ode).__name__} has an integrator of its own, through which no derivatives by parameters go; "
+            "expected a model that is its derivative alone, such as SingleTrack: fit that one"
+        )
+    try:
+        source, rest = _source(model, free)
+    except (RuntimeError, NotImplementedError, TypeError):  # built on CasADi functions that have no scalar code
+        source, rest = "", np.empty(0)
+    found = library(source, name="free_run") if source else None
+    return _interpreted(model, free) if found is None else _compiled(model, found, rest)
+
+
+# ---- compiled ------------------------------------------------------------------------------------------------------
+
+
+def _numbers(model: Parametrised, names: tuple[str, ...], free: tuple[str, ...]) -> tuple[str, ...]:
+    """Parameters that can become symbols: all where the equations allow that, so that the code fits any values."""
+    others = tuple(n for n in names if n not in free)
+    try:
+        varied = model.with_values(**{n: ca.SX.sym(n) for n in (*free, *others)})
+        x, w = ca.SX.sym("x", varied.ode.n_states), ca.SX.sym("w", _width(model))
+        varied.ode.derivative(x, varied.drive(w))
+        varied.ode.output(x, varied.drive(w))
+    except (RuntimeError, NotImplementedError, TypeError, ValueError):
+        return free
+    return (*free, *others)
+
+
+def _width(model: Any) -> int:
+    """Length of a row of the drive."""
+    wrapped = model.n_states - model.ode.n_states
+    return model.n_inputs + wrapped
+
+
+def _source(model: Any, free: tuple[str, ...]) -> tuple[str, np.ndarray]:
+    """C of the free run, and the values of the parameters that it takes besides the free ones."""
+    known = _numbers(model, model.parameter_names, free)
+    ode, n_p = model.ode, len(free)
+    x, w, p = ca.SX.sym("x", ode.n_states), ca.SX.sym("w", _width(model)), ca.SX.sym("p", len(known))
+    varied = model.with_values(**{name: p[i] for i, name in enumerate(known)})
+    u = varied.drive(w)
+    f, y = ca.densify(varied.ode.derivative(x, u)), ca.densify(varied.ode.output(x, u))
+
+    def with_slopes(name: str, value: Any) -> ca.Function:
+        slopes = [ca.densify(ca.jacobian(value, x)), ca.densify(ca.jacobian(value, p)[:, :n_p])]
+        return ca.Function(name, [x, w, p], [value, *slopes])
+
+    functions = {
+        "rates": with_slopes("ode_rates", f),
+        "outputs": with_slopes("ode_outputs", y),
+        "slopes": ca.Function("ode_slopes", [x, w, p], [f]),
+    }
+    generator = ca.CodeGenerator("free_run", {"with_header": False})
+    for function in functions.values():
+        generator.add(function)
+    sizes = {"NX": ode.n_states, "NW": w.shape[0], "NP": n_p, "NY": ode.n_outputs}
+    parts = [generator.dump(), *(f"#define {k} {v}" for k, v in sizes.items())]
+    parts += [wrapper(name, function) for name, function in functions.items()]
+    rows = ", ".join("{" + ", ".join(float.hex(float(a)) for a in row) + "}" for row in RADAU_A)
+    parts += [f"static const double RADAU[3][3] = {{{rows}}};"]
+    parts += [f"static const double SHARES[{len(SHORTENED)}] = {{{', '.join(map(str, SHORTENED))}}};"]
+    settings = {"N_SHARES": len(SHORTENED), "ITERATIONS": _ITERATIONS, "MISSED": MISSED, "RETRY": RETRY}
+    parts += [f"#define {name} {value}" for name, value in settings.items()]
+    parts += [(files("slipangle.identify.physics") / "forward.c").read_text(encoding="utf-8")]
+    return "\n".join(parts), np.array([model.value(n) for n in known[n_p:]])
+
+
+def wrapper(name: str, function: ca.Function) -> str:
+    """C of ``NAME(x, w, p, ...)`` around CasADi's calling convention."""
+    outs = [f"o{i}" for i in range(function.n_out())]
+    return (
+        f"static void {name}(const double *x, const double *w, const double *p, "
+        f"{', '.join(f'double *{o}' for o in outs)})\n{{\n"
+        f"    const double *arg[{function.sz_arg()}] = {{x, w, p}};\n"
+        f"    double *res[{function.sz_res()}] = {{{', '.join(outs)}}}, work[{function.sz_w() + 1}];\n"
+        f"    casadi_int iw[{function.sz_iw() + 1}];\n"
+        f"    {function.name()}(arg, res, iw, work, 0);\n}}\n"
+    )
+
+
+def _compiled(model: Any, found: ctypes.CDLL, rest: np.ndarray) -> Run:
+    ode, ny = model.ode, model.n_outputs
+    real, whole = ctypes.c_void_p, ctypes.c_long
+    call = found.free_run
+    call.argtypes = [real, real, real, real, whole, whole, ctypes.c_double, whole, ctypes.c_int, real, real]
+    call.restype = None
+    h, stages = ode.dt / ode.substeps, _STAGES[ode.method]
+
+    def run(x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
+        x, S = np.array(x0, dtype=float), np.array(S0.T, dtype=float, order="C")  # column after column
+        m = len(S)
+        rows, values = np.ascontiguousarray(rows, dtype=float), np.concatenate([p, rest])
+        out, scratch = np.empty((len(rows), 1 + m, ny)), np.empty(3 * x.size * max(m, 1))
+        arrays = (x, S, rows, values)
+        at = [a.ctypes.data for a in arrays]
+        call(*at, len(rows), m, h, ode.substeps, stages, out.ctypes.data, scratch.ctypes.data)
+        return out.transpose(0, 2, 1)
+
+    return Run(run, compiled=True)
+
+
+# ---- without a compiler --------------------------------------------------------------------------------------------
+
+
+def _interpreted(model: Any, free: tuple[str, ...]) -> Run:
+    ode, n_p = model.ode, len(free)
+    nx, ny, nw = ode.n_states, ode.n_outputs, _width(model)
+    kind: Any = ca.MX if ode.method == "radau" else ca.SX
+
+    def at(p: Any) -> Any:
+        return model.with_values(**{name: p[i] for i, name in enumerate(free)})
+
+    def rate(state: Any, drive: Any) -> Any:
+        varied = at(drive[nw:])
+        return varied.ode.derivative(state, varied.drive(drive[:nw]))
+
+    n = {"n_states": nx, "n_inputs": nw + n_p}
+    step = discretise(rate, ode.dt, method=ode.method, substeps=ode.substeps, **n)
+    built: dict[int, tuple[ca.Function, ca.Function]] = {}
+
+    def functions(m: int) -> tuple[ca.Function, ca.Function]:
+        x, w, p, s = kind.sym("x", nx), kind.sym("w", nw), kind.sym("p", n_p), kind.sym("s", nx, m)
+        drive = ca.vertcat(w, p)
+        varied = at(p)
+        later, y = step(x, drive), varied.ode.output(x, varied.drive(w))
+        if m == 0:
+            return ca.Function("step", [x, drive], [later]), ca.Function("output", [x, drive], [ca.densify(y)])
+
+        def slopes(value: Any) -> Any:
+            of_p = ca.horzcat(ca.jacobian(value, p), kind.zeros(value.shape[0], m - n_p))
+            return ca.mtimes(ca.jacobian(value, x), s) + of_p
+
+        state = ca.vertcat(x, ca.vec(s))
+        parts = [ca.densify(ca.vertcat(v, ca.vec(slopes(v)))) for v in (later, y)]
+        return ca.Function("step", [state, drive], parts[:1]), ca.Function("output", [state, drive], parts[1:])
+
+    def run(x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
+        m = S0.shape[1]
+        if m not in built:
+            built[m] = functions(m)
+        advance, output = built[m]
+        drive = np.hstack([rows, np.broadcast_to(p, (len(rows), n_p))])
+        states = roll_out(advance, np.concatenate([x0, S0.T.ravel()]), drive[:-1])
+        full = evaluate(output, states, drive)
+        return full.reshape(len(rows), 1 + m, ny).transpose(0, 2, 1)
+
+    return Run(run, compiled=False)

@@ -1,0 +1,238 @@
+"""Free-run error of any model written as symbols, with forward sensitivities: the fit behind nonlinear black boxes."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipangle.codegen.compiler import library
+from slipangle.identify.linear.predictor import Triangles, reduce_rows
+from slipangle.identify.physics.forward import wrapper
+from slipangle.models.model import evaluate, roll_out
+from slipangle.numerics.levenberg import Descent, descend
+
+Function = Callable[[Any, Any, Any], Any]  # (x, u, p)
+Run = Callable[[np.ndarray, np.ndarray, np.ndarray], Any]  # (p, x0, u)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeRunPoint:
+    """Parameters, and the state at the first sample of each experiment."""
+
+    p: np.ndarray
+    x0: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreeRunFit:
+    """Outcome of `FreeRun.fit`.
+
+    Parameters
+    ----------
+    p : array, shape (n_parameters,)
+    x0 : array, shape (n_experiments, n_states)
+        States at the experiments' first samples.
+    rmse : array, shape (n_outputs,)
+        Free-run error on the training data, in the outputs' units.
+    covariance : array, shape (n_parameters, n_parameters)
+        Given white residuals and the prior.
+    converged : bool
+    steps : int
+    """
+
+    p: np.ndarray
+    x0: np.ndarray
+    rmse: np.ndarray
+    covariance: np.ndarray
+    converged: bool
+    steps: int
+
+
+class FreeRun:
+    """Squared free-run error of ``x(k+1) = step(x, u, p)``, ``y = output(x, u, p)`` and its derivatives.
+
+    Parameters
+    ----------
+    step, output : callable
+        ``(x, u, p)``, symbol-safe.
+    n_states, n_parameters : int
+        Lengths of x and p.
+    records : list of (array, array)
+        Inputs and outputs of each experiment, shapes (n, n_inputs) and (n, n_outputs).
+    error : array, shape (n_outputs,)
+        Typical error of each output, by which it is divided.
+    free_x0 : tuple of int
+        States whose initial value is estimated for each experiment; the others stay as given.
+    prior : (array, array), optional
+        Mean and standard deviation of each parameter, infinite where nothing is known beforehand.
+    inside : callable, optional
+        The nearest parameters that are allowed, of any, such as those of a stable model.
+    """
+
+    def __init__(
+        self,
+        step: Function,
+        output: Function,
+        *,
+        n_states: int,
+        n_parameters: int,
+        records: list[tuple[np.ndarray, np.ndarray]],
+        error: np.ndarray,
+        free_x0: tuple[int, ...] = (),
+        prior: tuple[np.ndarray, np.ndarray] | None = None,
+        inside: Callable[[np.ndarray], np.ndarray] | None = None,
+    ) -> None:
+        self.inside = inside or (lambda p: p)
+        self.records, self.error, self.prior, self.free_x0 = records, np.asarray(error, dtype=float), prior, free_x0
+        self.nx, self.np = n_states, n_parameters
+        nu, self.ny = records[0][0].shape[1], records[0][1].shape[1]
+        self.n_rows = sum(len(u) for u, _ in records) * self.ny
+        x, u, p = ca.SX.sym("x", self.nx), ca.SX.sym("u", nu), ca.SX.sym("p", self.np)
+        later, seen = (ca.densify(value) for value in (step(x, u, p), output(x, u, p)))
+        found = library(self._source(x, u, p, later, seen), name="sensitive_run")
+        # of (p, x0, u): outputs, shape (n, n_outputs); and their derivatives, (n, n_outputs, n_parameters + n_free)
+        self.run, self.sensitive = self._interpreted(x, u, p, later, seen) if found is None else self._linked(found)
+
+    def _source(self, x: Any, u: Any, p: Any, later: Any, seen: Any) -> str:
+        """C of the free run and its derivatives."""
+        parts, functions = [], {}
+        generator = ca.CodeGenerator("free_run", {"with_header": False})
+        for name, value in (("step", later), ("output", seen)):
+            slopes = [ca.densify(ca.jacobian(value, by).T) for by in (x, p)]  # row after row once transposed
+            functions[f"plain_{name}"] = ca.Function(f"bare_{name}", [x, u, p], [value])
+            functions[f"sloped_{name}"] = ca.Function(f"full_{name}", [x, u, p], [value, *slopes], {"cse": True})
+        for function in functions.values():
+            generator.add(function)
+        sizes = {"NX": self.nx, "NU": u.shape[0], "NP": self.np, "NY": self.ny, "M": self.np + len(self.free_x0)}
+        parts = [generator.dump(), *(f"#define {key} {value}" for key, value in sizes.items())]
+        parts += [wrapper(name, function) for name, function in functions.items()]
+        return "\n".join([*parts, (files("slipangle.identify.physics") / "free_run.c").read_text(encoding="utf-8")])
+
+    def _linked(self, found: ctypes.CDLL) -> tuple[Run, Run]:
+        real, whole = ctypes.c_void_p, ctypes.c_long
+        found.plain_run.argtypes, found.plain_run.restype = [real, real, real, whole, real], None
+        found.sensitive_run.argtypes, found.sensitive_run.restype = [real, real, real, real, whole, real, real], None
+        slope = self._first_slope()
+
+        def plain(p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+            arrays = [np.ascontiguousarray(a, dtype=float) for a in (x0, u, p)]
+            out = np.empty((len(u), self.ny))
+            found.plain_run(*(a.ctypes.data for a in arrays), len(u), out.ctypes.data)
+            return out
+
+        def sensitive(p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            arrays = [np.ascontiguousarray(a, dtype=float) for a in (x0, slope, u, p)]
+            out, by_all = np.empty((len(u), self.ny)), np.empty((len(u), self.ny, slope.shape[1]))
+            found.sensitive_run(*(a.ctypes.data for a in arrays), len(u), out.ctypes.data, by_all.ctypes.data)
+            return out, by_all
+
+        return plain, sensitive
+
+    def _first_slope(self) -> np.ndarray:
+        """Derivative of the first state, shape (n_states, n_parameters + n_free)."""
+        slope = np.zeros((self.nx, self.np + len(self.free_x0)))
+        slope[list(self.free_x0), self.np :] = np.eye(len(self.free_x0))
+        return slope
+
+    def _interpreted(self, x: Any, u: Any, p: Any, later: Any, seen: Any) -> tuple[Run, Run]:
+        """The same without a compiler."""
+        first = self._first_slope()
+        s, drive, m = ca.SX.sym("s", *first.shape), ca.vertcat(u, p), first.shape[1]
+        both = ca.vertcat(x, ca.vec(s))
+
+        def slopes(value: Any) -> Any:
+            by_x0 = ca.SX.zeros(value.shape[0], m - self.np)
+            return ca.mtimes(ca.jacobian(value, x), s) + ca.horzcat(ca.jacobian(value, p), by_x0)
+
+        def function(name: str, state: Any, value: Any) -> ca.Function:
+            return ca.Function(name, [state, drive], [ca.densify(value)])
+
+        step, output = function("step", x, later), function("output", x, seen)
+        steps = function("steps", both, ca.vertcat(later, ca.vec(slopes(later))))
+        outputs = function("outputs", both, ca.vertcat(seen, ca.vec(slopes(seen))))
+
+        def driven(u: np.ndarray, p: np.ndarray) -> np.ndarray:
+            return np.hstack([u, np.broadcast_to(p, (len(u), self.np))])
+
+        def plain(p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+            rows = driven(u, p)
+            return evaluate(output, roll_out(step, x0, rows[:-1]), rows)
+
+        def sensitive(p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            rows = driven(u, p)
+            full = evaluate(outputs, roll_out(steps, np.concatenate([x0, first.T.ravel()]), rows[:-1]), rows)
+            return full[:, : self.ny], full[:, self.ny :].reshape(-1, m, self.ny).transpose(0, 2, 1)
+
+        return plain, sensitive
+
+    def cost(self, point: FreeRunPoint) -> float:
+        """Weighted squared error, with the prior's share; infinite where the free run is."""
+        total = 0.0
+        with np.errstate(over="ignore", invalid="ignore"):
+            for x0, (u, y) in zip(point.x0, self.records, strict=True):
+                total += float(np.sum(((y - self.run(point.p, x0, u)) / self.error) ** 2))
+        total += float(np.sum(self._prior(point)[1] ** 2))
+        return total if np.isfinite(total) else np.inf
+
+    def _prior(self, point: FreeRunPoint) -> tuple[np.ndarray, np.ndarray]:
+        """Derivative and errors of the rows that the prior adds."""
+        if self.prior is None:
+            return np.zeros((0, self.np)), np.zeros(0)
+        mean, std = self.prior
+        return np.diag(1 / std), (mean - point.p) / std
+
+    def linearise(self, point: FreeRunPoint) -> Triangles:
+        """Triangles of [x0, p | error]."""
+        m = self.np + len(self.free_x0)
+        work = Triangles(len(self.free_x0), self.np)
+        for x0, (u, y) in zip(point.x0, self.records, strict=True):
+            seen, slopes = self.sensitive(point.p, x0, u)
+            local, error = slopes / self.error[:, None], (y - seen) / self.error
+            rows = np.concatenate([local[:, :, self.np :], local[:, :, : self.np], error[:, :, None]], axis=2)
+            work.add(rows.reshape(-1, m + 1))
+            work.close()
+        by_p, pull = self._prior(point)
+        if len(pull):
+            work.shared = reduce_rows(np.vstack([work.shared, np.column_stack([by_p, pull])]))
+        return work
+
+    def fit(self, p: np.ndarray, x0: np.ndarray, *, max_iterations: int = 60) -> FreeRunFit:
+        """Levenberg-Marquardt from given parameters and initial states."""
+
+        def linearise(point: FreeRunPoint) -> tuple[np.ndarray, np.ndarray, Any]:
+            work = self.linearise(point)
+            return work.shared[: self.np, : self.np], work.shared[: self.np, self.np], work
+
+        def move(point: FreeRunPoint, work: Any, eta: np.ndarray) -> FreeRunPoint:
+            moved = point.x0.copy()
+            if self.free_x0:
+                moved[:, list(self.free_x0)] += work.solve_locals(eta)
+            return FreeRunPoint(p=self.inside(point.p + eta), x0=moved)
+
+        start = FreeRunPoint(p=np.array(p, dtype=float), x0=np.array(x0, dtype=float).reshape(len(self.records), -1))
+        found = descend(start, cost=self.cost, linearise=linearise, move=move, max_iterations=max_iterations)
+        return self._report(found)
+
+    def _report(self, found: Descent) -> FreeRunFit:
+        point = found.point
+        r = self.linearise(point).shared[: self.np, : self.np]
+        norms = np.maximum(np.linalg.norm(r, axis=0), 1e-300)
+        spread = np.linalg.pinv(r / norms, rcond=1e-10) / norms[:, None]
+        squares = np.zeros(self.ny)
+        for x0, (u, y) in zip(point.x0, self.records, strict=True):
+            squares += np.sum((y - self.run(point.p, x0, u)) ** 2, axis=0)
+        variance = found.cost / max(1, self.n_rows - self.np)
+        return FreeRunFit(
+            p=point.p,
+            x0=point.x0,
+            rmse=np.sqrt(squares * self.ny / self.n_rows),
+            covariance=spread @ spread.T * variance,
+            converged=found.converged,
+            steps=found.steps,
+        )

@@ -1,0 +1,103 @@
+"""What a search of NARX networks tries and how it judges: lags, layers, neurons; free runs on later stretches."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ModelWarning, ParameterError, SimulationError
+from slipangle.identify.networks.narx import NARX
+from slipangle.identify.networks.problem import Stage
+from slipangle.identify.search.pool import Report, Value
+from slipangle.identify.search.search import Choice, Range
+
+STAGES = (Stage(horizon=1, epochs=150, learning_rate=3e-3), Stage(horizon=40, epochs=150, learning_rate=3e-3))
+THESIS: Mapping[str, Range | Choice] = {
+    "na": Range(low=5, high=10),
+    "nb": Range(low=5, high=10),
+    "layers": Range(low=2, high=10),
+    "neurons": Range(low=30, high=50),
+}
+"""Lags, layers and neurons searched by L. C. Sousa, PhD thesis, PUC-Rio, 2023, sec. 8.3."""
+WIDER: Mapping[str, Range | Choice] = {
+    "na": Range(low=1, high=10),
+    "nb": Range(low=1, high=10),
+    "layers": Range(low=1, high=10),
+    "neurons": Range(low=4, high=64, log=True),
+    "activation": Choice(values=("elu", "tanh")),
+    "learning_rate": Range(low=3e-4, high=1e-2, log=True),
+}
+"""Small networks, another activation and the learning rate as well."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NarxObjective:
+    """Free-run error of a NARX network on stretches that follow what it was trained on.
+
+    In each fold a network is trained on the data up to one share and runs free over the stretch up to the next. The
+    score is the RMSE over the standard deviation of the measured output, mean over outputs, root mean square over
+    folds; after each fold what is known so far is reported, so that a bad trial ends early.
+
+    Parameters
+    ----------
+    data : Dataset
+        Training data; test data have no place here.
+    stages : tuple of Stage
+        Training; ``learning_rate`` among the settings replaces theirs.
+    shares : tuple of float
+        Ends of the folds, rising to at most 1.
+
+    Raises
+    ------
+    ParameterError
+        If the shares are not at least two, rising, above 0 and at most 1.
+    """
+
+    data: Dataset
+    stages: tuple[Stage, ...] = STAGES
+    shares: tuple[float, ...] = (0.6, 0.8, 1.0)
+
+    def __post_init__(self) -> None:
+        rising = all(b > a for a, b in pairwise(self.shares))
+        if len(self.shares) < 2 or not rising or self.shares[0] <= 0 or self.shares[-1] > 1:
+            raise ParameterError(
+                f"the shares are {self.shares}; expected at least two, rising, from above 0 to at most 1"
+            )
+
+    def estimator(self, settings: Mapping[str, Value], seed: int) -> NARX:
+        """The network of a trial: ``na``, ``nb``, ``layers``, ``neurons`` and, if searched, the others."""
+        stages = self.stages
+        if "learning_rate" in settings:
+            stages = tuple(replace(s, learning_rate=float(settings["learning_rate"])) for s in stages)
+        return NARX(
+            na=int(settings["na"]),
+            nb=int(settings["nb"]),
+            hidden=(int(settings["neurons"]),) * int(settings["layers"]),
+            activation="tanh" if settings.get("activation") == "tanh" else "elu",
+            stages=stages,
+            holdout=0.0,
+            seeds=(seed,),
+        )
+
+    def __call__(self, settings: Mapping[str, Value], seed: int, report: Report) -> float:
+        """Score of a trial; see the class."""
+        estimator = self.estimator(settings, seed)
+        rows = [round(share * self.data.n_samples) for share in self.shares]
+        errors: list[float] = []
+        for a, b in pairwise(rows):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ModelWarning)
+                model = estimator.fit(self.data.rows(0, a))
+            try:
+                run = model.simulate(self.data.rows(a, b))
+            except SimulationError as error:
+                raise SimulationError(f"fold {len(errors) + 1}: {error}") from None
+            size = np.std(run.measured[run.predicted], axis=0)
+            errors.append(float(np.mean(np.sqrt(np.mean(run.error[run.predicted] ** 2, axis=0)) / size)))
+            report(float(np.sqrt(np.mean(np.square(errors)))))
+        return float(np.sqrt(np.mean(np.square(errors))))

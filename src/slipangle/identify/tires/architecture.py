@@ -1,0 +1,93 @@
+"""`ArchitectureSearch`: the smallest network that follows a friction curve about as well as the best one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from slipangle.errors import ParameterError
+from slipangle.identify.tires.curve_data import checked_samples
+from slipangle.identify.tires.curves import NetworkCurveFit
+from slipangle.models.tires.neural import NeuralCurve
+
+
+class Candidate(NamedTuple):
+    """One architecture of a search: its settings, size and error on samples that it was not fitted to."""
+
+    fit: NetworkCurveFit
+    n_parameters: int
+    rmse: float
+
+
+class SearchResult(NamedTuple):
+    """Curve of the chosen architecture, fitted to all samples, its candidate, and all of them by size."""
+
+    curve: NeuralCurve
+    chosen: Candidate
+    candidates: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArchitectureSearch:
+    """The smallest network whose error is within a tolerance of the best.
+
+    The error is measured by cross-validation: each fold of every ``folds``-th sample is predicted by a network fitted
+    to the others.
+
+    Parameters
+    ----------
+    candidates : sequence of NetworkCurveFit
+        Architectures to compare.
+    tolerance : float
+        How much larger than the best the error may be, as a share of it.
+    enough : float
+        An error that is good enough however small the best is. [-]
+    folds : int
+        Parts of the data that take turns.
+    """
+
+    candidates: tuple[NetworkCurveFit, ...]
+    tolerance: float = 0.02
+    enough: float = 0.0
+    folds: int = 4
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "candidates", tuple(self.candidates))
+        if not self.candidates:
+            raise ParameterError("there is no candidate; expected at least one, such as MLPCurveFit(hidden=(2, 2))")
+        if self.folds < 2:
+            raise ParameterError(f"folds is {self.folds}; expected at least 2")
+
+    def fit(
+        self,
+        slip: np.ndarray,
+        friction: np.ndarray,
+        *,
+        load: np.ndarray | None = None,
+        camber: np.ndarray | None = None,
+    ) -> SearchResult:
+        """Choose and fit; arguments and exceptions as for `NetworkCurveFit.fit`."""
+        samples, _, inputs = checked_samples(slip, friction, load, camber, n_parameters=2 * self.folds)
+        friction = np.asarray(friction, dtype=float)
+        # folds from the samples in the order of slip, so that each covers the whole curve
+        rank = np.argsort(np.argsort(samples[:, 0], kind="stable"), kind="stable")
+        scored = []
+        for candidate in self.candidates:
+            error = np.empty(len(friction))
+            for k in range(self.folds):
+                out = rank % self.folds == k
+                parts = dict(zip(inputs[1:], samples[~out, 1:].T, strict=True))
+                curve = candidate.fit(samples[~out, 0], friction[~out], **parts)
+                curve = replace(curve, outside="extrapolate")
+                error[out] = (
+                    friction[out] - curve(*samples[out].T)
+                    if inputs != ("slip", "camber")
+                    else (friction[out] - curve(samples[out, 0], camber=samples[out, 1]))
+                )
+            scored.append(Candidate(candidate, candidate.n_parameters(len(inputs)), float(np.sqrt(np.mean(error**2)))))
+        limit = max(min(c.rmse for c in scored) * (1 + self.tolerance), self.enough)
+        ordered = tuple(sorted(scored, key=lambda c: (c.n_parameters, c.rmse)))
+        chosen = next(c for c in ordered if c.rmse <= limit)
+        return SearchResult(chosen.fit.fit(slip, friction, load=load, camber=camber), chosen, ordered)

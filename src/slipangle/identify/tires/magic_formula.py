@@ -1,0 +1,386 @@
+"""Magic Formula 6.1 from tire-rig data: pure slip first, then combined slip, then moments, then all forces together.
+
+References
+----------
+.. [1] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.3.2.
+.. [2] J. van Oosten, E. Bakker, Determination of Magic Tyre Model parameters, Vehicle System Dynamics 21, 1992.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipangle.data.tire_data import TireData
+from slipangle.errors import ExcitationError, IdentifiabilityWarning, ModelWarning, ParameterError, TooShortError
+from slipangle.identify.tires.curve_data import require_both_signs
+from slipangle.identify.tires.magic_formula_coefficients import COMBINED, LATERAL, LONGITUDINAL, MOMENTS, Free
+from slipangle.identify.tires.stages import Stage, criterion, expendable, noise, robust_covariance, scaled, unscaled
+from slipangle.models.model import FitInfo
+from slipangle.models.tires.magic_formula.coefficients import MF61Coefficients
+from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
+from slipangle.models.tires.magic_formula.validity import Limits
+from slipangle.models.tires.simple import practical_slip
+from slipangle.numerics.blas import one_blas_thread
+from slipangle.numerics.multistart import Effort, Regression, draw, multistart
+
+_SMALL_RATIO = 0.01  # slip ratio that counts as free rolling
+_SMALL_ANGLE = np.deg2rad(0.6)  # slip angle that counts as straight
+
+
+def typical(data: TireData, *, radius: float) -> MagicFormulaTire:
+    """A tire to start from: nominal load and pressure from the data, coefficients of an ordinary tire.
+
+    Parameters
+    ----------
+    data : TireData
+        Rig data.
+    radius : float
+        Unloaded radius, the length that moments are made dimensionless with. [m]
+    """
+    pressure = 0.0 if data.pressure is None else float(np.median(data.pressure))
+    return MagicFormulaTire(
+        coefficients=MF61Coefficients(
+            FNOMIN=float(f"{np.median(data.load):.3g}"),
+            UNLOADED_RADIUS=radius,
+            NOMPRES=pressure,
+            INFLPRES=pressure,
+            PCX1=1.5,
+            PDX1=1.2,
+            PKX1=25.0,
+            PCY1=1.4,
+            PDY1=1.1,
+            PKY1=-25.0,
+            PKY2=2.0,
+            RCX1=1.0,
+            RCY1=1.0,
+            QCZ1=1.1,
+        )
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class MagicFormulaFit:
+    """Fit of Magic Formula 6.1 to rig data by staged, then joint least squares.
+
+    Coefficients that need a load, camber or pressure that did not vary stay those of ``start``; so does everything
+    about a direction, combined slip or moment that the data do not hold.
+
+    Shape and curvature factor come in twins: where a sweep ends soon after the peak, two pairs (C, E) give the same
+    forces to within the noise, each with a narrow interval of its own. Sweep to three times the slip of the peak, or
+    start from a tire of the same kind, when the coefficients themselves matter.
+
+    Parameters
+    ----------
+    start : MagicFormulaTire
+        Nominal load, radius, pressure, conventions and the coefficients that stay; `typical` makes one.
+    effort : Effort
+        For each of the pure-slip stages; later ones start from those.
+    samples : int
+        At most about so many samples are used, evenly spread.
+    seed : int
+        Of the random starts.
+    prune : bool
+        Put coefficients back to their start that the data do not need, as Schwarz's criterion ([3]_) judges: fewer
+        coefficients extrapolate better, and the intervals of the others get narrower.
+
+    References
+    ----------
+    .. [3] G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978.
+    """
+
+    start: MagicFormulaTire
+    effort: Effort = field(default_factory=lambda: Effort(starts=8, screen=25, carried=3, polish=120, finish=150))
+    samples: int = 6000
+    seed: int = 0
+    prune: bool = True
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.start.coefficients, MF61Coefficients):
+            raise ParameterError("the start tire is of version 5.2; expected version 6: take one from typical()")
+        if self.start.axes != "ISO-W":
+            raise ParameterError(f"the start tire is in {self.start.axes} axes; expected ISO-W, in which it is fitted")
+
+    def fit(self, data: TireData) -> MagicFormulaTire:
+        """The tire with fitted coefficients, limits of the data, and ``fit_info`` with every coefficient's interval.
+
+        ``noise_std`` of the information holds F_x, F_y and, where measured, M_z and M_x.
+
+        Raises
+        ------
+        ExcitationError
+            If no slip moves, or a sweep runs on one side of zero only.
+        TooShortError
+            If a stage has fewer samples than coefficients.
+
+        Warns
+        -----
+        ModelWarning
+            With what the data do not hold and is taken from ``start``.
+        IdentifiabilityWarning
+            With the coefficients that the data do not determine.
+        """
+        began = time.perf_counter()
+        with one_blas_thread():
+            job = _Job(self, data)
+            tire = job.pure(self.start)
+            tire, forces = job.joint(tire)
+            tire, moments = job.moments(tire)
+            info = job.info([forces, *moments])
+        info = replace(info, seconds=time.perf_counter() - began)
+        for note in job.notes:
+            warnings.warn(note, ModelWarning, stacklevel=2)
+        for note in info.warnings[len(job.notes) :]:
+            warnings.warn(note, IdentifiabilityWarning, stacklevel=2)
+        return replace(tire, limits=_limits(job.data), fit_info=info, source=None)
+
+
+def confidence(info: FitInfo, *, level: float = 0.95) -> dict[str, str]:
+    """Interval of each coefficient as a comment for `MagicFormulaTire.write_tir`.
+
+    >>> info = FitInfo(names=("PDY1",), values=np.array([1.2]), covariance=np.array([[1e-4]]),
+    ...     noise_std=np.array([1.0]), n_samples=10)
+    >>> confidence(info)
+    {'PDY1': '95 % interval 1.1804 to 1.2196'}
+    """
+    ends = info.interval(level)
+    return {
+        name: f"{100 * level:g} % interval {low:.5g} to {high:.5g}"
+        for name, (low, high) in zip(info.names, ends, strict=True)
+    }
+
+
+class _Job:
+    """One fit: the data, what varies in them and what has been said."""
+
+    def __init__(self, settings: MagicFormulaFit, data: TireData) -> None:
+        self.settings = settings
+        self.data = data.thinned(settings.samples)
+        self.rng = np.random.default_rng(settings.seed)
+        self.notes: list[str] = []
+        d = self.data
+        self.driving = np.abs(d.slip_ratio) > _SMALL_RATIO / 2
+        self.straight = np.abs(d.slip_angle) < _SMALL_ANGLE
+        self.rolling = np.abs(d.slip_ratio) < _SMALL_RATIO
+        self.has_x = bool((self.driving & self.straight).sum() >= 30)
+        self.has_y = bool((self.rolling & ~self.straight).sum() >= 30)
+        self.has_both = bool((self.driving & ~self.straight).sum() >= 30)
+        if not self.has_x and not self.has_y:
+            raise ExcitationError(
+                f"'{d.name}' holds neither 30 samples of pure longitudinal nor of pure lateral slip; expected a sweep "
+                "of one with the other near zero: join such a run"
+            )
+        self.varies = self._varying()
+        reference = settings.start.coefficients
+        kappa = practical_slip(np.minimum(d.slip_ratio, 0.99))
+        pressure = np.full(d.n_samples, float(reference.INFLPRES)) if d.pressure is None else d.pressure
+        self.samples = np.column_stack([kappa, -d.slip_angle, d.load, d.gamma, pressure])
+
+    def _varying(self) -> str:
+        d, c = self.data, self.settings.start.coefficients
+        found = ""
+        if np.std(d.load) > 0.05 * np.mean(d.load):
+            found += "f"
+        if np.ptp(np.quantile(d.gamma, (0.02, 0.98))) > np.deg2rad(0.5):
+            found += "c"
+        if c.NOMPRES > 0 and d.pressure is not None and np.std(d.pressure) > 0.02 * np.mean(d.pressure):
+            found += "p"
+        return found
+
+    def free(self, table: tuple[Free, ...]) -> tuple[Free, ...]:
+        """Coefficients of a table whose conditions vary."""
+        return tuple(f for f in table if set(f.needs) <= set(self.varies))
+
+    # ---- stages ------------------------------------------------------------------------------------------------
+
+    def pure(self, tire: MagicFormulaTire) -> MagicFormulaTire:
+        """Longitudinal and lateral slip, each alone."""
+        if self.has_x:
+            rows = self.straight & (self.driving if self.has_y else np.full(len(self.driving), True))
+            require_both_signs(self.data.slip_ratio[rows], f"the slip ratio of '{self.data.name}'")
+            tire = self.solve(tire, self.free(LONGITUDINAL), ("F_x",), rows, self.settings.effort)[0]
+        else:
+            self.notes.append("the data hold no longitudinal sweep: F_x is that of the start tire")
+        if self.has_y:
+            require_both_signs(self.data.slip_angle[self.rolling], f"the slip angle of '{self.data.name}'")
+            tire = self.solve(tire, self.free(LATERAL), ("F_y",), self.rolling, self.settings.effort)[0]
+        else:
+            self.notes.append("the data hold no lateral sweep: F_y is that of the start tire")
+        return tire
+
+    def joint(self, tire: MagicFormulaTire) -> tuple[MagicFormulaTire, Stage]:
+        """Combined slip, then all force coefficients on all samples."""
+        free = (self.free(LONGITUDINAL) if self.has_x else ()) + (self.free(LATERAL) if self.has_y else ())
+        outputs = ("F_x",) * self.has_x + ("F_y",) * self.has_y
+        if self.has_both and self.has_x and self.has_y:
+            few = Effort(starts=6, screen=25, carried=2, polish=60, finish=60)
+            tire = self.solve(tire, self.free(COMBINED), outputs, np.full(len(self.samples), True), few)[0]
+            free += self.free(COMBINED)
+            rows = np.full(len(self.samples), True)
+        else:
+            if self.has_x and self.has_y:
+                self.notes.append("the data hold no combined slip: its coefficients are those of the start tire")
+            rows = (self.straight & self.has_x) | (self.rolling & self.has_y)
+        once = Effort(starts=1, screen=120, carried=1, polish=120, finish=120)
+        tire, _ = self.solve(tire, free, outputs, rows, once)
+        tire, stage = self.solve(tire, free, outputs, rows, once)  # with each output weighed by its residuals
+        return self.pruned(tire, stage, rows)
+
+    def moments(self, tire: MagicFormulaTire) -> tuple[MagicFormulaTire, list[Stage]]:
+        """Aligning and overturning moment, the forces given."""
+        stages = []
+        few = replace(self.settings.effort, starts=self.settings.effort.starts + 2, screen=40)
+        rows = np.full(len(self.samples), True)
+        for output, tables in MOMENTS.items():
+            if getattr(self.data, output) is None or not self.has_y:
+                continue
+            found = [self.pruned(*self.solve(tire, self.free(table), (output,), rows, few), rows) for table in tables]
+            tire, stage = min(found, key=lambda pair: criterion(pair[1]))
+            stages.append(stage)
+        return tire, stages
+
+    def pruned(self, tire: MagicFormulaTire, stage: Stage, rows: np.ndarray) -> tuple[MagicFormulaTire, Stage]:
+        """The stage without coefficients that are not worth their place, fitted again."""
+        once = Effort(starts=1, screen=80, carried=1, polish=80, finish=80)
+        reference = self.settings.start.coefficients
+        while self.settings.prune:
+            home = np.array([scaled(f, getattr(reference, f.name)) for f in stage.free])
+            order = expendable(stage, home)
+            better = None
+            for share in (1.0, 0.5, 0.2):
+                spared = set(order[: round(share * len(order))])
+                fewer = tuple(f for k, f in enumerate(stage.free) if k not in spared)
+                if not spared or not fewer:
+                    continue
+                back = {stage.free[k].name: getattr(reference, stage.free[k].name) for k in spared}
+                trial = self.solve(tire.with_coefficients(**back), fewer, stage.outputs, rows, once)
+                if criterion(trial[1]) < criterion(stage):
+                    better = trial
+                    break
+            if better is None:
+                break
+            tire, stage = better
+        return tire, stage
+
+    def solve(
+        self,
+        tire: MagicFormulaTire,
+        free: tuple[Free, ...],
+        outputs: tuple[str, ...],
+        rows: np.ndarray,
+        effort: Effort,
+    ) -> tuple[MagicFormulaTire, Stage]:
+        """One stage: the tire with the free coefficients that fit the outputs best on some rows."""
+        n = int(rows.sum()) * len(outputs)
+        if n <= len(free):
+            raise TooShortError(
+                f"{n} samples of {', '.join(outputs)} cannot determine {len(free)} coefficients; expected more samples"
+            )
+        problem = self._regression(tire, free, outputs, rows)
+        low, high = np.full(len(free), -1.0), np.ones(len(free))
+        now = np.array([scaled(f, getattr(tire.coefficients, f.name)) for f in free])
+        box = np.array([[scaled(f, f.low), scaled(f, f.high)] for f in free])
+        starts = np.vstack([now[None], draw(box[:, 0], box[:, 1], effort.starts - 1, self.rng, share=1.0)])
+        solution = multistart(problem, low, high, np.clip(starts, -1, 1), effort)
+        values = {f.name: unscaled(f, z) for f, z in zip(free, solution.theta, strict=True)}
+        return tire.with_coefficients(**values), Stage(free, outputs, solution, problem)
+
+    def _regression(
+        self, tire: MagicFormulaTire, free: tuple[Free, ...], outputs: tuple[str, ...], rows: np.ndarray
+    ) -> Regression:
+        x, z = ca.SX.sym("x", 5), ca.SX.sym("z", len(free))
+        symbols: dict[str, Any] = {f.name: unscaled(f, z[k]) for k, f in enumerate(free)}
+        camber: Any = x[3] if np.any(self.samples[:, 3] != 0) else 0.0
+        found = replace(tire, outside="extrapolate").with_coefficients(**symbols)
+        forces = found.evaluate(x[0], x[1], x[2], axes="ISO-W", camber=camber, pressure=x[4])
+        y = ca.vertcat(*[getattr(forces, name) for name in outputs])
+        samples = self.samples[rows]
+        target = np.column_stack([getattr(self.data, name)[rows] for name in outputs])
+        weight = np.column_stack([self._weight(tire, name, rows) for name in outputs])
+        return Regression(y, x, z, samples=samples, target=target, weight=weight)
+
+    def _weight(self, tire: MagicFormulaTire, name: str, rows: np.ndarray) -> np.ndarray:
+        """One over the residual's standard deviation; free rolling says nothing about F_x."""
+        s = self.samples
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)
+            loose = replace(tire, outside="extrapolate", limits=Limits())
+            found = loose.evaluate(s[:, 0], s[:, 1], s[:, 2], axes="ISO-W", camber=s[:, 3], pressure=s[:, 4])
+        error = (getattr(self.data, name) - getattr(found, name))[rows]
+        counts = self.driving[rows] if name == "F_x" and self.has_y else np.full(len(error), True)
+        sigma = max(float(np.std(error[counts])), 1e-6 * float(np.std(getattr(self.data, name)[rows][counts])), 1e-9)
+        return np.where(counts, 1.0 / sigma, 0.0)
+
+    # ---- what is reported --------------------------------------------------------------------------------------
+
+    def info(self, stages: list[Stage]) -> FitInfo:
+        """Estimates, covariance and warnings of all stages together."""
+        names = tuple(f.name for stage in stages for f in stage.free)
+        half = np.array([(f.upper - f.lower) / 2 for stage in stages for f in stage.free])
+        values = np.concatenate(
+            [[unscaled(f, z) for f, z in zip(s.free, s.solution.theta, strict=True)] for s in stages]
+        )
+        covariance = np.zeros((len(names), len(names)))
+        at, sigmas, colours = 0, [], []
+        for stage in stages:
+            block, colour = robust_covariance(stage)
+            covariance[at : at + len(block), at : at + len(block)] = block
+            at += len(block)
+            sigmas += noise(stage)
+            colours.append(colour)
+        covariance *= np.outer(half, half)
+        metadata = self.settings.start.coefficients.metadata()
+        ends = 1.96 * np.sqrt(np.maximum(np.diag(covariance), 0))
+        vague = [n for n, v, e in zip(names, values, ends, strict=True) if not e <= max(abs(v), 1e-3)]
+        edge = [f.name for s in stages for f, z in zip(s.free, s.solution.theta, strict=True) if abs(z) > 1 - 1e-4]
+        said = list(self.notes)
+        if vague:
+            said.append(
+                f"the data do not determine {len(vague)} of {len(names)} coefficients ({', '.join(vague)}): their 95 % "
+                "interval is wider than the value; expected narrower: sweep further, or leave them at their start"
+            )
+        if edge:
+            said.append(
+                f"at the edge of the usual range: {', '.join(edge)}; expected an optimum inside it: check the "
+                "signs and units of the data"
+            )
+        if not all(s.solution.converged for s in stages):
+            said.append("a stage stopped at its budget; expected convergence: raise effort")
+        return FitInfo(
+            names=names,
+            values=values,
+            covariance=covariance,
+            noise_std=np.array(sigmas),
+            n_samples=len(self.samples),
+            units=tuple(metadata[n].unit for n in names),
+            method=f"staged, then joint least squares of the forces; {colours[0]}",
+            warnings=tuple(said),
+            train_name=self.data.name,
+        )
+
+
+def _limits(data: TireData) -> Limits:
+    """Range of the data, in the axes of the coefficients (ISO-W), rounded outwards a little."""
+
+    def around(values: np.ndarray) -> tuple[float, float]:
+        low, high = float(values.min()), float(values.max())
+        margin = 0.02 * max(high - low, 1e-6)
+        return low - margin, high + margin
+
+    low, high = around(data.load)
+    reach = float(np.max(np.abs(data.slip_angle))) * 1.02 + 1e-3
+    kappa = around(
+        np.where(data.slip_ratio > 0, data.slip_ratio / (1 - np.minimum(data.slip_ratio, 0.99)), data.slip_ratio)
+    )
+    return Limits(
+        load=(max(0.0, low), high),
+        slip_angle=(-reach, reach),
+        slip_ratio=(min(kappa[0], -0.05), max(kappa[1], 0.05)),
+        camber=around(np.append(data.gamma, 0.0)),
+        pressure=(-np.inf, np.inf) if data.pressure is None else around(data.pressure),
+    )

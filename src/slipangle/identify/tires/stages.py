@@ -1,0 +1,116 @@
+"""Stages of a fit over scaled coefficients: noise, criterion, covariance.
+
+References
+----------
+.. [1] G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978.
+.. [2] H. White, Econometrica 48, 1980: covariance under residuals of unlike size.
+.. [3] W. K. Newey, K. D. West, Econometrica 55, 1987: covariance under coloured residuals.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from slipangle.identify.tires.magic_formula_coefficients import Free
+from slipangle.numerics.multistart import Regression, Solution
+
+
+class Stage(NamedTuple):
+    """Outcome of one stage: free coefficients, outputs, solution in scaled coordinates, and its regression."""
+
+    free: tuple[Free, ...]
+    outputs: tuple[str, ...]
+    solution: Solution
+    problem: Regression
+
+
+def noise(stage: Stage) -> list[float]:
+    """Standard deviation of each output's residual, over the samples that count."""
+    m = len(stage.outputs)
+    error = stage.solution.residual.reshape(-1, m)
+    weight = stage.problem.weight
+    return [float(np.sqrt(np.mean((error[weight[:, k] > 0, k] / weight[weight[:, k] > 0, k]) ** 2))) for k in range(m)]
+
+
+def criterion(stage: Stage) -> float:
+    """Schwarz's criterion: log-likelihood of every output at its own noise, and log n for each coefficient."""
+    counts = np.count_nonzero(stage.problem.weight, axis=0)
+    fit = sum(2 * n * np.log(max(sigma, 1e-12)) for n, sigma in zip(counts, noise(stage), strict=True))
+    return float(fit + len(stage.free) * np.log(counts.sum()))
+
+
+def expendable(stage: Stage, home: np.ndarray) -> list[int]:
+    """Which coefficients could go back to ``home`` (scaled) at less cost than their place is worth, in that order.
+
+    Backward elimination on the quadratic model of the cost around the solution: the coefficient whose return costs
+    least goes first, the others moving along, as long as the cost rises by less than log n. Only those that may be
+    zero, with bounds on both sides of it, or that nothing depends on, can go.
+    """
+    j = stage.solution.jacobian
+    count = np.count_nonzero(stage.problem.weight)
+    scale = np.linalg.norm(j, axis=0)
+    blind = scale == 0
+    gram = j.T @ j / (stage.solution.cost / max(1, count - j.shape[1]))
+    gram[blind, blind] = 1e-12
+    optional = blind | np.array([f.lower == -f.upper for f in stage.free])
+    theta, active, gone = stage.solution.theta.copy(), list(range(len(stage.free))), []
+    while True:
+        part = gram[np.ix_(active, active)]
+        norm = np.sqrt(np.diag(part))
+        inverse = np.linalg.pinv(part / np.outer(norm, norm), rcond=1e-14, hermitian=True) / np.outer(norm, norm)
+        rise = (theta[active] - home[active]) ** 2 / np.maximum(np.diag(inverse), 1e-300)
+        rise[~optional[active]] = np.inf
+        k = int(np.argmin(rise))
+        if not rise[k] < np.log(count):
+            return gone
+        step = (theta[active[k]] - home[active[k]]) / inverse[k, k]
+        theta[active] -= inverse[:, k] * step
+        gone.append(active.pop(k))
+        if not active:
+            return gone
+
+
+def robust_covariance(stage: Stage) -> tuple[np.ndarray, str]:
+    """Covariance in scaled coordinates; neighbouring samples of a sweep are not independent, which is allowed for."""
+    m, j, e = len(stage.outputs), stage.solution.jacobian, stage.solution.residual
+    scale = np.linalg.norm(j, axis=0)
+    scale = np.where(scale > 0, scale, 1e-12)
+    _, s, vt = np.linalg.svd(np.linalg.qr(j / scale, mode="r"))
+    root = vt.T / np.maximum(s, 1e-14 * s[0])  # what the residual does not see is unknown, not known exactly
+    inverse = root @ root.T
+    blind = np.linalg.norm(j, axis=0) == 0
+    count = np.count_nonzero(stage.problem.weight)
+    dof = max(1, count - j.shape[1])
+    rows = e.reshape(-1, m)
+    lag = max(abs(_lag_one(rows[:, k])) for k in range(m))
+    scores = (e[:, None] * j / scale).reshape(len(rows), m, -1).sum(axis=1)
+    meat = scores.T @ scores  # noise need not be alike at every load
+    text = "covariance for independent residuals of unlike size (White)"
+    if lag > 3.3 / np.sqrt(len(rows)):
+        rho = min(lag, 0.99)
+        width = int(min(1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * len(scores)) ** (1 / 3), len(scores) / 20)) + 1
+        for k in range(1, width + 1):
+            gamma = scores[k:].T @ scores[:-k]
+            meat += (1 - k / (width + 1)) * (gamma + gamma.T)
+        text = f"covariance for coloured residuals (Newey-West, {width} lags)"
+    spread = inverse @ meat @ inverse * count / dof
+    spread = spread / np.outer(scale, scale)
+    spread[blind, blind] = 1e6
+    return spread, text
+
+
+def _lag_one(e: np.ndarray) -> float:
+    power = float(e @ e)
+    return float(e[1:] @ e[:-1]) / power if power > 0 else 0.0
+
+
+def scaled(f: Free, value: float) -> float:
+    """A coefficient between -1 and 1 over its bounds."""
+    return (2 * value - f.upper - f.lower) / (f.upper - f.lower)
+
+
+def unscaled(f: Free, z: Any) -> Any:
+    """A coefficient from its scaled value; numbers and symbols."""
+    return (f.upper + f.lower) / 2 + (f.upper - f.lower) / 2 * z

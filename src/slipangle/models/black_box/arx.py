@@ -1,0 +1,141 @@
+"""ARX models: linear difference equations with any number of inputs and outputs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from scipy.signal import lfilter
+
+from slipangle.errors import ParameterError
+from slipangle.models.black_box import arx_code
+from slipangle.models.black_box.lagged import LaggedModel
+from slipangle.models.model import FitInfo
+from slipangle.models.parameters import require_few_lags
+from slipangle.ops import Vector, matmul
+
+_LONG = 50_000  # samples from which compiling is worth it
+
+
+@dataclass(frozen=True, kw_only=True)
+class ARXModel(LaggedModel):
+    """``y(k) = -A_1 y(k-1) - ... - A_na y(k-na) + B_1 u(k-nk) + ... + B_nb u(k-nk-nb+1) + c``. [1]_ eq. 4-5.
+
+    The state holds the lags, see `slipangle.models.black_box.lagged.LaggedModel`.
+
+    Parameters
+    ----------
+    A : array, shape (na, n_outputs, n_outputs)
+        Coefficients of past outputs, with the sign of ``A(z) = 1 + a_1 z^-1 + ...``.
+    B : array, shape (nb, n_outputs, n_inputs)
+        Coefficients of past inputs.
+    c : array, shape (n_outputs,)
+        Constant; zero unless it was asked for.
+    nk : int
+        Samples from input to output; 0 where the output depends on the input at the same sample.
+    dt : float
+        Sample time. [s]
+    inputs, outputs : tuple of str
+        Channel names.
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023 (its eqs. 4-1, 4-2 print G, H and na, nb swapped).
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    dt: float
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    c: np.ndarray | None = None
+    nk: int = 1
+    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        ny, nu = len(self.outputs), len(self.inputs)
+        A, B = np.asarray(self.A, dtype=float), np.asarray(self.B, dtype=float)
+        c = np.zeros(ny) if self.c is None else np.asarray(self.c, dtype=float).reshape(ny)
+        if A.ndim == 1:
+            A = A[:, None, None]
+        if B.ndim == 1:
+            B = B[:, None, None]
+        if A.shape[1:] != (ny, ny) or B.shape[1:] != (ny, nu) or len(A) < 1 or len(B) < 1:
+            raise ParameterError(
+                f"A has shape {A.shape} and B {B.shape}; expected (na, {ny}, {ny}) and (nb, {ny}, {nu}) for "
+                f"{ny} outputs and {nu} inputs: one matrix per lag, newest first"
+            )
+        if self.nk < 0:
+            raise ParameterError(f"nk is {self.nk}; expected 0 or more samples from input to output")
+        require_few_lags(max(len(A), len(B) + self.nk - 1), "the ARX model")
+        for key, value in (("A", A), ("B", B), ("c", c)):
+            value.setflags(write=False)
+            object.__setattr__(self, key, value)
+
+    @property
+    def na(self) -> int:  # type: ignore[override]
+        """Past outputs used."""
+        return len(self.A)
+
+    @property
+    def nb(self) -> int:  # type: ignore[override]
+        """Inputs used."""
+        return len(self.B)
+
+    @cached_property
+    def _weights(self) -> np.ndarray:
+        """Of the regressors."""
+        return np.hstack([*(-self.A), *self.B])
+
+    def newest(self, regressors: Vector) -> Vector:
+        """Outputs from the lags."""
+        y = matmul(self._weights, regressors)
+        if self.c is None or not self.c.any():
+            return y
+        return (y.T + self.c).T if isinstance(y, np.ndarray) else y + self.c
+
+    @property
+    def _taps(self) -> np.ndarray:
+        """Coefficients of the present and past inputs of a free run, shape (n_outputs, n_inputs, n_taps)."""
+        wait = np.zeros((max(self.nk - 1, 0), *self.B.shape[1:]))
+        return np.concatenate([wait, self.B]).transpose(1, 2, 0)
+
+    def _free_run_into(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> None:
+        """In C where there is a compiler; else digital filters for one output, CasADi for several."""
+        c = np.zeros(len(self.outputs)) if self.c is None else self.c
+        if len(u) >= _LONG:
+            past_y, past_u, drive = self._histories(x0, u)
+            if arx_code.free_run(self.A.transpose(1, 0, 2), self._taps, c, (past_y, past_u), drive, y):
+                return
+        y[:] = self._free_run(x0, u)
+
+    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """One output: digital filters (transposed direct form) whose states are set from the lags in ``x0``."""
+        if len(self.outputs) > 1 or len(u) < 64:
+            return super()._free_run(x0, u)
+        past_y, past_u, drive = self._histories(x0, u)
+        past_y, past_u = past_y[::-1, 0], past_u[::-1]  # newest first
+        denominator = np.concatenate([[1.0], self.A[:, 0, 0]])
+        still = np.array([-denominator[i + 1 :] @ past_y[: self.na - i] for i in range(self.na)])
+        with np.errstate(over="ignore", invalid="ignore"):  # an unstable model; `simulate` says where
+            driven = sum(_filtered(taps, past_u[:, j], drive[:, j]) for j, taps in enumerate(self._taps[0]))
+            if self.c is not None:
+                driven = driven + self.c[0]
+            return np.asarray(lfilter([1.0], denominator, driven, zi=still)[0])[:, None]
+
+    @property
+    def poles(self) -> np.ndarray:
+        """Eigenvalues of the output recursion."""
+        ny = len(self.outputs)
+        companion = np.eye(ny * self.na, k=-ny)
+        companion[:ny] = np.hstack(list(-self.A))
+        return np.linalg.eigvals(companion)
+
+
+def _filtered(taps: np.ndarray, past: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Weighted sum of the present and past samples of one input; ``past`` holds those before ``u``, newest first."""
+    if len(taps) == 1:
+        return taps[0] * u
+    start = np.array([taps[i + 1 :] @ past[: len(past) - i] for i in range(len(past))])
+    return np.asarray(lfilter(taps, 1.0, u, zi=start)[0])

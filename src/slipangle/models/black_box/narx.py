@@ -1,0 +1,168 @@
+"""NARX models: a network of past outputs and inputs."""
+
+from __future__ import annotations
+
+import ctypes
+import warnings
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from slipangle.codegen import compiler as compiled
+from slipangle.codegen.network import PREAMBLE, emit_forward, packed
+from slipangle.errors import ModelWarning, ParameterError
+from slipangle.models.black_box.lagged import LaggedModel
+from slipangle.models.black_box.networks import MLP, Network
+from slipangle.models.model import FitInfo
+from slipangle.models.parameters import require_few_lags
+from slipangle.ops import Vector
+
+_BLOCK = 4096  # samples per matrix product; keeps the layers in the cache
+_LONG = 200_000  # samples from which running without compiled code is worth a word
+
+
+@dataclass(frozen=True, kw_only=True)
+class NARXModel(LaggedModel):
+    """``y(k) = F[y(k-1), ..., y(k-na), u(k-nk), ..., u(k-nk-nb+1)]`` with a network F. [1]_ eq. 4-14
+
+    The network takes the lags newest first, all channels of one lag together, outputs before inputs; so does the
+    state, see `slipangle.models.black_box.lagged.LaggedModel`.
+
+    Parameters
+    ----------
+    network : Network
+        F, in SI units; ``na`` times the outputs plus ``nb`` times the inputs in, the outputs out.
+    na, nb : int
+        Past outputs and past inputs used; at least 1.
+    nk : int
+        Samples from input to output, at least 1.
+    dt : float
+        Sample time. [s]
+    inputs, outputs : tuple of str
+        Channel names.
+
+    Raises
+    ------
+    ParameterError
+        If an order is below 1 or the network does not fit the lags.
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    """
+
+    network: Network
+    na: int
+    nb: int
+    nk: int = 1
+    dt: float
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in ("na", "nb", "nk"):
+            if getattr(self, name) < 1:
+                raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least 1")
+        require_few_lags(max(self.na, self.nb + self.nk - 1), "the NARX model")
+        for key in ("inputs", "outputs"):
+            given = getattr(self, key)
+            object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
+        ny, nu = len(self.outputs), len(self.inputs)
+        wanted = (self.na * ny + self.nb * nu, ny)
+        if (self.network.n_inputs, self.network.n_outputs) != wanted:
+            raise ParameterError(
+                f"the network has {self.network.n_inputs} inputs and {self.network.n_outputs} outputs; expected "
+                f"{wanted[0]} and {wanted[1]} for {self.na} lags of {ny} outputs and {self.nb} lags of {nu} inputs"
+            )
+
+    def __repr__(self) -> str:
+        return (
+            f"NARXModel(na={self.na}, nb={self.nb}, nk={self.nk}, dt={self.dt:g}, inputs={self.inputs}, "
+            f"outputs={self.outputs}, {type(self.network).__name__} of {self.network.n_parameters} weights)"
+        )
+
+    def newest(self, regressors: Vector) -> Vector:
+        """Outputs from the lags."""
+        return self.network(regressors)
+
+    # ---- fast free run -----------------------------------------------------------------------------------------
+
+    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Outputs at every row of ``u`` after the first, in compiled C where there is a compiler."""
+        run, weights = self._compiled
+        if run is None:
+            if len(u) > _LONG and not compiled.compiler():
+                warnings.warn(f"{len(u)} samples: {compiled.sentence()}", ModelWarning, stacklevel=3)
+            return super()._free_run(x0, u)
+        past_y, past_u, _ = self._histories(x0, u)
+        drive = np.ascontiguousarray(np.vstack([past_u, u]), dtype=float)
+        n = len(u) - 1
+        y = np.empty((self.na + n, len(self.outputs)))
+        y[: self.na] = past_y
+        run(weights.ctypes.data, drive.ctypes.data, n, y.ctypes.data)
+        return y[self.na :]
+
+    def _track(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """States given the outputs of the rows before: all lags are measured, so every row is independent."""
+        past_y, past_u, _ = self._histories(x0, u)
+        past_y, past_u = np.vstack([past_y, y[1:]]), np.vstack([past_u, u])
+        n, back = len(u), self._reach
+        columns = [past_y[self.na - 1 - i :][:n] for i in range(self.na)]
+        columns += [past_u[back - i :][:n] for i in range(1, back + 1)]
+        return self._advance(np.hstack(columns)[:-1], u[:-1])
+
+    def _advance(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """One step from many states at once, as matrix products."""
+        blocks = range(0, len(x), _BLOCK)
+        steps = [self.step(x[i : i + _BLOCK].T, u[i : i + _BLOCK].T).T for i in blocks]
+        return np.vstack([np.empty((0, len(self.states))), *steps])
+
+    @cached_property
+    def _compiled(self) -> tuple[Any, np.ndarray]:
+        """The compiled loop, or None, and the weights it reads."""
+        if not isinstance(self.network, MLP):
+            return None, np.empty(0)
+        loaded = compiled.library(self.source(), name="narx")
+        if loaded is None:
+            return None, np.empty(0)
+        run = loaded.free_run
+        run.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long, ctypes.c_void_p]
+        run.restype = None
+        return run, packed(*self.network.layers)
+
+    def source(self) -> str:
+        """C of ``free_run(w, u, n, y)``; see `slipangle.codegen.network`.
+
+        ``u`` starts ``nb + nk - 2`` rows before the sample of the initial state, ``y`` with ``na`` past outputs,
+        oldest first; ``n`` outputs are appended.
+        """
+        if not isinstance(self.network, MLP):
+            raise ParameterError(f"the network is of type {type(self.network).__name__}; expected an MLP for C source")
+        net = self.network
+        ny, nu = len(self.outputs), len(self.inputs)
+        sizes = (net.n_inputs, *net.hidden, net.n_outputs)
+        return "\n".join(
+            [
+                PREAMBLE,
+                emit_forward(sizes, net.activation),
+                "void free_run(const double *w, const double *u, long n, double *y)",
+                "{",
+                f"    double z[{net.n_inputs}];",
+                "    for (long k = 0; k < n; k++) {",
+                f"        const double *past_y = y + (k + {self.na}) * {ny};",
+                f"        const double *past_u = u + (k + {self.nb}) * {nu};",
+                f"        for (int i = 0; i < {self.na}; i++)",
+                f"            for (int j = 0; j < {ny}; j++)",
+                f"                z[i * {ny} + j] = past_y[j - (i + 1) * {ny}];",
+                f"        for (int i = 0; i < {self.nb}; i++)",
+                f"            for (int j = 0; j < {nu}; j++)",
+                f"                z[{self.na * ny} + i * {nu} + j] = past_u[j - (i + 1) * {nu}];",
+                f"        forward(w, z, y + (k + {self.na}) * {ny});",
+                "    }",
+                "}",
+                "",
+            ]
+        )

@@ -1,0 +1,201 @@
+"""Neural state space: networks for transition and output, and an encoder that reads the state from past samples."""
+
+from __future__ import annotations
+
+import ctypes
+import warnings
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from slipangle.codegen import compiler as compiled
+from slipangle.codegen.network import PREAMBLE, aligned, emit_forward, packed
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ModelWarning, ParameterError
+from slipangle.models.black_box.networks import MLP, Network
+from slipangle.models.model import FitInfo, Model
+from slipangle.ops import Vector, concatenate, matmul
+
+_BLOCK = 4096  # samples per matrix product; keeps the layers in the cache
+_LONG = 200_000  # samples from which running without compiled code is worth a word
+
+
+@dataclass(frozen=True, kw_only=True)
+class NeuralStateSpaceModel(Model):
+    """``x(k+1) = x(k) + f(x(k), u(k))``, ``y(k) = h(x(k))`` with networks f and h. [1]_
+
+    The state has no unit and no meaning of its own. A free run starts from what the encoder makes of the first
+    `lags` samples; a measurement moves the state by ``gain`` times its innovation.
+
+    Parameters
+    ----------
+    transition : Network
+        f: state, then inputs in SI units, to the change of the state.
+    emission : Network
+        h: state, with ``feedthrough`` also inputs in SI units, to outputs in SI units.
+    encoder : Network
+        ``y(k), ..., y(k-lags+1), u(k-1), ..., u(k-lags+1)``, newest first, all channels of one lag together, to the
+        state at k.
+    lags : int
+        Samples that the encoder reads, at least 1.
+    feedthrough : bool
+        Whether the outputs depend on the inputs of the same sample.
+    gain : array, shape (n_states, n_outputs), optional
+        Innovation gain; by default zero, so that measurements after the start are not used.
+    dt : float
+        Sample time. [s]
+    inputs, outputs : tuple of str
+        Channel names.
+
+    Raises
+    ------
+    ParameterError
+        If the networks do not fit together.
+
+    References
+    ----------
+    .. [1] G. Beintema, R. Toth, M. Schoukens, Nonlinear state-space identification using deep encoder networks,
+       Proc. 3rd Conference on Learning for Dynamics and Control, 2021.
+    """
+
+    transition: Network
+    emission: Network
+    encoder: Network
+    lags: int
+    feedthrough: bool = False
+    gain: np.ndarray | None = None
+    dt: float
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for key in ("inputs", "outputs"):
+            given = getattr(self, key)
+            object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
+        if self.lags < 1:
+            raise ParameterError(f"lags is {self.lags}; expected a whole number of at least 1")
+        n, ny, nu = self.transition.n_outputs, len(self.outputs), len(self.inputs)
+        wanted = {
+            "transition": (n + nu, n),
+            "emission": (n + nu if self.feedthrough else n, ny),
+            "encoder": (self.lags * ny + (self.lags - 1) * nu, n),
+        }
+        for name, shape in wanted.items():
+            network = getattr(self, name)
+            if (network.n_inputs, network.n_outputs) != shape:
+                raise ParameterError(
+                    f"the {name} network has {network.n_inputs} inputs and {network.n_outputs} outputs; expected "
+                    f"{shape[0]} and {shape[1]} for {n} states, {nu} inputs, {ny} outputs and {self.lags} lags"
+                )
+        gain = np.zeros((n, ny)) if self.gain is None else np.array(self.gain, dtype=float)
+        if gain.shape != (n, ny):
+            raise ParameterError(f"the gain has shape {gain.shape}; expected {(n, ny)}, states by outputs")
+        gain.setflags(write=False)
+        object.__setattr__(self, "gain", gain)
+
+    def __repr__(self) -> str:
+        weights = sum(net.n_parameters for net in (self.transition, self.emission, self.encoder))
+        return (
+            f"NeuralStateSpaceModel({self.n_states} states, lags={self.lags}, dt={self.dt:g}, inputs={self.inputs}, "
+            f"outputs={self.outputs}, {weights} weights)"
+        )
+
+    @property
+    def memory(self) -> int:  # type: ignore[override]
+        """Samples a free run starts from."""
+        return self.lags
+
+    @property
+    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+        """``x0``, ``x1``, ...."""
+        return tuple(f"x{i}" for i in range(self.transition.n_outputs))
+
+    def step(self, x: Vector, u: Vector) -> Vector:
+        """State one sample later."""
+        return x + self.transition(concatenate([x, u]))
+
+    def output(self, x: Vector, u: Vector) -> Vector:
+        """Outputs at the same sample."""
+        return self.emission(concatenate([x, u]) if self.feedthrough else x)
+
+    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
+        """The state moved by the gain times measured minus expected outputs."""
+        gain = np.asarray(self.gain)
+        return x + matmul(gain, y - self.output(x, u)) if gain.any() else x
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """What the encoder makes of the first `lags` samples: the state at the last of them."""
+        y, u = data.select(outputs=self.outputs).y, data.select(inputs=self.inputs).u
+        last = self.lags - 1
+        past = [y[last - i] for i in range(self.lags)] + [u[last - i] for i in range(1, self.lags)]
+        return self.encoder(np.concatenate(past))
+
+    # ---- fast free run -----------------------------------------------------------------------------------------
+
+    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Outputs at every row of ``u`` after the first, in compiled C where there is a compiler."""
+        run, weights, second = self._compiled
+        if run is None:
+            if len(u) > _LONG and not compiled.compiler():
+                warnings.warn(f"{len(u)} samples: {compiled.sentence()}", ModelWarning, stacklevel=3)
+            return super()._free_run(x0, u)
+        x = np.array(x0, dtype=float)
+        drive = np.ascontiguousarray(u, dtype=float)
+        y = np.empty((len(u) - 1, len(self.outputs)))
+        start = weights.ctypes.data
+        run(start, start + second, x.ctypes.data, drive.ctypes.data, len(y), y.ctypes.data)
+        return y
+
+    def _advance(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """One step from many states at once, as matrix products."""
+        blocks = range(0, len(x), _BLOCK)
+        steps = [self.step(x[i : i + _BLOCK].T, u[i : i + _BLOCK].T).T for i in blocks]
+        return np.vstack([np.empty((0, len(self.states))), *steps])
+
+    @cached_property
+    def _compiled(self) -> tuple[Any, np.ndarray, int]:
+        """The compiled loop, or None; the weights of f and h; where those of h start, in bytes."""
+        if not (isinstance(self.transition, MLP) and isinstance(self.emission, MLP)):
+            return None, np.empty(0), 0
+        loaded = compiled.library(self.source(), name="neural_statespace")
+        if loaded is None:
+            return None, np.empty(0), 0
+        run = loaded.free_run
+        run.argtypes = [ctypes.c_void_p] * 4 + [ctypes.c_long, ctypes.c_void_p]
+        run.restype = None
+        of_f, of_h = packed(*self.transition.layers), packed(*self.emission.layers)
+        return run, aligned(np.concatenate([of_f, of_h])), of_f.nbytes
+
+    def source(self) -> str:
+        """C of ``free_run(weights of f, weights of h, x, u, n, y)``; ``u`` starts at the sample of ``x``."""
+        f, h = self.transition, self.emission
+        if not (isinstance(f, MLP) and isinstance(h, MLP)):
+            raise ParameterError("the networks are not all of type MLP; expected that for C source")
+        n, nu, ny = self.n_states, self.n_inputs, self.n_outputs
+        return "\n".join(
+            [
+                PREAMBLE,
+                emit_forward((n + nu, *f.hidden, n), f.activation, name="transition"),
+                emit_forward((h.n_inputs, *h.hidden, ny), h.activation, name="emission"),
+                "void free_run(const double *wf, const double *wh, double *x, const double *u, long n, double *y)",
+                "{",
+                f"    double z[{n + nu}], change[{n}];",
+                "    for (long k = 0; k < n; k++) {",
+                f"        for (int i = 0; i < {n}; i++)",
+                "            z[i] = x[i];",
+                f"        for (int i = 0; i < {nu}; i++)",
+                f"            z[{n} + i] = u[k * {nu} + i];",
+                "        transition(wf, z, change);",
+                f"        for (int i = 0; i < {n}; i++)",
+                "            z[i] = x[i] += change[i];",
+                f"        for (int i = 0; i < {nu}; i++)",
+                f"            z[{n} + i] = u[(k + 1) * {nu} + i];",
+                f"        emission(wh, z, y + k * {ny});",
+                "    }",
+                "}",
+                "",
+            ]
+        )

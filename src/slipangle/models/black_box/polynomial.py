@@ -1,0 +1,208 @@
+"""Polynomial models: ARX, ARMAX, output-error and Box-Jenkins in one form."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError
+from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.models.model import FitInfo, Model
+from slipangle.models.parameters import require_few_lags
+from slipangle.ops import Vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class PolynomialModel(Model):
+    """``A(z) y = sum_i B_i(z) / F_i(z) (u_i - u_0i) + C(z) / D(z) e``, one output. [1]_ sec. 4.2.
+
+    A, C, D and F start with a 1 that is not stored: ``A(z) = 1 + A[0] z^-1 + ...``;
+    ``B_i(z) = z^-nk_i (B_i[0] + B_i[1] z^-1 + ...)``.
+    The state is that of an innovation form with exactly this one-step-ahead predictor.
+
+    Parameters
+    ----------
+    A, C, D : array, shapes (na,), (nc,), (nd,)
+        Coefficients after the leading 1; empty for none.
+    B, F : sequence of array, one per input
+        Numerators and denominators of the inputs.
+    nk : tuple of int
+        Samples from each input to the output; 0 where the output depends on the input at the same sample.
+    u_offset : array, shape (n_inputs,), optional
+        Inputs at rest.
+    y_offset : float
+        Output at rest.
+    memory : int
+        Samples from which `initial_state` estimates the state; by default ``3 order + 3``.
+    dt : float
+        Sample time. [s]
+    inputs, outputs : tuple of str
+        Channel names.
+
+    References
+    ----------
+    .. [1] L. Ljung, System Identification, 2nd ed., 1999.
+    """
+
+    A: np.ndarray
+    B: Sequence[np.ndarray]
+    C: np.ndarray
+    D: np.ndarray
+    F: Sequence[np.ndarray]
+    nk: tuple[int, ...]
+    dt: float
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    u_offset: np.ndarray | None = None
+    y_offset: float = 0.0
+    memory: int = 0
+    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for key in ("inputs", "outputs"):
+            given = getattr(self, key)
+            object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
+        nu = len(self.inputs)
+        if len(self.outputs) != 1:
+            raise ParameterError(
+                f"a polynomial model got {len(self.outputs)} outputs; expected one: make one model per output, or use "
+                "ARX or a state space"
+            )
+        nk = (self.nk,) * nu if isinstance(self.nk, int) else tuple(self.nk)
+        if not len(self.B) == len(self.F) == len(nk) == nu or min(nk) < 0 or any(len(b) == 0 for b in self.B):
+            raise ParameterError(
+                f"{len(self.B)} numerators, {len(self.F)} denominators and delays {nk} for {nu} inputs; expected one "
+                "of each per input, numerators not empty, delays of 0 or more"
+            )
+        require_few_lags(max(len(b) + k for b, k in zip(self.B, nk, strict=True)), "the polynomial model")
+        object.__setattr__(self, "nk", nk)
+        for key in ("A", "C", "D"):
+            object.__setattr__(self, key, _frozen(getattr(self, key)))
+        for key in ("B", "F"):
+            object.__setattr__(self, key, tuple(_frozen(v) for v in getattr(self, key)))
+        object.__setattr__(self, "u_offset", _frozen(np.zeros(nu) if self.u_offset is None else self.u_offset))
+        if self.memory == 0:
+            object.__setattr__(self, "memory", self.realisation.memory)
+
+    @cached_property
+    def realisation(self) -> StateSpaceModel:
+        """The same model as a state space in innovation form.
+
+        An input that acts at once is one sample ahead of one that acts after a sample: with x of the latter model,
+        ``x(k) - B u(k)`` is the state of the former.
+        """
+        A, B, C, K = realise(self.A, self.B, self.C, self.D, self.F, tuple(max(k, 1) for k in self.nk))
+        direct = np.array(self.nk) == 0
+        return StateSpaceModel(
+            A=A,
+            B=np.where(direct, A @ B, B),
+            C=C,
+            D=np.where(direct, C @ B, 0.0),
+            K=K,
+            u_offset=self.u_offset,
+            y_offset=np.array([self.y_offset]),
+            memory=self.memory,
+            dt=self.dt,
+            inputs=self.inputs,
+            outputs=self.outputs,
+        )
+
+    @property
+    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Those of the realisation."""
+        return self.realisation.states
+
+    @property
+    def poles(self) -> np.ndarray:
+        """Poles from the inputs to the output, input by input."""
+        return np.concatenate([np.roots(np.convolve(one(self.A), one(f))) for f in self.F])
+
+    def step(self, x: Vector, u: Vector) -> Vector:
+        """State one sample later."""
+        return self.realisation.step(x, u)
+
+    def output(self, x: Vector, u: Vector) -> Vector:
+        """The output at the same sample."""
+        return self.realisation.output(x, u)
+
+    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
+        """State after measuring the output."""
+        return self.realisation.correct(x, u, y)
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """State at the last sample of ``data``, by least squares on the one-step-ahead errors."""
+        return self.realisation.initial_state(data)
+
+    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+        return self.realisation._free_run(x0, u)
+
+
+def one(coefficients: np.ndarray) -> np.ndarray:
+    """Coefficients with the leading 1."""
+    return np.concatenate([[1.0], coefficients])
+
+
+def realise(
+    A: np.ndarray,
+    B: Sequence[np.ndarray],
+    C: np.ndarray,
+    D: np.ndarray,
+    F: Sequence[np.ndarray],
+    nk: tuple[int, ...],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Innovation form (A, B, C, K) in observer canonical blocks; all but C are affine in the coefficients.
+
+    Delays are at least 1.
+
+    Without F and D one block of order ``max(na, nc, nb + nk - 1)`` does; otherwise each input, the disturbance and
+    the output recursion have a block of their own, whose first states add up to the output.
+    """
+    reach = [len(b) + k - 1 for b, k in zip(B, nk, strict=True)]
+    nu = len(B)
+    if len(D) == 0 and all(len(f) == 0 for f in F):
+        n = max(len(A), len(C), *reach)
+        a, c = _padded(A, n), _padded(C, n)
+        shift = np.eye(n, k=1)
+        state = shift.copy()
+        state[:, 0] -= a
+        gain_u = np.column_stack([_delayed(b, k, n) for b, k in zip(B, nk, strict=True)])
+        return state, gain_u, np.eye(1, n), (c - a)[:, None]
+    sizes = [max(len(f), r) for f, r in zip(F, reach, strict=True)]
+    sizes += [max(len(C), len(D)), len(A)]
+    n, edges = sum(sizes), np.concatenate([[0], np.cumsum(sizes)])
+    state, gain_u, K, see = np.zeros((n, n)), np.zeros((n, nu)), np.zeros((n, 1)), np.zeros((1, n))
+    for i, size in enumerate(sizes):
+        at = slice(edges[i], edges[i + 1])
+        if size == 0:
+            continue
+        see[0, edges[i]] = 1.0
+        state[at, at] = np.eye(size, k=1)
+        if i < nu:
+            state[at, edges[i]] -= _padded(F[i], size)
+            gain_u[at, i] = _delayed(B[i], nk[i], size)
+        elif i == nu:
+            d = _padded(D, size)
+            state[at, edges[i]] -= d
+            K[at, 0] = _padded(C, size) - d
+    last = slice(edges[-2], edges[-1])
+    state[last] -= np.outer(A, see[0])
+    K[last, 0] -= A
+    return state, gain_u, see, K
+
+
+def _padded(values: np.ndarray, n: int) -> np.ndarray:
+    return np.concatenate([values, np.zeros(n - len(values))])
+
+
+def _delayed(b: np.ndarray, nk: int, n: int) -> np.ndarray:
+    return np.concatenate([np.zeros(nk - 1), b, np.zeros(n - nk + 1 - len(b))])
+
+
+def _frozen(values: np.ndarray) -> np.ndarray:
+    value = np.array(values, dtype=float).ravel()
+    value.setflags(write=False)
+    return value

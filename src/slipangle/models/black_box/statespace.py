@@ -1,0 +1,222 @@
+"""Linear state space in innovation form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from scipy import linalg
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError
+from slipangle.models.model import FitInfo, Model
+from slipangle.numerics.linear_response import LTI
+from slipangle.ops import Vector, concatenate, matmul
+
+
+@dataclass(frozen=True, kw_only=True)
+class StateSpaceModel(Model):
+    """``x(k+1) = A x(k) + B (u - u_0) + K e(k)``, ``y(k) = C x(k) + D (u - u_0) + y_0 + e(k)``. [1]_ sec. 4.3.
+
+    The one-step-ahead predictor is ``x(k+1) = A x + B (u - u_0) + K (y - C x - D (u - u_0) - y_0)``, exactly. With an
+    invertible A the state is x and measuring moves it by ``A^-1 K e``; otherwise the state holds e too.
+
+    Parameters
+    ----------
+    A : array, shape (order, order)
+    B : array, shape (order, n_inputs)
+    C : array, shape (n_outputs, order)
+    D : array, shape (n_outputs, n_inputs), optional
+        Direct feedthrough; by default zero.
+    K : array, shape (order, n_outputs), optional
+        Gain of the innovation e; by default zero, all disturbance being noise on the output.
+    x0 : array, shape (n_experiments, order), optional
+        State at the first sample of each training experiment, where it was estimated.
+    u_offset : array, shape (n_inputs,), optional
+        Input at rest u_0, in the inputs' units; by default zero.
+    y_offset : array, shape (n_outputs,), optional
+        Output at rest y_0, in the outputs' units; by default zero.
+    memory : int
+        Samples from which `initial_state` estimates the state by least squares; by default ``3 order + 3``.
+    dt : float
+        Sample time. [s]
+    inputs, outputs : tuple of str
+        Channel names.
+
+    References
+    ----------
+    .. [1] L. Ljung, System Identification, 2nd ed., 1999.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    dt: float
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    D: np.ndarray | None = None
+    K: np.ndarray | None = None
+    x0: np.ndarray | None = None
+    u_offset: np.ndarray | None = None
+    y_offset: np.ndarray | None = None
+    memory: int = 0
+    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for key in ("inputs", "outputs"):
+            given = getattr(self, key)
+            object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
+        n, ny, nu = len(np.atleast_2d(self.A)), len(self.outputs), len(self.inputs)
+        shapes = {
+            "A": (n, n),
+            "B": (n, nu),
+            "C": (ny, n),
+            "D": (ny, nu),
+            "K": (n, ny),
+            "u_offset": (nu,),
+            "y_offset": (ny,),
+        }
+        for key, shape in shapes.items():
+            given = getattr(self, key)
+            value = np.zeros(shape) if given is None else np.array(given, dtype=float)
+            if value.shape != shape:
+                raise ParameterError(
+                    f"{key} has shape {value.shape}; expected {shape} for {n} states, {nu} inputs and {ny} outputs"
+                )
+            value.setflags(write=False)
+            object.__setattr__(self, key, value)
+        if self.x0 is not None:
+            x0 = np.array(self.x0, dtype=float).reshape(-1, n)
+            x0.setflags(write=False)
+            object.__setattr__(self, "x0", x0)
+        if self.memory < 0:
+            raise ParameterError(f"memory is {self.memory}; expected at least 1 sample, or 0 for 3 order + 3")
+        if self.memory == 0:
+            object.__setattr__(self, "memory", 3 * n + 3)
+
+    def _array(self, name: str) -> np.ndarray:
+        return getattr(self, name)
+
+    @property
+    def order(self) -> int:
+        """Length of x."""
+        return len(self.A)
+
+    @property
+    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+        """``x0``, ``x1``, ...; then the innovations ``e_<output>`` where A is singular."""
+        own = tuple(f"x{i}" for i in range(self.order))
+        return own if self._gain is not None else (*own, *(f"e_{o}" for o in self.outputs))
+
+    @cached_property
+    def _gain(self) -> np.ndarray | None:
+        """How far a unit innovation moves the state at its own sample, or None where A cannot be inverted."""
+        K = self._array("K")
+        if not K.any():
+            return np.zeros_like(K)
+        if np.linalg.cond(self.A) > 1e7:
+            return None
+        return np.linalg.solve(self.A, K)
+
+    @property
+    def poles(self) -> np.ndarray:
+        """Eigenvalues of A."""
+        return np.linalg.eigvals(self.A)
+
+    # ---- the Model ---------------------------------------------------------------------------------------------
+
+    def step(self, x: Vector, u: Vector) -> Vector:
+        """State one sample later."""
+        n = self.order
+        nxt = matmul(self.A, x[:n]) + matmul(self.B, _minus(u, self._array("u_offset")))
+        if self._gain is not None:
+            return nxt
+        nxt = nxt + matmul(self._array("K"), x[n:])
+        return concatenate([nxt, 0.0 * x[n:]])
+
+    def output(self, x: Vector, u: Vector) -> Vector:
+        """Outputs at the same sample."""
+        y = matmul(self.C, x[: self.order])
+        if self._array("D").any():
+            y = y + matmul(self._array("D"), _minus(u, self._array("u_offset")))
+        return _minus(y, -self._array("y_offset"))
+
+    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
+        """State after measuring ``y``: with `step` it makes the one-step-ahead predictor."""
+        n = self.order
+        e = y - self.output(x, u)
+        return x + matmul(self._gain, e) if self._gain is not None else concatenate([x[:n], e])
+
+    @cached_property
+    def predictor(self) -> LTI:
+        """One-step-ahead prediction: a system from ``[u - u_0, y - y_0]`` to ``y_hat - y_0``."""
+        K, D = self._array("K"), self._array("D")
+        return LTI(
+            A=self.A - K @ self.C,
+            B=np.hstack([self.B - K @ D, K]),
+            C=self.C,
+            D=np.hstack([D, np.zeros((len(D), len(D)))]),
+        )
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """State at the last sample of ``data``: least squares on the one-step-ahead errors over all of them.
+
+        Where the samples do not determine the state, the smallest one that explains them is taken.
+        """
+        u = data.select(inputs=self.inputs).u - self._array("u_offset")
+        y = data.select(outputs=self.outputs).y - self._array("y_offset")
+        predictor, n = self.predictor, self.order
+        n_samples, ny = y.shape
+        forced, last = np.zeros(n), np.zeros((n_samples, ny))
+        free, rows = np.eye(n), np.empty((n_samples, ny, n))
+        z = np.hstack([u, y])
+        for k in range(n_samples):  # few samples
+            last[k] = y[k] - self.C @ forced - predictor.D @ z[k]
+            rows[k] = self.C @ free
+            if k < n_samples - 1:
+                forced = predictor.A @ forced + predictor.B @ z[k]
+                free = predictor.A @ free
+        first: Any = np.linalg.lstsq(rows.reshape(-1, n), last.ravel(), rcond=1e-10)[0]
+        x = forced + free @ first
+        e = y[-1] - self.C @ x - self._array("D") @ u[-1]
+        return x + self._gain @ e if self._gain is not None else np.concatenate([x, e])
+
+    @cached_property
+    def _system(self) -> LTI:
+        B, u0 = self.B, self._array("u_offset")
+        return LTI(
+            A=self.A,
+            B=B,
+            C=self.C,
+            D=self._array("D"),
+            f=-B @ u0,
+            g=self._array("y_offset") - self._array("D") @ u0,
+        )
+
+    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Whole blocks of samples at once."""
+        if len(u) < 64:
+            return super()._free_run(x0, u)
+        first = np.asarray(self.step(x0, u[0]))[: self.order]
+        return self._system.respond(first, u[1:])[0]
+
+    def transformed(self, T: np.ndarray) -> Self:
+        """The same model with the state ``T x``."""
+        inverse: Any = linalg.inv(T)
+        return replace(
+            self,
+            A=T @ self.A @ inverse,
+            B=T @ self.B,
+            C=self.C @ inverse,
+            K=T @ self._array("K"),
+            x0=None if self.x0 is None else self.x0 @ T.T,
+        )
+
+
+def _minus(vector: Vector, offset: np.ndarray) -> Vector:
+    """A vector, or a batch of them side by side, minus a constant."""
+    if not offset.any():
+        return vector
+    return (vector.T - offset).T if isinstance(vector, np.ndarray) else vector - offset

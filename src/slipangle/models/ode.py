@@ -1,0 +1,176 @@
+"""`OdeModel`: a model from a state derivative, whose named parameters a fit may vary."""
+
+from __future__ import annotations
+
+import abc
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError, nearest
+from slipangle.models.model import FitInfo, Model
+from slipangle.numerics.integrate import Method, Step, discretise
+from slipangle.ops import Scalar, Vector, stack
+from slipangle.units import SI
+
+
+class Parametrised:
+    """Mixin of models made of an ODE and named parameters; `GreyBox` and `Collocation` fit these.
+
+    A wrapper that changes what drives the ODE overrides `ode`, `drive_rows` and `drive`, and `si`, `value` and
+    `with_values` for parameters of its own.
+    """
+
+    params: Any
+    fit_info: Any
+
+    @property
+    def ode(self) -> OdeModel:
+        """The ODE without what is wrapped around it."""
+        return self  # type: ignore[return-value]
+
+    def si(self, name: str) -> SI:
+        """Unit, meaning and range of one parameter.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such parameter; the nearest names are given.
+        """
+        return self.params.si(name)
+
+    def value(self, name: str) -> float:
+        """Value of one parameter, SI units."""
+        self.si(name)
+        return float(getattr(self.params, name))
+
+    def with_values(self, **values: Any) -> Self:
+        """A copy with some parameters replaced (numbers or symbols); it is no fit any more, so has no `fit_info`."""
+        return replace(self, params=self.params.with_values(**values), fit_info=None)  # type: ignore[type-var]
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Every parameter."""
+        return tuple(self.params.metadata())
+
+    def drive_rows(self, data: Dataset) -> np.ndarray:
+        """What drives the ODE, one row per sample from sample ``memory - 1`` on; `drive` makes its inputs of a row."""
+        return data.u
+
+    def drive(self, row: Vector) -> Vector:
+        """Inputs of the ODE from one row of `drive_rows`."""
+        return row
+
+    def for_experiment(self, index: int) -> Self:
+        """The model with the parameters that were fitted for one experiment of the training data.
+
+        Parameters
+        ----------
+        index : int
+            Place of the experiment in the training data, from 0.
+
+        Raises
+        ------
+        ParameterError
+            If no parameter was fitted per experiment, or there was no such experiment.
+        """
+        info = self.fit_info
+        fitted = {} if info is None else dict(zip(info.names, map(float, info.values), strict=True))
+        tag = f"[{index}]"
+        own = {name.removesuffix(tag): value for name, value in fitted.items() if name.endswith(tag)}
+        if not own:
+            several = [n for n in fitted if n.endswith("]")]
+            raise ParameterError(
+                f"the model has no parameters of experiment {index}; expected one of {several or 'none'}: fit with "
+                "per_experiment=(...), and count experiments from 0"
+            )
+        return replace(self.with_values(**own), fit_info=info)  # type: ignore[type-var]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OdeModel(Parametrised, Model):
+    """A `Model` from a state derivative; subclasses name states and inputs and supply `derivative`.
+
+    Parameters
+    ----------
+    params : ParameterSet
+        The car.
+    dt : float
+        Sample time. [s]
+    outputs : tuple of str
+        Which states (or other signals of `signals`) are the outputs.
+    method, substeps
+        Integrator, see `slipangle.numerics.integrate`; by default enough explicit steps to keep each at or
+        below `max_step`, or one step of Radau IIA.
+    """
+
+    max_step: ClassVar[float] = 0.01
+    several_minima: ClassVar[bool] = False  # of its free-run error over its parameters; a fit then tries many starts
+
+    params: Any
+    dt: float
+    outputs: tuple[str, ...] = ()
+    method: Method = "rk4"
+    substeps: int = 0
+    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if not self.dt > 0:
+            raise ParameterError(f"the sample time is {self.dt} s; expected a positive number")
+        object.__setattr__(self, "outputs", tuple(self.outputs) or self.states)
+        if self.substeps == 0:
+            explicit = max(1, math.ceil(self.dt / self.max_step - 1e-9))
+            object.__setattr__(self, "substeps", 1 if self.method == "radau" else explicit)
+        zeros = np.zeros(self.n_states), np.zeros(self.n_inputs)
+        known = {*self.states, *self.signals(*zeros)}
+        for name in self.outputs:
+            if name not in known:
+                raise ParameterError(
+                    f"{type(self).__name__} has no output '{name}'; {nearest(name, known)}: use one of these names"
+                )
+
+    @abc.abstractmethod
+    def derivative(self, x: Vector, u: Vector) -> Vector:
+        """Time derivative of the state."""
+
+    def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
+        """Signals besides the states that can be outputs, by name."""
+        return {}
+
+    @cached_property
+    def _step(self) -> Step:
+        return discretise(
+            self.derivative,
+            self.dt,
+            n_states=self.n_states,
+            n_inputs=self.n_inputs,
+            method=self.method,
+            substeps=self.substeps,
+        )
+
+    def step(self, x: Vector, u: Vector) -> Vector:
+        """State one sample later, inputs held."""
+        return self._step(x, u)
+
+    def output(self, x: Vector, u: Vector) -> Vector:
+        """The chosen outputs."""
+        values = {name: x[i] for i, name in enumerate(self.states)}
+        if not set(self.outputs) <= values.keys():
+            values |= self.signals(x, u)
+        return stack([values[name] for name in self.outputs])
+
+    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
+        """States that are outputs take their measured values."""
+        measured = {name: y[i] for i, name in enumerate(self.outputs)}
+        return stack([measured.get(name, x[i]) for i, name in enumerate(self.states)])
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """First sample of the channels that are states; states that were not measured start at zero."""
+        return np.array([self._start(name, data) for name in self.states])
+
+    def _start(self, name: str, data: Dataset) -> float:
+        return float(data[name][0]) if name in data else 0.0

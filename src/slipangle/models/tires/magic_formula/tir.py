@@ -1,0 +1,305 @@
+"""From a ``.tir`` file to Magic Formula coefficients and back."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
+from typing import Any, Literal, NamedTuple
+
+from slipangle.data.readers.tir import TirFile, parse_tir
+from slipangle.errors import FormatError, ModelWarning, ParameterError, nearest
+from slipangle.models.tires.magic_formula.coefficients import MagicCoefficients, MF52Coefficients, MF61Coefficients
+from slipangle.models.tires.magic_formula.terms import Conventions
+from slipangle.models.tires.magic_formula.validity import Limits
+from slipangle.ops import is_symbolic
+
+_VERSIONS: dict[int, type[MagicCoefficients]] = {
+    **dict.fromkeys((5, 6, 21, 52), MF52Coefficients),
+    **dict.fromkeys((60, 61, 62), MF61Coefficients),
+}
+_ONLY_61 = ("PKY4", "PKY6", "PKY7", "PEY5", "PPY5", "QDZ10", "RBX3", "RBY4", "LKYC")
+# Spellings of the same coefficient: name here -> names in the field.
+_SPELLINGS: dict[str, tuple[str, ...]] = {
+    "LFZO": ("LFZ0",),
+    "INFLPRES": ("IP",),
+    "NOMPRES": ("IP_NOM",),
+    "LKYG": ("LKG", "LGYG"),
+    "PPZ1": ("QPZ1",),
+    "PPZ2": ("QPZ2",),
+    "PPMX1": ("QPX1",),
+    "Q_V1": ("QV1",),
+    "PFZ1": ("QPFZ1",),
+}
+# Coefficients of what is not a steady-state slip force: gyroscopic couple, damping at low speed, vertical and belt
+# dynamics. They are kept in the file.
+_ELSEWHERE = ("QTZ1", "MBELT", "PTX4", "PTY3", "LGYR", "LIP", "LCZ", "LSGKP", "LSGAL", "LGAX", "LGAY", "LGAZ", "LKG")
+_LIMITS: dict[str, tuple[str, str]] = {
+    "load": ("FZMIN", "FZMAX"),
+    "slip_ratio": ("KPUMIN", "KPUMAX"),
+    "slip_angle": ("ALPMIN", "ALPMAX"),
+    "camber": ("CAMMIN", "CAMMAX"),
+    "pressure": ("PRESMIN", "PRESMAX"),
+}
+_SECTIONS: tuple[tuple[str, str], ...] = (  # first match by prefix or name decides where a new key goes
+    ("FZM", "VERTICAL_FORCE_RANGE"),
+    ("KPUM", "LONG_SLIP_RANGE"),
+    ("ALPM", "SLIP_ANGLE_RANGE"),
+    ("CAMM", "INCLINATION_ANGLE_RANGE"),
+    ("PRESM", "INFLATION_PRESSURE_RANGE"),
+    ("INFLPRES", "OPERATING_CONDITIONS"),
+    ("NOMPRES", "OPERATING_CONDITIONS"),
+    *((name, "MODEL") for name in ("LONGVL", "VXLOW")),
+    *((name, "DIMENSION") for name in ("UNLOADED_RADIUS", "WIDTH", "RIM_RADIUS")),
+    *((name, "STRUCTURAL") for name in ("LONGITUDINAL_STIFFNESS", "LATERAL_STIFFNESS", "PCF")),
+    *((name, "VERTICAL") for name in ("FNOMIN", "VERTICAL_STIFFNESS", "BREFF", "DREFF", "FREFF", "Q_", "PFZ")),
+    *((name, "TURNSLIP_COEFFICIENTS") for name in ("PDXP", "PKYP", "PDYP", "PHYP", "PECP", "QDTP", "QCRP", "QBRP")),
+    ("QDRP", "TURNSLIP_COEFFICIENTS"),
+    ("PPMX", "OVERTURNING_COEFFICIENTS"),
+    ("QSX", "OVERTURNING_COEFFICIENTS"),
+    ("QSY", "ROLLING_COEFFICIENTS"),
+    *((name, "ALIGNING_COEFFICIENTS") for name in ("QBZ", "QCZ", "QDZ", "QEZ", "QHZ", "PPZ", "SSZ")),
+    *((name, "LONGITUDINAL_COEFFICIENTS") for name in ("PCX", "PDX", "PEX", "PKX", "PHX", "PVX", "PPX", "PTX")),
+    *((name, "LONGITUDINAL_COEFFICIENTS") for name in ("RBX", "RCX", "REX", "RHX")),
+    *((name, "LATERAL_COEFFICIENTS") for name in ("PCY", "PDY", "PEY", "PKY", "PHY", "PVY", "PPY", "PTY")),
+    *((name, "LATERAL_COEFFICIENTS") for name in ("RBY", "RCY", "REY", "RHY", "RVY")),
+    ("L", "SCALING_COEFFICIENTS"),
+)
+
+
+def version_of(tir: TirFile) -> type[MagicCoefficients]:
+    """Coefficient record of the file's version: by FITTYP; where that is absent by its format or its coefficients.
+
+    Raises
+    ------
+    FormatError
+        If FITTYP is not one of the Magic Formula.
+    """
+    fit_type = tir.fit_type
+    if fit_type is None:
+        if tir.word("PROPERTY_FILE_FORMAT") in ("PAC2002", "MF_05"):
+            return MF52Coefficients
+        return MF61Coefficients if any(tir.get(name) is not None for name in _ONLY_61) else MF52Coefficients
+    if fit_type not in _VERSIONS:
+        raise FormatError(
+            f"'{tir.name}' has FITTYP {fit_type}; expected one of {', '.join(map(str, sorted(_VERSIONS)))}: "
+            "other versions are not supported, fit one of these or correct FITTYP"
+        )
+    return _VERSIONS[fit_type]
+
+
+def coefficients_from(tir: TirFile, o: Conventions) -> MF61Coefficients | MF52Coefficients:
+    """Coefficients of a file.
+
+    Blank and absent coefficients take the defaults of the record; nonzero ones that no equation here knows are
+    named in a `ModelWarning`.
+
+    Raises
+    ------
+    FormatError
+        If a coefficient without default is missing, or a value is a word.
+    """
+    kind = version_of(tir)
+    values: dict[str, float] = {}
+    for name in kind.metadata():
+        for spelling in (name, *_SPELLINGS.get(name, ())):
+            value = tir.number(spelling)
+            if value is not None:
+                values[name] = value
+                break
+    missing = [f.name for f in fields(kind) if f.default is MISSING and f.name not in values]
+    if missing:
+        which = ", ".join(missing)
+        raise FormatError(
+            f"'{tir.name}' lacks {which}, which the Magic Formula cannot do without; expected "
+            f"{'a value' if len(missing) == 1 else 'values'}: add {'it' if len(missing) == 1 else 'them'} to the file"
+        )
+    if "QSY7" not in values and o.rolling_resistance == "paper":
+        values["QSY7"] = 1.0  # that form carries the load in this power alone
+    _warn_unknown(tir, kind)
+    try:
+        c: Any = kind(**values)
+    except ParameterError as error:
+        raise FormatError(f"'{tir.name}': {error}") from None
+    return c
+
+
+class Switches(NamedTuple):
+    """What a file says beside its coefficients."""
+
+    combined: Literal["weighting", "ellipse", "none"]
+    axes: Literal["ISO-W", "SAE", "adapted SAE"]
+    side: Literal["LEFT", "RIGHT", ""]
+    mirrored: bool
+
+
+def switches_from(tir: TirFile) -> Switches:
+    """Combined slip, axes, side and mirroring of a file.
+
+    ``FE_METHOD = 'YES'`` asks for the friction ellipse, a USE_MODE that ends in 3 for no combined slip; without
+    coefficients of combined slip the ellipse stands in. A negative USE_MODE mirrors. ``AXIS_SYSTEM``, a key of ours,
+    names the axes of the coefficients; without it they are ISO-W, or adapted SAE where PKY1 is positive.
+
+    Raises
+    ------
+    FormatError
+        If AXIS_SYSTEM is unknown.
+    """
+    mode = int(tir.number("USE_MODE") or 0)
+    weights = any(tir.number(name) for name in ("RBX1", "RBY1", "RCX1", "RCY1"))
+    combined: Literal["weighting", "ellipse", "none"] = "weighting" if weights else "ellipse"
+    if tir.word("FE_METHOD") == "YES":
+        combined = "ellipse"
+    elif abs(mode) % 10 == 3:
+        combined = "none"
+    known: dict[str, Literal["ISO-W", "SAE", "adapted SAE"]] = {
+        "ISO-W": "ISO-W",
+        "SAE": "SAE",
+        "ADAPTED SAE": "adapted SAE",
+        "": "adapted SAE" if (tir.number("PKY1") or 0.0) > 0 else "ISO-W",
+    }
+    word = tir.word("AXIS_SYSTEM")
+    if word not in known:
+        raise FormatError(f"'{tir.name}' has AXIS_SYSTEM {word!r}; {nearest(word, known)}: use one of these")
+    side = tir.word("TYRESIDE")
+    return Switches(combined, known[word], "LEFT" if side == "LEFT" else "RIGHT" if side == "RIGHT" else "", mode < 0)
+
+
+def _with_switches(tir: TirFile, wanted: Switches) -> TirFile:
+    """The file, changed where it says something else."""
+    values: dict[str, float | str] = {}
+    now = switches_from(tir)
+    if now.side != wanted.side:
+        values["TYRESIDE"] = wanted.side or "UNKNOWN"
+    if now.axes != wanted.axes:
+        values["AXIS_SYSTEM"] = wanted.axes
+    if now[0] != wanted.combined or now.mirrored != wanted.mirrored:
+        mode = abs(int(tir.number("USE_MODE") or 4))
+        mode += (3 if wanted.combined == "none" else 4) - mode % 10 if now.combined != wanted.combined else 0
+        values["USE_MODE"] = float(-mode if wanted.mirrored else mode)
+    if now.combined != wanted.combined and (wanted.combined == "ellipse" or tir.word("FE_METHOD") == "YES"):
+        values["FE_METHOD"] = "YES" if wanted.combined == "ellipse" else "NO"
+    changed = tir.with_values(values, section=dict.fromkeys(values, "MODEL")) if values else tir
+    if switches_from(changed) != wanted:
+        raise ParameterError(
+            f"a .tir file cannot say combined={wanted.combined!r} without coefficients of combined slip (RBX1 to "
+            "RHY2); expected combined='ellipse' or 'none': choose one of these"
+        )
+    return changed
+
+
+def _warn_unknown(tir: TirFile, kind: type[MagicCoefficients]) -> None:
+    known = {*kind.metadata(), *_ELSEWHERE, *(s for many in _SPELLINGS.values() for s in many)}
+    unknown = [
+        key
+        for key, line in tir.entries.items()
+        if line.section.endswith("_COEFFICIENTS") and isinstance(line.value, float) and line.value != 0.0
+        if key not in known and not (key.startswith("L") and line.value == 1.0)  # a scaling that scales nothing
+    ]
+    if unknown:
+        warnings.warn(
+            f"'{tir.name}' has {', '.join(unknown)}, which version {'6' if kind is MF61Coefficients else '5.2'} of the "
+            "Magic Formula does not use: they are kept in the file and have no effect",
+            ModelWarning,
+            stacklevel=4,
+        )
+
+
+def limits_from(tir: TirFile) -> Limits:
+    """Valid ranges of a file; open where it says nothing.
+
+    Raises
+    ------
+    FormatError
+        If a range is empty.
+    """
+    ranges: dict[str, tuple[float, float]] = {}
+    for name, (low, high) in _LIMITS.items():
+        a, b = tir.number(low), tir.number(high)
+        if a is None and b is None:
+            continue
+        lowest = 0.0 if name == "load" else -math.inf
+        lower, upper = (lowest if a is None else a), (math.inf if b is None else b)
+        if not lower < upper:
+            raise FormatError(
+                f"'{tir.name}' has {low} = {lower:g} and {high} = {upper:g}; expected {low} below {high}: correct them"
+            )
+        ranges[name] = (lower, upper)
+    return Limits(**ranges)
+
+
+def file_from(
+    c: MF61Coefficients | MF52Coefficients,
+    *,
+    source: TirFile | None,
+    limits: Limits,
+    switches: Switches,
+    comments: Mapping[str, str],
+) -> TirFile:
+    """A file with the given coefficients: the source with what changed, or a new one with every coefficient.
+
+    Raises
+    ------
+    ParameterError
+        If a coefficient is a symbol.
+    """
+    symbols = [name for name in c.metadata() if is_symbolic(getattr(c, name))]
+    if symbols:
+        raise ParameterError(f"{symbols[0]} is a symbol; expected a number: give it a value before writing the file")
+    if source is None:
+        return _with_switches(_new_file(c, limits, comments), switches)
+    defaults = {f.name: f.default for f in fields(c)}
+    changed: dict[str, float] = {}
+    notes: dict[str, str] = {}
+    for name in c.metadata():
+        value = getattr(c, name)
+        written = next((s for s in (name, *_SPELLINGS.get(name, ())) if source.number(s) is not None), None)
+        if written is None:
+            if value != defaults[name] and not (name == "QSY7" and value == 1.0):
+                changed[name] = value
+        elif source.number(written) != value:
+            changed[written] = value
+        if name in comments:
+            notes[written or name] = comments[name]
+            changed.setdefault(written or name, value)
+    changed |= _changed_limits(source, limits)
+    new = source.with_values(changed, comments=notes, section={name: _section(name) for name in changed})
+    return _with_switches(new, switches)
+
+
+def _changed_limits(source: TirFile, limits: Limits) -> dict[str, float]:
+    return {
+        key: value
+        for name, keys in _LIMITS.items()
+        for key, value in zip(keys, getattr(limits, name), strict=True)
+        if math.isfinite(value) and source.number(key) != value and not (key == "FZMIN" and value == 0.0)
+    }
+
+
+def _section(name: str) -> str:
+    return next((section for prefix, section in _SECTIONS if name.startswith(prefix)), "MODEL")
+
+
+def _new_file(c: MF61Coefficients | MF52Coefficients, limits: Limits, comments: Mapping[str, str]) -> TirFile:
+    fit_type = 61 if isinstance(c, MF61Coefficients) else 6
+    extra = {
+        key: value
+        for name, keys in _LIMITS.items()
+        for key, value in zip(keys, getattr(limits, name), strict=True)
+        if math.isfinite(value)
+    }
+    grouped: dict[str, dict[str, float]] = {}
+    for key, value in {**{n: getattr(c, n) for n in c.metadata()}, **extra}.items():
+        grouped.setdefault(_section(key), {})[key] = value
+    lines = ["[MDI_HEADER]", "FILE_TYPE                = 'tir'", "FILE_VERSION             = 3.0"]
+    lines += ["FILE_FORMAT              = 'ASCII'", "[UNITS]"]
+    units = (("LENGTH", "meter"), ("FORCE", "newton"), ("ANGLE", "radians"), ("MASS", "kg"), ("TIME", "second"))
+    lines += [f"{key:<24} = '{unit}'" for key, unit in units]
+    lines += ["[MODEL]", f"{'FITTYP':<24} = {fit_type}"]
+    lines += [f"{'TYRESIDE':<24} = 'UNKNOWN'"]
+    meta = c.metadata()
+    tir = parse_tir("\n".join(lines) + "\n", name="new tire")
+    values = {key: value for group in grouped.values() for key, value in group.items()}
+    notes = {key: comments.get(key) or (meta[key].doc if key in meta else "") for key in values}
+    return tir.with_values(values, comments=notes, section={key: _section(key) for key in values})

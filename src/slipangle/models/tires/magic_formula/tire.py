@@ -1,0 +1,442 @@
+"""`MagicFormulaTire`: Magic Formula 5.2 (PAC2002), 6.1 and 6.2 from ``.tir`` files, behind the `Tire` call.
+
+The equations are in ``mf61`` and ``mf52``, the coefficients in ``coefficients``, the choices on which codes differ in
+`Conventions`. This module converts axes, checks ranges, mirrors, and links tires to files.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, Self
+
+import numpy as np
+
+from slipangle.data.readers.tir import TirFile, read_tir
+from slipangle.errors import ModelWarning, ParameterError, nearest
+from slipangle.models.model import FitInfo
+from slipangle.models.tires.magic_formula import mf52 as v52
+from slipangle.models.tires.magic_formula import mf61 as v61
+from slipangle.models.tires.magic_formula.coefficients import MF52Coefficients, MF61Coefficients
+from slipangle.models.tires.magic_formula.terms import Conventions, MagicForces, prepare
+from slipangle.models.tires.magic_formula.tir import Switches, coefficients_from, file_from, limits_from, switches_from
+from slipangle.models.tires.magic_formula.validity import Limits
+from slipangle.models.tires.simple import Tire, TireForces, practical_slip
+from slipangle.ops import Scalar, is_symbolic
+
+AxisSystem = Literal["ISO-W", "SAE", "adapted SAE"]
+Side = Literal["LEFT", "RIGHT"]
+# Relative to ISO-W: sign of slip angle, sign of F_y, M_y and M_z. F_x, M_x, slip ratio and camber agree in all.
+_AXES: dict[str, tuple[float, float]] = {
+    "ISO-W": (1.0, 1.0),
+    "SAE": (-1.0, -1.0),
+    "adapted SAE": (1.0, -1.0),
+    "slipangle": (-1.0, 1.0),
+}
+_CHUNK = 4096  # samples that pass through the equations at a time: their temporaries stay in the cache
+# Coefficients of conicity, ply steer and other differences between left and right.
+_ASYMMETRIC = (
+    *("RHX1", "QSX1", "PEY3", "PHY1", "PHY2", "PVY1", "PVY2", "RBY3", "RVY1", "RVY2"),
+    *("QBZ4", "QDZ6", "QDZ7", "QEZ4", "QHZ1", "QHZ2", "SSZ1"),
+)
+
+
+class RelaxationLengths(NamedTuple):
+    """Distance that the slip forces lag behind slip [m]: longitudinal and lateral."""
+
+    longitudinal: Scalar
+    lateral: Scalar
+
+
+@dataclass(frozen=True, kw_only=True)
+class MagicFormulaTire(Tire):
+    """Magic Formula tire. [1]_, [2]_
+
+    Parameters
+    ----------
+    coefficients : MF61Coefficients or MF52Coefficients
+        They choose the version.
+    conventions : Conventions
+        Where codes differ; the book by default.
+    limits : Limits
+        Range of load, slip, camber and pressure that the coefficients are valid for.
+    outside : {"error", "extrapolate"}
+        Numbers outside the limits raise `ParameterError`, or are evaluated with a `ModelWarning`. Symbols and tracers
+        have no values yet, so they cannot be checked: limit them in the problem they belong to.
+    combined : {"weighting", "ellipse", "none"}
+        Combined slip by the weighting functions of the file, by a friction ellipse (for files without their
+        coefficients), or not at all.
+    axes : {"ISO-W", "SAE", "adapted SAE"}
+        Axis system in which the coefficients were fitted.
+    side : {"LEFT", "RIGHT", ""}
+        Side of the vehicle that the coefficients describe; empty where the file does not say.
+    mirrored : bool
+        Whether the tire is mounted on the other side.
+    source : TirFile, optional
+        File that the tire came from; `to_tir` changes only what changed.
+    fit_info : FitInfo, optional
+        How the coefficients were fitted, where they were.
+
+    References
+    ----------
+    .. [1] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.3.2 (6.1); 2nd ed., 2006 (5.2).
+    .. [2] I. J. M. Besselink, A. J. C. Schmeitz, H. B. Pacejka, An improved Magic Formula/Swift tyre model that can
+       handle inflation pressure changes, Vehicle System Dynamics 48 (2010) S1.
+
+    >>> from slipangle.models.tires.magic_formula.coefficients import MF61Coefficients
+    >>> tire = MagicFormulaTire(coefficients=MF61Coefficients(
+    ...     FNOMIN=4000, UNLOADED_RADIUS=0.31, PCX1=1.6, PDX1=1.2, PKX1=22, PCY1=1.3, PDY1=1.1, PKY1=-20, PKY2=2.0))
+    >>> bool(tire.forces(0.05, 0.1, 4000.0).F_y > 0)  # to the left
+    True
+    """
+
+    coefficients: MF61Coefficients | MF52Coefficients
+    conventions: Conventions = field(default_factory=Conventions)
+    limits: Limits = field(default_factory=Limits)
+    outside: Literal["error", "extrapolate"] = "error"
+    combined: Literal["weighting", "ellipse", "none"] = "weighting"
+    axes: AxisSystem = "ISO-W"
+    side: Literal["LEFT", "RIGHT", ""] = ""
+    mirrored: bool = False
+    source: TirFile | None = field(default=None, repr=False, compare=False)
+    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for name, value, known in (
+            ("outside", self.outside, ("error", "extrapolate")),
+            ("combined", self.combined, ("weighting", "ellipse", "none")),
+            ("axes", self.axes, ("ISO-W", "SAE", "adapted SAE")),
+            ("side", self.side, ("LEFT", "RIGHT", "")),
+        ):
+            if value not in known:
+                raise ParameterError(f"{name} is {value!r}; {nearest(str(value), known)}: use one of these")
+
+    # ---- evaluate ----------------------------------------------------------------------------------------------
+
+    def forces(
+        self,
+        slip_ratio: Scalar,
+        slip_angle: Scalar,
+        load: Scalar,
+        *,
+        camber: Scalar = 0.0,
+        friction: Scalar = 1.0,
+    ) -> TireForces:
+        """Forces in ISO 8855 axes with a positive slip angle giving a force to the left.
+
+        At the pressure of the file and its reference speed, without turn slip; `evaluate` has them all. Slip ratio
+        is that of `slipangle.models.tires.simple.slip_ratio`, converted to the one of tire files (`practical_slip`).
+        """
+        found = self._run(
+            "slipangle",
+            kappa=practical_slip(slip_ratio if not isinstance(slip_ratio, (list, tuple)) else np.asarray(slip_ratio)),
+            alpha=slip_angle,
+            load=load,
+            camber=camber,
+            friction=friction,
+            pressure=None,
+            speed=None,
+            turn_slip=None,
+        )
+        return TireForces(*found[:5])
+
+    def evaluate(
+        self,
+        slip_ratio: Scalar,
+        slip_angle: Scalar,
+        load: Scalar,
+        *,
+        axes: AxisSystem,
+        camber: Scalar = 0.0,
+        pressure: Scalar | None = None,
+        speed: Scalar | None = None,
+        turn_slip: Scalar | None = None,
+        friction: Scalar = 1.0,
+    ) -> MagicForces:
+        """Forces, moments and what they are made of, in the axis system that you name.
+
+        Parameters
+        ----------
+        slip_ratio : scalar or array
+            Longitudinal slip kappa = (omega r - v_x) / |v_x|; positive drives, in every axis system. [-]
+        slip_angle : scalar or array
+            Slip angle in ``axes``: a positive one gives F_y < 0 in ISO-W and SAE, F_y > 0 in adapted SAE. [rad]
+        load : scalar or array
+            Vertical load, positive in every axis system. [N]
+        axes : {"ISO-W", "SAE", "adapted SAE"}
+            ISO-W: y left, z up (TYDEX W, MF-Tyre). SAE: y right, z down. Adapted SAE: SAE with the slip angle turned
+            round, as in the book.
+        camber : scalar or array
+            Inclination; positive leans the top to the right, in every axis system. [rad]
+        pressure : scalar or array, optional
+            Inflation pressure; that of the file by default. [Pa]
+        speed : scalar or array, optional
+            Forward speed V_cx. Left out, it is the reference speed of the file; given, the offsets and moments
+            fade out below VXLOW, and a negative one rolls backwards. [m/s]
+        turn_slip : scalar or array, optional
+            Curvature of the wheel's path, yaw rate over speed, positive to the left in every axis system. Left out,
+            turn slip is not considered and camber acts as in eqs. 4.E27 and 4.E47 of the book. [1/m]
+        friction : scalar or array
+            Road friction relative to the road of the test; scales LMUX and LMUY. [-]
+
+        Raises
+        ------
+        ParameterError
+            If a number is outside the limits of the tire, or the file has no coefficients for turn slip.
+        """
+        if axes not in _AXES or axes == "slipangle":
+            names = ("ISO-W", "SAE", "adapted SAE")
+            raise ParameterError(f"axes is {axes!r}; {nearest(str(axes), names)}: use one of these")
+        return self._run(
+            axes,
+            kappa=slip_ratio,
+            alpha=slip_angle,
+            load=load,
+            camber=camber,
+            friction=friction,
+            pressure=pressure,
+            speed=speed,
+            turn_slip=turn_slip,
+        )
+
+    def _run(self, axes: str, **inputs: Any) -> MagicForces:
+        """Axes at the door, checks, chunks."""
+        c = self.coefficients
+        if inputs["pressure"] is None:
+            inputs["pressure"] = c.INFLPRES if not _is_plain_zero(c.INFLPRES) else c.NOMPRES
+        if inputs["turn_slip"] is not None:
+            self._require_turn_slip()
+        inputs = {k: v if not isinstance(v, (list, tuple)) else np.asarray(v, dtype=float) for k, v in inputs.items()}
+        hand = -1.0 if self.mirrored else 1.0
+        slip_sign, side_sign = (a * b for a, b in zip(_AXES[axes], _AXES[self.axes], strict=True))
+        if slip_sign * hand < 0:
+            inputs["alpha"] = -inputs["alpha"]
+        if hand < 0:
+            inputs["camber"] = -inputs["camber"]
+            inputs["turn_slip"] = None if inputs["turn_slip"] is None else -inputs["turn_slip"]
+        if not any(_is_traced(v) for v in inputs.values()):
+            self._check(inputs)
+            found = self._chunked(inputs)
+        else:
+            found = self._equations(**inputs)
+        # the equations give M_y about the axis to the left, whatever the axes of the coefficients
+        spin_sign = _AXES[axes][1]
+        lateral = side_sign * hand
+        return found._replace(
+            F_y=_signed(found.F_y, lateral),
+            M_x=_signed(found.M_x, hand),
+            M_y=_signed(found.M_y, spin_sign),
+            M_z=_signed(found.M_z, lateral),
+            F_y0=_signed(found.F_y0, lateral),
+            K_y=_signed(found.K_y, side_sign * slip_sign),
+            M_zr=_signed(found.M_zr, lateral),
+            arm=_signed(found.arm, lateral),
+        )
+
+    def _equations(self, **inputs: Any) -> MagicForces:
+        c, o = self.coefficients, self.conventions
+        if isinstance(c, MF61Coefficients):
+            return v61.mf61(c, o, prepare(c, o, slip_decay=c.LMUV, **inputs), combined=self.combined)
+        return v52.mf52(c, o, prepare(c, o, **inputs), combined=self.combined)
+
+    def _chunked(self, inputs: Mapping[str, Any]) -> MagicForces:
+        arrays = {k: v for k, v in inputs.items() if isinstance(v, np.ndarray) and v.ndim > 0}
+        shape = np.broadcast_shapes(*(v.shape for v in arrays.values())) if arrays else ()
+        n = math.prod(shape)
+        if n <= 2 * _CHUNK or any(v.shape != shape for v in arrays.values()):
+            return self._equations(**inputs)
+        flat = {k: v.reshape(n) for k, v in arrays.items()}
+        fixed = {k: v for k, v in inputs.items() if k not in arrays}
+        outputs = [np.empty(n) for _ in MagicForces._fields]
+        for start in range(0, n, _CHUNK):
+            part = slice(start, start + _CHUNK)
+            found = self._equations(**fixed, **{k: v[part] for k, v in flat.items()})
+            for out, value in zip(outputs, found, strict=True):
+                out[part] = value
+        return MagicForces(*(out.reshape(shape) for out in outputs))
+
+    # ---- properties --------------------------------------------------------------------------------------------
+
+    def relaxation_lengths(
+        self, load: Scalar, *, camber: Scalar = 0.0, pressure: Scalar | None = None
+    ) -> RelaxationLengths:
+        """Relaxation lengths at small slip. [m]
+
+        Parameters
+        ----------
+        load : scalar or array
+            Vertical load, positive. [N]
+        camber : scalar or array
+            Inclination. [rad]
+        pressure : scalar or array, optional
+            Inflation pressure; that of the file by default. [Pa]
+
+        Raises
+        ------
+        ParameterError
+            If the carcass stiffness that version 6 needs is missing.
+        """
+        c = self.coefficients
+        p = c.INFLPRES if pressure is None else pressure
+        dpi = 0.0 if _is_plain_zero(c.NOMPRES) or _is_plain_zero(p) else (p - c.NOMPRES) / c.NOMPRES
+        fz0 = c.LFZO * c.FNOMIN
+        dfz = (load - fz0) / fz0
+        if isinstance(c, MF52Coefficients):
+            return RelaxationLengths(*v52.relaxation_lengths(c, load, dfz, dpi, camber))
+        for name in ("LONGITUDINAL_STIFFNESS", "LATERAL_STIFFNESS"):
+            if _is_plain_zero(getattr(c, name)):
+                raise ParameterError(
+                    f"the tire has no {name}, which relaxation lengths of version 6 need; expected a carcass "
+                    f"stiffness in N/m: add it with with_coefficients({name}=...)"
+                )
+        return RelaxationLengths(*v61.relaxation_lengths(c, load, dfz, dpi, camber))
+
+    def rolling_radius(self, load: Scalar, *, speed: Scalar = 0.0, pressure: Scalar | None = None) -> Scalar:
+        """Effective rolling radius: forward speed over wheel speed at zero slip. [m]"""
+        c = self.coefficients
+        p = c.INFLPRES if pressure is None else pressure
+        dpi = 0.0 if _is_plain_zero(c.NOMPRES) or _is_plain_zero(p) else (p - c.NOMPRES) / c.NOMPRES
+        if isinstance(c, MF52Coefficients):
+            return v52.rolling_radius(c, load, dpi, speed)
+        return v61.rolling_radius(c, load, dpi, speed)
+
+    # ---- variants ----------------------------------------------------------------------------------------------
+
+    def with_coefficients(self, **values: Any) -> Self:
+        """A copy with some coefficients replaced (numbers or symbols)."""
+        return replace(self, coefficients=self.coefficients.with_values(**values))
+
+    def mounted(self, side: Side) -> Self:
+        """The tire on the given side of the vehicle: mirrored if its coefficients describe the other side.
+
+        Raises
+        ------
+        ParameterError
+            If the coefficients do not say which side they describe.
+        """
+        if side not in ("LEFT", "RIGHT"):
+            raise ParameterError(f"side is {side!r}; expected 'LEFT' or 'RIGHT'")
+        if not self.side:
+            raise ParameterError(
+                "the file does not say on which side the tire was measured (TYRESIDE); expected LEFT or RIGHT: "
+                "name it with side='LEFT' when you read the file, or use symmetric()"
+            )
+        return replace(self, mirrored=side != self.side)
+
+    def symmetric(self) -> Self:
+        """A copy without conicity, ply steer and every other difference between left and right."""
+        names = set(self.coefficients.metadata())
+        zero = dict.fromkeys((n for n in _ASYMMETRIC if n in names), 0.0)
+        if isinstance(self.coefficients, MF52Coefficients) or self.conventions.aligning == "paper":
+            zero["QDZ3"] = 0.0  # there it multiplies camber, not its absolute value
+        return self.with_coefficients(**zero)
+
+    # ---- files -------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def from_tir(
+        cls,
+        file: str | Path | TirFile,
+        *,
+        conventions: Conventions | None = None,
+        outside: Literal["error", "extrapolate"] = "error",
+        combined: Literal["weighting", "ellipse", "none"] | None = None,
+        axes: AxisSystem | None = None,
+        side: Literal["LEFT", "RIGHT", ""] | None = None,
+    ) -> Self:
+        """Tire of a ``.tir`` file.
+
+        Parameters
+        ----------
+        file : path or TirFile
+            File of FITTYP 5, 6, 21, 52 (version 5.2), 60, 61, 62 (version 6), or without (its coefficients tell).
+        conventions, outside : optional
+            As in the class.
+        combined, axes, side : optional
+            As in the class; by default what the file says (FE_METHOD, USE_MODE, AXIS_SYSTEM, TYRESIDE). Without
+            coefficients of combined slip that is the ellipse; without axes ISO-W, or adapted SAE where PKY1 is
+            positive.
+
+        Raises
+        ------
+        MissingFileError, FormatError, UnitError
+            If the file cannot be read, has a bad line, mixes units or lacks a coefficient.
+        """
+        tir = file if isinstance(file, TirFile) else read_tir(file)
+        o = conventions or Conventions()
+        found = switches_from(tir)
+        return cls(
+            coefficients=coefficients_from(tir, o),
+            conventions=o,
+            limits=limits_from(tir),
+            outside=outside,
+            combined=combined or found.combined,
+            axes=axes or found.axes,
+            side=found.side if side is None else side,
+            mirrored=found.mirrored,
+            source=tir,
+        )
+
+    def to_tir(self, *, comments: Mapping[str, str] | None = None) -> TirFile:
+        """The tire as a file: the one that it came from with what changed, or a new one.
+
+        Conventions are not part of a file; pass them again when you read it.
+
+        Parameters
+        ----------
+        comments : mapping, optional
+            New comments by coefficient, such as its confidence interval.
+
+        Raises
+        ------
+        ParameterError
+            If a coefficient is a symbol.
+        """
+        switches = Switches(self.combined, self.axes, self.side, self.mirrored)
+        return file_from(
+            self.coefficients, source=self.source, limits=self.limits, switches=switches, comments=comments or {}
+        )
+
+    def write_tir(self, path: str | Path, *, comments: Mapping[str, str] | None = None) -> Path:
+        """Write `to_tir` to a file.
+
+        Raises
+        ------
+        OutputError
+            If the place cannot be written.
+        """
+        return self.to_tir(comments=comments).write(path)
+
+    # ---- checks ------------------------------------------------------------------------------------------------
+
+    def _check(self, inputs: Mapping[str, Any]) -> None:
+        problems = self.limits.violations(inputs)
+        if not problems:
+            return
+        if self.outside == "error":
+            raise ParameterError(f"{problems[0]}: stay inside, or ask for extrapolation with outside='extrapolate'")
+        warnings.warn(f"the tire is extrapolated: {'; '.join(problems)}", ModelWarning, stacklevel=4)
+
+    def _require_turn_slip(self) -> None:
+        missing = [n for n in ("PHYP1", "PHYP2", "QDRP1") if _is_plain_zero(getattr(self.coefficients, n))]
+        if missing:
+            raise ParameterError(
+                f"turn slip needs {', '.join(missing)}, which the tire does not have; expected the section "
+                "[TURNSLIP_COEFFICIENTS]: leave turn_slip out, or add them with with_coefficients"
+            )
+
+
+def _is_plain_zero(value: Any) -> bool:
+    return isinstance(value, (int, float)) and value == 0
+
+
+def _is_traced(value: Any) -> bool:
+    """Whether a value is a symbol or a tracer, which has no number to check."""
+    return is_symbolic(value) or type(value).__module__.startswith("jax")
+
+
+def _signed(value: Scalar, sign: float) -> Scalar:
+    return value if sign > 0 else -value

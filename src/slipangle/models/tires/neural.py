@@ -1,0 +1,180 @@
+"""Neural tires: friction over slip by a small network, behind the `Tire` call. [1]_ secs. 4.3, 6.2.1, 6.3.1
+
+References
+----------
+.. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+.. [2] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.2 (similarity method).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal, get_args
+
+import casadi as ca
+import numpy as np
+
+from slipangle.errors import ParameterError, nearest
+from slipangle.models.black_box.networks import MLP, Network
+from slipangle.models.model import FitInfo
+from slipangle.models.tires.simple import Tire, TireForces
+from slipangle.ops import Scalar, clip, fabs, is_symbolic, matmul, sqrt, stack, tanh, where
+
+CurveInput = Literal["slip", "load", "camber"]
+_AS_TANH = {"sigmoid": (0.5, 0.5, 0.5), "tanh": (1.0, 1.0, 0.0)}  # a, b, c in f(z) = b tanh(a z) + c
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NeuralCurve:
+    """Friction coefficient over slip, and over load and camber where the network has those inputs.
+
+    Parameters
+    ----------
+    network : Network
+        One output, the friction coefficient; inputs as named, in SI units.
+    inputs : tuple of {"slip", "load", "camber"}
+        What each input of the network is: slip ratio [-] or slip angle [rad], load [N], camber [rad].
+    outside : {"hold", "extrapolate"}
+        Beyond the range that the network's input scaling maps to -1..1, which is that of its training data, the
+        friction stays what it is at the border, or the network is evaluated all the same.
+    fit_info : FitInfo, optional
+        How the network was fitted.
+
+    Raises
+    ------
+    ParameterError
+        If inputs and network do not fit together.
+    """
+
+    network: Network
+    inputs: tuple[CurveInput, ...] = ("slip",)
+    outside: Literal["hold", "extrapolate"] = "hold"
+    fit_info: FitInfo | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        known = get_args(CurveInput)
+        for name in self.inputs:
+            if name not in known:
+                raise ParameterError(f"a friction curve has no input '{name}'; {nearest(name, known)}")
+        if self.inputs[:1] != ("slip",) or len(set(self.inputs)) != len(self.inputs):
+            raise ParameterError(f"the inputs are {self.inputs}; expected 'slip' first and each at most once")
+        if self.network.n_inputs != len(self.inputs) or self.network.n_outputs != 1:
+            raise ParameterError(
+                f"the network has {self.network.n_inputs} inputs and {self.network.n_outputs} outputs; expected "
+                f"{len(self.inputs)} inputs ({', '.join(self.inputs)}) and 1 output, the friction coefficient"
+            )
+        if self.outside not in ("hold", "extrapolate"):
+            raise ParameterError(f"outside is '{self.outside}'; expected 'hold' or 'extrapolate'")
+
+    def __call__(self, slip: Scalar, load: Scalar = 0.0, camber: Scalar = 0.0) -> Scalar:
+        """Friction coefficient at a slip ratio [-] or slip angle [rad], load [N] and camber [rad]."""
+        given = {"slip": slip, "load": load, "camber": camber}
+        x = stack([given[name] for name in self.inputs])
+        if is_symbolic(x) and self._folded is not None:
+            return self._few_operations(x)
+        if self.outside == "hold":
+            scaling = self.network.input_scaling
+            low, high = scaling.offset - np.abs(scaling.factor), scaling.offset + np.abs(scaling.factor)
+            shape = (-1,) if is_symbolic(x) else (-1,) + (1,) * (x.ndim - 1)
+            x = clip(x, low.reshape(shape), high.reshape(shape))
+        return self.network(x)[0]
+
+    @cached_property
+    def _folded(self) -> list[tuple[np.ndarray, np.ndarray]] | None:
+        """Layers of a perceptron for `_few_operations`: all scaling, also that of the activation, inside the weights.
+
+        None for other networks.
+        """
+        net = self.network
+        if not (isinstance(net, MLP) and net.activation in _AS_TANH and self.outside == "hold"):
+            return None
+        before, after, offset = _AS_TANH[net.activation]
+        layers, last = [], len(net.weights) - 1
+        for k, (w, b) in enumerate(zip(net.weights, net.biases, strict=True)):
+            if k > 0:
+                w, b = after * w, b + offset * w.sum(axis=1)
+            if k == last:
+                scale = net.output_scaling
+                layers.append((w * scale.factor[:, None], b * scale.factor + scale.offset))
+            else:
+                layers.append((before * w, before * b))
+        return layers
+
+    def _few_operations(self, x: Any) -> Any:
+        """The network's pass for symbols, clipping included, in a form that needs few operations, its slope too."""
+        layers, scaling = self._folded or [], self.network.input_scaling
+        z = (x - ca.DM(scaling.offset)) * ca.DM(1 / scaling.factor)
+        z = ca.if_else(fabs(z) < 1.0, z, ca.copysign(1.0, z))
+        for w, b in layers[:-1]:
+            z = tanh(matmul(w, z) + ca.DM(b))
+        w, b = layers[-1]
+        return (matmul(w, z) + ca.DM(b))[0]
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Lowest and highest slip of the training data."""
+        offset, factor = (float(a[0]) for a in (self.network.input_scaling.offset, self.network.input_scaling.factor))
+        return offset - abs(factor), offset + abs(factor)
+
+    @cached_property
+    def slip_of_peak(self) -> float:
+        """Slip at which friction peaks, mean of both sides, at the middle of load and camber."""
+        slip = np.linspace(0.0, 1.0, 2001)[1:]
+        middle = self.network.input_scaling.offset
+        rest = dict(zip(self.inputs[1:], middle[1:], strict=True))
+        low, high = self.range
+        peaks = []
+        for end in (low, high):
+            mu = np.abs(self(slip * end, **rest))
+            peaks.append(abs(end) * slip[int(np.argmax(mu))])
+        return float(np.mean(peaks))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class NeuralTire(Tire):
+    """Tire whose friction coefficients are networks.
+
+    Parameters
+    ----------
+    longitudinal, lateral : NeuralCurve
+        Friction coefficient over slip ratio and over slip angle.
+    combined : {"none", "ellipse"}
+        ``"none"``: the directions do not see each other, as in [1]_. ``"ellipse"``: both curves are evaluated at the
+        common slip, counted in slips of peak friction, and share its direction ([2]_).
+    """
+
+    longitudinal: NeuralCurve
+    lateral: NeuralCurve
+    combined: Literal["none", "ellipse"] = "none"
+
+    def __post_init__(self) -> None:
+        if self.combined not in ("none", "ellipse"):
+            raise ParameterError(f"combined is '{self.combined}'; expected 'none' or 'ellipse'")
+
+    def forces(
+        self,
+        slip_ratio: Scalar,
+        slip_angle: Scalar,
+        load: Scalar,
+        *,
+        camber: Scalar = 0.0,
+        friction: Scalar = 1.0,
+    ) -> TireForces:
+        """Friction coefficients times load."""
+        k_x, k_y = self.longitudinal, self.lateral
+        if self.combined == "none":
+            mu_x, mu_y = k_x(slip_ratio, load, camber), k_y(slip_angle, load, camber)
+        else:
+            a, b = slip_ratio / k_x.slip_of_peak, slip_angle / k_y.slip_of_peak
+            rho = sqrt(a * a + b * b + 1e-16)
+            mu_x = _shared(k_x, a, rho, load, camber)
+            mu_y = _shared(k_y, b, rho, load, camber)
+        return TireForces(friction * load * mu_x, friction * load * mu_y)
+
+
+def _shared(curve: NeuralCurve, part: Scalar, rho: Scalar, load: Scalar, camber: Scalar) -> Scalar:
+    """Friction at the common slip on the side of ``part``, times its share; the offset at zero slip stays whole."""
+    side: Any = where(part < 0, -1.0, 1.0)
+    offset = curve(0.0 * rho, load, camber)
+    return offset + (curve(side * rho * curve.slip_of_peak, load, camber) - offset) * (fabs(part) / rho)

@@ -1,0 +1,49 @@
+"""What every vehicle on two axles shares: how its axles move, the slip angles, and where its forces push it."""
+
+from __future__ import annotations
+
+from slipangle.models.vehicles.parameters import ChassisParams
+from slipangle.ops import Scalar, atan2, cos, sin, speed_floor
+
+
+def axle_velocities(v_y: Scalar, r: Scalar, p: ChassisParams) -> tuple[Scalar, Scalar]:
+    """Lateral velocities of the front and the rear axle. [m/s] [1]_ eqs. 3-11, 3-12
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    """
+    return v_y + p.l_f * r, v_y - p.l_r * r
+
+
+def slip_angles(
+    v_x: Scalar, v_y: Scalar, r: Scalar, delta: Scalar, p: ChassisParams, v_low: float
+) -> tuple[Scalar, Scalar]:
+    """Slip angles of the front and the rear axle at any speed, softened below ``v_low``. [rad]
+
+    They use atan2 of the axle's velocity and reduce to eqs. 3-11, 3-12 of [1]_ at small angles; alpha > 0 gives a
+    force to the left. A wheel at rest that is turned feels no slip.
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    """
+    v_yf, v_yr = axle_velocities(v_y, r, p)
+    v = speed_floor(v_x, v_low)
+    return delta * v_x / v - atan2(v_yf, v), -atan2(v_yr, v)
+
+
+def small_slip_angles(v: Scalar, v_y: Scalar, r: Scalar, delta: Scalar, p: ChassisParams) -> tuple[Scalar, Scalar]:
+    """Slip angles of the front and the rear axle where they are small, at a speed ``v`` above zero. [rad]"""
+    v_yf, v_yr = axle_velocities(v_y, r, p)
+    return delta - v_yf / v, -v_yr / v
+
+
+def steered(F_x: Scalar, F_y: Scalar, delta: Scalar) -> tuple[Scalar, Scalar]:
+    """Forces along and across the vehicle of a wheel that is turned by ``delta``. [N]"""
+    return F_x * cos(delta) - F_y * sin(delta), F_x * sin(delta) + F_y * cos(delta)
+
+
+def ground_velocity(v_x: Scalar, v_y: Scalar, psi: Scalar) -> tuple[Scalar, Scalar]:
+    """Rates of X and Y [m/s] of a vehicle that moves at v_x, v_y in its own axes."""
+    return v_x * cos(psi) - v_y * sin(psi), v_x * sin(psi) + v_y * cos(psi)

@@ -1,0 +1,49 @@
+"""Linear bicycle: lateral motion at a given speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from slipangle.models.ode import OdeModel
+from slipangle.models.vehicles.axle import small_slip_angles
+from slipangle.models.vehicles.parameters import BicycleParams
+from slipangle.ops import Scalar, Vector, maximum, stack
+
+
+def bicycle(v_y: Scalar, r: Scalar, delta: Scalar, v_x: Scalar, p: BicycleParams, v_low: float = 1.0) -> Vector:
+    """Rates of v_y [m/s2] and r [rad/s2] of the linear bicycle. [1]_ eqs. 3-19, 3-20, yaw damping corrected.
+
+    ``delta`` is the road-wheel angle [rad], ``v_x`` the speed [m/s], which may vary. Below ``v_low`` the
+    speed in the slip denominators stays at ``v_low``, so the model remains defined at standstill.
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023; eq. 3-20 prints the yaw damping with C_r l_r^2
+       subtracted and a spurious v_x.
+    """
+    v = maximum(v_x, v_low)
+    alpha_f, alpha_r = small_slip_angles(v, v_y, r, delta, p)
+    F_yf, F_yr = p.C_f * alpha_f, p.C_r * alpha_r
+    return stack([(F_yf + F_yr) / p.mass - v_x * r, (p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z])
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bicycle(OdeModel):
+    """Linear bicycle driven by the logged steering angle and the measured speed.
+
+    States v_y [m/s], r [rad/s]; inputs delta [rad], v_x [m/s]; outputs r by default, v_y and a_y [m/s2]
+    on request.
+    """
+
+    states = ("v_y", "r")
+    inputs = ("delta", "v_x")
+    params: BicycleParams
+    outputs: tuple[str, ...] = ("r",)
+
+    def derivative(self, x: Vector, u: Vector) -> Vector:
+        """See `bicycle`."""
+        return bicycle(x[0], x[1], self.params.road_wheel(u[0]), u[1], self.params)
+
+    def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
+        """Lateral acceleration of the centre of gravity."""
+        return {"a_y": self.derivative(x, u)[0] + u[1] * x[1]}

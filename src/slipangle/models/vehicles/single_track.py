@@ -1,0 +1,112 @@
+"""Single track with wheel spin on any tires."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import MissingColumnError, nearest
+from slipangle.models.ode import OdeModel
+from slipangle.models.tires.simple import Tire, slip_ratio
+from slipangle.models.vehicles.axle import axle_velocities, ground_velocity, slip_angles, steered
+from slipangle.models.vehicles.parameters import SingleTrackParams
+from slipangle.ops import Scalar, Vector, cos, sin, stack
+
+
+def single_track(x: Vector, u: Vector, p: SingleTrackParams, tire_f: Tire, tire_r: Tire, v_low: float = 0.5) -> Vector:
+    """State rates of the single track with wheel spin. [1]_ eqs. 3-1 to 3-8, slip sign corrected.
+
+    Parameters
+    ----------
+    x : vector of 8
+        v_x, v_y [m/s], r [rad/s], omega_f, omega_r [rad/s], X, Y [m], psi [rad].
+    u : vector of 3
+        Road-wheel angle [rad], drive torque on the front and on the rear axle [N m].
+    p : SingleTrackParams
+        The car.
+    tire_f, tire_r : Tire
+        One front and one rear tire; an axle has two.
+    v_low : float
+        Speed below which slip is softened. [m/s]
+
+    Notes
+    -----
+    Slip angles use atan2 of the axle's velocity, and the front slip ratio the speed along the wheel's
+    own plane; both reduce to eqs. 3-11 to 3-13 at small angles.
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    """
+    v_x, v_y, r, omega_f, omega_r, psi = x[0], x[1], x[2], x[3], x[4], x[7]
+    delta, T_f, T_r = u[0], u[1], u[2]
+    v_yf, _ = axle_velocities(v_y, r, p)
+    alpha_f, alpha_r = slip_angles(v_x, v_y, r, delta, p, v_low)
+    v_wheel = v_x * cos(delta) + v_yf * sin(delta)
+    front = tire_f.forces(slip_ratio(v_wheel, omega_f, p.radius, v_low=v_low), alpha_f, p.load_f)
+    rear = tire_r.forces(slip_ratio(v_x, omega_r, p.radius, v_low=v_low), alpha_r, p.load_r)
+    F_xf, F_yf, F_xr, F_yr = 2 * front.F_x, 2 * front.F_y, 2 * rear.F_x, 2 * rear.F_y
+    along, across = steered(F_xf, F_yf, delta)
+    return stack(
+        [
+            (along + F_xr) / p.mass + v_y * r,
+            (across + F_yr) / p.mass - v_x * r,
+            (p.l_f * across - p.l_r * F_yr) / p.inertia_z,
+            (T_f - F_xf * p.radius) / p.inertia_wheel_f,
+            (T_r - F_xr * p.radius) / p.inertia_wheel_r,
+            *ground_velocity(v_x, v_y, psi),
+            r,
+        ]
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SingleTrack(OdeModel):
+    """Single track with wheel spin on any tires.
+
+    States v_x, v_y [m/s], r, omega_f, omega_r [rad/s], X, Y [m], psi [rad]; inputs delta [rad], T_f, T_r
+    [N m] per axle. The wheels are stiff (about 1500 1/s at 20 m/s on the thesis' tires, growing as 1/v_x):
+    use ``method="radau"`` above a millisecond, with about one substep per 25 ms where wheels lock or spin.
+    """
+
+    states = ("v_x", "v_y", "r", "omega_f", "omega_r", "X", "Y", "psi")
+    inputs = ("delta", "T_f", "T_r")
+    max_step = 0.001
+    params: SingleTrackParams
+    tire_f: Tire
+    tire_r: Tire
+
+    def derivative(self, x: Vector, u: Vector) -> Vector:
+        """See `single_track`."""
+        steered = stack([self.params.road_wheel(u[0]), u[1], u[2]])
+        return single_track(x, steered, self.params, self.tire_f, self.tire_r)
+
+    def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
+        """Accelerations of the centre of gravity, slip angles of the axles."""
+        rate, delta = self.derivative(x, u), self.params.road_wheel(u[0])
+        alpha_f, alpha_r = slip_angles(x[0], x[1], x[2], delta, self.params, 0.5)
+        return {
+            "a_x": rate[0] - x[1] * x[2],
+            "a_y": rate[1] + x[0] * x[2],
+            "alpha_f": alpha_f,
+            "alpha_r": alpha_r,
+        }
+
+    def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
+        """State of straight driving at speed ``v_x`` [m/s] with rolling wheels."""
+        omega = v_x / self.params.radius
+        return np.array([v_x, 0.0, 0.0, omega, omega, X, Y, psi])
+
+    def _start(self, name: str, data: Dataset) -> float:
+        if name in data:
+            return float(data[name][0])
+        if name == "v_x":
+            raise MissingColumnError(
+                f"'{data.name}' has no channel 'v_x', which the single track starts from; {nearest(name, data.names)}: "
+                "add the speed"
+            )
+        if name in ("omega_f", "omega_r"):
+            return float(data["v_x"][0]) / self.params.radius
+        return 0.0

@@ -1,0 +1,110 @@
+"""Several models as one: the mean of their outputs, and how far they disagree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import isclose
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError
+from slipangle.models.model import FitInfo, Model
+from slipangle.models.wrappers.hybrid import run_up
+from slipangle.ops import Vector, concatenate, stack
+
+
+@dataclass(frozen=True, kw_only=True)
+class EnsembleModel(Model):
+    """Models of the same outputs side by side; the output is the mean of theirs.
+
+    Each member keeps a state of its own and takes the inputs that it knows. A measurement shifts every member by the
+    error of the mean, so their disagreement survives it.
+
+    Parameters
+    ----------
+    members : tuple of Model
+        At least one; outputs and sample time alike.
+
+    Raises
+    ------
+    ParameterError
+        If there is none, or they differ.
+    """
+
+    members: tuple[Model, ...]
+    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "members", tuple(self.members))
+        if not self.members:
+            raise ParameterError("the ensemble has no member; expected at least one model")
+        first = self.members[0]
+        for k, other in enumerate(self.members):
+            if other.outputs != first.outputs or not isclose(other.dt, first.dt, rel_tol=1e-6):
+                raise ParameterError(
+                    f"member {k} predicts {other.outputs} at {other.dt:g} s, the first {first.outputs} at "
+                    f"{first.dt:g} s; expected the same of all: fit them to the same data"
+                )
+
+    @property
+    def dt(self) -> float:  # type: ignore[override]
+        """Sample time. [s]"""
+        return self.members[0].dt
+
+    @property
+    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Of every member, in the order they first occur."""
+        return tuple(dict.fromkeys(name for member in self.members for name in member.inputs))
+
+    @property
+    def outputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Of every member."""
+        return self.members[0].outputs
+
+    @property
+    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Every member's, numbered."""
+        return tuple(f"{k}: {name}" for k, member in enumerate(self.members) for name in member.states)
+
+    @property
+    def memory(self) -> int:  # type: ignore[override]
+        """The longest of the members'."""
+        return max(member.memory for member in self.members)
+
+    def _pieces(self, x: Vector, u: Vector) -> Iterator[tuple[Model, Vector, Vector]]:
+        """Every member with its state and its inputs."""
+        edges, inputs = np.cumsum([0, *(member.n_states for member in self.members)]), self.inputs
+        for member, (a, b) in zip(self.members, pairwise(edges.tolist()), strict=True):
+            own = u if member.inputs == inputs else stack([u[inputs.index(name)] for name in member.inputs])
+            yield member, x[a:b], own
+
+    def step(self, x: Vector, u: Vector) -> Vector:
+        """Every member a sample further."""
+        return concatenate([member.step(piece, own) for member, piece, own in self._pieces(x, u)])
+
+    def output(self, x: Vector, u: Vector) -> Vector:
+        """Mean of the members' outputs."""
+        outputs = [member.output(piece, own) for member, piece, own in self._pieces(x, u)]
+        total = outputs[0]
+        for y in outputs[1:]:
+            total = total + y
+        return total / len(outputs)
+
+    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
+        """Every member corrected by the error of the mean."""
+        error = y - self.output(x, u)
+        return concatenate(
+            [m.correct(piece, own, m.output(piece, own) + error) for m, piece, own in self._pieces(x, u)]
+        )
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """Every member's, run up to the last sample."""
+        return np.concatenate([run_up(member, data)[0] for member in self.members])
+
+    def spread(self, data: Dataset) -> np.ndarray:
+        """Standard deviation of the members' free runs, shape (n_samples, n_outputs); zero before they start."""
+        runs = np.stack([member.simulate(data).y for member in self.members])
+        return runs.std(axis=0, ddof=1) if len(runs) > 1 else np.zeros(runs.shape[1:])

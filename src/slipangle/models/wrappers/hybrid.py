@@ -1,0 +1,240 @@
+"""Hybrids: a model plus a network that predicts its error; a model behind the sensors of another session."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import MissingColumnError, ParameterError, nearest
+from slipangle.models.black_box.narx import NARXModel
+from slipangle.models.model import FitInfo, Model
+from slipangle.ops import Vector, concatenate, stack
+
+
+@dataclass(frozen=True, kw_only=True)
+class HybridModel(Model):
+    """``y(k) = y_m(k) + g F[y_e(k-1), ..., u(k-1), ...]``, where F feeds back its own prediction only. [1]_ eq. 8-2
+
+    The base model runs free on the inputs; no measurement enters it after the start. Measuring the output moves the
+    discrepancy alone: ``y_e = (y - y_m) / g``.
+
+    Parameters
+    ----------
+    base : Model
+        The vehicle model ``y_m``.
+    discrepancy : NARXModel
+        F, with the base model's outputs, in their units; its inputs may be others than the base model's.
+    gain : float
+        Share ``g`` of the discrepancy that is added, 0 to 1; 0 switches it off.
+
+    Raises
+    ------
+    ParameterError
+        If outputs or sample times differ, or the gain is outside 0 to 1.
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    """
+
+    base: Model
+    discrepancy: NARXModel
+    gain: float = 1.0
+    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        if self.base.outputs != self.discrepancy.outputs:
+            raise ParameterError(
+                f"the discrepancy has the outputs {self.discrepancy.outputs}, the base model {self.base.outputs}; "
+                "expected the same, in the same order"
+            )
+        if not np.isclose(self.base.dt, self.discrepancy.dt, rtol=1e-6):
+            raise ParameterError(
+                f"the discrepancy works at {self.discrepancy.dt:g} s, the base model at {self.base.dt:g} s; expected "
+                "the same: fit both to the same data"
+            )
+        if not 0 <= self.gain <= 1:
+            raise ParameterError(f"the gain is {self.gain}; expected 0 (discrepancy off) to 1")
+
+    @property
+    def dt(self) -> float:  # type: ignore[override]
+        """Sample time. [s]"""
+        return self.base.dt
+
+    @property
+    def outputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The base model's."""
+        return self.base.outputs
+
+    @property
+    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The base model's, then those that only the discrepancy takes."""
+        return (*self.base.inputs, *(n for n in self.discrepancy.inputs if n not in self.base.inputs))
+
+    @property
+    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The base model's states, then the discrepancy's; a base state that is an output is marked as uncorrected."""
+        own = (f"base {n}" if n in self.outputs else n for n in self.base.states)
+        return (*own, *(f"discrepancy {n}" for n in self.discrepancy.states))
+
+    @property
+    def memory(self) -> int:  # type: ignore[override]
+        """Samples a free run starts from; the base model's where the discrepancy is off."""
+        return max(self.base.memory, self.discrepancy.memory) if self.gain > 0 else self.base.memory
+
+    def _parts(self, x: Vector, u: Vector) -> tuple[Vector, Vector, Vector, Vector]:
+        """State and input of the base model, state and input of the discrepancy."""
+        n = self.base.n_states
+        places = [self.inputs.index(name) for name in self.discrepancy.inputs]
+        return x[:n], u[: self.base.n_inputs], x[n:], stack([u[i] for i in places])
+
+    def step(self, x: Vector, u: Vector) -> Vector:
+        """Both a sample further, apart from each other; a discrepancy that is off rests."""
+        base, drive, lags, drive_e = self._parts(x, u)
+        if self.gain == 0:
+            return concatenate([self.base.step(base, drive), 1.0 * lags])
+        return concatenate([self.base.step(base, drive), self.discrepancy.step(lags, drive_e)])
+
+    def output(self, x: Vector, u: Vector) -> Vector:
+        """Base model plus discrepancy."""
+        base, drive, lags, drive_e = self._parts(x, u)
+        if self.gain == 0:
+            return self.base.output(base, drive)
+        return self.base.output(base, drive) + self.gain * self.discrepancy.output(lags, drive_e)
+
+    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
+        """What the base model leaves is the measured discrepancy; with that off, the base model's own correction."""
+        base, drive, lags, drive_e = self._parts(x, u)
+        if self.gain == 0:
+            return concatenate([self.base.correct(base, drive, y), 1.0 * lags])
+        left = (y - self.base.output(base, drive)) / self.gain
+        return concatenate([base, self.discrepancy.correct(lags, drive_e, left)])
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """The base model run to the last sample; lags of the discrepancy are what it left unexplained on the way."""
+        x, base = run_up(self.base, data)
+        if self.gain == 0:
+            return np.concatenate([x, np.zeros(self.discrepancy.n_states)])
+        error = (data.select(outputs=self.outputs).y - base) / self.gain
+        left = data.select(inputs=self.discrepancy.inputs)
+        for i, name in enumerate(self.outputs):
+            left = left.with_channel(name, error[:, i]) if name not in left.inputs else left
+        lags = self.discrepancy.initial_state(left.rows(left.n_samples - self.discrepancy.memory, left.n_samples))
+        return np.concatenate([x, lags])
+
+    def contribution(self, data: Dataset) -> np.ndarray:
+        """What the discrepancy adds in a free run, shape (n_samples, n_outputs); zero at the samples it starts from.
+
+        Figures 8.6 and 8.9 of [1]_ show its share along the track.
+        """
+        run, base = self.simulate(data), self.base.simulate(data)
+        return np.where(run.predicted[:, None], run.y - base.y, 0.0)
+
+    def share(self, data: Dataset) -> np.ndarray:
+        """Share of the discrepancy along a free run, shape (n_samples, n_outputs), 0 to 100. [%]
+
+        ``|g F| / (|y_m| + |g F|)``: 50 where both are as large; NaN at the samples that the run starts from.
+        """
+        run, base = self.simulate(data), self.base.simulate(data)
+        added = np.abs(run.y - base.y)
+        total = np.abs(base.y) + added
+        share = np.divide(100.0 * added, total, out=np.zeros_like(added), where=total > 0)
+        return np.where(run.predicted[:, None], share, np.nan)
+
+
+def run_up(model: Model, data: Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """State at the last sample of ``data``, and outputs of the run from its first `memory` samples.
+
+    Outputs at the samples that the run starts from are the measured ones.
+    """
+    u, y = data.select(inputs=model.inputs).u, data.select(outputs=model.outputs).y.copy()
+    x = np.asarray(model.initial_state(data.head(model.memory)), dtype=float)
+    for k in range(model.memory, data.n_samples):
+        x = np.asarray(model.step(x, u[k - 1]), dtype=float).ravel()
+        y[k] = np.asarray(model.output(x, u[k]), dtype=float).ravel()
+    return x, y
+
+
+# ---- another session -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class OffsetModel(Model):
+    """A model behind sensors with offsets: it sees ``u - u_0`` and its outputs are read as ``y + y_0``.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    inputs_at_zero, outputs_at_zero : mapping of str to float
+        What a sensor reads where the model means zero, by channel, SI units.
+
+    Raises
+    ------
+    MissingColumnError
+        If the model has no such channel.
+    """
+
+    model: Model
+    inputs_at_zero: dict[str, float] = field(default_factory=dict)
+    outputs_at_zero: dict[str, float] = field(default_factory=dict)
+    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        for given, known in ((self.inputs_at_zero, self.model.inputs), (self.outputs_at_zero, self.model.outputs)):
+            for name in given:
+                if name not in known:
+                    raise MissingColumnError(
+                        f"the model has no channel '{name}' to shift; {nearest(name, known)}: use one of these names"
+                    )
+
+    @property
+    def dt(self) -> float:  # type: ignore[override]
+        """Sample time. [s]"""
+        return self.model.dt
+
+    @property
+    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The model's."""
+        return self.model.inputs
+
+    @property
+    def outputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The model's."""
+        return self.model.outputs
+
+    @property
+    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+        """The model's."""
+        return self.model.states
+
+    @property
+    def memory(self) -> int:  # type: ignore[override]
+        """The model's."""
+        return self.model.memory
+
+    def _drive(self, u: Vector) -> Vector:
+        return stack([u[i] - self.inputs_at_zero.get(n, 0.0) for i, n in enumerate(self.inputs)])
+
+    def _level(self, y: Vector, sign: float) -> Vector:
+        return stack([y[i] + sign * self.outputs_at_zero.get(n, 0.0) for i, n in enumerate(self.outputs)])
+
+    def step(self, x: Vector, u: Vector) -> Vector:
+        """State one sample later."""
+        return self.model.step(x, self._drive(u))
+
+    def output(self, x: Vector, u: Vector) -> Vector:
+        """What the sensors read."""
+        return self._level(self.model.output(x, self._drive(u)), 1.0)
+
+    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
+        """The model's, with the sensors' readings."""
+        return self.model.correct(x, self._drive(u), self._level(y, -1.0))
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """The model's, from shifted channels."""
+        for name, value in (*self.inputs_at_zero.items(), *self.outputs_at_zero.items()):
+            data = data.with_channel(name, data[name] - value, data.unit(name))
+        return self.model.initial_state(data)

@@ -1,0 +1,257 @@
+"""ARX models identified at several speeds, blended by weights of speed that sum to 1."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError
+from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.model import Model
+from slipangle.ops import Scalar, Vector, clip, concatenate, matmul
+
+Shape = Literal["triangular", "smooth"]
+
+
+def speed_weights(v_x: Scalar, speeds: Sequence[float], shape: Shape = "triangular") -> list[Scalar]:
+    """Weight of each model at a speed; they sum to 1, at most two differ from 0. [1]_ fig. 7.3
+
+    Parameters
+    ----------
+    v_x : scalar
+        Speed [m/s]; below the first and above the last of ``speeds`` the nearest model has all the weight.
+    speeds : sequence of float
+        Where the models were identified, rising. [m/s]
+    shape : {"triangular", "smooth"}
+        Straight lines between the speeds, or ``3 t^2 - 2 t^3`` with a continuous slope.
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+
+    >>> [round(float(w), 6) for w in speed_weights(12.0, (10.0, 15.0, 20.0))]
+    [0.6, 0.4, 0.0]
+    """
+    shares = []
+    for a, b in pairwise(speeds):
+        t = clip((v_x - a) / (b - a), 0.0, 1.0)
+        shares.append(t if shape == "triangular" else t * t * (3.0 - 2.0 * t))
+    edges = [0.0 * v_x + 1.0, *shares, 0.0 * v_x]
+    return [edges[j] - edges[j + 1] for j in range(len(speeds))]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Blend(Model):
+    """What both kinds of blending share: the models, their speeds, their coefficients with equal numbers of lags.
+
+    Parameters
+    ----------
+    models : tuple of ARXModel
+        One per speed, with the same sample time, outputs and one input.
+    speeds : tuple of float
+        Where they were identified, rising. [m/s]
+    shape : {"triangular", "smooth"}
+        See `speed_weights`.
+
+    Raises
+    ------
+    ParameterError
+        If the models do not fit each other or the speeds.
+    """
+
+    models: tuple[ARXModel, ...]
+    speeds: tuple[float, ...]
+    shape: Shape = "triangular"
+
+    def __post_init__(self) -> None:
+        if len(self.models) != len(self.speeds) or not self.models:
+            raise ParameterError(
+                f"there are {len(self.models)} models for {len(self.speeds)} speeds; expected one for each"
+            )
+        if any(not b > a for a, b in pairwise(self.speeds)) or not np.isfinite(self.speeds).all():
+            raise ParameterError(f"the models' speeds are {self.speeds}; expected rising ones")
+        if self.shape not in ("triangular", "smooth"):
+            raise ParameterError(f"the weights' shape is {self.shape!r}; expected 'triangular' or 'smooth'")
+        first = self.models[0]
+        if len(first.inputs) != 1:
+            raise ParameterError(f"the models have inputs {list(first.inputs)}; expected one, the steering angle")
+        if min(m.nk for m in self.models) < 1:
+            raise ParameterError("a model's output depends on the input at the same sample; expected nk of at least 1")
+        for other in self.models[1:]:
+            if (other.dt, other.inputs, other.outputs) != (first.dt, first.inputs, first.outputs):
+                raise ParameterError(
+                    f"models differ: dt {first.dt} and {other.dt} s, inputs {first.inputs} and {other.inputs}, outputs "
+                    f"{first.outputs} and {other.outputs}; expected the same: identify all of them alike"
+                )
+
+    @property
+    def dt(self) -> float:  # type: ignore[override]
+        """Sample time of the models. [s]"""
+        return self.models[0].dt
+
+    @property
+    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Input of the models, then v_x."""
+        return (*self.models[0].inputs, "v_x")
+
+    @property
+    def outputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Outputs of the models."""
+        return self.models[0].outputs
+
+    @property
+    def na(self) -> int:
+        """Past outputs in the state, the most that a model uses."""
+        return max(m.na for m in self.models)
+
+    @property
+    def reach(self) -> int:
+        """Samples that past inputs reach back, the most that a model uses."""
+        return max(m.nb + m.nk - 1 for m in self.models)
+
+    @property
+    def memory(self) -> int:  # type: ignore[override]
+        """Samples a free run starts from."""
+        return max(self.na, self.reach)
+
+    @cached_property
+    def coefficients(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A (n_models, na, ny, ny), B (n_models, reach, ny) and c (n_models, ny), absent lags being zero.
+
+        ``y(k+1) = -A[0] y(k) - A[1] y(k-1) ... + B[0] u(k) + B[1] u(k-1) ... + c`` for each model.
+        """
+        ny, count = len(self.outputs), len(self.models)
+        A, B = np.zeros((count, self.na, ny, ny)), np.zeros((count, self.reach, ny))
+        c = np.zeros((count, ny))
+        for j, model in enumerate(self.models):
+            A[j, : model.na] = model.A
+            B[j, model.nk - 1 : model.nk - 1 + model.nb] = model.B[:, :, 0]
+            c[j] = model.c
+        return A, B, c
+
+    def weights(self, v_x: Scalar) -> list[Scalar]:
+        """Weight of each model at a speed [m/s], see `speed_weights`."""
+        return speed_weights(v_x, self.speeds, self.shape)
+
+    def outside(self, v_x: float) -> bool:
+        """Whether a speed [m/s] lies outside the range of the models."""
+        return not self.speeds[0] <= v_x <= self.speeds[-1]
+
+    @property
+    def _past_inputs(self) -> tuple[str, ...]:
+        return tuple(f"{self.inputs[0]}[k-{i}]" for i in range(1, self.reach))
+
+    def _lagged(self, data: Dataset) -> tuple[np.ndarray, np.ndarray]:
+        """Outputs and inputs of the first `memory` samples, newest first."""
+        y, u = data.select(outputs=self.outputs).y, data.select(inputs=self.inputs[:1]).u[:, 0]
+        last = self.memory - 1
+        return y[last::-1][: self.na], u[last - 1 :: -1][: self.reach - 1] if self.reach > 1 else u[:0]
+
+    def _row(self, j: int) -> tuple[np.ndarray, np.ndarray]:
+        """Weights of the state's outputs and of u(k), u(k-1), ... in the next outputs of model ``j``."""
+        A, B, _ = self.coefficients
+        return np.hstack(list(-A[j])), B[j].T
+
+
+@dataclass(frozen=True, kw_only=True)
+class MultiARXModel(_Blend):
+    """ARX models blended at every step: one model whose coefficients depend on the speed.
+
+    The state holds the lags that all models share: outputs, newest first, then past inputs. Inputs are the models'
+    input and the speed v_x [m/s].
+    """
+
+    @property
+    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Lagged outputs, then lagged inputs."""
+        past = [n if i == 0 else f"{n}[k-{i}]" for i in range(self.na) for n in self.outputs]
+        return (*past, *self._past_inputs)
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """Lags read from the first `memory` samples."""
+        y, u = self._lagged(data)
+        return np.concatenate([y.ravel(), u])
+
+    def step(self, x: Vector, u: Vector) -> Vector:
+        """Next outputs in front, lags shifted by one."""
+        ny = len(self.outputs)
+        split, n = ny * self.na, len(self.states)
+        inputs = concatenate([u[:1], x[split:]]) if n > split else u[:1]
+        newest: Vector = 0.0
+        for j, weight in enumerate(self.weights(u[1])):
+            of_state, of_input = self._row(j)
+            y = matmul(of_state, x[:split]) + matmul(of_input, inputs)
+            newest = newest + weight * _plus(y, self.coefficients[2][j])
+        parts = [newest] + ([x[: split - ny]] if self.na > 1 else [])
+        return concatenate(parts + ([inputs[: self.reach - 1]] if n > split else []))
+
+    def output(self, x: Vector, u: Vector) -> Vector:
+        """The newest outputs."""
+        return x[: len(self.outputs)]
+
+    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
+        """The newest outputs take their measured values."""
+        return concatenate([y, x[len(self.outputs) :]]) if len(self.states) > len(self.outputs) else 1.0 * y
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParallelARX(_Blend):
+    """ARX models side by side, each running on its own predictions, with blended outputs. [1]_ eq. 7-3
+
+    This is the prediction in the cost of MARX-MPC. The state holds every model's lagged outputs, then past inputs;
+    `correct` gives all models the measured outputs.
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    """
+
+    @property
+    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Lagged outputs of each model, then lagged inputs."""
+        past = [f"{n}{j}[k-{i}]" for j in range(len(self.models)) for i in range(self.na) for n in self.outputs]
+        return (*past, *self._past_inputs)
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """Lags read from the first `memory` samples, the same for every model."""
+        y, u = self._lagged(data)
+        return np.concatenate([*[y.ravel()] * len(self.models), u])
+
+    def step(self, x: Vector, u: Vector) -> Vector:
+        """Every model one sample on, lags shifted by one."""
+        ny, count = len(self.outputs), len(self.models)
+        each = ny * self.na
+        split, n = each * count, len(self.states)
+        inputs = concatenate([u[:1], x[split:]]) if n > split else u[:1]
+        parts = []
+        for j in range(count):
+            of_state, of_input = self._row(j)
+            past = x[j * each : (j + 1) * each]
+            parts.append(_plus(matmul(of_state, past) + matmul(of_input, inputs), self.coefficients[2][j]))
+            parts += [past[: each - ny]] if self.na > 1 else []
+        return concatenate(parts + ([inputs[: self.reach - 1]] if n > split else []))
+
+    def output(self, x: Vector, u: Vector) -> Vector:
+        """The blended newest outputs."""
+        ny, each = len(self.outputs), len(self.outputs) * self.na
+        return sum(w * x[j * each : j * each + ny] for j, w in enumerate(self.weights(u[1])))
+
+    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
+        """The newest outputs of every model take the measured values."""
+        ny, each, count = len(self.outputs), len(self.outputs) * self.na, len(self.models)
+        parts = []
+        for j in range(count):
+            parts += [y] + ([x[j * each + ny : (j + 1) * each]] if self.na > 1 else [])
+        return concatenate(parts + ([x[count * each :]] if len(self.states) > count * each else []))
+
+
+def _plus(y: Vector, c: np.ndarray) -> Vector:
+    if not c.any():
+        return y
+    return (y.T + c).T if isinstance(y, np.ndarray) else y + c

@@ -1,0 +1,1 @@
+"""Numbers without vehicles: integrators, least squares, covariances, threads."""

@@ -1,0 +1,512 @@
+"""`OCP`: model, cost and limits of an optimal control problem, the one description all solvers share.
+
+Solvers read its arrays and its two functions, `dynamics` and `stage`; none of them sees names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass, field, replace
+from functools import cached_property
+from typing import Any
+from uuid import uuid4
+
+import casadi as ca
+import numpy as np
+
+from slipangle.errors import ParameterError
+from slipangle.models.model import Model, without_caches
+from slipangle.ops import Scalar, cos, sin, stack
+from slipangle.optimal.arrays import array
+from slipangle.optimal.terms import Limits, Weights, coerce, require_names
+from slipangle.paths.path import Preview
+
+PATH_ERRORS = ("e_x", "e_y", "e_psi")
+POSE = ("X", "Y", "psi")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Reference:
+    """What the vehicle should do over the horizon.
+
+    Parameters
+    ----------
+    tracked : array, shape (horizon + 1, n_references)
+        Wanted values of ``ocp.references``, in that order, at the instants ``ocp.times``. SI units.
+    exogenous : array, shape (horizon + 1, n_exogenous) or (horizon, n_exogenous)
+        Inputs that are not decided, in the order of ``ocp.exogenous``, held over each stage; the last row, which is the
+        one before where it is left out, is for what is tracked or limited at the end. SI units.
+    inputs : array, shape (horizon, n_controls), optional
+        Wanted inputs, from which R counts; zero by default.
+    corridor : array, shape (horizon + 1, 2), optional
+        Distance from the path to the lane's right and left edge [m], for an `OCP` with a corridor.
+    """
+
+    tracked: np.ndarray
+    exogenous: np.ndarray
+    inputs: np.ndarray | None = None
+    corridor: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class OCP:
+    """Track a reference over a horizon. [1]_ eqs. 5-3 to 5-8.
+
+    ``J = sum_{i=0}^{N-1} (|y_i - q_i|^2_Q + |u_i - r_i|^2_R + |u_i - u_{i-1}|^2_S + slack) + |y_N - q_N|^2_terminal``
+    subject to the model, where ``u_{-1}`` is the input applied before and x_0 the state now. Weights are
+    diagonal, by name. A tracked name is a state or an output of the model or, for a model with X, Y and psi,
+    an error relative to the reference pose: ``e_x`` along, ``e_y`` to the left of, ``e_psi`` in heading.
+
+    Weights and limits may be dictionaries too, for names such as ``r[k-1]`` that are no Python identifiers.
+
+    Stages may be several steps of the model long, ``steps[i]`` of them with the input held, so that few inputs look
+    far ahead. The sums are then integrals over time in steps of the model: Q, R and slack of stage i count
+    ``steps[i]`` times (an excess where the stage ends), the squared change to stage i one over the steps between the
+    middles of the two stages, and the end once.
+
+    Parameters
+    ----------
+    model : Model
+        Predicts; its sample time is the step of the problem.
+    horizon : int
+        Stages N.
+    steps : sequence of int, optional
+        Length of each stage in steps of the model, by default all 1; the first must be 1, because a controller plans
+        anew at every step of the model.
+    Q : Weights
+        On tracked states, outputs and path errors.
+    R, S : Weights
+        On inputs, and on their change from step to step.
+    terminal : Weights, optional
+        On tracked quantities at the end; Q by default.
+    controls : tuple of str
+        Inputs that are decided; by default those named in R, S, limits or rates. The others are exogenous:
+        the reference brings their values.
+    limits : Limits
+        On decided inputs, always kept; on states, outputs and path errors, at the end of every stage
+        (an output that depends on an input also now).
+    rates : Limits
+        On the change of decided inputs, per second: from stage to stage over the time between their middles.
+    slack, slack_linear : Weights
+        Names in them have soft limits: weight of the squared, of the plain excess. A plain weight that is
+        large enough keeps the limit exactly whenever that is possible. Limits of other names are hard.
+    corridor : float, optional
+        Vehicle width to keep between the edges of the lane [m]: limits ``e_y`` by the reference's corridor.
+
+    Attributes
+    ----------
+    identity : str
+        Name of this problem, which its copies share and no other ever has.
+
+    Raises
+    ------
+    ParameterError
+        If a name is not known (with the nearest ones), the horizon is below 1, steps do not fit it, nothing is tracked
+        or decided.
+
+    References
+    ----------
+    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023. There the sums run over i = 0..N-1 and S from i = 1; here the
+       last state and the first change count too.
+    """
+
+    model: Model
+    _: KW_ONLY
+    horizon: int
+    Q: Weights
+    R: Weights = field(default_factory=Weights)
+    S: Weights = field(default_factory=Weights)
+    terminal: Weights | None = None
+    controls: tuple[str, ...] = ()
+    limits: Limits = field(default_factory=Limits)
+    rates: Limits = field(default_factory=Limits)
+    slack: Weights = field(default_factory=Weights)
+    slack_linear: Weights = field(default_factory=Weights)
+    corridor: float | None = None
+    steps: Sequence[int] | None = None
+    identity: str = field(init=False, repr=False, default_factory=lambda: uuid4().hex)
+
+    def __post_init__(self) -> None:
+        coerce(
+            self, Weights, "Q", "R", "S", "slack", "slack_linear", *(("terminal",) if self.terminal is not None else ())
+        )
+        coerce(self, Limits, "limits", "rates")
+        model = self.model
+        if not (isinstance(self.horizon, int) and self.horizon >= 1):
+            raise ParameterError(f"the horizon is {self.horizon!r}; expected a whole number of at least 1")
+        if self.steps is not None:
+            object.__setattr__(self, "steps", _checked_steps(self.steps, self.horizon, model.dt))
+        named = (*self.R, *self.S, *self.limits, *self.rates)
+        chosen = (self.controls,) if isinstance(self.controls, str) else tuple(self.controls)
+        require_names(chosen, model.inputs, "controls", "use inputs of the model")
+        if len(set(chosen)) < len(chosen):
+            raise ParameterError(f"controls repeat in {list(chosen)}; expected each input once")
+        controls = tuple(chosen) or tuple(n for n in model.inputs if n in named)
+        object.__setattr__(self, "controls", controls)
+        if not controls:
+            raise ParameterError(
+                f"no input is decided; expected some of {list(model.inputs)}: name one in controls, R, S, "
+                "limits or rates"
+            )
+        trackable = self._trackable
+        for what, weights in (("Q", self.Q), ("terminal", self.terminal or {})):
+            require_names(weights, trackable, what)
+        if not (self.Q or self.terminal):
+            raise ParameterError(f"nothing is tracked; expected weights on some of {trackable}: set Q")
+        for what, names in (("R", self.R), ("S", self.S), ("rates", self.rates)):
+            require_names(names, controls, what, "use a decided input")
+        require_names(self.limits, (*controls, *trackable), "limits", "use a decided input, a state or an output")
+        for what, weights in (("slack", self.slack), ("slack_linear", self.slack_linear)):
+            require_names(weights, self.limited, what, "use a state or output that has a limit")
+        for name, (lower, upper) in self.rates.items():
+            if not lower <= 0 <= upper:
+                raise ParameterError(f"the rate limit of '{name}' is ({lower}, {upper}); expected one that contains 0")
+        if self.corridor is not None:
+            if not self.corridor > 0:
+                raise ParameterError(f"the corridor's vehicle width is {self.corridor} m; expected a positive number")
+            require_names(("e_y",), trackable, "corridor", "use a model with X, Y and psi, such as OnGround(model)")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy needs, in this process or another: its settings, nothing compiled."""
+        return without_caches(self)
+
+    # ---- time --------------------------------------------------------------------------------------------------
+
+    @property
+    def dt(self) -> float:
+        """Step of the model and time between plans. [s]"""
+        return self.model.dt
+
+    @cached_property
+    def lengths(self) -> np.ndarray:
+        """Length of each stage in steps of the model, shape (horizon,)."""
+        return np.ones(self.horizon, dtype=int) if self.steps is None else np.array(self.steps, dtype=int)
+
+    @cached_property
+    def nodes(self) -> np.ndarray:
+        """How many steps of the model lead to each stage and to the end, shape (horizon + 1,)."""
+        return np.concatenate([[0], np.cumsum(self.lengths)])
+
+    @cached_property
+    def stage_of(self) -> np.ndarray:
+        """Stage of each step of the model, shape (n_steps,)."""
+        return np.repeat(np.arange(self.horizon), self.lengths)
+
+    @property
+    def times(self) -> np.ndarray:
+        """Instants of the states and references, now and at the end of each stage, shape (horizon + 1,). [s]"""
+        return self._times
+
+    @cached_property
+    def _times(self) -> np.ndarray:
+        return self.dt * self.nodes
+
+    # ---- names -------------------------------------------------------------------------------------------------
+
+    @property
+    def _trackable(self) -> list[str]:
+        known = dict.fromkeys((*self.model.states, *self.model.outputs))
+        if set(POSE) <= known.keys():
+            known.update(dict.fromkeys(PATH_ERRORS))
+        return list(known)
+
+    @property
+    def exogenous(self) -> tuple[str, ...]:
+        """Inputs that are not decided, in the model's order."""
+        return self._undecided
+
+    @cached_property
+    def _undecided(self) -> tuple[str, ...]:
+        return tuple(n for n in self.model.inputs if n not in self.controls)
+
+    @cached_property
+    def tracked(self) -> tuple[str, ...]:
+        """Quantities with a weight in Q or at the end, the rows of the error in `stage`."""
+        return tuple(dict.fromkeys((*self.Q, *(self.terminal or ()))))
+
+    @cached_property
+    def limited(self) -> tuple[str, ...]:
+        """States, outputs and path errors with a limit, the rows of the second result of `stage`."""
+        names = [n for n in self.limits if n not in self.controls]
+        return tuple(dict.fromkeys((*names, *(("e_y",) if self.corridor is not None else ()))))
+
+    @cached_property
+    def references(self) -> tuple[str, ...]:
+        """Quantities whose wanted values the reference brings; path errors need the pose."""
+        plain = [n for n in self.tracked if n not in PATH_ERRORS]
+        pose = POSE if set(PATH_ERRORS) & {*self.tracked, *self.limited} else ()
+        return tuple(dict.fromkeys((*plain, *pose)))
+
+    @cached_property
+    def headings(self) -> tuple[int, int] | None:
+        """Where states and references have the heading, None unless both do."""
+        if "psi" not in self.references or "psi" not in self.model.states:
+            return None
+        return self.model.states.index("psi"), self.references.index("psi")
+
+    @cached_property
+    def soft(self) -> tuple[str, ...]:
+        """Limited quantities whose limits may be exceeded at a price."""
+        return tuple(n for n in self.limited if n in self.slack or n in self.slack_linear)
+
+    # ---- functions ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def dynamics(self) -> ca.Function:
+        """``(x, u, w) -> x`` one step of the model later; u decided, w exogenous inputs."""
+        x, u, w, full, _ = self.symbols(self._kind)
+        return ca.Function("dynamics", [x, u, w], [self.model.functions[0](x, full)], ["x", "u", "w"], ["next"])
+
+    @cached_property
+    def stage(self) -> ca.Function:
+        """``(x, u, w, p) -> errors of `tracked`, values of `limited```; p the wanted values of `references`."""
+        x, u, w, full, p = self.symbols(self._kind)
+        y = self.model.functions[1](x, full)
+        values: dict[str, Scalar] = {name: y[i] for i, name in enumerate(self.model.outputs)}
+        values.update({name: x[i] for i, name in enumerate(self.model.states)})
+        wanted: dict[str, Scalar] = {name: p[i] for i, name in enumerate(self.references)}
+        if set(POSE) <= wanted.keys():
+            dx, dy, psi = values["X"] - wanted["X"], values["Y"] - wanted["Y"], wanted["psi"]
+            values["e_x"] = cos(psi) * dx + sin(psi) * dy
+            values["e_y"] = cos(psi) * dy - sin(psi) * dx
+            values["e_psi"] = values["psi"] - psi
+        error = [values[n] - (wanted[n] if n not in PATH_ERRORS else 0.0) for n in self.tracked]
+        limited = [values[n] for n in self.limited]
+        empty = type(x)(0, 1)
+        results = [stack(error), stack(limited) if limited else empty]
+        return ca.Function("stage", [x, u, w, p], results, ["x", "u", "w", "p"], ["error", "limited"])
+
+    @property
+    def _kind(self) -> Any:
+        """Scalar expressions where the model allows, else matrices."""
+        return ca.SX if all(f.is_a("SXFunction") for f in self.model.functions[:2]) else ca.MX
+
+    def symbols(self, kind: Any) -> tuple[Any, Any, Any, Any, Any]:
+        """x, u, w, the model's input vector and p, as CasADi's ``SX`` or ``MX``."""
+        x, u, w, p = (
+            kind.sym(name, n)
+            for name, n in (
+                ("x", self.model.n_states),
+                ("u", len(self.controls)),
+                ("w", len(self.exogenous)),
+                ("p", len(self.references)),
+            )
+        )
+        return x, u, w, self.all_inputs(u, w), p
+
+    def all_inputs(self, u: Any, w: Any) -> Any:
+        """The model's input vector from decided and exogenous inputs, as symbols."""
+        parts = [
+            u[self.controls.index(n)] if n in self.controls else w[self.exogenous.index(n)] for n in self.model.inputs
+        ]
+        return ca.vertcat(*parts)
+
+    @cached_property
+    def limited_now(self) -> np.ndarray:
+        """Which limited quantities depend on the input at the same step, shape (n_limited,).
+
+        Those are limited now too, the others from the next step on.
+        """
+        x, u, w, p = (ca.MX.sym(self.stage.name_in(i), self.stage.size1_in(i)) for i in range(4))
+        jacobian = ca.Function("j", [x, u, w, p], [ca.jacobian(self.stage(x, u, w, p)[1], u)])
+        pattern = np.asarray(ca.DM(jacobian.sparsity_out(0), 1.0).full()) != 0
+        return pattern.any(axis=1) if len(self.limited) else np.zeros(0, dtype=bool)
+
+    # ---- arrays ------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Q and terminal over `tracked`, R and S over `controls`."""
+        end = self.Q if self.terminal is None else self.terminal
+        return (
+            _row(self.Q, self.tracked),
+            _row(end, self.tracked),
+            _row(self.R, self.controls),
+            _row(self.S, self.controls),
+        )
+
+    @cached_property
+    def input_bounds(self) -> np.ndarray:
+        """Lower and upper bound of each control, shape (n_controls, 2); infinite where there is none."""
+        return _rows(self.limits, self.controls)
+
+    @cached_property
+    def _apart(self) -> np.ndarray:
+        """Steps from the middle of the stage before to that of each stage, shape (horizon,); the first 1."""
+        return 0.5 * (np.concatenate([[1], self.lengths[:-1]]) + self.lengths)
+
+    @cached_property
+    def step_bounds(self) -> np.ndarray:
+        """Lower and upper bound of the change of each control to each stage, shape (horizon, n_controls, 2)."""
+        return self._apart[:, None, None] * (_rows(self.rates, self.controls) * self.dt)
+
+    @cached_property
+    def stage_weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`weights` as they count at each stage.
+
+        Of errors, shape (horizon + 1, n_tracked), of inputs and of their changes, shape (horizon, n_controls).
+        """
+        q, end, r, s = self.weights
+        return np.vstack([np.outer(self.lengths, q), end]), np.outer(self.lengths, r), np.outer(1 / self._apart, s)
+
+    @cached_property
+    def excess_counts(self) -> np.ndarray:
+        """How many times an excess over a soft limit counts, now and at the end of each stage, shape (horizon + 1,)."""
+        return np.concatenate([[1], self.lengths])
+
+    @cached_property
+    def slack_weights(self) -> tuple[np.ndarray, np.ndarray]:
+        """Squared and plain weight of each of `soft`."""
+        return _row(self.slack, self.soft), _row(self.slack_linear, self.soft)
+
+    def state_bounds(self, reference: Reference) -> np.ndarray:
+        """Bounds of `limited` now and at the end of each stage, shape (horizon + 1, n_limited, 2)."""
+        bounds = self._limits_at_nodes.copy()
+        if self.corridor is not None and reference.corridor is not None:
+            e_y, half = bounds[:, self.limited.index("e_y")], 0.5 * self.corridor
+            right, left = np.asarray(reference.corridor, dtype=float).T
+            lower, upper = half - right, left - half
+            narrow = lower > upper  # than the vehicle: keep to the lane's middle
+            if narrow.any():
+                both = np.isfinite(right) & np.isfinite(left)
+                middle = 0.5 * (np.where(both, left, 0.0) - np.where(both, right, 0.0))
+                lower, upper = np.where(narrow, middle, lower), np.where(narrow, middle, upper)
+            np.maximum(e_y[:, 0], lower, out=e_y[:, 0])
+            np.minimum(e_y[:, 1], upper, out=e_y[:, 1])
+        return bounds
+
+    @cached_property
+    def _limits_at_nodes(self) -> np.ndarray:
+        return np.tile(self.state_limits, (self.horizon + 1, 1, 1))
+
+    @cached_property
+    def state_limits(self) -> np.ndarray:
+        """Bounds of `limited` without a corridor, shape (n_limited, 2)."""
+        return _rows(self.limits, self.limited)
+
+    # ---- references --------------------------------------------------------------------------------------------
+
+    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
+        """`Reference` from a look along a path.
+
+        Parameters
+        ----------
+        preview : Preview
+            From ``path.ahead(s, ocp.times)``, horizon + 1 rows. X, Y, psi, v_x, r and curvature come from
+            it; other tracked quantities, such as v_y, are wanted at zero.
+        **exogenous : array, shape (horizon + 1,) or (horizon,), or float
+            Exogenous inputs; ``v_x`` comes from the preview unless given.
+
+        Raises
+        ------
+        ParameterError
+            If an exogenous input is missing or unknown, or the preview is not at `times`.
+        """
+        rows = self.horizon + 1
+        preview.require_times(self.times)
+        require_names(exogenous, self.exogenous, "reference()", "use an input that is not decided")
+        known = {n: getattr(preview, n) for n in (*POSE, "v_x", "r", "curvature")}
+        given: dict[str, Any] = {"v_x": preview.v_x, "curvature": preview.curvature, **exogenous}
+        for name in self.exogenous:
+            if name not in given:
+                raise ParameterError(
+                    f"the exogenous input '{name}' is not in the preview; expected its values: "
+                    f"say mpc.reference(preview, {name}=...), or decide it by naming it in controls"
+                )
+        columns = [known[n] if n in known else np.zeros(rows) for n in self.references]
+        inputs = [at_nodes(np.asarray(given[n], dtype=float), self.horizon) for n in self.exogenous]
+        return Reference(
+            tracked=np.column_stack(columns) if columns else np.empty((rows, 0)),
+            exogenous=np.column_stack(inputs) if inputs else np.empty((rows, 0)),
+            corridor=np.column_stack([preview.right, preview.left]),
+        )
+
+    @cached_property
+    def _shapes(self) -> dict[str, tuple[tuple[int, int], list[str]]]:
+        """Shape and columns of each array of a reference."""
+        n = self.horizon
+        return {
+            "tracked": ((n + 1, len(self.references)), list(self.references)),
+            "exogenous": ((n + 1, len(self.exogenous)), list(self.exogenous)),
+            "inputs": ((n, len(self.controls)), list(self.controls)),
+            "corridor": ((n + 1, 2), ["right", "left"]),
+        }
+
+    def check_reference(self, reference: Reference) -> Reference:
+        """The reference as arrays of numbers in the shapes of this problem; the same one where it has them.
+
+        Raises
+        ------
+        ParameterError
+            With the array, its shape and the one expected.
+        """
+        if not isinstance(reference, Reference):
+            raise ParameterError(
+                f"the reference is a {type(reference).__name__}; expected a Reference, or a Preview: use "
+                "path.ahead(s, mpc.times)"
+            )
+        changed: dict[str, np.ndarray] = {}
+        for key, (shape, names) in self._shapes.items():
+            given = getattr(reference, key)
+            if given is not None or key in ("tracked", "exogenous"):
+                if key == "exogenous" and _height(given) == self.horizon:
+                    shape = self.horizon, shape[1]
+                found = array(given, shape, names, f"reference.{key}")
+                if found is not given:
+                    changed[key] = found
+        if self.corridor is not None and reference.corridor is None:
+            raise ParameterError(
+                "the reference has no corridor; expected one for this problem: use mpc.reference(preview)"
+            )
+        return replace(reference, **changed) if changed else reference
+
+
+def _height(given: Any) -> int:
+    """Rows of what may be an array, or -1."""
+    many = given.ndim > 0 if isinstance(given, np.ndarray) else isinstance(given, list | tuple)
+    return len(given) if many else -1
+
+
+def at_nodes(rows: np.ndarray, horizon: int) -> np.ndarray:
+    """Values at every stage and at the end, shape (horizon + 1, ...), from these, from those without the end, or one.
+
+    >>> at_nodes(np.array([1.0, 2.0]), 2)
+    array([1., 2., 2.])
+    """
+    if rows.ndim and len(rows) == horizon and len(rows) != 1 + horizon:
+        return np.concatenate([rows, rows[-1:]])
+    return rows if rows.ndim and len(rows) == horizon + 1 else np.broadcast_to(rows, (horizon + 1,))
+
+
+def _checked_steps(steps: Sequence[int], horizon: int, dt: float) -> tuple[int, ...]:
+    """Lengths of the stages as whole numbers.
+
+    Raises
+    ------
+    ParameterError
+        If they do not fit the horizon, or are no whole numbers of at least 1 that begin with 1.
+    """
+    given = list(steps)
+    if len(given) != horizon:
+        raise ParameterError(
+            f"steps has {len(given)} entries; expected one for each of the {horizon} stages of the horizon"
+        )
+    if not all(isinstance(n, int | np.integer) and n >= 1 for n in given):
+        raise ParameterError(
+            f"steps is {given}; expected whole numbers of at least 1: how many of the model's steps of {dt:g} s each "
+            "stage lasts"
+        )
+    if given[0] != 1:
+        raise ParameterError(
+            f"steps begins with {given[0]}; expected 1, because the controller plans anew every {dt:g} s: let the "
+            "stages grow later"
+        )
+    return tuple(int(n) for n in given)
+
+
+def _row(weights: Weights, names: tuple[str, ...]) -> np.ndarray:
+    return np.array([weights.get(n, 0.0) for n in names], dtype=float)
+
+
+def _rows(limits: Limits, names: tuple[str, ...]) -> np.ndarray:
+    return np.array([limits.get(n, (-np.inf, np.inf)) for n in names], dtype=float).reshape(len(names), 2)

@@ -1,0 +1,83 @@
+"""`RealTime`: settings of the fast solver."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from functools import cache
+
+from slipangle.codegen import compiler as compiled
+from slipangle.errors import ModelWarning, ParameterError
+from slipangle.optimal.ocp import OCP
+from slipangle.optimal.realtime.engine import CompiledEngine
+from slipangle.optimal.realtime.interpreted import InterpretedEngine
+from slipangle.optimal.realtime.program import source
+from slipangle.optimal.solution import Engine
+
+FLAGS = ("-fschedule-insns",)  # before registers are given out: networks in the model gain a twentieth
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealTime:
+    """Real-time iteration ([1]_) in compiled code: Gauss-Newton steps on the condensed problem.
+
+    The first plan is iterated to convergence from the inputs held or brought to zero, whichever promises less
+    cost, and the states rolled out, so it needs no guess; later ones take `iterations` steps each from the plan
+    before, shifted. After these the model is evaluated at the new plan; where `Plan.residual` is larger than `accept`,
+    as after a jump of the state, up to ten steps with a line search follow while there is time. A solve that runs out
+    of time or iterations is gone on with by the next one.
+
+    Parameters
+    ----------
+    iterations : int
+        Gauss-Newton steps per plan; 0 iterates to convergence every time.
+    tolerance : float
+        Of converged solutions: largest change of an input in the last step, relative to half its range.
+    max_iterations : int
+        Most steps to convergence.
+    newton : float
+        Accuracy of the implicit integrator's stages, relative to 1 + |state|.
+    accept : float
+        Largest residual of real-time iterations that are a plan; see `Plan.residual`.
+
+    References
+    ----------
+    .. [1] M. Diehl, H. G. Bock, J. P. Schloeder, SIAM J. Control Optim. 43, 1714-1736, 2005.
+    """
+
+    iterations: int = 1
+    tolerance: float = 1e-9
+    max_iterations: int = 200
+    newton: float = 1e-7
+    accept: float = 1e-2
+
+    def __post_init__(self) -> None:
+        if not (self.iterations >= 0 and self.max_iterations >= 1):
+            raise ParameterError(
+                f"iterations is {self.iterations}, max_iterations {self.max_iterations}; expected at least 0 and 1"
+            )
+        if not (self.tolerance > 0 and self.newton > 0 and self.accept > 0):
+            raise ParameterError(
+                f"tolerance is {self.tolerance}, newton {self.newton}, accept {self.accept}; expected positive "
+                "numbers, such as 1e-9, 1e-7 and 1e-2"
+            )
+
+    def build(self, ocp: OCP, deadline: float | None = None) -> Engine:
+        """Compile the problem, or take it from the cache.
+
+        Warns
+        -----
+        ModelWarning
+            Once, without a C compiler: the same algorithm then runs on CasADi's virtual machine, slower.
+        """
+        library = compiled.library(source(ocp), name="mpc", flags=FLAGS) if compiled.compiler() else None
+        if library is not None:
+            return CompiledEngine(ocp, library, self, deadline)
+        if not compiled.compiler():  # a compiler that failed has been named already
+            _say_once(compiled.sentence())
+        return InterpretedEngine(ocp, self, deadline)
+
+
+@cache
+def _say_once(sentence: str) -> None:
+    warnings.warn(sentence, ModelWarning, stacklevel=4)

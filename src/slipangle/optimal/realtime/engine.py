@@ -1,0 +1,448 @@
+"""The compiled solver of one problem, called with as little in between as possible."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+from dataclasses import dataclass
+from math import isfinite
+from time import perf_counter
+from typing import Any, TypeGuard
+
+import numpy as np
+
+from slipangle.numerics.per_thread import PerThread
+from slipangle.optimal.arrays import DOUBLE
+from slipangle.optimal.ocp import OCP, Reference
+from slipangle.optimal.realtime.parts import implicit, limit_rows, slack_of_rows
+from slipangle.optimal.realtime.program import COUNTS, FIELDS
+from slipangle.optimal.solution import MOST_ATTEMPTS, Plan, Solution, Start, Status, between, finite, inputs_later
+
+OUTCOMES = (
+    Status.SOLVED,
+    Status.REAL_TIME,
+    Status.ITERATION_LIMIT,
+    Status.STALLED,
+    Status.TIME_OUT,
+    Status.INFEASIBLE,
+    Status.NOT_FINITE,
+    Status.FAILED,
+)
+DOUBTFUL = len(OUTCOMES)
+CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME = range(5)
+
+
+@dataclass(eq=False)
+class Memory:
+    """What the next start needs: all that a solve found, the integrator's stage slopes and the working rows too.
+
+    ``owner`` is the `OCP.identity` of the problem, ``area`` the work area that still holds all this if its ``serial``
+    is the same. ``unfinished`` counts the solves in a row that have not got to their end from here.
+    """
+
+    serial: int
+    owner: str
+    found: np.ndarray
+    area: int = -1
+    unfinished: int = 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Of a copy, which no work area holds."""
+        return {**vars(self), "area": -1}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """Time spent inside the compiled code by the last solve, by the monotonic clock. [s]"""
+
+    total: float
+    prepare: float
+    feedback: float
+
+
+def _block(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """The doubles of a work area from those of one array to those of another."""
+    start = first.ctypes.data
+    size = (last.ctypes.data - start) // 8 + last.size
+    block: Any = (ctypes.c_double * size).from_address(start)
+    return np.frombuffer(block)
+
+
+_areas = itertools.count()  # no number is given twice, so that none is ever taken for another
+
+
+class WorkArea:
+    """One thread's memory of the compiled solver; see `CompiledEngine`."""
+
+    def __init__(self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None) -> None:
+        self.ocp = ocp
+        self._library = library
+        library.rt_new.restype = ctypes.c_void_p
+        library.rt_at.restype = ctypes.c_void_p
+        library.rt_at.argtypes = [ctypes.c_void_p, ctypes.c_int]
+        library.rt_free.argtypes = [ctypes.c_void_p]
+        library.rt_free.restype = None
+        for call in (library.rt_solve, library.rt_again, library.rt_prepare, library.rt_feedback):
+            call.argtypes, call.restype = [ctypes.c_void_p], ctypes.c_int
+        library.rt_fallback.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int, ctypes.c_int]
+        self._work = library.rt_new()
+        if not self._work:
+            raise MemoryError("no memory for the solver")
+        self._pointer = ctypes.c_void_p(self._work)
+        self._call, self._call_again, self._call_fallback = library.rt_solve, library.rt_again, library.rt_fallback
+        n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
+        parts, steps, limits = implicit(ocp), int(ocp.nodes[-1]), len(limit_rows(ocp))
+        shapes: dict[str, tuple[int, ...]] = {
+            "x0": (nx,),
+            "applied": (nu,),
+            "w": (n + 1, len(ocp.exogenous)),
+            "p": (n + 1, len(ocp.references)),
+            "r": (n, nu),
+            "corridor": (n + 1, 2),
+            "bounds": (n + 1, len(ocp.limited), 2),
+            "q": (n + 1, len(ocp.tracked)),
+            "wr": (n, nu),
+            "ws": (n, nu),
+            "lowest": (nx + len(ocp.references) + len(ocp.exogenous),),
+            "highest": (nx + len(ocp.references) + len(ocp.exogenous),),
+            "safe": (nu,),
+            "relaxing": (n,),
+            "way_u": (n, nu),
+            "way_x": (n + 1, nx),
+            "plain": (limits,),
+            "square": (limits,),
+            "u": (n, nu),
+            "x": (steps + 1, nx),
+            "k": (steps + 1, 3 * len(parts.core) if parts else 0),
+        }
+        view: dict[str, np.ndarray] = {}
+        for i, name in enumerate((*FIELDS, *COUNTS)):
+            shape = shapes.get(name, (1,))
+            size = int(np.prod(shape))
+            kind = ctypes.c_int64 if name in COUNTS else ctypes.c_double
+            block: Any = (kind * max(size, 1)).from_address(library.rt_at(self._pointer, i))
+            view[name] = np.frombuffer(block, dtype=np.int64 if name in COUNTS else float)[:size].reshape(shape)
+        self._view = view
+        self._x0, self._applied, self._w, self._p, self._r = (view[n] for n in ("x0", "applied", "w", "p", "r"))
+        self._u, self._x, self._corridor = (view[n] for n in ("u", "x", "corridor"))
+        self._iterations, self._fresh = view["iterations"], view["fresh"]
+        self._way_u, self._way_x = view["way_u"], view["way_x"]
+        self._way = _block(self._way_u, self._way_x)
+        self._found = _block(view["u"], view["residual"])  # all of it starts a later solve
+        at = (view["cost"].ctypes.data - view["u"].ctypes.data) // 8
+        self._result = slice(at, at + 3)  # cost, violation, residual
+        self._numbers = self._found[self._result]
+        self._controls, self._sizes = ocp.controls, (self._x0.shape, self._p.shape, self._w.shape, self._applied.shape)
+        self._lanes, self._edges, self._owner = ocp.corridor is not None, self._corridor.shape, ocp.identity
+        self._shape_u, self._shape_x = self._u.shape, self._x.shape
+        self._head, self._split = slice(self._u.size), slice(self._u.size, self._u.size + self._x.size)
+        self._rest, self._shape_way = slice(self._u.size, None), self._way_x.shape
+        self._q, self._wr, self._ws = (view[name] for name in ("q", "wr", "ws"))
+        self._q[:], self._wr[:], self._ws[:] = ocp.stage_weights
+        view["plain"][:], view["square"][:] = slack_of_rows(ocp)
+        view["tolerance"][0] = settings.tolerance
+        view["newton"][0] = settings.newton
+        view["accept"][0] = settings.accept
+        view["max_iterations"][0] = settings.max_iterations
+        view["fixed"][0] = settings.iterations
+        self._limit = np.inf if deadline is None else deadline
+        self._time = view["time_limit"]
+        self._time[0] = self._limit
+        if ocp.limited:
+            view["bounds"][:] = ocp.state_limits  # a corridor narrows them in C
+        self._nodes = ocp.nodes if steps > n else None  # of the states, those at which stages begin and end
+        self._most = int(ocp.nodes[-1])
+        self._serial, self._area = 0, next(_areas)
+        self._until: float | None = None
+        self._settings = settings
+        self._ready: Memory | None = None
+
+    def __del__(self) -> None:
+        work, self._work = getattr(self, "_work", None), None
+        if work:
+            self._library.rt_free(ctypes.c_void_p(work))
+
+    def solve(self, start: Start) -> Solution:
+        """Solve from a state and a guess; see `slipangle.optimal.solution.Start`."""
+        self._ready = None
+        self._set(start.x, start.applied, start.reference)
+        self._u[:], self._x[:] = start.guess_u, between(start.guess_x, self.ocp.nodes)
+        self._fresh[0] = GIVEN
+        return self._run()
+
+    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
+        """Solve from a state and the plan of the step before, which is shifted; without one, from nothing."""
+        memory = previous.start if previous is not None else None
+        ready, self._ready = self._ready, None
+        if ready is not None and ready is memory and self._same(applied, reference):
+            self._x0[:] = x
+            return self._run(self._library.rt_feedback)
+        self._set(x, applied, reference)
+        if self._ours(memory):
+            self._recall(memory)
+            self._fresh[0] = RESUME if memory.unfinished else CONTINUE
+            return self._run(attempts=memory.unfinished)
+        elif previous is not None and previous.u.shape == self._u.shape:
+            self._u[:] = inputs_later(previous.u, self.ocp.lengths)
+            self._fresh[0] = GIVEN_INPUTS
+        else:
+            self._fresh[0] = FROM_NOTHING
+        return self._run()
+
+    def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
+        """Ranges of states, then of the reference's columns; see `slipangle.optimal.solution.Continues`."""
+        self._view["lowest"][:], self._view["highest"][:] = lowest, highest
+
+    def again(
+        self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, seconds: float | None
+    ) -> dict[str, Any] | None:
+        """Solve from the plan that this area still holds, if all that is given is as usual; else do nothing."""
+        left, u, p, w = previous.unfinished, previous.u, reference.tracked, reference.exogenous
+        memory = previous.memory if left is None else left
+        if type(memory) is not Memory or memory.serial != self._serial or memory.area != self._area:
+            return None
+        attempts = memory.unfinished
+        if type(u) is not np.ndarray or u.shape != self._shape_u or attempts > MOST_ATTEMPTS:
+            return None
+        if left is None and (attempts or u.base is not memory.found):
+            return None
+        given = u[0] if applied is None else applied
+        if not (previous.controls is self._controls and self._usual(x, reference, given)):
+            return None
+        if self._lanes:
+            self._corridor[...] = reference.corridor
+        self._x0[...], self._p[...], self._w[...], self._applied[...] = x, p, w, given
+        self._r.fill(0.0)
+        self._fresh[0] = RESUME if attempts else CONTINUE
+        self._time[0] = self._limit if seconds is None else max(seconds, 0.0)
+        outcome = self._call_again(self._pointer)
+        return None if outcome == DOUBTFUL else self._answer(OUTCOMES[outcome], attempts)
+
+    def allow(self, seconds: float) -> None:
+        """Longest time from now to the end of the next solve. [s]"""
+        self._until = perf_counter() + seconds
+
+    def _usual(self, x: Any, reference: Reference, given: Any) -> bool:
+        """Whether all this is in the arrays that it nearly always is in."""
+        p, w, edges = reference.tracked, reference.exogenous, reference.corridor
+        if self._lanes and not (type(edges) is np.ndarray and edges.dtype is DOUBLE and edges.shape == self._edges):
+            return False
+        return (
+            type(x) is type(p) is type(w) is type(given) is np.ndarray
+            and x.dtype is p.dtype is w.dtype is given.dtype is DOUBLE
+            and reference.inputs is None
+            and (x.shape, p.shape, w.shape, given.shape) == self._sizes
+        )
+
+    def lost(self, x: Any, reference: Reference, u: Any, applied: Any) -> np.ndarray | None:
+        """The input applied, where the state is no number in a call that is otherwise as usual."""
+        if type(u) is not np.ndarray or u.shape != self._shape_u:
+            return None
+        given = u[0] if applied is None else applied
+        return given if self._usual(x, reference, given) and not isfinite(np.vdot(x, x)) else None
+
+    def relax(self, safe: np.ndarray, left: np.ndarray) -> None:
+        """Where the stop law goes, and how much is left of the way there at each stage."""
+        self._view["safe"][:], self._view["relaxing"][:] = safe, left
+
+    def rescue(
+        self,
+        x: np.ndarray | None,
+        applied: np.ndarray,
+        reference: Reference,
+        u: Any,
+        states: Any,
+        later: int,
+        stopping: bool,
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Inputs of a fallback and where they lead; see `slipangle.optimal.solution.Rescues`."""
+        if not (type(u) is type(states) is np.ndarray and u.dtype is states.dtype is DOUBLE):
+            return None
+        if u.shape != self._shape_u or states.shape != self._shape_way:
+            return None
+        self._ready = None
+        self._applied[...], self._way_u[...], self._way_x[...] = applied, u, states
+        if x is not None or stopping:
+            w = reference.exogenous
+            self._w[: len(w)], self._w[-1] = w, w[-1]
+        if x is not None:
+            self._x0[...] = x
+        self._hurry()
+        good = self._call_fallback(self._pointer, later if later < self._most else self._most, stopping, x is not None)
+        if not good:
+            return None
+        found = self._way.copy()
+        return found[self._head].reshape(self._shape_u), found[self._rest].reshape(self._shape_way)
+
+    def follow(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs within limits and rates, and where they lead; near the guess where the model has no answer."""
+        found = self.rescue(x, applied, reference, np.array(u, dtype=float), np.array(guess, dtype=float), 0, False)
+        return (u, np.full_like(guess, np.nan)) if found is None else found
+
+    def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:
+        """Linearise and condense around a plan, shifted, before the state is known.
+
+        A following `resume` from the same plan and reference then only solves the quadratic program.
+        """
+        memory = previous.memory
+        if not self._ours(memory) or memory.unfinished or self._settings.iterations != 1:
+            return
+        self._set(previous.x[1], applied, reference)
+        self._recall(memory)
+        if OUTCOMES[self._library.rt_prepare(self._pointer)] is Status.SOLVED:
+            self._ready = memory
+        self._serial += 1
+
+    def _ours(self, memory: Any) -> TypeGuard[Memory]:
+        """Whether a memory is of this problem and says something."""
+        if not (isinstance(memory, Memory) and memory.owner == self.ocp.identity):
+            return False
+        known = memory.found.shape == self._found.shape and memory.unfinished <= MOST_ATTEMPTS
+        return known and finite(memory.found[: self._result.start])
+
+    def _recall(self, memory: Memory) -> None:
+        if memory.area != self._area or memory.serial != self._serial:
+            self._found[:] = memory.found
+
+    def _same(self, applied: np.ndarray, reference: Reference) -> bool:
+        inputs = 0.0 if reference.inputs is None else reference.inputs
+        return bool(
+            (self._p == reference.tracked).all()
+            and (self._w[:-1] == reference.exogenous[: len(self._r)]).all()
+            and (self._w[-1] == reference.exogenous[-1]).all()
+            and (self._applied == applied).all()
+            and (self._r == inputs).all()
+            and (not self._lanes or (self._corridor == reference.corridor).all())
+        )
+
+    @property
+    def timing(self) -> Timing:
+        """Time of the last solve inside the compiled code."""
+        view = self._view
+        return Timing(
+            total=float(view["seconds"][0]),
+            prepare=float(view["seconds_prepare"][0]),
+            feedback=float(view["seconds_feedback"][0]),
+        )
+
+    def _set(self, x: np.ndarray, applied: np.ndarray, reference: Reference) -> None:
+        self._x0[:] = x
+        self._applied[:] = applied
+        w = reference.exogenous  # with or without a row for the end
+        self._w[:-1], self._w[-1] = w[: len(self._r)], w[-1]
+        self._p[:] = reference.tracked
+        if reference.inputs is None:
+            self._r.fill(0.0)
+        else:
+            self._r[:] = reference.inputs
+        if self._lanes:
+            self._corridor[:] = reference.corridor
+
+    def _hurry(self) -> None:
+        """Give the next call into C what is left of the time allowed."""
+        self._time[0] = self._limit if self._until is None else max(self._until - perf_counter(), 0.0)
+        self._until = None
+
+    def _run(self, call: Any = None, attempts: int = 0) -> Solution:
+        self._hurry()
+        status = OUTCOMES[(call or self._call)(self._pointer)]
+        return Solution(**self._answer(status, attempts))
+
+    def _answer(self, status: Status, attempts: int) -> dict[str, Any]:
+        """A `Solution` as a dictionary."""
+        self._serial = serial = self._serial + 1
+        found = self._found.copy()
+        states = found[self._split].reshape(self._shape_x)
+        cost, violation, residual = self._numbers.tolist()
+        return {
+            "u": found[self._head].reshape(self._shape_u),
+            "x": states if self._nodes is None else states[self._nodes],
+            "status": status,
+            "cost": cost,
+            "iterations": self._iterations.item(),
+            "violation": violation,
+            "residual": residual,
+            "memory": Memory(serial, self._owner, found, self._area, attempts + 1 if status.resumes else 0),
+            "kept": True,
+        }
+
+
+class CompiledEngine:
+    """Engine on a loaded library, a work area for each thread; see `slipangle.optimal.realtime.program.source`."""
+
+    def __init__(self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None) -> None:
+        self._ranges: tuple[np.ndarray, np.ndarray] | None = None
+        self._stop: tuple[np.ndarray, np.ndarray] | None = None
+
+        def area() -> WorkArea:
+            made = WorkArea(ocp, library, settings, deadline)
+            if self._ranges is not None:
+                made.expect(*self._ranges)
+            if self._stop is not None:
+                made.relax(*self._stop)
+            return made
+
+        self._areas = PerThread(area)
+        _ = self._areas.mine
+
+    def solve(self, start: Start) -> Solution:
+        """Solve from a state and a guess; see `slipangle.optimal.solution.Start`."""
+        return self._areas.mine.solve(start)
+
+    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
+        """Solve from a state and the plan of the step before, which is shifted; without one, from nothing."""
+        return self._areas.mine.resume(x, applied, reference, previous)
+
+    def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
+        """Ranges beyond which a value is doubtful, for all threads' areas that are made from now on, and this one's."""
+        self._ranges = lowest, highest
+        self._areas.mine.expect(lowest, highest)
+
+    def relax(self, safe: np.ndarray, left: np.ndarray) -> None:
+        """The stop law, for all threads' areas that are made from now on, and this one's."""
+        self._stop = safe, left
+        self._areas.mine.relax(safe, left)
+
+    def lost(self, x: Any, reference: Reference, u: Any, applied: Any) -> np.ndarray | None:
+        """The input applied, where the state is no number in a call that is otherwise as usual."""
+        return self._areas.mine.lost(x, reference, u, applied)
+
+    def rescue(
+        self,
+        x: np.ndarray | None,
+        applied: np.ndarray,
+        reference: Reference,
+        u: Any,
+        states: Any,
+        later: int,
+        stopping: bool,
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Inputs of a fallback and where they lead; see `slipangle.optimal.solution.Rescues`."""
+        return self._areas.mine.rescue(x, applied, reference, u, states, later, stopping)
+
+    def again(
+        self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, seconds: float | None
+    ) -> dict[str, Any] | None:
+        """The usual solve, a step after the one that this thread did last; None if anything is unusual."""
+        return self._areas.mine.again(x, reference, previous, applied, seconds)
+
+    def allow(self, seconds: float) -> None:
+        """Longest time of this thread's next solve. [s]"""
+        self._areas.mine.allow(seconds)
+
+    def follow(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs within limits and rates, and where they lead; NaN where the model has no answer."""
+        return self._areas.mine.follow(x, applied, reference, u, guess)
+
+    def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:
+        """Do what can be done before the state is known; for a `resume` by the same thread."""
+        self._areas.mine.prepare(applied, reference, previous)
+
+    @property
+    def timing(self) -> Timing:
+        """Time of this thread's last solve inside the compiled code."""
+        return self._areas.mine.timing

@@ -1,0 +1,583 @@
+"""The same algorithm without a compiler: CasADi's virtual machine for the model, NumPy and DAQP for the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from time import perf_counter
+from typing import Any, NamedTuple, TypeGuard
+
+import numpy as np
+
+from slipangle.numerics.per_thread import PerThread
+from slipangle.optimal.ocp import OCP, Reference
+from slipangle.optimal.realtime.interpreted_model import bind, columns, dense, newton_columns, newton_node, only
+from slipangle.optimal.realtime.interpreted_qp import LimitedStep, secant
+from slipangle.optimal.realtime.interpreted_step import InputStep
+from slipangle.optimal.realtime.interpreted_truth import Promise, Values, moves_on, reach_of, units
+from slipangle.optimal.realtime.parts import (
+    Implicit,
+    dynamics_function,
+    implicit,
+    input_scale,
+    limit_rows,
+    stage_function,
+)
+from slipangle.optimal.solution import (
+    MOST_ATTEMPTS,
+    Plan,
+    Solution,
+    Start,
+    Status,
+    between,
+    finite,
+    inputs_later,
+    shifted,
+    within,
+)
+
+PAIRS, CALM = 24, 5  # remembered steps; iterations without a short one before they count
+FAR = 0.05  # largest change of an input in units of its range; below, remembered steps are what helps
+Truth = tuple[float, float, float]  # cost, largest violation and residual of a plan
+UNKNOWN: Truth = float("nan"), np.inf, np.inf
+MORE = 10  # iterations with a line search where full steps were not enough
+
+
+@dataclass(kw_only=True, eq=False)
+class Memory:
+    """Inputs, states after every step of the model and stage slopes of the integrator, for the next start.
+
+    Stage slopes have a row more, for the step after the last. ``unfinished`` counts the solves in a row that have not
+    got to their end from here.
+    """
+
+    x: np.ndarray
+    k: np.ndarray
+    owner: str
+    u: np.ndarray
+    unfinished: int = 0
+
+
+@dataclass(eq=False, slots=True)
+class Found:
+    """How iterations ended, and what is known of the iterate."""
+
+    status: Status
+    iterations: int
+    cost: float = float("nan")
+    violation: float = np.inf
+    residual: float = np.inf
+
+
+@dataclass(eq=False)
+class Linear:
+    """Everything known at one iterate: next states, errors, limited values and their derivatives."""
+
+    next: np.ndarray
+    A: np.ndarray
+    B: np.ndarray
+    e: np.ndarray
+    limited: np.ndarray
+    Ex: np.ndarray
+    Eu: np.ndarray
+    Lx: np.ndarray
+    Lu: np.ndarray
+
+    @classmethod
+    def values(cls, later: np.ndarray, e: np.ndarray, limited: np.ndarray) -> Linear:
+        """Without derivatives."""
+        none = np.empty(0)
+        return cls(later, none, none, e, limited, none, none, none, none)
+
+    @property
+    def finite(self) -> bool:
+        """Whether it can be used."""
+        return bool(np.isfinite(self.next).all() and np.isfinite(self.A).all() and np.isfinite(self.e).all())
+
+
+class Functions(NamedTuple):
+    """A problem's model for CasADi's virtual machine, which all threads share; ``quick`` is that of `InputStep`."""
+
+    parts: Implicit | None
+    node: Any
+    stage: Any
+    values: tuple[Any, Any]
+    quick: tuple[Any, Any, Any, Any] | None
+
+    @classmethod
+    def of(cls, ocp: OCP) -> Functions:
+        """Build them."""
+        parts, steps = implicit(ocp), int(ocp.nodes[-1])
+        one = newton_node(ocp, parts) if parts else dense(dynamics_function(ocp))
+        stage = dense(stage_function(ocp))
+        limited = len(ocp.limited) or np.isfinite(ocp.step_bounds[0]).any()
+        quick = None if limited else InputStep.functions(ocp, parts, one, stage)
+        values = Values.functions(ocp, parts, one, stage)
+        if parts:
+            one = only(one, range(4))
+        return cls(parts, newton_columns(ocp, parts, one, steps), columns(stage, ocp.horizon + 1), values, quick)
+
+
+class WorkArea:
+    """One thread's memory of `InterpretedEngine`.
+
+    States inside have a row per node, one after every step of the model; `OCP.nodes` are those of the stages.
+    """
+
+    def __init__(self, ocp: OCP, functions: Functions, settings: Any, deadline: float | None) -> None:
+        self.ocp, self._settings = ocp, settings
+        self._limit = self._allowed = np.inf if deadline is None else deadline
+        n, _, nu = self._sizes = ocp.horizon, ocp.model.n_states, len(ocp.controls)
+        self._parts, node, stage, values, quick = functions
+        self._nk = 3 * len(self._parts.core) if self._parts else 0
+        self._steps = steps = int(ocp.nodes[-1])
+        self._nodes, self._held = (ocp.nodes, ocp.stage_of) if steps > n else (slice(None), slice(None))
+        self._node_in, self._stage_in = _inputs(node, steps), _inputs(stage, n + 1)
+        self._node, self._node_out = bind(node, steps, self._node_in)
+        self._stage, self._stage_out = bind(stage, n + 1, self._stage_in)
+        self._scale = input_scale(ocp)
+        rows = limit_rows(ocp)
+        self._limit_at = np.array([i for i, _ in rows], dtype=int), np.array([j for _, j in rows], dtype=int)
+        self._qp = LimitedStep(ocp)
+        self._plain, self._square, self._soft = self._qp.plain, self._qp.square, self._qp.soft
+        change = np.eye(n * nu) - np.eye(n * nu, k=-nu)
+        self._weight_rows, self._r, self._s = ocp.stage_weights
+        both = np.tile(self._scale, n)
+        inputs = change.T @ np.diag(self._s.ravel()) @ change + np.diag(self._r.ravel())
+        self._quadratic = both[:, None] * inputs * both
+        self._k = np.zeros((steps, self._nk))
+        self._values = Values(ocp, *values)
+        self._quick = None if quick is None else InputStep(ocp, *quick)
+
+    # ---- starts ------------------------------------------------------------------------------------------------
+
+    def solve(self, start: Start) -> Solution:
+        """Solve from a state and a guess, to convergence."""
+        self._k[:] = 0.0
+        self._until = perf_counter() + self._allowed
+        self._allowed = self._limit
+        self._begin(start.x, start.applied, start.reference)
+        return self._run(start.guess_u, between(start.guess_x, self.ocp.nodes), False)
+
+    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
+        """Solve from a state and the plan of the step before; without one, from nothing."""
+        ocp, (n, _, nu) = self.ocp, self._sizes
+        memory = previous.start if previous is not None else None
+        self._until = perf_counter() + self._allowed
+        self._allowed = self._limit
+        self._begin(x, applied, reference)
+        if self._ours(memory):
+            if self._quick and self._settings.iterations and not memory.unfinished:
+                return self._resume_quickly(self._quick, memory)
+            u, states, self._k[:] = memory.u, memory.x.copy(), memory.k[:-1]
+            if not memory.unfinished or moves_on(x, states):
+                u, states, self._k[:] = inputs_later(u, ocp.lengths), shifted(states), memory.k[1:]
+                if n > 1:  # the last state is a guess; the solver closes the gap
+                    states[-1] = 2 * states[-2] - states[-3]
+            states[0] = x
+            u = within(u, applied, ocp.input_bounds, ocp.step_bounds)
+            return self._run(np.array(u), states, bool(self._settings.iterations), memory.unfinished)
+        known = previous is not None and previous.u.shape == (n, nu)
+        guesses = (
+            [inputs_later(previous.u, ocp.lengths)]
+            if known and previous is not None
+            else [np.tile(applied, (n, 1)), np.zeros((n, nu))]
+        )
+        guesses = [within(u, applied, ocp.input_bounds, ocp.step_bounds) for u in guesses]
+        self._k[:] = 0.0
+        rolled = [self._roll_out(x, u, reference) for u in guesses]
+        promised = [self._promise(u, s) for u, s in zip(guesses, rolled, strict=True)]
+        best = int(np.argmin(promised)) if len(guesses) > 1 and np.isfinite(promised).any() else 0
+        return self._run(np.array(guesses[best]), rolled[best], False)
+
+    def allow(self, seconds: float) -> None:
+        """Longest time of the next solve. [s]"""
+        self._allowed = max(seconds, 0.0)
+
+    def follow(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs within limits and rates, and where they lead, by two Newton steps on all steps side by side."""
+        self._begin(x, applied, reference)
+        u = within(u, applied, self.ocp.input_bounds, self.ocp.step_bounds)
+        self._k[:] = 0.0
+        states = between(guess, self.ocp.nodes)
+        for _ in range(2):
+            self._set_nodes(u, states)
+            self._node()
+            later, by = self._node_out[:2]
+            if not finite(later, by):
+                return u, np.full(guess.shape, np.nan)
+            if self._parts:
+                self._k[:] = self._node_out[3]
+            moved, dx = later - states[1:], x - states[0]
+            for here, A in zip(moved, by.reshape(self._steps, len(x), len(x)), strict=True):
+                here += np.dot(dx, A)
+                dx = here
+            states[0] = x
+            states[1:] += moved
+        return u, states[self._nodes]
+
+    def _roll_out(self, x: np.ndarray, u: np.ndarray, reference: Reference) -> np.ndarray:
+        states = np.empty((self._steps + 1, len(x)))
+        states[0] = x
+        for m, i in enumerate(self.ocp.stage_of):
+            states[m + 1] = np.asarray(self.ocp.dynamics(states[m], u[i], reference.exogenous[i])).ravel()
+        return states
+
+    def _promise(self, u: np.ndarray, states: np.ndarray) -> float:
+        """Half the cost of inputs and the states they lead to, limits apart."""
+        m = self._linearise(u, states, exact=False)
+        self._k[:] = 0.0
+        return self._half_cost(m.e, u) if np.isfinite(m.e).all() else np.inf
+
+    def _ours(self, memory: Any) -> TypeGuard[Memory]:
+        """Whether a memory is of this problem and says something."""
+        if not (isinstance(memory, Memory) and memory.owner == self.ocp.identity):
+            return False
+        steps, (_, nx, _) = self._steps, self._sizes
+        known = memory.x.shape == (steps + 1, nx) and memory.k.shape == (steps + 1, self._nk)
+        return known and memory.unfinished <= MOST_ATTEMPTS and finite(memory.u, memory.x, memory.k)
+
+    def _resume_quickly(self, step: InputStep, memory: Memory) -> Solution:
+        step.load(self._x0, self._applied, self._reference, memory)
+        status, count = step.run(self._settings.iterations, self._until)
+        n = len(step.u) - 2
+        self._k[:] = step.before
+        if status not in (Status.REAL_TIME, Status.TIME_OUT) or not count:
+            return self._solution(step.u[1:-1].copy(), step.x[1:].copy(), Found(status, count))
+        u, x, good = step.u[:n].copy(), step.x[:-1].copy(), step.truth[2] <= self._settings.accept
+        found = self._finish(u, x, status, count, step.truth, step.k.copy() if good else None)
+        if good:
+            step.holds(found.memory)
+        return found
+
+    def _run(self, u: np.ndarray, states: np.ndarray, warm: bool, unfinished: int = 0) -> Solution:
+        if warm and not unfinished:
+            return self._iterate(u, states)
+        return self._solution(*self._converge(u, states, self._settings.max_iterations), unfinished)
+
+    def _finish(
+        self, u: np.ndarray, x: np.ndarray, status: Status, count: int, truth: Truth, k: np.ndarray | None = None
+    ) -> Solution:
+        """Full steps that did not end at an acceptable plan are followed by some with a line search."""
+        found = Found(Status.REAL_TIME, count, *truth)
+        if found.residual <= self._settings.accept:
+            return self._solution(u, x, found, k=k)
+        if status is Status.TIME_OUT or perf_counter() > self._until:
+            return self._solution(u, x, replace(found, status=Status.TIME_OUT))
+        return self._solution(*self._converge(u, x, MORE, loose=True, before=count))
+
+    def _true(self, u: np.ndarray, x: np.ndarray, promise: Promise) -> Truth:
+        """`_judge` of a full step, by the values there."""
+        later, e, limited = self._values(x, u, self._reference.exogenous, self._reference.tracked, self._k)
+        return self._judge(Linear.values(later, e, limited), u, x, promise)
+
+    def _solution(
+        self, u: np.ndarray, x: np.ndarray, found: Found, unfinished: int = 0, k: np.ndarray | None = None
+    ) -> Solution:
+        if k is None:
+            k = np.vstack([self._k, self._k[-1:]])
+            u = within(u, self._applied, self.ocp.input_bounds, self.ocp.step_bounds)
+        attempts = unfinished + 1 if found.status.resumes else 0
+        return Solution(
+            u=u,
+            x=x[self._nodes],
+            status=found.status,
+            cost=found.cost,
+            iterations=found.iterations,
+            violation=found.violation,
+            residual=found.residual,
+            memory=Memory(x=x, k=k, owner=self.ocp.identity, u=u, unfinished=attempts),
+            kept=True,
+        )
+
+    def _begin(self, x: np.ndarray, applied: np.ndarray, reference: Reference) -> None:
+        self._x0, self._applied, self._reference = x, applied, reference
+        self._bounds = self.ocp.state_bounds(reference)[self._limit_at] if len(self.ocp.limited) else np.empty((0, 2))
+        wanted = np.zeros(self._s.shape) if reference.inputs is None else reference.inputs
+        self._wanted = np.asarray(wanted, dtype=float)
+
+    # ---- the parts ---------------------------------------------------------------------------------------------
+
+    def _linearise(self, u: np.ndarray, x: np.ndarray, *, exact: bool) -> Linear:
+        n, nx, nu = self._sizes
+        w, end = self._reference.exogenous[:n], self._reference.exogenous[-1]
+        self._set_nodes(u, x)
+        if self._parts:
+            given, missing = self._node_in, np.arange(self._steps)
+            for _ in range(25 if exact else 1):
+                given[3][:] = self._k
+                self._node()
+                self._k[:] = self._node_out[3]
+                change = np.abs(self._k - given[3]).max(axis=1) * self.ocp.dt
+                missing = np.flatnonzero(~(change <= 10 * self._settings.newton))
+                if not missing.size:
+                    break
+            if exact:
+                self._retry(missing)
+        else:
+            self._node()
+        later, a, b = self._node_out[:3]
+        given = self._stage_in
+        given[0][:], given[3][:] = x[self._nodes], self._reference.tracked
+        given[1][:-1], given[1][-1] = u, u[-1]
+        given[2][:-1], given[2][-1] = w, end
+        self._stage()
+        out = self._stage_out
+        ne, nl = out[0].shape[1], out[1].shape[1]
+        return Linear(
+            next=later.copy(),
+            A=a.reshape(-1, nx, nx).transpose(0, 2, 1).copy(),
+            B=b.reshape(-1, nu, nx).transpose(0, 2, 1) * self._scale,
+            e=out[0].copy(),
+            limited=out[1].copy(),
+            Ex=out[2].reshape(n + 1, nx, ne).transpose(0, 2, 1).copy(),
+            Eu=out[3].reshape(n + 1, nu, ne).transpose(0, 2, 1) * self._scale,
+            Lx=out[4].reshape(n + 1, nx, nl).transpose(0, 2, 1).copy(),
+            Lu=out[5].reshape(n + 1, nu, nl).transpose(0, 2, 1) * self._scale,
+        )
+
+    def _set_nodes(self, u: np.ndarray, x: np.ndarray) -> None:
+        """What the model is given next: these states and inputs, and the slopes at hand."""
+        given, w = self._node_in, self._reference.exogenous[: len(u)]
+        given[0][:], given[1][:], given[2][:] = x[:-1], u[self._held], w[self._held]
+        if self._parts:
+            given[3][:] = self._k
+
+    def _retry(self, steps: np.ndarray) -> None:
+        """Take the steps whose stages were not found as the model itself does, which then makes them shorter."""
+        for j in steps:
+            found = self._model(*(rows[j] for rows in self._node_in[:3]))
+            for rows, values in zip(self._node_out, found, strict=False):
+                rows[j] = values.full().ravel("F")
+        self._k[steps] = 0.0
+
+    @cached_property
+    def _model(self) -> Any:
+        return dense(dynamics_function(self.ocp))
+
+    def _condense(self, m: Linear, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, Any]:
+        """Hessian, gradient, and rows of the errors and of the limited quantities by the scaled inputs."""
+        n, nx, nu = self._sizes
+        size = n * nu
+        G = np.zeros((self._steps + 1, nx, size + 1))  # last column: the state without a step in the inputs
+        G[0, :, -1] = self._x0 - x[0]
+        defect = m.next - x[1:]
+        for j, i in enumerate(self.ocp.stage_of.tolist()):
+            step = G[j + 1]
+            np.matmul(m.A[j], G[j], out=step)
+            step[:, i * nu : (i + 1) * nu] += m.B[j]
+            step[:, -1] += defect[j]
+        E = m.Ex @ G[self._nodes]
+        L = m.Lx @ G[self._nodes]
+        for rows, inputs in ((E, m.Eu), (L, m.Lu)):
+            if inputs.any():
+                for i in np.flatnonzero(inputs.any(axis=(1, 2))):
+                    at = min(i, n - 1) * nu
+                    rows[i, :, at : at + nu] += inputs[i]
+        E[:, :, -1] += m.e
+        L[:, :, -1] += m.limited
+        flat = E.reshape(-1, size + 1)
+        weighted = flat * self._weight_rows.reshape(-1, 1)
+        both = flat[:, :-1].T @ weighted
+        pull = self._s * (u - np.vstack([self._applied, u[:-1]]))
+        pull[:-1] -= pull[1:]
+        gradient = both[:, -1] + ((self._r * (u - self._wanted) + pull) * self._scale).ravel()
+        return both[:, :-1] + self._quadratic, gradient, G, L[self._limit_at]
+
+    def _iterate(self, u: np.ndarray, x: np.ndarray) -> Solution:
+        """A fixed number of full steps."""
+        promise, took, count = None, 0.0, 0
+        for count in range(1, self._settings.iterations + 1):
+            begin = perf_counter()
+            if promise is not None and begin + took > self._until:
+                return self._finish(u, x, Status.TIME_OUT, count - 1, self._true(u, x, promise))
+            m = self._linearise(u, x, exact=False)
+            if not m.finite:
+                return self._solution(u, x, Found(Status.NOT_FINITE, count - 1))
+            H, g, G, L = self._condense(m, x, u)
+            status, step, multipliers = self._qp.solve(H, g, L, u, self._applied, self._bounds)
+            if status is not Status.SOLVED:
+                return self._solution(u, x, Found(status, count - 1))
+            du, dx, _, promise = self._expand(m, x, G, L, step, multipliers)
+            u, x = u + du, x + dx
+            took = perf_counter() - begin
+        status = Status.TIME_OUT if perf_counter() > self._until else Status.REAL_TIME
+        return self._finish(u, x, status, count, UNKNOWN if promise is None else self._true(u, x, promise))
+
+    def _expand(
+        self, m: Linear, x: np.ndarray, G: np.ndarray, L: np.ndarray, step: np.ndarray, multipliers: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Promise]:
+        """Step in inputs and states, errors after it, and what the linear model makes of it."""
+        n, _, nu = self._sizes
+        du, dx = step.reshape(n, nu) * self._scale, G[:, :, :-1] @ step + G[:, :, -1]
+        at = np.vstack([step.reshape(n, nu), step.reshape(n, nu)[-1:]])
+        de = (m.Ex @ dx[self._nodes][:, :, None] + m.Eu @ at[:, :, None])[:, :, 0]
+        change = np.diff(du, axis=0, prepend=0 * du[:1])
+        bend = (self._weight_rows * de * de).sum() + (self._r * du * du).sum() + (self._s * change * change).sum()
+        promise = Promise(
+            errors=np.sqrt(self._weight_rows) * (m.e + de),
+            limited=L[:, :-1] @ step + L[:, -1],
+            multipliers=multipliers,
+            pi=self._adjoint(m, m.e + de, multipliers),
+            bend=float(bend),
+            reach=reach_of(step, x + dx, dx),
+        )
+        return du, dx, m.e + de, promise
+
+    def _judge(self, m: Linear, u: np.ndarray, x: np.ndarray, promise: Promise) -> Truth:
+        """Cost, largest violation and residual at an iterate after a full step."""
+        limited, defects = m.limited[self._limit_at], m.next - x[1:]
+        excess = self._excess(limited)
+        cost = 2 * (self._half_cost(m.e, u) + self._paid(excess))
+        miss = excess[~self._soft]
+        of_limits = units(m.limited)[self._limit_at[1]][~self._soft]
+        off = max(float((np.abs(defects) / units(x)).max()), float((miss / of_limits).max(initial=0.0)))
+        violation = max(float(np.abs(defects).max()), float(miss.max(initial=0.0)))
+        residual = max(off, promise.left(np.sqrt(self._weight_rows) * m.e, limited, defects))
+        return (cost, violation, residual) if np.isfinite(cost + residual) else (cost, np.inf, np.inf)
+
+    def _half_cost(self, e: np.ndarray, u: np.ndarray) -> float:
+        change = u - np.vstack([self._applied, u[:-1]])
+        inputs = (self._r * (u - self._wanted) ** 2).sum() + (self._s * change * change).sum()
+        return 0.5 * float((self._weight_rows * e * e).sum() + inputs)
+
+    def _excess(self, limited: np.ndarray) -> np.ndarray:
+        return np.maximum(np.maximum(limited - self._bounds[:, 1], self._bounds[:, 0] - limited), 0.0)
+
+    def _paid(self, excess: np.ndarray) -> float:
+        soft = self._soft
+        return float((self._plain[soft] * excess[soft] + 0.5 * self._square[soft] * excess[soft] ** 2).sum())
+
+    def _converge(
+        self, u: np.ndarray, x: np.ndarray, most: int, *, loose: bool = False, before: int = 0
+    ) -> tuple[np.ndarray, np.ndarray, Found]:
+        """Steps with a line search on an exact penalty function, corrected along remembered steps.
+
+        If ``loose``, until the iterate can be accepted. An unfinished iterate is left where it is.
+        """
+        n = self._sizes[0]
+        penalty, hard_penalty, past = np.zeros_like(x), 0.0, [np.inf] * 3
+        pairs: list[tuple[np.ndarray, np.ndarray]] = []
+        old: tuple[np.ndarray, np.ndarray] | None = None
+        damp, calm = 0.0, 0
+        multipliers, found, took = np.zeros(len(self._plain)), Found(Status.ITERATION_LIMIT, before), 0.0
+        accept, tolerance = self._settings.accept, self._settings.tolerance
+        m = self._linearise(u, x, exact=True)
+        if not m.finite:
+            return u, x, replace(found, status=Status.NOT_FINITE)
+        for count in range(1, most + 1):
+            begin = perf_counter()
+            if begin + took > self._until:
+                return u, x, replace(found, status=Status.TIME_OUT)
+            H, g, G, L = self._condense(m, x, u)
+            slope = g + multipliers @ L[:, :-1]
+            if old is not None and calm >= CALM:
+                pairs = [*pairs, ((u.ravel() - old[0]) / np.tile(self._scale, n), slope - old[1])][-PAIRS:]
+            for step, change in pairs:
+                H = secant(H, step, change)
+            H[np.diag_indices_from(H)] *= 1 + damp
+            done, step, multipliers = self._qp.solve(H, g, L, u, self._applied, self._bounds)
+            if done is not Status.SOLVED:
+                return u, x, replace(found, status=done)
+            old = (u.ravel().copy(), g + multipliers @ L[:, :-1])
+            du, dx, e_after, promise = self._expand(m, x, G, L, step, multipliers)
+            least = 1.5 * np.abs(promise.pi)
+            penalty = np.maximum(least, 0.8 * penalty + 0.2 * least)  # early, wild steps are slowly forgotten
+            if (~self._soft).any():
+                hard_penalty = max(hard_penalty, 1.5 * float(np.abs(multipliers[~self._soft]).max()))
+
+            here, _, violation = self._merit(m, u, x, penalty, hard_penalty)
+            after = self._half_cost(e_after, u + du) + self._paid(self._excess(promise.limited))
+            predicted, size, t = max(here - after, 0.0), float(np.abs(step).max()), 1.0
+            last = (
+                violation <= 1e-6
+                and damp <= 1e-8
+                and (size <= tolerance or (size <= 1e3 * tolerance and predicted <= 1e-12 * abs(here)))
+            )
+            past[count % 3] = here
+            allowed = max(p for p in past if p < np.inf)
+            k = self._k.copy()
+            while True:
+                trial_u, trial_x = u + t * du, x + t * dx
+                m = self._linearise(trial_u, trial_x, exact=True)
+                there, half, violation = self._merit(m, trial_u, trial_x, penalty, hard_penalty)
+                late = perf_counter() > self._until
+                if there <= allowed - 1e-4 * t * predicted + 1e-13 * abs(here) or last or late or t < 1e-6:
+                    break
+                t *= 0.5
+                self._k[:] = k
+            if not np.isfinite(there):
+                return u, x, replace(found, status=Status.NOT_FINITE)
+            u, x, took = trial_u, trial_x, perf_counter() - begin
+            residual = size if last else self._judge(m, u, x, promise)[2] if t == 1.0 else np.inf
+            found = Found(Status.ITERATION_LIMIT, before + count, 2 * half, violation, residual)
+            if last or t < 1e-6:
+                return u, x, replace(found, status=Status.SOLVED if last else Status.STALLED)
+            if residual <= accept and (loose or late or count == most):
+                return u, x, replace(found, status=Status.REAL_TIME)
+            if late:
+                return u, x, replace(found, status=Status.TIME_OUT)
+            calm += 1
+            if t == 1.0:
+                damp = 0.2 * damp if damp > 1e-4 else 0.0
+            elif t <= 0.25 and size > FAR:  # where the model of the step does not hold, nor remembered steps
+                damp, calm, pairs = max(4 * damp, 1e-3), 0, []
+        return u, x, found
+
+    def _merit(
+        self, m: Linear, u: np.ndarray, x: np.ndarray, penalty: np.ndarray, hard_penalty: float
+    ) -> tuple[float, float, float]:
+        """Exact penalty function, half the cost, and the largest violation."""
+        if not m.finite:
+            return np.inf, np.inf, np.inf
+        defect = np.vstack([x[0] - self._x0, m.next - x[1:]])
+        excess = self._excess(m.limited[self._limit_at])
+        half = self._half_cost(m.e, u) + self._paid(excess)
+        miss = excess[~self._soft]
+        total = half + float((penalty * np.abs(defect)).sum()) + hard_penalty * float(miss.sum())
+        return total, half, max(float(np.abs(defect).max()), float(miss.max(initial=0.0)))
+
+    def _adjoint(self, m: Linear, e: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """Multipliers of the dynamics."""
+        forced = np.zeros((self._steps + 1, self._sizes[1]))
+        forced[self._nodes] = ((self._weight_rows * e)[:, None, :] @ m.Ex)[:, 0]
+        np.add.at(forced, self.ocp.nodes[self._limit_at[0]], multipliers[:, None] * m.Lx[self._limit_at])
+        for j in reversed(range(self._steps)):
+            forced[j] += m.A[j].T @ forced[j + 1]
+        return forced
+
+
+class InterpretedEngine:
+    """Engine of `RealTime` on a computer without a C compiler, a work area for each thread."""
+
+    def __init__(self, ocp: OCP, settings: Any, deadline: float | None) -> None:
+        functions = Functions.of(ocp)
+        self._areas = PerThread(lambda: WorkArea(ocp, functions, settings, deadline))
+        _ = self._areas.mine
+
+    def solve(self, start: Start) -> Solution:
+        """Solve from a state and a guess, to convergence."""
+        with np.errstate(all="ignore"):  # what is no number is looked for and said
+            return self._areas.mine.solve(start)
+
+    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
+        """Solve from a state and the plan of the step before; without one, from nothing."""
+        with np.errstate(all="ignore"):  # what is no number is looked for and said
+            return self._areas.mine.resume(x, applied, reference, previous)
+
+    def allow(self, seconds: float) -> None:
+        """Longest time of this thread's next solve. [s]"""
+        self._areas.mine.allow(seconds)
+
+    def follow(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs within limits and rates, and where they lead; NaN where the model has no answer."""
+        with np.errstate(all="ignore"):  # what is no number is looked for and said
+            return self._areas.mine.follow(x, applied, reference, u, guess)
+
+
+def _inputs(function: Any, times: int) -> list[np.ndarray]:
+    return [np.zeros((times, function.nnz_in(i) // times)) for i in range(function.n_in())]

@@ -1,0 +1,84 @@
+"""The quadratic program of one step without a compiler: limits of inputs, rates and states, hard or at a price."""
+
+from __future__ import annotations
+
+import daqp
+import numpy as np
+
+from slipangle.optimal.ocp import OCP
+from slipangle.optimal.realtime.parts import input_scale, slack_of_rows
+from slipangle.optimal.solution import Status
+
+
+class LimitedStep:
+    """Best step of the scaled inputs within all limits, by DAQP; one slack per soft limit.
+
+    ``plain`` and ``square`` are the weights of an excess over each limited row, ``soft`` says where plain is finite,
+    ``rated`` which changes of inputs have limits.
+    """
+
+    def __init__(self, ocp: OCP) -> None:
+        n, nu = ocp.horizon, len(ocp.controls)
+        self._ocp, self._scale = ocp, np.tile(input_scale(ocp), n)
+        self.plain, self.square = slack_of_rows(ocp)
+        self.soft = np.isfinite(self.plain)
+        self.rated = np.flatnonzero(np.tile(np.isfinite(ocp.step_bounds[0]).any(axis=1), n))
+        self._change = (np.eye(n * nu) - np.eye(n * nu, k=-nu))[self.rated] * self._scale
+
+    def solve(
+        self, H: np.ndarray, g: np.ndarray, L: np.ndarray, u: np.ndarray, applied: np.ndarray, bounds: np.ndarray
+    ) -> tuple[Status, np.ndarray, np.ndarray]:
+        """Scaled step and multipliers of the limited rows.
+
+        Parameters
+        ----------
+        H, g : array, shape (n, n) and (n,)
+            Hessian and gradient by the scaled inputs.
+        L : array, shape (n_rows, n + 1)
+            Limited rows by the scaled inputs and, in the last column, their values without a step.
+        u, applied : array, shape (horizon, n_controls) and (n_controls,)
+            Inputs now and before.
+        bounds : array, shape (n_rows, 2)
+            Of the limited rows.
+        """
+        ocp, n, size = self._ocp, len(u), len(g)
+        soft, hard, limits = np.flatnonzero(self.soft), np.flatnonzero(~self.soft), len(self.plain)
+        many, rates = len(soft), len(self.rated)
+        H = H + np.eye(size) * 1e-12 * max(np.diag(H).max(), 1e-300)
+        low, high = ((np.tile(b, n) - u.ravel()) / self._scale for b in ocp.input_bounds.T)
+        change = (u - np.vstack([applied, u[:-1]])).ravel()[self.rated]
+        step_low, step_high = (ocp.step_bounds[..., k].ravel()[self.rated] - change for k in (0, 1))
+        below, above = bounds[:, 0] - L[:, -1], bounds[:, 1] - L[:, -1]
+        if rates == 0 and limits == 0:
+            A, lower, upper = np.zeros((0, size)), low, high
+        else:
+            top = np.hstack([np.vstack([self._change, L[hard, :-1]]), np.zeros((rates + len(hard), many))])
+            one, inf = np.eye(many), np.full(many, np.inf)
+            A = np.vstack([top, np.hstack([L[soft, :-1], -one]), np.hstack([L[soft, :-1], one])])
+            lower = np.concatenate([low, np.zeros(many), step_low, below[hard], -inf, below[soft]])
+            upper = np.concatenate([high, inf, step_high, above[hard], above[soft], inf])
+            H = np.block([[H, np.zeros((size, many))], [np.zeros((many, size)), np.diag(self.square[soft] + 1e-9)]])
+            g = np.concatenate([g, self.plain[soft]])
+        given = np.ascontiguousarray(H), g, np.ascontiguousarray(A), np.minimum(upper, 1e30), np.maximum(lower, -1e30)
+        z, _, flag, info = daqp.solve(*given, primal_tol=1e-9, dual_tol=1e-10)
+        if flag not in (1, -1):  # it may go in circles among slacks of plain weight, whose own curvature is tiny
+            z, _, flag, info = daqp.solve(*given, primal_tol=1e-9, dual_tol=1e-10, eps_prox=1e-6)
+        multipliers = np.zeros(limits)
+        if flag != 1:
+            return (Status.INFEASIBLE if flag == -1 else Status.FAILED), np.zeros(size), multipliers
+        if limits:
+            lam = np.asarray(info["lam"])[size + many + rates :]
+            multipliers[hard] = lam[: len(hard)]
+            multipliers[soft] = lam[len(hard) : len(hard) + many] + lam[len(hard) + many :]
+        return Status.SOLVED, np.asarray(z)[:size], multipliers
+
+
+def secant(H: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """BFGS correction, damped after Powell."""
+    z = H @ step
+    old, seen = float(z @ step), float(change @ step)
+    if not old > 0:
+        return H
+    keep = 0.8 * old / (old - seen) if seen < 0.2 * old else 1.0
+    y = keep * change + (1 - keep) * z
+    return H + np.outer(y, y) / float(y @ step) - np.outer(z, z) / old

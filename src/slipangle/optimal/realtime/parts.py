@@ -1,0 +1,149 @@
+"""What one optimal control problem asks of its solvers: CasADi functions with derivatives, rows of limits, units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipangle.codegen.columns import scalar_code
+from slipangle.models.ode import OdeModel
+from slipangle.numerics.integrate import RADAU_A, RETRY
+from slipangle.ops import is_symbolic
+from slipangle.optimal.ocp import OCP
+
+
+@dataclass(frozen=True, kw_only=True)
+class Implicit:
+    """A state derivative whose states fall into a core that feeds back on itself and quadratures behind it."""
+
+    core: tuple[int, ...]
+    rest: tuple[int, ...]
+    derivative: ca.Function
+    slopes: ca.Function
+    quadrature: ca.Function
+    short_quadrature: ca.Function
+
+
+def input_scale(ocp: OCP) -> np.ndarray:
+    """Unit of each control inside the quadratic program: half its range, or 1."""
+    low, high = ocp.input_bounds.T
+    with np.errstate(invalid="ignore"):
+        half = 0.5 * (high - low)
+    return np.where(np.isfinite(half) & (half > 0), half, 1.0)
+
+
+def implicit(ocp: OCP) -> Implicit | None:
+    """The parts of a model integrated by one step of Radau IIA, or None for other models."""
+    model = ocp.model
+    if not (isinstance(model, OdeModel) and model.method == "radau" and model.substeps == 1):
+        return None
+    x, u, w, full, _ = ocp.symbols(ca.SX)
+    rate = model.derivative(x, full)
+    if not is_symbolic(rate):
+        return None
+    derivative = ca.Function("derivative", [x, u, w], [ca.densify(rate)])
+    pattern = np.array(ca.DM(ca.jacobian(rate, x).sparsity(), 1).full()) != 0
+    core = _core(pattern)
+    rest = _order([a for a in range(len(pattern)) if a not in core], pattern)
+    if not core or rest is None:
+        return None
+    f = rate[list(core)]
+    slopes = ca.Function("core", [x, u, w], [ca.densify(f), ca.jacobian(f, x[list(core)]), ca.jacobian(f, u)])
+    quadrature, short = (
+        _quadrature(name, derivative, core, rest, h) for name, h in (("whole", model.dt), ("short", model.dt / RETRY))
+    )
+    return Implicit(
+        core=core, rest=tuple(rest), derivative=derivative, slopes=slopes, quadrature=quadrature, short_quadrature=short
+    )
+
+
+def _quadrature(
+    name: str, derivative: ca.Function, core: tuple[int, ...], rest: Sequence[int], h: float
+) -> ca.Function:
+    """``(k, x, u, w) -> rest`` after a step of length ``h`` with stage slopes k of the core, and its derivatives."""
+    x, u, w = (ca.SX.sym(n, derivative.size1_in(i)) for i, n in enumerate("xuw"))
+    k = ca.SX.sym("k", 3, len(core))  # one column per core state
+    places = [ca.SX(x) for _ in range(3)]
+    for c, a in enumerate(core):
+        for j in range(3):
+            places[j][a] = x[a] + h * ca.mtimes(ca.DM(RADAU_A[j]).T, k[:, c])
+    q = rest_after(derivative, rest, h, x, u, w, places)
+    flat = ca.vec(k)
+    return ca.Function(name, [flat, x, u, w], [q, *(ca.jacobian(q, v) for v in (flat, x, u))])
+
+
+def rest_after(
+    derivative: ca.Function, rest: Sequence[int], h: float, x: Any, u: Any, w: Any, places: list[Any]
+) -> Any:
+    """States behind the core after a step of length ``h``; ``places`` are the three stages, filled in for them too."""
+    later = ca.SX(x)
+    for a in rest:
+        slope = ca.vertcat(*[derivative(places[j], u, w)[a] for j in range(3)])
+        for j in range(3):
+            places[j][a] = x[a] + h * ca.mtimes(ca.DM(RADAU_A[j]).T, slope)
+        later[a] = x[a] + h * ca.mtimes(ca.DM(RADAU_A[2]).T, slope)
+    return later[list(rest)]
+
+
+def _core(pattern: np.ndarray) -> tuple[int, ...]:
+    """States that lie on a cycle of influence or influence one, those with the fewest neighbours first."""
+    n = len(pattern)
+    reach = pattern.T.copy()  # reach[b, a]: b influences a
+    for m in range(n):
+        reach |= np.outer(reach[:, m], reach[m])
+    cyclic = np.diag(reach)
+    core = [b for b in range(n) if cyclic[b] or (reach[b] & cyclic).any()]
+    inner = pattern[np.ix_(core, core)]
+    degree = inner.sum(axis=0) + inner.sum(axis=1)
+    return tuple(core[i] for i in np.argsort(degree, kind="stable"))
+
+
+def _order(states: list[int], pattern: np.ndarray) -> list[int] | None:
+    """States in an order in which each depends on earlier ones only."""
+    done: list[int] = []
+    left = list(states)
+    while left:
+        ready = [a for a in left if not any(pattern[a, b] for b in left)]
+        if not ready:
+            return None
+        done += ready
+        left = [a for a in left if a not in ready]
+    return done
+
+
+def stage_function(ocp: OCP) -> ca.Function:
+    """``(x, u, w, p) -> error, limited`` and their derivatives by x and u."""
+    base = scalar_code(ocp.stage)
+    x, u, w, _, p = ocp.symbols(ca.SX if base is not None else ca.MX)
+    error, limited = (base or ocp.stage)(x, u, w, p)
+    parts = [error, limited, *(ca.jacobian(v, z) for v in (error, limited) for z in (x, u))]
+    return ca.Function("stage", [x, u, w, p], parts)
+
+
+def dynamics_function(ocp: OCP) -> ca.Function:
+    """``(x, u, w) -> next`` and its derivatives by x and u."""
+    base = scalar_code(ocp.dynamics)
+    x, u, w, _, _ = ocp.symbols(ca.SX if base is not None else ca.MX)
+    later = (base or ocp.dynamics)(x, u, w)
+    return ca.Function("dynamics", [x, u, w], [later, ca.jacobian(later, x), ca.jacobian(later, u)])
+
+
+def limit_rows(ocp: OCP) -> list[tuple[int, int]]:
+    """Stage and index of each limited quantity in the quadratic program."""
+    now = [(0, j) for j in range(len(ocp.limited)) if ocp.limited_now[j]]
+    return now + [(i, j) for i in range(1, ocp.horizon + 1) for j in range(len(ocp.limited))]
+
+
+def slack_of_rows(ocp: OCP) -> tuple[np.ndarray, np.ndarray]:
+    """Plain weight (infinite: hard) and squared weight of each of `limit_rows`, for half the cost."""
+    plain, square = np.full(len(ocp.limited), np.inf), np.zeros(len(ocp.limited))
+    squares, plains = ocp.slack_weights
+    for name, s, p in zip(ocp.soft, squares, plains, strict=True):
+        plain[ocp.limited.index(name)], square[ocp.limited.index(name)] = 0.5 * p, s
+    stage, which = np.array(limit_rows(ocp), dtype=int).reshape(-1, 2).T
+    often = ocp.excess_counts[stage]
+    return often * plain[which], often * square[which]

@@ -1,0 +1,312 @@
+"""One optimal control problem as one C source: sizes, model code, quadratic program, algorithm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from importlib.resources import files
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipangle.codegen.columns import elimination_code, lanes_code, nonzeros, scalar_code
+from slipangle.numerics.integrate import RADAU_A, RETRY
+from slipangle.optimal.checks import ANY
+from slipangle.optimal.ocp import OCP
+from slipangle.optimal.realtime.parts import (
+    Implicit,
+    dynamics_function,
+    implicit,
+    input_scale,
+    limit_rows,
+    stage_function,
+)
+
+MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
+FIELDS = (  # of the C struct, as seen from Python
+    "x0 applied w p r corridor bounds q wr ws plain square lowest highest safe relaxing way_u way_x tolerance "
+    "time_limit newton accept u x k working cost violation residual step seconds seconds_prepare seconds_feedback"
+).split()
+COUNTS = "max_iterations fixed fresh iterations qp_iterations".split()
+
+
+def source(ocp: OCP, *, lanes: int = 0) -> str:
+    """The whole C source.
+
+    Parameters
+    ----------
+    ocp : OCP
+        The problem; everything but states, references, weights and bounds of a corridor is compiled in.
+    lanes : int
+        Columns per vector; by default what the processor has.
+    """
+    stage = stage_function(ocp)
+    stage_lanes = scalar_code(stage)
+    parts = implicit(ocp)
+    plain = None if parts else scalar_code(dynamics_function(ocp))
+    if plain is not None and plain.n_instructions() > MOST_INSTRUCTIONS:
+        plain = None
+    called: list[ca.Function] = []
+    code: list[str] = []
+    if parts:
+        code += _implicit_code(parts)
+    elif plain is not None:
+        code += [lanes_code(plain, "explicit_dynamics"), lanes_code(_first(plain, 1), "explicit_values")]
+    else:
+        dynamics = dynamics_function(ocp)
+        called += [_by_row(dynamics, "called_dynamics"), _by_row(_first(dynamics, 1), "called_values")]
+    if stage_lanes is not None:
+        code += [lanes_code(stage_lanes, "lanes_stage"), lanes_code(_first(stage_lanes, 2), "stage_values")]
+    else:
+        called += [_by_row(stage, "called_stage"), _by_row(_first(stage, 2), "called_stage_values")]
+    kinds = ["RADAU" if parts else "EXPLICIT" if plain is not None else "CALLED"]
+    kinds.append("EXPLICIT" if stage_lanes is not None else "CALLED")
+    head = [f"#define LANES {lanes}"] if lanes else []
+    return "\n".join(
+        [
+            "/* Generated from one optimal control problem. */",
+            "#define _POSIX_C_SOURCE 200809L",
+            _pragma(code),
+            "#include <stdlib.h>",
+            "#include <time.h>",
+            *head,
+            _casadi_code(called) if called else "",
+            _text("lanes.h", "slipangle.codegen"),
+            _sizes(ocp, stage, parts, kinds),
+            *code,
+            _scratch(called, bool(parts)),
+            _text("qp.c"),
+            _text("work.c"),
+            _text("stages.c"),
+            _text("solver.c"),
+            _text("ranges.c"),
+            _text("fallback.c"),
+            _text("judge.c"),
+            _fields(),
+        ]
+    )
+
+
+def _pragma(code: Sequence[str]) -> str:
+    """Long straight-line code is compiled with less effort."""
+    return '#pragma GCC optimize("O1")' if sum(map(len, code)) > 1_500_000 else ""
+
+
+def _implicit_code(parts: Implicit) -> list[str]:
+    pattern = _core_pattern(parts)
+    n = len(parts.core)
+    newton = [
+        {3 * b + m for b in range(n) if pattern[a, b] or a == b for m in range(3)} for a in range(n) for _ in "123"
+    ]
+    code = [lanes_code(parts.slopes, "core"), lanes_code(_first(parts.slopes, 1), "core_values")]
+    code.append(elimination_code(newton, "newton"))
+    if parts.rest:
+        code.append(lanes_code(parts.quadrature, "quadrature"))
+        code.append(lanes_code(_first(parts.quadrature, 1), "quadrature_values"))
+        code.append(lanes_code(parts.short_quadrature, "short_quadrature"))
+    return code
+
+
+def _first(function: ca.Function, results: int) -> ca.Function:
+    """The function with its first results only, the values without derivatives."""
+    kind: Any = ca.SX if function.is_a("SXFunction") else ca.MX
+    given = [kind.sym(function.name_in(i), function.size1_in(i)) for i in range(function.n_in())]
+    return ca.Function("values", given, function.call(given)[:results])
+
+
+def _core_pattern(parts: Implicit) -> np.ndarray:
+    return np.array(ca.DM(parts.slopes.sparsity_out(1), 1).full()) != 0
+
+
+def _by_row(function: ca.Function, name: str) -> ca.Function:
+    """The function with dense outputs stored by row, by differentiating through CasADi's matrix code."""
+    inputs = [ca.MX.sym(function.name_in(i), function.size1_in(i)) for i in range(function.n_in())]
+    outputs = function.call(inputs)
+    return ca.Function(name, inputs, [ca.densify(o).T if o.shape[1] > 1 else ca.densify(o) for o in outputs])
+
+
+def _casadi_code(functions: Iterable[ca.Function]) -> str:
+    generator = ca.CodeGenerator("called", {"with_header": False, "verbose": False})
+    for f in functions:
+        generator.add(f)
+    return generator.dump()
+
+
+def _text(name: str, room: str = "slipangle.optimal.realtime") -> str:
+    return (files(room) / name).read_text(encoding="utf-8")
+
+
+def _array(kind: str, name: str, values: Sequence[Any] | np.ndarray) -> str:
+    def write(v: Any) -> str:
+        if kind == "int":
+            return str(int(v))
+        return "INFINITY" if v == np.inf else "-INFINITY" if v == -np.inf else repr(float(v))
+
+    listed = ", ".join(write(v) for v in values) or "0"
+    return f"static const {kind} {name}[] = {{{listed}}};"
+
+
+def _patterns(name: str, sparsity: ca.Sparsity) -> list[str]:
+    rows = nonzeros(sparsity)
+    first = np.concatenate([[0], np.cumsum([len(r) for r in rows])])
+    return [_array("int", f"{name}_FIRST", first), _array("int", f"{name}_AT", [c for r in rows for c in r])]
+
+
+def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str]) -> str:
+    n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
+    rows = limit_rows(ocp)
+    rated = np.flatnonzero(np.isfinite(ocp.step_bounds[0]).any(axis=1))
+    core = len(parts.core) if parts else 0
+    numbers = {
+        "N": n,
+        "NS": int(ocp.nodes[-1]),
+        "NX": nx,
+        "NU": nu,
+        "NW": len(ocp.exogenous),
+        "NP": len(ocp.references),
+        "NE": len(ocp.tracked),
+        "NL": len(ocp.limited),
+        "NC": core,
+        "NK": 3 * core,
+        "NQ": len(parts.rest) if parts else 0,
+        "QN": n * nu,
+        "QR": n * len(rated),
+        "QD": len(rows),
+        "N_LIMITS": len(rows),
+    }
+    lines = ["#define EXPLICIT 0", "#define RADAU 1", "#define CALLED 2", f"#define ANY_INPUT {ANY!r}"]
+    lines += [f"#define DYNAMICS {kinds[0]}", f"#define STAGE {kinds[1]}", "#define M1(n) ((n) > 0 ? (n) : 1)"]
+    lines += [f"#define {k} {v}" for k, v in numbers.items()]
+    if ocp.headings is not None:
+        lines += [f"#define {name} {i}" for name, i in zip(("HEADING", "HEADING_WANTED"), ocp.headings, strict=True)]
+    if ocp.corridor is not None:
+        at = ocp.limited.index("e_y")
+        low, high = (
+            f"({'-' if v < 0 else ''}INFINITY)" if np.isinf(v) else f"({v!r})" for v in ocp.state_limits[at].tolist()
+        )
+        lines += [f"#define EDGES {at}", f"#define HALF_WIDTH {0.5 * ocp.corridor!r}"]
+        lines += [f"#define EDGE_LOW {low}", f"#define EDGE_HIGH {high}"]
+    lines.append("#define GROUPS ((NS + LANES - 1) / LANES)")
+    lines += [
+        _array("double", "SCALE", input_scale(ocp)),
+        _array("double", "INPUT_LOW", ocp.input_bounds[:, 0]),
+        _array("double", "INPUT_HIGH", ocp.input_bounds[:, 1]),
+        _array("double", "STEP_LOW", ocp.step_bounds[..., 0].ravel()),
+        _array("double", "STEP_HIGH", ocp.step_bounds[..., 1].ravel()),
+        _array("int", "LIMIT_STAGE", [i for i, _ in rows]),
+        _array("int", "LIMIT_WHICH", [j for _, j in rows]),
+        _array("int", "E_INPUT", [bool(row) for row in nonzeros(stage.sparsity_out(3))]),
+        *_patterns("E", stage.sparsity_out(2)),
+        *_patterns("L", stage.sparsity_out(4)),
+    ]
+    if ocp.nodes[-1] > n:
+        lines += [_array("int", "NODES", ocp.nodes), _array("int", "STAGES", ocp.stage_of)]
+    if parts:
+        lines += [
+            f"#define STEP {ocp.dt!r}",
+            f"#define SHORT {RETRY}",
+            _array("double", "SHORT_H", (ocp.dt / RETRY * RADAU_A).ravel()),
+            _array("int", "CORE", parts.core),
+            _array("int", "CORE_AT", _core_pattern(parts).ravel()),
+            _array("int", "REST", parts.rest),
+            _array("double", "RADAU_H", (ocp.dt * RADAU_A).ravel()),
+            _array("double", "RADAU_REST", np.linalg.solve(ocp.dt * RADAU_A, np.ones(3))),
+            *_patterns("Q", parts.quadrature.sparsity_out(1)),
+        ]
+        lines += _patterns("A", _step_pattern(parts, nx))
+    else:
+        lines += _patterns("A", dynamics_function(ocp).sparsity_out(1))
+    return "\n".join(lines) + "\n"
+
+
+def _step_pattern(parts: Implicit, nx: int) -> ca.Sparsity:
+    """Nonzeros of the derivative of the next state by the state."""
+    core, rest = list(parts.core), list(parts.rest)
+    filled = np.eye(nx, dtype=bool)
+    inner = _core_pattern(parts) | np.eye(len(core), dtype=bool)
+    for _ in core:
+        inner = (inner.astype(int) @ inner.astype(int)) > 0
+    filled[np.ix_(core, core)] = inner
+    by_slope = np.array(ca.DM(parts.quadrature.sparsity_out(1), 1).full()) != 0
+    by_state = np.array(ca.DM(parts.quadrature.sparsity_out(2), 1).full()) != 0
+    for i, a in enumerate(rest):
+        used = by_slope[i].reshape(len(core), 3).any(axis=1)
+        filled[a] |= by_state[i]
+        filled[a, core] |= (used[:, None] & inner).any(axis=0)
+    rows, columns = np.nonzero(filled)
+    return ca.Sparsity.triplet(nx, nx, rows.tolist(), columns.tolist())
+
+
+def _scratch(called: Sequence[ca.Function], is_implicit: bool) -> str:
+    lines = ["typedef struct {"]
+    lines.append("    V x[NX], u[NU], w[M1(NW)], p[M1(NP)], next[NX], A[NX * NX], B[NX * NU], e[M1(NE)], l[M1(NL)];")
+    lines.append("    V E[M1(NE * NX)], D[M1(NE * NU)], LX[M1(NL * NX)], LU[M1(NL * NU)];")
+    if is_implicit:
+        lines.append("    V k[NK], d[NK], kept[NK], way[NK], *m, *s, dx[NX], du[NU], shift[NU];")
+        lines.append("    V factors[GROUPS * NK * NK], by[GROUPS * (NC + NU) * NK]; /* m and s of all columns */")
+        lines.append("    int spoilt[GROUPS]; /* they belong to a shorter step */")
+        lines.append("    V f[3 * NC], fx[3 * NC * NC], fu[3 * NC * NU];")
+        lines.append("    V q[M1(NQ)], qk[M1(NQ * NK)], qx[M1(NQ * NX)], qu[M1(NQ * NU)];")
+    if called:
+        lines.append(f"    const double *in[{max(f.sz_arg() for f in called)}];")
+        lines.append(f"    double *out[{max(f.sz_res() for f in called)}];")
+        lines.append(f"    double work[{1 + max(f.sz_w() for f in called)}];")
+        lines.append(f"    long long int iw[{1 + max(f.sz_iw() for f in called)}];")
+    return "\n".join([*lines, "} Scratch;\n"])
+
+
+def _fields() -> str:
+    """Addresses for Python, in the order of FIELDS and COUNTS."""
+    names = [*FIELDS, *COUNTS]
+    lines = ["void *rt_at(Work *s, int i)", "{", "    switch (i) {"]
+    lines += [f"    case {i}: return &s->{name};" for i, name in enumerate(names)]
+    return "\n".join([*lines, "    }", "    return NULL;", "}", ""])
+
+
+def qp_source(most_inputs: int, most_rows: int) -> str:
+    """C source of the quadratic program alone, for any size up to the given one; see ``qp_new`` in its last part."""
+    return "\n".join(
+        [
+            "#define _POSIX_C_SOURCE 200809L\n#define QP_ANY_SIZE",
+            f"#define QN {most_inputs}\n#define QR 1\n#define QD {most_rows}",
+            "#include <stdlib.h>\n#include <time.h>",
+            _text("lanes.h", "slipangle.codegen"),
+            _text("qp.c"),
+            """
+Qp *qp_new(void)
+{
+    void *at = NULL;
+    return posix_memalign(&at, 64, sizeof(Qp)) ? NULL : memset(at, 0, sizeof(Qp));
+}
+void qp_free(Qp *q)
+{
+    free(q);
+}
+/* H, A by row; limits, weights: inputs first, then rows of A. */
+int qp_run(Qp *q, int n, int m, const double *H, const double *g, const double *A, const double *lo, const double *hi,
+           const double *plain, const double *square, int warm, double *u, double *lambda, double *kkt)
+{
+    q->n = n, q->rates = 0, q->dense = m, q->until = INFINITY;
+    memset(q->H, 0, sizeof q->H);
+    memset(q->C, 0, sizeof q->C);
+    memset(q->g, 0, sizeof q->g);
+    for (int a = 0; a < n; a++) {
+        for (int b = a; b < n; b++)
+            ((double *)q->H)[a * QL + b] = H[a * n + b];
+        q->g[a] = g[a];
+    }
+    for (int i = 0; i < m; i++)
+        memcpy((double *)q->C + i * QL, A + i * n, sizeof(double) * (size_t)n);
+    memcpy(q->lo, lo, sizeof(double) * (size_t)(n + m));
+    memcpy(q->hi, hi, sizeof(double) * (size_t)(n + m));
+    memcpy(q->plain, plain, sizeof(double) * (size_t)(n + m));
+    memcpy(q->square, square, sizeof(double) * (size_t)(n + m));
+    int status = qp_factor(q) ? qp_solve(q, warm) : QP_NUMBER;
+    memcpy(u, q->u, sizeof(double) * (size_t)n);
+    memcpy(lambda, q->lambda, sizeof(double) * (size_t)(n + m));
+    *kkt = q->kkt;
+    return status;
+}
+""",
+        ]
+    )

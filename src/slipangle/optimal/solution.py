@@ -1,0 +1,426 @@
+"""`Plan`: what a controller wants to do, and `Status`: how its solver ended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from math import isfinite
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from slipangle.optimal.ocp import OCP, Reference
+
+P = TypeVar("P")
+
+
+class Status(Enum):
+    """Outcome of one solve, with a sentence."""
+
+    SOLVED = "optimal within tolerance"
+    ACCEPTABLE = "optimal within the solver's wider, acceptable tolerance"
+    REAL_TIME = "real-time iterations from the last plan: not converged, but the residuals are small"
+    ITERATION_LIMIT = "the iteration limit was reached before the optimum: allow more iterations or a shorter horizon"
+    STALLED = "no further progress was possible before the optimum: rescale the weights or loosen the tolerance"
+    TIME_OUT = "the deadline passed before the optimum: allow more time, a shorter horizon or a faster solver"
+    INFEASIBLE = "no input keeps every hard limit from this state: give the limits of states a slack weight"
+    IMPLAUSIBLE = "the state or the reference lies far outside what it can be: check the measurements and their units"
+    NOT_FINITE = "the state, the reference or the model's prediction is NaN or infinite: check the measurements"
+    FAILED = "the solver stopped without an answer: check the scale of weights and limits"
+
+    @property
+    def solved(self) -> bool:
+        """Whether the answer is an optimum, or a real-time iteration towards it."""
+        return self in _ANSWERS
+
+    @property
+    def unfinished(self) -> bool:
+        """Whether the answer, though no optimum yet, may be a plan if it keeps every constraint."""
+        return self in _UNFINISHED
+
+    @property
+    def resumes(self) -> bool:
+        """Whether the next solve had better go on from where this one was when it ran out of iterations or time."""
+        return self in _RESUMED
+
+
+MOST_ATTEMPTS = 50  # solves in a row that go on from an unfinished one; then another start is better
+_ANSWERS = Status.SOLVED, Status.ACCEPTABLE, Status.REAL_TIME
+_UNFINISHED = Status.ITERATION_LIMIT, Status.STALLED, Status.TIME_OUT
+_RESUMED = Status.ITERATION_LIMIT, Status.TIME_OUT
+
+
+class Health(NamedTuple):
+    """How a controller has fared since its first plan, in plain numbers; it travels in the plans.
+
+    Attributes
+    ----------
+    plans : int
+        Asked for so far.
+    fallbacks, fallbacks_in_a_row : int
+        How many of them were no solution, and how many of those since the last solution.
+    overruns, overruns_in_a_row : int
+        How many took longer than the deadline, the whole call counted, and how many of those up to now.
+    """
+
+    plans: int = 0
+    fallbacks: int = 0
+    fallbacks_in_a_row: int = 0
+    overruns: int = 0
+    overruns_in_a_row: int = 0
+
+    def after(self, fallback: bool, late: bool) -> Health:
+        """One plan later."""
+        a, b, c, d, e = self
+        later = (a + 1, b + fallback, c + 1 if fallback else 0, d + late, e + 1 if late else 0)
+        return tuple.__new__(Health, later)  # half the time of its constructor
+
+
+NEW = Health()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """Inputs and predicted states over the horizon.
+
+    Parameters
+    ----------
+    u : array, shape (horizon, n_controls)
+        Decided inputs, row i held from ``times[i]`` to ``times[i + 1]``; the first is to be applied now. Always finite
+        and within limits and rates.
+    x : array, shape (horizon + 1, n_states)
+        Predicted states at `times`; zeros where the state is unknown and never was.
+    status : Status
+        How the solver ended.
+    seconds : float
+        Wall time of the whole call. [s]
+    cost : float
+        Value of the cost; NaN for a fallback.
+    iterations : int
+        Of the solver.
+    controls : tuple of str
+        Names of the columns of u.
+    age : int
+        0 if u is this call's solution; k if it is a fallback, the k-th in a row.
+    stopping : bool
+        Whether u is the safe stop law, because no recent plan is left; the speed should go to zero.
+    detail : str
+        What a solver that stopped said.
+    residual : float
+        Of the optimality conditions at the end of the solve, as far as the solver knows it. After real-time iterations
+        the largest of: what is violated; what the quadratic program left; and about how much the curvature of the
+        problem along the last step makes the next one change inputs (relative to half their range) and states. States
+        and limited quantities count relative to 1 + their mean change per step. Of a converged plan, the last
+        relative change of an input.
+    violation : float
+        Largest excess over any constraint at this plan: defects of the model from step to step, limits of states.
+    memory : object
+        What the solver needs for its next start; of a fallback, what the next fallback needs.
+    unfinished : object
+        Where a solve was that ran out of iterations or time, if the command is not from it; the next goes on there.
+    times : array, shape (horizon + 1,), optional
+        From now on, beginning with 0; equal steps where there is none. [s]
+    health : Health
+        How often there was no solution, or a late one, up to this plan.
+    """
+
+    u: np.ndarray
+    x: np.ndarray
+    status: Status
+    seconds: float
+    cost: float
+    iterations: int
+    controls: tuple[str, ...]
+    age: int = 0
+    stopping: bool = False
+    detail: str = ""
+    residual: float = float("nan")
+    violation: float = float("nan")
+    memory: Any = field(default=None, repr=False, compare=False)
+    unfinished: Any = field(default=None, repr=False, compare=False)
+    times: np.ndarray | None = field(default=None, repr=False)
+    health: Health = NEW
+
+    @property
+    def command(self) -> np.ndarray:
+        """Inputs to apply now, shape (n_controls,)."""
+        return self.u[0]
+
+    @property
+    def start(self) -> Any:
+        """Of what the solver left, that from which its next solve starts."""
+        return self.memory if self.unfinished is None else self.unfinished
+
+    @property
+    def message(self) -> str:
+        """One sentence on where the command comes from."""
+        if self.age == 0:
+            return self.status.value
+        source = "the safe stop law" if self.stopping else "the last good plan, shifted"
+        said = f" ({self.detail})" if self.detail else ""
+        return f"{self.status.value}{said}; the command is {source} (fallback {self.age} in a row)"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Kept:
+    """The plan that a fallback follows: its inputs and states, and what age it had."""
+
+    u: np.ndarray
+    x: np.ndarray
+    age: int
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Start:
+    """What one solve starts from: state, last applied input, reference, and a guess of the answer.
+
+    The guess has a row per stage, and one for the end in its states.
+    """
+
+    x: np.ndarray
+    applied: np.ndarray
+    reference: Reference
+    guess_u: np.ndarray
+    guess_x: np.ndarray
+    memory: Any = None
+
+
+@dataclass(kw_only=True, eq=False)
+class Solution:
+    """What a solver returns.
+
+    ``violation`` is the largest excess over any constraint, ``residual`` of optimality; ``kept`` says that u is within
+    limits and rates to the last bit.
+    """
+
+    u: np.ndarray
+    x: np.ndarray
+    status: Status
+    cost: float
+    iterations: int
+    violation: float
+    residual: float = float("nan")
+    memory: Any = None
+    kept: bool = False
+
+
+def quick(kind: type[P], values: dict[str, Any]) -> P:
+    """A frozen dataclass without its constructor, which takes microseconds; what is not given has its default."""
+    made = object.__new__(kind)
+    made.__dict__.update(values)
+    return made
+
+
+def finite(*arrays: np.ndarray) -> bool:
+    """Whether no entry is NaN, infinite, or beyond 1e150."""
+    for a in arrays:  # an expression with a generator takes twice as long
+        if not isfinite(np.vdot(a, a)):
+            return False
+    return True
+
+
+class Engine(Protocol):
+    """A solver built for one problem."""
+
+    def solve(self, start: Start) -> Solution:
+        """Solve from a state."""
+        ...
+
+
+@runtime_checkable
+class Resumes(Protocol):
+    """An engine that shifts the plan before and finds its first guess by itself."""
+
+    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
+        """Solve from a state and the plan of the step before, if there is one."""
+        ...
+
+
+@runtime_checkable
+class Continues(Protocol):
+    """An engine that judges by itself what the usual call is given: the reference and the plan of a step later."""
+
+    def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
+        """Ranges of the state's entries, then of the reference's columns, beyond which a value is doubtful."""
+        ...
+
+    def again(
+        self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, seconds: float | None
+    ) -> dict[str, Any] | None:
+        """A `Solution` as a dictionary, within so much time [s]; None, and nothing done, if anything is unusual."""
+        ...
+
+
+@runtime_checkable
+class Bounds(Protocol):
+    """An engine whose next solve can be told how long it may take."""
+
+    def allow(self, seconds: float) -> None:
+        """The next solve by this thread ends within so much time. [s]"""
+        ...
+
+
+@runtime_checkable
+class Follows(Protocol):
+    """An engine that can say where inputs lead, in less time than a solve takes."""
+
+    def follow(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs within limits and rates, and the states from ``x`` on, near a guess of them."""
+        ...
+
+
+@runtime_checkable
+class Rescues(Protocol):
+    """An engine that does a whole fallback by itself."""
+
+    def relax(self, safe: np.ndarray, left: np.ndarray) -> None:
+        """The stop law: where inputs go, and how much is left of the way there at each stage, shape (horizon,)."""
+        ...
+
+    def lost(self, x: Any, reference: Reference, u: Any, applied: Any) -> np.ndarray | None:
+        """The input applied (by default ``u[0]``) where the state is no number, but all else of usual types and shapes.
+
+        None for any other call; whether these are numbers is not looked at.
+        """
+        ...
+
+    def rescue(
+        self,
+        x: np.ndarray | None,
+        applied: np.ndarray,
+        reference: Reference,
+        u: Any,
+        states: Any,
+        later: int,
+        stopping: bool,
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """Inputs within limits and rates, and the states that they lead to, from ``x`` on if that is known.
+
+        They are those planned ``later`` steps ago, shifted, or when ``stopping`` those of the stop law. None, and
+        nothing done, if what was planned is not made of numbers, or the input applied before cannot be true.
+        """
+        ...
+
+
+@runtime_checkable
+class Prepares(Protocol):
+    """An engine that can do most of its work before the state is known."""
+
+    def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:
+        """Linearise around a plan, shifted, for the next solve."""
+        ...
+
+
+class Backend(Protocol):
+    """Settings of a solver; `build` makes the engine for a problem."""
+
+    def build(self, ocp: OCP, deadline: float | None) -> Engine:
+        """Build once per problem; ``deadline`` bounds the time of one solve. [s]"""
+        ...
+
+
+def shifted(rows: np.ndarray, steps: int = 1) -> np.ndarray:
+    """Rows moved up by some steps, the last one repeated.
+
+    >>> shifted(np.array([[1.0], [2.0], [3.0]])).ravel()
+    array([2., 3., 3.])
+    """
+    out = np.empty_like(rows)
+    left = max(len(rows) - steps, 0)
+    out[:left], out[left:] = rows[steps:], rows[-1]
+    return out
+
+
+def inputs_later(u: np.ndarray, lengths: np.ndarray, steps: int = 1) -> np.ndarray:
+    """Inputs as planned some steps ago, for the stages from now on: the mean over each, the last input going on.
+
+    Parameters
+    ----------
+    u : array, shape (horizon, n_controls)
+        Inputs, held over stages.
+    lengths : array of int, shape (horizon,)
+        Of the stages, in steps.
+    steps : int
+        That have passed.
+
+    Examples
+    --------
+    >>> inputs_later(np.array([[1.0], [2.0], [4.0]]), np.array([1, 1, 2])).ravel()
+    array([2., 4., 4.])
+    >>> inputs_later(np.array([[1.0], [2.0], [4.0], [8.0]]), np.array([1, 1, 2, 4])).ravel()
+    array([2., 4., 6., 8.])
+    """
+    if len(lengths) == lengths.sum():
+        return shifted(u, steps)
+    held = shifted(np.repeat(u, lengths, axis=0), steps)
+    first = np.cumsum(lengths) - lengths
+    return np.add.reduceat(held, first, axis=0) / lengths[:, None]
+
+
+def states_later(x: np.ndarray, nodes: np.ndarray, steps: int = 1) -> np.ndarray:
+    """States as predicted some steps ago, at the nodes from now on: linear in between, the last one repeated.
+
+    Parameters
+    ----------
+    x : array, shape (horizon + 1, n_states)
+        States.
+    nodes : array of int, shape (horizon + 1,)
+        Where they are, in steps from then.
+    steps : int
+        That have passed.
+    """
+    if nodes[-1] == len(nodes) - 1:
+        return shifted(x, steps)
+    return shifted(between(x, nodes), steps)[nodes]
+
+
+def between(x: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """States at every step from those at the nodes, shape (nodes[-1] + 1, n_states): linear in between.
+
+    >>> between(np.array([[0.0], [1.0], [5.0]]), np.array([0, 1, 3])).ravel()
+    array([0., 1., 3., 5.])
+    """
+    if nodes[-1] == len(nodes) - 1:
+        return np.array(x, dtype=float)
+    steps = np.arange(nodes[-1] + 1)
+    before = np.minimum(np.searchsorted(nodes, steps, side="right") - 1, len(nodes) - 2)
+    share = ((steps - nodes[before]) / (nodes[before + 1] - nodes[before]))[:, None]
+    return (1 - share) * x[before] + share * x[before + 1]
+
+
+def within(u: np.ndarray, applied: np.ndarray, bounds: np.ndarray, steps: np.ndarray) -> np.ndarray:
+    """Inputs clipped to bounds and to the allowed change per step, from the applied one on.
+
+    Parameters
+    ----------
+    u : array, shape (horizon, n_controls)
+        Inputs.
+    applied : array, shape (n_controls,)
+        The input applied before.
+    bounds : array, shape (n_controls, 2)
+        Of the inputs.
+    steps : array, shape (n_controls, 2) or (horizon, n_controls, 2)
+        Of their change from row to row.
+    """
+    slow, fast = steps[..., 0], steps[..., 1]
+    change = np.array(u)
+    change[0] -= applied
+    change[1:] -= u[:-1]
+    if ((u >= bounds[:, 0]) & (u <= bounds[:, 1]) & (change >= slow) & (change <= fast)).all():
+        return u
+    out = np.empty_like(u)
+    slow, fast = np.broadcast_to(slow, u.shape), np.broadcast_to(fast, u.shape)
+    last = np.clip(applied, bounds[:, 0], bounds[:, 1])
+    for i in range(len(u)):
+        moved = np.clip(u[i], last + slow[i], last + fast[i])
+        out[i] = last = np.clip(moved, bounds[:, 0], bounds[:, 1])
+    return out
+
+
+def count(plans: Sequence[Plan]) -> dict[Status, int]:
+    """How often each status occurs."""
+    return {s: n for s in Status if (n := sum(p.status is s for p in plans))}

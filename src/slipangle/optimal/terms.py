@@ -1,0 +1,152 @@
+"""Numbers by channel name: `Values`, `Weights`, `Limits`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, ClassVar, Generic, Self, TypeVar
+
+from slipangle.errors import ParameterError, nearest
+from slipangle.optimal.arrays import short
+
+T = TypeVar("T")
+
+
+class _Named(Mapping[str, T], Generic[T]):
+    """A checked number, or two, by channel name, immutable."""
+
+    __slots__ = ("_items",)
+    _what: ClassVar[str]
+
+    def __init__(self, given: Mapping[str, Any] | None = None, /, **named: Any) -> None:
+        if not isinstance(given, Mapping | None):
+            raise ParameterError(
+                f"{type(self).__name__} of {short(given)}; expected names and numbers, such as "
+                f"{type(self).__name__}(delta=0.1), or a dictionary of them"
+            )
+        self._items: dict[str, T] = {}
+        for name, value in {**(given or {}), **named}.items():
+            if not isinstance(name, str):
+                raise ParameterError(f"a {self._what} is named {short(name)}; expected the name of a channel")
+            self._items[name] = self._checked(name, value)
+
+    def _checked(self, name: str, value: Any) -> T:
+        raise NotImplementedError
+
+    @classmethod
+    def of(cls, given: Any, what: str) -> Self:
+        """The same, from a dictionary too.
+
+        Raises
+        ------
+        ParameterError
+            If it is neither; ``what`` says whose it is.
+        """
+        if isinstance(given, cls):
+            return given
+        if not isinstance(given, Mapping):
+            raise ParameterError(f"{what} is {short(given)}; expected {cls.__name__}, or a dictionary by channel name")
+        return cls(given)
+
+    def __getitem__(self, name: str) -> T:
+        return self._items[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self._items.items()))
+
+    def __repr__(self) -> str:
+        plain = all(name.isidentifier() for name in self._items)
+        said = ", ".join(f"{k}={v!r}" for k, v in self._items.items()) if plain else repr(self._items)
+        return f"{type(self).__name__}({said})"
+
+
+class Values(_Named[float]):
+    """Numbers by channel name, immutable; from a dictionary where a name is no Python identifier.
+
+    >>> Values(delta=0.1, T_f=-200.0)["delta"]
+    0.1
+    >>> Values({"r[k-1]": 0.5})
+    Values({'r[k-1]': 0.5})
+    """
+
+    __slots__ = ()
+    _what = "value"
+    _least: ClassVar[float] = -math.inf
+
+    def _checked(self, name: str, value: Any) -> float:
+        try:
+            number = float(value)
+        except (TypeError, ValueError, OverflowError):
+            number = math.nan
+        if not (math.isfinite(number) and number >= self._least):
+            least = "" if self._least == -math.inf else f" of at least {self._least:g}"
+            raise ParameterError(f"the {self._what} of '{name}' is {short(value)}; expected a finite number{least}")
+        return number
+
+
+class Weights(Values):
+    """Weights of squared terms by channel name; none is negative.
+
+    >>> Weights(Y=100.0, psi=10.0)
+    Weights(Y=100.0, psi=10.0)
+    """
+
+    __slots__ = ()
+    _what = "weight"
+    _least = 0.0
+
+
+class Limits(_Named[tuple[float, float]]):
+    """Lower and upper limit by channel name, immutable; one number stands for plus and minus that.
+
+    >>> Limits(delta=0.3, T_f=(-2000.0, 1000.0))["delta"]
+    (-0.3, 0.3)
+    """
+
+    __slots__ = ()
+    _what = "limit"
+
+    def _checked(self, name: str, value: Any) -> tuple[float, float]:
+        try:
+            lower, upper = value if isinstance(value, Iterable) else (-value, value)
+            both = float(lower), float(upper)
+        except (TypeError, ValueError, OverflowError):
+            both = math.nan, math.nan
+        if not both[0] <= both[1]:
+            raise ParameterError(
+                f"the limit of '{name}' is {short(value)}; expected (lower, upper) with lower <= upper, or one "
+                "positive number for both sides"
+            )
+        return both
+
+
+def coerce(settings: Any, kind: type[_Named[Any]], *names: str) -> None:
+    """Make these attributes of a frozen dataclass what they are meant to be, from dictionaries too.
+
+    Raises
+    ------
+    ParameterError
+        If one is neither, or holds what it must not.
+    """
+    for name in names:
+        object.__setattr__(settings, name, kind.of(getattr(settings, name), name))
+
+
+def require_names(given: Iterable[str], known: Iterable[str], what: str, fix: str = "use one of these names") -> None:
+    """Raise unless every name is known.
+
+    Raises
+    ------
+    ParameterError
+        Naming the first unknown one and the nearest known ones.
+    """
+    names = list(known)
+    for name in given:
+        if name not in names:
+            raise ParameterError(f"{what} names '{name}'; {nearest(name, names)}: {fix}")

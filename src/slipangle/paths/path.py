@@ -1,0 +1,519 @@
+"""Reference paths over arc length: from points, from track files, with a speed profile.
+
+A `Path` is a centre line sampled evenly over its arc length ``s``, with heading, curvature and, where
+known, a speed profile and the distance from the centre line to the lane's two edges. Lane changes are made
+in `slipangle.paths.lane_change`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from slipangle.errors import NotFiniteError, ParameterError, TooShortError
+from slipangle.paths.centreline import edge_between, hermite, limit_rise, read_track, sample_spline
+
+SPACING = 0.25  # m, between the samples of a centre line
+_FARTHEST = 1e8  # m, of a coordinate; maps of the whole Earth stay within a tenth of it
+_FIELDS = ("s", "X", "Y", "psi", "curvature", "v_x", "right", "left")
+
+
+class Projection(NamedTuple):
+    """Foot of a point on a path: arc length [m], signed distance to the left of the path [m], heading there [rad]."""
+
+    s: float
+    e_y: float
+    psi: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Preview:
+    """The path at some arc lengths, one row per instant.
+
+    Parameters
+    ----------
+    s : array, shape (n,)
+        Arc length. [m]
+    X, Y, psi : array, shape (n,)
+        Pose of the centre line [m, m, rad]; the heading is continuous, laps add up.
+    curvature : array, shape (n,)
+        Positive when the path turns left. [1/m]
+    v_x : array, shape (n,)
+        Speed; NaN where the path has no speed profile and none was given. [m/s]
+    right, left : array, shape (n,)
+        Distance from the centre line to the edges of the lane, infinite where there is none. [m]
+    t : array, shape (n,), optional
+        Instants of the rows, from now, of a look ahead in time. [s]
+    """
+
+    s: np.ndarray
+    X: np.ndarray
+    Y: np.ndarray
+    psi: np.ndarray
+    curvature: np.ndarray
+    v_x: np.ndarray
+    right: np.ndarray
+    left: np.ndarray
+    t: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.s)
+
+    def require_times(self, times: np.ndarray) -> None:
+        """Raise unless the rows are those of a controller's `times`, as far as the number and the last instant say.
+
+        Raises
+        ------
+        ParameterError
+            With what there is and what is expected.
+        """
+        if len(self) != len(times):
+            raise ParameterError(
+                f"the preview has {len(self)} rows; expected horizon + 1 = {len(times)}: use path.ahead(s, mpc.times)"
+            )
+        if self.t is not None and not abs(self.t[-1] - times[-1]) <= 1e-6 * times[-1]:
+            raise ParameterError(
+                f"the preview looks {self.t[-1]:g} s ahead; expected {times[-1]:g} s, as far as the controller plans: "
+                "use path.ahead(s, mpc.times)"
+            )
+
+    @property
+    def r(self) -> np.ndarray:
+        """Yaw rate of following the path at its speed. [rad/s]"""
+        return self.curvature * self.v_x
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Path:
+    """Centre line over arc length.
+
+    Parameters
+    ----------
+    s : array, shape (n,)
+        Arc length, evenly spaced from zero. [m]
+    X, Y, psi, curvature : array, shape (n,)
+        Pose [m, m, rad] and curvature [1/m], positive to the left.
+    v_x : array, shape (n,), optional
+        Speed profile. [m/s]
+    right, left : array, shape (n,), optional
+        Distance from the centre line to the lane's edges, infinite where nothing marks them. [m]
+    closed : bool
+        Whether the last sample is the first one again.
+    name : str
+        For reports.
+
+    Raises
+    ------
+    ParameterError
+        If lengths differ or the arc length is not evenly spaced from zero.
+    NotFiniteError
+        If a value is NaN, or infinite where it must not be.
+    """
+
+    s: np.ndarray
+    X: np.ndarray
+    Y: np.ndarray
+    psi: np.ndarray
+    curvature: np.ndarray
+    v_x: np.ndarray | None = None
+    right: np.ndarray | None = None
+    left: np.ndarray | None = None
+    closed: bool = False
+    name: str = "path"
+
+    def __post_init__(self) -> None:
+        n = len(self.s)
+        if n < 2:
+            raise TooShortError(f"'{self.name}' has {n} samples; expected at least 2: use Path.from_points")
+        for key in _FIELDS:
+            given = getattr(self, key)
+            if given is None:
+                continue
+            values = np.array(given, dtype=float)
+            if values.shape != (n,):
+                raise ParameterError(f"'{self.name}'.{key} has shape {values.shape}; expected ({n},), as s has")
+            edge = key in ("right", "left")
+            if np.isnan(values).any() or (not edge and np.isinf(values).any()):
+                raise NotFiniteError(f"'{self.name}'.{key} holds NaN or infinite values; expected finite numbers")
+            if key == "v_x" and (values < 0).any():
+                raise ParameterError(f"the speed profile of '{self.name}' falls below zero; expected speeds in m/s")
+            values.setflags(write=False)
+            object.__setattr__(self, key, values)
+        step = np.diff(self.s)
+        if self.s[0] != 0 or not np.allclose(step, step[0], rtol=1e-6, atol=0) or step[0] <= 0:
+            raise ParameterError(f"'{self.name}'.s must rise evenly from zero: use Path.from_points to sample a line")
+
+    # ---- making paths ------------------------------------------------------------------------------------------
+
+    @classmethod
+    def from_points(
+        cls,
+        X: np.ndarray,
+        Y: np.ndarray,
+        *,
+        closed: bool = False,
+        smoothing: float = 0.0,
+        right: np.ndarray | float | None = None,
+        left: np.ndarray | float | None = None,
+        spacing: float = SPACING,
+        name: str = "path",
+    ) -> Self:
+        """Smooth line through points: a quintic spline, so the curvature is smooth too.
+
+        Parameters
+        ----------
+        X, Y : array, shape (n,)
+            The points, in driving order. [m]
+        closed : bool
+            Join the last point to the first (which need not be repeated).
+        smoothing : float
+            Standard deviation of the points about the true line; 0 goes through every point. [m]
+        right, left : array, shape (n,), or float, optional
+            Distance to the lane's edges at each point. [m]
+        spacing : float
+            Arc length between samples of the result, about. [m]
+        name : str
+            For reports.
+
+        Raises
+        ------
+        TooShortError
+            If there are fewer than four different points.
+        NotFiniteError
+            If a coordinate is NaN or infinite.
+        ParameterError
+            If the line is too long or too far away to be in metres, or no smooth line goes through the points.
+        """
+        x, y = np.asarray(X, dtype=float).ravel(), np.asarray(Y, dtype=float).ravel()
+        if x.shape != y.shape:
+            raise ParameterError(f"X has {len(x)} points and Y has {len(y)}; expected as many of one as of the other")
+        if not (np.isfinite(x).all() and np.isfinite(y).all()):
+            raise NotFiniteError(f"the points of '{name}' hold NaN or infinite coordinates; expected finite numbers")
+        farthest = max(np.abs(x).max(initial=0.0), np.abs(y).max(initial=0.0))
+        if farthest > _FARTHEST:
+            raise ParameterError(
+                f"a point of '{name}' has a coordinate of {farthest:.3g} m; expected at most {_FARTHEST:.0e} m: check "
+                "the points' unit and their outliers"
+            )
+        if not (0 <= smoothing < math.inf and 0 < spacing < math.inf):
+            raise ParameterError(
+                f"smoothing is {smoothing} m and spacing {spacing} m; expected at least 0 m and more than 0 m"
+            )
+        keep = np.ones(len(x), dtype=bool)
+        keep[1:] = np.hypot(np.diff(x), np.diff(y)) > 1e-9
+        if closed and len(x) > 1 and math.hypot(x[-1] - x[0], y[-1] - y[0]) <= 1e-9:
+            keep[-1] = False
+        edges = {
+            side: np.broadcast_to(np.asarray(e, dtype=float), x.shape)[keep]
+            for side, e in (("right", right), ("left", left))
+            if e is not None
+        }
+        x, y = x[keep], y[keep]
+        if len(x) < 4:
+            raise TooShortError(f"'{name}' has {len(x)} different points; expected at least 4: add points")
+        if closed:
+            x, y = np.append(x, x[0]), np.append(y, y[0])
+            edges = {side: np.append(e, e[0]) for side, e in edges.items()}
+        curve, at_points = sample_spline(x, y, closed=closed, smoothing=smoothing, spacing=spacing)
+        lane = {side: np.interp(curve["s"], at_points, e) for side, e in edges.items()}
+        return cls(**curve, right=lane.get("right"), left=lane.get("left"), closed=closed, name=name)
+
+    @classmethod
+    def from_csv(
+        cls,
+        file: str | FilePath,
+        *,
+        closed: bool | None = None,
+        smoothing: float = 0.0,
+        spacing: float = SPACING,
+    ) -> Self:
+        """Track from a text file with columns x, y and, if known, width to the right and to the left. [m]
+
+        Lines that start with ``#`` are comments. Whether the track is closed is seen from the distance
+        between its ends unless said.
+
+        Raises
+        ------
+        MissingFileError
+            If there is no such file.
+        FormatError
+            If a line does not hold two or four numbers.
+        """
+        table = read_track(file)
+        if closed is None:
+            gaps = np.hypot(*np.diff(table[:, :2], axis=0).T)
+            closed = bool(np.hypot(*(table[-1, :2] - table[0, :2])) < 3 * np.median(gaps))
+        widths = {"right": table[:, 2], "left": table[:, 3]} if table.shape[1] == 4 else {}
+        return cls.from_points(
+            table[:, 0],
+            table[:, 1],
+            closed=closed,
+            smoothing=smoothing,
+            spacing=spacing,
+            name=FilePath(file).stem,
+            **widths,
+        )
+
+    def with_speed(self, v_x: float | np.ndarray) -> Self:
+        """The path at a constant speed or with the given profile, shape (n,). [m/s]"""
+        return replace(self, v_x=np.broadcast_to(np.asarray(v_x, dtype=float), self.s.shape))
+
+    def with_speed_limits(self, *, v_max: float, a_y: float, a_x: float, a_brake: float | None = None) -> Self:
+        """The path with the fastest speed profile that keeps to acceleration limits.
+
+        Curvature bounds the speed by ``a_y``; what the curve leaves of the friction ellipse is there for
+        speeding up (``a_x``) and slowing down (``a_brake``, by default ``a_x``).
+
+        Parameters
+        ----------
+        v_max : float
+            Speed on the straight. [m/s]
+        a_y, a_x, a_brake : float
+            Largest lateral acceleration, acceleration, deceleration. [m/s2]
+
+        Raises
+        ------
+        ParameterError
+            If a limit is not positive.
+        """
+        brake = a_x if a_brake is None else a_brake
+        for key, value in {"v_max": v_max, "a_y": a_y, "a_x": a_x, "a_brake": brake}.items():
+            if not value > 0:
+                raise ParameterError(f"{key} is {value}; expected a positive number")
+        k = np.abs(self.curvature)
+        v = np.minimum(v_max, np.sqrt(a_y / np.maximum(k, 1e-12)))
+        passes = 2 if self.closed else 1  # the second lap starts from the speed at which the first one ends
+        v = limit_rise(v, k, self.spacing, a_y, a_x, passes, closed=self.closed)
+        v = limit_rise(v[::-1], k[::-1], self.spacing, a_y, brake, passes, closed=self.closed)[::-1]
+        return replace(self, v_x=v)
+
+    # ---- looking -----------------------------------------------------------------------------------------------
+
+    @property
+    def length(self) -> float:
+        """Arc length of the path, of one lap if closed. [m]"""
+        return float(self.s[-1])
+
+    @property
+    def spacing(self) -> float:
+        """Arc length between samples. [m]"""
+        return float(self.s[1])
+
+    @property
+    def start(self) -> tuple[float, float, float]:
+        """X [m], Y [m], psi [rad] where the path begins."""
+        return float(self.X[0]), float(self.Y[0]), float(self.psi[0])
+
+    def at(self, s: np.ndarray | float) -> Preview:
+        """The path at arc lengths ``s``, shape (n,); an open path goes straight on beyond its ends."""
+        s = np.atleast_1d(np.asarray(s, dtype=float))
+        turns = np.floor(s / self.length) if self.closed else np.zeros_like(s)
+        inside = s - turns * self.length if self.closed else np.clip(s, 0.0, self.length)
+        beyond = np.zeros_like(s) if self.closed else s - inside
+        h = self.spacing
+        i = np.minimum((inside / h).astype(int), len(self.s) - 2)
+        t = inside / h - i
+        psi = hermite(self.psi, self.curvature, i, t, h) + turns * (self.psi[-1] - self.psi[0])
+        x = hermite(self.X, np.cos(self.psi), i, t, h) + beyond * np.cos(psi)
+        y = hermite(self.Y, np.sin(self.psi), i, t, h) + beyond * np.sin(psi)
+        k = np.where(beyond == 0, (1 - t) * self.curvature[i] + t * self.curvature[i + 1], 0.0)
+        v = np.full_like(s, np.nan) if self.v_x is None else (1 - t) * self.v_x[i] + t * self.v_x[i + 1]
+        return Preview(
+            s=s,
+            X=x,
+            Y=y,
+            psi=psi,
+            curvature=k,
+            v_x=v,
+            right=edge_between(self.right, i, t),
+            left=edge_between(self.left, i, t),
+        )
+
+    def ahead(
+        self, s: float, steps: int | Sequence[float] | np.ndarray, dt: float = math.nan, *, v_x: float | None = None
+    ) -> Preview:
+        """The path at some instants, such as a controller's `times`, or now, now + dt, ..., now + steps dt.
+
+        Parameters
+        ----------
+        s : float
+            Arc length now. [m]
+        steps : int or array, shape (n,)
+            How many steps to look ahead, which gives ``steps + 1`` rows; or the instants themselves, rising from 0. [s]
+        dt : float
+            Time between instants, with a number of steps. [s]
+        v_x : float, optional
+            Measured speed now: the preview starts at it and keeps its distance to the profile. By default
+            the profile itself. [m/s]
+
+        Raises
+        ------
+        ParameterError
+            If the path has no speed profile and no speed is given, or the instants do not rise from 0.
+        """
+        if isinstance(steps, int | np.integer) and dt > 0:
+            times, strides = dt * np.arange(steps + 1), [(1, dt)] * int(steps)
+        else:
+            times = np.asarray(steps, dtype=float)
+            strides = _strides(times)
+        if self.v_x is None and v_x is None:
+            raise ParameterError(
+                f"'{self.name}' has no speed profile; expected one to look ahead in time: use path.with_speed(20.0), "
+                "or give the measured v_x"
+            )
+        places, speeds = np.empty(len(times)), np.empty(len(times))
+        offset = 0.0 if v_x is None or self.v_x is None else v_x - self.speed(s)
+
+        def speed(place: float) -> float:
+            return max(self.speed(place) + offset, 0.0) if self.v_x is not None or v_x is None else v_x
+
+        for k, (count, h) in enumerate(strides):
+            places[k], speeds[k] = s, speed(s)
+            for _ in range(count):
+                s += h * speed(s + 0.5 * h * speed(s))
+        places[-1], speeds[-1] = s, speed(s)
+        return replace(self.at(places), v_x=speeds, t=times)
+
+    def speed(self, s: float) -> float:
+        """Speed of the profile at one arc length [m/s]; NaN without a profile."""
+        profile = self.v_x
+        if profile is None:
+            return math.nan
+        place = s % self.length if self.closed else min(max(s, 0.0), self.length)
+        position = place / self.spacing
+        i = min(int(position), len(profile) - 2)
+        return float(profile[i] + (position - i) * (profile[i + 1] - profile[i]))
+
+    def project(self, X: float, Y: float, near_s: float | None = None, *, window: float = 15.0) -> Projection:
+        """Foot of a point on the path.
+
+        Parameters
+        ----------
+        X, Y : float
+            The point. [m]
+        near_s : float, optional
+            Where the foot was a moment ago: the search stays within ``window`` of it, so a path that
+            crosses itself is followed in order and laps add up. By default the nearest of all. [m]
+        window : float
+            How far from ``near_s`` to look. [m]
+
+        Returns
+        -------
+        Projection
+            Arc length; distance, positive to the left of the path; heading of the path.
+
+        Raises
+        ------
+        NotFiniteError
+            If the point is not finite.
+        """
+        if not (math.isfinite(X) and math.isfinite(Y)):
+            raise NotFiniteError(f"the point to project is ({X}, {Y}); expected finite coordinates")
+        h, n = self.spacing, len(self.s)
+        if near_s is None:
+            s = h * int(np.argmin((self.X - X) ** 2 + (self.Y - Y) ** 2))
+        else:
+            rows = np.arange(math.floor((near_s - window) / h), math.ceil((near_s + window) / h) + 1)
+            if not self.closed:
+                rows = np.clip(rows, 0, n - 1)
+            index = rows % (n - 1) if self.closed else rows
+            s = h * float(rows[np.argmin((self.X[index] - X) ** 2 + (self.Y[index] - Y) ** 2)])
+        for _ in range(8):
+            p = self.at(s)
+            dx, dy, psi = X - p.X[0], Y - p.Y[0], float(p.psi[0])
+            along = dx * math.cos(psi) + dy * math.sin(psi)
+            e_y = dy * math.cos(psi) - dx * math.sin(psi)
+            move = along / max(1.0 - p.curvature[0] * e_y, 0.3)
+            s += min(max(move, -2 * h), 2 * h) if self.closed or 0 < s < self.length else move
+            if abs(move) < 1e-10:
+                break
+        p = self.at(s)
+        psi = float(p.psi[0])
+        return Projection(s, float((Y - p.Y[0]) * math.cos(psi) - (X - p.X[0]) * math.sin(psi)), psi)
+
+    def project_all(self, X: np.ndarray, Y: np.ndarray, near_s: float | None = None) -> np.ndarray:
+        """`project` of consecutive points of a drive, shape (n, 3): s [m], e_y [m], psi [rad]."""
+        out = np.empty((len(X), 3))
+        for k, (x, y) in enumerate(zip(np.asarray(X, float), np.asarray(Y, float), strict=True)):
+            out[k] = foot = self.project(float(x), float(y), near_s)
+            near_s = foot.s
+        return out
+
+    def inside(
+        self,
+        X: np.ndarray,
+        Y: np.ndarray,
+        width: float,
+        *,
+        psi: np.ndarray | None = None,
+        front: float = 0.0,
+        rear: float = 0.0,
+    ) -> np.ndarray:
+        """Which of consecutive poses keep the vehicle between the edges of the lane.
+
+        Parameters
+        ----------
+        X, Y : array, shape (n,)
+            Centre of gravity. [m]
+        width : float
+            Vehicle width. [m]
+        psi : array, shape (n,), optional
+            Heading [rad]; with it all four corners are checked, without it the width at the centre.
+        front, rear : float
+            Distance from the centre of gravity to the front and rear end. [m]
+
+        Returns
+        -------
+        array of bool, shape (n,)
+            True where it is inside; where nothing marks the lane it always is.
+        """
+        x, y = np.atleast_1d(np.asarray(X, float)), np.atleast_1d(np.asarray(Y, float))
+        if psi is None:
+            return self._between(x, y, 0.5 * width, 0.5 * width)
+        c, d = np.cos(np.asarray(psi, float)), np.sin(np.asarray(psi, float))
+        good = np.ones(len(x), dtype=bool)
+        for a in (front, -rear):
+            for b in (0.5 * width, -0.5 * width):
+                good &= self._between(x + a * c - b * d, y + a * d + b * c, 0.0, 0.0)
+        return good
+
+    def _between(self, x: np.ndarray, y: np.ndarray, to_right: float, to_left: float) -> np.ndarray:
+        feet = self.project_all(x, y)
+        lane = self.at(feet[:, 0])
+        return (feet[:, 1] + to_left <= lane.left) & (feet[:, 1] - to_right >= -lane.right)
+
+    def boundaries(self) -> tuple[np.ndarray, np.ndarray]:
+        """Right and left edge of the lane, shape (n, 2) each [m]; NaN where nothing marks them."""
+        sides = []
+        for edge, sign in ((self.right, -1.0), (self.left, 1.0)):
+            d = np.full_like(self.s, np.inf) if edge is None else edge
+            d = np.where(np.isfinite(d), sign * d, np.nan)
+            sides.append(np.column_stack([self.X - d * np.sin(self.psi), self.Y + d * np.cos(self.psi)]))
+        return sides[0], sides[1]
+
+
+def _strides(times: np.ndarray) -> list[tuple[int, float]]:
+    """How many strides of which length lead from each instant to the next, none longer than the first interval.
+
+    Raises
+    ------
+    ParameterError
+        If the instants do not rise from 0.
+    """
+    gaps = np.diff(np.atleast_1d(times))
+    if not (len(gaps) and times[0] == 0 and (gaps > 0).all() and np.isfinite(times[-1])):
+        raise ParameterError(
+            f"the instants to look at are {times}; expected two or more that rise from 0 s, such as mpc.times, or a "
+            "number of steps and dt"
+        )
+    first = float(gaps[0])
+    found = []
+    for gap in gaps.tolist():
+        count = max(math.ceil(gap / first - 1e-6), 1)
+        found.append((count, first if math.isclose(gap, count * first, rel_tol=1e-9) else gap / count))
+    return found

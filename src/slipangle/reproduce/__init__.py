@@ -1,0 +1,116 @@
+"""One module per table of the thesis: ``slipangle reproduce table-8.2`` runs ``table_8_2.py``.
+
+A module supplies ``reproduce(progress) -> Reproduction``; its docstring says protocol, data and seeds. Benchmarks
+follow the same contract in the checkout's ``benchmarks`` folder, as ``bench_NAME.py`` with ``bench(progress)``.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import pkgutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from slipangle.errors import ConfigError, nearest
+from slipangle.report.tables import Record
+
+Progress = Callable[[float, str], None]  # share done (0 to 1), what is being done
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reproduction:
+    """Outcome of one experiment or benchmark.
+
+    Parameters
+    ----------
+    title : str
+        What was reproduced.
+    records : tuple of Record
+        The thesis' number, ours, the bound and whether it holds.
+    protocol : str
+        Data, split, seeds and what differs from the source.
+    figures : tuple
+        Plotly figures for the page, if any.
+    captions : tuple of str
+        Their titles, in order.
+    """
+
+    title: str
+    records: tuple[Record, ...]
+    protocol: str
+    figures: tuple[Any, ...] = ()
+    captions: tuple[str, ...] = ()
+
+    @property
+    def holds(self) -> bool:
+        """Whether every bound holds."""
+        return all(record.holds is not False for record in self.records)
+
+
+def names() -> list[str]:
+    """Names for ``slipangle reproduce``.
+
+    >>> "table-8.2" in names()
+    True
+    """
+    return sorted(_spoken(m.name) for m in pkgutil.iter_modules(__path__) if not (m.ispkg or m.name.startswith("_")))
+
+
+def find(name: str) -> ModuleType:
+    """The module of an experiment.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of that name; the nearest names are given.
+    """
+    if name not in names():
+        raise ConfigError(f"there is no experiment '{name}'; {nearest(name, names())}: use one of these names")
+    return importlib.import_module(f"{__name__}.{name.replace('-', '_').replace('.', '_')}")
+
+
+def benchmark_folder() -> Path | None:
+    """The checkout's ``benchmarks`` folder, or None for an installation without it."""
+    folder = Path(__file__).parents[3] / "benchmarks"
+    return folder if folder.is_dir() else None
+
+
+def benchmark_names() -> list[str]:
+    """Names for ``slipangle bench``."""
+    folder = benchmark_folder()
+    return sorted(p.stem.removeprefix("bench_").replace("_", "-") for p in folder.glob("bench_*.py")) if folder else []
+
+
+def find_benchmark(name: str) -> ModuleType:
+    """The module of a benchmark.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of that name, or no checkout to take it from.
+    """
+    folder = benchmark_folder()
+    if folder is None:
+        raise ConfigError(
+            "the benchmarks are not installed; expected a checkout of the project with its 'benchmarks' folder: "
+            "clone it and install with pip install --editable"
+        )
+    if name not in benchmark_names():
+        raise ConfigError(f"there is no benchmark '{name}'; {nearest(name, benchmark_names())}: use one of these names")
+    path = folder / f"bench_{name.replace('-', '_')}.py"
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise ConfigError(f"'{path}' cannot be loaded; expected a Python file")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _spoken(module: str) -> str:
+    """``table_8_2`` is spoken ``table-8.2``."""
+    kind, _, rest = module.partition("_")
+    return f"{kind}-{rest.replace('_', '.')}"

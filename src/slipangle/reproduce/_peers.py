@@ -1,0 +1,102 @@
+"""What the benchmarks share: runs in turn, peers that may be missing."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from slipangle.report.tables import Record
+from slipangle.reproduce import Progress
+
+Clock = Callable[[], float]
+
+
+def in_turn(
+    runs: dict[str, tuple[Callable[[], Any], int]],
+    progress: Progress,
+    *,
+    rounds: int,
+    clock: Clock = time.perf_counter,
+) -> tuple[dict[str, list[float]], dict[str, Any]]:
+    """Amount per second of every run in every round, and what it gave last; peers sit out after three rounds.
+
+    Parameters
+    ----------
+    runs : dict of str to (callable, int)
+        What to run, and how much that is. Names of our own start with "slipangle".
+    progress : callable
+        Called with the share done and a sentence.
+    rounds : int
+        How often our own run; in turn with the others, so that a noisy moment hits all.
+    clock : callable
+        Seconds: `time.perf_counter`, or `time.process_time` where other programs share the processor.
+    """
+    rates: dict[str, list[float]] = {name: [] for name in runs}
+    results: dict[str, Any] = {}
+    for i in range(rounds):
+        for j, (name, (run, amount)) in enumerate(runs.items()):
+            if i >= 3 and not name.startswith("slipangle"):
+                continue
+            progress((i + j / len(runs)) / rounds, f"{name}, round {i + 1}")
+            began = clock()
+            results[name] = run()
+            rates[name].append(amount / max(clock() - began, 1e-9))
+    return rates, results
+
+
+def median_record(
+    row: str, quantity: str, values: Sequence[float], *, bound: str = "", most: bool = False, note: str = ""
+) -> Record:
+    """The median of a few runs beside a bound such as ``">= 1e8"``; the worst of them in the note."""
+    here = float(np.median(values))
+    limit = float(bound.split()[-1]) if bound else 0.0
+    worst = max(values) if most else min(values)
+    said = f"worst of {len(values)} rounds {worst:.3g}"
+    return Record(
+        row=row,
+        quantity=quantity,
+        thesis=None,
+        here=here,
+        bound=bound,
+        holds=(here <= limit if most else here >= limit) if bound else None,
+        note=f"{said}; {note}" if note else said,
+    )
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Keep all threads on one core where the system allows it, so that processor time is what a step takes."""
+    setter, getter = getattr(os, "sched_setaffinity", None), getattr(os, "sched_getaffinity", None)
+    before = getter(0) if getter else set()
+    if setter and before:
+        setter(0, {min(before)})
+    try:
+        yield
+    finally:
+        if setter and before:
+            setter(0, before)
+
+
+def installed(name: str) -> Any:
+    """The module, or None."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        return None
+
+
+def absent(names: tuple[str, ...], what: str) -> list[Record]:
+    """A record that says which peers are missing."""
+    missing = [name for name in names if installed(name) is None]
+    note = f"not installed: {', '.join(missing)}; install them beside slipangle to compare"
+    return (
+        [Record(row=f"{what}, peers", quantity="skipped", thesis=None, here=", ".join(missing), note=note)]
+        if missing
+        else []
+    )

@@ -1,0 +1,1 @@
+"""The thesis' small systems: pendulum, EMPS and its friction, Narendra's."""

@@ -1,0 +1,73 @@
+"""Table 8.4: second-order state space of pedal and steering to speed and yaw rate, means removed, normalised.
+
+The thesis prints A, B and C for the Ferrari; its log here has no pedals, so ours is the Dallara AV-21 at Putnam Park,
+fast part from 202 s, resampled to 20 Hz, first 70 % to fit, one free run over the rest. Matrices of a state space
+depend on the basis of its state and are not compared; poles do not. The thesis' own poles follow from its printed A.
+Subspace, then refinement of the free run with poles held within 0.999: unconstrained, it drifts to an integrator.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.data.public.sets import load
+from slipangle.identify.judge.validate import score
+from slipangle.identify.linear.statespace import StateSpace
+from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.report.plots import trajectories
+from slipangle.report.tables import Record
+from slipangle.reproduce import Progress, Reproduction
+from slipangle.reproduce._chapter_8 import quietly
+from slipangle.reproduce.table_8_3 import FAST
+
+PRINTED_A = np.array([[0.282, 0.132], [-0.003, 0.995]])
+LARGEST = 0.999
+
+
+def normalised() -> tuple[Dataset, Dataset]:
+    """Training and test part; means and deviations are the training part's."""
+    data = load("iac-putnam").select(inputs=("pedal", "delta"), outputs=("v_x", "r"))
+    data = data.rows(int(np.searchsorted(data.t, FAST)), data.n_samples).resample(0.05, cutoff=8.0)
+    train, test = data.split(0.7)
+    size = {name: (float(train[name].mean()), float(train[name].std())) for name in (*data.inputs, *data.outputs)}
+    for name, (mean, deviation) in size.items():
+        train = train.with_channel(name, (train[name] - mean) / deviation)
+        test = test.with_channel(name, (test[name] - mean) / deviation)
+    return train, test
+
+
+def reproduce(progress: Progress) -> Reproduction:
+    """Poles and free run of the second-order model."""
+    progress(0.0, "reading the log")
+    train, test = normalised()
+    progress(0.3, "subspace, then prediction error")
+    model: StateSpaceModel = quietly(StateSpace(order=2, focus="simulation", max_radius=LARGEST), train)
+    run = model.simulate(test)
+    ours, printed = np.sort(np.abs(model.poles)), np.sort(np.abs(np.linalg.eigvals(PRINTED_A)))
+    progress(1.0, "done")
+    records = [
+        Record(
+            row=f"{which} pole",
+            quantity="modulus [-]",
+            thesis=float(printed[i]),
+            here=float(ours[i]),
+            bound=f"<= {LARGEST:g}",
+            holds=bool(ours[i] <= LARGEST + 1e-9),
+            note="thesis: from its printed A",
+        )
+        for i, which in enumerate(("fast", "slow"))
+    ]
+    records += [
+        Record(
+            row="free run", quantity=f"fit of {name} [%]", thesis=None, here=score(run, name).fit, note="another car"
+        )
+        for name in ("v_x", "r")
+    ]
+    matrices = "; ".join(f"{n} = {np.round(getattr(model, n), 4).tolist()}" for n in ("A", "B", "C"))
+    return Reproduction(
+        title="Table 8.4: second-order state space of pedal and steering to speed and yaw rate",
+        records=tuple(records),
+        protocol=f"Dallara AV-21, fast part, 20 Hz, means removed and normalised, first 70 % to fit. {matrices}.",
+        figures=tuple(trajectories({"M3": run}, test.channels[test.index(name)]) for name in ("v_x", "r")),
+    )

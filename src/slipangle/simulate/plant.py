@@ -1,0 +1,215 @@
+"""`Plant`: a model run as the real vehicle, with sensor noise, input delay and actuator lag."""
+
+from __future__ import annotations
+
+from dataclasses import KW_ONLY, dataclass, field
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import casadi as ca
+import numpy as np
+
+from slipangle.errors import ParameterError
+from slipangle.models.model import Model, evaluate
+from slipangle.optimal.terms import Values, require_names
+from slipangle.simulate.sensors import Sensors, Stream
+
+
+@runtime_checkable
+class RollsStraight(Protocol):
+    """A model that knows its state of straight driving."""
+
+    def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
+        """State at a speed [m/s] and pose [m, m, rad]."""
+        ...
+
+
+@runtime_checkable
+class Compiled(Protocol):
+    """A model whose step exists as compiled code, such as `DualTrack`."""
+
+    @property
+    def kernel(self) -> Runs | None:
+        """The code; None without a compiler."""
+        ...
+
+
+class Runs(Protocol):
+    """Compiled steps in a row."""
+
+    def run(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """States, shape (n + 1, n_states), from inputs, shape (n, n_inputs)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Plant:
+    """The vehicle: any `Model`, run at its own sample time (usually a millisecond).
+
+    Parameters
+    ----------
+    model : Model
+        Its states X, Y, psi (and v_x, as a state or input) are what a path controller needs; wrap a model
+        that lacks them in ``OnGround``.
+    noise : Values
+        Standard deviation of white sensor noise by measured channel, SI units. Measured are all outputs,
+        states and inputs of the model.
+    delay : Values
+        Dead time of inputs, rounded to the plant's sample time. [s]
+    lag : Values
+        Time constant of a first-order actuator before an input, after its delay. [s]
+    sensors : Sensors
+        Instruments of channels that are not simply true plus `noise`: sampling, delay, bias, quantisation, drop-outs.
+    seed : int
+        Of the noise; every channel has its own stream, so noise on one does not change another's.
+
+    Raises
+    ------
+    ParameterError
+        If a name is not known or a number negative.
+    """
+
+    model: Model
+    _: KW_ONLY
+    noise: Values = field(default_factory=Values)
+    delay: Values = field(default_factory=Values)
+    lag: Values = field(default_factory=Values)
+    sensors: Sensors = field(default_factory=Sensors)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        require_names(self.noise, self.channels, "noise", "use a state, output or input of the plant")
+        require_names(self.sensors, self.channels, "sensors", "use a state, output or input of the plant")
+        both = sorted(set(self.noise) & set(self.sensors))
+        if both:
+            raise ParameterError(f"noise and sensors both name {both}; expected one of them: put noise into the sensor")
+        require_names(self.delay, self.model.inputs, "delay", "use an input of the plant")
+        require_names(self.lag, self.model.inputs, "lag", "use an input of the plant")
+        for what, values in (("noise", self.noise), ("delay", self.delay), ("lag", self.lag)):
+            for name, value in values.items():
+                if value < 0:
+                    raise ParameterError(f"the {what} of '{name}' is {value}; expected at least 0")
+
+    @property
+    def dt(self) -> float:
+        """Sample time. [s]"""
+        return self.model.dt
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Everything that is measured."""
+        return tuple(dict.fromkeys((*self.model.states, *self.model.outputs, *self.model.inputs)))
+
+    def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
+        """State of straight driving at speed ``v_x`` [m/s] from a pose [m, m, rad]."""
+        if isinstance(self.model, RollsStraight):
+            return np.asarray(self.model.straight(v_x, X=X, Y=Y, psi=psi), dtype=float)
+        known = {"v_x": v_x, "X": X, "Y": Y, "psi": psi}
+        return np.array([known.get(name, 0.0) for name in self.model.states])
+
+    def start(self, x: np.ndarray, inputs: np.ndarray) -> Simulation:
+        """A drive from state ``x``, with ``inputs`` held until now."""
+        return Simulation(self, np.asarray(x, dtype=float), np.asarray(inputs, dtype=float))
+
+    @cached_property
+    def _share(self) -> np.ndarray:
+        """Share of the way to its command that each actuator moves in a step."""
+        lag = np.array([self.lag.get(n, 0.0) for n in self.model.inputs])
+        return np.where(lag > 0, -np.expm1(-self.dt / np.maximum(lag, 1e-12)), 1.0)
+
+    @cached_property
+    def _step(self) -> ca.Function:
+        """``([x; a], u) -> [x; a]``, a being the actuators' positions."""
+        model = self.model
+        x, a, u = ca.MX.sym("x", model.n_states), ca.MX.sym("a", model.n_inputs), ca.MX.sym("u", model.n_inputs)
+        moved = a + ca.DM(self._share) * (u - a)
+        state = ca.vertcat(x, a)
+        return ca.Function("plant", [state, u], [ca.vertcat(model.functions[0](x, moved), moved)])
+
+
+class Simulation:
+    """A drive of a `Plant`: state, actuators and delayed commands, advanced in place."""
+
+    def __init__(self, plant: Plant, x: np.ndarray, inputs: np.ndarray) -> None:
+        model = plant.model
+        if x.shape != (model.n_states,) or inputs.shape != (model.n_inputs,):
+            raise ParameterError(
+                f"the plant starts from x of shape {x.shape} and inputs of shape {inputs.shape}; expected "
+                f"({model.n_states},) for {list(model.states)} and ({model.n_inputs},) for {list(model.inputs)}"
+            )
+        self._plant = plant
+        self._state = np.concatenate([x, inputs])
+        self._delay = [round(plant.delay.get(n, 0.0) / plant.dt) for n in model.inputs]
+        self._past = np.tile(inputs, (max(self._delay, default=0), 1))
+        self._many: dict[int, ca.Function] = {}
+        names = sorted(plant.channels)
+        self._noise = {
+            n: (std, np.random.default_rng([plant.seed, names.index(n)])) for n, std in plant.noise.items() if std > 0
+        }
+        self._tick = 0
+        self._streams: dict[str, Stream] = {}
+        first = self.true() if plant.sensors else {}
+        for name, sensor in plant.sensors.items():
+            rng = np.random.default_rng([plant.seed, names.index(name)])
+            self._streams[name] = Stream(sensor, plant.dt, rng, first[name])
+            self._streams[name].feed(0, np.array([first[name]]))
+
+    @property
+    def x(self) -> np.ndarray:
+        """State now, shape (n_states,)."""
+        return self._state[: self._plant.model.n_states]
+
+    @property
+    def inputs(self) -> np.ndarray:
+        """Inputs that act on the vehicle now, after delay and lag, shape (n_inputs,)."""
+        return self._state[self._plant.model.n_states :]
+
+    def advance(self, command: np.ndarray, steps: int) -> None:
+        """Hold a command, shape (n_inputs,), for some steps of the plant."""
+        commands = np.vstack([self._past, np.tile(np.asarray(command, dtype=float), (steps, 1))])
+        first = len(self._past)
+        table = np.column_stack([commands[first - d : first - d + steps, j] for j, d in enumerate(self._delay)])
+        self._past = commands[len(commands) - first :]
+        kernel = self._plant.model.kernel if isinstance(self._plant.model, Compiled) else None
+        if kernel is not None:
+            now, share = self.inputs, self._plant._share
+            for k in range(steps):
+                table[k] = now = now + share * (table[k] - now)
+            states = np.hstack([kernel.run(self.x, table)[1:], table])
+        else:
+            if steps not in self._many:
+                self._many[steps] = self._plant._step.mapaccum("many", steps, {"base": 4})
+            states = np.asarray(self._many[steps](self._state, table.T).full()).T
+        self._sense(states)
+        self._state = states[-1].copy()
+        self._tick += steps
+
+    def _sense(self, states: np.ndarray) -> None:
+        """Let the sensors sample the steps after now, shape (steps, n_states + n_inputs)."""
+        if not self._streams:
+            return
+        model = self._plant.model
+        known = (*model.states, *model.inputs)
+        wanted = [n for n in self._streams if n not in model.states and n in model.outputs]
+        y = evaluate(model.functions[1], *np.hsplit(states, [model.n_states])) if wanted else np.empty((0, 0))
+        for name, stream in self._streams.items():
+            column = y[:, model.outputs.index(name)] if name in wanted else states[:, known.index(name)]
+            stream.feed(self._tick + 1, column)
+
+    def true(self) -> dict[str, float]:
+        """Every channel now, without noise, by name."""
+        model = self._plant.model
+        values = dict(zip(model.inputs, self.inputs.tolist(), strict=True))
+        y = np.asarray(model.functions[1](self.x, self.inputs).full()).ravel()
+        values.update(zip(model.outputs, y.tolist(), strict=True))
+        values.update(zip(model.states, self.x.tolist(), strict=True))
+        return values
+
+    def measure(self) -> dict[str, float]:
+        """Every channel now as the sensors see it, by name; each call draws new noise, sensors keep their sample."""
+        values = self.true()
+        for name, stream in self._streams.items():
+            values[name] = stream.read(self._tick)
+        for name, (std, rng) in self._noise.items():
+            values[name] += std * float(rng.standard_normal())
+        return values

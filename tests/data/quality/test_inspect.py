@@ -1,0 +1,262 @@
+"""Spikes, jumps, delays, offsets, excitation: found where they are, silent where there are none."""
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from slipangle import errors
+from slipangle.data.dataset import Channel, Dataset, join
+from slipangle.data.quality.inspect import (
+    despike,
+    estimate_delay,
+    find_jumps,
+    find_spikes,
+    inspect,
+)
+from slipangle.data.signals import excitation as excite
+
+
+def smooth(n=4000, dt=0.01, corner=1.0, seed=0, size=0.05):
+    margin = round(5 / corner / dt)
+    noise = np.random.default_rng(seed).normal(size=n + 2 * margin)
+    wave = signal.sosfiltfilt(signal.butter(3, corner, fs=1 / dt, output="sos"), noise)[margin:-margin]
+    return size * wave / wave.std()
+
+
+def one(x, name="delta", unit="rad", dt=0.01, t0=100.0):
+    return Dataset(values=x, channels=(Channel(name, unit),), dt=dt, start_times=(t0,), inputs=(name,))
+
+
+# ---- spikes ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [0.03, -0.1, 0.5])
+@pytest.mark.parametrize("quantum", [0.0, 1e-3])
+@pytest.mark.parametrize("samples", [1, 2])
+def test_spikes_are_found_with_time_and_size_and_removed(size, quantum, samples):
+    clean = smooth()
+    if quantum:
+        clean = np.round(clean / quantum) * quantum
+    rows = [2, 700, 1500, 3997] if samples == 1 else [700, 1500, 3990]
+    dirty = clean.copy()
+    for row in rows:
+        dirty[row : row + samples] += size
+    found = find_spikes(one(dirty), "delta")
+    assert [s.row for s in found if s.samples == samples] == pytest.approx(rows, abs=samples - 1)
+    assert len(found) == len(rows)
+    for spike in found:
+        assert spike.size == pytest.approx(size, abs=5e-3)
+        assert spike.t == pytest.approx(100 + 0.01 * spike.row)
+        assert f"{spike.t:.2f} s" in spike.sentence
+        assert "rad" in spike.sentence
+    repaired, same = despike(one(dirty), "delta")
+    assert tuple(same) == found
+    touched = np.flatnonzero(repaired["delta"] != dirty)
+    assert set(touched) <= {r + k for r in rows for k in range(samples)}
+    np.testing.assert_allclose(repaired["delta"], clean, atol=5e-3)
+    assert len(repaired.notes) == len(rows)
+
+
+@pytest.mark.parametrize(
+    "x",
+    [
+        smooth(),
+        np.round(smooth(), 2),
+        np.random.default_rng(1).normal(size=4000),
+        np.random.default_rng(2).laplace(size=4000),
+        excite.prbs(4000, hold=20),
+        excite.staircase(4000, 0.01, levels=(0, 1, 3, -1)),
+        np.sin(0.3 * np.arange(4000)),
+        np.zeros(4000),
+        np.ones(3),
+    ],
+    ids=["smooth", "rounded", "normal", "laplace", "prbs", "stairs", "sine", "zeros", "three"],
+)
+def test_no_spikes_where_there_are_none(x):
+    data = one(x)
+    assert find_spikes(data, "delta") == ()
+    same, found = despike(data, "delta")
+    assert same is data
+    assert found == []
+
+
+def test_spikes_do_not_reach_across_experiments():
+    low, high = one(smooth(seed=1)), one(smooth(seed=2) + 50.0)
+    assert find_spikes(join(low, high), "delta") == ()
+
+
+@pytest.mark.parametrize(("width", "threshold"), [(4, 12), (1, 12), (5, 0), (5, -1)])
+def test_bad_spike_settings(width, threshold):
+    with pytest.raises(errors.ParameterError, match="expected"):
+        find_spikes(one(smooth()), "delta", width=width, threshold=threshold)
+
+
+# ---- jumps -------------------------------------------------------------------------------------------------------
+
+
+def test_jumps_of_a_speed_beyond_what_tires_can_do():
+    v = 30 + np.cumsum(np.full(4000, -0.09))
+    v[1000:] += 0.3
+    v[2500:] -= 0.4
+    found = find_jumps(one(v, "v_x", "m/s"), "v_x")
+    assert [(j.row, round(j.size, 2)) for j in found] == [(1000, 0.21), (2500, -0.49)]
+    assert "jumps by +0.21 m/s in one sample at t = 110.00 s" in found[0].sentence
+    assert find_jumps(one(v, "v_x", "m/s"), "v_x", fastest=100.0) == ()
+
+
+@pytest.mark.parametrize("size", [0.05, -0.2])
+def test_jumps_of_other_channels_stay(size):
+    x = smooth()
+    x[1200:] += size
+    x[3000] += 0.5
+    spikes = find_spikes(one(x), "delta")
+    found = find_jumps(one(x), "delta", skip=spikes)
+    assert [j.row for j in found] == [1200]
+    assert found[0].size == pytest.approx(size, abs=5e-3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_jumps_where_there_are_none(seed):
+    for x in (smooth(seed=seed), np.random.default_rng(seed).normal(size=4000), np.zeros(4000)):
+        assert find_jumps(one(x), "delta") == ()
+
+
+def test_borders_of_experiments_are_no_jumps():
+    assert find_jumps(join(one(smooth(seed=1)), one(smooth(seed=2) + 5.0)), "delta") == ()
+
+
+# ---- delays ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.02, 0.05])
+@pytest.mark.parametrize("delay", [0.0, 0.0375, 0.08, 0.213])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_pure_delay_is_found_between_the_samples(dt, delay, sign):
+    fine = 0.0025
+    u = smooth(int(120 / fine), fine, corner=2.0, seed=3)
+    shift, every = round(delay / fine), round(dt / fine)
+    y = sign * np.roll(u, shift)[::every]
+    noise = 0.1 * u.std() * np.random.default_rng(5).normal(size=len(y))
+    data = Dataset.from_arrays({"u": u[::every]}, {"y": y + noise}, dt)
+    found = estimate_delay(data, "u", "y")
+    assert found.clear
+    assert found.seconds == pytest.approx(delay, abs=3e-3)
+    assert np.sign(found.agreement) == sign
+    back = estimate_delay(data, "y", "u")
+    assert back.seconds == pytest.approx(-delay, abs=3e-3)
+    if delay:
+        assert "follows" in found.sentence
+        assert "before" in back.sentence
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_no_delay_between_strangers(seed):
+    data = Dataset.from_arrays({"u": smooth(20000, seed=seed)}, {"y": smooth(20000, seed=seed + 50)}, 0.01)
+    found = estimate_delay(data, "u", "y")
+    assert not found.clear
+    assert found.sentence == "no clear delay between u and y"
+
+
+def test_delay_of_a_gapped_recording():
+    u = smooth(12000, seed=7)
+    data = Dataset.from_arrays({"u": u[10:]}, {"y": u[:-10]}, 0.01)
+    parts = join(data.rows(0, 6000), data.rows(6100, 11990))
+    assert estimate_delay(parts, "u", "y").seconds == pytest.approx(0.1, abs=3e-3)
+
+
+def test_delay_refuses_what_cannot_tell():
+    data = Dataset.from_arrays({"u": smooth(500)}, {"y": np.zeros(500)}, 0.01)
+    with pytest.raises(errors.ExcitationError, match="channel 'y' is constant"):
+        estimate_delay(data, "u", "y")
+    with pytest.raises(errors.TooShortError, match="lasts 5 s; expected at least 32 s"):
+        estimate_delay(data, "u", "u")
+    with pytest.raises(errors.ParameterError, match="positive"):
+        estimate_delay(data, "u", "u", longest=0.0)
+
+
+# ---- the report --------------------------------------------------------------------------------------------------
+
+
+def drive(offset=0.01):
+    """A car that weaves, drives straight, and weaves again; steering shows an offset."""
+    n = 12000
+    r = smooth(n + 8, size=0.3, seed=4)
+    ahead, r = r[8:], r[:n]
+    taper = np.clip((np.abs(np.arange(n) - n / 2) - 1500) / 500, 0, 1) ** 2
+    ahead, r = ahead * taper, r * taper
+    v_x = 20 + smooth(n, corner=0.2, size=2.0, seed=5)
+    delta = ahead * 2.5 / v_x + offset
+    return Dataset.from_arrays(
+        {"delta": delta, "v_x": v_x},
+        {"r": r},
+        0.01,
+        extra={"a_y": v_x * r},
+        units={"delta": "rad", "v_x": "m/s", "r": "rad/s", "a_y": "m/s2"},
+    )
+
+
+def test_report_finds_offset_delay_and_rest():
+    report = inspect(drive())
+    (offset,) = [o for o in report.offsets if o.channel == "delta"]
+    assert offset.value == pytest.approx(0.01, abs=1e-3)
+    assert "+0.57 deg" in offset.sentence
+    (delay,) = [d for d in report.delays if d.input == "delta"]
+    assert delay.seconds == pytest.approx(0.08, abs=0.01)
+    (rest,) = [s for s in report.stretches if s.channel == "r"]
+    assert rest.duration == pytest.approx(30.0, abs=0.5)
+    assert report.spikes == ()
+    assert report.sentences[0] == "12000 samples at 100 Hz, 120 s, no gaps"
+    assert all(f.sentence in report.sentences for f in report.findings)
+
+
+def test_report_on_gaps_and_notes():
+    data = join(one(smooth(), t0=0.0), one(smooth(), t0=41.5)).with_note("seen")
+    report = inspect(data)
+    assert report.gaps == pytest.approx((1.5,))
+    assert "1 border between experiments, the longest gap 1.5 s" in report.sentences[0]
+    assert report.sentences[-1] == "seen"
+
+
+def test_report_on_clipping_resolution_and_repeats():
+    x = smooth(size=1.0)
+    clipped = np.clip(x, -1.2, 1.2)
+    (high, low) = inspect(one(clipped)).clippings
+    assert (high.value, low.value) == (1.2, -1.2)
+    assert high.share == pytest.approx(np.mean(x >= 1.2), abs=1e-3)
+    assert inspect(one(x)).clippings == ()
+    assert inspect(one(excite.prbs(4000, hold=20))).clippings == ()
+    (steps,) = inspect(one(np.round(x, 2))).resolutions
+    assert steps.step == pytest.approx(0.01)
+    held = np.repeat(x[::4], 4)
+    (repeats,) = inspect(one(held)).resolutions
+    assert repeats.repeats == pytest.approx(0.75, abs=0.01)
+    assert "about 25 Hz" in repeats.sentence
+    assert inspect(one(x)).resolutions == ()
+
+
+def test_report_on_excitation():
+    t = 0.01 * np.arange(6000)
+    (tone,) = inspect(one(np.sin(2 * np.pi * 2.0 * t))).excitations
+    assert tone.bandwidth == pytest.approx(2.0, abs=0.1)
+    (still,) = inspect(one(np.full(500, 3.0))).excitations
+    assert still.constant
+    assert still.sentence == "delta is constant at 3 rad: it excites nothing"
+
+
+def test_many_events_are_told_in_one_sentence():
+    x = smooth()
+    x[100:3900:200] += 0.3
+    x[2100] = 0.6
+    report = inspect(one(x))
+    assert len(report.spikes) == 19
+    told = [s for s in report.sentences if "spike" in s]
+    assert len(told) == 1
+    size = 0.6 - np.median(x[2098:2103])
+    assert f"19 spikes, the largest {size:+.3g} rad at t = 121.00 s" in told[0]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 9, 40])
+def test_tiny_recordings_do_not_break_the_report(n):
+    report = inspect(drive().rows(0, n))
+    assert report.samples == n
+    assert all(isinstance(s, str) and s for s in report.sentences)

@@ -1,0 +1,128 @@
+"""Residual tests: their levels hold on white and coloured signals, and they find what is missing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from slipangle.data.dataset import Dataset, join
+from slipangle.errors import ParameterError, TooShortError
+from slipangle.identify.judge.validate import residual_tests, restarted, validate
+from slipangle.identify.linear.arx import ARX
+from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.model import Trajectory
+
+
+def judged(e, u, starts=(0,), lag=20, names=("u",)):
+    """Residual tests of given errors."""
+    n = len(e)
+    run = Trajectory(
+        t=np.arange(n) * 0.1,
+        y=np.zeros((n, 1)),
+        measured=e[:, None],
+        predicted=np.ones(n, dtype=bool),
+        outputs=("y",),
+        starts=starts,
+    )
+    columns = dict(zip(names, np.atleast_2d(u), strict=True))
+    data = replace(Dataset.from_arrays(columns, {"y": e}, 0.1), starts=starts, start_times=tuple(map(float, starts)))
+    return residual_tests(run, run, data, "y", lag)
+
+
+def test_levels_hold_on_white_residuals():
+    rng = np.random.default_rng(0)
+    found = [judged(rng.standard_normal(500), rng.standard_normal(500)) for _ in range(300)]
+    outside = np.mean([np.abs(f.autocorrelation[1:]) > f.band for f in found])
+    assert outside == pytest.approx(0.01, abs=0.005)
+    p = np.array([f.white_p for f in found])
+    assert np.mean(p < 0.05) == pytest.approx(0.05, abs=0.035)
+    assert np.mean(p) == pytest.approx(0.5, abs=0.06)
+    crossed = np.mean([np.abs(f.cross[0]) > f.cross_band[0] for f in found])
+    assert crossed == pytest.approx(0.01, abs=0.006)
+
+
+def test_band_of_the_cross_correlation_allows_for_colour():
+    """Free-run errors and steering are both slow; a band for white signals would cry wolf."""
+    rng = np.random.default_rng(1)
+    crossed, naive = [], []
+    for _ in range(200):
+        e, u = (lfilter([1.0], [1.0, -0.95], rng.standard_normal(2200))[200:] for _ in range(2))
+        found = judged(e, u)
+        crossed.append(np.abs(found.cross[0]) > found.cross_band[0])
+        naive.append(np.abs(found.cross[0]) > found.band)
+    assert np.mean(crossed) < 0.03
+    assert np.mean(naive) > 0.3
+
+
+def test_experiments_are_not_correlated_with_each_other():
+    """Correlations by hand, over pairs inside an experiment only."""
+    rng = np.random.default_rng(2)
+    e, u = lfilter([1.0], [1.0, -0.9], rng.standard_normal((2, 90)))
+    starts = (0, 30, 70)
+    found = judged(e, u, starts, lag=6)
+    groups = np.searchsorted(starts, np.arange(90), side="right")
+    e0, u0 = e - e.mean(), u - u.mean()
+    for lag in range(-6, 7):
+        k = np.arange(max(0, -lag), min(90, 90 - lag))
+        k = k[groups[k + lag] == groups[k]]
+        expected = np.sum(e0[k + lag] * u0[k]) / np.sqrt(np.sum(e0**2) * np.sum(u0**2))
+        assert found.cross[0][lag + 6] == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_missing_delay_is_found_and_placed():
+    rng = np.random.default_rng(3)
+    n = 3000
+    u, y = rng.standard_normal(n), np.zeros(n)
+    for k in range(5, n):
+        y[k] = 0.5 * y[k - 1] + u[k - 1] + 0.3 * u[k - 5] + 0.05 * rng.standard_normal()
+    data = Dataset.from_arrays({"u": u}, {"y": y}, 0.1)
+    train, test = data.split(0.5)
+    short, right = validate(ARX(na=1, nb=1).fit(train), test), validate(ARX(na=1, nb=5).fit(train), test)
+    assert "still depends on u" in short.residuals["y"].sentences[1]
+    assert "at 0.50 s" in short.residuals["y"].sentences[1]
+    assert "does not depend on u" in right.residuals["y"].sentences[1]
+    assert right.residuals["y"].white_p > 0.001
+    assert right.one_step_scores["y"].rmse == pytest.approx(0.05, rel=0.1)
+    assert right.free_run_scores["y"].fit < right.one_step_scores["y"].fit + 5
+
+
+def test_a_coloured_residual_is_called_so():
+    e = lfilter([1.0], [1.0, -0.4], np.random.default_rng(6).standard_normal(500))
+    found = judged(e, np.random.default_rng(7).standard_normal(500))
+    assert found.white_p < 1e-6
+    assert "is not white" in found.sentences[0]
+    assert found.autocorrelation[:3] == pytest.approx([1.0, 0.4, 0.16], abs=0.12)
+
+
+def test_an_input_that_stands_still_says_nothing():
+    rng = np.random.default_rng(4)
+    found = judged(rng.standard_normal(200), np.vstack([np.full(200, 3.0), rng.standard_normal(200)]), names=("v", "u"))
+    assert not found.cross[0].any()
+    assert found.cross[1].any()
+
+
+def test_training_data_are_refused_unless_asked_for():
+    rng = np.random.default_rng(5)
+    data = Dataset.from_arrays({"u": rng.standard_normal(200)}, {"y": rng.standard_normal(200)}, 0.1)
+    model = ARX(na=1, nb=1).fit(data.head(150))
+    with pytest.raises(ParameterError, match="used to fit the model"):
+        validate(model, data.rows(100, 200))
+    assert validate(model, data.rows(100, 200), on_training_data=True).name == "ARXModel"
+    assert validate(model, data.rows(150, 200), name="mine").name == "mine"
+    assert isinstance(model, ARXModel)
+
+
+@pytest.mark.parametrize("memory", [1, 7])
+def test_restarts_predict_every_sample_once(memory):
+    """Each starts from the samples before; a rest goes on its own, a stub that no run can start in goes."""
+    whole = Dataset.from_arrays({"u": np.arange(505.0)}, {"y": np.arange(505.0)}, 0.05)
+    stub = whole.rows(0, memory)
+    cut = restarted(join(whole, stub), 5.0, memory)
+    predicted = np.concatenate([part["y"][memory:] for part in cut.experiments])
+    assert np.array_equal(predicted, whole["y"][memory:])
+    assert [part.n_samples for part in cut.experiments[:-1]] == [100 + memory] * (len(cut.starts) - 1)
+    with pytest.raises(TooShortError, match="starts from"):
+        restarted(stub, 5.0, memory)
+    with pytest.raises(ParameterError, match="at least one sample"):
+        restarted(whole, 0.01, memory)

@@ -1,0 +1,413 @@
+"""State space: exact on clean data, agrees with SLICOT, refined to the optimum, honest about bad data."""
+
+import tracemalloc
+from dataclasses import replace
+
+import ctrlsys
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from slipangle.data.dataset import Dataset, join
+from slipangle.errors import ExcitationError, ParameterError, TooShortError
+from slipangle.identify.linear.pem import PEM
+from slipangle.identify.linear.prediction import Problem
+from slipangle.identify.linear.predictor import Bank, Triangles
+from slipangle.identify.linear.statespace import StateSpace
+from slipangle.identify.linear.subspace import Subspace, project, suggest_order
+from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.numerics.linear_response import LTI, recurrence
+
+SIZES = [(1, 1, 1), (2, 1, 1), (3, 2, 1), (4, 1, 2), (5, 2, 3), (6, 3, 2), (7, 1, 3), (8, 3, 3)]
+BY_SIZE = pytest.mark.parametrize(("n", "nu", "ny"), SIZES)
+
+
+def system(n, nu, ny, seed, gain=0.0, **more):
+    """A random stable system with poles of modulus 0.5 to 0.95."""
+    rng = np.random.default_rng(seed)
+    A, i = np.zeros((n, n)), 0
+    while i < n:
+        if n - i >= 2 and rng.random() < 0.7:
+            z = rng.uniform(0.5, 0.95) * np.exp(1j * rng.uniform(0.2, 2.5))
+            A[i : i + 2, i : i + 2] = [[z.real, z.imag], [-z.imag, z.real]]
+            i += 2
+        else:
+            A[i, i] = rng.uniform(0.5, 0.95) * rng.choice([-1, 1])
+            i += 1
+    turn = np.linalg.qr(rng.standard_normal((n, n)))[0]
+    A, C = turn @ A @ turn.T, rng.standard_normal((ny, n))
+    K = gain * rng.standard_normal((n, ny))
+    while np.abs(np.linalg.eigvals(A - K @ C)).max() > 0.97:
+        K *= 0.8
+    return StateSpaceModel(
+        A=A,
+        B=rng.standard_normal((n, nu)),
+        C=C,
+        D=rng.standard_normal((ny, nu)),
+        K=K,
+        dt=0.1,
+        inputs=tuple(f"u{i}" for i in range(nu)),
+        outputs=tuple(f"y{i}" for i in range(ny)),
+        **more,
+    )
+
+
+def record(model, n_samples, seed, noise=0.0):
+    """White input; innovations of standard deviation ``noise`` drive the states through K."""
+    rng = np.random.default_rng(seed)
+    u = rng.standard_normal((n_samples, model.n_inputs))
+    e = noise * rng.standard_normal((n_samples, model.n_outputs))
+    whole = LTI(A=model.A, B=np.hstack([model.B, model.K]), C=model.C, D=np.hstack([model.D, np.eye(model.n_outputs)]))
+    x0 = rng.standard_normal(model.order)
+    y = whole.respond(x0, np.hstack([u - model.u_offset, e]))[0] + model.y_offset
+    columns = {name: u[:, i] for i, name in enumerate(model.inputs)}
+    return Dataset.from_arrays(columns, {name: y[:, i] for i, name in enumerate(model.outputs)}, model.dt), x0
+
+
+def markov(model, which="B", count=30):
+    """Impulse response, the same in every basis of the state."""
+    first = [model.D] if which == "B" else []
+    gain, powers = getattr(model, which), [np.eye(model.order)]
+    for _ in range(count):
+        powers.append(powers[-1] @ model.A)
+    return np.array([*first, *(model.C @ p @ gain for p in powers)])
+
+
+def distance(a, b, which="B"):
+    """Largest difference of two impulse responses, relative to the largest entry."""
+    return np.abs(markov(a, which) - markov(b, which)).max() / np.abs(markov(b, which)).max()
+
+
+# ---- the fast responses ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n_samples", [1, 7, 31, 32, 33, 64, 500, 2500])
+def test_block_response_equals_the_loop(n_samples):
+    rng = np.random.default_rng(0)
+    m = system(4, 3, 2, 1)
+    f, g = rng.standard_normal(4), rng.standard_normal(2)
+    u, x0 = rng.standard_normal((n_samples, 3)), rng.standard_normal(4)
+    y, end = LTI(A=m.A, B=m.B, C=m.C, D=m.D, f=f, g=g).respond(x0, u)
+    x = x0
+    for k in range(n_samples):
+        assert y[k] == pytest.approx(m.C @ x + m.D @ u[k] + g, rel=1e-11, abs=1e-11)
+        x = m.A @ x + m.B @ u[k] + f
+    assert end == pytest.approx(x, rel=1e-11, abs=1e-11)
+
+
+@pytest.mark.parametrize("n", [0, 1, 32, 33, 300, 1000])
+def test_recurrence_of_batches_equals_the_loop(n):
+    rng = np.random.default_rng(1)
+    A, v, x0 = system(3, 1, 1, 2).A, rng.standard_normal((2, 5, n, 3)), rng.standard_normal((2, 5, 3))
+    x = recurrence(A, v, x0)
+    assert x.shape == (2, 5, n + 1, 3)
+    now = x0
+    for k in range(n):
+        now = now @ A.T + v[:, :, k]
+        assert x[:, :, k + 1] == pytest.approx(now, rel=1e-10, abs=1e-10)
+
+
+def test_bank_of_responses_in_chunks():
+    rng = np.random.default_rng(2)
+    m = system(3, 1, 2, 4)
+    z = rng.standard_normal((200, 2))
+    bank = Bank(m.A, m.C, 2)
+    out = np.concatenate([bank.respond(z[:64]), bank.respond(z[64:160]), bank.respond(z[160:])])
+    for i in range(3):
+        for j in range(2):
+            alone = LTI(A=m.A, B=np.eye(3)[:, i : i + 1], C=m.C, D=np.zeros((2, 1)))
+            assert out[:, :, i, j] == pytest.approx(alone.respond(np.zeros(3), z[:, j : j + 1])[0], abs=1e-12)
+        free = LTI(A=m.A, B=np.zeros((3, 1)), C=m.C, D=np.zeros((2, 1)))
+        assert out[:, :, i, 2] == pytest.approx(free.respond(np.eye(3)[i], np.zeros((200, 1)))[0], abs=1e-12)
+
+
+def test_triangles_solve_what_stacking_everything_solves():
+    rng = np.random.default_rng(3)
+    work = Triangles(2, 3)
+    shared, target, local = rng.standard_normal((300, 3)), rng.standard_normal(300), rng.standard_normal((300, 2))
+    for a, b in ((0, 120), (120, 300)):
+        for c in range(a, b, 50):
+            end = min(c + 50, b)
+            work.add(np.hstack([local[c:end], shared[c:end], target[c:end, None]]))
+        work.close()
+    wide = np.zeros((300, 4))
+    wide[:120, :2], wide[120:, 2:] = local[:120], local[120:]
+    theta = np.linalg.lstsq(np.hstack([wide, shared]), target, rcond=None)[0]
+    found = np.linalg.solve(work.shared[:3, :3], work.shared[:3, 3])
+    assert found == pytest.approx(theta[4:])
+    assert work.solve_locals(found).ravel() == pytest.approx(theta[:4])
+
+
+# ---- the model ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("singular", [False, True])
+def test_one_step_prediction_is_the_innovation_form(singular):
+    m = system(3, 2, 2, 5, gain=0.2, u_offset=[0.3, -1.0], y_offset=[5.0, 0.1])
+    if singular:
+        A = m.A.copy()
+        A[:, 0] = A[:, 1]
+        m = replace(m, A=A)
+    data, _ = record(m, 200, 6, noise=0.3)
+    run = m.predict(data)
+    last = m.memory - 1
+    z = m.initial_state(data.head(m.memory))
+    x = np.asarray(m.step(z, data.u[last]))[:3]
+    for k in range(m.memory, 200):
+        u, y = data.u[k] - m.u_offset, data.y[k] - m.y_offset
+        assert run.y[k] == pytest.approx(m.C @ x + m.D @ u + m.y_offset, rel=1e-9, abs=1e-9)
+        x = m.A @ x + m.B @ u + m.K @ (y - m.C @ x - m.D @ u)
+
+
+@BY_SIZE
+def test_free_run_continues_the_record_it_was_started_from(n, nu, ny):
+    m = system(n, nu, ny, n, gain=0.1)
+    data, _ = record(m, 300, n)
+    run = m.simulate(data)
+    assert run.error == pytest.approx(0.0, abs=1e-7 * np.abs(data.y).max())
+
+
+def test_change_of_basis_changes_nothing_outside():
+    m = system(4, 2, 2, 7, gain=0.2)
+    turned = m.transformed(np.random.default_rng(0).standard_normal((4, 4)))
+    assert distance(turned, m) < 1e-10
+    assert distance(turned, m, "K") < 1e-10
+
+
+def test_shapes_are_checked():
+    with pytest.raises(ParameterError, match=r"B has shape \(2, 1\); expected \(2, 2\)"):
+        StateSpaceModel(A=np.eye(2), B=np.ones((2, 1)), C=np.ones((1, 2)), dt=0.1, inputs=("a", "b"), outputs=("y",))
+
+
+# ---- subspace -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("algorithm", ["n4sid", "moesp", "cva"])
+@BY_SIZE
+def test_subspace_is_exact_on_clean_data_and_finds_the_order(n, nu, ny, algorithm):
+    m = system(n, nu, ny, 10 * n)
+    data, x0 = record(m, 1200, n)
+    found = Subspace(order=n, algorithm=algorithm, direct=True).fit(data)
+    assert distance(found, m) < 1e-8
+    assert found.C @ found.x0[0] == pytest.approx(m.C @ x0, abs=1e-7)
+    open_order = project(data, algorithm=algorithm, block_rows=12)
+    assert suggest_order(open_order.singular_values) == n
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1])
+@BY_SIZE
+def test_subspace_agrees_with_slicot(n, nu, ny, noise):
+    m = system(n, nu, ny, 3 * n, gain=0.1)
+    data, _ = record(m, 2500, n, noise=noise * np.std(markov(m)) * 3)
+    s = 12
+    u, y = np.asfortranarray(data.u), np.asfortranarray(data.y)
+    _, r, sv, _, info = ctrlsys.ib01ad("M", "Q", "M", "O", "N", "N", s, nu, ny, u.copy("F"), y.copy("F"), 0.0, -1.0)
+    assert info == 0
+    A, C, B, D, *_, info = ctrlsys.ib01bd("C", "A", "N", s, n, nu, ny, 2500, r, 0.0)
+    assert info == 0
+    theirs = replace(m, A=A, B=B, C=C, D=D, K=None)
+    ours = Subspace(order=n, algorithm="moesp", block_rows=s, direct=True).fit(data)
+    projection = project(data, algorithm="moesp", block_rows=s)
+    shown = projection.singular_values[:n] / projection.singular_values[0]
+    if noise == 0:
+        assert distance(ours, theirs) < 1e-7
+        return
+    assert np.sort(np.abs(ours.poles)) == pytest.approx(np.sort(np.abs(theirs.poles)), abs=0.1)
+    assert shown == pytest.approx(sv[:n] / sv[0], rel=0.05, abs=0.01)
+    to_truth = distance(theirs, m)
+    assert distance(ours, theirs) < 0.1
+    assert distance(ours, m) < 1.2 * to_truth + 0.01
+    refined = PEM(start=ours).fit(data)
+    start_at_slicot = PEM(start=replace(ours, A=A, B=B, C=C, D=D, K=np.zeros((n, ny)), x0=None)).fit(data)
+    assert distance(refined, start_at_slicot) < 1e-3  # one optimum, wherever one starts
+    assert distance(refined, m) < to_truth + 0.005
+
+
+@pytest.mark.parametrize("algorithm", ["n4sid", "moesp", "cva"])
+def test_gram_and_qr_give_the_same_subspace(monkeypatch, algorithm):
+    m = system(4, 2, 2, 8, gain=0.2)
+    data, _ = record(m, 3000, 1, noise=0.2)
+    one = Subspace(order=4, algorithm=algorithm, offset=True).fit(data)
+    monkeypatch.setattr("slipangle.identify.linear.subspace.np.linalg.eigvalsh", lambda a: np.array([0.0, 1.0]))
+    other = Subspace(order=4, algorithm=algorithm, offset=True).fit(data)
+    assert "lag products" in one.fit_info.method
+    assert "blocked QR" in other.fit_info.method
+    assert distance(one, other) < 1e-9
+    assert distance(one, other, "K") < 1e-8
+
+
+def test_offsets_are_eliminated_exactly():
+    m = system(3, 1, 2, 9, y_offset=[30.0, -4.0])
+    data, _ = record(m, 900, 3)
+    found = Subspace(order=3, direct=True, offset=True).fit(data)
+    assert distance(found, m) < 1e-8
+    level = found.y_offset + _gain_at_rest(found) @ -found.u_offset
+    assert level == pytest.approx(m.y_offset, rel=1e-8)
+
+
+def _gain_at_rest(model):
+    return model.C @ np.linalg.solve(np.eye(model.order) - model.A, model.B) + model.D
+
+
+def test_experiments_with_their_own_initial_states():
+    m = system(3, 2, 1, 11)
+    parts = [record(m, n, 20 + n) for n in (150, 400, 250)]
+    data = join(*(p[0] for p in parts))
+    for estimator in (Subspace(order=3, direct=True), StateSpace(order=3, direct=True)):
+        found = estimator.fit(data)
+        assert distance(found, m) < 1e-6
+        assert found.x0 @ found.C.T == pytest.approx(np.array([p[1] for p in parts]) @ m.C.T, abs=1e-5)
+
+
+# ---- prediction error -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("focus", ["prediction", "simulation"])
+@pytest.mark.parametrize("offsets", ["none", "both"])
+def test_gradient_matches_finite_differences(focus, offsets):
+    m = system(3, 2, 2, 12, gain=0.1, u_offset=[0.3, 0.1], y_offset=[0.1, 0.2])
+    data = join(record(m, 150, 1, noise=0.3)[0], record(m, 90, 2, noise=0.3)[0])
+    problem = Problem(PEM(start=m, focus=focus, offsets=offsets, direct=True), data)
+    point = problem._with_initial_states(problem.point)
+    work, moves = problem.linearise(point)
+    r = work.shared
+    gradient = -2 * r[:, :-1].T @ r[:, -1]
+    for k in range(moves.shape[1]):
+        h = 1e-5
+        ahead, back = (problem.cost(problem.moved(point, s * h * moves[:, k], 0.0)) for s in (1, -1))
+        assert gradient[k] == pytest.approx((ahead - back) / (2 * h), rel=1e-5, abs=1e-5 * np.abs(gradient).max())
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_maximum_likelihood_beats_the_start_and_its_covariance_is_honest(seed):
+    m = system(2, 1, 1, 13, gain=0.6)
+    data, _ = record(m, 6000, 30 + seed, noise=0.5)
+    start = Subspace(order=2, direct=True).fit(data)
+    refined = PEM(start=start).fit(data)
+    assert refined.fit_info.noise_std <= start.fit_info.noise_std
+    assert refined.fit_info.noise_std == pytest.approx(0.5, rel=0.03)
+    # the first Markov parameter C B in units of its standard deviation, by the delta method
+    info = refined.fit_info
+    gradient = np.zeros(len(info.values))
+    for i in range(2):
+        gradient[info.names.index(f"B[{i},0]")] = refined.C[0, i]
+        gradient[info.names.index(f"C[0,{i}]")] = refined.B[i, 0]
+    std = float(np.sqrt(gradient @ info.covariance @ gradient))
+    error = float((refined.C @ refined.B - m.C @ m.B)[0, 0])
+    assert std == pytest.approx(0.5 / np.sqrt(6000), rel=0.3)
+    assert abs(error) < 4 * std
+
+
+def test_simulation_focus_minimises_the_free_run():
+    m = system(2, 1, 1, 14)
+    data, _ = record(m, 800, 5, noise=0.5)
+    start = Subspace(order=2, direct=True).fit(data)
+    refined = PEM(start=start, focus="simulation").fit(data)
+    assert not refined.K.any()
+    free = LTI(A=refined.A, B=refined.B, C=refined.C, D=refined.D).respond(refined.x0[0], data.u)[0]
+    assert np.sqrt(np.mean((data.y - free) ** 2)) == pytest.approx(refined.fit_info.noise_std[0], rel=0.01)
+    assert distance(refined, m) < 0.05
+
+
+def test_integrator_needs_the_input_offset():
+    rng = np.random.default_rng(6)
+    u = 2.0 + np.repeat(rng.standard_normal(60), 10)
+    v, p = np.zeros(600), np.zeros(600)
+    for k in range(599):
+        v[k + 1] = 0.9 * v[k] + 0.1 * (u[k] - 2.0)
+        p[k + 1] = p[k] + 0.1 * v[k]
+    y = {"p": 3 + p + 1e-3 * rng.standard_normal(600), "v": v + 1e-3 * rng.standard_normal(600)}
+    data = Dataset.from_arrays({"u": u}, y, 0.1)
+    model = StateSpace(order=2, focus="simulation", offsets="both", max_radius=1.0).fit(data)
+    assert np.sort(np.abs(model.poles)) == pytest.approx([0.9, 1.0], abs=0.01)
+    assert model.fit_info.noise_std == pytest.approx(1e-3, rel=0.2)
+
+
+def test_stability_limit_holds():
+    m = system(2, 1, 1, 15)
+    A = m.A * (0.999 / np.abs(m.poles).max())
+    m = replace(m, A=A)
+    data, _ = record(m, 300, 7, noise=3.0)
+    model = StateSpace(order=4, focus="simulation", max_radius=0.98).fit(data)
+    assert np.abs(model.poles).max() <= 0.98 + 1e-12
+
+
+def test_order_by_cross_validation():
+    m = system(3, 1, 1, 16, gain=0.3)
+    data, _ = record(m, 2500, 8, noise=0.3)
+    choice = StateSpace(order=(1, 2, 3, 4, 5), direct=True).choose_order(data)
+    assert choice.order == 3
+    assert choice.errors[2] < 0.99 * choice.errors[1]
+    assert choice.errors.min() > 0.99 * choice.errors[2]
+    assert choice.held_out == "the last 25 % of the record"
+    parts = join(*(record(m, 500, 40 + i, noise=0.3)[0] for i in range(3)))
+    assert "3 groups" in StateSpace(order=(3,), direct=True).choose_order(parts).held_out
+
+
+# ---- bad data -------------------------------------------------------------------------------------------------------
+
+
+def test_sine_input_cannot_excite_many_lags():
+    data, _ = record(system(2, 1, 1, 17), 400, 9)
+    sine = data.with_channel("u0", np.sin(0.3 * np.arange(400)))
+    with pytest.raises(ExcitationError, match=r"20 lags of 1 inputs.*rank 2.*u0.*richer excitation"):
+        Subspace(order=2, block_rows=10).fit(sine)
+
+
+def test_collinear_inputs_are_named():
+    data, _ = record(system(2, 2, 1, 18), 400, 10)
+    with pytest.raises(ExcitationError, match="those of u0, u1 depend"):
+        Subspace(order=2).fit(data.with_channel("u1", -3 * data["u0"]))
+
+
+def test_constant_input_is_named():
+    data, _ = record(system(2, 1, 1, 17), 400, 9)
+    with pytest.raises(ExcitationError, match=r"'u0'.*constant at 2"):
+        StateSpace(order=2).fit(data.with_channel("u0", np.full(400, 2.0)))
+
+
+def test_too_few_windows():
+    data, _ = record(system(2, 1, 1, 17), 60, 9)
+    with pytest.raises(TooShortError, match="21 windows of 40 samples for 80 rows"):
+        Subspace(order=2, block_rows=20).fit(data)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"algorithm": "n4sd"}, "nearest are 'n4sid'"),
+        ({"order": 0}, "order is 0"),
+        ({"order": 12, "block_rows": 6}, "block_rows is 6 for order 12"),
+    ],
+)
+def test_settings_that_make_no_sense(settings, words):
+    data, _ = record(system(2, 1, 1, 17), 400, 9)
+    with pytest.raises(ParameterError, match=words):
+        Subspace(**settings).fit(data)
+
+
+def test_high_signal_to_noise_converges_from_any_start():
+    """A bent, narrow valley: noise of 0.3 % on the output, two roots of the disturbance at zero."""
+    rng = np.random.default_rng(0)
+    n, poles = 4000, np.array([0.95 * np.exp(0.2j), 0.95 * np.exp(-0.2j), 0.8, 0.5])
+    u, e, denominator = rng.standard_normal(n), 0.3 * rng.standard_normal(n), np.real(np.poly(poles))
+    y = lfilter([0.0, 1.0, 0.5, -0.3, 0.1], denominator, u) + lfilter([1.0, -1.2, 0.5, 0.0, 0.0], denominator, e)
+    data = Dataset.from_arrays({"u": u}, {"y": y}, 1.0)
+    found = [PEM(start=Subspace(order=4, algorithm=a, block_rows=20).fit(data)).fit(data) for a in ("cva", "n4sid")]
+    assert found[0].fit_info.warnings == found[1].fit_info.warnings == ()
+    assert found[0].fit_info.noise_std == pytest.approx(found[1].fit_info.noise_std, rel=1e-6)
+    assert found[0].fit_info.noise_std == pytest.approx([np.std(e)], rel=0.01)
+    assert np.sort_complex(found[0].poles) == pytest.approx(np.sort_complex(found[1].poles), abs=1e-3)
+
+
+@pytest.mark.parametrize("algorithm", ["n4sid", "moesp", "cva"])
+def test_memory_does_not_grow_with_the_record(algorithm):
+    rng = np.random.default_rng(0)
+    long = Dataset.from_arrays({"u": rng.standard_normal(400_000)}, {"y": rng.standard_normal(400_000)}, 0.1)
+    peaks = []
+    for data in (long.head(100_000), long):
+        tracemalloc.start()
+        Subspace(order=2, algorithm=algorithm, block_rows=10).fit(data)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.05 * peaks[0] + 50_000

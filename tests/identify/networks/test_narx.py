@@ -1,0 +1,238 @@
+"""NARX training: learns what it should, the same from the same seed, never from held-out or test data."""
+
+import subprocess
+import sys
+import warnings
+
+import numpy as np
+import pytest
+
+from slipangle.data.dataset import Dataset, join
+from slipangle.errors import ExcitationError, ModelWarning, ParameterError, TooShortError
+from slipangle.identify.judge.validate import validate
+from slipangle.identify.linear.arx import ARX
+from slipangle.identify.networks import narx, windows
+from slipangle.identify.networks.narx import NARX
+from slipangle.identify.networks.problem import Stage
+from slipangle.models.black_box.networks import MLP, Scaling
+from slipangle.reproduce.plants import narendra
+
+QUICK = (Stage(epochs=40, batch=50),)
+SMALL = {"na": 3, "nb": 2, "hidden": (8,), "stages": QUICK}
+
+
+def parameters(model):
+    return model.network.parameters
+
+
+def mimo(n=400, seed=0, noise=0.0):
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1, 1, (n // 4, 2)), 4, axis=0)
+    y = np.zeros((n, 2))
+    for k in range(3, n):
+        y[k, 0] = 0.6 * y[k - 1, 0] - 0.2 * y[k - 2, 1] + 0.5 * u[k - 3, 0] + 0.1 * np.sin(3 * u[k - 2, 1])
+        y[k, 1] = 0.3 * y[k - 1, 0] + 0.5 * y[k - 1, 1] + 0.4 * u[k - 2, 1]
+    y = 5.0 + 20.0 * y + noise * rng.standard_normal((n, 2))
+    return Dataset.from_arrays(
+        {"delta": u[:, 0], "v_x": 100 + 30 * u[:, 1]}, {"r": y[:, 0], "a_y": y[:, 1]}, 0.05, name=f"mimo {seed}"
+    )
+
+
+def test_learns_the_narendra_system_far_beyond_a_linear_model():
+    train, test = narendra.estimation(seed=1), narendra.validation()
+    model = NARX(na=3, nb=2, hidden=(30,), stages=(Stage(epochs=400, learning_rate=5e-3),)).fit(train)
+    linear = ARX(na=3, nb=2).fit(train)
+    here, there = (validate(m, test).free_run_scores["y"].rmse for m in (model, linear))
+    assert here < 0.045
+    assert here < 0.5 * there
+
+
+def test_several_inputs_and_outputs_with_delay_and_offsets():
+    model = NARX(na=2, nb=2, nk=2, hidden=(30,), stages=(Stage(epochs=1500, learning_rate=5e-3, batch=50),)).fit(mimo())
+    scores = validate(model, mimo(seed=1)).free_run_scores
+    assert scores["r"].fit > 90
+    assert scores["a_y"].fit > 90
+
+
+def test_one_step_stage_of_an_affine_network_reaches_least_squares():
+    """Without hidden layers the loss has one minimum, known from ARX."""
+    train = mimo(noise=0.5)
+    arx = ARX(na=2, nb=2, nk=2, offset=True).fit(train).predict(train)
+    best = np.mean((arx.error[arx.predicted] / train.y.std(axis=0)) ** 2)
+    problem = narx.LagNetwork(na=2, nb=2, nk=2, activation="elu")
+    stage = Stage(epochs=9000, learning_rate=3e-2, batch=400)
+    from slipangle.identify.networks import descent
+
+    with descent.precision("double"):
+        start = descent.to_device(windows.layers(MLP.random((8, 2), seed=0)))
+        arrays = descent.to_device(scaled(train))
+        steps = descent.Steps(problem, stage, start, arrays, windows.window_starts(train, 3, 1), seed=0)
+        losses = [steps.advance(3000) for _ in range(3)]
+    assert losses[0] >= losses[-1] >= best * (1 - 1e-9)
+    assert losses[-1] == pytest.approx(best, rel=1e-4)
+
+
+def scaled(data):
+    return windows.scaled(data, Scaling.standard(data.u), Scaling.standard(data.y), data)
+
+
+def test_same_seed_same_weights_other_seed_other_weights():
+    data = narendra.estimation(300)
+    fits = [NARX(**SMALL, seeds=(s,)).fit(data) for s in (0, 0, 1)]
+    assert np.array_equal(parameters(fits[0]), parameters(fits[1]))
+    assert not np.array_equal(parameters(fits[0]), parameters(fits[2]))
+
+
+def test_every_seed_is_kept_and_the_best_wins():
+    data = narendra.estimation(300)
+    model = NARX(**SMALL, seeds=(0, 1, 2)).fit(data)
+    trials = model.fit_info.trials
+    assert [t.seed for t in trials] == [0, 1, 2]
+    best = min(trials, key=lambda t: t.score)
+    alone = NARX(**SMALL, seeds=(best.seed,)).fit(data)
+    assert np.array_equal(parameters(model), parameters(alone))
+    assert f"seed {best.seed} of 3" in model.fit_info.method
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_score_is_the_free_run_error_of_the_held_out_part(precision):
+    data = mimo()
+    model = NARX(na=2, nb=1, nk=3, hidden=(10,), stages=QUICK, precision=precision).fit(data)
+    inner, held = data.split(0.85)
+    run = model.simulate(held)
+    error = run.error[run.predicted] / inner.y.std(axis=0)
+    assert model.fit_info.trials[0].score == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-4)
+
+
+def test_score_with_held_out_experiments_of_different_length():
+    """The last 15 % begin inside one experiment and hold a shorter and a longer one."""
+    data = join(mimo(400, 0), mimo(40, 1), mimo(60, 2), mimo(20, 3))
+    model = NARX(na=2, nb=1, nk=3, hidden=(10,), stages=QUICK, holdout=0.2).fit(data)
+    inner, held = data.split(0.8)
+    assert len(held.experiments) == 3
+    run = model.simulate(held)
+    error = run.error[run.predicted] / inner.y.std(axis=0)
+    assert model.fit_info.trials[0].score == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-4)
+
+
+def test_held_out_part_never_reaches_a_gradient():
+    """Garbage at the end of the record may change which epoch is kept, never what an epoch learns."""
+    data = narendra.estimation(300)
+    y = data["y"].copy()
+    y[255:] = np.random.default_rng(0).normal(size=45)
+    spoilt = data.with_channel("y", y)
+    one_check = (Stage(epochs=1, batch=50),)
+    settings = SMALL | {"stages": one_check}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)  # garbage may leave the random start unbeaten
+        fits = [NARX(**settings).fit(d) for d in (data, spoilt)]
+    if all(f.fit_info.trials[0].epoch for f in fits):
+        assert np.array_equal(*(parameters(f) for f in fits))
+    rows = windows.window_starts(data.split(0.85)[0], 3, 20)
+    assert rows.max() + 20 <= 255
+
+
+def test_windows_stay_inside_their_experiment():
+    data = join(narendra.estimation(30, seed=0), narendra.estimation(12, seed=1), narendra.estimation(20, seed=2))
+    rows = windows.window_starts(data, 3, 10)
+    assert rows.tolist() == [*range(3, 21), *range(45, 53)]
+    model = NARX(**SMALL, holdout=0.3).fit(data)
+    assert model.simulate(data).predicted.sum() == 62 - 9
+
+
+@pytest.mark.parametrize("horizon", [1, 7])
+def test_loss_is_the_error_of_restarted_free_runs(horizon):
+    """The loss over windows equals free runs of the finished model from each start, in double precision."""
+    data = mimo(60)
+    stage = Stage(horizon=horizon, epochs=1, learning_rate=1e-3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ModelWarning)
+        model = NARX(na=2, nb=2, nk=2, hidden=(6,), stages=(stage,), holdout=0.0, precision="double").fit(data)
+    rows = windows.window_starts(data, 3, horizon)[::4]
+    errors = []
+    for k in rows:
+        run = model.simulate(data.rows(k - 3, k + horizon))
+        errors.append(run.error[run.predicted] / data.y.std(axis=0))
+    from slipangle.identify.networks import descent
+
+    problem = narx.LagNetwork(na=2, nb=2, nk=2, activation="elu")
+    with descent.precision("double"):
+        loss = problem.loss(windows.layers(model.network), descent.to_device(scaled(data)), rows, horizon)
+    assert float(loss) == pytest.approx(np.mean(np.square(errors)), rel=1e-10)
+
+
+def test_diverging_training_keeps_the_best_and_says_so():
+    data = narendra.estimation(300)
+    stages = (Stage(epochs=40, batch=50), Stage(epochs=200, learning_rate=1e30))
+    with pytest.warns(ModelWarning, match=r"seed 0: training diverged before epoch \d+ .* of epoch \d+ are kept"):
+        model = NARX(**SMALL | {"stages": stages}).fit(data)
+    kept = NARX(**SMALL).fit(data)
+    assert np.array_equal(parameters(model), parameters(kept))
+    assert "diverged" in model.fit_info.warnings[0]
+    assert model.fit_info.trials[0].curve[-1, 1] == np.inf
+
+
+def test_training_stops_early_when_nothing_improves():
+    data = mimo(200, noise=20.0)
+    stage = Stage(epochs=4000, patience=100, learning_rate=1e-2)
+    model = NARX(na=2, nb=2, hidden=(20,), stages=(stage,)).fit(data)
+    trial = model.fit_info.trials[0]
+    assert trial.epochs < 4000
+    assert trial.epochs == trial.epoch + 100
+    assert trial.score == pytest.approx(trial.curve[:, 1].min())
+
+
+def test_jax_settings_stay_and_weights_are_numpy():
+    import jax
+
+    before = jax.numpy.zeros(1).dtype
+    model = NARX(**SMALL, precision="double").fit(narendra.estimation(200))
+    assert jax.numpy.zeros(1).dtype == before
+    assert all(type(a) is np.ndarray and a.dtype == float for a in (*model.network.weights, *model.network.biases))
+
+
+def test_importing_the_estimator_does_not_import_jax():
+    code = "import sys, slipangle.identify.networks.narx; raise SystemExit('jax' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_progress_rises_to_one():
+    told = []
+    NARX(**SMALL, seeds=(0, 1)).fit(narendra.estimation(200), progress=lambda share, what: told.append((share, what)))
+    shares = [s for s, _ in told]
+    assert shares == sorted(shares)
+    assert shares[-1] == pytest.approx(1.0)
+    assert "seed 2 of 2" in told[-1][1]
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"na": 0}, "na is 0"),
+        ({"hidden": (5, 0)}, "hidden layers"),
+        ({"activation": "relu"}, "'relu'.*elu"),
+        ({"holdout": 0.9}, "holdout is 0.9"),
+        ({"seeds": ()}, "0 seeds"),
+        ({"stages": ()}, "0 stages"),
+        ({"precision": "half"}, "'half'"),
+    ],
+)
+def test_bad_settings(settings, said):
+    with pytest.raises(ParameterError, match=said):
+        NARX(**SMALL | settings).fit(narendra.estimation(200))
+
+
+@pytest.mark.parametrize("settings", [{"horizon": 0}, {"epochs": 0}, {"learning_rate": 0.0}, {"weight_decay": -1.0}])
+def test_bad_stage(settings):
+    with pytest.raises(ParameterError, match=next(iter(settings))):
+        Stage(**settings)
+
+
+def test_constant_input_and_short_records():
+    data = narendra.estimation(200)
+    with pytest.raises(ExcitationError, match="'u'"):
+        NARX(**SMALL).fit(data.with_channel("u", np.ones(200)))
+    with pytest.raises(TooShortError, match="held out"):
+        NARX(**SMALL).fit(data.rows(0, 16))
+    with pytest.raises(TooShortError, match="window of 500"):
+        NARX(**SMALL | {"stages": (Stage(horizon=500),)}).fit(data)

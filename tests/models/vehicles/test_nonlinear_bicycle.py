@@ -1,0 +1,62 @@
+"""The nonlinear bicycle reduces to the linear one at small angles and saturates as friction says."""
+
+import numpy as np
+import pytest
+
+from slipangle.models.vehicles.bicycle import bicycle
+from slipangle.models.vehicles.nonlinear_bicycle import (
+    NonlinearBicycle,
+    NonlinearBicycleParams,
+    axle_force,
+    nonlinear_bicycle,
+)
+from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams
+
+CAR = {"mass": 982.0, "inertia_z": 900.0, "wheelbase": 2.4, "l_f": 1.3, "C_f": 6e4, "C_r": 9e4}
+PARAMS = NonlinearBicycleParams(**CAR)
+
+
+@pytest.mark.parametrize("v", [10.0, 30.0, 60.0])
+def test_small_angles_are_the_linear_bicycle(v):
+    linear = bicycle(1e-4, 1e-5, 2e-4, v, BicycleParams(**CAR))
+    coasting = -PARAMS.drag * v * v / PARAMS.mass  # no force along the tires
+    level = PARAMS.with_values(transfer_x=0.0)
+    v_y_dot, r_dot, _ = nonlinear_bicycle(1e-4, 1e-5, 2e-4, v, coasting, level)
+    assert [v_y_dot, r_dot] == pytest.approx(list(linear), rel=2e-3)
+
+
+@pytest.mark.parametrize("F_x", [0.0, 3000.0, 6000.0])
+def test_force_stays_on_the_friction_ellipse(F_x):
+    load, mu = 5000.0, 1.2
+    p = PARAMS.with_values(friction_load=0.0)
+    peak = max(axle_force(a, load, load, 0.0, F_x, 9e4, mu, 0.0, p) for a in np.linspace(0, 0.6, 400))
+    allowed = np.sqrt(max((mu * load) ** 2 - F_x**2, 0.0))
+    assert peak <= allowed + 0.03 * mu * load
+    assert peak >= 0.97 * allowed
+
+
+def test_load_transfer_costs_grip():
+    forces = [axle_force(0.3, 5000.0, 5000.0, t, 0.0, 9e4, 1.2, 0.0, PARAMS) for t in (0.0, 1000.0, 2000.0)]
+    assert forces[0] > forces[1] > forces[2] > 0.8 * forces[0]
+
+
+def test_lifting_off_loads_the_front():
+    _, r_braking, _ = nonlinear_bicycle(0.0, 0.1, 0.05, 30.0, -5.0, PARAMS.with_values(brake_rear=0.5))
+    _, r_coasting, _ = nonlinear_bicycle(0.0, 0.1, 0.05, 30.0, 0.0, PARAMS)
+    assert r_braking > r_coasting
+
+
+def test_left_and_right_are_mirrored():
+    left = nonlinear_bicycle(0.4, 0.3, 0.05, 30.0, -3.0, PARAMS)
+    right = nonlinear_bicycle(-0.4, -0.3, -0.05, 30.0, -3.0, PARAMS)
+    assert left == pytest.approx([-f for f in right], rel=1e-12)
+
+
+def test_standstill_is_defined():
+    model = NonlinearBicycle(params=PARAMS, dt=0.05)
+    x = np.zeros(3)
+    for v in (0.0, -3.0, 80.0):
+        for _ in range(100):
+            x = model.step(x, np.array([0.2, v, 0.0]))
+        assert np.isfinite(x).all()
+    assert GRAVITY == 9.81
