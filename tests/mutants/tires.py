@@ -79,6 +79,7 @@ MUTANTS = [
             ("6.1: sign of RBY3", "(s.tangent - c.RBY3)", "(s.tangent + c.RBY3)"),
             ("6.1: load over the load itself", "dfz=(load - fz0) / fz0", "dfz=(load - fz0) / load"),
             ("6.1: combined slip without its norm", "/ cos(c.RCX1 * curved(B * c.RHX1, E))", "/ 1.0"),
+            ("6.1: trail ahead of the wheel", "M_zr - t * trailing", "M_zr + t * trailing"),
             ("6.1: overturning by side force", "c.QSX3 / c.FNOMIN * F_y -", "-c.QSX3 / c.FNOMIN * F_y -"),
         ],
     ),
@@ -92,9 +93,12 @@ MUTANTS = [
                 "(1.0 - c.PDY3 * gamma * gamma) * s.mu_y",
                 "(1.0 + c.PDY3 * gamma * gamma) * s.mu_y",
             ),
-            ("6.1: trail ahead of the wheel", "M_zr - t * (G_y_upright", "M_zr + t * (G_y_upright"),
-            ("6.1: exponent of slip stiffness", "exp(c.PKX3 * dfz)", "exp(-c.PKX3 * dfz)"),
         ],
+    ),
+    *mistakes(
+        "models/tires/magic_formula/longitudinal.py",
+        ORACLE,
+        [("6.1: exponent of slip stiffness", "exp(c.PKX3 * dfz)", "exp(-c.PKX3 * dfz)")],
     ),
     *mistakes(
         "models/tires/magic_formula/mf52.py",

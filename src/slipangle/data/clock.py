@@ -216,10 +216,7 @@ def _resolution(t: np.ndarray, dt: float) -> float:
 
 
 def _gap_notes(
-    t: np.ndarray,
-    spans: list[tuple[int, int]],
-    pieces: tuple[tuple[int, int], ...],
-    row_name: Callable[[int], str],
+    t: np.ndarray, spans: list[tuple[int, int]], pieces: tuple[tuple[int, int], ...], row_name: Callable[[int], str]
 ) -> tuple[str, ...]:
     notes = []
     if len(spans) > 1:
@@ -235,13 +232,7 @@ def _gap_notes(
 
 
 def _jitter_note(
-    t: np.ndarray,
-    steps: np.ndarray,
-    dt: float,
-    jitter: float,
-    gap: float,
-    row_name: Callable[[int], str],
-    what: str,
+    t: np.ndarray, steps: np.ndarray, dt: float, jitter: float, gap: float, row_name: Callable[[int], str], what: str
 ) -> tuple[str, ...]:
     inside = np.where(steps > gap * dt, dt, steps)
     deviation = np.abs(inside - dt) / dt

@@ -28,12 +28,7 @@ class Lane(NamedTuple):
 
 
 def double_lane_change(
-    v_x: float,
-    *,
-    width: float = 1.8,
-    blend: float = 5.0,
-    run_in: float = 30.0,
-    run_out: float = 30.0,
+    v_x: float, *, width: float = 1.8, blend: float = 5.0, run_in: float = 30.0, run_out: float = 30.0
 ) -> Path:
     """Double lane change of ISO 3888-1, to the left and back.
 
@@ -75,12 +70,7 @@ def double_lane_change(
 
 
 def obstacle_avoidance(
-    v_x: float,
-    *,
-    width: float = 1.8,
-    blend: float = 3.0,
-    run_in: float = 30.0,
-    run_out: float = 30.0,
+    v_x: float, *, width: float = 1.8, blend: float = 3.0, run_in: float = 30.0, run_out: float = 30.0
 ) -> Path:
     """Obstacle avoidance of ISO 3888-2, to the left and back.
 

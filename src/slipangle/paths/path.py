@@ -225,12 +225,7 @@ class Path:
 
     @classmethod
     def from_csv(
-        cls,
-        file: str | FilePath,
-        *,
-        closed: bool | None = None,
-        smoothing: float = 0.0,
-        spacing: float = SPACING,
+        cls, file: str | FilePath, *, closed: bool | None = None, smoothing: float = 0.0, spacing: float = SPACING
     ) -> Self:
         """Track from a text file with columns x, y and, if known, width to the right and to the left. [m]
 

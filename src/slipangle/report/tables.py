@@ -343,11 +343,7 @@ class ScoreRow:
 
 
 def score_table(
-    scores: Sequence[ScoreRow],
-    *,
-    title: str = "Free run beside one-step-ahead",
-    caption: str = "",
-    command: str = "",
+    scores: Sequence[ScoreRow], *, title: str = "Free run beside one-step-ahead", caption: str = "", command: str = ""
 ) -> Table:
     """Scores of models and published results, one row each."""
     units = {s.unit for s in scores}

@@ -159,13 +159,7 @@ class LookUpTire(Tire):
         return found if is_symbolic(slip) else np.asarray(found).ravel()[0]
 
     def forces(
-        self,
-        slip_ratio: Scalar,
-        slip_angle: Scalar,
-        load: Scalar,
-        *,
-        camber: Scalar = 0.0,
-        friction: Scalar = 1.0,
+        self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0
     ) -> TireForces:
         """Friction coefficients times load."""
         mu_x = self._look_up("mu_x", self.slip_ratio, self.mu_x, slip_ratio)

@@ -18,11 +18,7 @@ Clock = Callable[[], float]
 
 
 def in_turn(
-    runs: dict[str, tuple[Callable[[], Any], int]],
-    progress: Progress,
-    *,
-    rounds: int,
-    clock: Clock = time.perf_counter,
+    runs: dict[str, tuple[Callable[[], Any], int]], progress: Progress, *, rounds: int, clock: Clock = time.perf_counter
 ) -> tuple[dict[str, list[float]], dict[str, Any]]:
     """Amount per second of every run in every round, and what it gave last; peers sit out after three rounds.
 

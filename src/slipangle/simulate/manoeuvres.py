@@ -129,13 +129,7 @@ def ramp_steer(
 
 
 def steady_turn(
-    v_x: float,
-    delta: float,
-    *,
-    release: float = 5.0,
-    brake: float = 0.0,
-    duration: float = 9.0,
-    dt: float = 0.01,
+    v_x: float, delta: float, *, release: float = 5.0, brake: float = 0.0, duration: float = 9.0, dt: float = 0.01
 ) -> Manoeuvre:
     """A steady turn at ``delta`` [rad], left at ``release`` by lifting off (ISO 9816) or braking (ISO 7975)."""
     n = _samples(duration, dt)
@@ -355,13 +349,7 @@ def three_segments(
 
 
 def lap(
-    file: str | FilePath,
-    *,
-    v_max: float,
-    a_y: float,
-    a_x: float,
-    a_brake: float | None = None,
-    smoothing: float = 0.0,
+    file: str | FilePath, *, v_max: float, a_y: float, a_x: float, a_brake: float | None = None, smoothing: float = 0.0
 ) -> Path:
     """A lap on a track file (`Path.from_csv`) with the fastest speed within acceleration limits. [m/s, m/s2]
 

@@ -176,12 +176,7 @@ def despike(data: Dataset, channel: str, width: int = 5, threshold: float = 12.0
 
 
 def find_jumps(
-    data: Dataset,
-    channel: str,
-    *,
-    threshold: float = 12.0,
-    fastest: float | None = None,
-    skip: tuple[Spike, ...] = (),
+    data: Dataset, channel: str, *, threshold: float = 12.0, fastest: float | None = None, skip: tuple[Spike, ...] = ()
 ) -> tuple[Jump, ...]:
     """Steps from one sample to the next that are too large.
 

@@ -174,9 +174,7 @@ class DataReport:
         return f"{text}, {between}" + (f", the longest gap {longest:.3g} s" if longest > 0 else "")
 
     @property
-    def findings(
-        self,
-    ) -> tuple[Spike | Jump | Delay | Offset | Stretch | Clipping | Resolution | Excitation, ...]:
+    def findings(self) -> tuple[Spike | Jump | Delay | Offset | Stretch | Clipping | Resolution | Excitation, ...]:
         """All findings, the most alarming kind first."""
         return (
             *self.spikes,

@@ -206,13 +206,7 @@ def swept_sine(
 
 
 def sine_with_dwell(
-    n: int,
-    dt: float,
-    *,
-    amplitude: float,
-    frequency: float = 0.7,
-    dwell: float = 0.5,
-    start: float = 1.0,
+    n: int, dt: float, *, amplitude: float, frequency: float = 0.7, dwell: float = 0.5, start: float = 1.0
 ) -> np.ndarray:
     """One period of a sine that waits at its second peak: the stability test of FMVSS 126 and ISO 19365.
 

@@ -153,13 +153,7 @@ class NeuralTire(Tire):
             raise ParameterError(f"combined is '{self.combined}'; expected 'none' or 'ellipse'")
 
     def forces(
-        self,
-        slip_ratio: Scalar,
-        slip_angle: Scalar,
-        load: Scalar,
-        *,
-        camber: Scalar = 0.0,
-        friction: Scalar = 1.0,
+        self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0
     ) -> TireForces:
         """Friction coefficients times load."""
         k_x, k_y = self.longitudinal, self.lateral

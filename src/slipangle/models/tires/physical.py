@@ -53,13 +53,7 @@ class BrushTire(ParameterSet, Tire):
     fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
     def forces(
-        self,
-        slip_ratio: Scalar,
-        slip_angle: Scalar,
-        load: Scalar,
-        *,
-        camber: Scalar = 0.0,
-        friction: Scalar = 1.0,
+        self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0
     ) -> TireForces:
         """Forces and aligning moment; camber has no influence."""
         sigma_x, sigma_y = tread_slip(slip_ratio, slip_angle)
@@ -93,13 +87,7 @@ class DugoffTire(ParameterSet, Tire):
     fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
     def forces(
-        self,
-        slip_ratio: Scalar,
-        slip_angle: Scalar,
-        load: Scalar,
-        *,
-        camber: Scalar = 0.0,
-        friction: Scalar = 1.0,
+        self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0
     ) -> TireForces:
         """Forces; camber has no influence, moments are not part of the model."""
         sigma_x, sigma_y = tread_slip(slip_ratio, slip_angle)

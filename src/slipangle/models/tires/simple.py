@@ -35,13 +35,7 @@ class Tire(abc.ABC):
 
     @abc.abstractmethod
     def forces(
-        self,
-        slip_ratio: Scalar,
-        slip_angle: Scalar,
-        load: Scalar,
-        *,
-        camber: Scalar = 0.0,
-        friction: Scalar = 1.0,
+        self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0
     ) -> TireForces:
         """Forces at the contact patch.
 
@@ -117,13 +111,7 @@ class LinearTire(ParameterSet, Tire):
     fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
     def forces(
-        self,
-        slip_ratio: Scalar,
-        slip_angle: Scalar,
-        load: Scalar,
-        *,
-        camber: Scalar = 0.0,
-        friction: Scalar = 1.0,
+        self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0
     ) -> TireForces:
         """Linear forces; load, camber and friction have no influence."""
         return TireForces(self.C_s * slip_ratio, self.C_alpha * slip_angle)
@@ -184,13 +172,7 @@ class SimpleMagicFormula(Tire):
     combined: Literal["none", "ellipse"] = "none"
 
     def forces(
-        self,
-        slip_ratio: Scalar,
-        slip_angle: Scalar,
-        load: Scalar,
-        *,
-        camber: Scalar = 0.0,
-        friction: Scalar = 1.0,
+        self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0
     ) -> TireForces:
         """Friction coefficients times load; camber has no influence."""
         if self.combined == "none":

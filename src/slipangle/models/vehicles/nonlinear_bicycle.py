@@ -10,9 +10,10 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.models.ode import OdeModel
+from slipangle.models.tires.magic_formula.terms import curved
 from slipangle.models.vehicles.axle import small_slip_angles
 from slipangle.models.vehicles.parameters import GRAVITY, ChassisParams
-from slipangle.ops import Scalar, Vector, atan, maximum, sin, sqrt, stack
+from slipangle.ops import Scalar, Vector, maximum, sin, sqrt, stack
 from slipangle.units import SI
 
 
@@ -69,7 +70,7 @@ def axle_force(
         lateral = sqrt(_positive(peak * peak - (0.5 * F_x) ** 2, 1e4) + 1.0)
         stiffness = 0.5 * C * (1.0 + rise * (1.0 - p.stiffness_load))
         z = stiffness / (p.shape * peak) * alpha
-        total = total + lateral * sin(p.shape * atan(z - E * (z - atan(z))))
+        total = total + lateral * sin(p.shape * curved(z, E))
     return total
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.models.tires.magic_formula.coefficients import MF52Coefficients
+from slipangle.models.tires.magic_formula.longitudinal import pure_longitudinal
 from slipangle.models.tires.magic_formula.terms import (
     Conventions,
     Lateral,
@@ -27,7 +28,7 @@ from slipangle.models.tires.magic_formula.terms import (
     limited,
     overturning,
     ratio,
-    rolling_resistance,
+    together,
     weight_lateral,
     weight_longitudinal,
 )
@@ -38,64 +39,20 @@ from slipangle.ops import Scalar, atan, cos, exp, fabs, sign, sin
 def mf52(c: MF52Coefficients, o: Conventions, s: Slip, *, combined: str = "weighting") -> MagicForces:
     """Forces and moments of version 5.2; parameters as in `slipangle.models.tires.magic_formula.mf61.mf61`."""
     z = None if s.turn is None else spin(c, s, s.turn, rolling_radius(c, s.load, s.dpi, s.speed))
-    F_x0, mu_x, K_x, terms = pure_longitudinal(c, s, z, o)
-    lateral = pure_lateral(c, o, s, z)
+    x = pure_longitudinal(c, o, s, z, gamma=s.gamma_star * c.LGAX, mu_shift=s.mu_x)
+    y = pure_lateral(c, o, s, z)
     G_x, G_y, S_vyk = 1.0, 1.0, 0.0
     if combined == "weighting":
         G_x = weight_longitudinal(c, o, s, c.RBX1)
         G_y = weight_lateral(c, o, s, c.RBY1)
-        peak = lateral.mu * s.load if z is None else lateral.mu * s.load * z.zeta_2
-        S_vyk = induced_lateral(c, s, s.gamma_star, peak)
+        S_vyk = induced_lateral(c, s, s.gamma_star, y.mu * s.load if z is None else y.mu * s.load * z.zeta_2)
     elif combined == "ellipse":
-        G_x, G_y = ellipse(s, longitudinal=(F_x0, K_x, *terms), lateral=lateral)
-    F_x = G_x * F_x0
-    slip_force = G_y * lateral.F
+        G_x, G_y = ellipse(s, x, y)
+    slip_force = G_y * y.F
     F_y = slip_force + S_vyk
-    t, M_zr, arm = _moments(c, o, s, z, lateral=lateral, K_x=K_x, F_y=F_y, G_y=G_y)
-    return MagicForces(
-        F_x=F_x,
-        F_y=F_y,
-        M_x=overturning(c, o, s, F_y),
-        M_y=rolling_resistance(c, o, s, F_x),
-        M_z=arm * F_x + M_zr - t * slip_force,
-        F_x0=F_x0,
-        F_y0=lateral.F,
-        mu_x=mu_x,
-        mu_y=lateral.mu,
-        K_x=K_x,
-        K_y=lateral.K,
-        G_x=G_x,
-        G_y=G_y,
-        trail=t,
-        M_zr=M_zr,
-        arm=arm,
-    )
-
-
-def pure_longitudinal(
-    c: MF52Coefficients, s: Slip, z: Spin | None, o: Conventions
-) -> tuple[Scalar, Scalar, Scalar, tuple[Scalar, Scalar, Scalar]]:
-    """F_x0, mu_x, K_x and (D_x, S_Hx, S_Vx)."""
-    C = c.PCX1 * c.LCX
-    gamma = s.gamma_star * c.LGAX
-    pressure = 1.0 + (c.PPX3 + c.PPX4 * s.dpi) * s.dpi
-    mu = (c.PDX1 + c.PDX2 * s.dfz) * (pressure * (1.0 - c.PDX3 * gamma * gamma) * s.mu_x)
-    D = mu * s.load if z is None else mu * s.load * z.zeta_1
-    K = longitudinal_stiffness(c, s.load, s.dfz, s.dpi)
-    S_h = faded((c.PHX1 + c.PHX2 * s.dfz) * c.LHX, s)
-    S_v = faded(s.load * (c.PVX1 + c.PVX2 * s.dfz) * (c.LVX * s.mu_x), s)
-    S_v = S_v if z is None else S_v * z.zeta_1
-    kappa = s.kappa + S_h
-    E = (c.PEX1 + (c.PEX2 + c.PEX3 * s.dfz) * s.dfz) * c.LEX
-    E = limited(E if is_zero(c.PEX4) else E * (1.0 - c.PEX4 * sign(kappa)), o)
-    B = ratio(K, C * D)
-    return D * sin(C * curved(B * kappa, E)) + S_v, mu, K, (D, S_h, S_v)
-
-
-def longitudinal_stiffness(c: MF52Coefficients, load: Scalar, dfz: Scalar, dpi: Scalar) -> Scalar:
-    """Slip stiffness K_x. [N]"""
-    pressure = (1.0 + (c.PPX1 + c.PPX2 * dpi) * dpi) * c.LKX
-    return load * (c.PKX1 + c.PKX2 * dfz) * exp(c.PKX3 * dfz) * pressure
+    moments = _moments(c, o, s, z, lateral=y, K_x=x.K, F_y=F_y, G_y=G_y)
+    M_x = overturning(c, o, s, F_y)
+    return together(c, o, s, x, y, moments, G_x=G_x, G_y=G_y, F_y=F_y, trailing=slip_force, M_x=M_x)
 
 
 def cornering_stiffness(c: MF52Coefficients, load: Scalar, dpi: Scalar, gamma: Scalar) -> Scalar:

@@ -14,6 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.models.tires.magic_formula.coefficients import MF61Coefficients
+from slipangle.models.tires.magic_formula.longitudinal import longitudinal_stiffness, pure_longitudinal
 from slipangle.models.tires.magic_formula.terms import (
     Conventions,
     Lateral,
@@ -29,12 +30,12 @@ from slipangle.models.tires.magic_formula.terms import (
     limited,
     overturning,
     ratio,
-    rolling_resistance,
+    together,
     weight_lateral,
     weight_longitudinal,
 )
 from slipangle.models.tires.magic_formula.turn_slip import Spin, lateral_shift, spin, turning_moment
-from slipangle.ops import Scalar, atan, cos, exp, fabs, sign, sin
+from slipangle.ops import Scalar, atan, cos, fabs, sign, sin
 
 
 def mf61(c: MF61Coefficients, o: Conventions, s: Slip, *, combined: str = "weighting") -> MagicForces:
@@ -52,10 +53,10 @@ def mf61(c: MF61Coefficients, o: Conventions, s: Slip, *, combined: str = "weigh
         Weighting functions of the file, friction ellipse, or no influence of one slip on the other force.
     """
     z = None if s.turn is None else spin(c, s, s.turn, rolling_radius(c, s.load, s.dpi, s.speed))
-    F_x0, mu_x, K_x, terms = pure_longitudinal(c, o, s, z)
-    lateral = pure_lateral(c, o, s, z, s.gamma_star)
+    x = pure_longitudinal(c, o, s, z, gamma=s.gamma, mu_shift=s.mu_x_shift)
+    y = pure_lateral(c, o, s, z, s.gamma_star)
     if is_zero(s.gamma) and z is None:
-        upright = lateral
+        upright = y
     else:  # 4.E32 and 4.E74: the trail acts on the side force without camber and spin
         upright = pure_lateral(c, o, s, None, 0.0)
 
@@ -66,64 +67,19 @@ def mf61(c: MF61Coefficients, o: Conventions, s: Slip, *, combined: str = "weigh
         G_y = weight_lateral(c, o, s, c.RBY1 + c.RBY4 * g2)
         plain = is_zero(s.gamma) or is_zero(c.RBY4)
         G_y_upright = G_y if plain else weight_lateral(c, o, s, c.RBY1)
-        peak = lateral.mu * s.load if z is None else lateral.mu * s.load * z.zeta_2
-        S_vyk = induced_lateral(c, s, s.gamma_star, peak)
+        S_vyk = induced_lateral(c, s, s.gamma_star, y.mu * s.load if z is None else y.mu * s.load * z.zeta_2)
     elif combined == "ellipse":
-        G_x, G_y = ellipse(s, longitudinal=(F_x0, K_x, *terms), lateral=lateral)
+        G_x, G_y = ellipse(s, x, y)
         G_y_upright = G_y
-    F_x = G_x * F_x0  # 4.E50
-    F_y = G_y * lateral.F + S_vyk  # 4.E58
+    F_y = G_y * y.F + S_vyk  # 4.E58
 
-    t, M_zr, arm = _moments(c, o, s, z, lateral=lateral, K_x=K_x, F_y=F_y, G_y=G_y)
-    M_z = arm * F_x + M_zr - t * (G_y_upright * upright.F)  # 4.E71 to 4.E74
+    moments = _moments(c, o, s, z, lateral=y, K_x=x.K, F_y=F_y, G_y=G_y)
     M_x = overturning(c, o, s, F_y)
     if not (is_zero(c.QSX12) and is_zero(c.QSX13) and is_zero(c.QSX14)):  # 6.2
         size = fabs(s.gamma)
         extra = F_y * (c.QSX13 + c.QSX14 * size) - c.QSX12 * s.load * s.gamma * size
         M_x = M_x + (c.UNLOADED_RADIUS * c.LMX) * extra
-    return MagicForces(
-        F_x=F_x,
-        F_y=F_y,
-        M_x=M_x,
-        M_y=rolling_resistance(c, o, s, F_x),
-        M_z=M_z,
-        F_x0=F_x0,
-        F_y0=lateral.F,
-        mu_x=mu_x,
-        mu_y=lateral.mu,
-        K_x=K_x,
-        K_y=lateral.K,
-        G_x=G_x,
-        G_y=G_y,
-        trail=t,
-        M_zr=M_zr,
-        arm=arm,
-    )
-
-
-def pure_longitudinal(
-    c: MF61Coefficients, o: Conventions, s: Slip, z: Spin | None
-) -> tuple[Scalar, Scalar, Scalar, tuple[Scalar, Scalar, Scalar]]:
-    """F_x0, mu_x, K_xkappa and (D_x, S_Hx, S_Vx), eqs. 4.E9 to 4.E18."""
-    C = c.PCX1 * c.LCX  # 4.E11
-    pressure = 1.0 + (c.PPX3 + c.PPX4 * s.dpi) * s.dpi
-    mu = (c.PDX1 + c.PDX2 * s.dfz) * (pressure * (1.0 - c.PDX3 * s.gamma * s.gamma) * s.mu_x)  # 4.E13
-    D = mu * s.load if z is None else mu * s.load * z.zeta_1  # 4.E12
-    K = longitudinal_stiffness(c, s.load, s.dfz, s.dpi)
-    S_h = faded((c.PHX1 + c.PHX2 * s.dfz) * c.LHX, s)  # 4.E17
-    S_v = faded(s.load * (c.PVX1 + c.PVX2 * s.dfz) * (c.LVX * s.mu_x_shift), s)  # 4.E18
-    S_v = S_v if z is None else S_v * z.zeta_1
-    kappa = s.kappa + S_h  # 4.E10
-    E = (c.PEX1 + (c.PEX2 + c.PEX3 * s.dfz) * s.dfz) * c.LEX
-    E = limited(E if is_zero(c.PEX4) else E * (1.0 - c.PEX4 * sign(kappa)), o)  # 4.E14
-    B = ratio(K, C * D)  # 4.E16
-    return D * sin(C * curved(B * kappa, E)) + S_v, mu, K, (D, S_h, S_v)  # 4.E9
-
-
-def longitudinal_stiffness(c: MF61Coefficients, load: Scalar, dfz: Scalar, dpi: Scalar) -> Scalar:
-    """K_xkappa, eq. 4.E15. [N]"""
-    pressure = (1.0 + (c.PPX1 + c.PPX2 * dpi) * dpi) * c.LKX
-    return load * (c.PKX1 + c.PKX2 * dfz) * exp(c.PKX3 * dfz) * pressure
+    return together(c, o, s, x, y, moments, G_x=G_x, G_y=G_y, F_y=F_y, trailing=G_y_upright * upright.F, M_x=M_x)
 
 
 def cornering_stiffness(c: MF61Coefficients, load: Scalar, dpi: Scalar, gamma: Scalar) -> Scalar:

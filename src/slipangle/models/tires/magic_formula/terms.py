@@ -115,6 +115,17 @@ class Slip(NamedTuple):
     turn: Scalar | None  # turn slip phi_t [1/m]; None: not considered
 
 
+class Longitudinal(NamedTuple):
+    """Pure longitudinal force and its factors."""
+
+    F: Scalar
+    mu: Scalar
+    K: Scalar
+    D: Scalar
+    S_h: Scalar
+    S_v: Scalar
+
+
 class Lateral(NamedTuple):
     """Pure side force and its factors."""
 
@@ -240,22 +251,15 @@ def induced_lateral(c: MagicCoefficients, s: Slip, gamma: Scalar, peak: Scalar) 
     return faded(D * sin(c.RVY5 * atan(c.RVY6 * s.kappa)) * c.LVYKA, s)
 
 
-def ellipse(
-    s: Slip,
-    *,
-    longitudinal: tuple[Scalar, Scalar, Scalar, Scalar, Scalar],
-    lateral: Lateral,
-) -> tuple[Scalar, Scalar]:
+def ellipse(s: Slip, x: Longitudinal, y: Lateral) -> tuple[Scalar, Scalar]:
     """Shares of the pure-slip forces that are left on the friction ellipse, for tires without combined-slip data.
 
     Parameters
     ----------
     s : Slip
         Slip.
-    longitudinal : tuple
-        ``F_x0, K_x, D_x, S_hx, S_vx``.
-    lateral : Lateral
-        Pure side force.
+    x, y : Longitudinal, Lateral
+        Pure forces.
 
     Returns
     -------
@@ -263,14 +267,13 @@ def ellipse(
         G_x and G_y. With t = |sin(alpha_c) / kappa_c|, slips counted from where the force vanishes, and mu the
         friction used: G_x = 1 / sqrt(1 + (t mu_x / mu_y,max)^2) and G_y = 1 / sqrt(1 + (mu_y / (t mu_x,max))^2).
     """
-    F_x0, K_x, D_x, S_hx, S_vx = longitudinal
-    kappa = s.kappa + S_hx + ratio(S_vx, K_x)
-    alpha = s.cosine * (s.tangent + lateral.S_h + ratio(lateral.S_v, lateral.K))
-    x, y = F_x0 - S_vx, lateral.F - lateral.S_v
+    kappa = s.kappa + x.S_h + ratio(x.S_v, x.K)
+    alpha = s.cosine * (s.tangent + y.S_h + ratio(y.S_v, y.K))
+    F_x, F_y = x.F - x.S_v, y.F - y.S_v
     # near zero slip the force over slip tends to the stiffness
-    over_kappa = (x * x + (1e-9 * K_x) ** 2) / (kappa * kappa + 1e-18)
-    over_alpha = (y * y + (1e-9 * lateral.K) ** 2) / (alpha * alpha + 1e-18)
-    d_x, d_y = D_x * D_x + _TINY * _TINY, lateral.D * lateral.D + _TINY * _TINY
+    over_kappa = (F_x * F_x + (1e-9 * x.K) ** 2) / (kappa * kappa + 1e-18)
+    over_alpha = (F_y * F_y + (1e-9 * y.K) ** 2) / (alpha * alpha + 1e-18)
+    d_x, d_y = x.D * x.D + _TINY * _TINY, y.D * y.D + _TINY * _TINY
     return 1.0 / sqrt(1.0 + alpha * alpha * over_kappa / d_y), 1.0 / sqrt(1.0 + kappa * kappa * over_alpha / d_x)
 
 
@@ -313,3 +316,28 @@ def rolling_resistance(c: MagicCoefficients, o: Conventions, s: Slip, F_x: Scala
     if not is_zero(c.QSY8):
         size = size * s.pressure_ratio**c.QSY8
     return faded(-size * s.direction, s)
+
+
+def together(
+    c: MagicCoefficients,
+    o: Conventions,
+    s: Slip,
+    x: Longitudinal,
+    y: Lateral,
+    moments: tuple[Scalar, Scalar, Scalar],
+    *,
+    G_x: Scalar,
+    G_y: Scalar,
+    F_y: Scalar,
+    trailing: Scalar,
+    M_x: Scalar,
+) -> MagicForces:
+    """All of them: F_x of eq. 4.E50, M_z of 4.E71 to 4.E74 with the side force that acts behind the centre.
+
+    ``moments`` are the pneumatic trail [m], the residual moment [N m] and the moment arm of F_x [m].
+    """
+    t, M_zr, arm = moments
+    F_x = G_x * x.F
+    M_z = arm * F_x + M_zr - t * trailing
+    M_y = rolling_resistance(c, o, s, F_x)
+    return MagicForces(F_x, F_y, M_x, M_y, M_z, x.F, y.F, x.mu, y.mu, x.K, y.K, G_x, G_y, t, M_zr, arm)

@@ -117,13 +117,7 @@ class MagicFormulaTire(Tire):
     # ---- evaluate ----------------------------------------------------------------------------------------------
 
     def forces(
-        self,
-        slip_ratio: Scalar,
-        slip_angle: Scalar,
-        load: Scalar,
-        *,
-        camber: Scalar = 0.0,
-        friction: Scalar = 1.0,
+        self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0
     ) -> TireForces:
         """Forces in ISO 8855 axes with a positive slip angle giving a force to the left.
 
