@@ -44,7 +44,7 @@ def test_settings_in_the_readme_are_valid(tmp_path):
     assert block is not None
     path = tmp_path / "my_car.toml"
     path.write_text(block.group(1))
-    assert read_settings(path).model[0].free == ("C_f", "C_r", "inertia_z")
+    assert read_settings(path).model[0].entries["free"] == ("C_f", "C_r", "inertia_z")
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.toml")), ids=lambda p: p.name)

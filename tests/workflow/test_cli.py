@@ -13,8 +13,7 @@ from slipangle.cli import main
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import FERRARI_250LM
 from slipangle.workflow.demo import prepare_demo
-from slipangle.workflow.job import build_mpc
-from slipangle.workflow.settings import ControllerSettings
+from slipangle.workflow.drive import ControllerSettings, build_mpc
 
 JOB = """
 title = "test job"
@@ -187,7 +186,7 @@ def test_model_at_another_sample_time(tmp_path, capsys):
 
 def test_stages_of_several_steps():
     car = Bicycle(params=FERRARI_250LM, dt=0.05)
-    mpc = build_mpc(ControllerSettings(model="car", horizon=3, steps=(1, 2, 4), dt=0.02), car)
+    mpc = build_mpc(car, ControllerSettings(model="car", dt=0.02), horizon=3, steps=(1, 2, 4))
     assert mpc.times == pytest.approx([0.0, 0.02, 0.06, 0.14])
 
 

@@ -68,10 +68,10 @@ def test_a_rate_that_no_memory_holds_is_refused(tmp_path, capsys):
 
 
 def test_one_number_may_stand_without_brackets(tmp_path):
-    more = "[[model]]\nname = 's'\nkind = 'state-space'\norder = 2\nseeds = 3"
-    wanted = read_settings(write_job(tmp_path, more=more)).model[1]
-    assert wanted.order == (2,)
-    assert wanted.seeds == (3,)
+    more = "[[model]]\nname = 's'\nkind = 'state-space'\norder = 2\n[[model]]\nname = 'n'\nkind = 'narx'\nseeds = 3"
+    _, states, network = read_settings(write_job(tmp_path, more=more)).model
+    assert states.entries == {"order": (2,)}
+    assert network.entries == {"seeds": (3,)}
     with pytest.raises(ConfigError, match="order is True; expected a list"):
         read_settings(write_job(tmp_path, more=more.replace("order = 2", "order = true")))
 

@@ -6,72 +6,30 @@ import json
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from slipangle.control.mpc import MPC
-from slipangle.control.speed.driver import SpeedDriver
 from slipangle.data.dataset import Dataset
 from slipangle.data.public import sets as public
 from slipangle.data.quality.inspect import DataReport, despike, inspect
 from slipangle.data.readers import read
 from slipangle.data.readers.csv import Column
-from slipangle.errors import ConfigError, IdentifiabilityWarning, ModelWarning, SlipangleError, nearest
+from slipangle.errors import ConfigError, IdentifiabilityWarning, ModelWarning, SlipangleError
 from slipangle.identify.judge.validate import Validation, validate
-from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.model import Model
-from slipangle.models.ode import OdeModel
-from slipangle.models.parameters import ParameterSet
-from slipangle.models.tires.simple import MagicCurve, SimpleMagicFormula
-from slipangle.models.vehicles import catalogue
-from slipangle.models.vehicles.bicycle import Bicycle
-from slipangle.models.vehicles.longitudinal import Longitudinal, LongitudinalParams
-from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, with_speed_derivative
-from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams, SingleTrackParams
-from slipangle.models.vehicles.single_track import SingleTrack
-from slipangle.models.wrappers.delayed import Delayed
-from slipangle.models.wrappers.on_ground import OnGround
-from slipangle.optimal.terms import Limits, Values, Weights
-from slipangle.paths import lane_change as manoeuvres
-from slipangle.paths.path import Path
+from slipangle.models.vehicles.nonlinear_bicycle import with_speed_derivative
 from slipangle.report.tables import number
-from slipangle.simulate.loop import closed_loop
-from slipangle.simulate.plant import Plant
+from slipangle.simulate.loop import Controller
 from slipangle.simulate.run import Run
-from slipangle.units import deg
-from slipangle.workflow.black_box import BLACK_BOXES, estimator
-from slipangle.workflow.settings import ControllerSettings, ModelSettings, PlantSettings, Settings
+from slipangle.workflow.drive import drive
+from slipangle.workflow.kinds import KINDS, fitted
+from slipangle.workflow.settings import ModelSettings, Settings
 
 Progress = Callable[[float, str], None]
 
-_BICYCLES = {"ferrari-250lm": catalogue.FERRARI_250LM, "sousa-table-7.2": catalogue.SOUSA_TABLE_7_2}
-_PLANTS = {
-    "sousa-table-6.1": (catalogue.SOUSA_TABLE_6_1, catalogue.SOUSA_TABLE_6_2),
-    "sousa-table-6.10": (catalogue.SOUSA_TABLE_6_10, catalogue.SOUSA_TABLE_6_8),
-}
-_MANOEUVRES = {
-    "iso3888-1": manoeuvres.double_lane_change,
-    "iso3888-2": manoeuvres.obstacle_avoidance,
-}
-_MODELS: dict[str, type[OdeModel]] = {
-    "bicycle": Bicycle,
-    "nonlinear-bicycle": NonlinearBicycle,
-    "longitudinal": Longitudinal,
-}
-_PARAMS: dict[str, type[ParameterSet]] = {
-    "bicycle": BicycleParams,
-    "nonlinear-bicycle": NonlinearBicycleParams,
-    "longitudinal": LongitudinalParams,
-}
-_FREE = {
-    "bicycle": ("C_f", "C_r", "inertia_z"),
-    "nonlinear-bicycle": ("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_lag", "steering_offset"),
-    "longitudinal": ("k_e", "k_d", "k_r"),
-}
 _FEWEST, _CELLS = 20, 5e8  # samples of the longest record after resampling, and numbers of all
-NOISE = {"v_y": 0.02, "r": 0.002, "X": 0.02, "Y": 0.02, "psi": 0.001, "v_x": 0.02}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +52,8 @@ class Outcome:
         The closed loop.
     plant : str
         What the plant was.
+    controller : Controller or None
+        What drove it.
     failures : dict of str to str
         Why the other models could not be fitted, or not be driven.
     """
@@ -108,6 +68,7 @@ class Outcome:
     delay_check: tuple[str, ...]
     run: Run | None
     plant: str
+    controller: Controller | None = None
     failures: dict[str, str] = field(default_factory=dict)
 
     def metrics(self) -> dict[str, Any]:
@@ -173,13 +134,13 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
     judged, failures = _judged(settings, train, test, progress)
     progress(0.5, "checking the steering delay")
     said = delay_check(settings, quality, train)
-    run, plant_name = None, ""
+    run, plant_name, controller = None, "", None
     wanted = settings.controller
     if wanted is not None and wanted.model in failures:
         failures["controller"] = f"its model '{wanted.model}' could not be fitted"
     elif wanted is not None:
         progress(0.55, "building the controller")
-        run, plant_name = drive(
+        run, plant_name, controller = drive(
             wanted,
             settings.plant,
             judged[wanted.model][0].model,
@@ -196,6 +157,7 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
         delay_check=said,
         run=run,
         plant=plant_name,
+        controller=controller,
         failures=failures,
     )
 
@@ -272,43 +234,7 @@ def identify(wanted: ModelSettings, train: Dataset) -> Model:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentifiabilityWarning)  # shown on the page
         warnings.simplefilter("ignore", ModelWarning)
-        if wanted.kind in BLACK_BOXES:
-            data = train.select(inputs=wanted.inputs or None, outputs=wanted.outputs or None)
-            return estimator(wanted).fit(data)
-        start, free = _start(wanted, train), wanted.free or _FREE[wanted.kind]
-        late = {n.removeprefix("delay_"): 0.5 * train.dt for n in free if n.startswith("delay_")}
-        return GreyBox(start=Delayed(start, delays=late) if late else start, free=free).fit(train)
-
-
-def _start(wanted: ModelSettings, train: Dataset) -> OdeModel:
-    kind: type[ParameterSet] = _PARAMS[wanted.kind]
-    if wanted.catalogue:
-        if wanted.kind != "bicycle" or wanted.catalogue not in _BICYCLES:
-            raise ConfigError(
-                f"model '{wanted.name}': there is no {wanted.kind} '{wanted.catalogue}' in the catalogue; "
-                f"{nearest(wanted.catalogue, _BICYCLES)}: use one of these names"
-            )
-        params: Any = _BICYCLES[wanted.catalogue].with_values(**wanted.car)
-    else:
-        for name in wanted.car:
-            kind.si(name)
-        try:
-            params = kind(**wanted.car)
-        except TypeError:
-            optional = {f.name for f in fields(kind) if f.default is not MISSING or f.default_factory is not MISSING}
-            needed = [n for n in kind.metadata() if n not in wanted.car and n not in optional]
-            raise ConfigError(
-                f"model '{wanted.name}': car lacks {', '.join(needed)}; expected every parameter of the {wanted.kind} "
-                "(free ones as start values), or a catalogue name"
-            ) from None
-    l_f, wheelbase = getattr(params, "l_f", 0.0), getattr(params, "wheelbase", math.inf)
-    if not l_f < wheelbase:
-        raise ConfigError(
-            f"model '{wanted.name}': l_f is {l_f:g} m and the wheelbase {wheelbase:g} m; expected the centre of "
-            "gravity between the axles: l_f is its distance from the front one"
-        )
-    outputs = wanted.outputs or train.outputs
-    return _MODELS[wanted.kind](params=params, dt=train.dt, outputs=outputs)
+        return fitted(KINDS[wanted.kind], wanted.entries, wanted.inputs, wanted.outputs, train, wanted.name)
 
 
 def delay_check(settings: Settings, quality: DataReport, train: Dataset) -> tuple[str, ...]:
@@ -355,104 +281,6 @@ def _shifted(data: Dataset, delay: float) -> Dataset:
         t = part.t
         parts.append(np.interp(t - delay, t, part["delta"]))
     return data.with_channel("delta", np.concatenate(parts), data.unit("delta"))
-
-
-# ---- control -------------------------------------------------------------------------------------------------------
-
-
-def drive(
-    wanted: ControllerSettings, plant_settings: PlantSettings, model: Model, progress: Callable[[float], None]
-) -> tuple[Run, str]:
-    """Closed loop of an MPC on the identified model with the plant at a millisecond."""
-    plant, driver, description = build_plant(plant_settings, model)
-    controller = build_mpc(wanted, model)
-    path = build_path(wanted)
-    run = closed_loop(plant, controller, path, driver=driver, width=wanted.width, progress=progress)
-    return run, description
-
-
-def build_mpc(wanted: ControllerSettings, model: Model) -> MPC:
-    """The controller; its model is re-discretised at the controller's step where it is an ODE."""
-    if isinstance(model, Bicycle):
-        model = replace(model, dt=wanted.dt, substeps=0, outputs=("v_y", "r"))
-    elif not math.isclose(model.dt, wanted.dt, rel_tol=1e-6):
-        raise ConfigError(
-            f"[controller] works at {wanted.dt:g} s, the model '{wanted.model}' was identified at {model.dt:g} s; "
-            f"expected the same: set rate = {1 / wanted.dt:g} in [data] or dt = {model.dt:g} in [controller]"
-        )
-    limit, rate = deg(wanted.delta_max), deg(wanted.delta_rate_max)
-    return MPC(
-        OnGround(model),
-        horizon=wanted.horizon,
-        steps=wanted.steps or None,
-        controls=("delta",),
-        Q=Weights(**wanted.Q),
-        S=Weights(**wanted.S),
-        limits=Limits(delta=(-limit, limit)),
-        rates=Limits(delta=(-rate, rate)),
-        solver=wanted.solver,
-    )
-
-
-def build_path(wanted: ControllerSettings) -> Path:
-    """The manoeuvre's path with its lanes."""
-    if wanted.manoeuvre == "lane-changes":
-        return manoeuvres.lane_changes(wanted.v_x)
-    return _MANOEUVRES[wanted.manoeuvre](wanted.v_x, width=wanted.width)
-
-
-def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver, str]:
-    """A single track with wheel spin and saturating tires: from the catalogue, or around the identified bicycle."""
-    if wanted.catalogue:
-        if wanted.catalogue not in _PLANTS:
-            raise ConfigError(
-                f"[plant] catalogue is '{wanted.catalogue}'; {nearest(wanted.catalogue, _PLANTS)}: use one of these"
-            )
-        params, tire = _PLANTS[wanted.catalogue]
-        tires = (tire, tire)
-        text = f"the catalogue car {wanted.catalogue} with wheel spin and Magic Formula tires"
-    elif isinstance(model, Bicycle):
-        params, tires = around(model.params, wanted.friction)
-        text = (
-            "a stand-in for the car: the identified mass, geometry and cornering stiffness on Magic Formula tires that "
-            f"saturate at a friction coefficient of {wanted.friction:g}, with wheel spin"
-        )
-    else:
-        raise ConfigError(
-            "[plant] has no catalogue name and the controller's model is no bicycle; expected one of both"
-        )
-    car = SingleTrack(params=params, dt=0.001, tire_f=tires[0], tire_r=tires[1])
-    noise = {**NOISE, **wanted.noise}
-    reach = 0.8 * params.mass * GRAVITY * params.radius
-    driver = SpeedDriver.for_car(mass=params.mass, radius=params.radius, limits=(-reach, 0.5 * reach))
-    return Plant(car, noise=Values(**noise), seed=wanted.seed), driver, text
-
-
-def around(
-    p: BicycleParams, friction: float
-) -> tuple[SingleTrackParams, tuple[SimpleMagicFormula, SimpleMagicFormula]]:
-    """A single track whose tires have the bicycle's cornering stiffness near zero slip.
-
-    Shape factors are typical of passenger-car tires (C = 1.3 across, 1.65 along, E = -0.5); the
-    longitudinal stiffness is twice the cornering stiffness at equal load.
-    """
-    params = SingleTrackParams(
-        **{
-            name: getattr(p, name)
-            for name in ("mass", "inertia_z", "wheelbase", "l_f", "steering_gain", "steering_offset")
-        },
-        inertia_wheel_f=2e-3 * p.mass,
-        inertia_wheel_r=2e-3 * p.mass,
-        radius=0.32,
-    )
-
-    def tire(axle_stiffness: float, load: float) -> SimpleMagicFormula:
-        slope = axle_stiffness / (2 * load)  # friction coefficient per rad
-        lateral = MagicCurve(B=slope / (1.3 * friction), C=1.3, D=friction, E=-0.5)
-        along = MagicCurve(B=2 * slope / (1.65 * friction), C=1.65, D=friction, E=-0.5)
-        return SimpleMagicFormula(longitudinal=along, lateral=lateral, combined="ellipse")
-
-    return params, (tire(p.C_f, params.load_f), tire(p.C_r, params.load_r))
 
 
 def _scores(scores: dict) -> dict[str, dict[str, float]]:

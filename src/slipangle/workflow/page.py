@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import platform
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from importlib.metadata import version
 
 import numpy as np
 
+from slipangle.control.mpc import MPC
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.identify.judge.validate import Validation
 from slipangle.models.black_box.arx import ARXModel
+from slipangle.registry import Registry
 from slipangle.report import (
     Body,
     Fact,
@@ -47,7 +49,10 @@ from slipangle.report.tables import Tone, number
 from slipangle.simulate.run import Run
 from slipangle.units import deg
 from slipangle.workflow.job import Outcome
-from slipangle.workflow.settings import ControllerSettings, PublishedSettings
+from slipangle.workflow.settings import PublishedSettings
+
+SECTIONS: Registry[Callable[[Outcome, str], Iterable[Section]]] = Registry("page section", "slipangle.sections")
+"""Sections of a job's page in their order: functions of its outcome and the command that made it."""
 
 GOOD, FAIR = 75.0, 50.0  # %, free-run fit from which a model is called good, fair
 
@@ -65,18 +70,17 @@ def build_page(outcome: Outcome, command: list[str]) -> Page:
 
 
 def _sections(outcome: Outcome, command: str) -> Iterator[Section]:
+    for write in SECTIONS.values():
+        yield from write(outcome, command)
+
+
+@SECTIONS.register("verdict")
+def _verdict_section(outcome: Outcome, command: str) -> Iterator[Section]:
     blocks: list[Block] = list(_verdicts(outcome, command))
     if outcome.failures:
         items = tuple(Finding(sentence=f"{name}: {why}", tone="poor") for name, why in outcome.failures.items())
         blocks.append(Findings(title="What could not be done", items=items))
     yield Section(title="Verdict", blocks=tuple(blocks))
-    for name in outcome.validations[0].model.outputs:
-        yield _fit_section(outcome, name, command)
-    yield _parameter_section(outcome, command)
-    yield _residual_section(outcome)
-    yield _data_section(outcome)
-    if outcome.run is not None:
-        yield _drive_section(outcome, outcome.run, command)
 
 
 # ---- verdict -------------------------------------------------------------------------------------------------------
@@ -147,9 +151,10 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     median, late = float(np.median(seconds)), float(np.percentile(seconds, 99))
     in_time = late < wanted.dt
     tone: Tone = "good" if run.inside and run.fallbacks == 0 and in_time else "fair" if run.inside else "poor"
+    named = "An MPC" if wanted.kind == "mpc" else f"The controller {wanted.kind}"
     where = "stays inside its lanes" if run.inside else "leaves its lanes"
     sentence = (
-        f"An MPC on “{wanted.model}” drives {_MANOEUVRE[wanted.manoeuvre]} at {wanted.v_x:g} m/s and {where}, "
+        f"{named} on “{wanted.model}” drives {_MANOEUVRE[wanted.manoeuvre]} at {wanted.v_x:g} m/s and {where}, "
         f"{100 * run.rmse('y'):.1f} cm (RMS) from the path. The plant is {outcome.plant}."
     )
     if run.fallbacks:
@@ -192,6 +197,12 @@ def _spoken(name: str) -> str:
 
 
 # ---- the model -----------------------------------------------------------------------------------------------------
+
+
+@SECTIONS.register("free run")
+def _fit_sections(outcome: Outcome, command: str) -> Iterator[Section]:
+    for name in outcome.validations[0].model.outputs:
+        yield _fit_section(outcome, name, command)
 
 
 def _fit_section(outcome: Outcome, name: str, command: str) -> Section:
@@ -305,7 +316,8 @@ def _position(data: Dataset) -> tuple[np.ndarray, np.ndarray] | None:
     return X, Y
 
 
-def _parameter_section(outcome: Outcome, command: str) -> Section:
+@SECTIONS.register("parameters")
+def _parameter_section(outcome: Outcome, command: str) -> Iterator[Section]:
     blocks: list[Block] = []
     for v in outcome.validations:
         info = v.model.fit_info
@@ -321,7 +333,7 @@ def _parameter_section(outcome: Outcome, command: str) -> Section:
     if outcome.delay_check:
         items = tuple(Finding(sentence=s, tone="fair") for s in outcome.delay_check)
         blocks.append(Findings(title="What the steering delay does to the parameters", items=items))
-    return Section(
+    yield Section(
         title="Parameters",
         lead="Estimates with 95 % confidence intervals. A warning names what the data do not determine.",
         blocks=tuple(blocks),
@@ -343,7 +355,8 @@ def _poles(name: str, model: ARXModel, count: int) -> Findings:
     return Findings(title=f"Modes of {name}", items=(*items, *(Finding(sentence=s, tone="poor") for s in warned)))
 
 
-def _residual_section(outcome: Outcome) -> Section:
+@SECTIONS.register("residuals")
+def _residual_section(outcome: Outcome, command: str) -> Iterator[Section]:
     blocks: list[Block] = []
     for i, v in enumerate(outcome.validations):
         for name, tests in v.residuals.items():
@@ -378,7 +391,7 @@ def _residual_section(outcome: Outcome) -> Section:
             blocks.append(Grid(figures=tuple(figures)))
             items = tuple(Finding(sentence=f"{v.name}, {name}: {s}") for s in tests.sentences)
             blocks.append(Findings(title=f"{v.name}, {name}: what the residuals say", items=items))
-    return Section(
+    yield Section(
         title="Residuals",
         lead="What a model leaves unexplained. A perfect model leaves white noise that does not depend on the inputs; "
         "the bands hold 99 % of the lags of such a model.",
@@ -389,7 +402,8 @@ def _residual_section(outcome: Outcome) -> Section:
 # ---- the data ------------------------------------------------------------------------------------------------------
 
 
-def _data_section(outcome: Outcome) -> Section:
+@SECTIONS.register("data")
+def _data_section(outcome: Outcome, command: str) -> Iterator[Section]:
     q, data = outcome.quality, outcome.data
     used = {*data.inputs, *data.outputs}
     noticed = [f for f in (*q.spikes, *q.jumps, *q.clippings) if f.channel in used]
@@ -417,16 +431,17 @@ def _data_section(outcome: Outcome) -> Section:
             caption="Models are fitted to the training part and judged on the test part.",
         )
     )
-    return Section(title="Data", blocks=tuple(blocks))
+    yield Section(title="Data", blocks=tuple(blocks))
 
 
 # ---- the controller ------------------------------------------------------------------------------------------------
 
 
-def _drive_section(outcome: Outcome, run: Run, command: str) -> Section:
-    wanted = outcome.settings.controller
-    if wanted is None:
-        raise AssertionError
+@SECTIONS.register("closed loop")
+def _drive_section(outcome: Outcome, command: str) -> Iterator[Section]:
+    wanted, run = outcome.settings.controller, outcome.run
+    if wanted is None or run is None:
+        return
     right, left = run.path.boundaries()
     limit = deg(wanted.delta_max)
     rows = [
@@ -468,18 +483,22 @@ def _drive_section(outcome: Outcome, run: Run, command: str) -> Section:
             )
         ),
         Text(
-            text=f"Horizon {_horizon(wanted)} of {1000 * wanted.dt:g} ms, {_SOLVER[wanted.solver]}; the first "
-            f"step, which starts cold, took {1000 * run.seconds[0]:.1f} ms and is left out of the "
-            f"statistics. Plant: {outcome.plant}, stepped at 1 kHz, with sensor noise."
+            text=f"{_controller(outcome)}; the first step, which starts cold, took {1000 * run.seconds[0]:.1f} ms and "
+            f"is left out of the statistics. Plant: {outcome.plant}, stepped at 1 kHz, with sensor noise."
         ),
     ]
-    return Section(title="Controller in closed loop", short="Closed loop", blocks=tuple(blocks))
+    yield Section(title="Controller in closed loop", short="Closed loop", blocks=tuple(blocks))
 
 
-def _horizon(wanted: ControllerSettings) -> str:
-    if not wanted.steps:
-        return f"{wanted.horizon} steps"
-    return f"{wanted.horizon} stages over {sum(wanted.steps)} steps"
+def _controller(outcome: Outcome) -> str:
+    """What drove, in words."""
+    controller = outcome.controller
+    if not isinstance(controller, MPC):
+        return f"Controller: {type(controller).__name__}"
+    steps = sum(controller.steps) if controller.steps else controller.horizon
+    stages = "steps" if steps == controller.horizon else f"stages over {steps} steps"
+    name = controller.solver if isinstance(controller.solver, str) else type(controller.solver).__name__
+    return f"Horizon {controller.horizon} {stages} of {1000 * controller.dt:g} ms, {_SOLVER.get(name, name)}"
 
 
 def _facts(outcome: Outcome) -> tuple[Fact, ...]:

@@ -2,26 +2,80 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.readers.columns import Column
+from slipangle.data.readers.columns import ArrayTable, Column, Header, Table, assemble
 from slipangle.data.readers.csv import read_csv, write_csv
-from slipangle.errors import FormatError
+from slipangle.errors import FormatError, MissingFileError
+from slipangle.registry import Registry
 
-READERS: Mapping[str, Callable[..., Dataset]] = MappingProxyType(
-    {".csv": read_csv, ".txt": read_csv, ".dat": read_csv, ".tsv": read_csv}
-)
-"""Which reader reads which file name suffix."""
+__all__ = ["READERS", "ArrayTable", "Column", "Header", "Reader", "Table", "read", "read_csv", "reader", "write_csv"]
 
-__all__ = ["READERS", "Column", "read", "read_csv", "write_csv"]
+_HEAD = 4096  # bytes from a file's beginning by which its format is known
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reader:
+    """How logs of one format are read, and how they are known.
+
+    Parameters
+    ----------
+    read : callable
+        A `Dataset` from a path and what `read_csv` takes beside it.
+    recognises : callable, optional
+        Whether the first 4096 bytes of a file are of this format.
+    suffixes : tuple of str
+        File names that are of this format unless another reader recognises the content.
+    """
+
+    read: Callable[..., Dataset]
+    recognises: Callable[[bytes], bool] | None = None
+    suffixes: tuple[str, ...] = ()
+
+
+READERS: Registry[Reader] = Registry("reader", "slipangle.readers")
+"""Formats that `read` knows, by name."""
+
+READERS.register("text table")(Reader(read=read_csv, suffixes=(".csv", ".txt", ".dat", ".tsv")))
+
+
+def reader(
+    name: str, *, recognises: Callable[[bytes], bool] | None = None, suffixes: tuple[str, ...] = ()
+) -> Callable[[Callable[[Path], Table]], Callable[[Path], Table]]:
+    """A decorator that adds a format to `READERS`: above a function from a path to the file's columns.
+
+    Units, time stamps, gaps and missing numbers are then settled as for any log.
+
+    Parameters
+    ----------
+    name : str
+        Of the format.
+    recognises, suffixes
+        See `Reader`.
+
+    Raises
+    ------
+    ParameterError
+        If another reader has this name.
+    """
+
+    def add(columns_of: Callable[[Path], Table]) -> Callable[[Path], Table]:
+        def read(path: str | Path, columns: Any = None, **settings: Any) -> Dataset:
+            settings.setdefault("name", Path(path).stem)
+            return assemble(columns_of(Path(path)), columns, **settings)
+
+        READERS.register(name)(Reader(read=read, recognises=recognises, suffixes=suffixes))
+        return columns_of
+
+    return add
 
 
 def read(path: str | Path, *args: Any, **kwargs: Any) -> Dataset:
-    """Read a log with the reader that its file name's suffix names.
+    """Read a log with the reader that recognises its content, else with the one of its file name's suffix.
 
     Parameters
     ----------
@@ -32,13 +86,30 @@ def read(path: str | Path, *args: Any, **kwargs: Any) -> Dataset:
 
     Raises
     ------
+    MissingFileError
+        If the file cannot be read.
     FormatError
-        If no reader knows the suffix; the known ones are listed.
+        If no reader knows the file, or several recognise it; they are listed.
     """
-    suffix = Path(path).suffix.lower()
-    if suffix not in READERS:
+    file = Path(path)
+    known = [name for name, r in READERS.items() if r.recognises is not None]
+    if known:
+        try:
+            with file.open("rb") as opened:
+                head = opened.read(_HEAD)
+        except OSError as error:
+            raise MissingFileError(
+                f"the log '{file}' cannot be read ({error.strerror or error}); expected a file: check the path"
+            ) from None
+        known = [name for name in known if READERS[name].recognises(head)]  # type: ignore[misc]
+    suffix = file.suffix.lower()
+    known = known or [name for name, r in READERS.items() if suffix in r.suffixes]
+    if not known:
+        suffixes = sorted({s for r in READERS.values() for s in r.suffixes})
         raise FormatError(
-            f"no reader knows the suffix '{suffix}' of '{path}'; expected one of {', '.join(READERS)}: export the log "
-            "as CSV"
+            f"no reader knows the content or the suffix '{suffix}' of '{path}'; expected one of {', '.join(suffixes)}: "
+            "export the log as CSV"
         )
-    return READERS[suffix](path, *args, **kwargs)
+    if len(known) > 1:
+        raise FormatError(f"'{path}' is known to the readers {', '.join(known)}; expected one: call that one itself")
+    return READERS[known[0]].read(path, *args, **kwargs)

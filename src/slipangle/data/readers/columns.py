@@ -91,6 +91,34 @@ class Table(Protocol):
         ...
 
 
+@dataclass(frozen=True, kw_only=True)
+class ArrayTable:
+    """A `Table` of numbers that a reader has already.
+
+    Parameters
+    ----------
+    name : str
+        The file, for messages.
+    headers : tuple of Header
+        One per column.
+    values : array, shape (n_rows, n_columns)
+        NaN where a number is missing.
+    """
+
+    name: str
+    headers: tuple[Header, ...]
+    values: np.ndarray
+    named: bool = True
+
+    def numbers(self, column: int) -> np.ndarray:
+        """One column, shape (n_rows,)."""
+        return np.asarray(self.values[:, column], dtype=float)
+
+    def row_name(self, row: int) -> str:
+        """The row counted from 1."""
+        return f"row {row + 1}"
+
+
 def find_column(table: Table, source: str | int, channel: str) -> int:
     """Position of a column.
 
@@ -260,17 +288,17 @@ def _cut_missing(
 
 def assemble(
     table: Table,
-    columns: Mapping[str, Column | str] | Sequence[str] | None,
+    columns: Mapping[str, Column | str] | Sequence[str] | None = None,
     *,
-    time: Column | str | None,
-    dt: float | None,
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    nan: Literal["error", "gap"],
-    jitter: float,
-    shortest: int,
-    experiment: str | None,
-    epoch: bool,
+    time: Column | str | None = None,
+    dt: float | None = None,
+    inputs: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+    nan: Literal["error", "gap"] = "error",
+    jitter: float = 0.2,
+    shortest: int = 2,
+    experiment: str | None = None,
+    epoch: bool = False,
     name: str,
     notes: Sequence[str] = (),
 ) -> Dataset:

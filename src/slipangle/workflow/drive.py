@@ -1,0 +1,204 @@
+"""The closed loop of a job: a controller on the identified model, a path, and the car that is driven.
+
+A package adds a controller with ``@CONTROLLERS.register("name")`` above a function ``(model, settings, ...)`` that
+returns one, or by an entry point of the group ``slipangle.controllers``. Its further arguments are entries of
+``[controller]``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, Literal, Self
+
+from slipangle.control.mpc import MPC
+from slipangle.control.speed.driver import SpeedDriver
+from slipangle.errors import ConfigError, nearest, shown
+from slipangle.models.model import Model
+from slipangle.models.ode import OdeModel
+from slipangle.models.tires.simple import MagicCurve, SimpleMagicFormula
+from slipangle.models.vehicles import catalogue
+from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams, SingleTrackParams
+from slipangle.models.vehicles.single_track import SingleTrack
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.optimal.terms import Limits, Values, Weights
+from slipangle.paths import lane_change as manoeuvres
+from slipangle.paths.path import Path
+from slipangle.registry import Registry
+from slipangle.simulate.loop import Controller, closed_loop
+from slipangle.simulate.plant import Plant
+from slipangle.simulate.run import Run
+from slipangle.units import deg
+from slipangle.workflow.entries import Seed, Weight, Within, arguments, record
+
+_PLANTS = {
+    "sousa-table-6.1": (catalogue.SOUSA_TABLE_6_1, catalogue.SOUSA_TABLE_6_2),
+    "sousa-table-6.10": (catalogue.SOUSA_TABLE_6_10, catalogue.SOUSA_TABLE_6_8),
+}
+_MANOEUVRES = {
+    "iso3888-1": manoeuvres.double_lane_change,
+    "iso3888-2": manoeuvres.obstacle_avoidance,
+}
+NOISE = {"v_y": 0.02, "r": 0.002, "X": 0.02, "Y": 0.02, "psi": 0.001, "v_x": 0.02}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantSettings:
+    """The car that the controller drives in simulation."""
+
+    catalogue: str = ""
+    friction: Annotated[float, Within(0.01, 10)] = 1.0
+    noise: dict[str, Weight] = field(default_factory=dict)
+    seed: Seed = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerSettings:
+    """The controller and its test.
+
+    Parameters
+    ----------
+    model : str
+        Name of the job's model that it has.
+    kind : str
+        One of `CONTROLLERS`.
+    manoeuvre, v_x, width
+        The path, the speed along it and the vehicle's width.
+    dt : float
+        Time between plans. [s]
+    delta_max, delta_rate_max : float
+        Limits of the road-wheel angle [deg] and its rate [deg/s].
+    entries : dict
+        The table's other entries: the settings that the kind takes, checked.
+    """
+
+    model: str
+    kind: str = "mpc"
+    manoeuvre: Literal["iso3888-1", "iso3888-2", "lane-changes"] = "iso3888-1"
+    v_x: Annotated[float, Within(1, 150, "m/s")] = 20.0
+    dt: Annotated[float, Within(1e-3, 1, "s")] = 0.05
+    width: Annotated[float, Within(0.5, 10, "m")] = 1.8
+    delta_max: Annotated[float, Within(0.1, 90, "deg")] = 20.0
+    delta_rate_max: Annotated[float, Within(0.1, 1e4, "deg/s")] = 60.0
+    entries: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def from_table(cls, table: dict[str, Any], where: str) -> Self:
+        """Entries of every controller, and those of its kind."""
+        common = {"model", "kind", "manoeuvre", "v_x", "dt", "width", "delta_max", "delta_rate_max"}
+        wanted = record(cls, {k: v for k, v in table.items() if k in common}, where)
+        if wanted.kind not in CONTROLLERS:
+            near = nearest(wanted.kind[:60], CONTROLLERS)
+            raise ConfigError(f"{where}: kind is {shown(wanted.kind)}; {near}: use one of these")
+        own = {k: v for k, v in table.items() if k not in common}
+        return replace(wanted, entries=arguments(CONTROLLERS[wanted.kind], own, where, skip=2))
+
+
+CONTROLLERS: Registry[Callable[..., Controller]] = Registry("controller", "slipangle.controllers")
+"""What ``kind`` in a job's ``[controller]`` may be: functions of the identified model and `ControllerSettings`."""
+
+
+def drive(
+    wanted: ControllerSettings, plant_settings: PlantSettings, model: Model, progress: Callable[[float], None]
+) -> tuple[Run, str, Controller]:
+    """Closed loop of a controller on the identified model with the plant at a millisecond."""
+    plant, driver, description = build_plant(plant_settings, model)
+    controller = CONTROLLERS[wanted.kind](model, wanted, **wanted.entries)
+    path = build_path(wanted)
+    run = closed_loop(plant, controller, path, driver=driver, width=wanted.width, progress=progress)
+    return run, description, controller
+
+
+@CONTROLLERS.register("mpc")
+def build_mpc(
+    model: Model,
+    wanted: ControllerSettings,
+    *,
+    solver: Literal["ipopt", "realtime"] = "ipopt",
+    horizon: Annotated[int, Within(1, 200, "steps")] = 20,
+    steps: tuple[Annotated[int, Within(1, 1000)], ...] = (),
+    Q: dict[str, Weight] | None = None,
+    S: dict[str, Weight] | None = None,
+) -> MPC:
+    """The predictive controller; its model is re-discretised at the controller's step where it is an ODE."""
+    if isinstance(model, OdeModel) and {"v_y", "r"} <= set(model.states):
+        model = replace(model, dt=wanted.dt, substeps=0, outputs=("v_y", "r"))
+    elif not math.isclose(model.dt, wanted.dt, rel_tol=1e-6):
+        raise ConfigError(
+            f"[controller] works at {wanted.dt:g} s, the model '{wanted.model}' was identified at {model.dt:g} s; "
+            f"expected the same: set rate = {1 / wanted.dt:g} in [data] or dt = {model.dt:g} in [controller]"
+        )
+    limit, rate = deg(wanted.delta_max), deg(wanted.delta_rate_max)
+    return MPC(
+        OnGround(model),
+        horizon=horizon,
+        steps=steps or None,
+        controls=("delta",),
+        Q=Weights({"X": 0.1, "Y": 1.0, "psi": 1.0} if Q is None else Q),
+        S=Weights({"delta": 50.0} if S is None else S),
+        limits=Limits(delta=(-limit, limit)),
+        rates=Limits(delta=(-rate, rate)),
+        solver=solver,
+    )
+
+
+def build_path(wanted: ControllerSettings) -> Path:
+    """The manoeuvre's path with its lanes."""
+    if wanted.manoeuvre == "lane-changes":
+        return manoeuvres.lane_changes(wanted.v_x)
+    return _MANOEUVRES[wanted.manoeuvre](wanted.v_x, width=wanted.width)
+
+
+def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver, str]:
+    """A single track with wheel spin and saturating tires: from the catalogue, or around the identified bicycle."""
+    if wanted.catalogue:
+        if wanted.catalogue not in _PLANTS:
+            raise ConfigError(
+                f"[plant] catalogue is '{wanted.catalogue}'; {nearest(wanted.catalogue, _PLANTS)}: use one of these"
+            )
+        params, tire = _PLANTS[wanted.catalogue]
+        tires = (tire, tire)
+        text = f"the catalogue car {wanted.catalogue} with wheel spin and Magic Formula tires"
+    elif isinstance(identified := getattr(model, "params", None), BicycleParams):
+        params, tires = around(identified, wanted.friction)
+        text = (
+            "a stand-in for the car: the identified mass, geometry and cornering stiffness on Magic Formula tires that "
+            f"saturate at a friction coefficient of {wanted.friction:g}, with wheel spin"
+        )
+    else:
+        raise ConfigError(
+            "[plant] has no catalogue name and the controller's model is no bicycle; expected one of both"
+        )
+    car = SingleTrack(params=params, dt=0.001, tire_f=tires[0], tire_r=tires[1])
+    noise = {**NOISE, **wanted.noise}
+    reach = 0.8 * params.mass * GRAVITY * params.radius
+    driver = SpeedDriver.for_car(mass=params.mass, radius=params.radius, limits=(-reach, 0.5 * reach))
+    return Plant(car, noise=Values(**noise), seed=wanted.seed), driver, text
+
+
+def around(
+    p: BicycleParams, friction: float
+) -> tuple[SingleTrackParams, tuple[SimpleMagicFormula, SimpleMagicFormula]]:
+    """A single track whose tires have the bicycle's cornering stiffness near zero slip.
+
+    Shape factors are typical of passenger-car tires (C = 1.3 across, 1.65 along, E = -0.5); the
+    longitudinal stiffness is twice the cornering stiffness at equal load.
+    """
+    params = SingleTrackParams(
+        **{
+            name: getattr(p, name)
+            for name in ("mass", "inertia_z", "wheelbase", "l_f", "steering_gain", "steering_offset")
+        },
+        inertia_wheel_f=2e-3 * p.mass,
+        inertia_wheel_r=2e-3 * p.mass,
+        radius=0.32,
+    )
+
+    def tire(axle_stiffness: float, load: float) -> SimpleMagicFormula:
+        slope = axle_stiffness / (2 * load)  # friction coefficient per rad
+        lateral = MagicCurve(B=slope / (1.3 * friction), C=1.3, D=friction, E=-0.5)
+        along = MagicCurve(B=2 * slope / (1.65 * friction), C=1.65, D=friction, E=-0.5)
+        return SimpleMagicFormula(longitudinal=along, lateral=lateral, combined="ellipse")
+
+    return params, (tire(p.C_f, params.load_f), tire(p.C_r, params.load_r))

@@ -1,0 +1,185 @@
+"""Everything can be added from outside the package: one of each kind, written as another package would."""
+
+import json
+import struct
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+import pytest
+
+from slipangle.cli import main
+from slipangle.control.mpc import MPC
+from slipangle.data.dataset import Dataset
+from slipangle.data.readers import READERS, ArrayTable, Header, read, reader
+from slipangle.data.signals import SIGNALS
+from slipangle.errors import FormatError, ParameterError
+from slipangle.estimate.ekf import EKF
+from slipangle.identify.judge.validate import validate
+from slipangle.identify.linear.arx import ARX
+from slipangle.identify.physics.grey_box import GreyBox
+from slipangle.models.ode import OdeModel
+from slipangle.models.parameters import ParameterSet
+from slipangle.models.storage import RECORDS, load, save
+from slipangle.ops import cos, stack
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.realtime.backend import RealTime
+from slipangle.optimal.terms import Limits, Weights
+from slipangle.report import Section, Text
+from slipangle.units import SI
+from slipangle.workflow.drive import CONTROLLERS
+from slipangle.workflow.kinds import KINDS
+from slipangle.workflow.page import SECTIONS
+from tests.workflow.test_cli import write_job
+
+
+@pytest.fixture(autouse=True)
+def nothing_stays(monkeypatch):
+    """What a test registers is gone after it."""
+    for registry in (KINDS, RECORDS, READERS, SIGNALS, CONTROLLERS, SECTIONS):
+        monkeypatch.setattr(registry, "_things", dict(registry))
+
+
+# ---- a model -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class YawLagParams(ParameterSet):
+    gain: Annotated[float, SI("1/s", "yaw rate per steering angle", 0.1, 100)]
+    lag: Annotated[float, SI("s", "time constant", 0.01, 10)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class YawLag(OdeModel):
+    """Yaw rate that follows the steering angle late, less so where it is large."""
+
+    states = ("r",)
+    inputs = ("delta",)
+    params: YawLagParams
+
+    def derivative(self, x, u):
+        return stack([(self.params.gain * u[0] * cos(u[0]) - x[0]) / self.params.lag])
+
+
+def yaw_record(n=400, noise=0.0):
+    rng = np.random.default_rng(0)
+    delta = 0.1 * np.repeat(rng.standard_normal(n // 8), 8)
+    data = Dataset.from_arrays(dt=0.05, inputs={"delta": delta}, outputs={"r": np.zeros(n)})
+    true = YawLag(params=YawLagParams(gain=5.0, lag=0.3), dt=0.05)
+    return true, data.with_channel("r", true.simulate(data).y[:, 0] + noise * rng.standard_normal(n))
+
+
+def start():
+    return YawLag(params=YawLagParams(gain=2.0, lag=1.0), dt=0.05)
+
+
+def test_a_model_is_simulated_judged_fitted_filtered_and_compiled(tmp_path):
+    RECORDS.register("YawLag")(YawLag)
+    RECORDS.register("YawLagParams")(YawLagParams)
+    _, data = yaw_record(noise=1e-3)
+    train, test = data.split(0.7)
+    fitted = GreyBox(start=start(), free=("gain", "lag")).fit(train)
+    assert [fitted.params.gain, fitted.params.lag] == pytest.approx([5.0, 0.3], rel=5e-3)
+    assert validate(fitted, test).free_run_scores["r"].fit > 98
+    filtered = EKF(start=start(), free=("gain", "lag"), noise_std={"r": 1e-3}, walk_std={"gain": 0.01}).fit(train)
+    assert [filtered.params.gain, filtered.params.lag] == pytest.approx([5.0, 0.3], rel=0.1)
+    again = load(save(fitted, tmp_path / "yaw.json"))
+    assert np.array_equal(again.simulate(test).y, fitted.simulate(test).y)
+
+
+@pytest.mark.parametrize("solver", ["ipopt", RealTime(iterations=0)])
+def test_a_model_is_controlled(solver):
+    true, _ = yaw_record()
+    mpc = MPC(
+        true, horizon=10, Q=Weights(r=1.0), S=Weights(delta=1e-3), limits=Limits(delta=(-0.3, 0.3)), solver=solver
+    )
+    plan = mpc.plan(np.zeros(1), Reference(tracked=np.full((11, 1), 0.5), exogenous=np.empty((11, 0))))
+    assert plan.status.solved
+    assert plan.x[-1, 0] == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_model_is_a_kind_of_a_job(tmp_path, capsys):
+    KINDS.register("yaw lag")(YawLag)
+    more = "[[model]]\nname='lag'\nkind='yaw lag'\ninputs=['delta']\ncar={ gain=4, lag=0.2 }\nfree=['gain', 'lag']\n"
+    assert main(["run", str(write_job(tmp_path, more=more)), "--out", str(tmp_path / "out"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["models"]["lag"]["parameters"]
+    assert found["gain"]["value"] > 0
+    with pytest.raises(ParameterError, match="there is a model kind 'arx' already"):
+        KINDS.register("arx")(YawLag)
+
+
+# ---- an estimator --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class BestOrder:
+    """The ARX order up to a largest one whose free run follows the end of its training data best."""
+
+    largest: int = 3
+    weights: tuple[float, ...] = field(default=(1.0,))
+
+    def fit(self, data):
+        early, late = data.split(0.7)
+        models = [ARX(na=n, nb=n).fit(early) for n in range(1, self.largest + 1)]
+        return min(models, key=lambda m: np.nanmean(m.simulate(late).error ** 2))
+
+
+def test_an_estimator_is_a_kind_of_a_job(tmp_path, capsys):
+    KINDS.register("best order")(BestOrder)
+    more = "[[model]]\nname = 'best'\nkind = 'best order'\n"
+    assert main(["run", str(write_job(tmp_path, more=more + "largest = 2")), "--out", str(tmp_path), "--json"]) == 0
+    assert "best" in json.loads(capsys.readouterr().out)["models"]
+    for entry, said in (("larges = 2", "largest"), ("largest = 'a'", "expected a whole number")):
+        assert main(["run", str(write_job(tmp_path, more=more + entry)), "--out", str(tmp_path)]) == 2
+        assert said in capsys.readouterr().err
+
+
+def test_a_kind_comes_with_an_installed_package(tmp_path, monkeypatch, capsys):
+    """An entry point is enough: nobody imports the package."""
+    (tmp_path / "yawkit.py").write_text("from tests.test_extension import BestOrder as Order\n")
+    info = tmp_path / "yawkit-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: yawkit\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[slipangle.kinds]\ninstalled = yawkit:Order\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(KINDS, "_searched", False)
+    more = "[[model]]\nname = 'best'\nkind = 'installed'\n"
+    assert main(["run", str(write_job(tmp_path, more=more)), "--out", str(tmp_path / "out"), "--json"]) == 0
+    assert "best" in json.loads(capsys.readouterr().out)["models"]
+
+
+# ---- a log format --------------------------------------------------------------------------------------------------
+
+
+def yaw_log(path):
+    """Columns of a binary log: magic, count of rows, then doubles row by row."""
+    raw = path.read_bytes()
+    (rows,) = struct.unpack("<i", raw[4:8])
+    headers = (Header(text="t", name="t", unit="s"), Header(text="yaw", name="yaw", unit="deg/s"))
+    return ArrayTable(name=path.name, headers=headers, values=np.frombuffer(raw[8:]).reshape(rows, 2))
+
+
+def test_a_format_is_known_by_its_content(tmp_path):
+    reader("yaw log", recognises=lambda head: head.startswith(b"YAWL"))(yaw_log)
+    rows = np.column_stack([0.1 * np.arange(20), 10 * np.ones(20)])
+    file = tmp_path / "log.csv"
+    file.write_bytes(b"YAWL" + struct.pack("<i", 20) + rows.tobytes())
+    data = read(file, columns={"r": "yaw"}, outputs=["r"])
+    assert data.dt == pytest.approx(0.1)
+    assert data["r"] == pytest.approx(np.deg2rad(10))
+    file.write_text("t,r [rad/s]\n" + "\n".join(f"{0.1 * k},1" for k in range(20)))
+    assert read(file)["r"] == pytest.approx(1.0)
+    with pytest.raises(FormatError, match=r"suffix '.xyz'.*\.csv"):
+        read(file.rename(tmp_path / "log.xyz"))
+
+
+# ---- a section -----------------------------------------------------------------------------------------------------
+
+
+def test_a_section_of_the_page(tmp_path):
+    @SECTIONS.register("driver")
+    def driver(outcome, command):
+        yield Section(title="Who drove", blocks=(Text(text=f"somebody, over {outcome.data.n_samples} samples"),))
+
+    assert main(["run", str(write_job(tmp_path)), "--out", str(tmp_path / "out")]) == 0
+    assert "somebody, over 400 samples" in (tmp_path / "out" / "index.html").read_text()
