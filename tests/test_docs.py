@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -26,6 +27,39 @@ def modules():
 def test_every_public_name_can_be_imported():
     for name in slipangle.__all__:
         assert getattr(slipangle, name).__name__ == name or callable(getattr(slipangle, name))
+
+
+def test_a_name_of_the_toolbox_means_one_thing():
+    """No public name and no exception is also something else."""
+    homes: dict[str, set[str]] = {}
+    for name in modules():
+        for key, member in vars(importlib.import_module(name)).items():
+            if inspect.isclass(member) and member.__module__ == name and not key.startswith("_"):
+                homes.setdefault(key, set()).add(name)
+    errors = {
+        n for n, m in vars(slipangle.errors).items() if inspect.isclass(m) and issubclass(m, (Exception, Warning))
+    }
+    assert {n: homes[n] for n in {*slipangle.__all__, *errors} if len(homes.get(n, ())) > 1} == {}
+
+
+def test_load_opens_what_save_wrote(tmp_path):
+    model = slipangle.Bicycle(
+        params=slipangle.BicycleParams(mass=1200, inertia_z=1500, wheelbase=2.6, l_f=1.2, C_f=8e4, C_r=9e4), dt=0.05
+    )
+    assert slipangle.load(slipangle.save(model, tmp_path / "car.json")) == model
+
+
+def test_every_fit_says_what_it_returns():
+    """An estimator's `fit` is typed with its model: what a user starts from, or a class of its own."""
+    estimators = {
+        member
+        for name in modules()
+        for member in vars(importlib.import_module(name)).values()
+        if inspect.isclass(member) and member.__module__ == name and "fit" in vars(member)
+    }
+    assert {slipangle.GreyBox, slipangle.Collocation, slipangle.EKF, slipangle.ARX} < estimators
+    assert {e for e in estimators if vars(e)["fit"].__annotations__.get("return") in (None, "Any", Any)} == set()
+    assert (ROOT / "src" / "slipangle" / "py.typed").exists()
 
 
 @pytest.mark.parametrize("name", modules())

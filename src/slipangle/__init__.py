@@ -5,7 +5,7 @@ The tree is the workflow, and so are the names here:
 >>> import slipangle as sa
 
 log -> data
-    ``data = sa.read("run.csv", inputs=["delta", "v_x"], outputs=["r"])``, or ``sa.load("ferrari-250lm")``;
+    ``data = sa.read("run.csv", inputs=["delta", "v_x"], outputs=["r"])``, or ``sa.public("ferrari-250lm")``;
     ``sa.inspect(data)`` says what is wrong with it; ``train, test = data.split(0.7)``.
 data -> models
     ``sa.Bicycle``, ``sa.SingleTrack``, ``sa.Longitudinal``, ``sa.Kinematic``, ``sa.ARXModel``, with tires
@@ -14,9 +14,11 @@ data -> models
 models -> identify
     ``sa.GreyBox(start=bicycle, free=("C_f", "C_r", "inertia_z")).fit(train)``, ``sa.ARX(na=2, nb=2).fit(train)``;
     ``sa.Ode(f=...)`` takes equations of your own, ``sa.Delayed`` late inputs, ``sa.Collocation`` constraints, and
-    ``sa.advise`` says what to drive; ``sa.validate(model, test)`` is the verdict.
+    ``sa.advise`` says what to drive; ``sa.validate(model, test)`` is the verdict; ``sa.save(model, "car.json")`` writes
+    what ``sa.load`` opens.
 identify -> control
-    ``sa.MPC(sa.OnGround(model), horizon=20, Q=sa.Weights(Y=1.0), S=sa.Weights(delta=50.0), ...)``.
+    ``sa.MPC(sa.OnGround(model), horizon=20, Q=sa.Weights(Y=1.0), S=sa.Weights(delta=50.0), ...)``, solved by
+    ``sa.RealTime`` or, as the reference, ``sa.Ipopt``; ``sa.Stanley`` and others to compare with.
 control -> simulate
     ``sa.closed_loop(plant, mpc, sa.double_lane_change(20.0))`` returns a ``sa.Run``.
 simulate -> report
@@ -29,11 +31,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from slipangle.control.followers.followers import PreviewLQR, PurePursuit, Stanley
     from slipangle.control.marx.mpc import MultiARXMPC
     from slipangle.control.mpc import MPC
     from slipangle.control.speed.driver import SpeedDriver
     from slipangle.data.dataset import Channel, Dataset, join
-    from slipangle.data.public.sets import load
+    from slipangle.data.public.sets import public
     from slipangle.data.quality.inspect import inspect
     from slipangle.data.readers import read
     from slipangle.estimate.ekf import EKF
@@ -43,6 +46,9 @@ if TYPE_CHECKING:
     from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError
     from slipangle.identify.linear.recursive import RLS
     from slipangle.identify.linear.statespace import StateSpace
+    from slipangle.identify.lure.lure import Lure
+    from slipangle.identify.networks.hybrid import Hybrid
+    from slipangle.identify.networks.joint import Joint
     from slipangle.identify.networks.narx import NARX
     from slipangle.identify.networks.neural_statespace import NeuralStateSpace
     from slipangle.identify.physics.advise import advise
@@ -52,10 +58,11 @@ if TYPE_CHECKING:
     from slipangle.models.black_box.narx import NARXModel
     from slipangle.models.custom import Ode
     from slipangle.models.model import FitInfo, Model, Trajectory
-    from slipangle.models.storage import save
+    from slipangle.models.storage import load, save
     from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
     from slipangle.models.tires.simple import LinearTire, MagicCurve, SimpleMagicFormula, Tire
     from slipangle.models.vehicles.bicycle import Bicycle
+    from slipangle.models.vehicles.dual_track.dual_track import DualTrack
     from slipangle.models.vehicles.kinematic import Kinematic
     from slipangle.models.vehicles.longitudinal import Longitudinal, LongitudinalParams
     from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
@@ -64,6 +71,9 @@ if TYPE_CHECKING:
     from slipangle.models.wrappers.delayed import Delayed
     from slipangle.models.wrappers.multi_arx import MultiARXModel
     from slipangle.models.wrappers.on_ground import OnGround
+    from slipangle.optimal.ipopt import Ipopt
+    from slipangle.optimal.ocp import Reference
+    from slipangle.optimal.realtime import RealTime
     from slipangle.optimal.terms import Limits, Values, Weights
     from slipangle.paths.lane_change import double_lane_change, lane_changes, obstacle_avoidance
     from slipangle.paths.path import Path
@@ -74,9 +84,17 @@ if TYPE_CHECKING:
     from slipangle.units import deg, kmh
 
 _HOME = {  # where each public name lives; imported on first use, so that `import slipangle` is quick
+    "slipangle.data.public.sets": ("public",),
+    "slipangle.identify.networks.hybrid": ("Hybrid",),
+    "slipangle.identify.networks.joint": ("Joint",),
+    "slipangle.identify.lure.lure": ("Lure",),
+    "slipangle.optimal.realtime": ("RealTime",),
+    "slipangle.optimal.ipopt": ("Ipopt",),
+    "slipangle.optimal.ocp": ("Reference",),
+    "slipangle.models.vehicles.dual_track.dual_track": ("DualTrack",),
+    "slipangle.control.followers.followers": ("PreviewLQR", "PurePursuit", "Stanley"),
     "slipangle.data.dataset": ("Channel", "Dataset", "join"),
     "slipangle.data.readers": ("read",),
-    "slipangle.data.public.sets": ("load",),
     "slipangle.data.quality.inspect": ("inspect",),
     "slipangle.paths.path": ("Path",),
     "slipangle.paths.lane_change": ("double_lane_change", "lane_changes", "obstacle_avoidance"),
@@ -91,7 +109,7 @@ _HOME = {  # where each public name lives; imported on first use, so that `impor
     "slipangle.models.black_box.narx": ("NARXModel",),
     "slipangle.models.tires.magic_formula.tire": ("MagicFormulaTire",),
     "slipangle.models.vehicles.nonlinear_bicycle": ("NonlinearBicycle", "NonlinearBicycleParams"),
-    "slipangle.models.storage": ("save",),
+    "slipangle.models.storage": ("load", "save"),
     "slipangle.models.wrappers.on_ground": ("OnGround",),
     "slipangle.models.wrappers.multi_arx": ("MultiARXModel",),
     "slipangle.models.custom": ("Ode",),
@@ -135,13 +153,18 @@ __all__ = [
     "Collocation",
     "Dataset",
     "Delayed",
+    "DualTrack",
     "FitInfo",
     "GreyBox",
+    "Hybrid",
+    "Ipopt",
+    "Joint",
     "Kinematic",
     "Limits",
     "LinearTire",
     "Longitudinal",
     "LongitudinalParams",
+    "Lure",
     "MagicCurve",
     "MagicFormulaTire",
     "Model",
@@ -156,11 +179,16 @@ __all__ = [
     "OutputError",
     "Path",
     "Plant",
+    "PreviewLQR",
+    "PurePursuit",
+    "RealTime",
+    "Reference",
     "Run",
     "SimpleMagicFormula",
     "SingleTrack",
     "SingleTrackParams",
     "SpeedDriver",
+    "Stanley",
     "StateSpace",
     "Tire",
     "Trajectory",
@@ -180,6 +208,7 @@ __all__ = [
     "lane_changes",
     "load",
     "obstacle_avoidance",
+    "public",
     "read",
     "save",
     "validate",

@@ -69,7 +69,7 @@ class HashError(SlipangleError):
     """A data file that is not the published one."""
 
 
-class OutputError(SlipangleError):
+class WriteError(SlipangleError):
     """A place that cannot be written."""
 
 

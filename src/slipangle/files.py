@@ -7,7 +7,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from slipangle.errors import OutputError
+from slipangle.errors import WriteError
 
 
 def cache_folder() -> Path:
@@ -38,7 +38,7 @@ def output_folder(path: str | Path) -> Path:
 
     Raises
     ------
-    OutputError
+    WriteError
         If it cannot be created or written.
     """
     folder = Path(path)
@@ -48,7 +48,7 @@ def output_folder(path: str | Path) -> Path:
             pass
     except OSError as error:
         reason = error.strerror or str(error)
-        raise OutputError(
+        raise WriteError(
             f"the output folder '{folder}' cannot be written ({reason}); expected a folder with write "
             "permission: name another one with --out"
         ) from None
@@ -60,13 +60,13 @@ def check_output(path: str | Path) -> Path:
 
     Raises
     ------
-    OutputError
+    WriteError
         If it, or the nearest folder above it that exists, cannot be written.
     """
     folder = Path(path)
     existing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
     if not existing.is_dir():
-        raise OutputError(f"the output folder '{folder}' cannot be made ('{existing}' is a file); name another one")
+        raise WriteError(f"the output folder '{folder}' cannot be made ('{existing}' is a file); name another one")
     output_folder(existing)
     return folder
 
@@ -76,7 +76,7 @@ def write_atomic(path: str | Path, content: str | bytes) -> Path:
 
     Raises
     ------
-    OutputError
+    WriteError
         If the place cannot be written.
     """
     target = Path(path)
@@ -92,7 +92,7 @@ def write_atomic(path: str | Path, content: str | bytes) -> Path:
         os.replace(name, target)
     except OSError as error:
         Path(name).unlink(missing_ok=True)
-        raise OutputError(
+        raise WriteError(
             f"'{target}' cannot be written ({error.strerror or error}); expected a writable file: "
             "close the program that holds it, or name another place"
         ) from None

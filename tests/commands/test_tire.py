@@ -9,7 +9,7 @@ import pytest
 from slipangle.cli import main
 from slipangle.commands import tire
 from slipangle.commands.tire import read_tire
-from slipangle.errors import ConfigError, FormatError, MissingFileError, OutputError, ParameterError
+from slipangle.errors import ConfigError, FormatError, MissingFileError, ParameterError, WriteError
 from slipangle.models.storage import save
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
 from slipangle.models.tires.neural import NeuralTire
@@ -54,9 +54,9 @@ def test_eval(tir, capsys):
 def test_eval_outside_the_range(tmp_path, capsys):
     from dataclasses import replace
 
-    from slipangle.models.tires.magic_formula.validity import Limits
+    from slipangle.models.tires.magic_formula.validity import ValidRange
 
-    path = replace(TIRE, limits=Limits(load=(100.0, 1500.0))).write_tir(tmp_path / "tire.tir")
+    path = replace(TIRE, limits=ValidRange(load=(100.0, 1500.0))).write_tir(tmp_path / "tire.tir")
     with pytest.raises(ParameterError, match="load is 5000 N; expected 100 to 1500 N"):
         run("eval", path, "--load", "5000")
     assert run("eval", path, "--load", "5000", "--extrapolate") == 0
@@ -120,7 +120,7 @@ def test_mistakes(tir, runs, tmp_path):
         (("fit", *runs, "--out", tmp_path / "x.doc"), FormatError, "neither .tir nor .json"),
         (("fit", *runs, "--model", "mlp:2", "--inputs", "lode"), ParameterError, "no input 'lode'; nearest"),
         (("fit", tmp_path / "no.mat"), MissingFileError, "does not exist"),
-        (("plot", tir, "--out", tir / "x.html"), OutputError, "is a file"),
+        (("plot", tir, "--out", tir / "x.html"), WriteError, "is a file"),
         (("convert", brush, tmp_path / "x.tir"), FormatError, "BrushTire has no place in a .tir file"),
         (("convert", brush, tmp_path / "x.json", "--mirror"), ConfigError, "only a Magic Formula tire can be mirrored"),
         (("convert", tir, tmp_path / "x.tir", "--mirror"), FormatError, "mirrored tire has no place"),

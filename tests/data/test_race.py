@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.data.public.sets import ferrari_250lm, load
+from slipangle.data.public.sets import ferrari_250lm, public
 from slipangle.data.quality.events import find_spikes
 from slipangle.data.quality.inspect import estimate_delay, inspect
 from slipangle.data.race import (
@@ -123,7 +123,7 @@ def ferrari(real_data):
 
 
 def test_the_ferraris_spikes_are_reported_and_gone(real_data, ferrari):
-    raw = load("ferrari-250lm")
+    raw = public("ferrari-250lm")
     spikes = find_spikes(raw, "delta")
     assert [s.t for s in spikes] == pytest.approx([207.26, 503.48, 524.84, 671.66], abs=0.02)
     assert all(s.samples == 1 and 0.1 < abs(s.size) < 0.6 for s in spikes)
@@ -137,7 +137,7 @@ def test_the_ferraris_spikes_are_reported_and_gone(real_data, ferrari):
 
 def test_resampling_the_ferrari_lets_nothing_fold_back(real_data):
     """A tone above the new Nyquist frequency, laid over the yaw rate, is gone after resampling."""
-    raw = load("ferrari-250lm")
+    raw = public("ferrari-250lm")
     tone = raw.with_channel("r", raw["r"] + 0.1 * np.sin(2 * np.pi * 17.0 * raw.t), "rad/s")  # would fold to 3 Hz
     plain, toned = (d.resample(0.05, cutoff=8.0)["r"] for d in (raw, tone))
     assert np.std(toned - plain) < 2e-3
@@ -171,7 +171,7 @@ def lap_starts_by_dead_reckoning(data):
 
 
 def test_the_dallara_crosses_its_gate_once_a_lap(real_data):
-    data = load("iac-putnam")
+    data = public("iac-putnam")
     fast = data.t > 202.0
     k = int(np.argmax(np.where(fast, data["v_x"], 0.0)))
     heading = float(np.arctan2(*(data[n][k + 5] - data[n][k] for n in ("Y", "X"))))
@@ -193,7 +193,7 @@ def test_lags_and_offsets_between_the_ferraris_channels(ferrari):
 
 def test_sessions_are_split_as_wholes(ferrari):
     """Each session is left out once; windows and lags never reach from one into the other."""
-    other = load("ferrari-250lm-session").resample(0.05)
+    other = public("ferrari-250lm-session").resample(0.05)
     parts = []
     for d in (ferrari.rows(0, 4000), other):
         one = Dataset.from_arrays({n: d[n] for n in ("delta", "v_x")}, {"r": d["r"]}, 0.05, name=d.name)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.public.sets import load
+from slipangle.data.public.sets import public
 from slipangle.errors import MissingColumnError, NotFiniteError, ParameterError, SampleTimeError, SimulationError
 from slipangle.estimate.ekf import EKF
 from slipangle.identify.judge.validate import validate
@@ -289,7 +289,7 @@ def test_bad_input_says_what_to_do():
 @pytest.mark.usefixtures("real_data")
 def test_a_race_car_in_one_pass_is_as_good_as_the_batch_fit():
     """Yaw rate and side slip measured; free run over the last 30 %, which the filter has not seen."""
-    data = load("ferrari-250lm").resample(0.05, cutoff=8.0).select(inputs=["delta", "v_x"], outputs=["r", "v_y"])
+    data = public("ferrari-250lm").resample(0.05, cutoff=8.0).select(inputs=["delta", "v_x"], outputs=["r", "v_y"])
     train, test = data.split(0.7)
     start = Bicycle(params=FERRARI_250LM, dt=0.05, outputs=("r", "v_y"))
     settings = EKF(

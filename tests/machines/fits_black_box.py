@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.public.sets import load
+from slipangle.data.public.sets import public
 from slipangle.identify.linear.polynomial import ARMAX, OutputError
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.lure.lure import Lure
@@ -34,7 +34,7 @@ def free_run(model: Model, train: Dataset, test: Dataset) -> Errors:
 
 def arm() -> tuple[Dataset, Dataset]:
     """Robot arm of table 4.1."""
-    return load("robot-arm").split(0.85)
+    return public("robot-arm").split(0.85)
 
 
 @fit("state space, robot arm")
@@ -82,7 +82,7 @@ def _() -> Errors:
 
 @fit("black box, EMPS, table 4.5")
 def _() -> Errors:
-    train, test = table_4_5.with_velocity(load("emps")).split(0.6)
+    train, test = table_4_5.with_velocity(public("emps")).split(0.6)
     train, test = (part.select(outputs=["q", "v"]) for part in (train, test))
     return free_run(replace(table_4_5.black_box(), order=3).fit(train), train, test)
 

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from slipangle.errors import FormatError, MissingFileError, OutputError, ParameterError, SlipangleError
+from slipangle.errors import FormatError, MissingFileError, ParameterError, SlipangleError, WriteError
 from slipangle.identify.linear.arx import ARX
 from slipangle.models import storage
 from slipangle.models.black_box.arx import ARXModel
@@ -172,7 +172,7 @@ def test_only_records_are_saved(thing, tmp_path):
 
 def test_place_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError):
+    with pytest.raises(WriteError):
         save(ALL_MODELS["ARX"], tmp_path / "file" / "arx.json")
 
 

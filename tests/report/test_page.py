@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 
-from slipangle.errors import OutputError, ParameterError
+from slipangle.errors import ParameterError, WriteError
 from slipangle.report import Figure, Number, Page, Section, Text, Verdict
 from slipangle.report.page import figures
 from slipangle.report.style import dark_map, new_figure
@@ -195,7 +195,7 @@ def test_write_is_whole_or_not_at_all(tmp_path, page):
     assert [p.name for p in target.parent.iterdir()] == ["page.html"]
     blocked = tmp_path / "file"
     blocked.write_text("x")
-    with pytest.raises(OutputError, match="cannot be written"):
+    with pytest.raises(WriteError, match="cannot be written"):
         page.write(blocked / "page.html")
 
 

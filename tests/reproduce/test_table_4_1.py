@@ -2,14 +2,14 @@
 
 import pytest
 
-from slipangle.data.public.sets import load
+from slipangle.data.public.sets import public
 from slipangle.identify.linear.arx import ARX
 from slipangle.reproduce import find, table_4_1
 
 
 @pytest.mark.usefixtures("real_data")
 def test_all_32_printed_values():
-    train, test = load("robot-arm").split(0.85)
+    train, test = public("robot-arm").split(0.85)
     assert (train.n_samples, test.n_samples) == (870, 154)
     records = []
     for key, printed in table_4_1.PRINTED.items():
@@ -27,7 +27,7 @@ def test_all_32_printed_values():
     [("5.46", "0.999", "3.77", "0.999"), ("5.44", "0.998", "3.77", "0.999"), ("5.44", "0.999", "3.79", "0.999")],
 )
 def test_a_wrong_digit_is_noticed(printed):
-    train, test = load("robot-arm").split(0.85)
+    train, test = public("robot-arm").split(0.85)
     model = ARX(na=4, nb=8).fit(train)
     records = table_4_1._entries(("OSA", 4, 8), printed, model, train, test)
     assert [r.holds for r in records].count(False) == 1
@@ -42,7 +42,7 @@ def test_candidates_go_from_simple_to_complex():
 
 @pytest.mark.usefixtures("real_data")
 def test_the_chosen_structure_beats_the_bound():
-    train, test = load("robot-arm").split(0.85)
+    train, test = public("robot-arm").split(0.85)
     chosen = table_4_1.candidates()["order 6, 1 hardening branch"]
     model = table_4_1._fit(chosen, train)
     assert 1e4 * table_4_1._score(model, test).rmse <= table_4_1.BOUND

@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from slipangle.data.public.sets import load
+from slipangle.data.public.sets import public
 from slipangle.identify.judge.validate import score
 from slipangle.reproduce import table_4_5
 
 
 @pytest.fixture(scope="module")
 def data(real_data):
-    return table_4_5.with_velocity(load("emps"))
+    return table_4_5.with_velocity(public("emps"))
 
 
 def test_black_box(data):
@@ -31,7 +31,7 @@ def test_grey_box(data):
 
 @pytest.mark.slow
 def test_learned_friction_on_the_official_test(data):
-    pulses = table_4_5.with_velocity(load("emps-pulses"))
+    pulses = table_4_5.with_velocity(public("emps-pulses"))
     model = table_4_5._learn(data, 0.014, 30.0)
     assert score(model.simulate(pulses), "q").rmse <= 2e-3
 

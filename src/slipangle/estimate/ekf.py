@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -17,9 +17,11 @@ from slipangle.models.ode import OdeModel
 from slipangle.models.provenance import provenance
 from slipangle.numerics.integrate import discretise
 
+M = TypeVar("M", bound=OdeModel)
+
 
 @dataclass(frozen=True, kw_only=True)
-class EKF:
+class EKF(Generic[M]):
     """Extended Kalman filter for the states and some parameters of an ODE model. [1]_ sec. 8.3, [2]_ ch. 8.
 
     The parameters join the state as random walks: a positive one by its logarithm, another as it is; both stay inside
@@ -57,7 +59,7 @@ class EKF:
     .. [2] D. Simon, Optimal State Estimation, 2006: the update of one output at a time.
     """
 
-    start: OdeModel
+    start: M
     free: tuple[str, ...]
     noise_std: Mapping[str, float]
     process_std: Mapping[str, float] = field(default_factory=dict)
@@ -101,7 +103,7 @@ class EKF:
         found.restart(x0)
         return found
 
-    def fit(self, data: Dataset) -> Any:
+    def fit(self, data: Dataset) -> M:
         """The model with the parameters after the last sample of ``data``, their covariance in its ``fit_info``.
 
         Raises

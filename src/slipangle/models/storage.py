@@ -53,7 +53,7 @@ def save(record: Any, path: str | Path, *, classes: Sequence[type] = ()) -> Path
     ------
     ParameterError
         If a field holds something that a readable file cannot keep, such as a function or a symbol.
-    OutputError
+    WriteError
         If the place cannot be written.
     """
     if not is_dataclass(record) or isinstance(record, type):

@@ -199,7 +199,7 @@ class Page:
 
         Raises
         ------
-        OutputError
+        WriteError
             If the place cannot be written.
         """
         return write_atomic(path, self.to_html())

@@ -21,7 +21,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from slipangle.data.dataset import Channel, Dataset, join
-from slipangle.data.public.sets import ferrari_250lm, load
+from slipangle.data.public.sets import ferrari_250lm, public
 from slipangle.errors import IdentifiabilityWarning, ModelWarning
 from slipangle.identify.judge.compare import Estimator
 from slipangle.identify.judge.validate import Score, restarted, score
@@ -66,7 +66,7 @@ def ferrari() -> tuple[Dataset, Dataset]:
 
 def session() -> Dataset:
     """Another session of the same car, 20 Hz."""
-    return channels(load("ferrari-250lm-session"))
+    return channels(public("ferrari-250lm-session"))
 
 
 def narx(seed: int, stages: Sequence[Stage] = STAGES) -> NARX:

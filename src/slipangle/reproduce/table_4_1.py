@@ -25,7 +25,7 @@ import warnings
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.data.public.sets import load
+from slipangle.data.public.sets import public
 from slipangle.errors import IdentifiabilityWarning, SlipangleError
 from slipangle.identify.judge.validate import Score, score
 from slipangle.identify.linear.arx import ARX
@@ -55,7 +55,7 @@ Estimator = StateSpace | Lure
 
 def reproduce(progress: Progress) -> Reproduction:
     """The 32 entries, then the structures compared and the chosen one judged."""
-    data = load("robot-arm")
+    data = public("robot-arm")
     train, test = data.split(0.85)
     models = {orders: ARX(na=orders[0], nb=orders[1]).fit(train) for orders in {key[1:] for key in PRINTED}}
     records = [r for key, printed in PRINTED.items() for r in _entries(key, printed, models[key[1:]], train, test)]

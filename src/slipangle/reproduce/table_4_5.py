@@ -23,7 +23,7 @@ from dataclasses import replace
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.public.sets import load
+from slipangle.data.public.sets import public
 from slipangle.errors import IdentifiabilityWarning
 from slipangle.identify.judge.validate import Score, score
 from slipangle.identify.linear.statespace import StateSpace
@@ -43,7 +43,7 @@ SPACINGS, WEIGHTS = (0.02, 0.014), (3.0, 10.0, 30.0)  # of the learned friction:
 
 def reproduce(progress: Progress) -> Reproduction:
     """Black box and grey box on the 60/40 split, then the official protocol."""
-    data, pulses = with_velocity(load("emps")), with_velocity(load("emps-pulses"))
+    data, pulses = with_velocity(public("emps")), with_velocity(public("emps-pulses"))
     train, test = data.split(0.6)
     records = []
     progress(0.02, "choosing the order of the black-box state space")

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.public.sets import load
+from slipangle.data.public.sets import public
 from slipangle.identify.judge.validate import Score, restarted, score
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.networks.hybrid import Hybrid
@@ -69,7 +69,7 @@ PRINTED = {
 
 def fast_part() -> Dataset:
     """The laps from 202 s on; inputs throttle, brake, delta, output v_x."""
-    data = load("iac-putnam").select(inputs=("throttle", "brake", "delta"), outputs=("v_x",))
+    data = public("iac-putnam").select(inputs=("throttle", "brake", "delta"), outputs=("v_x",))
     return data.rows(int(np.searchsorted(data.t, FAST)), data.n_samples)
 
 

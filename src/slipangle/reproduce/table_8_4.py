@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.public.sets import load
+from slipangle.data.public.sets import public
 from slipangle.identify.judge.validate import score
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.models.black_box.statespace import StateSpaceModel
@@ -27,7 +27,7 @@ LARGEST = 0.999
 
 def normalised() -> tuple[Dataset, Dataset]:
     """Training and test part; means and deviations are the training part's."""
-    data = load("iac-putnam").select(inputs=("pedal", "delta"), outputs=("v_x", "r"))
+    data = public("iac-putnam").select(inputs=("pedal", "delta"), outputs=("v_x", "r"))
     data = data.rows(int(np.searchsorted(data.t, FAST)), data.n_samples).resample(0.05, cutoff=8.0)
     train, test = data.split(0.7)
     size = {name: (float(train[name].mean()), float(train[name].std())) for name in (*data.inputs, *data.outputs)}

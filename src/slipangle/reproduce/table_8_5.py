@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.data.public.sets import load
+from slipangle.data.public.sets import public
 from slipangle.identify.judge.validate import restarted, score
 from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.model import FitInfo
@@ -68,7 +68,7 @@ def reproduce(progress: Progress) -> Reproduction:
         )
     )
     progress(0.7, "longitudinal")
-    data = load("iac-putnam").select(inputs=("pedal",), outputs=("v_x",))
+    data = public("iac-putnam").select(inputs=("pedal",), outputs=("v_x",))
     fast = data.rows(int(np.searchsorted(data.t, FAST)), data.n_samples).split(0.7)[0]
     start = Longitudinal(params=LongitudinalParams(mass=790.0, k_e=6000.0, k_d=60.0, k_r=0.02), dt=fast.dt)
     settings = GreyBox(start=start, free=("k_e", "k_d", "k_r"))

@@ -153,7 +153,7 @@ def prepare_demo(folder: str | Path, *, progress: Callable[[float], None] = lamb
 
     Raises
     ------
-    OutputError
+    WriteError
         If the folder cannot be written.
     """
     t, table = drive_log(progress=progress)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.public import sets as public
+from slipangle.data.public.sets import public
 from slipangle.data.quality.inspect import DataReport, despike, inspect
 from slipangle.data.readers import read
 from slipangle.data.readers.csv import Column
@@ -191,7 +191,7 @@ def load_data(settings: Settings) -> Dataset:
     """The log as it is, in SI units."""
     wanted = settings.data
     if wanted.set:
-        data = public.load(wanted.set)
+        data = public(wanted.set)
         return data.select(inputs=wanted.inputs or data.inputs, outputs=wanted.outputs or data.outputs)
     columns = {name: Column(c.column, c.unit or None) for name, c in wanted.columns.items()} or None
     time = Column(wanted.time.column, wanted.time.unit or None) if wanted.time is not None else None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slipangle import errors
-from slipangle.data.public.sets import LOADERS, ferrari_250lm, load
+from slipangle.data.public.sets import LOADERS, ferrari_250lm, public
 from slipangle.data.quality.inspect import estimate_delay, find_jumps, inspect
 
 pytestmark = pytest.mark.usefixtures("real_data")
@@ -15,7 +15,7 @@ JUMPS = [191.67, 272.30, 299.35, 469.23, 496.75, 515.64, 527.43, 527.68, 646.32]
 
 @pytest.fixture(scope="module")
 def run(real_data):
-    return load("ferrari-250lm")
+    return public("ferrari-250lm")
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +117,7 @@ def test_ferrari_at_an_impossible_rate(rate):
 
 
 def test_session_is_the_same_car():
-    data = load("ferrari-250lm-session")
+    data = public("ferrari-250lm-session")
     assert data.dt == 0.05
     assert data.n_samples == 4158
     assert data.starts == (0, 2)
@@ -136,7 +136,7 @@ def test_session_is_the_same_car():
 
 
 def test_robot_arm(real_data):
-    data = load("robot-arm")
+    data = public("robot-arm")
     table = np.loadtxt(real_data("daisy_robot_arm/robot_arm.dat"))
     np.testing.assert_array_equal(data.values, table)
     assert data.n_samples == 1024
@@ -145,7 +145,7 @@ def test_robot_arm(real_data):
 
 @pytest.mark.parametrize("name", ["emps", "emps-pulses"])
 def test_emps(name):
-    data = load(name)
+    data = public(name)
     assert (data.n_samples, data.dt) == (24841, 0.001)
     np.testing.assert_allclose(data["force"], 35.1506519 * data["voltage"], rtol=1e-8)
     assert np.abs(data["q"] - data["q_ref"]).max() < 0.01
@@ -154,7 +154,7 @@ def test_emps(name):
 
 
 def test_iac_putnam():
-    data = load("iac-putnam")
+    data = public("iac-putnam")
     assert (data.n_samples, data.dt, data.start_times) == (11900, 0.04, (0.0,))
     assert data["throttle"].max() == pytest.approx(0.4246, abs=1e-4)
     assert data["brake"].max() == pytest.approx(1.8e6, rel=1e-5)
@@ -167,7 +167,7 @@ def test_iac_putnam():
 
 
 def test_dart():
-    data = load("dart")
+    data = public("dart")
     assert data.dt == 0.01
     assert len(data.starts) == 2
     for part in data:
@@ -184,7 +184,7 @@ def test_dart():
 
 
 def test_dart_steps():
-    data = load("dart-steps")
+    data = public("dart-steps")
     assert data.dt == 0.1
     assert len(data.starts) == 8
     for part in data:
@@ -194,7 +194,7 @@ def test_dart_steps():
 
 @pytest.mark.parametrize("name", LOADERS)
 def test_every_log_can_be_inspected(name):
-    data = load(name)
+    data = public(name)
     assert np.isfinite(data.values).all()
     assert data.inputs
     assert data.outputs
@@ -205,6 +205,6 @@ def test_every_log_can_be_inspected(name):
 
 def test_names_that_are_no_logs():
     with pytest.raises(errors.ParameterError, match=r"'tir' is not a log; expected one of .*fetch\('tir'\)"):
-        load("tir")
+        public("tir")
     with pytest.raises(errors.ParameterError, match="no public data set 'ferrari'; nearest are 'ferrari-250lm'"):
-        load("ferrari")
+        public("ferrari")

@@ -444,7 +444,7 @@ def test_written_data_read_back_identically(tmp_path, data):
 
 def test_writing_to_an_impossible_place(tmp_path):
     (tmp_path / "file").write_text("x")
-    with pytest.raises(errors.OutputError, match="cannot be written"):
+    with pytest.raises(errors.WriteError, match="cannot be written"):
         write_csv(some_data(), tmp_path / "file" / "run.csv")
 
 

@@ -1,4 +1,4 @@
 """Named public data sets, with origin, licence and checksum.
 
-Start with `sets.load`.
+Start with `sets.public`.
 """

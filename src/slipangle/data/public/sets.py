@@ -1,4 +1,4 @@
-"""Named public data sets as `Dataset`: `load("ferrari-250lm")`; licences and origins are in `registry`."""
+"""Named public data sets as `Dataset`: `public("ferrari-250lm")`; licences and origins are in `registry`."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ __all__ = [
     "fetch",
     "find_set",
     "list_sets",
-    "load",
+    "public",
 ]
 
 
-def load(name: str) -> Dataset:
+def public(name: str) -> Dataset:
     """Read a public data set, in SI units, at the rate it was recorded with.
 
     Parameters

@@ -384,7 +384,7 @@ def write_csv(data: Dataset, path: str | Path) -> Path:
 
     Raises
     ------
-    OutputError
+    WriteError
         If the place cannot be written; nothing is left half-written.
     UnitError
         If a channel's unit is not one that can be read back.

@@ -237,7 +237,7 @@ class TirFile:
 
         Raises
         ------
-        OutputError
+        WriteError
             If the place cannot be written.
         """
         return write_atomic(path, self.text.encode(self.encoding))

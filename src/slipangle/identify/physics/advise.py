@@ -12,7 +12,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.data.signals import excitation as excite
 from slipangle.errors import ParameterError
-from slipangle.identify.physics.simulation_error import Minimum, SimulationError
+from slipangle.identify.physics.simulation_error import FreeRunProblem, Minimum
 from slipangle.numerics import covariance as uncertainty
 
 _LATERAL = ("v_y", "r", "beta", "delta_w", "a_y")  # states that are zero when driving straight
@@ -110,14 +110,14 @@ def advise(
     own = tuple(dict.fromkeys(n.partition("[")[0] for n in info.names if n.endswith("]")))
     if parameter is not None and parameter not in shared:
         raise ParameterError(f"'{parameter}' was not fitted for all experiments; expected one of {list(shared)}")
-    problem = SimulationError(model, shared, own, data, free_initial_state=False)
+    problem = FreeRunProblem(model, shared, own, data, free_initial_state=False)
     problem.sigma = np.asarray(info.noise_std, dtype=float)
     z = np.clip(info.values / problem.scale, problem.lower, problem.upper)
     return rank(problem, problem.at(z), np.sqrt(np.diag(info.covariance)), parameter, duration, harder)
 
 
 def rank(
-    problem: SimulationError,
+    problem: FreeRunProblem,
     found: Minimum,
     std: np.ndarray,
     parameter: str | None = None,
@@ -162,7 +162,7 @@ def _best_first(advice: list[Advice]) -> tuple[Advice, ...]:
     return tuple(sorted(advice, key=lambda a: a.after * (_ROBOT if "binary" in a.manoeuvre else 1.0)))
 
 
-def _information(found: Minimum, std: np.ndarray, problem: SimulationError) -> tuple[np.ndarray, np.ndarray]:
+def _information(found: Minimum, std: np.ndarray, problem: FreeRunProblem) -> tuple[np.ndarray, np.ndarray]:
     """Fisher information of the shared parameters in the log; how much wider coloured noise makes each interval."""
     k, dof = len(problem.shared), max(1, len(found.error) - found.jacobian.shape[1])
     white = _marginal(found.jacobian.T @ found.jacobian * dof / max(float(found.error @ found.error), 1e-300), k)
@@ -219,7 +219,7 @@ def _waves(dt: float) -> dict[str, Wave]:
 
 
 def _candidates(
-    problem: SimulationError, found: Minimum, duration: float, harder: float
+    problem: FreeRunProblem, found: Minimum, duration: float, harder: float
 ) -> Iterator[tuple[str, np.ndarray, Dataset]]:
     """Text, simulated outputs with their derivatives, and data of every manoeuvre that can be driven."""
     model, data = problem.model, problem.data
@@ -259,7 +259,7 @@ def _named(model: Any, rows: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     return ((name, rows[:, j, 0]) for j, name in enumerate(model.outputs))
 
 
-def _straight(problem: SimulationError, share: float) -> np.ndarray:
+def _straight(problem: FreeRunProblem, share: float) -> np.ndarray:
     """State at the start of a manoeuvre: that of the log's first sample, straight, at a share of its speed."""
     x = problem.fixed_x0[0].copy()
     for j, name in enumerate(problem.model.ode.states):
@@ -274,7 +274,7 @@ class _Trial:
     """Manoeuvres of one input from one state, the other inputs at rest."""
 
     def __init__(
-        self, problem: SimulationError, found: Minimum, inputs: dict[str, np.ndarray], x0: np.ndarray, name: str
+        self, problem: FreeRunProblem, found: Minimum, inputs: dict[str, np.ndarray], x0: np.ndarray, name: str
     ) -> None:
         self.problem, self.inputs, self.x0, self.name = problem, inputs, x0, name
         self.p = problem.parameters(0, found.z)
@@ -302,7 +302,7 @@ class _Trial:
         return None
 
 
-def better_sentences(problem: SimulationError, found: Minimum, values: np.ndarray, std: np.ndarray) -> dict[str, str]:
+def better_sentences(problem: FreeRunProblem, found: Minimum, values: np.ndarray, std: np.ndarray) -> dict[str, str]:
     """For each shared parameter that the data do not determine, what to drive."""
     k = len(problem.shared)
     poor = uncertainty.undetermined(values[:k], std[:k], problem.scale[:k])

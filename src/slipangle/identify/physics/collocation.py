@@ -6,13 +6,12 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.identify.physics.grey_box import GreyBox, finish
-from slipangle.identify.physics.simulation_error import MOST_ROUNDS, Minimum, SimulationError
+from slipangle.identify.physics.grey_box import GreyBox, M, finish
+from slipangle.identify.physics.simulation_error import MOST_ROUNDS, FreeRunProblem, Minimum
 from slipangle.identify.physics.transcription import Constraint, Found, Transcription
 
 _HOW = "free-run error, Radau collocation and Ipopt"
@@ -21,7 +20,7 @@ _LONGEST = 500  # samples of such a piece
 
 
 @dataclass(frozen=True, kw_only=True)
-class Collocation(GreyBox):
+class Collocation(GreyBox[M]):
     """The simulation-error fit of `GreyBox`, with the states as unknowns beside the parameters.
 
     Every sample interval is a piece of its own, joined by equations (Radau IIA, three points an element [1]_), so the
@@ -75,7 +74,7 @@ class Collocation(GreyBox):
             least = ode.substeps if ode.method == "radau" else max(1, math.ceil(ode.dt / (5 * ode.max_step) - 1e-9))
             object.__setattr__(self, "elements", least)
 
-    def fit(self, data: Dataset) -> Any:
+    def fit(self, data: Dataset) -> M:
         """The model with estimated parameters, their covariance and warnings in ``fit_info``.
 
         Warns
@@ -99,7 +98,7 @@ class Collocation(GreyBox):
             kept = vt[int((s > 1e-10 * s[0]).sum()) :].T
         return finish(problem, best, how=_HOW, began=began, kept=kept, more=said)
 
-    def _solve(self, problem: SimulationError, program: Transcription) -> tuple[Minimum, Found, tuple[str, ...]]:
+    def _solve(self, problem: FreeRunProblem, program: Transcription) -> tuple[Minimum, Found, tuple[str, ...]]:
         """Errors and derivatives at the solution, of the free run where it follows the states; and why not."""
         constrained = self.at_most_zero or self.zero or self.state_bounds
         found: Found | None = None
@@ -135,7 +134,7 @@ class Collocation(GreyBox):
         return program.solve(found, self.max_iterations, self.tolerance)
 
 
-def in_pieces(problem: SimulationError, states: list[np.ndarray], along: Minimum) -> Minimum:
+def in_pieces(problem: FreeRunProblem, states: list[np.ndarray], along: Minimum) -> Minimum:
     """Derivatives of the errors along given states, in pieces within which deviations stay bounded.
 
     Each piece but an experiment's first starts anywhere: what its initial state can explain is taken out of the

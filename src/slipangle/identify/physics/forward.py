@@ -23,7 +23,7 @@ _ITERATIONS = 12  # of Newton's method, as in the integrator itself
 
 
 @dataclass(frozen=True)
-class Run:
+class ForwardRun:
     """A free run with its derivatives, see `forward`; and whether it is compiled, that is fast."""
 
     call: Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -34,7 +34,7 @@ class Run:
         return self.call(x0, S0, rows, p)
 
 
-def forward(model: Any, free: tuple[str, ...]) -> Run:
+def forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
     """The free run of a parametrised model and its derivatives.
 
     Parameters
@@ -65,11 +65,11 @@ def forward(model: Any, free: tuple[str, ...]) -> Run:
 
 
 @lru_cache(maxsize=8)
-def _known_forward(model: Any, free: tuple[str, ...]) -> Run:
+def _known_forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
     return _forward(model, free)
 
 
-def _forward(model: Any, free: tuple[str, ...]) -> Run:
+def _forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
     if type(model.ode)._step is not OdeModel.__dict__["_step"]:
         raise ParameterError(
             f"{type(model.ode).__name__} has an integrator of its own, through which no derivatives by parameters go; "
@@ -151,7 +151,7 @@ def wrapper(name: str, function: ca.Function) -> str:
     )
 
 
-def _compiled(model: Any, found: ctypes.CDLL, rest: np.ndarray) -> Run:
+def _compiled(model: Any, found: ctypes.CDLL, rest: np.ndarray) -> ForwardRun:
     ode, ny = model.ode, model.n_outputs
     real, whole = ctypes.c_void_p, ctypes.c_long
     call = found.free_run
@@ -169,13 +169,13 @@ def _compiled(model: Any, found: ctypes.CDLL, rest: np.ndarray) -> Run:
         call(*at, len(rows), m, h, ode.substeps, stages, out.ctypes.data, scratch.ctypes.data)
         return out.transpose(0, 2, 1)
 
-    return Run(run, compiled=True)
+    return ForwardRun(run, compiled=True)
 
 
 # ---- without a compiler --------------------------------------------------------------------------------------------
 
 
-def _interpreted(model: Any, free: tuple[str, ...]) -> Run:
+def _interpreted(model: Any, free: tuple[str, ...]) -> ForwardRun:
     ode, n_p = model.ode, len(free)
     nx, ny, nw = ode.n_states, ode.n_outputs, _width(model)
     kind: Any = ca.MX if ode.method == "radau" else ca.SX
@@ -217,4 +217,4 @@ def _interpreted(model: Any, free: tuple[str, ...]) -> Run:
         full = evaluate(output, states, drive)
         return full.reshape(len(rows), 1 + m, ny).transpose(0, 2, 1)
 
-    return Run(run, compiled=False)
+    return ForwardRun(run, compiled=False)

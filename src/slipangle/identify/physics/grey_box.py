@@ -5,17 +5,18 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import IdentifiabilityWarning, ParameterError, SlipangleError
 from slipangle.identify.physics.advise import better_sentences
-from slipangle.identify.physics.simulation_error import Minimum, SimulationError, check_names
+from slipangle.identify.physics.simulation_error import FreeRunProblem, Minimum, check_names
 from slipangle.identify.physics.starts import STARTS, best_start
 from slipangle.identify.stability import breakdown_said
 from slipangle.models.model import FitInfo
+from slipangle.models.ode import Parametrised
 from slipangle.models.provenance import provenance
 from slipangle.numerics import covariance as uncertainty
 from slipangle.numerics.blas import one_blas_thread
@@ -24,8 +25,12 @@ _FLAT = 1e-6  # relative gain of a step that ends a search from many starts: its
 _HOW = "free-run error, Gauss-Newton with forward sensitivities"
 
 
+M = TypeVar("M", bound=Parametrised)
+"""What is fitted, and what a fit returns."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class GreyBox:
+class GreyBox(Generic[M]):
     """Simulation-error fit by bounded Gauss-Newton with forward sensitivities.
 
     Minimises the squared free-run error of all outputs and experiments ([1]_ eq. 8-1), each output
@@ -64,7 +69,7 @@ class GreyBox:
     .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
     """
 
-    start: Any
+    start: M
     free: tuple[str, ...] = ()
     per_experiment: tuple[str, ...] = ()
     free_initial_state: bool = False
@@ -80,7 +85,7 @@ class GreyBox:
         if self.starts is not None and self.starts < 1:
             raise ParameterError(f"starts is {self.starts}; expected a whole number of at least 1, such as {STARTS}")
 
-    def fit(self, data: Dataset) -> Any:
+    def fit(self, data: Dataset) -> M:
         """The model with estimated parameters, their covariance and warnings in ``fit_info``.
 
         Raises
@@ -108,13 +113,13 @@ class GreyBox:
                 found = problem.minimise(best, self.max_iterations, tolerance=_FLAT)
                 return finish(problem, found, how=f"{_HOW}, best of {starts} starts", began=began)
 
-    def problem(self, data: Dataset) -> SimulationError:
+    def problem(self, data: Dataset) -> FreeRunProblem:
         """The least-squares problem that `fit` solves."""
-        return SimulationError(self.start, self.free, self.per_experiment, data, self.free_initial_state)
+        return FreeRunProblem(self.start, self.free, self.per_experiment, data, self.free_initial_state)
 
 
 def finish(
-    problem: SimulationError,
+    problem: FreeRunProblem,
     found: Minimum,
     *,
     how: str,
@@ -126,7 +131,7 @@ def finish(
 
     Parameters
     ----------
-    problem : SimulationError
+    problem : FreeRunProblem
         What was solved.
     found : Minimum
         Its solution.
@@ -180,7 +185,7 @@ def finish(
     return replace(problem.model.with_values(**nominal(problem, values)), fit_info=info)
 
 
-def _notes(problem: SimulationError, found: Minimum, values: np.ndarray, std: np.ndarray, advised: bool) -> list[str]:
+def _notes(problem: FreeRunProblem, found: Minimum, values: np.ndarray, std: np.ndarray, advised: bool) -> list[str]:
     """What the data do not determine. No advice, and no check, is worth losing a finished fit for."""
     n_p = problem.n_p
     metadata = [problem.model.si(n) for n in problem.base_names]
@@ -196,7 +201,7 @@ def _notes(problem: SimulationError, found: Minimum, values: np.ndarray, std: np
         return ["which parameters the data determine cannot be told, as the derivatives overflow; expected finite ones"]
 
 
-def nominal(problem: SimulationError, values: np.ndarray) -> dict[str, float]:
+def nominal(problem: FreeRunProblem, values: np.ndarray) -> dict[str, float]:
     """One value per free parameter: means over the experiments for those that differ between them."""
     base = np.array(problem.base_names)
     return {name: float(np.mean(values[base == name])) for name in problem.free}

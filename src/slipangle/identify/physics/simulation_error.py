@@ -51,7 +51,7 @@ class Minimum:
         return bool((np.abs(self.error) >= _WORST).any())
 
 
-class SimulationError:
+class FreeRunProblem:
     """Weighted free-run errors and their Jacobian over scaled unknowns.
 
     The unknowns are the shared parameters, then each parameter per experiment (all experiments of the first, all of

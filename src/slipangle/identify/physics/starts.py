@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.errors import SlipangleError
-from slipangle.identify.physics.simulation_error import SimulationError
+from slipangle.identify.physics.simulation_error import FreeRunProblem
 from slipangle.numerics.levenberg import descend
 
 STARTS = 32  # tried by default where a model is known to have several minima
@@ -18,7 +18,7 @@ _FACTOR = 2.0  # by which a positive parameter is multiplied or divided at most
 _SHARE = 0.1  # of its range that another parameter moves at most
 
 
-def best_start(problem: SimulationError, starts: int, seed: int) -> np.ndarray:
+def best_start(problem: FreeRunProblem, starts: int, seed: int) -> np.ndarray:
     """Scaled unknowns from which the fit goes on to the best minimum found.
 
     Random starts lie around the given one: positive parameters up to a factor of 2 from it, others up to a tenth of
@@ -28,7 +28,7 @@ def best_start(problem: SimulationError, starts: int, seed: int) -> np.ndarray:
 
     Parameters
     ----------
-    problem : SimulationError
+    problem : FreeRunProblem
         With the given start.
     starts : int
         How many are tried, the given one included.
@@ -44,7 +44,7 @@ def best_start(problem: SimulationError, starts: int, seed: int) -> np.ndarray:
     return found if other is found else _descent(problem, other, _FINAL)
 
 
-def draw(problem: SimulationError, n: int, seed: int) -> np.ndarray:
+def draw(problem: FreeRunProblem, n: int, seed: int) -> np.ndarray:
     """Random starts around the given one, shape (n, n_z); initial states stay where they are."""
     share = np.random.default_rng(seed).uniform(-1.0, 1.0, (n, problem.n_p))
     lower, upper, start = (v[: problem.n_p] for v in (problem.lower, problem.upper, problem.start))
@@ -58,18 +58,18 @@ def draw(problem: SimulationError, n: int, seed: int) -> np.ndarray:
     return found
 
 
-def _part(problem: SimulationError) -> SimulationError:
+def _part(problem: FreeRunProblem) -> FreeRunProblem:
     """The problem on the first samples of a single long recording, else the problem itself."""
     data = problem.data
     if problem.n_x0 or problem.n_e != 1 or data.n_samples < 2 * _COARSE:
         return problem
     try:
-        return SimulationError(problem.model, problem.shared, problem.own, data.rows(0, _COARSE), False)
+        return FreeRunProblem(problem.model, problem.shared, problem.own, data.rows(0, _COARSE), False)
     except SlipangleError:  # too quiet to tell starts apart
         return problem
 
 
-def _descent(problem: SimulationError, z: np.ndarray, steps: int) -> np.ndarray:
+def _descent(problem: FreeRunProblem, z: np.ndarray, steps: int) -> np.ndarray:
     """A few Levenberg-Marquardt steps; bounds are kept by projection."""
     lower, upper = problem.lower, problem.upper
 

@@ -12,8 +12,8 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 from slipangle.errors import ParameterError, SimulationError, nearest
+from slipangle.identify.physics.simulation_error import FreeRunProblem as Problem
 from slipangle.identify.physics.simulation_error import Minimum
-from slipangle.identify.physics.simulation_error import SimulationError as Problem
 from slipangle.numerics.integrate import RADAU_A
 from slipangle.ops import is_symbolic, stack
 
@@ -27,7 +27,7 @@ class Found:
     Parameters
     ----------
     z : array, shape (n_z,)
-        Scaled unknowns, as in `SimulationError`.
+        Scaled unknowns, as in `FreeRunProblem`.
     states : list of array, shape (n_samples, n_states)
         States at the samples of each experiment.
     variables, bounds_force, rows_force : array
@@ -52,7 +52,7 @@ class Found:
 class Transcription:
     """The program of one fit.
 
-    Variables are the scaled unknowns of `SimulationError` but for initial states, then for each experiment its states
+    Variables are the scaled unknowns of `FreeRunProblem` but for initial states, then for each experiment its states
     at the first sample, and for every interval those at the three Radau points of each element, the last being the next
     sample. Constraints are the collocation equations, the initial states, and what the user gave.
     """

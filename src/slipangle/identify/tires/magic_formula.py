@@ -24,7 +24,7 @@ from slipangle.identify.tires.stages import Stage, criterion, expendable, noise,
 from slipangle.models.model import FitInfo
 from slipangle.models.tires.magic_formula.coefficients import MF61Coefficients
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
-from slipangle.models.tires.magic_formula.validity import Limits
+from slipangle.models.tires.magic_formula.validity import ValidRange
 from slipangle.models.tires.simple import practical_slip
 from slipangle.numerics.blas import one_blas_thread
 from slipangle.numerics.multistart import Effort, Regression, draw, multistart
@@ -309,7 +309,7 @@ class _Job:
         s = self.samples
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
-            loose = replace(tire, outside="extrapolate", limits=Limits())
+            loose = replace(tire, outside="extrapolate", limits=ValidRange())
             found = loose.evaluate(s[:, 0], s[:, 1], s[:, 2], axes="ISO-W", camber=s[:, 3], pressure=s[:, 4])
         error = (getattr(self.data, name) - getattr(found, name))[rows]
         counts = self.driving[rows] if name == "F_x" and self.has_y else np.full(len(error), True)
@@ -364,7 +364,7 @@ class _Job:
         )
 
 
-def _limits(data: TireData) -> Limits:
+def _limits(data: TireData) -> ValidRange:
     """Range of the data, in the axes of the coefficients (ISO-W), rounded outwards a little."""
 
     def around(values: np.ndarray) -> tuple[float, float]:
@@ -377,7 +377,7 @@ def _limits(data: TireData) -> Limits:
     kappa = around(
         np.where(data.slip_ratio > 0, data.slip_ratio / (1 - np.minimum(data.slip_ratio, 0.99)), data.slip_ratio)
     )
-    return Limits(
+    return ValidRange(
         load=(max(0.0, low), high),
         slip_angle=(-reach, reach),
         slip_ratio=(min(kappa[0], -0.05), max(kappa[1], 0.05)),

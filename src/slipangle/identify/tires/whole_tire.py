@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Any, Generic, Literal, TypeVar, get_args
 
 import casadi as ca
 import numpy as np
@@ -23,6 +23,7 @@ from slipangle.models.tires.neural import NeuralCurve, NeuralTire
 from slipangle.models.tires.simple import MagicCurve, SimpleMagicFormula, Tire
 from slipangle.numerics.multistart import Effort, Regression, covariance, draw, multistart
 
+T = TypeVar("T", bound=Tire)
 Output = Literal["F_x", "F_y", "M_x", "M_z"]
 _STRAIGHT = np.deg2rad(0.6)
 _ROLLING = 0.01
@@ -95,7 +96,7 @@ class CurveTireFit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TireFit:
+class TireFit(Generic[T]):
     """Parameters of a physical tire model from forces: linear, brush, Dugoff, or any other `ParameterSet` tire.
 
     Parameters
@@ -114,7 +115,7 @@ class TireFit:
         Of the others.
     """
 
-    start: Any
+    start: T
     free: tuple[str, ...]
     outputs: tuple[Output, ...] = ()
     slip_limit: float | None = None
@@ -133,12 +134,17 @@ class TireFit:
         if not self.free:
             raise ParameterError("no parameter is free; expected at least one name, such as free=('C_alpha',)")
         for name in self.free:
-            self.start.si(name)
+            self._record.si(name)
         for name in self.outputs:
             if name not in get_args(Output):
                 raise ParameterError(f"a tire has no output '{name}'; {nearest(name, get_args(Output))}")
 
-    def fit(self, data: TireData) -> Any:
+    @property
+    def _record(self) -> Any:
+        """The start as the parameter set that it is too."""
+        return self.start
+
+    def fit(self, data: TireData) -> T:
         """Tire with estimated parameters, covariance and warnings in ``fit_info``.
 
         Raises
@@ -179,7 +185,7 @@ class TireFit:
             covariance=spread_of,
             noise_std=np.sqrt(np.mean((solution.residual.reshape(-1, len(outputs)) / problem.weight) ** 2, axis=0)),
             n_samples=problem.n,
-            units=tuple(self.start.si(n).unit for n in self.free),
+            units=tuple(self._record.si(n).unit for n in self.free),
             method=f"bounded least squares of {', '.join(outputs)} from {len(starts)} starts; covariance for white "
             "residuals",
             train_name=data.name,
@@ -189,7 +195,7 @@ class TireFit:
         for note in notes:
             warnings.warn(note, IdentifiabilityWarning, stacklevel=2)
         estimates = dict(zip(self.free, map(float, values), strict=True))
-        return replace(self.start.with_values(**estimates), fit_info=replace(info, warnings=notes))
+        return replace(self._record.with_values(**estimates), fit_info=replace(info, warnings=notes))
 
     def _outputs(self, data: TireData) -> tuple[Output, ...]:
         found: tuple[Output, ...] = self.outputs
@@ -215,12 +221,12 @@ class TireFit:
         x, z = ca.SX.sym("x", 4), ca.SX.sym("z", len(self.free))
         scale = _scale(np.array([float(getattr(self.start, n)) for n in self.free]))
         symbols: dict[str, Any] = {n: z[k] * scale[k] for k, n in enumerate(self.free)}
-        forces = self.start.with_values(**symbols).forces(x[0], x[1], x[2], camber=x[3])
+        forces = self._record.with_values(**symbols).forces(x[0], x[1], x[2], camber=x[3])
         y = ca.vertcat(*[getattr(forces, name) for name in outputs])
         target = np.column_stack([getattr(data, name) for name in outputs])
         samples = np.column_stack([data.slip_ratio, data.slip_angle, data.load, data.gamma])
         weight = 1 / np.maximum(np.std(target, axis=0), 1e-9)
-        metadata = [self.start.si(n) for n in self.free]
+        metadata = [self._record.si(n) for n in self.free]
         lower, upper = (np.array([getattr(m, e) for m in metadata]) / scale for e in ("lower", "upper"))
         return Regression(y, x, z, samples=samples, target=target, weight=weight), lower, upper
 

@@ -14,7 +14,7 @@ from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.interpreted_model import bind, columns, dense, newton_columns, newton_node, only
 from slipangle.optimal.realtime.interpreted_qp import LimitedStep, secant
 from slipangle.optimal.realtime.interpreted_step import InputStep
-from slipangle.optimal.realtime.interpreted_truth import Promise, Values, moves_on, reach_of, units
+from slipangle.optimal.realtime.interpreted_truth import Promise, StageValues, moves_on, reach_of, units
 from slipangle.optimal.realtime.parts import (
     Implicit,
     dynamics_function,
@@ -112,7 +112,7 @@ class Functions(NamedTuple):
         stage = dense(stage_function(ocp))
         limited = len(ocp.limited) or np.isfinite(ocp.step_bounds[0]).any()
         quick = None if limited else InputStep.functions(ocp, parts, one, stage)
-        values = Values.functions(ocp, parts, one, stage)
+        values = StageValues.functions(ocp, parts, one, stage)
         if parts:
             one = only(one, range(4))
         return cls(parts, newton_columns(ocp, parts, one, steps), columns(stage, ocp.horizon + 1), values, quick)
@@ -146,7 +146,7 @@ class WorkArea:
         inputs = change.T @ np.diag(self._s.ravel()) @ change + np.diag(self._r.ravel())
         self._quadratic = both[:, None] * inputs * both
         self._k = np.zeros((steps, self._nk))
-        self._values = Values(ocp, *values)
+        self._values = StageValues(ocp, *values)
         self._quick = None if quick is None else InputStep(ocp, *quick)
 
     # ---- starts ------------------------------------------------------------------------------------------------

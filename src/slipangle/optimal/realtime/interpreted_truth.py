@@ -55,7 +55,7 @@ def moves_on(x: np.ndarray, states: np.ndarray) -> bool:
     return bool(ahead <= here)
 
 
-class Values:
+class StageValues:
     """Next states, errors and limited quantities of all steps and stages, without derivatives.
 
     Parameters

@@ -12,7 +12,7 @@ from slipangle.errors import FormatError, MissingFileError, ModelWarning, Parame
 from slipangle.models.tires.magic_formula.coefficients import MF52Coefficients, MF61Coefficients
 from slipangle.models.tires.magic_formula.terms import Conventions
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
-from slipangle.models.tires.magic_formula.validity import Limits
+from slipangle.models.tires.magic_formula.validity import ValidRange
 from tests.models.tires.example_tires import MF52, MF61, TIRES
 
 BARE = """\
@@ -226,7 +226,7 @@ def test_a_file_that_does_not_exist(tmp_path):
 
 @pytest.mark.parametrize("tire", TIRES.values(), ids=TIRES.keys())
 def test_a_tire_without_file_writes_every_coefficient(tire, tmp_path):
-    tire = replace(tire, limits=Limits(load=(200.0, 9000.0), slip_angle=(-0.3, 0.3)))
+    tire = replace(tire, limits=ValidRange(load=(200.0, 9000.0), slip_angle=(-0.3, 0.3)))
     again = MagicFormulaTire.from_tir(tire.write_tir(tmp_path / "new.tir", comments={"PDY1": "0.97 to 1.11"}))
     assert again == tire
     assert again.source is not None
@@ -266,7 +266,9 @@ def test_spellings_of_the_file_are_kept():
 @pytest.mark.parametrize("start", ["nothing", "a file"])
 def test_what_is_no_coefficient_round_trips_too(combined, mirrored, axes, start):
     tire = MF61 if start == "nothing" else MagicFormulaTire.from_tir(MF61.to_tir())
-    tire = replace(tire, combined=combined, mirrored=mirrored, axes=axes, side="RIGHT", limits=Limits(load=(1.0, 9e3)))
+    tire = replace(
+        tire, combined=combined, mirrored=mirrored, axes=axes, side="RIGHT", limits=ValidRange(load=(1.0, 9e3))
+    )
     again = MagicFormulaTire.from_tir(parse_tir(tire.to_tir().text))
     assert again == tire
     back = replace(again, combined="weighting", mirrored=False, axes="ISO-W")

@@ -11,7 +11,7 @@ import pytest
 from slipangle.errors import ModelWarning, ParameterError
 from slipangle.models.tires.magic_formula.terms import Conventions
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
-from slipangle.models.tires.magic_formula.validity import Limits
+from slipangle.models.tires.magic_formula.validity import ValidRange
 from tests.models.tires.example_tires import MF52, MF61, TIRES
 
 EVERY = pytest.mark.parametrize("tire", TIRES.values(), ids=TIRES.keys())
@@ -486,7 +486,7 @@ def test_rolling_radius_lies_between_loaded_and_unloaded(tire):
 
 # ---- ranges, shapes, bad input ------------------------------------------------------------------------------------
 
-LIMITS = Limits(load=(200.0, 9000.0), slip_ratio=(-0.5, 0.4), slip_angle=(-0.2, 0.3), camber=(-0.1, 0.1),
+LIMITS = ValidRange(load=(200.0, 9000.0), slip_ratio=(-0.5, 0.4), slip_angle=(-0.2, 0.3), camber=(-0.1, 0.1),
                 pressure=(180e3, 300e3))  # fmt: skip
 
 

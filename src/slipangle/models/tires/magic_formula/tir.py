@@ -12,7 +12,7 @@ from slipangle.data.readers.tir import TirFile, parse_tir
 from slipangle.errors import FormatError, ModelWarning, ParameterError, nearest
 from slipangle.models.tires.magic_formula.coefficients import MagicCoefficients, MF52Coefficients, MF61Coefficients
 from slipangle.models.tires.magic_formula.terms import Conventions
-from slipangle.models.tires.magic_formula.validity import Limits
+from slipangle.models.tires.magic_formula.validity import ValidRange
 from slipangle.ops import is_symbolic
 
 _VERSIONS: dict[int, type[MagicCoefficients]] = {
@@ -206,7 +206,7 @@ def _warn_unknown(tir: TirFile, kind: type[MagicCoefficients]) -> None:
         )
 
 
-def limits_from(tir: TirFile) -> Limits:
+def limits_from(tir: TirFile) -> ValidRange:
     """Valid ranges of a file; open where it says nothing.
 
     Raises
@@ -226,14 +226,14 @@ def limits_from(tir: TirFile) -> Limits:
                 f"'{tir.name}' has {low} = {lower:g} and {high} = {upper:g}; expected {low} below {high}: correct them"
             )
         ranges[name] = (lower, upper)
-    return Limits(**ranges)
+    return ValidRange(**ranges)
 
 
 def file_from(
     c: MF61Coefficients | MF52Coefficients,
     *,
     source: TirFile | None,
-    limits: Limits,
+    limits: ValidRange,
     switches: Switches,
     comments: Mapping[str, str],
 ) -> TirFile:
@@ -268,7 +268,7 @@ def file_from(
     return _with_switches(new, switches)
 
 
-def _changed_limits(source: TirFile, limits: Limits) -> dict[str, float]:
+def _changed_limits(source: TirFile, limits: ValidRange) -> dict[str, float]:
     return {
         key: value
         for name, keys in _LIMITS.items()
@@ -281,7 +281,7 @@ def _section(name: str) -> str:
     return next((section for prefix, section in _SECTIONS if name.startswith(prefix)), "MODEL")
 
 
-def _new_file(c: MF61Coefficients | MF52Coefficients, limits: Limits, comments: Mapping[str, str]) -> TirFile:
+def _new_file(c: MF61Coefficients | MF52Coefficients, limits: ValidRange, comments: Mapping[str, str]) -> TirFile:
     fit_type = 61 if isinstance(c, MF61Coefficients) else 6
     extra = {
         key: value

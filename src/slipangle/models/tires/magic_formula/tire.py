@@ -23,7 +23,7 @@ from slipangle.models.tires.magic_formula import mf61 as v61
 from slipangle.models.tires.magic_formula.coefficients import MF52Coefficients, MF61Coefficients
 from slipangle.models.tires.magic_formula.terms import Conventions, MagicForces, prepare
 from slipangle.models.tires.magic_formula.tir import Switches, coefficients_from, file_from, limits_from, switches_from
-from slipangle.models.tires.magic_formula.validity import Limits
+from slipangle.models.tires.magic_formula.validity import ValidRange
 from slipangle.models.tires.simple import Tire, TireForces, practical_slip
 from slipangle.ops import Scalar, is_symbolic
 
@@ -61,7 +61,7 @@ class MagicFormulaTire(Tire):
         They choose the version.
     conventions : Conventions
         Where codes differ; the book by default.
-    limits : Limits
+    limits : ValidRange
         Range of load, slip, camber and pressure that the coefficients are valid for.
     outside : {"error", "extrapolate"}
         Numbers outside the limits raise `ParameterError`, or are evaluated with a `ModelWarning`. Symbols and tracers
@@ -95,7 +95,7 @@ class MagicFormulaTire(Tire):
 
     coefficients: MF61Coefficients | MF52Coefficients
     conventions: Conventions = field(default_factory=Conventions)
-    limits: Limits = field(default_factory=Limits)
+    limits: ValidRange = field(default_factory=ValidRange)
     outside: Literal["error", "extrapolate"] = "error"
     combined: Literal["weighting", "ellipse", "none"] = "weighting"
     axes: AxisSystem = "ISO-W"
@@ -399,7 +399,7 @@ class MagicFormulaTire(Tire):
 
         Raises
         ------
-        OutputError
+        WriteError
             If the place cannot be written.
         """
         return self.to_tir(comments=comments).write(path)

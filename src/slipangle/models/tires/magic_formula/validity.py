@@ -1,4 +1,4 @@
-"""`Limits`: the range of operating conditions that the coefficients of a tire are valid for."""
+"""`ValidRange`: the range of operating conditions that the coefficients of a tire are valid for."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _OPEN: Range = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Limits:
+class ValidRange:
     """Lowest and highest valid value of each input, in the axes of the coefficients.
 
     Parameters
@@ -30,7 +30,7 @@ class Limits:
     pressure : tuple of float
         PRESMIN, PRESMAX. [Pa]
 
-    >>> Limits(load=(100.0, 9000.0)).violations({"load": 50.0})
+    >>> ValidRange(load=(100.0, 9000.0)).violations({"load": 50.0})
     ['load is 50 N; expected 100 to 9000 N (FZMIN, FZMAX)']
     """
 

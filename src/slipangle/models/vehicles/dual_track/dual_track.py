@@ -22,7 +22,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import MissingColumnError, ParameterError, nearest
 from slipangle.models.ode import OdeModel
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
-from slipangle.models.tires.magic_formula.validity import Limits
+from slipangle.models.tires.magic_formula.validity import ValidRange
 from slipangle.models.tires.simple import Tire
 from slipangle.models.vehicles.car import DualTrackParams
 from slipangle.models.vehicles.driveline import friction_torque, stopped
@@ -49,7 +49,7 @@ def _mounted(tire: Tire, side: Literal["LEFT", "RIGHT"]) -> Tire:
     """A tire on a side of the car, to be used whatever its slip and load."""
     if not isinstance(tire, MagicFormulaTire):
         return tire
-    return replace(tire.mounted(side) if tire.side else tire, limits=Limits(), outside="extrapolate")
+    return replace(tire.mounted(side) if tire.side else tire, limits=ValidRange(), outside="extrapolate")
 
 
 @dataclass(frozen=True, kw_only=True)
