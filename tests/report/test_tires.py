@@ -8,7 +8,7 @@ import pytest
 from slipangle.data.readers.ttc import from_channels
 from slipangle.data.tire_data import joined
 from slipangle.errors import ParameterError
-from slipangle.models.tires.magic_formula.validity import Limits
+from slipangle.models.tires.magic_formula.validity import ValidRange
 from slipangle.models.tires.physical import BrushTire
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2
 from slipangle.report.tables import Table
@@ -45,7 +45,7 @@ def test_lines_are_the_forces(tire, quantity):
 
 
 def test_range_is_that_of_the_file():
-    limits = Limits(load=(300.0, 1200.0), slip_angle=(-0.1, 0.15), slip_ratio=(-0.25, 0.25))
+    limits = ValidRange(load=(300.0, 1200.0), slip_angle=(-0.1, 0.15), slip_ratio=(-0.25, 0.25))
     where = OperatingRange.of(replace(TIRE, limits=limits))
     assert where.slip_angle == 0.1
     assert where.slip_ratio == pytest.approx(0.2)  # 0.25 over 1.25: counted on the larger speed

@@ -10,7 +10,7 @@ from __future__ import annotations
 from slipangle.models.tires.magic_formula.coefficients import MagicCoefficients
 from slipangle.models.tires.magic_formula.terms import (
     Conventions,
-    Longitudinal,
+    LongitudinalForce,
     Slip,
     curved,
     faded,
@@ -24,7 +24,7 @@ from slipangle.ops import Scalar, exp, sign, sin
 
 def pure_longitudinal(
     c: MagicCoefficients, o: Conventions, s: Slip, z: Spin | None, *, gamma: Scalar, mu_shift: Scalar
-) -> Longitudinal:
+) -> LongitudinalForce:
     """F_x0 and its factors. [1]_ eqs. 4.E9 to 4.E18
 
     Parameters
@@ -48,7 +48,7 @@ def pure_longitudinal(
     E = (c.PEX1 + (c.PEX2 + c.PEX3 * s.dfz) * s.dfz) * c.LEX
     E = limited(E if is_zero(c.PEX4) else E * (1.0 - c.PEX4 * sign(kappa)), o)  # 4.E14
     B = ratio(K, C * D)  # 4.E16
-    return Longitudinal(D * sin(C * curved(B * kappa, E)) + S_v, mu, K, D, S_h, S_v)  # 4.E9
+    return LongitudinalForce(D * sin(C * curved(B * kappa, E)) + S_v, mu, K, D, S_h, S_v)  # 4.E9
 
 
 def longitudinal_stiffness(c: MagicCoefficients, load: Scalar, dfz: Scalar, dpi: Scalar) -> Scalar:

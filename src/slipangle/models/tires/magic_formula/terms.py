@@ -115,7 +115,7 @@ class Slip(NamedTuple):
     turn: Scalar | None  # turn slip phi_t [1/m]; None: not considered
 
 
-class Longitudinal(NamedTuple):
+class LongitudinalForce(NamedTuple):
     """Pure longitudinal force and its factors."""
 
     F: Scalar
@@ -251,14 +251,14 @@ def induced_lateral(c: MagicCoefficients, s: Slip, gamma: Scalar, peak: Scalar) 
     return faded(D * sin(c.RVY5 * atan(c.RVY6 * s.kappa)) * c.LVYKA, s)
 
 
-def ellipse(s: Slip, x: Longitudinal, y: Lateral) -> tuple[Scalar, Scalar]:
+def ellipse(s: Slip, x: LongitudinalForce, y: Lateral) -> tuple[Scalar, Scalar]:
     """Shares of the pure-slip forces that are left on the friction ellipse, for tires without combined-slip data.
 
     Parameters
     ----------
     s : Slip
         Slip.
-    x, y : Longitudinal, Lateral
+    x, y : LongitudinalForce, Lateral
         Pure forces.
 
     Returns
@@ -322,7 +322,7 @@ def together(
     c: MagicCoefficients,
     o: Conventions,
     s: Slip,
-    x: Longitudinal,
+    x: LongitudinalForce,
     y: Lateral,
     moments: tuple[Scalar, Scalar, Scalar],
     *,
