@@ -49,7 +49,7 @@ lint: .venv/installed-dev .venv/installed-types
 
 .venv/installed-dev: .venv/installed pyproject.toml
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet --group dev
+	$(BIN)/python -m pip install --quiet --editable ".[neural]" --group dev
 	touch $@
 
 # Read by pyright, never run: the same wheels whatever Python and system this is.
@@ -64,7 +64,7 @@ lint: .venv/installed-dev .venv/installed-types
 	$(LOWEST_PYTHON) -m venv --clear .venv-lowest
 	.venv-lowest/bin/python -m pip install --quiet --upgrade "pip>=25.1"
 	.venv-lowest/bin/python -m tests.lowest > .venv-lowest/constraints.txt
-	.venv-lowest/bin/python -m pip install --quiet --constraint .venv-lowest/constraints.txt --editable ".[cluster]" --group test
+	.venv-lowest/bin/python -m pip install --quiet --constraint .venv-lowest/constraints.txt --editable ".[neural,cluster]" --group test
 	touch $@
 
 clean:

@@ -157,7 +157,10 @@ def test_tools_that_judge_are_exact_and_read_what_is_installed():
     table = tomllib.loads((ROOT / "pyproject.toml").read_text())
     groups = table["dependency-groups"]
     assert all(re.fullmatch(r"[\w-]+(\[\w+\])?==[\d.]+", line) for line in groups["lint"] + groups["types"])
-    names = [{re.split(r"[=>]", line)[0] for line in lines} for lines in (groups["types"], requirements()["core"])]
+    names = [
+        {re.split(r"[=>]", line)[0] for line in lines}
+        for lines in (groups["types"], requirements()["core"] + requirements()["neural"])
+    ]
     assert names[0] == names[1]
     floor = re.search(r">=([\d.]+)", table["project"]["requires-python"])[1]
     assert table["tool"]["pyright"]["pythonVersion"] == floor

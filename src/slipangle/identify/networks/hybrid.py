@@ -14,7 +14,7 @@ from slipangle.errors import ParameterError, TooShortError
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.narx_free_run import FreeRunNARX
 from slipangle.identify.networks.problem import Stage
-from slipangle.identify.networks.training import Progress
+from slipangle.identify.networks.training import Progress, require_jax
 from slipangle.models.model import Model
 from slipangle.models.provenance import provenance
 from slipangle.models.wrappers.hybrid import HybridModel, OffsetModel
@@ -79,6 +79,7 @@ class Hybrid:
         SampleTimeError, MissingColumnError, TooShortError
             If the data do not suit the base model or the network's lags.
         """
+        require_jax("fitting a hybrid model")
         began = time.perf_counter()
         left = self.remainder(data)
         inputs = self.inputs or self.base.inputs

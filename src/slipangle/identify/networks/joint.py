@@ -14,7 +14,7 @@ from slipangle.errors import ModelWarning, ParameterError
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.judge.validate import restarted
 from slipangle.identify.networks.runs import Runs, side_by_side
-from slipangle.identify.networks.training import Progress, as_tuples, require_holdout
+from slipangle.identify.networks.training import Progress, as_tuples, require_holdout, require_jax
 from slipangle.models.black_box.networks import MLP, Activation, Scaling
 from slipangle.models.model import FitInfo, Trial
 from slipangle.models.provenance import provenance
@@ -173,6 +173,7 @@ class Joint:
         ModelWarning
             If a run never improved on the physics it started from.
         """
+        require_jax("fitting physics with a network")
         began = time.perf_counter()
         names = tuple(n for n in self.also if n in data and n not in self.start.outputs)
         chosen = data.select(inputs=self.start.inputs, outputs=(*self.start.outputs, *names))

@@ -13,7 +13,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError, require_known
 from slipangle.identify.excitation import require_identifiable, require_independent
 from slipangle.identify.networks.problem import Precision, Stage
-from slipangle.identify.networks.training import Progress, as_tuples, require_holdout, train
+from slipangle.identify.networks.training import Progress, as_tuples, require_holdout, require_jax, train
 from slipangle.identify.networks.windows import cut, layers, scaled, training_info, window_starts
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.networks import MLP, Activation, Scaling, mlp_pass
@@ -100,6 +100,7 @@ class NARX:
             If a training run diverged or never improved; the best weights are kept.
         """
         began = time.perf_counter()
+        require_jax("fitting a NARX network")
         ny, nu = len(data.outputs), len(data.inputs)
         require_identifiable(data, self.na * ny + self.nb * nu)
         require_independent(data)

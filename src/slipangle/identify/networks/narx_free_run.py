@@ -11,7 +11,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.identify.networks.narx import NARX
-from slipangle.identify.networks.training import Progress
+from slipangle.identify.networks.training import Progress, require_jax
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.networks import MLP, Scaling
 from slipangle.models.model import Trial
@@ -60,6 +60,7 @@ class FreeRunNARX:
         ExcitationError, TooShortError
             As `NARX.fit`.
         """
+        require_jax("fitting a NARX network")
         from slipangle.identify.networks import descent
 
         began = time.perf_counter()

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.errors import ParameterError, TooShortError
+from slipangle.extras import extra
 from slipangle.identify.networks.problem import Precision, Problem, Stage
 from slipangle.models.model import Trial
 
@@ -26,6 +27,12 @@ def as_tuples(settings: Any, *names: str) -> None:
     for name in names:
         given = getattr(settings, name)
         object.__setattr__(settings, name, tuple(given) if isinstance(given, (tuple, list, range)) else (given,))
+
+
+def require_jax(job: str) -> None:
+    """Raise `ConfigError` with what to install unless JAX and Optax are there."""
+    for module in ("jax", "optax"):
+        extra(module, "neural", job)
 
 
 def require_holdout(holdout: float) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 import socket
 import statistics
@@ -15,6 +14,7 @@ from multiprocessing import get_context
 from typing import Any
 
 from slipangle.errors import ConfigError
+from slipangle.extras import extra
 
 Value = int | float | str
 Report = Callable[[float], None]  # what is known of the score so far; does not return where the trial is given up
@@ -67,7 +67,7 @@ def _report(task: Task, steps: list[float]) -> Report:
     """Keeps what is reported and asks Optuna's median pruner, which knows the earlier trials."""
     trial: Any = None
     if len(task.earlier) >= FEWEST:
-        optuna = extra("optuna")
+        optuna = extra("optuna", "cluster", "searching")
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         study = optuna.create_study(pruner=optuna.pruners.MedianPruner(n_startup_trials=FEWEST))
         for values in task.earlier:
@@ -138,7 +138,7 @@ class Cluster:
     """Workers of a Ray cluster, one trial per processor; Ray restarts a trial whose worker died, three times."""
 
     def __init__(self, address: str) -> None:
-        self.ray = extra("ray")
+        self.ray = extra("ray", "cluster", "searching")
         self.mine = not self.ray.is_initialized()
         if self.mine:
             try:
@@ -189,13 +189,3 @@ def _knock(address: str) -> None:
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if host and port.isdigit():
         socket.create_connection((host, int(port)), timeout=10.0).close()
-
-
-def extra(name: str) -> Any:
-    """A module of the extra, or a sentence that says what to install."""
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise ConfigError(
-            f"searching needs {name}, which is not installed; expected the extra: pip install 'slipangle[cluster]'"
-        ) from None

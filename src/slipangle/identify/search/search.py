@@ -15,8 +15,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from slipangle.errors import ConfigError, ParameterError
+from slipangle.extras import extra
 from slipangle.identify.networks.training import Progress
-from slipangle.identify.search.pool import PRUNED, Cluster, Local, Objective, Task, Value, extra
+from slipangle.identify.search.pool import PRUNED, Cluster, Local, Objective, Task, Value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +197,7 @@ class Search:
         ConfigError
             If Optuna, or Ray for a cluster, is not installed, or the journal holds another search.
         """
-        optuna = extra("optuna")
+        optuna = extra("optuna", "cluster", "searching")
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         study = self._study(optuna)
         if len(self._told(study)) >= self.trials:  # all kept: no process is needed

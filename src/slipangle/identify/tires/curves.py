@@ -74,7 +74,7 @@ class CurveFit(abc.ABC):
         *,
         load: np.ndarray | None = None,
         camber: np.ndarray | None = None,
-    ) -> Any:
+    ) -> MagicCurve | NeuralCurve:
         """Curve with its ``fit_info``."""
 
     def _solve(self, problem: Regression, lower: np.ndarray, upper: np.ndarray, starts: np.ndarray) -> Solution:
