@@ -37,7 +37,6 @@ from slipangle.reproduce._chapter_7 import (
     SETTINGS,
     SPEEDS,
     STEP,
-    ByCvodes,
     Q,
     blended,
     general,
@@ -45,6 +44,7 @@ from slipangle.reproduce._chapter_7 import (
     magic_model,
     planar_model,
 )
+from slipangle.reproduce._cvodes import ByCvodes
 
 ROUNDS, MOMENTS = 30, 100
 V_X = 13.0

@@ -8,7 +8,8 @@ from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2, SOUSA_TABLE_6_8
 from slipangle.optimal.realtime import RealTime
 from slipangle.paths.lane_change import double_lane_change, lane_changes
 from slipangle.reproduce import example_5, find, names
-from slipangle.reproduce._chapter_6 import FRONT_DRIVE, REAR_DRIVE, ByCvodes, drive
+from slipangle.reproduce._chapter_6 import FRONT_DRIVE, REAR_DRIVE, drive
+from slipangle.reproduce._cvodes import ByCvodes
 from slipangle.reproduce._tires_6 import look_up_tire
 from slipangle.reproduce.plants.pendulum import PendulumParams, pendulum
 

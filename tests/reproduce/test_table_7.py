@@ -12,6 +12,7 @@ from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.realtime import RealTime
 from slipangle.reproduce import _chapter_7 as c7
 from slipangle.reproduce import find, names
+from slipangle.reproduce._cvodes import ByCvodes
 from slipangle.reproduce.table_7_1 import choose, search
 
 needs_compiler = pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
@@ -36,7 +37,7 @@ def test_eq_7_1_with_linear_tires_is_the_bicycle_at_small_angles():
 
 def test_eq_7_1_agrees_with_cvodes():
     model = c7.magic_model()
-    assert c7.ByCvodes(model).step(X0, U) == pytest.approx(model.step(X0, U), rel=2e-3, abs=1e-4)
+    assert ByCvodes(model).step(X0, U) == pytest.approx(model.step(X0, U), rel=2e-3, abs=1e-4)
 
 
 def test_the_path_has_the_segments_as_stated():

@@ -264,6 +264,20 @@ class Record:
     holds: bool | None = None
     note: str = ""
 
+    @classmethod
+    def judged(
+        cls, *, here: float, at_most: float | None = None, at_least: float | None = None, digits: int = 6, **rest: Any
+    ) -> Record:
+        """The record of a number that must not exceed a bound, or must reach one; without either nothing is asked.
+
+        ``digits`` are those of the bound as it is shown; the rest is that of the record.
+        """
+        if at_most is not None:
+            rest |= {"bound": f"<= {at_most:.{digits}g}", "holds": bool(here <= at_most)}
+        elif at_least is not None:
+            rest |= {"bound": f">= {at_least:.{digits}g}", "holds": bool(here >= at_least)}
+        return cls(here=float(here), **rest)
+
     def to_dict(self) -> dict[str, Any]:
         """The record in types that JSON knows; NaN and infinity become None."""
         return {f.name: _plain(getattr(self, f.name)) for f in fields(self)}

@@ -51,6 +51,11 @@ class Reproduction:
         return all(record.holds is not False for record in self.records)
 
 
+def protocol(doc: str | None) -> str:
+    """What a module's docstring says under its first line, on one line."""
+    return " ".join((doc or "").split("\n\n", 1)[1].split())
+
+
 def names() -> list[str]:
     """Names for ``slipangle reproduce``.
 

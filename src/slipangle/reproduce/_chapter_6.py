@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field, replace
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from slipangle.control.mpc import MPC
-from slipangle.data.dataset import Channel, Dataset
+from slipangle.data.dataset import Channel
 from slipangle.models.model import Model
 from slipangle.models.tires.simple import Tire, TireForces
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_10
 from slipangle.models.vehicles.parameters import SingleTrackParams
 from slipangle.models.vehicles.single_track import SingleTrack
-from slipangle.ops import Scalar, Vector, clip, is_symbolic
+from slipangle.ops import Scalar, clip, is_symbolic
 from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.engine import CompiledEngine
@@ -28,7 +27,8 @@ from slipangle.paths.path import Path
 from slipangle.report.drives import Signal, signals, solver_time
 from slipangle.report.maps import path_map
 from slipangle.report.tables import Record
-from slipangle.reproduce import Progress
+from slipangle.reproduce import Progress, Reproduction, protocol
+from slipangle.reproduce._cvodes import ByCvodes
 
 HORIZONS = (5, 10, 15)
 STEP, SAMPLE = 0.1, 0.02  # s, of the controller and of the recorded drive
@@ -88,49 +88,6 @@ REAR_DRIVE = Car(
     start_speed=24.0,
     speed=25.0,
 )
-
-
-@dataclass(frozen=True)
-class ByCvodes(Model):
-    """A single track integrated by CVODES, as the thesis does in plant and prediction."""
-
-    car: SingleTrack
-    _: KW_ONLY
-    dt: float = STEP
-    tolerance: float = 1e-8
-
-    states = SingleTrack.states
-    inputs = SingleTrack.inputs
-    outputs = SingleTrack.states
-
-    @cached_property
-    def integrator(self) -> ca.Function:
-        """``(x0, p) -> xf`` over one sample, inputs held."""
-        kind: Any = ca.MX if isinstance(self.car.tire_f, LookUpTire) else ca.SX
-        x, u = kind.sym("x", 8), kind.sym("u", 3)
-        problem = {"x": x, "p": u, "ode": self.car.derivative(x, u)}
-        options = {"reltol": self.tolerance, "abstol": self.tolerance}
-        return ca.integrator("cvodes", "cvodes", problem, 0.0, self.dt, options)
-
-    def initial_state(self, data: Dataset) -> np.ndarray:
-        """As of the single track."""
-        return self.car.initial_state(data)
-
-    def step(self, x: Vector, u: Vector) -> Vector:
-        """State one sample later."""
-        if is_symbolic(x, u):
-            if isinstance(x, ca.SX) or isinstance(u, ca.SX):
-                raise NotImplementedError("an integrator takes matrix symbols only")
-            return self.integrator(x0=x, p=u)["xf"]
-        return np.asarray(self.integrator(x0=x, p=u)["xf"]).ravel()
-
-    def output(self, x: Vector, u: Vector) -> Vector:
-        """The states."""
-        return x
-
-    def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
-        """See `SingleTrack.straight`."""
-        return self.car.straight(v_x, X=X, Y=Y, psi=psi)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -193,12 +150,12 @@ class Drive:
         return float(np.abs(self.e_y).max())
 
 
-def drive(plant: ByCvodes, controller: MPC, car: Car, path: Path, *, most: int = 1000) -> Drive:
+def drive(plant: ByCvodes[SingleTrack], controller: MPC, car: Car, path: Path, *, most: int = 1000) -> Drive:
     """Follow a path to its end, the full state measured, the reference at the wanted speed from the nearest point."""
     controller.prepare()
-    fine = replace(plant, dt=SAMPLE)
+    fine = replace(plant, car=replace(plant.car, dt=SAMPLE))
     X, Y, psi = path.start
-    x, plan, s = plant.straight(car.start_speed, X=X, Y=Y, psi=psi), None, 0.0
+    x, plan, s = plant.car.straight(car.start_speed, X=X, Y=Y, psi=psi), None, 0.0
     e_y: list[float] = []
     states: list[np.ndarray] = []
     plans: list[Plan] = []
@@ -294,6 +251,25 @@ def records(
     return found, shown
 
 
+def drives(
+    title: str,
+    doc: str | None,
+    car: Car,
+    path: Path,
+    tires: Callable[[], tuple[Tire, dict[str, Tire]]],
+    printed: Sequence[Row],
+    progress: Progress,
+) -> Reproduction:
+    """A whole table of drives: every row, and the figures of one."""
+    progress(0.0, "fitting the neural tires")
+    plant, predicted = tires()
+    name = title.partition(":")[0].lower()
+    found, shown = records(name, car, path, plant, predicted, printed, progress)
+    progress(1.0, "done")
+    text = protocol(doc) + " Figures: Pacejka tires, N = 10, real-time iterations."
+    return Reproduction(title=title, records=tuple(found), protocol=text, figures=shown)
+
+
 def figures(car: Car, done: Drive, path: Path) -> tuple[Any, ...]:
     """Path, signals and solver time of one drive."""
     line = path.ahead(0.0, 400, path.length / 400 / car.speed)
@@ -321,9 +297,7 @@ def figures(car: Car, done: Drive, path: Path) -> tuple[Any, ...]:
 
 
 def _at_most(row: str, quantity: str, thesis: float, here: float, note: str) -> Record:
-    return Record(
-        row=row, quantity=quantity, thesis=thesis, here=here, bound=f"<= {thesis:g}", holds=here <= thesis, note=note
-    )
+    return Record.judged(at_most=thesis, row=row, quantity=quantity, thesis=thesis, here=here, note=note)
 
 
 def thesis_way(car: Car, model: SingleTrack, horizon: int, path: Path, *, steps: int = 2) -> float:

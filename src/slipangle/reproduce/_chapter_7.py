@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass
-from functools import cache, cached_property
+from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from slipangle.control.marx.mpc import MultiARXMPC
@@ -25,7 +24,7 @@ from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.models.vehicles.parameters import GRAVITY, ChassisParams
 from slipangle.models.wrappers.multi_arx import MultiARXModel, Shape
 from slipangle.models.wrappers.on_ground import OnGround
-from slipangle.ops import Scalar, Vector, atan, cos, is_symbolic, maximum, stack
+from slipangle.ops import Scalar, Vector, atan, cos, maximum, stack
 from slipangle.optimal.terms import Limits, Weights
 from slipangle.paths.path import Path
 from slipangle.simulate.loop import closed_loop
@@ -167,49 +166,6 @@ def magic_model(share: float = 0.9) -> Lateral:
     """The plant's own Magic Formula, softened as `linear_model`: of 1, 0.9 and 0.8 this is NMPC's best share."""
     tire = Softer(tire=CAR.tires[0], share=share)
     return Lateral(params=SOUSA_TABLE_7_2, tire_f=tire, tire_r=tire, dt=STEP, substeps=2)
-
-
-@dataclass(frozen=True)
-class ByCvodes(Model):
-    """A `Lateral` integrated by CVODES inside the program, as the thesis does."""
-
-    car: Lateral
-    _: KW_ONLY
-    tolerance: float = 1e-8
-
-    states = Lateral.states
-    inputs = Lateral.inputs
-    outputs = Lateral.states
-
-    @property
-    def dt(self) -> float:  # type: ignore[override]
-        """Sample time. [s]"""
-        return self.car.dt
-
-    @cached_property
-    def integrator(self) -> ca.Function:
-        """``(x0, p) -> xf`` over one sample, inputs held."""
-        x, u = ca.SX.sym("x", 5), ca.SX.sym("u", 2)
-        options = {"reltol": self.tolerance, "abstol": self.tolerance}
-        return ca.integrator(
-            "cvodes", "cvodes", {"x": x, "p": u, "ode": self.car.derivative(x, u)}, 0.0, self.dt, options
-        )
-
-    def initial_state(self, data: Dataset) -> np.ndarray:
-        """As of the car."""
-        return self.car.initial_state(data)
-
-    def step(self, x: Vector, u: Vector) -> Vector:
-        """State one sample later."""
-        if is_symbolic(x, u):
-            if isinstance(x, ca.SX) or isinstance(u, ca.SX):
-                raise NotImplementedError("an integrator takes matrix symbols only")
-            return self.integrator(x0=x, p=u)["xf"]
-        return np.asarray(self.integrator(x0=x, p=u)["xf"]).ravel()
-
-    def output(self, x: Vector, u: Vector) -> Vector:
-        """The states."""
-        return x
 
 
 # ---- controllers and drives ------------------------------------------------------------------------------------------

@@ -258,13 +258,12 @@ def records(
     seconds, wall = (float(np.median([getattr(v, name) for v in verdicts])) for name in ("seconds", "wall"))
     if np.isfinite(seconds):
         made.append(
-            Record(
+            Record.judged(
+                at_most=slowest,
                 row=row,
                 quantity="process time of one fit [s]",
                 thesis=None,
                 here=seconds,
-                bound="" if slowest is None else f"<= {slowest:g}",
-                holds=None if slowest is None else seconds <= slowest,
                 note=f"{wall:.3g} s by the clock of a shared machine",
             )
         )

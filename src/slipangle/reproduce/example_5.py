@@ -26,7 +26,7 @@ from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import Limits, Weights
 from slipangle.report.drives import Signal, signals
 from slipangle.report.tables import Record
-from slipangle.reproduce import Progress, Reproduction
+from slipangle.reproduce import Progress, Reproduction, protocol
 from slipangle.reproduce.plants.pendulum import Pendulum
 
 STEPS, STEP, FORCE = 200, 0.1, 800.0
@@ -99,13 +99,12 @@ def reproduce(progress: Progress) -> Reproduction:
         late = (last[-1] + 1) * STEP
         final = np.abs(states[-1])
         found += [
-            Record(
+            Record.judged(
+                at_most=0.5,
                 row=name,
                 quantity="angle at the end [deg]",
                 thesis="stabilised at zero (figure)",
                 here=float(np.rad2deg(final[1])),
-                bound="<= 0.5",
-                holds=bool(np.rad2deg(final[1]) <= 0.5),
                 note=f"within 2 degrees for good after {late:.1f} s; position at the end {final[0]:.2g} m",
             ),
             Record(
@@ -142,7 +141,7 @@ def reproduce(progress: Progress) -> Reproduction:
     return Reproduction(
         title="Example 5: inverted pendulum",
         records=tuple(found),
-        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split())
+        protocol=protocol(__doc__)
         + " Figures: real-time iterations, with the last state's weight as the others' and with 100 Q.",
         figures=tuple(figures),
     )

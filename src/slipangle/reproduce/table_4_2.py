@@ -51,13 +51,12 @@ def reproduce(progress: Progress) -> Reproduction:
     records = [_record(kind, which, judged) for kind in PRINTED for which in (0, 1)]
     records = [record for pair in records for record in pair]
     records += [
-        Record(
+        Record.judged(
+            at_most=BEST_BOUND,
             row="table 4.2, FR, validation, best seed",
             quantity="RMSE [-]",
             thesis=PRINTED["FR"][1][0],
             here=min(free),
-            bound=f"<= {BEST_BOUND:g}",
-            holds=min(free) <= BEST_BOUND,
             note="seeds " + ", ".join(f"{s}: {e:.4f}" for s, e in zip(SEEDS, free, strict=True)),
         ),
         Record(
@@ -96,22 +95,8 @@ def _record(kind: str, which: int, judged: list[tuple[Validation, Validation]]) 
     printed = PRINTED[kind][which]
     limit = MEDIAN_BOUND if (kind, which) == ("FR", 1) else printed[0]
     return (
-        Record(
-            row=row,
-            quantity="RMSE [-], median of 5 seeds",
-            thesis=printed[0],
-            here=rmse,
-            bound=f"<= {limit:g}",
-            holds=rmse <= limit,
-        ),
-        Record(
-            row=row,
-            quantity="R2 [-], median of 5 seeds",
-            thesis=printed[1],
-            here=r2,
-            bound=f">= {printed[1]:g}",
-            holds=r2 >= printed[1],
-        ),
+        Record.judged(at_most=limit, row=row, quantity="RMSE [-], median of 5 seeds", thesis=printed[0], here=rmse),
+        Record.judged(at_least=printed[1], row=row, quantity="R2 [-], median of 5 seeds", thesis=printed[1], here=r2),
     )
 
 

@@ -50,23 +50,22 @@ def reproduce(progress: Progress) -> Reproduction:
         limit = min(printed_rmse, 1.02 * floor)
         row = f"table 4.4, {label}"
         records += [
-            Record(
+            Record.judged(
+                at_least=printed_r2,
                 row=row,
                 quantity="R2 [-]",
                 thesis=printed_r2,
                 here=here_r2,
-                bound=f">= {printed_r2}",
-                holds=here_r2 >= printed_r2,
                 note="stand-in data: see the protocol",
             ),
-            Record(
+            Record.judged(
+                at_most=limit,
                 row=row,
                 quantity="RMSE [-]",
                 thesis=printed_rmse,
                 here=here_rmse,
-                bound=f"<= {limit:.4g}",
-                holds=here_rmse <= limit,
                 note=f"noise floor {floor:.4g}, and at most 2 % above it",
+                digits=4,
             ),
         ]
     progress(1.0, "done")

@@ -140,13 +140,12 @@ def _scores(row: str, model: Model, test: Dataset, bounds: dict[str, float], not
         here: Score = score(run, name)
         what = "position" if name == "q" else "velocity"
         records.append(
-            Record(
+            Record.judged(
+                at_least=least,
                 row=f"60/40, {row}",
                 quantity=f"{what} F [%]",
                 thesis=THESIS[name][0],
                 here=here.fit,
-                bound=f">= {least:g}",
-                holds=here.fit >= least,
                 note=note if name == "q" else "",
             )
         )
@@ -156,14 +155,8 @@ def _scores(row: str, model: Model, test: Dataset, bounds: dict[str, float], not
 
 def _official(row: str, model: Model, pulses: Dataset, most: float | None, note: str) -> Record:
     here = 1e3 * score(model.simulate(pulses), "q").rmse
-    return Record(
-        row=f"official test, {row}",
-        quantity="position RMSE [mm]",
-        thesis=None,
-        here=here,
-        bound="" if most is None else f"<= {most:g}",
-        holds=None if most is None else here <= most,
-        note=note,
+    return Record.judged(
+        at_most=most, row=f"official test, {row}", quantity="position RMSE [mm]", thesis=None, here=here, note=note
     )
 
 

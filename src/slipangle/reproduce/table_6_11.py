@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from slipangle.paths.lane_change import double_lane_change
 from slipangle.reproduce import Progress, Reproduction
-from slipangle.reproduce._chapter_6 import REAR_DRIVE, records, rows
+from slipangle.reproduce._chapter_6 import REAR_DRIVE, drives, rows
 from slipangle.reproduce._tires_6 import experimental_tires
 
 PRINTED = [
@@ -24,16 +24,12 @@ PRINTED = [
 
 def reproduce(progress: Progress) -> Reproduction:
     """Drive every row."""
-    progress(0.0, "fitting the neural tires")
-    plant, tires = experimental_tires()
-    found, figures = records(
-        "table 6.11", REAR_DRIVE, double_lane_change(25.0, width=1.4, blend=12.0), plant, tires, PRINTED, progress
-    )
-    progress(1.0, "done")
-    return Reproduction(
-        title="Table 6.11: double lane change, experimental tires",
-        records=tuple(found),
-        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split())
-        + " Figures: Pacejka tires, N = 10, real-time iterations.",
-        figures=figures,
+    return drives(
+        "Table 6.11: double lane change, experimental tires",
+        __doc__,
+        REAR_DRIVE,
+        double_lane_change(25.0, width=1.4, blend=12.0),
+        experimental_tires,
+        PRINTED,
+        progress,
     )

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from slipangle.paths.lane_change import lane_changes
 from slipangle.reproduce import Progress, Reproduction
-from slipangle.reproduce._chapter_6 import REAR_DRIVE, records, rows
+from slipangle.reproduce._chapter_6 import REAR_DRIVE, drives, rows
 from slipangle.reproduce._tires_6 import experimental_tires
 
 PRINTED = [
@@ -24,14 +24,12 @@ PRINTED = [
 
 def reproduce(progress: Progress) -> Reproduction:
     """Drive every row."""
-    progress(0.0, "fitting the neural tires")
-    plant, tires = experimental_tires()
-    found, figures = records("table 6.12", REAR_DRIVE, lane_changes(25.0, change=50.0), plant, tires, PRINTED, progress)
-    progress(1.0, "done")
-    return Reproduction(
-        title="Table 6.12: lane changes, experimental tires",
-        records=tuple(found),
-        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split())
-        + " Figures: Pacejka tires, N = 10, real-time iterations.",
-        figures=figures,
+    return drives(
+        "Table 6.12: lane changes, experimental tires",
+        __doc__,
+        REAR_DRIVE,
+        lane_changes(25.0, change=50.0),
+        experimental_tires,
+        PRINTED,
+        progress,
     )

@@ -11,8 +11,9 @@ from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2, SOUSA_TABLE_6_8
 from slipangle.optimal.realtime import RealTime
 from slipangle.paths.lane_change import double_lane_change, lane_changes
 from slipangle.report.tables import Record
-from slipangle.reproduce import Progress, Reproduction
-from slipangle.reproduce._chapter_6 import FRONT_DRIVE, HORIZONS, REAR_DRIVE, ByCvodes, LookUpTire, drive
+from slipangle.reproduce import Progress, Reproduction, protocol
+from slipangle.reproduce._chapter_6 import FRONT_DRIVE, HORIZONS, REAR_DRIVE, LookUpTire, drive
+from slipangle.reproduce._cvodes import ByCvodes
 from slipangle.reproduce._tires_6 import look_up_tire
 
 PRINTED = {
@@ -63,5 +64,5 @@ def reproduce(progress: Progress) -> Reproduction:
     return Reproduction(
         title="Table 6.13: lateral errors in the literature",
         records=tuple(found),
-        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split()),
+        protocol=protocol(__doc__),
     )

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from slipangle.paths.lane_change import lane_changes
 from slipangle.reproduce import Progress, Reproduction
-from slipangle.reproduce._chapter_6 import FRONT_DRIVE, records, rows
+from slipangle.reproduce._chapter_6 import FRONT_DRIVE, drives, rows
 from slipangle.reproduce._tires_6 import simulated_tires
 
 PRINTED = [
@@ -23,14 +23,12 @@ PRINTED = [
 
 def reproduce(progress: Progress) -> Reproduction:
     """Drive every row."""
-    progress(0.0, "fitting the neural tires")
-    plant, tires = simulated_tires()
-    found, figures = records("table 6.6", FRONT_DRIVE, lane_changes(20.0, change=50.0), plant, tires, PRINTED, progress)
-    progress(1.0, "done")
-    return Reproduction(
-        title="Table 6.6: lane changes",
-        records=tuple(found),
-        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split())
-        + " Figures: Pacejka tires, N = 10, real-time iterations.",
-        figures=figures,
+    return drives(
+        "Table 6.6: lane changes",
+        __doc__,
+        FRONT_DRIVE,
+        lane_changes(20.0, change=50.0),
+        simulated_tires,
+        PRINTED,
+        progress,
     )

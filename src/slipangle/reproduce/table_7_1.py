@@ -22,7 +22,7 @@ from slipangle.identify.linear.integrated import IntegratedARX
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.report.plots import trajectories
 from slipangle.report.tables import Record
-from slipangle.reproduce import Progress, Reproduction
+from slipangle.reproduce import Progress, Reproduction, protocol
 from slipangle.reproduce._chapter_7 import AMPLITUDES, DRIVER, LOG, PLANT, SPEEDS, STEP, sine_log
 from slipangle.simulate.manoeuvres import record, sine_steer
 
@@ -114,7 +114,7 @@ def reproduce(progress: Progress) -> Reproduction:
     return Reproduction(
         title="Table 7.1: ARX models of lateral position",
         records=tuple(records),
-        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split()),
+        protocol=protocol(__doc__),
         figures=tuple(figures),
         captions=tuple(f"Validation at {v:g} m/s" for v in PRINTED),
     )

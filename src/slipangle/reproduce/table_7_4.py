@@ -14,7 +14,7 @@ from slipangle.data.dataset import Channel
 from slipangle.models.wrappers.multi_arx import MultiARXModel
 from slipangle.report.drives import Signal, signals
 from slipangle.report.tables import Record
-from slipangle.reproduce import Progress, Reproduction
+from slipangle.reproduce import Progress, Reproduction, protocol
 from slipangle.reproduce._chapter_7 import LIMIT, SPEEDS, blended, drive, sine_log
 from slipangle.reproduce.table_7_1 import choose, search
 from slipangle.simulate.manoeuvres import three_segments
@@ -64,7 +64,7 @@ def reproduce(progress: Progress) -> Reproduction:
     return Reproduction(
         title="Table 7.4: control on one ARX model",
         records=tuple(records),
-        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split()),
+        protocol=protocol(__doc__),
         figures=tuple(figures),
         captions=tuple(f"ARX-MPC-{v:g}: path and steering at {v:g} m/s" for v in PRINTED),
     )

@@ -37,7 +37,7 @@ from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.report.drives import Signal, Span, signals
 from slipangle.report.tables import Record
-from slipangle.reproduce import Progress, Reproduction
+from slipangle.reproduce import Progress, Reproduction, protocol
 from slipangle.reproduce._chapter_7 import (
     CAR,
     KNOTS,
@@ -170,7 +170,7 @@ def reproduce(progress: Progress) -> Reproduction:
     return Reproduction(
         title="Table 7.5: lateral errors on the three segments",
         records=tuple(records),
-        protocol=" ".join((__doc__ or "").split("\n\n", 1)[1].split()),
+        protocol=protocol(__doc__),
         figures=figures(done),
         captions=DRAWN,
     )

@@ -134,13 +134,12 @@ def rolling(judged: Sequence[tuple[Model, HybridModel, Score, Score]]) -> list[R
     gains = ", ".join("off" if mixed.gain == 0 else "on" for _, mixed, _, _ in judged)
     change = min(h - f for h, f in zip(hybrids, fits, strict=True))
     return [
-        Record(
+        Record.judged(
+            at_least=75,
             row="M2, five rolling splits",
             quantity="fit of v_x [%], median",
             thesis=None,
             here=float(np.median(fits)),
-            bound=">= 75",
-            holds=float(np.median(fits)) >= 75,
             note=", ".join(f"{100 * s:g} %: {f:.1f}" for s, f in zip(SHARES, fits, strict=True)),
         ),
         Record(
@@ -164,13 +163,12 @@ def last_part(name: str, models: Sequence[Model], test: Dataset) -> list[Record]
     car = "another car, see the protocol" if name == "M2" else ""
     notes = (car, f"seeds {every}" if scores[1:] else "", switched_off(models))
     return [
-        Record(
+        Record.judged(
+            at_least=least,
             row=f"{name}, last 30 %",
             quantity="fit of v_x [%]",
             thesis=PRINTED[name][0],
             here=fit,
-            bound="" if least is None else f">= {least:g}",
-            holds=None if least is None else fit >= least,
             note="; ".join(filter(None, notes)),
         ),
         Record(row=f"{name}, last 30 %", quantity="VAF of v_x [%]", thesis=PRINTED[name][1], here=vaf),
