@@ -20,7 +20,7 @@ from slipangle.codegen import compiler as compiled
 from slipangle.data.dataset import Dataset
 from slipangle.identify.linear.arx import ARX
 from slipangle.models.black_box.arx import ARXModel
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._peers import absent, in_turn, installed, median_record
 

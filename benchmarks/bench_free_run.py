@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from slipangle.data.dataset import Dataset
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import FERRARI_250LM
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 
 ROUNDS, SAMPLES = 15, 11_000

@@ -35,7 +35,7 @@ from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.optimal.terms import Limits, Weights
 from slipangle.paths.lane_change import double_lane_change
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.manoeuvres import Manoeuvre, record

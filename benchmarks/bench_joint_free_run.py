@@ -15,7 +15,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.models.black_box.networks import MLP, Scaling
 from slipangle.models.vehicles.neural_bicycle import LONG, NeuralBicycle, TireNetworkBicycle
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycleParams
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 
 ROUNDS, SAMPLES = 15, 11_000

@@ -19,7 +19,7 @@ import numpy as np
 from slipangle.codegen.compiler import library, sentence
 from slipangle.models.tires.magic_formula.coefficients import MF61Coefficients
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 
 BATCH, ROUNDS = 100_000, 40

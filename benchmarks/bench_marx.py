@@ -17,8 +17,9 @@ import daqp
 import numpy as np
 
 from slipangle.codegen.compiler import sentence
+from slipangle.control.marx.interpreted import Interpreted
 from slipangle.control.marx.mpc import MultiARXMPC
-from slipangle.control.marx.solver import Compiled, Interpreted
+from slipangle.control.marx.solver import Compiled
 from slipangle.control.mpc import MPC
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.wrappers.multi_arx import MultiARXModel, ParallelARX
@@ -28,7 +29,7 @@ from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.optimal.terms import Weights
 from slipangle.paths.lane_change import double_lane_change
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_7 import (
     HORIZON,
@@ -100,7 +101,7 @@ def quadratic_programs(mpc: MultiARXMPC, situations: list) -> list[tuple]:
     daqp.solve = note
     try:
         for x, reference, applied in situations:
-            solver.solve(x, reference.tracked, reference.exogenous, float(applied[0]))
+            solver.solve(x, reference.tracked, reference.exogenous, float(applied[0]), None, 0.0)
     finally:
         daqp.solve = solve
     return caught
@@ -169,7 +170,12 @@ def _peers(ours: MultiARXMPC, situations: list, base: float, progress: Progress)
     alone = _median(lambda k: daqp.solve(*programs[k]), len(programs))
     whole = _median(
         lambda k: solver.solve(
-            situations[k][0], situations[k][1].tracked, situations[k][1].exogenous, float(situations[k][2][0])
+            situations[k][0],
+            situations[k][1].tracked,
+            situations[k][1].exogenous,
+            float(situations[k][2][0]),
+            None,
+            0.0,
         ),
         len(situations),
     )

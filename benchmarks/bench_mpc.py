@@ -31,7 +31,7 @@ from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import Limits, Weights
 from slipangle.paths.lane_change import double_lane_change
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_6 import FRONT_DRIVE, thesis_way
 from slipangle.reproduce._tires_6 import simulated_tires

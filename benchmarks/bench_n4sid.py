@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 from slipangle.data.dataset import Dataset
 from slipangle.identify.linear.subspace import Subspace
 from slipangle.numerics.blas import one_blas_thread
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._peers import absent, in_turn, installed, median_record
 

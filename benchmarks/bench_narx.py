@@ -23,7 +23,7 @@ from slipangle.identify.networks.problem import Stage
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.networks import MLP
 from slipangle.models.model import Model
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._peers import absent, in_turn, installed, one_core
 from slipangle.reproduce.plants import narendra

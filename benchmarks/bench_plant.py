@@ -17,7 +17,7 @@ from slipangle.codegen.compiler import sentence
 from slipangle.models.model import roll_out
 from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 
 ROUNDS, STEPS, CARS = 15, 20_000, 256

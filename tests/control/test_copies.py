@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slipangle.control.followers.followers import PreviewLQR
+from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC
 from slipangle.control.mpc import MPC
 from slipangle.models.custom import Ode

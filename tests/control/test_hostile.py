@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slipangle.control.followers.followers import PreviewLQR, PurePursuit, Stanley
+from slipangle.control.followers.followers import PurePursuit, Stanley
+from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC
 from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.control.switched import SwitchedMPC

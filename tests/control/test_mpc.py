@@ -7,7 +7,8 @@ from math import inf
 import numpy as np
 import pytest
 
-from slipangle.control.mpc import MPC, RELAX
+from slipangle.control.fallback import RELAX
+from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError
 from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.ocp import Reference

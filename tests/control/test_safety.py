@@ -183,7 +183,7 @@ def test_a_fallback_says_where_it_leads(steps, stopping, compiled):
 def late_call(mpc, x, reference, previous):
     from time import perf_counter
 
-    from slipangle.control.mpc import Call
+    from slipangle.control.fallback import Call
 
     return Call(x=x, wanted=reference, previous=previous, before=mpc._before(previous, None), begin=perf_counter())
 

@@ -203,8 +203,12 @@ MUTANTS = [
                 "x[0] + self.params.l_f * math.cos(x[2])",
             ),
             ("Stanley: away from the path", "math.atan2(-self.gain * e,", "math.atan2(self.gain * e,"),
-            ("LQR: what the curvature does", "[-b / v - v]", "[b / v - v]"),
         ],
+    ),
+    *mistakes(
+        "control/followers/preview_lqr.py",
+        PLANS,
+        [("LQR: what the curvature does", "[-b / v - v]", "[b / v - v]")],
     ),
     *mistakes(
         "control/speed/driver.py",

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import linprog, lsq_linear
 
 from slipangle.codegen import compiler as compiled
-from slipangle.control.followers.followers import PreviewLQR
+from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.control.mpc import MPC
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.optimal.ipopt import Ipopt

@@ -12,14 +12,8 @@ from slipangle.models.tires.magic_formula.validity import ValidRange
 from slipangle.models.tires.physical import BrushTire
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2
 from slipangle.report.tables import Table
-from slipangle.report.tire_figures import (
-    OperatingRange,
-    combined_slip,
-    curve_figure,
-    fit_figure,
-    pure_slip,
-    residual_histogram,
-)
+from slipangle.report.tire_figures import OperatingRange, combined_slip, pure_slip
+from slipangle.report.tire_fits import curve_figure, fit_figure, residual_histogram
 from slipangle.report.tires import evaluate_table, fit_errors, tire_page
 from tests.rig import LOADS, TIRE, UNITS, channels
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slipangle.report.tables import record_table
+from slipangle.report.records import record_table
 from slipangle.reproduce import find, names, table_4_4, table_6_4, table_6_8, table_6_9
 
 QUIET = lambda share, words: None  # noqa: E731

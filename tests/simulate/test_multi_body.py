@@ -2,7 +2,8 @@
 
 import pytest
 
-from slipangle.control.followers.followers import PreviewLQR, PurePursuit, Stanley
+from slipangle.control.followers.followers import PurePursuit, Stanley
+from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.control.speed.pedals import pedal_driver
 from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack

@@ -272,7 +272,7 @@ def test_every_named_experiment_and_benchmark_can_run():
 
 
 def test_a_broken_bound_is_exit_code_1(monkeypatch, capsys):
-    from slipangle.report.tables import Record
+    from slipangle.report.records import Record
     from slipangle.reproduce import Reproduction, table_8_2
 
     bad = Record(row="x", quantity="y", thesis=1.0, here=2.0, bound="<= 1", holds=False)

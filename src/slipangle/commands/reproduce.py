@@ -30,7 +30,7 @@ def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) 
 
 def _reproduce(options: argparse.Namespace) -> int:
     from slipangle import reproduce as experiments
-    from slipangle.report.tables import record_table
+    from slipangle.report.records import record_table
 
     bench = options.command == "bench"
     if not options.names:

@@ -1,4 +1,4 @@
-"""`Led`: a controller around another one, whose step, horizon, input and reference it has."""
+"""`Led`: a controller that wraps another one and takes over its step, horizon, input and reference."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from slipangle.models.model import without_caches
 from slipangle.optimal.ocp import Reference
-from slipangle.paths.path import Preview
+from slipangle.paths.preview import Preview
 
 
 class Led(abc.ABC):
@@ -57,3 +57,7 @@ class Led(abc.ABC):
     def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
         """`Reference` from a look along a path."""
         return self.leader.reference(preview, **exogenous)
+
+    def check_reference(self, reference: Reference) -> Reference:
+        """The reference as arrays of numbers in the shapes of the problem."""
+        return self.leader.check_reference(reference)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from slipangle.control.call import Ahead, given
 from slipangle.control.leading import Led
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
@@ -19,11 +20,9 @@ from slipangle.models.model import Model
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.wrappers.on_ground import POSE
 from slipangle.ops import Vector, concatenate
-from slipangle.optimal.arrays import vector
-from slipangle.optimal.checks import counted, is_numbers, require_plan
+from slipangle.optimal.checks import counted, is_numbers
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Plan
-from slipangle.paths.path import Preview
 
 
 @dataclass(frozen=True)
@@ -224,18 +223,11 @@ class SwitchedMPC(Led):
         return float(x[states.index("r")]) if "r" in states else 0.0
 
     def plan(
-        self,
-        x: np.ndarray,
-        reference: Reference | Preview,
-        previous: Plan | None = None,
-        *,
-        applied: np.ndarray | None = None,
+        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> SwitchedPlan:
         """Plan with the controller that the criterion names; as `MPC.plan`."""
         begin = perf_counter()
-        x = vector(x, self.model.states, "x")
-        wanted = self.calm.check_reference(self.reference(reference) if isinstance(reference, Preview) else reference)
-        require_plan(previous)
+        x, wanted = given(self, x, reference, previous)
         demand = self.demand(x, wanted, previous)
         last = previous if isinstance(previous, SwitchedPlan) else None
         before = 0 if last is None else counted(last.calm_steps)

@@ -19,7 +19,7 @@ from slipangle.models.model import Model, without_caches
 from slipangle.ops import Scalar, cos, sin, stack
 from slipangle.optimal.arrays import array
 from slipangle.optimal.terms import Limits, Weights, coerce, require_names
-from slipangle.paths.path import Preview
+from slipangle.paths.preview import Preview
 
 PATH_ERRORS = ("e_x", "e_y", "e_psi")
 POSE = ("X", "Y", "psi")

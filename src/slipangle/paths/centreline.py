@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +15,7 @@ from slipangle.data.numerals import decoded, to_number
 from slipangle.errors import FormatError, MissingFileError, NotFiniteError, ParameterError, TooShortError, shown
 
 MOST_POINTS = 100_000  # of a track's line
+_FARTHEST = 1e8  # m, of a coordinate; maps of the whole Earth stay within a tenth of it
 _MOST_SAMPLES = 1_000_000  # of a path, 250 km at the usual spacing
 
 
@@ -153,3 +155,40 @@ def read_track(file: str | Path) -> np.ndarray:
     if len(table) < 4:
         raise TooShortError(f"'{source.name}' has {len(table)} points; expected at least 4")
     return table
+
+
+def points_of_line(
+    X: np.ndarray, Y: np.ndarray, sides: Mapping[str, np.ndarray | float | None], *, closed: bool, name: str
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Points without repeated ones, the first again at the end if closed, and the distances to the edges there. [m]
+
+    Raises
+    ------
+    TooShortError, NotFiniteError, ParameterError
+        See `slipangle.paths.path.Path.from_points`.
+    """
+    x, y = np.asarray(X, dtype=float).ravel(), np.asarray(Y, dtype=float).ravel()
+    if x.shape != y.shape:
+        raise ParameterError(f"X has {len(x)} points and Y has {len(y)}; expected as many of one as of the other")
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        raise NotFiniteError(f"the points of '{name}' hold NaN or infinite coordinates; expected finite numbers")
+    farthest = max(np.abs(x).max(initial=0.0), np.abs(y).max(initial=0.0))
+    if farthest > _FARTHEST:
+        raise ParameterError(
+            f"a point of '{name}' has a coordinate of {farthest:.3g} m; expected at most {_FARTHEST:.0e} m: check "
+            "the points' unit and their outliers"
+        )
+    keep = np.ones(len(x), dtype=bool)
+    keep[1:] = np.hypot(np.diff(x), np.diff(y)) > 1e-9
+    if closed and len(x) > 1 and math.hypot(x[-1] - x[0], y[-1] - y[0]) <= 1e-9:
+        keep[-1] = False
+    edges = {
+        side: np.broadcast_to(np.asarray(e, dtype=float), x.shape)[keep] for side, e in sides.items() if e is not None
+    }
+    x, y = x[keep], y[keep]
+    if len(x) < 4:
+        raise TooShortError(f"'{name}' has {len(x)} different points; expected at least 4: add points")
+    if closed:
+        x, y = np.append(x, x[0]), np.append(y, y[0])
+        edges = {side: np.append(e, e[0]) for side, e in edges.items()}
+    return x, y, edges

@@ -11,81 +11,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 
 from slipangle.errors import NotFiniteError, ParameterError, TooShortError
-from slipangle.paths.centreline import edge_between, hermite, limit_rise, read_track, sample_spline
+from slipangle.paths.centreline import edge_between, hermite, limit_rise, points_of_line, read_track, sample_spline
+from slipangle.paths.preview import Preview, Projection, strides_between
 
 SPACING = 0.25  # m, between the samples of a centre line
-_FARTHEST = 1e8  # m, of a coordinate; maps of the whole Earth stay within a tenth of it
 _FIELDS = ("s", "X", "Y", "psi", "curvature", "v_x", "right", "left")
-
-
-class Projection(NamedTuple):
-    """Foot of a point on a path: arc length [m], signed distance to the left of the path [m], heading there [rad]."""
-
-    s: float
-    e_y: float
-    psi: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Preview:
-    """The path at some arc lengths, one row per instant.
-
-    Parameters
-    ----------
-    s : array, shape (n,)
-        Arc length. [m]
-    X, Y, psi : array, shape (n,)
-        Pose of the centre line [m, m, rad]; the heading is continuous, laps add up.
-    curvature : array, shape (n,)
-        Positive when the path turns left. [1/m]
-    v_x : array, shape (n,)
-        Speed; NaN where the path has no speed profile and none was given. [m/s]
-    right, left : array, shape (n,)
-        Distance from the centre line to the edges of the lane, infinite where there is none. [m]
-    t : array, shape (n,), optional
-        Instants of the rows, from now, of a look ahead in time. [s]
-    """
-
-    s: np.ndarray
-    X: np.ndarray
-    Y: np.ndarray
-    psi: np.ndarray
-    curvature: np.ndarray
-    v_x: np.ndarray
-    right: np.ndarray
-    left: np.ndarray
-    t: np.ndarray | None = None
-
-    def __len__(self) -> int:
-        return len(self.s)
-
-    def require_times(self, times: np.ndarray) -> None:
-        """Raise unless the rows are those of a controller's `times`, as far as the number and the last instant say.
-
-        Raises
-        ------
-        ParameterError
-            With what there is and what is expected.
-        """
-        if len(self) != len(times):
-            raise ParameterError(
-                f"the preview has {len(self)} rows; expected horizon + 1 = {len(times)}: use path.ahead(s, mpc.times)"
-            )
-        if self.t is not None and not abs(self.t[-1] - times[-1]) <= 1e-6 * times[-1]:
-            raise ParameterError(
-                f"the preview looks {self.t[-1]:g} s ahead; expected {times[-1]:g} s, as far as the controller plans: "
-                "use path.ahead(s, mpc.times)"
-            )
-
-    @property
-    def r(self) -> np.ndarray:
-        """Yaw rate of following the path at its speed. [rad/s]"""
-        return self.curvature * self.v_x
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -189,36 +124,11 @@ class Path:
         ParameterError
             If the line is too long or too far away to be in metres, or no smooth line goes through the points.
         """
-        x, y = np.asarray(X, dtype=float).ravel(), np.asarray(Y, dtype=float).ravel()
-        if x.shape != y.shape:
-            raise ParameterError(f"X has {len(x)} points and Y has {len(y)}; expected as many of one as of the other")
-        if not (np.isfinite(x).all() and np.isfinite(y).all()):
-            raise NotFiniteError(f"the points of '{name}' hold NaN or infinite coordinates; expected finite numbers")
-        farthest = max(np.abs(x).max(initial=0.0), np.abs(y).max(initial=0.0))
-        if farthest > _FARTHEST:
-            raise ParameterError(
-                f"a point of '{name}' has a coordinate of {farthest:.3g} m; expected at most {_FARTHEST:.0e} m: check "
-                "the points' unit and their outliers"
-            )
+        x, y, edges = points_of_line(X, Y, {"right": right, "left": left}, closed=closed, name=name)
         if not (0 <= smoothing < math.inf and 0 < spacing < math.inf):
             raise ParameterError(
                 f"smoothing is {smoothing} m and spacing {spacing} m; expected at least 0 m and more than 0 m"
             )
-        keep = np.ones(len(x), dtype=bool)
-        keep[1:] = np.hypot(np.diff(x), np.diff(y)) > 1e-9
-        if closed and len(x) > 1 and math.hypot(x[-1] - x[0], y[-1] - y[0]) <= 1e-9:
-            keep[-1] = False
-        edges = {
-            side: np.broadcast_to(np.asarray(e, dtype=float), x.shape)[keep]
-            for side, e in (("right", right), ("left", left))
-            if e is not None
-        }
-        x, y = x[keep], y[keep]
-        if len(x) < 4:
-            raise TooShortError(f"'{name}' has {len(x)} different points; expected at least 4: add points")
-        if closed:
-            x, y = np.append(x, x[0]), np.append(y, y[0])
-            edges = {side: np.append(e, e[0]) for side, e in edges.items()}
         curve, at_points = sample_spline(x, y, closed=closed, smoothing=smoothing, spacing=spacing)
         lane = {side: np.interp(curve["s"], at_points, e) for side, e in edges.items()}
         return cls(**curve, right=lane.get("right"), left=lane.get("left"), closed=closed, name=name)
@@ -244,15 +154,8 @@ class Path:
             gaps = np.hypot(*np.diff(table[:, :2], axis=0).T)
             closed = bool(np.hypot(*(table[-1, :2] - table[0, :2])) < 3 * np.median(gaps))
         widths = {"right": table[:, 2], "left": table[:, 3]} if table.shape[1] == 4 else {}
-        return cls.from_points(
-            table[:, 0],
-            table[:, 1],
-            closed=closed,
-            smoothing=smoothing,
-            spacing=spacing,
-            name=FilePath(file).stem,
-            **widths,
-        )
+        X, Y, stem = table[:, 0], table[:, 1], FilePath(file).stem
+        return cls.from_points(X, Y, closed=closed, smoothing=smoothing, spacing=spacing, name=stem, **widths)
 
     def with_speed(self, v_x: float | np.ndarray) -> Self:
         """The path at a constant speed or with the given profile, shape (n,). [m/s]"""
@@ -355,7 +258,7 @@ class Path:
             times, strides = dt * np.arange(steps + 1), [(1, dt)] * int(steps)
         else:
             times = np.asarray(steps, dtype=float)
-            strides = _strides(times)
+            strides = strides_between(times)
         if self.v_x is None and v_x is None:
             raise ParameterError(
                 f"'{self.name}' has no speed profile; expected one to look ahead in time: use path.with_speed(20.0), "
@@ -490,25 +393,3 @@ class Path:
             d = np.where(np.isfinite(d), sign * d, np.nan)
             sides.append(np.column_stack([self.X - d * np.sin(self.psi), self.Y + d * np.cos(self.psi)]))
         return sides[0], sides[1]
-
-
-def _strides(times: np.ndarray) -> list[tuple[int, float]]:
-    """How many strides of which length lead from each instant to the next, none longer than the first interval.
-
-    Raises
-    ------
-    ParameterError
-        If the instants do not rise from 0.
-    """
-    gaps = np.diff(np.atleast_1d(times))
-    if not (len(gaps) and times[0] == 0 and (gaps > 0).all() and np.isfinite(times[-1])):
-        raise ParameterError(
-            f"the instants to look at are {times}; expected two or more that rise from 0 s, such as mpc.times, or a "
-            "number of steps and dt"
-        )
-    first = float(gaps[0])
-    found = []
-    for gap in gaps.tolist():
-        count = max(math.ceil(gap / first - 1e-6), 1)
-        found.append((count, first if math.isclose(gap, count * first, rel_tol=1e-9) else gap / count))
-    return found

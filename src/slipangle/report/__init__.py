@@ -10,17 +10,8 @@ from slipangle.report.drives import Signal, Span, signals, solver_histogram, sol
 from slipangle.report.maps import Body, path_map, track_map
 from slipangle.report.page import Fact, Figure, Finding, Findings, Grid, Number, Page, Section, Text, Verdict
 from slipangle.report.plots import correlation, measured_vs_simulated, rainclouds, trajectories
-from slipangle.report.tables import (
-    Column,
-    Record,
-    Row,
-    ScoreRow,
-    Table,
-    correlation_table,
-    parameter_table,
-    record_table,
-    score_table,
-)
+from slipangle.report.records import Record, record_table
+from slipangle.report.tables import Column, Row, ScoreRow, Table, correlation_table, parameter_table, score_table
 
 __all__ = [
     "Body",

@@ -20,13 +20,11 @@ from slipangle.report.tire_figures import (
     OperatingRange,
     Quantity,
     combined_slip,
-    fit_figure,
     force_text,
     forces,
-    predicted,
     pure_slip,
-    residual_histogram,
 )
+from slipangle.report.tire_fits import fit_figure, predicted, residual_histogram
 
 __all__ = ["evaluate_table", "fit_errors", "informations", "tire_page"]
 

@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from slipangle.errors import ConfigError, nearest
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 
 Progress = Callable[[float, str], None]  # share done (0 to 1), what is being done
 

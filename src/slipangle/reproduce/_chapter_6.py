@@ -26,7 +26,7 @@ from slipangle.optimal.terms import Limits, Weights
 from slipangle.paths.path import Path
 from slipangle.report.drives import Signal, signals, solver_time
 from slipangle.report.maps import path_map
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction, protocol
 from slipangle.reproduce._cvodes import ByCvodes
 

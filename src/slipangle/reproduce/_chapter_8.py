@@ -36,7 +36,7 @@ from slipangle.models.vehicles.catalogue import FERRARI_250LM
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, with_speed_derivative
 from slipangle.models.wrappers.hybrid import HybridModel
 from slipangle.report.plots import correlation
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 
 SEEDS = (0, 1, 2, 3, 4)
 LAGGED = ("delta", "v_x", "v_x_dot")

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress
 
 Clock = Callable[[], float]

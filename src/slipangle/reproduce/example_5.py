@@ -25,7 +25,7 @@ from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import Limits, Weights
 from slipangle.report.drives import Signal, signals
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction, protocol
 from slipangle.reproduce.plants.pendulum import Pendulum
 

@@ -34,7 +34,7 @@ from slipangle.identify.lure.lure import Lure
 from slipangle.models.black_box.lure import Curve
 from slipangle.models.model import Model
 from slipangle.report.plots import trajectories
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 
 PRINTED = {  # (na, nb): RMSE x 1e4 and R2, estimation then validation, as the thesis prints them

@@ -18,7 +18,7 @@ from slipangle.identify.judge.validate import Score, Validation, validate
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.problem import Stage
 from slipangle.report.plots import rainclouds, trajectories
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce.plants import narendra
 

@@ -15,8 +15,8 @@ import numpy as np
 from slipangle.identify.judge.metrics import r2, rmse
 from slipangle.identify.tires.curves import MLPCurveFit, NetworkCurveFit, RBFCurveFit
 from slipangle.models.tires.simple import MagicCurve
-from slipangle.report.tables import Record
-from slipangle.report.tire_figures import curve_figure
+from slipangle.report.records import Record
+from slipangle.report.tire_fits import curve_figure
 from slipangle.reproduce import Progress, Reproduction
 
 PRINTED = {"RBF {3}": (0.9984, 0.0347), "MLP {2 2}": (0.9995, 0.0202)}

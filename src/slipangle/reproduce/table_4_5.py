@@ -30,7 +30,7 @@ from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.model import Model
 from slipangle.report.plots import trajectories
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce.plants.emps import Emps, EmpsParams
 from slipangle.reproduce.plants.friction import FrictionFit

@@ -10,7 +10,7 @@ from __future__ import annotations
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2, SOUSA_TABLE_6_8
 from slipangle.optimal.realtime import RealTime
 from slipangle.paths.lane_change import double_lane_change, lane_changes
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction, protocol
 from slipangle.reproduce._chapter_6 import FRONT_DRIVE, HORIZONS, REAR_DRIVE, LookUpTire, drive
 from slipangle.reproduce._cvodes import ByCvodes

@@ -20,8 +20,8 @@ from slipangle.identify.judge.metrics import r2, rmse
 from slipangle.identify.tires.curves import MLPCurveFit, NetworkCurveFit, RBFCurveFit
 from slipangle.models.tires.neural import NeuralCurve, NeuralTire
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2
-from slipangle.report.tables import Record
-from slipangle.report.tire_figures import curve_figure
+from slipangle.report.records import Record
+from slipangle.report.tire_fits import curve_figure
 from slipangle.reproduce import Progress, Reproduction
 
 # R2, RMSE of mu_x, R2, RMSE of mu_y, average time [s]; digits as printed

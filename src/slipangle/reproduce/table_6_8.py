@@ -25,7 +25,7 @@ from slipangle.identify.tires.curves import SOUSA_TABLE_6_7, MagicCurveFit, magi
 from slipangle.models.model import FitInfo
 from slipangle.models.tires.simple import MagicCurve
 from slipangle.numerics.multistart import Effort, fixed_cost
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 
 NAMES = ("B", "C", "D", "E", "S_h", "S_v")

@@ -17,8 +17,8 @@ import numpy as np
 from slipangle.errors import IdentifiabilityWarning
 from slipangle.identify.judge.metrics import r2, rmse
 from slipangle.identify.tires.curves import SOUSA_TABLE_6_7, CurveFit, MagicCurveFit
-from slipangle.report.tables import Record
-from slipangle.report.tire_figures import curve_figure
+from slipangle.report.records import Record
+from slipangle.report.tire_fits import curve_figure
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce.table_6_4 import settings
 from slipangle.reproduce.table_6_8 import NOISE, stand_in

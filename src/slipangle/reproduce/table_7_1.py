@@ -21,7 +21,7 @@ from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.integrated import IntegratedARX
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.report.plots import trajectories
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction, protocol
 from slipangle.reproduce._chapter_7 import AMPLITUDES, DRIVER, LOG, PLANT, SPEEDS, STEP, sine_log
 from slipangle.simulate.manoeuvres import record, sine_steer

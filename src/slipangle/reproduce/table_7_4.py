@@ -13,7 +13,7 @@ import numpy as np
 from slipangle.data.dataset import Channel
 from slipangle.models.wrappers.multi_arx import MultiARXModel
 from slipangle.report.drives import Signal, signals
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction, protocol
 from slipangle.reproduce._chapter_7 import LIMIT, SPEEDS, blended, drive, sine_log
 from slipangle.reproduce.table_7_1 import choose, search

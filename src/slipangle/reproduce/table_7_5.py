@@ -36,7 +36,7 @@ from slipangle.models.wrappers.multi_arx import MultiARXModel
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.report.drives import Signal, Span, signals
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction, protocol
 from slipangle.reproduce._chapter_7 import (
     CAR,

@@ -20,7 +20,7 @@ from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.terms import Weights
 from slipangle.report.drives import solver_histogram
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction, protocol
 from slipangle.reproduce._chapter_7 import (
     HORIZON,

@@ -36,7 +36,7 @@ from slipangle.models.wrappers.hybrid import HybridModel
 from slipangle.report.maps import track_map
 from slipangle.report.plots import rainclouds, trajectories
 from slipangle.report.race import error_by_level, error_by_phase, share_map
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_8 import (
     LAGGED,

@@ -16,7 +16,7 @@ from slipangle.identify.judge.validate import score
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.report.plots import trajectories
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_8 import quietly
 from slipangle.reproduce.table_8_3 import FAST

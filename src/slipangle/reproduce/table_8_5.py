@@ -18,7 +18,7 @@ from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.model import FitInfo
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.longitudinal import Longitudinal, LongitudinalParams
-from slipangle.report.tables import Record
+from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_8 import bicycle, ferrari, quietly
 from slipangle.reproduce.table_8_3 import FAST, RESTART

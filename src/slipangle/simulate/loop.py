@@ -9,13 +9,15 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from slipangle.control.call import Ahead
 from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.errors import ParameterError, SampleTimeError
 from slipangle.models.model import Model
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import Values, require_names
-from slipangle.paths.path import Path, Preview
+from slipangle.paths.path import Path
+from slipangle.paths.preview import Preview
 from slipangle.simulate.plant import Plant, Simulation
 from slipangle.simulate.run import End, Run
 
@@ -56,12 +58,7 @@ class Controller(Protocol):
         ...
 
     def plan(
-        self,
-        x: np.ndarray,
-        reference: Reference | Preview,
-        previous: Plan | None = None,
-        *,
-        applied: np.ndarray | None = None,
+        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> Plan:
         """What to do from a state, shape (n_states,)."""
         ...

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slipangle.control.followers.followers import PreviewLQR, PurePursuit, Stanley
+from slipangle.control.followers.followers import PurePursuit, Stanley
+from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.control.speed.pedals import drive_force, moving_mass, pedal_driver
 from slipangle.errors import ParameterError
 from slipangle.models.vehicles.bicycle import Bicycle

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from slipangle.codegen.compiler import compiler, sentence
+from slipangle.control.marx.interpreted import Interpreted
 from slipangle.control.marx.mpc import MultiARXMPC
-from slipangle.control.marx.solver import Compiled, Interpreted
+from slipangle.control.marx.solver import Compiled
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError
 from slipangle.models.black_box.arx import ARXModel
@@ -135,7 +136,7 @@ def test_compiled_equals_numpy(mpc):
     for seed in range(60):
         x, reference, applied = situation(mpc, seed, 1.0 + 2.0 * (seed % 3))
         plan = mpc.plan(x, reference, applied=applied)
-        found = other.solve(x, reference.tracked, reference.exogenous, float(applied[0]))
+        found = other.solve(x, reference.tracked, reference.exogenous, float(applied[0]), None, 0.0)
         assert plan.status is found.status is Status.SOLVED
         assert plan.u == pytest.approx(found.u, abs=1e-7)
         assert plan.x == pytest.approx(found.x, abs=1e-6)
@@ -221,7 +222,7 @@ def _hessian(solver, x, reference, applied):
 
     daqp.solve = note
     try:
-        solver.solve(x, reference.tracked, reference.exogenous, float(applied[0]))
+        solver.solve(x, reference.tracked, reference.exogenous, float(applied[0]), None, 0.0)
     finally:
         daqp.solve = solve
     return caught[0]
@@ -234,7 +235,7 @@ def test_with_knots_compiled_and_numpy_agree(mpc):
         few = replace(mpc, knots=knots, rates=Limits(delta=1.0))
         for seed in range(4):
             x, reference, applied = situation(mpc, seed, 2.0)
-            asked = x, reference.tracked, reference.exogenous, float(applied[0])
+            asked = x, reference.tracked, reference.exogenous, float(applied[0]), None, 0.0
             fast, slow = few.solver.solve(*asked), Interpreted(few.problem, few.numbers).solve(*asked)
             assert fast.status is slow.status
             assert fast.u == pytest.approx(slow.u, abs=1e-8)

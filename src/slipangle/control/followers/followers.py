@@ -1,4 +1,4 @@
-"""Path followers to compare with: pure pursuit, Stanley, LQR with preview. All steer; a driver holds the speed.
+"""Path followers to compare with: pure pursuit and Stanley. All steer; a driver holds the speed.
 
 Each is a controller for `slipangle.simulate.loop.closed_loop`, and a function of state and preview alone.
 """
@@ -7,36 +7,25 @@ from __future__ import annotations
 
 import abc
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from time import perf_counter
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy import linalg
 
+from slipangle.control.call import Ahead, applied_before, given
 from slipangle.errors import ParameterError
 from slipangle.models.model import Model, without_caches
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.kinematic import Kinematic
 from slipangle.models.vehicles.parameters import BicycleParams, ChassisParams
 from slipangle.models.wrappers.on_ground import OnGround
-from slipangle.optimal.arrays import applied_input, array, vector
-from slipangle.optimal.checks import (
-    NUMBER,
-    Judge,
-    believable,
-    counted,
-    health_of,
-    last_input,
-    require_plan,
-    require_reference,
-)
+from slipangle.optimal.arrays import array
+from slipangle.optimal.checks import NUMBER, Judge, counted, health_of, require_reference
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Plan, Status, within
-from slipangle.paths.path import Preview
+from slipangle.paths.preview import Preview
 
 _COLUMNS = ("X", "Y", "psi", "curvature", "v_x")
 
@@ -124,12 +113,7 @@ class PathFollower(abc.ABC):
         return Reference(tracked=tracked, exogenous=np.broadcast_to(np.asarray(speed), (self.horizon,))[:, None])
 
     def plan(
-        self,
-        x: np.ndarray,
-        reference: Reference | Preview,
-        previous: Plan | None = None,
-        *,
-        applied: np.ndarray | None = None,
+        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> Plan:
         """The steering angle now, held over the horizon; within limit and rate, and the previous one if x cannot be.
 
@@ -150,11 +134,9 @@ class PathFollower(abc.ABC):
             If an argument has the wrong type, or an array the wrong shape.
         """
         begin = perf_counter()
-        x = vector(x, self._judged[0], "x")
-        wanted = self._checked(self.reference(reference) if isinstance(reference, Preview) else reference)
-        require_plan(previous)
-        before = self._before(previous, applied)
-        judge = self._judged[1]
+        x, wanted = given(self, x, reference, previous)
+        before = applied_before(previous, applied, self.controls, np.zeros(1), -self.limit, self.limit)
+        judge = self._judge
         wrong = judge.status(x, wanted.tracked, wanted.exogenous)
         angle = float(before[0])
         if wrong is None:
@@ -186,26 +168,25 @@ class PathFollower(abc.ABC):
         return float(road / self.params.steering_gain + self.params.steering_offset)
 
     @cached_property
-    def _judged(self) -> tuple[tuple[str, ...], Judge]:
-        """Names of the state's entries, and what is plausible."""
-        names = tuple(self.model.states)
-        return names, Judge(names, _COLUMNS, self.exogenous, self.horizon)
+    def _judge(self) -> Judge:
+        """What is plausible."""
+        return Judge(self.model.states, _COLUMNS, self.exogenous, self.horizon)
 
-    def _checked(self, reference: Reference) -> Reference:
+    def check_reference(self, reference: Reference) -> Reference:
+        """The reference as arrays of numbers in the shapes of this horizon.
+
+        Raises
+        ------
+        ParameterError
+            With the array, its shape and the one expected.
+        """
         require_reference(reference)
         tracked = array(reference.tracked, (self.horizon + 1, len(_COLUMNS)), _COLUMNS, "reference.tracked")
         exogenous = array(reference.exogenous, (self.horizon, 1), self.exogenous, "reference.exogenous")
         return Reference(tracked=tracked, exogenous=exogenous)
 
-    def _before(self, previous: Plan | None, applied: np.ndarray | None) -> np.ndarray:
-        """Angle applied before, within the limit."""
-        last = last_input(previous, self.controls)
-        asked = None if applied is None else applied_input(applied, self.controls)
-        given = asked if asked is not None and believable(asked) else np.zeros(1) if last is None else last
-        return np.clip(given, -self.limit, self.limit)
 
-
-def _forward(ahead: np.ndarray, k: int) -> tuple[float, float, float]:
+def pose_of(ahead: np.ndarray, k: int) -> tuple[float, float, float]:
     """X, Y, psi of a row."""
     return float(ahead[k, 0]), float(ahead[k, 1]), float(ahead[k, 2])
 
@@ -285,14 +266,14 @@ class Stanley(PathFollower):
     @cached_property
     def model(self) -> Model:  # type: ignore[override]
         """A car with a yaw rate and a pose."""
-        return _posed_bicycle(self.params, self.dt)
+        return posed_bicycle(self.params, self.dt)
 
     def law(self, x: np.ndarray, ahead: np.ndarray, v_x: float, last: float) -> float:
         """See the class."""
         r, X, Y, psi = x[1], x[2], x[3], x[4]
         front = X + self.params.l_f * math.cos(psi), Y + self.params.l_f * math.sin(psi)
         k = int(np.argmin(np.hypot(ahead[:, 0] - front[0], ahead[:, 1] - front[1])))
-        x0, y0, angle = _forward(ahead, k)
+        x0, y0, angle = pose_of(ahead, k)
         along = (front[0] - x0) * math.cos(angle) + (front[1] - y0) * math.sin(angle)
         curvature = float(ahead[k, 3])
         heading = angle + curvature * along
@@ -302,120 +283,7 @@ class Stanley(PathFollower):
         return e_psi + pull + self.damping * (curvature * v_x - r)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PreviewLQR(PathFollower):
-    """Linear-quadratic regulator of the bicycle's path errors that knows the curvature ahead. [1]_, [2]_
-
-    The errors ``e_y, e_y', e_psi, e_psi'`` of the linear bicycle obey a linear system disturbed by the path's
-    curvature; discretised at ``dt`` and augmented by the steering angle, so that its change is weighted, its optimal
-    law is feedback plus a weighted sum of the curvatures at every step of the horizon. Gains are computed at `speeds`
-    and interpolated.
-
-    Parameters
-    ----------
-    params : BicycleParams
-        Car with cornering stiffness per axle.
-    weight_y, weight_psi : float
-        On the squared distance [1/m2] and heading error [1/rad2].
-    weight_change : float
-        On the squared change of steering angle per step. [1/rad2]
-    speeds : sequence of float
-        Where the gains are computed, rising. [m/s]
-    slip : float
-        Largest slip angle asked of the front tires, past whose peak more steering no longer helps. [rad]
-
-    The others are those of `PathFollower`.
-
-    References
-    ----------
-    .. [1] R. Rajamani, Vehicle Dynamics and Control, 2nd ed., 2012, sec. 2.5 and 3.1.
-    .. [2] R. S. Sharp, V. Valtetsiotis, Optimal preview car steering control, Vehicle System Dynamics 35 (2001).
-    """
-
-    params: BicycleParams  # type: ignore[override]
-    weight_y: float = 1.0
-    weight_psi: float = 20.0
-    weight_change: float = 300.0
-    speeds: Sequence[float] = (2.0, 5.0, 8.0, 11.0, 14.0, 17.0, 20.0, 25.0, 30.0, 40.0, 55.0)
-    slip: float = 0.12
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if min(self.speeds) <= 0 or any(not b > a for a, b in pairwise(self.speeds)):
-            raise ParameterError(f"the schedule's speeds are {tuple(self.speeds)}; expected positive, rising ones")
-        if min(self.weight_y, self.weight_psi) < 0 or not self.weight_change > 0 or not self.weight_y > 0:
-            raise ParameterError(
-                f"weights are {self.weight_y}, {self.weight_psi}, {self.weight_change}; expected positive ones"
-            )
-
-    @cached_property
-    def model(self) -> Model:  # type: ignore[override]
-        """The bicycle on the ground."""
-        return _posed_bicycle(self.params, self.dt)
-
-    def errors(self, v_x: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """A (4, 4), B (4, 1) and E (4, 1) of ``e' = A e + B delta + E v_x curvature`` at a speed. [1]_ eq. 2.45"""
-        p, v = self.params, v_x
-        f, r = p.C_f, p.C_r
-        a = (f + r) / p.mass
-        b = (f * p.l_f - r * p.l_r) / p.mass
-        c = (f * p.l_f - r * p.l_r) / p.inertia_z
-        d = (f * p.l_f**2 + r * p.l_r**2) / p.inertia_z
-        A = np.array([[0, 1, 0, 0], [0, -a / v, a, -b / v], [0, 0, 0, 1], [0, -c / v, c, -d / v]], dtype=float)
-        B = np.array([[0.0], [f / p.mass], [0.0], [f * p.l_f / p.inertia_z]])
-        E = np.array([[0.0], [-b / v - v], [0.0], [-d / v]])
-        return A, B, E
-
-    @cached_property
-    def gains(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the errors and the last angle, shape (n_speeds, 5); of the curvatures, (n_speeds, horizon + 1)."""
-        feedback, preview = zip(*[self._gains(v) for v in self.speeds], strict=True)
-        return np.array(feedback), np.array(preview)
-
-    def _gains(self, v: float) -> tuple[np.ndarray, np.ndarray]:
-        """Riccati equation with the change of angle as input; then the disturbance's share, step by step."""
-        A, B, E = self.errors(v)
-        block = np.zeros((6, 6))
-        block[:4, :4], block[:4, 4:5], block[:4, 5:] = A, B, E * v
-        hold = linalg.expm(block * self.dt)
-        F = np.zeros((5, 5))
-        F[:4, :4], F[:4, 4], F[4, 4] = hold[:4, :4], hold[:4, 4], 1.0
-        G = np.append(hold[:4, 4], 1.0)[:, None]
-        D = np.append(hold[:4, 5], 0.0)
-        Q = np.diag([self.weight_y, 0.0, self.weight_psi, 0.0, 0.0])
-        P = linalg.solve_discrete_are(F, G, Q, np.array([[self.weight_change]]))
-        inverse = 1.0 / float(self.weight_change + (G.T @ P @ G)[0, 0])
-        K = inverse * (G.T @ P @ F)[0]
-        closed = F - G @ K[None]
-        share, effect = np.empty(self.horizon + 1), P @ D
-        for j in range(self.horizon + 1):
-            share[j] = inverse * float(G[:, 0] @ effect)
-            effect = closed.T @ effect
-        return K, share
-
-    def law(self, x: np.ndarray, ahead: np.ndarray, v_x: float, last: float) -> float:
-        """See the class."""
-        v_y, r, X, Y, psi = x
-        x0, y0, angle = _forward(ahead, 0)
-        e_y = -(X - x0) * math.sin(angle) + (Y - y0) * math.cos(angle)
-        e_psi = math.remainder(psi - angle, 2 * math.pi)
-        rates = v_y + v_x * e_psi, r - v_x * float(ahead[0, 3])
-        v = min(max(v_x, self.speeds[0]), self.speeds[-1])
-        feedback, preview = (_between(v, self.speeds, table) for table in self.gains)
-        error = np.array([e_y, rates[0], e_psi, rates[1], last])
-        angle = last - float(feedback @ error) - float(preview @ ahead[:, 3])
-        along = math.atan2(v_y + self.params.l_f * r, max(v_x, self.speeds[0]))  # where the front axle goes
-        return min(max(angle, along - self.slip), along + self.slip)
-
-
-def _between(v: float, speeds: Sequence[float], table: np.ndarray) -> np.ndarray:
-    """Row of a table at a speed, straight lines between."""
-    i = int(np.clip(np.searchsorted(speeds, v) - 1, 0, len(speeds) - 2))
-    t = (v - speeds[i]) / (speeds[i + 1] - speeds[i])
-    return (1 - t) * table[i] + t * table[i + 1]
-
-
-def _posed_bicycle(p: ChassisParams, dt: float) -> Model:
+def posed_bicycle(p: ChassisParams, dt: float) -> Model:
     """Linear bicycle on the ground; a typical stiffness where the parameters have none, since all is measured."""
     if not isinstance(p, BicycleParams):
         stiff = 40.0 * p.mass  # N/rad

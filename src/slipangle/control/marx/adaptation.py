@@ -11,17 +11,15 @@ from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
+from slipangle.control.call import Ahead, given
 from slipangle.control.leading import Led
 from slipangle.control.marx.mpc import SLOWEST, MultiARXMPC, MultiARXPlan
-from slipangle.control.marx.solver import Numbers
+from slipangle.control.marx.problem import Numbers
 from slipangle.errors import ParameterError
 from slipangle.models.wrappers.multi_arx import MultiARXModel
 from slipangle.models.wrappers.on_ground import OnGround
-from slipangle.optimal.arrays import vector
-from slipangle.optimal.checks import ANY, is_numbers, require_plan
-from slipangle.optimal.ocp import Reference
+from slipangle.optimal.checks import ANY, is_numbers
 from slipangle.optimal.solution import Plan, Status
-from slipangle.paths.path import Preview
 
 
 class Verdict(Enum):
@@ -172,17 +170,10 @@ class AdaptiveMultiARXMPC(Led):
         return self.base.start(measured)
 
     def plan(
-        self,
-        x: np.ndarray,
-        reference: Reference | Preview,
-        previous: Plan | None = None,
-        *,
-        applied: np.ndarray | None = None,
+        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> AdaptivePlan:
         """Learn from the newest sample, then plan; as `MultiARXMPC.plan`."""
-        x = vector(x, self.model.states, "x")
-        wanted = self.base.check_reference(self.reference(reference) if isinstance(reference, Preview) else reference)
-        require_plan(previous)
+        x, wanted = given(self, x, reference, previous)
         known = previous.memory if previous is not None and self._ours(previous.memory) else self._first
         learned = self.learn(known, x, float(wanted.exogenous[0, 0]))
         found = self.base.plan_with(learned.numbers, x, wanted, previous, applied)

@@ -1,0 +1,69 @@
+"""What every controller does with the arguments of `plan` before it thinks."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from slipangle.optimal.arrays import applied_input, vector
+from slipangle.optimal.checks import believable, last_input, require_plan
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.solution import Plan
+from slipangle.paths.preview import Preview
+
+Ahead = Reference | Preview  # what is wanted over the horizon, or a look along a path
+
+
+class Planner(Protocol):
+    """A controller whose arguments can be looked at."""
+
+    @property
+    def model(self) -> Any:
+        """Whose state `plan` is given."""
+        ...
+
+    def reference(self, preview: Preview) -> Reference:
+        """What is wanted on a path."""
+        ...
+
+    def check_reference(self, reference: Reference) -> Reference:
+        """The reference as arrays of numbers in the shapes of the problem."""
+        ...
+
+
+def given(planner: Planner, x: np.ndarray, reference: Ahead, previous: Plan | None) -> tuple[np.ndarray, Reference]:
+    """State and reference as arrays in the shapes of the problem.
+
+    Raises
+    ------
+    ParameterError
+        If an argument has the wrong type, or an array the wrong shape.
+    """
+    x = vector(x, planner.model.states, "x")
+    wanted = planner.check_reference(planner.reference(reference) if isinstance(reference, Preview) else reference)
+    require_plan(previous)
+    return x, wanted
+
+
+def applied_before(
+    previous: Plan | None,
+    applied: np.ndarray | None,
+    controls: tuple[str, ...],
+    rest: np.ndarray,
+    low: np.ndarray | float,
+    high: np.ndarray | float,
+) -> np.ndarray:
+    """Inputs applied over the step before, within bounds: as said, else as planned, else those at rest.
+
+    Raises
+    ------
+    ParameterError
+        If ``applied`` has the wrong shape.
+    """
+    last = last_input(previous, controls)
+    inputs = rest if last is None else last
+    if applied is not None:
+        asked = applied_input(applied, controls)
+        inputs = asked if believable(asked) else inputs
+    return np.minimum(np.maximum(inputs, low), high)

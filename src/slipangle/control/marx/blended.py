@@ -1,0 +1,287 @@
+"""The problem of a MARX-MPC: ARX models blended by speed, weights and limits, as its solver reads them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.marx.problem import Continues, Numbers, Problem, Solver
+from slipangle.control.marx.solver import build
+from slipangle.errors import ParameterError
+from slipangle.models.model import without_caches
+from slipangle.models.wrappers.multi_arx import MultiARXModel
+from slipangle.models.wrappers.on_ground import POSE, OnGround
+from slipangle.numerics.per_thread import BUILDING
+from slipangle.optimal.arrays import array
+from slipangle.optimal.checks import Judge, require_reference
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.terms import Limits, Values, Weights, coerce, require_names
+from slipangle.paths.preview import Preview
+
+FASTEST = 1e3  # m/s, above which no steering angle is worth planning
+
+
+@dataclass(frozen=True, eq=False)
+class BlendedProblem:
+    """Settings of a `MultiARXMPC`, which says what they mean, and the solver built for them."""
+
+    model: MultiARXModel | OnGround
+    _: KW_ONLY
+    horizon: int
+    Q: Weights
+    S: Weights = field(default_factory=Weights)
+    R: Weights = field(default_factory=Weights)
+    terminal: Weights | None = None
+    limits: Limits = field(default_factory=Limits)
+    rates: Limits = field(default_factory=Limits)
+    knots: tuple[int, ...] | None = None
+    integral: float = 0.0
+    fallback: int = 5
+    safe: Values = field(default_factory=Values)
+    plausible: Limits = field(default_factory=Limits)
+
+    def __post_init__(self) -> None:
+        coerce(self, Weights, "Q", "S", "R", *(("terminal",) if self.terminal is not None else ()))
+        coerce(self, Limits, "limits", "rates", "plausible")
+        coerce(self, Values, "safe")
+        if not (isinstance(self.horizon, int) and self.horizon >= 1):
+            raise ParameterError(f"the horizon is {self.horizon!r}; expected a whole number of at least 1")
+        if self.knots is not None:
+            object.__setattr__(self, "knots", _checked_knots(self.knots, self.horizon))
+        base = self.model.model if isinstance(self.model, OnGround) else self.model
+        if not isinstance(base, MultiARXModel):
+            raise ParameterError(
+                f"the model is a {type(base).__name__}; expected a MultiARXModel, or OnGround of one: blend the ARX "
+                "models first"
+            )
+        wanted = {"v_y", "r"} if isinstance(self.model, OnGround) else {"Y"}
+        if set(base.outputs) != wanted:
+            raise ParameterError(
+                f"the models' outputs are {list(base.outputs)}; expected Y, or v_y and r on the ground: identify those"
+            )
+        for what, weights in (("Q", self.Q), ("terminal", self.terminal or {})):
+            require_names(weights, self.tracked, what, "use a tracked quantity")
+        for what, names in (("S", self.S), ("R", self.R), ("limits", self.limits), ("rates", self.rates)):
+            require_names(names, self.controls, what, "use the models' input")
+        require_names(self.safe, self.controls, "safe", "use the models' input")
+        known = (*self.model.states, *POSE, *self.exogenous)
+        require_names(self.plausible, known, "plausible", "use a state, X, Y, psi or v_x")
+        if not (self.Q or self.terminal):
+            raise ParameterError(f"nothing is tracked; expected weights on some of {list(self.tracked)}: set Q")
+        name = self.controls[0]
+        if not self.S.get(name, 0.0) + self.R.get(name, 0.0) > 0:
+            raise ParameterError(
+                f"the input '{name}' has no weight; expected a positive one, so that the plan is unique: set S"
+            )
+        lower, upper = self.rates.get(name, (0.0, 0.0))
+        if not lower <= 0 <= upper:
+            raise ParameterError(f"the rate limit of '{name}' is ({lower}, {upper}); expected one that contains 0")
+        if not 0 <= self.integral <= 1:
+            raise ParameterError(f"integral is {self.integral}; expected a share of 0 to 1")
+        if self.fallback < 0:
+            raise ParameterError(f"fallback is {self.fallback}; expected a number of steps of at least 0")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy needs, in this process or another: its settings, nothing compiled."""
+        return without_caches(self)
+
+    # ---- what a controller has -----------------------------------------------------------------------------------
+
+    @cached_property
+    def blended(self) -> MultiARXModel:
+        """The blended model, without the ground."""
+        found = self.model.model if isinstance(self.model, OnGround) else self.model
+        if not isinstance(found, MultiARXModel):
+            raise ParameterError("the model is no MultiARXModel")
+        return found
+
+    @property
+    def dt(self) -> float:
+        """Step. [s]"""
+        return self.model.dt
+
+    @cached_property
+    def times(self) -> np.ndarray:
+        """Instants of the plan's states, shape (horizon + 1,). [s]"""
+        return self.dt * np.arange(self.horizon + 1)
+
+    @cached_property
+    def controls(self) -> tuple[str, ...]:
+        """The decided input."""
+        return self.model.inputs[:1]
+
+    @property
+    def exogenous(self) -> tuple[str, ...]:
+        """The speed."""
+        return ("v_x",)
+
+    @property
+    def tracked(self) -> tuple[str, ...]:
+        """What may have a weight in Q."""
+        return ("e_y", "e_psi") if isinstance(self.model, OnGround) else ("Y",)
+
+    @property
+    def references(self) -> tuple[str, ...]:
+        """Columns of ``Reference.tracked``."""
+        return POSE
+
+    def start(self, measured: Mapping[str, float]) -> np.ndarray:
+        """State of the model for a vehicle that has been going straight on as it does now.
+
+        Parameters
+        ----------
+        measured : mapping of str to float
+            Measured channels, SI units.
+        """
+        base = self.blended
+        known = {**measured, "v_y": measured.get("v_y", 0.0), "r": measured.get("r", 0.0)}
+        rows = np.tile([known[n] for n in base.outputs], (base.na, 1))
+        if base.outputs == ("Y",):
+            across = known.get("v_x", 0.0) * np.sin(known.get("psi", 0.0)) + known["v_y"] * np.cos(known.get("psi", 0))
+            rows[:, 0] -= across * self.dt * np.arange(base.na)
+        past = np.full(base.reach - 1, measured.get(self.controls[0], 0.0))
+        pose = [known[n] for n in POSE] if isinstance(self.model, OnGround) else []
+        return np.concatenate([rows.ravel(), past, pose])
+
+    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
+        """`Reference` from a look along a path: X, Y, psi and the speed.
+
+        Raises
+        ------
+        ParameterError
+            If the preview is not at `times`.
+        """
+        preview.require_times(self.times)
+        require_names(exogenous, self.exogenous, "reference()", "only the speed is given from outside")
+        speed = np.asarray(exogenous.get("v_x", preview.v_x[:-1]), dtype=float)
+        return Reference(
+            tracked=np.column_stack([preview.X, preview.Y, preview.psi]),
+            exogenous=np.broadcast_to(speed, (self.horizon,))[:, None],
+        )
+
+    def prepare(self) -> None:
+        """Compile now, so that no plan counts that time as its own."""
+        _ = self.solver
+
+    @cached_property
+    def problem(self) -> Problem:
+        """Sizes, weights and limits for the solver."""
+        base, name = self.blended, self.controls[0]
+        end = self.Q if self.terminal is None else self.terminal
+        low, high = self.limits.get(name, (-np.inf, np.inf))
+        slow, fast = self.rates.get(name, (-np.inf, np.inf))
+        return Problem(
+            horizon=self.horizon,
+            knots=self.knots or tuple(range(self.horizon)),
+            dt=self.dt,
+            na=base.na,
+            reach=base.reach,
+            outputs=base.outputs,
+            n_models=len(base.models),
+            smooth=base.shape == "smooth",
+            rated=name in self.rates,
+            q=np.array([self.Q.get(n, 0.0) for n in self.tracked]),
+            end=np.array([end.get(n, 0.0) for n in self.tracked]),
+            r=self.R.get(name, 0.0),
+            s=self.S.get(name, 0.0),
+            bounds=np.array([low, high]),
+            steps=np.array([slow, fast]) * self.dt,
+        )
+
+    @cached_property
+    def solver(self) -> Solver:
+        """The compiled solver or, without a compiler, NumPy and DAQP."""
+        with BUILDING:
+            if "solver" not in vars(self):
+                solver = build(self.problem, self.numbers)
+                if isinstance(solver, Continues):
+                    solver.expect(*self._judge.ranges)
+                vars(self)["solver"] = solver
+            return vars(self)["solver"]
+
+    @cached_property
+    def numbers(self) -> Numbers:
+        """Coefficients of the models and their speeds."""
+        A, B, c = self.blended.coefficients
+        return Numbers(speeds=np.array(self.blended.speeds, dtype=float), A=A, B=B, c=c)
+
+    @cached_property
+    def _shape_u(self) -> tuple[int, int]:
+        return self.horizon, 1
+
+    @cached_property
+    def _continues(self) -> Continues | None:
+        """The solver, where it judges by itself what the usual call is given."""
+        return self.solver if isinstance(self.solver, Continues) else None
+
+    @cached_property
+    def _shape_x(self) -> tuple[int, int]:
+        return self.horizon + 1, len(self._states)
+
+    @cached_property
+    def _states(self) -> tuple[str, ...]:
+        return tuple(self.model.states)
+
+    @cached_property
+    def _judge(self) -> Judge:
+        return Judge(self._states, POSE, self.exogenous, self.horizon, self.plausible)
+
+    def is_plausible(self, x: np.ndarray, v_x: float) -> bool:
+        """Whether a state and a speed [m/s] can be true."""
+        return self._judge.states.holds(x) and abs(v_x) < FASTEST
+
+    def check_reference(self, reference: Reference) -> Reference:
+        """The reference as arrays of numbers in the shapes of this problem; the same one where it has them.
+
+        Raises
+        ------
+        ParameterError
+            With the array, its shape and the one expected.
+        """
+        require_reference(reference)
+        tracked = array(reference.tracked, self._shape, POSE, "reference.tracked")
+        speed = reference.exogenous  # perhaps with a row for the end, which counts nowhere here
+        speed = speed[: self.horizon] if np.ndim(speed) == 2 and len(speed) == self.horizon + 1 else speed
+        exogenous = array(speed, (self.horizon, 1), ("v_x",), "reference.exogenous")
+        if tracked is reference.tracked and exogenous is reference.exogenous:
+            return reference
+        return Reference(tracked=tracked, exogenous=exogenous)
+
+    @cached_property
+    def _shape(self) -> tuple[int, int]:
+        return self.horizon + 1, 3
+
+    @cached_property
+    def _lowest(self) -> float:
+        return self.blended.speeds[0]
+
+    @cached_property
+    def _highest(self) -> float:
+        return self.blended.speeds[-1]
+
+    @cached_property
+    def _range(self) -> tuple[float, float]:
+        low, high = self.problem.bounds
+        return float(low), float(high)
+
+
+def _checked_knots(knots: Sequence[int], horizon: int) -> tuple[int, ...]:
+    """Knots as whole numbers.
+
+    Raises
+    ------
+    ParameterError
+        If they do not begin with 0, do not grow, or reach beyond the horizon.
+    """
+    given = list(knots)
+    whole = all(isinstance(k, int | np.integer) for k in given)
+    if not (whole and given[:1] == [0] and all(a < b for a, b in pairwise(given)) and given[-1] < horizon):
+        raise ParameterError(
+            f"knots is {str(given)[:60]}; expected growing whole numbers from 0 to at most {horizon - 1}, the last step"
+        )
+    return tuple(int(k) for k in given)

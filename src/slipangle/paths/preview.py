@@ -1,0 +1,98 @@
+"""What is seen of a path: the foot of a point, and the rows ahead that a controller tracks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from slipangle.errors import ParameterError
+
+
+class Projection(NamedTuple):
+    """Foot of a point on a path: arc length [m], signed distance to the left of the path [m], heading there [rad]."""
+
+    s: float
+    e_y: float
+    psi: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Preview:
+    """The path at some arc lengths, one row per instant.
+
+    Parameters
+    ----------
+    s : array, shape (n,)
+        Arc length. [m]
+    X, Y, psi : array, shape (n,)
+        Pose of the centre line [m, m, rad]; the heading is continuous, laps add up.
+    curvature : array, shape (n,)
+        Positive when the path turns left. [1/m]
+    v_x : array, shape (n,)
+        Speed; NaN where the path has no speed profile and none was given. [m/s]
+    right, left : array, shape (n,)
+        Distance from the centre line to the edges of the lane, infinite where there is none. [m]
+    t : array, shape (n,), optional
+        Instants of the rows, from now, of a look ahead in time. [s]
+    """
+
+    s: np.ndarray
+    X: np.ndarray
+    Y: np.ndarray
+    psi: np.ndarray
+    curvature: np.ndarray
+    v_x: np.ndarray
+    right: np.ndarray
+    left: np.ndarray
+    t: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.s)
+
+    def require_times(self, times: np.ndarray) -> None:
+        """Raise unless the rows are those of a controller's `times`, as far as the number and the last instant say.
+
+        Raises
+        ------
+        ParameterError
+            With what there is and what is expected.
+        """
+        if len(self) != len(times):
+            raise ParameterError(
+                f"the preview has {len(self)} rows; expected horizon + 1 = {len(times)}: use path.ahead(s, mpc.times)"
+            )
+        if self.t is not None and not abs(self.t[-1] - times[-1]) <= 1e-6 * times[-1]:
+            raise ParameterError(
+                f"the preview looks {self.t[-1]:g} s ahead; expected {times[-1]:g} s, as far as the controller plans: "
+                "use path.ahead(s, mpc.times)"
+            )
+
+    @property
+    def r(self) -> np.ndarray:
+        """Yaw rate of following the path at its speed. [rad/s]"""
+        return self.curvature * self.v_x
+
+
+def strides_between(times: np.ndarray) -> list[tuple[int, float]]:
+    """How many strides of which length lead from each instant to the next, none longer than the first interval.
+
+    Raises
+    ------
+    ParameterError
+        If the instants do not rise from 0.
+    """
+    gaps = np.diff(np.atleast_1d(times))
+    if not (len(gaps) and times[0] == 0 and (gaps > 0).all() and np.isfinite(times[-1])):
+        raise ParameterError(
+            f"the instants to look at are {times}; expected two or more that rise from 0 s, such as mpc.times, or a "
+            "number of steps and dt"
+        )
+    first = float(gaps[0])
+    strides = []
+    for gap in gaps.tolist():
+        count = max(math.ceil(gap / first - 1e-6), 1)
+        strides.append((count, first if math.isclose(gap, count * first, rel_tol=1e-9) else gap / count))
+    return strides
