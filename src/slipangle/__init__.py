@@ -31,7 +31,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from slipangle.control.followers.followers import PreviewLQR, PurePursuit, Stanley
+    from slipangle.control.followers.followers import PurePursuit, Stanley
+    from slipangle.control.followers.preview_lqr import PreviewLQR
     from slipangle.control.marx.mpc import MultiARXMPC
     from slipangle.control.mpc import MPC
     from slipangle.control.speed.driver import SpeedDriver
@@ -92,7 +93,8 @@ _HOME = {  # where each public name lives; imported on first use, so that `impor
     "slipangle.optimal.ipopt": ("Ipopt",),
     "slipangle.optimal.ocp": ("Reference",),
     "slipangle.models.vehicles.dual_track.dual_track": ("DualTrack",),
-    "slipangle.control.followers.followers": ("PreviewLQR", "PurePursuit", "Stanley"),
+    "slipangle.control.followers.followers": ("PurePursuit", "Stanley"),
+    "slipangle.control.followers.preview_lqr": ("PreviewLQR",),
     "slipangle.data.dataset": ("Channel", "Dataset", "join"),
     "slipangle.data.readers": ("read",),
     "slipangle.data.quality.inspect": ("inspect",),
