@@ -189,14 +189,17 @@ def forces(tire: Tire, ratio: Any, angle: Any, load: Any, camber: float) -> Tire
 
 
 def shown_slip(slip: np.ndarray, *, along: bool) -> np.ndarray:
+    """Slip ratio as it is, slip angle in degrees."""
     return slip if along else np.rad2deg(slip)
 
 
 def slip_title(*, along: bool) -> str:
+    """Title of an axis of slip ratio or slip angle."""
     return "slip ratio s [-]" if along else "slip angle α [deg]"
 
 
 def quantity_title(quantity: str) -> str:
+    """Title of an axis of a force or moment."""
     words, unit = QUANTITIES[quantity]
     name, _, index = words.rpartition(" ")[2].partition("_")
     return f"{words.rpartition(' ')[0]} {name}<sub>{index}</sub> [{escape(unit)}]"
@@ -216,6 +219,13 @@ def _round(value: float) -> float:
 
 
 def require_quantity(quantity: str) -> None:
+    """Raise unless a tire has such a force or moment.
+
+    Raises
+    ------
+    ParameterError
+        With the nearest names.
+    """
     if quantity not in QUANTITIES:
         raise ParameterError(
             f"a tire has no quantity '{quantity}'; {nearest(quantity, QUANTITIES)}: use one of these names"
