@@ -17,63 +17,11 @@ LANES = 4  # doubles in one vector
 _REGISTERS = 13  # accumulators at once; 16 vector registers must also hold the input and temporaries
 _FEW_OUTPUTS = 3  # up to here a layer is computed as dot products
 
-
-PREAMBLE = """\
-typedef double v4 __attribute__((vector_size(32), aligned(32)));
-typedef long long v4i __attribute__((vector_size(32), aligned(32)));
-
-/* a where the mask is set, else b */
-static inline v4 pick(v4i mask, v4 a, v4 b)
-{
-    return (v4)((mask & (v4i)a) | (~mask & (v4i)b));
+_ACTIVATION = {
+    "elu": "v4_pick(z > 0.0, z, v4_expm1(v4_fmin(v4_all(0.0), z)))",
+    "tanh": "v4_tanh(z)",
+    "sigmoid": "0.5 + 0.5 * v4_tanh(0.5 * z)",
 }
-
-/* exp of x <= 0, to about one unit in the last place: x = n ln 2 + r, Taylor series in r, exponent bits from n. */
-static inline v4 exp_negative(v4 x)
-{
-    const v4 shift = {0x1.8p52, 0x1.8p52, 0x1.8p52, 0x1.8p52};
-    const v4 least = {-700.0, -700.0, -700.0, -700.0};
-    x = pick(x < least, least, x);
-    v4 shifted = x * 0x1.71547652b82fep0 + shift;
-    v4 n = shifted - shift;
-    v4 r = (x - n * 0x1.62e42fefa39efp-1) - n * 0x1.abc9e3b39803fp-56;
-    v4 p = r * (1.0 / 479001600.0) + (1.0 / 39916800.0);
-    p = p * r + (1.0 / 3628800.0);
-    p = p * r + (1.0 / 362880.0);
-    p = p * r + (1.0 / 40320.0);
-    p = p * r + (1.0 / 5040.0);
-    p = p * r + (1.0 / 720.0);
-    p = p * r + (1.0 / 120.0);
-    p = p * r + (1.0 / 24.0);
-    p = p * r + (1.0 / 6.0);
-    p = p * r + 0.5;
-    p = p * r + 1.0;
-    p = p * r + 1.0;
-    v4i bits = ((v4i)shifted - (v4i)shift + 1023) << 52;
-    return p * (v4)bits;
-}
-
-static inline v4 act_elu(v4 z)
-{
-    const v4 zero = {0.0, 0.0, 0.0, 0.0};
-    v4 below = exp_negative(pick(z > zero, zero, z)) - 1.0;
-    return pick(z > zero, z, below);
-}
-
-static inline v4 act_tanh(v4 z)
-{
-    const v4 zero = {0.0, 0.0, 0.0, 0.0};
-    v4 size = pick(z < zero, -z, z);
-    v4 e = exp_negative(-2.0 * size);
-    v4 t = (1.0 - e) / (1.0 + e);
-    return pick(z < zero, -t, t);
-}
-
-static inline v4 act_sigmoid(v4 z)
-{
-    return 0.5 + 0.5 * act_tanh(0.5 * z);
-}
-"""
 
 
 def _padded(n: int) -> int:
@@ -88,7 +36,7 @@ def _blocks(n_out: int) -> list[int]:
 
 
 def emit_forward(sizes: Sequence[int], activation: Activation, *, name: str = "forward") -> str:
-    """C of ``static void NAME(const double *w, const double *z, double *out)``; put `PREAMBLE` before it.
+    """C of ``static void NAME(const double *w, const double *z, double *out)``; put ``preamble("v4")`` before it.
 
     Parameters
     ----------
@@ -111,7 +59,7 @@ def emit_forward(sizes: Sequence[int], activation: Activation, *, name: str = "f
         body += _emit_layer(k, n_in, n_out, source)
         if k < last:
             body.append(f"    for (int i = 0; i < {_padded(n_out) // LANES}; i++)")
-            body.append(f"        {target}[i] = act_{activation}({target}[i]);")
+            body.append(f"    {{ const v4 z = {target}[i]; {target}[i] = {_ACTIVATION[activation]}; }}")
         else:
             body.append(f"    for (int i = 0; i < {n_out}; i++)")
             body.append(f"        out[i] = ((const double *){target})[i];")
@@ -176,10 +124,10 @@ def packed(weights: Sequence[np.ndarray], biases: Sequence[np.ndarray]) -> np.nd
     return aligned(np.concatenate(parts))
 
 
-def aligned(values: np.ndarray, bytes_: int = 32) -> np.ndarray:
-    """A copy of a vector of doubles that starts at a multiple of ``bytes_``."""
+def aligned(values: np.ndarray, bytes_: int = 64) -> np.ndarray:
+    """A copy of an array of doubles that starts at a multiple of ``bytes_``, as vectors in memory do."""
     raw = np.empty(values.nbytes + bytes_, dtype=np.uint8)
     start = -raw.ctypes.data % bytes_
-    place = raw[start : start + values.nbytes].view(float)
-    place[:] = values
+    place = raw[start : start + values.nbytes].view(float).reshape(values.shape)
+    place[...] = values
     return place

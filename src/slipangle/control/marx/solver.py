@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.codegen.compiler import library
+from slipangle.codegen.expression import preamble
 from slipangle.control.marx.interpreted import Interpreted
 from slipangle.control.marx.problem import Answer, Numbers, Offset, Problem, Solver
 from slipangle.numerics.per_thread import PerThread
@@ -45,8 +46,8 @@ def source(problem: Problem) -> str:
         "STEP": repr(float(problem.dt)),
         "ANY_INPUT": repr(ANY),
     }
-    shared = [("codegen", "lanes.h"), ("optimal.realtime", "ranges.c"), ("optimal.realtime", "qp.c")]
-    text = [(files(f"slipangle.{room}") / name).read_text(encoding="utf-8") for room, name in shared]
+    shared = [files("slipangle.optimal.realtime") / name for name in ("ranges.c", "qp.c")]
+    text = [preamble("V"), *(file.read_text(encoding="utf-8") for file in shared)]
     own = (files("slipangle.control.marx") / "marx.c").read_text(encoding="utf-8")
     cases = "\n".join(f"    case {i}: return s->{name};" for i, name in enumerate(FIELDS))
     reach = f"void *marx_at(Work *s, int i)\n{{\n    switch (i) {{\n{cases}\n    }}\n    return NULL;\n}}\n"

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from slipangle.codegen import compiler as compiled
-from slipangle.codegen.network import PREAMBLE, emit_forward, packed
+from slipangle.codegen.expression import preamble
+from slipangle.codegen.network import emit_forward, packed
 from slipangle.errors import ModelWarning, ParameterError
 from slipangle.models.black_box.lagged import LaggedModel
 from slipangle.models.black_box.networks import MLP, Network
@@ -146,7 +147,7 @@ class NARXModel(LaggedModel):
         sizes = (net.n_inputs, *net.hidden, net.n_outputs)
         return "\n".join(
             [
-                PREAMBLE,
+                preamble("v4"),
                 emit_forward(sizes, net.activation),
                 "void free_run(const double *w, const double *u, long n, double *y)",
                 "{",

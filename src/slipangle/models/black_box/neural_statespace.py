@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from slipangle.codegen import compiler as compiled
-from slipangle.codegen.network import PREAMBLE, aligned, emit_forward, packed
+from slipangle.codegen.expression import preamble
+from slipangle.codegen.network import aligned, emit_forward, packed
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError
 from slipangle.models.black_box.networks import MLP, Network
@@ -177,7 +178,7 @@ class NeuralStateSpaceModel(Model):
         n, nu, ny = self.n_states, self.n_inputs, self.n_outputs
         return "\n".join(
             [
-                PREAMBLE,
+                preamble("v4"),
                 emit_forward((n + nu, *f.hidden, n), f.activation, name="transition"),
                 emit_forward((h.n_inputs, *h.hidden, ny), h.activation, name="emission"),
                 "void free_run(const double *wf, const double *wh, double *x, const double *u, long n, double *y)",

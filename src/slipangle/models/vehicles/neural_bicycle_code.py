@@ -20,11 +20,11 @@ void free_run(const double *w, const double *most, double *x, const double *u, l
     double k[4][3], y[3];
     for (long i = 0; i < n; i++, u += 3, out += 3) {
         for (int s = 0; s < SUBSTEPS; s++) {
-            rates(x, u, w, k[0], w);
+            rates(x, u, w, k[0]);
             for (int stage = 1; stage < 4; stage++) {
                 for (int j = 0; j < 3; j++)
                     y[j] = x[j] + (stage < 3 ? 0.5 : 1.0) * h * k[stage - 1][j];
-                rates(y, u, w, k[stage], w);
+                rates(y, u, w, k[stage]);
             }
             for (int j = 0; j < 3; j++)
                 x[j] += h / 6.0 * (k[0][j] + 2.0 * k[1][j] + 2.0 * k[2][j] + k[3][j]);
@@ -77,7 +77,7 @@ def source(model: _Bicycle) -> str:
     x, u = ca.SX.sym("x", 3), ca.SX.sym("u", 3)
     rates = ca.vertcat(*model.rates(x, u, model.params.with_values(**values), network))
     function = ca.Function("rates", [x, u, w], [ca.cse(ca.densify(rates))])
-    return "\n".join([preamble(), emit(function, "rates", "d"), f"#define SUBSTEPS {model.substeps}", _LOOP])
+    return "\n".join([preamble("double"), emit(function, "rates"), f"#define SUBSTEPS {model.substeps}", _LOOP])
 
 
 def run(model: _Bicycle, x0: np.ndarray, u: np.ndarray) -> np.ndarray | None:

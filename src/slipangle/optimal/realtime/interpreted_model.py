@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipangle.codegen.columns import fewer_divisions
+from slipangle.codegen.expression import fewer_divisions
 from slipangle.numerics.integrate import RADAU_A
 from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime.parts import Implicit, rest_after

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipangle.codegen.columns import scalar_code
+from slipangle.codegen.expression import scalar_code
 from slipangle.models.ode import OdeModel
 from slipangle.numerics.integrate import RADAU_A, RETRY
 from slipangle.ops import is_symbolic

@@ -9,7 +9,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipangle.codegen.columns import elimination_code, lanes_code, nonzeros, scalar_code
+from slipangle.codegen.elimination import elimination_code, nonzeros
+from slipangle.codegen.expression import emit, fewer_divisions, preamble, scalar_code
 from slipangle.numerics.integrate import RADAU_A, RETRY
 from slipangle.optimal.checks import ANY
 from slipangle.optimal.ocp import OCP
@@ -51,12 +52,12 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
     if parts:
         code += _implicit_code(parts)
     elif plain is not None:
-        code += [lanes_code(plain, "explicit_dynamics"), lanes_code(_first(plain, 1), "explicit_values")]
+        code += [_columns(plain, "explicit_dynamics"), _columns(_first(plain, 1), "explicit_values")]
     else:
         dynamics = dynamics_function(ocp)
         called += [_by_row(dynamics, "called_dynamics"), _by_row(_first(dynamics, 1), "called_values")]
     if stage_lanes is not None:
-        code += [lanes_code(stage_lanes, "lanes_stage"), lanes_code(_first(stage_lanes, 2), "stage_values")]
+        code += [_columns(stage_lanes, "lanes_stage"), _columns(_first(stage_lanes, 2), "stage_values")]
     else:
         called += [_by_row(stage, "called_stage"), _by_row(_first(stage, 2), "called_stage_values")]
     kinds = ["RADAU" if parts else "EXPLICIT" if plain is not None else "CALLED"]
@@ -71,7 +72,7 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
             "#include <time.h>",
             *head,
             _casadi_code(called) if called else "",
-            _text("lanes.h", "slipangle.codegen"),
+            preamble("V"),
             _sizes(ocp, stage, parts, kinds),
             *code,
             _scratch(called, bool(parts)),
@@ -87,6 +88,11 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
     )
 
 
+def _columns(function: ca.Function, name: str) -> str:
+    """C of a function of scalar instructions on several columns at once."""
+    return emit(fewer_divisions(function), name, "V")
+
+
 def _pragma(code: Sequence[str]) -> str:
     """Long straight-line code is compiled with less effort."""
     return '#pragma GCC optimize("O1")' if sum(map(len, code)) > 1_500_000 else ""
@@ -98,12 +104,12 @@ def _implicit_code(parts: Implicit) -> list[str]:
     newton = [
         {3 * b + m for b in range(n) if pattern[a, b] or a == b for m in range(3)} for a in range(n) for _ in "123"
     ]
-    code = [lanes_code(parts.slopes, "core"), lanes_code(_first(parts.slopes, 1), "core_values")]
+    code = [_columns(parts.slopes, "core"), _columns(_first(parts.slopes, 1), "core_values")]
     code.append(elimination_code(newton, "newton"))
     if parts.rest:
-        code.append(lanes_code(parts.quadrature, "quadrature"))
-        code.append(lanes_code(_first(parts.quadrature, 1), "quadrature_values"))
-        code.append(lanes_code(parts.short_quadrature, "short_quadrature"))
+        code.append(_columns(parts.quadrature, "quadrature"))
+        code.append(_columns(_first(parts.quadrature, 1), "quadrature_values"))
+        code.append(_columns(parts.short_quadrature, "short_quadrature"))
     return code
 
 
@@ -132,8 +138,8 @@ def _casadi_code(functions: Iterable[ca.Function]) -> str:
     return generator.dump()
 
 
-def _text(name: str, room: str = "slipangle.optimal.realtime") -> str:
-    return (files(room) / name).read_text(encoding="utf-8")
+def _text(name: str) -> str:
+    return (files("slipangle.optimal.realtime") / name).read_text(encoding="utf-8")
 
 
 def _array(kind: str, name: str, values: Sequence[Any] | np.ndarray) -> str:
@@ -270,7 +276,7 @@ def qp_source(most_inputs: int, most_rows: int) -> str:
             "#define _POSIX_C_SOURCE 200809L\n#define QP_ANY_SIZE",
             f"#define QN {most_inputs}\n#define QR 1\n#define QD {most_rows}",
             "#include <stdlib.h>\n#include <time.h>",
-            _text("lanes.h", "slipangle.codegen"),
+            preamble("V"),
             _text("qp.c"),
             """
 Qp *qp_new(void)

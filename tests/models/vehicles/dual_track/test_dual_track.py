@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
+from slipangle import ops
 from slipangle.codegen.compiler import compiler, sentence
 from slipangle.errors import ParameterError
 from slipangle.models.model import roll_out
-from slipangle.models.tires.simple import LinearTire
+from slipangle.models.tires.simple import LinearTire, Tire, TireForces
 from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE, SOUSA_CAR_7, VW_VANAGON
 from slipangle.models.vehicles.driveline import Brakes, Differential, Driveline, Engine, Steering
 from slipangle.models.vehicles.dual_track.dual_track import STATES, WHEELS, DualTrack
@@ -555,6 +556,29 @@ def test_compiled_equals_the_virtual_machine(params, rear):
     u = np.repeat(rng.uniform((-0.1, -0.1, 0.0), (0.1, 1.0, 0.5), size=(15, 3)), 100, axis=0)
     x = car.straight(20.0)
     assert car.kernel.run(x, u) == pytest.approx(roll_out(car.functions[0], x, u), rel=1e-9, abs=1e-9)
+
+
+class LogarithmicTire(Tire):
+    """Elementary functions that no tire of ours has, each of them on its own part of the force."""
+
+    def forces(self, slip_ratio, slip_angle, load, *, camber=0.0, friction=1.0):
+        """Saturating forces."""
+        s, a = (ops.fabs(v) for v in (slip_ratio, slip_angle))
+        F_x = 1e5 * ops.sign(slip_ratio) * ops.log(1.0 + s) / ops.cosh(ops.minimum(s, 3.0))
+        bent = ops.asin(0.9 * ops.sin(ops.tanh(slip_angle))) * ops.sqrt(load / 4000.0)
+        held = ops.maximum(ops.minimum(slip_angle, 0.2), -0.2)
+        F_y = 4e4 * (bent + 0.2 * ops.sinh(held) + ops.atan2(held, 1.0 + s) * ops.exp(-a) / ops.hypot(1.0, a))
+        return TireForces(F_x, F_y * friction, M_z=-20.0 * ops.tan(held) * ops.cos(a))
+
+
+@needs_compiler
+def test_a_tire_of_any_elementary_functions_is_compiled():
+    car = plant(tire=LogarithmicTire())
+    u = np.repeat(np.random.default_rng(1).uniform((-0.1, -0.1, 0.0), (0.1, 1.0, 0.5), size=(15, 3)), 100, axis=0)
+    x = car.straight(20.0)
+    expected = roll_out(car.functions[0], x, u)
+    assert car.kernel.run(x, u) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert car.kernel.run_many(x[None], u[:, None])[:, 0] == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 @needs_compiler

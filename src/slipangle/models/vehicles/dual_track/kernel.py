@@ -13,6 +13,7 @@ import numpy as np
 
 from slipangle.codegen.compiler import library
 from slipangle.codegen.expression import differing_constants, emit, lanes_alike, preamble
+from slipangle.codegen.network import aligned
 from slipangle.errors import ParameterError
 from slipangle.models.vehicles.dual_track.contact import Contact, Patch
 
@@ -80,9 +81,9 @@ _STEP = """\
 static void rates_{t}(const {T} *x, const {T} *u, const {T} *start, {T} *rate)
 {{
     {T} patch[{P}], angles[4], tires[{C}];
-    before_{t}(x, u, patch, angles, 0);
+    before_{t}(x, u, patch, angles);
 {wheels}
-    after_{t}(x, u, start, patch + {load}, tires, angles, rate, 0);
+    after_{t}(x, u, start, patch + {load}, tires, angles, rate);
 }}
 
 static void step_{t}({T} *x, const {T} *u)
@@ -90,7 +91,7 @@ static void step_{t}({T} *x, const {T} *u)
     {T} start[{n}], y[{n}], k[{n}], sum[{n}];
     for (int i = 0; i < {n}; i++) start[i] = x[i];
 {method}
-    finish_{t}(start, y, u, x, 0);
+    finish_{t}(start, y, u, x);
 }}
 """
 _RK4 = """\
@@ -140,11 +141,9 @@ def source(model: _Car, varied: Sequence[str] = ()) -> str:
     parts = _parts(model, varied)
     groups = lanes_alike(parts.wheels)
     h = model.dt / model.substeps
-    text = [preamble(4, WIDE)]
+    text = [preamble("double", "v4", f"v{WIDE}")]
     for t, T, lane_type in (("d", "double", "v4"), ("w", f"v{WIDE}", f"v{WIDE}")):
-        tag = "d" if t == "d" else T
-        text += [emit(f, f"{name}_{t}", tag) for name, f in (("before", parts.before), ("after", parts.after))]
-        text.append(emit(parts.finish, f"finish_{t}", tag))
+        text += [emit(getattr(parts, name), f"{name}_{t}", T) for name in ("before", "after", "finish")]
         for g, members in enumerate(groups):
             lanes = [parts.wheels[i] for i in members]
             text.append(emit(lanes[0], f"wheel{g}_{t}", lane_type, lanes=lanes))
@@ -292,11 +291,11 @@ class Kernel:
             )
         blocks = -(-cars // WIDE)
         spare = [(0, blocks * WIDE - cars)]
-        now = _aligned((blocks, self.n_states, WIDE))
-        now[:] = np.pad(x, [*spare, (0, 0)], "edge").reshape(blocks, WIDE, -1).transpose(0, 2, 1)
-        given = _aligned((rows, blocks, self.n_inputs, WIDE))
-        given[:] = np.pad(u, [(0, 0), *spare, (0, 0)], "edge").reshape(rows, blocks, WIDE, -1).transpose(0, 1, 3, 2)
-        out = None if last_only else _aligned((rows, blocks, self.n_states, WIDE))
+        now = aligned(np.pad(x, [*spare, (0, 0)], "edge").reshape(blocks, WIDE, -1).transpose(0, 2, 1))
+        given = aligned(
+            np.pad(u, [(0, 0), *spare, (0, 0)], "edge").reshape(rows, blocks, WIDE, -1).transpose(0, 1, 3, 2)
+        )
+        out = None if last_only else aligned(np.zeros((rows, blocks, self.n_states, WIDE)))
         target = None if out is None else out.ctypes.data
 
         def part(first: int, last: int) -> None:
@@ -312,11 +311,3 @@ class Kernel:
             return now.transpose(0, 2, 1).reshape(blocks * WIDE, -1)[:cars].copy()
         states = out.transpose(0, 1, 3, 2).reshape(rows, blocks * WIDE, -1)[:, :cars]
         return np.concatenate([x[None], states])
-
-
-def _aligned(shape: tuple[int, ...]) -> np.ndarray:
-    """Zeros that start at a multiple of 64 bytes."""
-    n = int(np.prod(shape))
-    raw = np.zeros(8 * n + 64, dtype=np.uint8)
-    start = -raw.ctypes.data % 64
-    return raw[start : start + 8 * n].view(float).reshape(shape)

@@ -1,25 +1,17 @@
-/* Elementary functions on LANES doubles at once, for generated model code.
+/* Elementary functions on LANES doubles at once, for generated model code. `expression.preamble` puts this text into a
+   source once for each width, with V, I, LANES and the prefix v_ renamed: v4, v4_sin and so on.
 
-   Errors are a few units in the last place where the argument is moderate (|x| < 1e5 for sine and cosine);
-   functions that vehicle models use rarely go through the C library lane by lane. */
+   Errors are a few units in the last place. NaN stays NaN; what would overflow ends near 1e308; sine, cosine and tangent
+   of angles from 2^36 (7e10) are NaN. Functions that vehicle models use rarely go through the C library lane by lane. */
 
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
 
-#ifndef LANES
-#ifdef __AVX512F__
-#define LANES 8
-#elif defined __AVX__
-#define LANES 4
-#else
-#define LANES 2 /* wider vectors than the processor's are taken apart badly */
-#endif
-#endif
-
 typedef double V __attribute__((vector_size(8 * LANES), aligned(8 * LANES)));
 typedef int64_t I __attribute__((vector_size(8 * LANES), aligned(8 * LANES)));
 
+#undef INLINE
 #define INLINE static inline __attribute__((always_inline, unused))
 
 INLINE V v_all(double a)
@@ -82,21 +74,13 @@ INLINE V v_nearest(V a)
             a[i] = call(a[i], b[i]);                        \
         return a;                                           \
     }
-LANE_BY_LANE(asin, asin)
-LANE_BY_LANE(acos, acos)
-LANE_BY_LANE(sinh, sinh)
-LANE_BY_LANE(cosh, cosh)
 LANE_BY_LANE(asinh, asinh)
 LANE_BY_LANE(acosh, acosh)
 LANE_BY_LANE(atanh, atanh)
-LANE_BY_LANE(log, log)
 LANE_BY_LANE(log1p, log1p)
-LANE_BY_LANE(expm1, expm1)
 LANE_BY_LANE(erf, erf)
 LANE_BY_LANE(floor, floor)
 LANE_BY_LANE(ceil, ceil)
-LANE_BY_LANE(far_sin, sin)
-LANE_BY_LANE(far_cos, cos)
 LANE_BY_LANE_2(pow, pow)
 LANE_BY_LANE_2(fmod, fmod)
 LANE_BY_LANE_2(remainder, remainder)
@@ -130,7 +114,12 @@ INLINE V v_fmax(V a, V b)
     return (V)_mm256_max_pd((__m256d)a, (__m256d)b);
 }
 #else
-LANE_BY_LANE(sqrt, sqrt)
+INLINE V v_sqrt(V a)
+{
+    for (int i = 0; i < LANES; i++)
+        a[i] = __builtin_sqrt(a[i]);
+    return a;
+}
 INLINE V v_fmin(V a, V b)
 {
     return v_pick(a < b, a, b);
@@ -151,14 +140,21 @@ INLINE int v_any(I mask)
 
 /* Polynomials are summed in pairs, as a chain of terms would wait for each of them. */
 
-/* Sine and cosine: x = k pi/2 + r with pi/2 in three parts, Taylor series on |r| <= pi/4. */
+/* Sine and cosine: x = k pi/2 + r with pi/2 in three parts, Taylor series on |r| <= pi/4; a branch
+   for larger x would hold up everything around it. */
 INLINE V v_quarter(V x, V *k)
 {
     V n = v_nearest(x * 0x1.45f306dc9c883p-1);
     *k = n;
+#if defined __FMA__ || defined __ARM_FEATURE_FMA
     V r = x - n * 0x1.921fb54400000p+0;
+#else /* products with the upper and the lower bits of n are exact */
+    V upper = v_nearest(n * 0x1p-20) * 0x1p20;
+    V r = (x - upper * 0x1.921fb54400000p+0) - (n - upper) * 0x1.921fb54400000p+0;
+#endif
     r = r - n * 0x1.0b4611a600000p-34;
-    return r - n * 0x1.3198a2e037073p-69;
+    r = r - n * 0x1.3198a2e037073p-69;
+    return v_pick(v_fabs(x) < 0x1p36, r, v_all(NAN));
 }
 INLINE V v_sin_series(V r)
 {
@@ -184,20 +180,18 @@ INLINE V v_turn(V r, V n)
 INLINE V v_sin(V x)
 {
     V n, r = v_quarter(x, &n);
-    V y = v_turn(r, n);
-    I far = ~(v_fabs(x) < 1e5);
-    return __builtin_expect(v_any(far), 0) ? v_pick(far, v_far_sin(x), y) : y;
+    return v_turn(r, n);
 }
 INLINE V v_cos(V x)
 {
     V n, r = v_quarter(x, &n);
-    V y = v_turn(r, n + 1.0);
-    I far = ~(v_fabs(x) < 1e5);
-    return __builtin_expect(v_any(far), 0) ? v_pick(far, v_far_cos(x), y) : y;
+    return v_turn(r, n + 1.0);
 }
 INLINE V v_tan(V x)
 {
-    return v_sin(x) / v_cos(x);
+    V n, r = v_quarter(x, &n), s = v_sin_series(r), c = v_cos_series(r);
+    I odd = -((I)(n + 0x1.8p52) & 1);
+    return v_pick(odd, -c, s) / v_pick(odd, s, c);
 }
 
 /* Arc tangent of y / x for x > 0 through the octant nearest to 0, pi/4 or pi/2; one division. */
@@ -227,9 +221,18 @@ INLINE V v_atan2(V y, V x)
     return v_pick((I)x < 0, v_copysign(v_all(3.141592653589793), y) - a, a);
 }
 
-/* Exponential: x = k ln 2 + r, interpolation at Chebyshev's points on |r| <= ln(2)/2, evaluated in pairs;
-   beyond the range of doubles, their ends. */
-INLINE V v_exp_inside(V x)
+INLINE V v_asin(V x)
+{
+    return v_octant(x, v_sqrt((1.0 - x) * (1.0 + x)));
+}
+INLINE V v_acos(V x)
+{
+    return v_atan2(v_sqrt((1.0 - x) * (1.0 + x)), x);
+}
+
+/* Exponential: x = k ln 2 + r, e^x = s + s p with s = 2^k and p = e^r - 1, interpolated at Chebyshev's points on
+   |r| <= ln(2)/2 and evaluated in pairs. */
+INLINE V v_exp_parts(V x, V *s)
 {
     V t = x * 1.4426950408889634 + 0x1.8p52, n = t - 0x1.8p52;
     V r = x - n * 0x1.62e42fefa0000p-1;
@@ -239,19 +242,62 @@ INLINE V v_exp_inside(V x)
     V high = (0.0013888888917281794 + r * 0.00019841269863105968) +
              z * (2.480152119021773e-05 + r * 2.7557268378684192e-06) +
              y * (2.7620138719733994e-07 + r * 2.5100424157005067e-08);
-    V e = 1.0 + (r + z * (low + y * high));
-    return (V)((I)e + ((I)t << 52));
+    *s = (V)(((I)t << 52) + (I)v_all(1.0));
+    return r + z * (low + y * high);
+}
+/* NaN stays NaN: the smaller and the larger of two are the second where they do not compare. */
+INLINE V v_within(V x, double low, double high)
+{
+    return v_fmin(v_all(high), v_fmax(v_all(low), x));
 }
 INLINE V v_exp(V x)
 {
-    return v_exp_inside(v_pick(x > 709.0, v_all(709.0), v_pick(x < -708.0, v_all(-708.0), x)));
+    V s, p = v_exp_parts(v_within(x, -708.0, 709.0), &s);
+    return s + s * p;
 }
-/* NaN stays NaN: the smaller and the larger of two are the second where they do not compare. */
+INLINE V v_expm1(V x)
+{
+    V s, p = v_exp_parts(v_within(x, -708.0, 709.0), &s);
+    return s * p + (s - 1.0);
+}
 INLINE V v_tanh(V x)
 {
-    return 1.0 - 2.0 / (v_exp_inside(v_fmin(v_all(40.0), v_fmax(v_all(-40.0), x + x))) + 1.0);
+    V a = v_fabs(x), s, p = v_exp_parts(v_fmin(v_all(40.0), a + a), &s);
+    V e = s * p + (s - 1.0);
+    return v_copysign(e / (e + 2.0), x);
+}
+INLINE V v_sinh(V x)
+{
+    V e = v_expm1(v_fabs(x));
+    return v_copysign(0.5 * (e + e / (e + 1.0)), x);
+}
+INLINE V v_cosh(V x)
+{
+    V e = v_exp(v_fabs(x));
+    return 0.5 * e + 0.5 / e;
+}
+
+/* Logarithm: x = 2^k m with m between sqrt(1/2) and sqrt(2), log m = 2 atanh(s) as its series, s = (m - 1)/(m + 1). */
+INLINE V v_log(V x)
+{
+    I tiny = x < 0x1p-1022;
+    V up = v_pick(tiny, x * 0x1p54, x);
+    I k = ((I)up - (I)v_all(0.7071067811865476)) >> 52;
+    V m = (V)((I)up - (k << 52));
+    V n = (V)(k + (I)v_all(0x1.8p52)) - v_pick(tiny, v_all(0x1.8p52 + 54.0), v_all(0x1.8p52));
+    V f = m - 1.0, s = f / (m + 1.0), z = s * s, y = z * z;
+    V low = (0.3333333333333333 + z * 0.2) + y * (0.14285714285714285 + z * 0.1111111111111111);
+    V high = (0.09090909090909091 + z * 0.07692307692307693) + y * (0.06666666666666667 + z * 0.058823529411764705) +
+             y * y * (0.05263157894736842 + z * 0.047619047619047616);
+    /* 2 s = f - s f, so that what is rounded is small beside f */
+    V tail = s * (2.0 * z * (low + y * y * high) - f) + n * 0x1.ef35793c76730p-45;
+    V value = n * 0x1.62e42fefa3800p-1 + (f + tail);
+    V end = v_pick(x == 0.0, v_all(-INFINITY), v_pick(x < 0.0, v_all(NAN), x));
+    return v_pick((x > 0.0) & (x < INFINITY), value, end);
 }
 INLINE V v_hypot(V a, V b)
 {
     return v_sqrt(a * a + b * b);
 }
+#undef LANE_BY_LANE
+#undef LANE_BY_LANE_2
