@@ -1,4 +1,4 @@
-/* Whether values can be true; lanes.h comes before. */
+/* Whether values can be true; vector_math.h comes before. */
 
 /* Whether all rows lie within the ranges of their columns; NaN lies in none. */
 static int plausible(const double *v, int rows, int n, const double *low, const double *high)
