@@ -8,7 +8,7 @@ import pytest
 from slipangle import errors
 from slipangle.data.dataset import Channel, Dataset, join
 from slipangle.data.readers import Column, read, read_csv, write_csv
-from slipangle.data.readers.csv import parse_heading
+from slipangle.data.readers.text_table import parse_heading
 
 GOOD = "t [s],delta [deg],yaw [deg/s]\n" + "".join(f"{0.01 * k:.2f},{math.sin(k):.6f},{k * 0.5}\n" for k in range(30))
 
@@ -378,7 +378,7 @@ def test_override_trusts_the_settings(log):
 
 def test_read_dispatches_on_the_suffix(log):
     assert read(log(GOOD, "run.TXT"), ["delta"]).n_samples == 30
-    with pytest.raises(errors.FormatError, match=r"suffix '\.mf4' .* expected one of \.csv, \.txt, \.dat"):
+    with pytest.raises(errors.FormatError, match=r"suffix '\.mf4' .* expected one of \.csv, \.dat, \.tsv, \.txt"):
         read("run.mf4")
 
 

@@ -8,8 +8,6 @@ business of `slipangle.models.tires.magic_formula.tire`.
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,47 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from slipangle.data.numerals import to_number
+from slipangle.data.readers.tir_lines import TirLine, insert_line, new_line, parse_line, rewritten
 from slipangle.data.readers.tir_units import Units, read_units
 from slipangle.errors import FormatError, MissingFileError, ParameterError, nearest, shown
 from slipangle.files import write_atomic
 
-_SECTION = re.compile(r"\[\s*([^\]]+?)\s*\]\s*$")
-_KEY = re.compile(r"[A-Za-z_][\w.\-]*$")
-_WORD = re.compile(r"[A-Za-z_][\w .\-/]*$")
 # These headings hold words about the file; a key such as MASS there is a unit, not a number.
 _DESCRIPTIVE = ("UNITS", "MDI_HEADER")
-
-
-@dataclass(frozen=True, kw_only=True)
-class TirLine:
-    """One line of the file.
-
-    Parameters
-    ----------
-    text : str
-        The line as it stands, without its line end.
-    number : int
-        Line number, from 1; 0 for a line that was added.
-    section : str
-        Heading that it stands under, in capitals; empty before the first.
-    key : str
-        Key in capitals; empty where the line is no entry.
-    value : float, str or None
-        What stands behind ``=``, in the units of the file; ``None`` where that is blank.
-    comment : str
-        Comment behind the value.
-    row : tuple of float
-        The numbers, where the line belongs to a table.
-    """
-
-    text: str
-    number: int = 0
-    section: str = ""
-    key: str = ""
-    value: float | str | None = None
-    comment: str = ""
-    row: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -208,7 +172,7 @@ class TirFile:
             if known is line and (line.key in pending or line.key in comments):
                 value = pending.pop(line.key) if line.key in pending else line.value
                 stored = self._stored(line.key, value) if value is not line.value else value
-                lines.append(_rewritten(line, stored, comments.get(line.key, line.comment)))
+                lines.append(rewritten(line, stored, comments.get(line.key, line.comment)))
             else:
                 lines.append(line)
         for key, value in pending.items():
@@ -218,7 +182,7 @@ class TirFile:
                     f"'{self.name}' has no {key}; {nearest(key, self.entries)}: use one of these, or name the section "
                     "to add it to"
                 )
-            _insert(lines, heading, _new_line(heading, key, self._stored(key, value), comments.get(key, "")))
+            insert_line(lines, heading, new_line(heading, key, self._stored(key, value), comments.get(key, "")))
         return replace(self, lines=tuple(lines))
 
     def _stored(self, key: str, value: float | str | None) -> float | str | None:
@@ -304,7 +268,7 @@ def parse_tir(text: str, *, name: str = "tir", encoding: str = "utf-8") -> TirFi
     lines: list[TirLine] = []
     section = ""
     for number, line in enumerate(raw, start=1):
-        parsed = _parse_line(line, number, section, name)
+        parsed = parse_line(line, number, section, name)
         section = parsed.section
         lines.append(parsed)
     if not any(line.key for line in lines):
@@ -313,116 +277,3 @@ def parse_tir(text: str, *, name: str = "tir", encoding: str = "utf-8") -> TirFi
             "[VERTICAL]: choose another file"
         )
     return TirFile(lines=tuple(lines), name=name, newline=newline, encoding=encoding, final_newline=final)
-
-
-def _parse_line(text: str, number: int, section: str, name: str) -> TirLine:
-    body, comment = _split_comment(text)
-    body = body.strip()
-    if not body or body.startswith("{"):
-        return TirLine(text=text, number=number, section=section, comment=comment)
-    heading = _SECTION.match(body)
-    if heading:
-        return TirLine(text=text, number=number, section=heading[1].upper(), comment=comment)
-    key, equals, value = (part.strip() for part in body.partition("="))
-    if equals and _KEY.match(key):
-        return TirLine(
-            text=text,
-            number=number,
-            section=section,
-            key=key.upper(),
-            value=_parse_value(value, key, number, name),
-            comment=comment,
-        )
-    row = tuple(_to_float(word) for word in body.split())
-    if equals or not section or not all(math.isfinite(x) for x in row):
-        raise FormatError(
-            f"line {number} of '{name}' reads {text.strip()[:60]!r}; expected a [SECTION], a 'KEY = value' line, "
-            "a row of numbers or a comment after '!' or '$': correct that line"
-        )
-    return TirLine(text=text, number=number, section=section, comment=comment, row=row)
-
-
-def _split_comment(text: str) -> tuple[str, str]:
-    """The line before its comment, and the comment; quoted '!' and '$' do not start one."""
-    quote = ""
-    for i, char in enumerate(text):
-        if quote:
-            quote = "" if char == quote else quote
-        elif char in "'\"":
-            quote = char
-        elif char in "!$":
-            return text[:i], text[i + 1 :].strip()
-    return text, ""
-
-
-def _parse_value(value: str, key: str, number: int, name: str) -> float | str | None:
-    if not value:
-        return None
-    if value[0] in "'\"":
-        if len(value) > 1 and value.endswith(value[0]):
-            return value[1:-1].strip()
-    else:
-        found = _to_float(value)
-        if math.isfinite(found):
-            return found
-        if _WORD.match(value) and value.lower() not in ("nan", "inf", "infinity"):
-            return value
-    hint = " (a point, not a comma, separates decimals)" if "," in value else ""
-    raise FormatError(
-        f"line {number} of '{name}' gives {key} the value {shown(value)}; expected a number or a quoted text{hint}: "
-        "correct that line"
-    )
-
-
-def _to_float(word: str) -> float:
-    """The number, Fortran's exponent D included; NaN where it is none."""
-    try:
-        return to_number(word)
-    except ValueError:
-        try:
-            return (
-                float(re.sub(r"[dD]", "e", word, count=1)) if re.fullmatch(r"[-+.\d]+[dD][-+]?\d+", word) else math.nan
-            )
-        except ValueError:
-            return math.nan
-
-
-def _format(value: float | str | None) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, str):
-        return f"'{value}'"
-    return str(int(value)) if value == int(value) and abs(value) < 1e15 else repr(value)
-
-
-def _rewritten(line: TirLine, value: float | str | None, comment: str) -> TirLine:
-    """The line with another value and comment, its layout kept where they fit."""
-    body, _ = _split_comment(line.text)
-    start = body.index("=") + 1
-    lead = body[start:][: len(body[start:]) - len(body[start:].lstrip())] if body[start:].strip() else " "
-    tail_at = line.text.find("$", len(body)) if len(body) < len(line.text) else -1
-    mark = line.text[len(body)] if len(body) < len(line.text) else "$"
-    head = body[:start] + lead + _format(value)
-    if not comment:
-        text = head
-    elif comment == line.comment and len(body) < len(line.text):
-        text = head + " " * max(1, len(body) - len(head)) + line.text[len(body) :]
-    else:
-        text = head + " " * max(1, (tail_at if tail_at > 0 else len(body)) - len(head)) + mark + comment
-    return replace(line, text=text, value=value, comment=comment)
-
-
-def _new_line(section: str, key: str, value: float | str | None, comment: str) -> TirLine:
-    text = f"{key:<24} = {_format(value)}"
-    return TirLine(
-        text=f"{text:<48}${comment}" if comment else text, section=section, key=key, value=value, comment=comment
-    )
-
-
-def _insert(lines: list[TirLine], section: str, new: TirLine) -> None:
-    """Put a line behind the last entry of its section, or open the section at the end."""
-    for i in range(len(lines) - 1, -1, -1):
-        if lines[i].section == section and (lines[i].key or lines[i].row or _SECTION.match(lines[i].text.strip())):
-            lines.insert(i + 1, new)
-            return
-    lines.extend([TirLine(text=f"[{section}]", section=section), new])
