@@ -11,6 +11,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import require_known
 from slipangle.models.model import Model, Trajectory
+from slipangle.numerics.least_squares import LEAST, LevenbergMarquardt, triangle
 
 Start = Literal["first samples", "least squares"]
 LONGEST = 2000  # samples that the initial state is fitted to; later ones hardly depend on it
@@ -77,24 +78,18 @@ def initial_state(model: Model, data: Dataset, *, iterations: int = 30) -> np.nd
         y = model._free_run(x, part.u[m - 1 :])
         return ((y - part.y[m:]) / spread).ravel()
 
-    x = np.asarray(model.initial_state(part.head(m)), dtype=float)
-    e = residual(x)
-    damping = 0.0
-    for _ in range(iterations):
-        jacobian = _jacobian(residual, x)
-        step = _damped(jacobian, e, damping)
+    def cost(x: np.ndarray) -> float:
         with np.errstate(over="ignore", invalid="ignore"):
-            trial = residual(x + step)
-        before, after = float(e @ e), float(trial @ trial)
-        if np.isfinite(after) and after < before:
-            x, e, damping = x + step, trial, damping / 10 if damping > 1e-9 else 0.0
-            if before - after <= 1e-9 * before:
-                break
-        elif damping > 1e6 or (np.isfinite(after) and after <= before * (1 + 1e-12)):
-            break
-        else:
-            damping = max(10 * damping, 1e-6)
-    return x
+            return float(np.sum(residual(x) ** 2))
+
+    search = LevenbergMarquardt(
+        cost=cost,
+        linearise=lambda x: (*triangle(_jacobian(residual, x), residual(x)), None),
+        move=lambda x, _, eta: x + eta,
+        damping=LEAST,  # most models are linear, or nearly so, in their initial state
+    )
+    start = np.asarray(model.initial_state(part.head(m)), dtype=float)
+    return search.minimise(start, max_iterations=iterations, tolerance=1e-9).point
 
 
 def _jacobian(residual: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
@@ -105,13 +100,3 @@ def _jacobian(residual: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np
         h[i] = 1e-5 * (1 + abs(x[i]))
         columns.append((residual(x + h) - residual(x - h)) / (2 * h[i]))
     return np.column_stack(columns)
-
-
-def _damped(jacobian: np.ndarray, e: np.ndarray, damping: float) -> np.ndarray:
-    """Step of least length among those that minimise the linearised error, columns scaled alike."""
-    scale = np.linalg.norm(jacobian, axis=0)
-    scale[~(scale > 1e-12 * scale.max(initial=0.0))] = np.inf  # not seen in the outputs
-    u, s, v = np.linalg.svd(jacobian / scale, full_matrices=False)
-    strong = s > 1e-8 * s[0]  # directions of the state that the outputs do not show stay where they are
-    gain = np.divide(s, s * s + damping, out=np.zeros_like(s), where=strong)
-    return -(v.T @ (gain * (u.T @ e))) / scale

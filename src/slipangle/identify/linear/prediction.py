@@ -13,7 +13,7 @@ from slipangle.errors import TooShortError
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.predictor import Bank, Triangles, reduce_rows
 from slipangle.models.black_box.statespace import StateSpaceModel
-from slipangle.numerics.levenberg import descend
+from slipangle.numerics.least_squares import Factors, LevenbergMarquardt
 from slipangle.numerics.linear_response import LTI
 
 _MATRICES = ("A", "B", "C", "D", "K")
@@ -293,7 +293,7 @@ class Problem:
         self.level_weight = 0.0
         self.level_weight = 0.1 * np.sqrt(self.cost(point) / self.n_rows)
 
-        def linearise(point: Point) -> tuple[np.ndarray, np.ndarray, Any]:
+        def linearise(point: Point) -> Factors:
             work, moves = self.linearise(point)
             d = moves.shape[1]
             return work.shared[:d, :d], work.shared[:d, d], (work, moves)
@@ -303,11 +303,12 @@ class Problem:
             trial = self.moved(point, moves @ eta, work.solve_locals(eta))
             return self.projected(trial)
 
-        found = descend(point, cost=self.cost, linearise=linearise, move=move, max_iterations=max_iterations)
-        if found.converged:
-            return found.point, ()
+        search = LevenbergMarquardt(cost=self.cost, linearise=linearise, move=move)
+        result = search.minimise(point, max_iterations=max_iterations)
+        if result.converged:
+            return result.point, ()
         note = f"the fit stopped at its limit of {max_iterations} steps; expected convergence: raise max_iterations"
-        return found.point, (note,)
+        return result.point, (note,)
 
     def projected(self, point: Point) -> Point:
         """The point with what the prediction is linear in, given F and C, at its least squares.

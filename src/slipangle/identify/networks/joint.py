@@ -21,7 +21,7 @@ from slipangle.models.provenance import provenance
 from slipangle.models.vehicles.neural_bicycle import NeuralBicycle, TireNetworkBicycle
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle
 from slipangle.models.wrappers.ensemble import EnsembleModel
-from slipangle.numerics.marquardt import improve
+from slipangle.numerics.least_squares import Factors, LevenbergMarquardt, cholesky
 
 FREE = (
     "C_f",
@@ -316,7 +316,7 @@ class _Fit:
         return float(np.sum(e * e)) / self.fitted.n_counting + float(self.precision @ (theta - self.centre) ** 2)
 
     def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gauss-Newton matrix and gradient, per sample."""
+        """Gauss-Newton matrix and half the gradient, per sample."""
         runs = self.fitted
         y, j = self.unrolled.derivatives(theta, self.starts(theta, runs), runs.u)
         e = ((np.asarray(y) - runs.y) * runs.weight).ravel()
@@ -324,11 +324,25 @@ class _Fit:
         hessian, gradient = j.T @ j / runs.n_counting, j.T @ e / runs.n_counting
         return hessian + np.diag(self.precision), gradient + self.precision * (theta - self.centre)
 
+    def search(self) -> LevenbergMarquardt:
+        """Steps projected onto the bounds of the parameters."""
+
+        def linearise(theta: np.ndarray) -> Factors:
+            return *cholesky(*self.linearised(theta)), None
+
+        return LevenbergMarquardt(
+            cost=self.cost,
+            linearise=linearise,
+            move=lambda theta, _, eta: np.clip(theta + eta, self.lower, self.upper),
+            steady=True,
+        )
+
     def run(self, seed: int, data: Dataset, spent: float, told: Any) -> NeuralBicycle:
         """Levenberg-Marquardt from one seed."""
         began, s = time.perf_counter(), self.settings
         theta = self.unrolled.pack(self.network(seed))
-        self.share, cost, damping = 1.0, self.cost(theta), 1e-3
+        self.share, search = 1.0, self.search()
+        cost = self.cost(theta)
         best, score = theta, self.judged(theta)
         curve, epoch, k, flat = [(0, score)], 0, 0, 0
         for k in range(1, s.iterations + 1):
@@ -336,28 +350,19 @@ class _Fit:
             if share != self.share:
                 self.share, flat = share, 0
                 cost = self.cost(theta)
-            found = improve(
-                theta,
-                cost,
-                damping,
-                linearised=self.linearised,
-                evaluate=self.cost,
-                lower=self.lower,
-                upper=self.upper,
-            )
-            if found is None and share < 1.0:
-                damping = 1e-3
+            step = search.step(theta, cost)
+            if step is None and share < 1.0:
+                search = self.search()
                 continue
-            if found is None:
+            if step is None:
                 break
-            theta, new_cost, damping = found
-            now = self.judged(theta)
+            theta, now = step.point, self.judged(step.point)
             curve.append((k, now))
             told(k / s.iterations, now)
             if now < score or self.held is None:
                 best, score, epoch = theta, now, k
-            flat = flat + 1 if cost - new_cost < 1e-5 * cost else 0
-            cost = new_cost
+            flat = flat + 1 if cost - step.cost < 1e-5 * cost else 0
+            cost = step.cost
             if flat == _PATIENCE:
                 break
         model = self.unrolled.unpack(best, self.settings.start.outputs)

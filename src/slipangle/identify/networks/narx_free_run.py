@@ -15,7 +15,7 @@ from slipangle.identify.networks.training import Progress, require_jax
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.networks import MLP, Scaling
 from slipangle.models.model import Trial
-from slipangle.numerics.marquardt import improve
+from slipangle.numerics.least_squares import LevenbergMarquardt, cholesky
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,22 +134,26 @@ class _Polish:
     def run(self, seed: int) -> NARXModel:
         """Steps until nothing improves; the model with its trial."""
         began = time.perf_counter()
-        theta, damping = self.net.parameters, 1e-2
+        theta = self.net.parameters
         start = self.cost(theta)
         if not np.isfinite(start):
             return self.model
         self.prior = self.settings.weight_prior * start
         cost = self.cost(theta)
-        wide = np.full(len(theta), np.inf)
+        search = LevenbergMarquardt(
+            cost=self.cost,
+            linearise=lambda theta: (*cholesky(*self.linearised(theta)), None),
+            move=lambda theta, _, eta: theta + eta,
+            damping=1e-2,
+            steady=True,
+        )
         curve = [(0, np.sqrt(cost))]
         for k in range(1, self.settings.iterations + 1):
-            found = improve(
-                theta, cost, damping, linearised=self.linearised, evaluate=self.cost, lower=-wide, upper=wide
-            )
-            if found is None:
+            step = search.step(theta, cost)
+            if step is None:
                 break
-            flat = cost - found[1] < 1e-5 * cost
-            theta, cost, damping = found
+            flat = cost - step.cost < 1e-5 * cost
+            theta, cost = step.point, step.cost
             curve.append((k, np.sqrt(cost)))
             if flat:
                 break

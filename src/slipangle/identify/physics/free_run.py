@@ -15,7 +15,7 @@ from slipangle.codegen.compiler import library
 from slipangle.identify.linear.predictor import Triangles, reduce_rows
 from slipangle.identify.physics.forward import wrapper
 from slipangle.models.model import evaluate, roll_out
-from slipangle.numerics.levenberg import Descent, descend
+from slipangle.numerics.least_squares import Factors, LeastSquaresResult, LevenbergMarquardt
 
 Function = Callable[[Any, Any, Any], Any]  # (x, u, p)
 Run = Callable[[np.ndarray, np.ndarray, np.ndarray], Any]  # (p, x0, u)
@@ -205,7 +205,7 @@ class FreeRun:
     def fit(self, p: np.ndarray, x0: np.ndarray, *, max_iterations: int = 60) -> FreeRunFit:
         """Levenberg-Marquardt from given parameters and initial states."""
 
-        def linearise(point: FreeRunPoint) -> tuple[np.ndarray, np.ndarray, Any]:
+        def linearise(point: FreeRunPoint) -> Factors:
             work = self.linearise(point)
             return work.shared[: self.np, : self.np], work.shared[: self.np, self.np], work
 
@@ -216,23 +216,23 @@ class FreeRun:
             return FreeRunPoint(p=self.inside(point.p + eta), x0=moved)
 
         start = FreeRunPoint(p=np.array(p, dtype=float), x0=np.array(x0, dtype=float).reshape(len(self.records), -1))
-        found = descend(start, cost=self.cost, linearise=linearise, move=move, max_iterations=max_iterations)
-        return self._report(found)
+        search = LevenbergMarquardt(cost=self.cost, linearise=linearise, move=move)
+        return self._report(search.minimise(start, max_iterations=max_iterations))
 
-    def _report(self, found: Descent) -> FreeRunFit:
-        point = found.point
+    def _report(self, result: LeastSquaresResult) -> FreeRunFit:
+        point = result.point
         r = self.linearise(point).shared[: self.np, : self.np]
         norms = np.maximum(np.linalg.norm(r, axis=0), 1e-300)
         spread = np.linalg.pinv(r / norms, rcond=1e-10) / norms[:, None]
         squares = np.zeros(self.ny)
         for x0, (u, y) in zip(point.x0, self.records, strict=True):
             squares += np.sum((y - self.run(point.p, x0, u)) ** 2, axis=0)
-        variance = found.cost / max(1, self.n_rows - self.np)
+        variance = result.cost / max(1, self.n_rows - self.np)
         return FreeRunFit(
             p=point.p,
             x0=point.x0,
             rmse=np.sqrt(squares * self.ny / self.n_rows),
             covariance=spread @ spread.T * variance,
-            converged=found.converged,
-            steps=found.steps,
+            converged=result.converged,
+            steps=result.steps,
         )

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.physics.forward import forward
 from slipangle.models.ode import Parametrised
+from slipangle.numerics.least_squares import LeastSquaresResult, least_squares
 
 MOST_ROUNDS = 12  # of weighing the outputs by their errors and solving again
 _SETTLED = 1e-6  # relative change of the weights that ends this
@@ -223,27 +223,28 @@ class FreeRunProblem:
         even = np.ptp(share) <= _SETTLED * share.max()  # a common factor moves no minimum
         return bool(even or (self.sigma <= 1e3 * _SETTLED * np.std(self.data.y, axis=0)).all())
 
+    def search(self, z: np.ndarray, max_iterations: int, *, tolerance: float = 1e-10) -> LeastSquaresResult:
+        """Levenberg-Marquardt steps within the bounds under the present weights."""
+        return least_squares(
+            z,
+            errors=lambda z: self.evaluate(z)[0],
+            jacobian=lambda z: self.evaluate(z)[1],
+            cost=self.cost,
+            bounds=(self.lower, self.upper),
+            max_iterations=max_iterations,
+            tolerance=tolerance,
+        )
+
     def minimise(self, z: np.ndarray, max_iterations: int, *, tolerance: float = 1e-11) -> Minimum:
-        """Gauss-Newton in a trust region with bounds; outputs weighed by their errors, then solved again.
+        """Levenberg-Marquardt within the bounds; outputs weighed by their errors, then solved again.
 
         A step that lowers the squared error by less than ``tolerance`` of it is the last.
         """
         converged = False
         for _ in range(MOST_ROUNDS):
-            jacobian: Any = lambda z: self.evaluate(z)[1]  # noqa: E731
-            solution = least_squares(
-                lambda z: self.evaluate(z)[0],
-                z,
-                jac=jacobian,
-                bounds=(self.lower, self.upper),
-                method="trf",
-                xtol=1e-9,
-                ftol=tolerance,
-                gtol=1e-12,
-                max_nfev=max_iterations,
-            )
-            z, converged = solution.x, solution.status != 0
-            if self.weigh(solution.fun):
+            result = self.search(z, max_iterations, tolerance=tolerance)
+            z, converged = result.point, result.converged
+            if self.weigh(self.evaluate(z)[0]):
                 break
         return self.at(z, converged=converged)
 

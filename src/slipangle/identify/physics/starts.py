@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from slipangle.errors import SlipangleError
 from slipangle.identify.physics.simulation_error import FreeRunProblem
-from slipangle.numerics.levenberg import descend
 
 STARTS = 32  # tried by default where a model is known to have several minima
 _ROUNDS = ((4, 4), (2, 6))  # how many random ones are carried on, and Levenberg-Marquardt steps of each
@@ -70,20 +67,5 @@ def _part(problem: FreeRunProblem) -> FreeRunProblem:
 
 
 def _descent(problem: FreeRunProblem, z: np.ndarray, steps: int) -> np.ndarray:
-    """A few Levenberg-Marquardt steps; bounds are kept by projection."""
-    lower, upper = problem.lower, problem.upper
-
-    def linearise(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, Any]:
-        error, jacobian = problem.evaluate(z)
-        gradient = jacobian.T @ error
-        held = ((z <= lower) & (gradient > 0)) | ((z >= upper) & (gradient < 0))
-        both: Any = np.linalg.qr(np.column_stack([np.where(held, 0.0, -jacobian), error]), mode="r")
-        return both[:, :-1], both[:, -1], None
-
-    return descend(
-        z,
-        cost=lambda z: float(np.sum(problem.evaluate(z)[0] ** 2)),
-        linearise=linearise,
-        move=lambda z, _, eta: np.clip(z + eta, lower, upper),
-        max_iterations=steps,
-    ).point
+    """A few Levenberg-Marquardt steps."""
+    return problem.search(z, steps).point
