@@ -71,3 +71,25 @@ def test_no_circles():
     for name in sorted(needs):
         walk(name, [])
     assert found == []
+
+
+LONGEST_FILE, LONGEST_FUNCTION = 400, 60  # lines; of a function without its docstring
+
+
+@pytest.mark.parametrize(
+    "path",
+    [p for p in sorted(SOURCE.rglob("*")) if p.suffix in (".py", ".c", ".h")],
+    ids=lambda p: p.relative_to(SOURCE).as_posix(),
+)
+def test_what_is_long_says_why(path):
+    """A long file has a line ``# Long: why``, a long function one inside it."""
+    text = path.read_text()
+    lines = text.splitlines()
+    assert len(lines) <= LONGEST_FILE or re.search(r"^(# |/\* )Long: \w+", text, re.M)
+    for node in ast.walk(ast.parse(text)) if path.suffix == ".py" else ():
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[0]
+            said = first.end_lineno - first.lineno + 1 if ast.get_docstring(node) is not None else 0
+            inside = lines[node.lineno - 1 : node.end_lineno]
+            short = len(inside) - said <= LONGEST_FUNCTION
+            assert short or any(re.match(r"\s+# Long: \w+", line) for line in inside), node.name

@@ -1,5 +1,6 @@
 """`Dataset`: uniformly sampled recordings of named channels with units."""
 
+# Long: one class; what makes another data set of it stands beside what it holds.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -1,5 +1,6 @@
 """Vehicle parameters and unmeasured states one sample at a time: an extended Kalman filter."""
 
+# Long: settings, running filter and what it leaves are read together, sample by sample.
 from __future__ import annotations
 
 from collections.abc import Mapping

@@ -1,5 +1,6 @@
 """`Model`: what every identified model is, and `Trajectory`: what it predicts."""
 
+# Long: the contract that all models keep is read as a whole.
 from __future__ import annotations
 
 import abc

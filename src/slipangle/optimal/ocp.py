@@ -3,6 +3,7 @@
 Solvers read its arrays and its two functions, `dynamics` and `stage`; none of them sees names.
 """
 
+# Long: one problem; names become the arrays that all solvers read, in one place.
 from __future__ import annotations
 
 from collections.abc import Sequence

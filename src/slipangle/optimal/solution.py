@@ -1,5 +1,6 @@
 """`Plan`: what a controller wants to do, and `Status`: how its solver ended."""
 
+# Long: the words in which controllers and solvers talk, each only a few lines.
 from __future__ import annotations
 
 from collections.abc import Sequence

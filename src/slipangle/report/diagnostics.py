@@ -173,6 +173,7 @@ def forest(
     cap : float
         Intervals wider than this end in arrows that state the width. [%]
     """
+    # Long: one figure, trace by trace.
     known = {k: v for k, v in (references or {}).items() if k in fit.names}
     interval, value = fit.interval(level), np.asarray(fit.values, dtype=float)
     scale = np.where(value != 0, np.abs(value), np.nan)

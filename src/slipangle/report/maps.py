@@ -198,6 +198,7 @@ def path_map(
     -----
     A course more than six times as long as wide is drawn with Y stretched, which the axis title says.
     """
+    # Long: one figure, trace by trace.
     X, Y, psi = (np.asarray(a, dtype=float) for a in (X, Y, psi))
     same_length("X", len(X), Y=Y, psi=psi)
     figure = new_figure(440, hovermode="closest")

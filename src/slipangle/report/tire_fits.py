@@ -51,6 +51,7 @@ def fit_figure(tire: Tire, data: TireData, quantity: Quantity, *, sweeps: int = 
     ParameterError
         If the data hold no such quantity or no sweep of its slip.
     """
+    # Long: one figure, trace by trace.
     require_quantity(quantity)
     if getattr(data, quantity) is None:
         raise ParameterError(f"'{data.name}' holds no {quantity}; expected a quantity that was measured")

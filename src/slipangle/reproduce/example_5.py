@@ -78,6 +78,7 @@ def figure(states: np.ndarray, forces: np.ndarray) -> Any:
 
 def reproduce(progress: Progress) -> Reproduction:
     """Swing up four times."""
+    # Long: one table, record by record.
     found: list[Record] = []
     times: dict[str, float] = {}
     costs: dict[str, float] = {}

@@ -45,6 +45,7 @@ MOMENTS, STEPS = 2, 4  # in each segment; of each, after a first one that is not
 
 def reproduce(progress: Progress) -> Reproduction:
     """The thesis' way, then ours."""
+    # Long: one table, record by record.
     done = drives(lambda share, what: progress(0.6 * share, what))
     progress(0.6, "Ipopt for all three")
     old = {name: thesis_way(name, done) for name in ("LMPC", "NMPC", "MARX")}

@@ -91,6 +91,7 @@ def state_space(train: Dataset, inputs: tuple[str, ...]) -> StateSpaceModel:
 
 def rows(train: Dataset, base: Model) -> list[Row]:
     """Every row but the joint model's, cheapest first; ``base`` is M1 with nonlinear tires, fitted once."""
+    # Long: one table, record by record.
     six = (*STIFFNESS, "steering_gain", "steering_offset", "l_f")
     product = state_space(train, PRODUCT)
     return [

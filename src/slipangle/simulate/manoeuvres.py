@@ -182,6 +182,7 @@ def record(
     SimulationError
         If the plant leaves the finite numbers.
     """
+    # Long: a drive is refused for any of its reasons before it starts, then goes on sample by sample.
     names = plant.model.inputs
     require_names(("delta",), names, "the manoeuvre", "use a plant that steers")
     logged = tuple(channels) or tuple(n for n in plant.model.outputs if n not in names)

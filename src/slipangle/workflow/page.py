@@ -1,5 +1,6 @@
 """The page of a job: verdict first, then what it rests on."""
 
+# Long: the page from top to bottom, a function per section.
 from __future__ import annotations
 
 import platform

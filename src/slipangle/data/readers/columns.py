@@ -312,6 +312,7 @@ def assemble(
     SlipangleError
         One of its kinds per kind of bad input; see `read_csv`.
     """
+    # Long: what is wrong with a table is looked for in the order in which a person would repair it.
     if nan not in ("error", "gap"):
         raise ParameterError(f"nan is {nan!r}; expected 'error' or 'gap': choose one")
     said: list[str] = list(notes)

@@ -1,5 +1,6 @@
 """ARX models estimated one sample at a time: recursive least squares with forgetting that does not wind up."""
 
+# Long: the algorithm, its settings and its two ways of running share every state.
 from __future__ import annotations
 
 from collections.abc import Sequence

@@ -1,5 +1,6 @@
 """Physics and a network on its state derivative, fitted together to the whole free run."""
 
+# Long: one estimator with its settings, its regression and the scales of both.
 from __future__ import annotations
 
 import time

@@ -11,6 +11,7 @@ References
 .. [3] X. Glorot, Y. Bengio, Understanding the difficulty of training deep feedforward neural networks, 2010.
 """
 
+# Long: both kinds of network share scaling, parameters as one vector, and passes.
 from __future__ import annotations
 
 import abc

@@ -1,5 +1,6 @@
 """The compiled solver of one problem, called with as little in between as possible."""
 
+# Long: one work area: every method reads and writes the same memory of the C code.
 from __future__ import annotations
 
 import ctypes
@@ -75,6 +76,7 @@ class WorkArea:
     """One thread's memory of the compiled solver; see `CompiledEngine`."""
 
     def __init__(self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None) -> None:
+        # Long: every array of the C code is named and shaped once.
         self.ocp = ocp
         self._library = library
         library.rt_new.restype = ctypes.c_void_p

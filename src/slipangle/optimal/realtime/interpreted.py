@@ -1,5 +1,6 @@
 """The same algorithm without a compiler: CasADi's virtual machine for the model, NumPy and DAQP for the rest."""
 
+# Long: one algorithm on one work area, in the order of its steps as in solver.c.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
@@ -457,6 +458,7 @@ class WorkArea:
 
         If ``loose``, until the iterate can be accepted. An unfinished iterate is left where it is.
         """
+        # Long: the loop of solver.c, in the same order.
         n = self._sizes[0]
         penalty, hard_penalty, past = np.zeros_like(x), 0.0, [np.inf] * 3
         pairs: list[tuple[np.ndarray, np.ndarray]] = []

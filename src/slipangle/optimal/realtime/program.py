@@ -159,6 +159,7 @@ def _patterns(name: str, sparsity: ca.Sparsity) -> list[str]:
 
 
 def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str]) -> str:
+    # Long: one entry per size of the C code.
     n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
     rows = limit_rows(ocp)
     rated = np.flatnonzero(np.isfinite(ocp.step_bounds[0]).any(axis=1))

@@ -1,3 +1,4 @@
+/* Long: one algorithm; its events share the factors that they update. */
 /* Strictly convex quadratic program with limits of rows, hard or at a price, by a dual active-set method:
 
        minimise  1/2 u'Hu + g'u + sum_i phi_i(excess of row i over its limits)

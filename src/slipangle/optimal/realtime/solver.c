@@ -1,3 +1,4 @@
+/* Long: one algorithm on one struct, in the order of its steps. */
 /* Preparation, feedback, line search: the algorithm on the struct of work.c and the functions of stages.c. */
 
 #define MAT(name) ((double *)s->name)

@@ -1,3 +1,4 @@
+/* Long: steps of the model and errors of the stages, each beside its derivatives. */
 /* Next state of all steps of the model and errors of all stages with their derivatives, LANES columns at a time. */
 
 INLINE int column(int first, int count, int lane, int last)

@@ -4,6 +4,7 @@ The equations are in ``mf61`` and ``mf52``, the coefficients in ``coefficients``
 `Conventions`. This module converts axes, checks ranges, mirrors, and links tires to files.
 """
 
+# Long: one class; half of it says what arguments mean and in which axes.
 from __future__ import annotations
 
 import math
