@@ -1,1 +1,1 @@
-"""Numbers without vehicles: integrators, least squares, covariances, threads."""
+"""Numbers without vehicles: integrators, `least_squares` and its `covariance`, many starts, BLAS threads."""

@@ -23,30 +23,51 @@ def covariance(error: np.ndarray, jacobian: np.ndarray, n_outputs: int) -> tuple
         Their derivatives.
     n_outputs : int
         Residuals per sample.
-
-    References
-    ----------
-    .. [1] W. K. Newey, K. D. West, Econometrica 55, 1987; bandwidth by D. W. K. Andrews, Econometrica 59, 1991.
     """
     dof = max(1, len(error) - jacobian.shape[1])
     lengths = np.linalg.norm(jacobian, axis=0)
     lengths = np.where(lengths > 0, lengths, 1.0)
     even = jacobian / lengths
     inverse = np.linalg.pinv(even.T @ even, rcond=1e-14, hermitian=True) / np.outer(lengths, lengths)
-    per_sample = error.reshape(-1, n_outputs)
-    lag1 = np.array([_lag_one(per_sample[:, i]) for i in range(n_outputs)])
-    if np.all(np.abs(lag1) < 3.3 / np.sqrt(len(per_sample))):
+    middle, lags = middle_of_sandwich(error, jacobian, n_outputs)
+    if not lags:
         return inverse * float(error @ error) / dof, "covariance for white residuals"
-    scores = (error[:, None] * jacobian).reshape(len(per_sample), n_outputs, -1).sum(axis=1)
-    rho = float(np.clip(np.abs(lag1).max(), 0, 0.999))
-    alpha = 4 * rho**2 / ((1 - rho) ** 2 * (1 + rho) ** 2)
-    width = int(min(1.1447 * (alpha * len(scores)) ** (1 / 3), len(scores) // 4)) + 1
-    meat = scores.T @ scores
-    for lag in range(1, width + 1):
+    return inverse @ middle @ inverse * len(error) / dof, coloured(lags)
+
+
+def middle_of_sandwich(error: np.ndarray, jacobian: np.ndarray, n_outputs: int) -> tuple[np.ndarray, int]:
+    """Covariance of the gradient where residuals are of unlike size (White) and coloured (Newey-West); and its lags.
+
+    No lags where neighbouring residuals are independent; else as many as suit a first-order autoregression, up to a
+    quarter of the samples: with fewer, the intervals of slow residuals come out too narrow.
+
+    Parameters
+    ----------
+    error, jacobian, n_outputs
+        As for `covariance`.
+
+    References
+    ----------
+    .. [1] H. White, Econometrica 48, 1980.
+    .. [2] W. K. Newey, K. D. West, Econometrica 55, 1987; bandwidth by D. W. K. Andrews, Econometrica 59, 1991.
+    """
+    residuals = error.reshape(-1, n_outputs)
+    scores = (error[:, None] * jacobian).reshape(len(residuals), n_outputs, -1).sum(axis=1)
+    middle = scores.T @ scores
+    rho = float(np.clip(max(abs(_lag_one(column)) for column in residuals.T), 0, 0.999))
+    if rho < 3.3 / np.sqrt(len(residuals)):
+        return middle, 0
+    alpha = 4 * rho**2 / (1 - rho**2) ** 2
+    lags = int(min(1.1447 * (alpha * len(scores)) ** (1 / 3), len(scores) // 4)) + 1
+    for lag in range(1, lags + 1):
         gamma = scores[lag:].T @ scores[:-lag]
-        meat += (1 - lag / (width + 1)) * (gamma + gamma.T)
-    result = inverse @ meat @ inverse * len(error) / dof
-    return result, f"covariance for coloured residuals (Newey-West, {width} lags)"
+        middle += (1 - lag / (lags + 1)) * (gamma + gamma.T)
+    return middle, lags
+
+
+def coloured(lags: int) -> str:
+    """How a covariance with so many lags is called."""
+    return f"covariance for coloured residuals (Newey-West, {lags} lags)"
 
 
 def _lag_one(e: np.ndarray) -> float:

@@ -3,8 +3,6 @@
 References
 ----------
 .. [1] G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978.
-.. [2] H. White, Econometrica 48, 1980: covariance under residuals of unlike size.
-.. [3] W. K. Newey, K. D. West, Econometrica 55, 1987: covariance under coloured residuals.
 """
 
 from __future__ import annotations
@@ -14,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slipangle.identify.tires.magic_formula_coefficients import Free
+from slipangle.numerics.covariance import coloured, middle_of_sandwich
 from slipangle.numerics.multistart import Regression, Solution
 
 
@@ -83,27 +82,12 @@ def robust_covariance(stage: Stage) -> tuple[np.ndarray, str]:
     blind = np.linalg.norm(j, axis=0) == 0
     count = np.count_nonzero(stage.problem.weight)
     dof = max(1, count - j.shape[1])
-    rows = e.reshape(-1, m)
-    lag = max(abs(_lag_one(rows[:, k])) for k in range(m))
-    scores = (e[:, None] * j / scale).reshape(len(rows), m, -1).sum(axis=1)
-    meat = scores.T @ scores  # noise need not be alike at every load
-    text = "covariance for independent residuals of unlike size (White)"
-    if lag > 3.3 / np.sqrt(len(rows)):
-        rho = min(lag, 0.99)
-        width = int(min(1.1447 * (4 * rho**2 / (1 - rho**2) ** 2 * len(scores)) ** (1 / 3), len(scores) / 20)) + 1
-        for k in range(1, width + 1):
-            gamma = scores[k:].T @ scores[:-k]
-            meat += (1 - k / (width + 1)) * (gamma + gamma.T)
-        text = f"covariance for coloured residuals (Newey-West, {width} lags)"
-    spread = inverse @ meat @ inverse * count / dof
+    middle, lags = middle_of_sandwich(e, j / scale, m)  # noise need not be alike at every load
+    text = coloured(lags) if lags else "covariance for independent residuals of unlike size (White)"
+    spread = inverse @ middle @ inverse * count / dof
     spread = spread / np.outer(scale, scale)
     spread[blind, blind] = 1e6
     return spread, text
-
-
-def _lag_one(e: np.ndarray) -> float:
-    power = float(e @ e)
-    return float(e[1:] @ e[:-1]) / power if power > 0 else 0.0
 
 
 def scaled(f: Free, value: float) -> float:
