@@ -51,7 +51,7 @@ def reproduce(progress: Progress) -> Reproduction:
     choice = box.choose_order(train.select(outputs=["q", "v"]))
     black = replace(box, order=choice.order).fit(train.select(outputs=["q", "v"]))
     tried = ", ".join(f"{o}: {e:.4f}" for o, e in zip(choice.orders, choice.errors, strict=True))
-    note = f"order {choice.order}; normalised error on {choice.held_out}: {tried}"
+    note = f"order {choice.order}; normalised error on {choice.holdout}: {tried}"
     records += _scores("black-box state space", black, test, {"q": 95.2, "v": 83.4}, note)
     progress(0.1, "fitting the grey box")
     grey = _grey(train, "v")
@@ -92,7 +92,7 @@ def black_box() -> StateSpace:
         offsets="both",
         block_rows=20,
         memory=500,
-        held_out=0.3,
+        holdout=0.3,
         max_iterations=200,
     )
 

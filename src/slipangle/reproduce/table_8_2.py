@@ -24,7 +24,7 @@ import numpy as np
 
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.data.race import corners, rmse_by_phase
-from slipangle.identify.judge.intervals import calibrate, coverage_error, held_out
+from slipangle.identify.judge.intervals import calibrate, coverage_error, rolling_holdout
 from slipangle.identify.judge.validate import score
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.networks.hybrid import Adapt, Hybrid
@@ -288,7 +288,7 @@ def session_records(ensemble: EnsembleModel, again: Joint, train: Dataset, test:
             note=f"steering ratio 13.97, offset {offset:+.4f} deg from the first 30 s; never trained on",
         )
     ]
-    found.append(coverage_record(held_out(_Ensembles(again), train), adapted, other))
+    found.append(coverage_record(rolling_holdout(_Ensembles(again), train), adapted, other))
     return found
 
 

@@ -65,6 +65,7 @@ name = "ARX(4, 4)"
 kind = "arx"
 na = 4
 nb = 4
+offset = true
 
 [controller]
 model = "bicycle"

@@ -31,6 +31,7 @@ from slipangle.models.wrappers.delayed import Delayed
 from slipangle.registry import Registry
 from slipangle.workflow.entries import Lags, Seed, Within, arguments, record
 
+PerInput = Lags | tuple[Lags, ...]  # one number, or one for each input
 _WEIGHTS = 1_000_000  # of a network
 
 
@@ -81,23 +82,23 @@ KINDS.register("longitudinal")(Physics(model=Longitudinal, free=("k_e", "k_d", "
 
 
 @KINDS.register("arx")
-def _arx(*, na: Lags = 2, nb: Lags = 2, nk: Lags = 1, offset: bool = True) -> Estimator:
+def _arx(*, na: Lags = 2, nb: PerInput = 2, nk: PerInput = 1, offset: bool = False) -> Estimator:
     return ARX(na=na, nb=nb, nk=nk, offset=offset)
 
 
 @KINDS.register("armax")
-def _armax(*, na: Lags = 2, nb: Lags = 2, nc: Lags = 1, nk: Lags = 1, offset: bool = True) -> Estimator:
+def _armax(*, na: Lags = 2, nb: PerInput = 2, nc: Lags = 1, nk: PerInput = 1, offset: bool = False) -> Estimator:
     return ARMAX(na=na, nb=nb, nc=nc, nk=nk, offset=offset)
 
 
 @KINDS.register("output-error")
-def _output_error(*, nb: Lags = 2, nf: Lags = 2, nk: Lags = 1, offset: bool = True) -> Estimator:
+def _output_error(*, nb: PerInput = 2, nf: PerInput = 2, nk: PerInput = 1, offset: bool = False) -> Estimator:
     return OutputError(nb=nb, nf=nf, nk=nk, offset=offset, max_radius=1.0)
 
 
 @KINDS.register("box-jenkins")
 def _box_jenkins(
-    *, nb: Lags = 2, nf: Lags = 2, nc: Lags = 1, nd: Lags = 1, nk: Lags = 1, offset: bool = True
+    *, nb: PerInput = 2, nf: PerInput = 2, nc: Lags = 1, nd: Lags = 1, nk: PerInput = 1, offset: bool = False
 ) -> Estimator:
     return BoxJenkins(nb=nb, nf=nf, nc=nc, nd=nd, nk=nk, offset=offset)
 
@@ -108,7 +109,7 @@ def _state_space(
     order: tuple[Annotated[int, Within(1, 50)], ...] = (),
     focus: Literal["prediction", "simulation"] = "prediction",
     nk: Lags = 1,
-    offset: bool = True,
+    offset: bool = False,
 ) -> Estimator:
     orders = order[0] if len(order) == 1 else order or StateSpace.order
     offsets = "output" if offset else "none"

@@ -9,6 +9,9 @@ from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, IdentifiabilityWarning, ParameterError, SimulationError, TooShortError
 from slipangle.identify.linear import lags
 from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.integrated import IntegratedARX
+from slipangle.identify.linear.recursive import RLS
+from slipangle.identify.networks.narx import NARX
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.model import Model
 
@@ -274,3 +277,12 @@ def test_inputs_that_can_be_told_apart_are_not(case):
 def test_more_lags_than_samples_are_refused_before_they_are_counted_out(settings):
     with pytest.raises(TooShortError, match=r"has 200 samples for .* expected"):
         ARX(**{"na": 1, "nb": 1, **settings}).fit(record(200))
+
+
+@pytest.mark.parametrize("estimator", [NARX, RLS, IntegratedARX])
+def test_lags_per_input_may_be_given_where_they_are_the_same(estimator):
+    assert estimator(na=2, nb=(3, 3), nk=(1, 1)) == estimator(na=2, nb=3, nk=1)
+    with pytest.raises(
+        ParameterError, match=rf"^nb is \(3, 1\); expected the same for every input in a {estimator.__name__}"
+    ):
+        estimator(na=2, nb=(3, 1))

@@ -339,9 +339,9 @@ def test_order_by_cross_validation():
     assert choice.order == 3
     assert choice.errors[2] < 0.99 * choice.errors[1]
     assert choice.errors.min() > 0.99 * choice.errors[2]
-    assert choice.held_out == "the last 25 % of the record"
+    assert choice.holdout == "the last 25 % of the record"
     parts = join(*(record(m, 500, 40 + i, noise=0.3)[0] for i in range(3)))
-    assert "3 groups" in StateSpace(order=(3,), direct=True).choose_order(parts).held_out
+    assert "3 groups" in StateSpace(order=(3,), direct=True).choose_order(parts).holdout
 
 
 # ---- bad data -------------------------------------------------------------------------------------------------------

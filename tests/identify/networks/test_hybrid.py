@@ -78,7 +78,7 @@ def nonlinear_response(n=1500, seed=0):
 
 def test_discrepancy_explains_what_the_base_leaves():
     train, test = nonlinear_response().split(0.7)
-    settings = FreeRunNARX(start=SMALL, iterations=60)
+    settings = FreeRunNARX(start=SMALL, max_iterations=60)
     model = Hybrid(base=linear_plant(), discrepancy=settings).fit(train)
     assert model.gain == 1
     before, after = (score(m.simulate(test), "r").rmse for m in (model.base, model))
@@ -137,7 +137,7 @@ def test_gain_and_outputs_are_checked(trusted):
 def test_free_run_steps_lower_the_free_run_error():
     train, test = nonlinear_response().split(0.7)
     start = SMALL
-    adam, newton = start.fit(train), FreeRunNARX(start=start, iterations=15).fit(train)
+    adam, newton = start.fit(train), FreeRunNARX(start=start, max_iterations=15).fit(train)
     before, after = (score(m.simulate(train), "r").rmse for m in (adam, newton))
     assert after < 0.5 * before
     assert score(newton.simulate(test), "r").fit > score(adam.simulate(test), "r").fit
@@ -167,7 +167,7 @@ def jointly():
     """Base model, two seeds of the joint model, unseen data."""
     train, test = made_by(plant(), drive(900, seed=1)), made_by(plant(), drive(900, seed=2))
     start = NonlinearBicycle(params=PARAMS, dt=0.05, substeps=2)
-    joint = Joint(start=start, free=("C_f", "C_r", "inertia_z"), hidden=(6,), iterations=12, seeds=(0, 1))
+    joint = Joint(start=start, free=("C_f", "C_r", "inertia_z"), hidden=(6,), max_iterations=12, seeds=(0, 1))
     return start, joint.fit_ensemble(train), test
 
 
@@ -238,7 +238,7 @@ def test_the_compiled_derivative_is_that_of_the_model(kind):
         ({"settle": -1.0}, "settle"),
         ({"thrown_off": -1.0}, "thrown_off"),
         ({"holdout": 0.9}, "holdout"),
-        ({"iterations": 0}, "iterations"),
+        ({"max_iterations": 0}, "max_iterations"),
         ({"corrects": "brakes"}, "corrects"),
         ({"free": ("C_x",)}, "C_x"),
     ],
@@ -258,7 +258,7 @@ def test_tire_coefficients_from_a_network_stay_within_bounds_and_are_found():
     assert np.all(wild.derivative(x, u)[:2] <= corners.max(axis=0) + 1e-9)
     train, test = made_by(truth, drive(700, seed=1)), made_by(truth, drive(700, seed=2))
     start = NonlinearBicycle(params=PARAMS, dt=0.05, substeps=2)
-    joint = Joint(start=start, free=("C_f",), corrects="tires", hidden=(5,), iterations=10)
+    joint = Joint(start=start, free=("C_f",), corrects="tires", hidden=(5,), max_iterations=10)
     model = joint.fit(train)
     assert isinstance(model, TireNetworkBicycle)
     assert score(model.simulate(test), "r").rmse < 0.5 * score(start.simulate(test), "r").rmse

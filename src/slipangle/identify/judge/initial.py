@@ -47,7 +47,7 @@ def free_run(model: Model, data: Dataset, *, start: Start = "first samples") -> 
     return replace(model.simulate(data, start=states), kind="free run, least-squares start")
 
 
-def initial_state(model: Model, data: Dataset, *, iterations: int = 30) -> np.ndarray:
+def initial_state(model: Model, data: Dataset, *, max_iterations: int = 30) -> np.ndarray:
     """State at sample ``memory - 1`` with the smallest squared free-run error, shape (n_states,).
 
     Levenberg-Marquardt from what `Model.initial_state` says, each output divided by its standard deviation, over the
@@ -60,7 +60,7 @@ def initial_state(model: Model, data: Dataset, *, iterations: int = 30) -> np.nd
         The model.
     data : Dataset
         One experiment.
-    iterations : int
+    max_iterations : int
         Limit on steps.
 
     Raises
@@ -89,7 +89,7 @@ def initial_state(model: Model, data: Dataset, *, iterations: int = 30) -> np.nd
         damping=LEAST,  # most models are linear, or nearly so, in their initial state
     )
     start = np.asarray(model.initial_state(part.head(m)), dtype=float)
-    return search.minimise(start, max_iterations=iterations, tolerance=1e-9).point
+    return search.minimise(start, max_iterations=max_iterations, tolerance=1e-9).point
 
 
 def _jacobian(residual: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:

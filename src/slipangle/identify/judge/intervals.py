@@ -167,7 +167,7 @@ def calibrate(pairs: Sequence[tuple[Model, Dataset]], *, share: float = 0.05) ->
     Parameters
     ----------
     pairs : sequence of (Model, Dataset)
-        Such as the folds of `held_out`.
+        Such as the folds of `rolling_holdout`.
     share : float
         Part of the scale that grows with the predicted output.
 
@@ -189,7 +189,7 @@ def calibrate(pairs: Sequence[tuple[Model, Dataset]], *, share: float = 0.05) ->
     return replace(draft, scores=np.sort(scores, axis=0))
 
 
-def held_out(estimator: Estimator, data: Dataset, shares: Sequence[float] = (0.6, 0.8, 1.0)) -> list:
+def rolling_holdout(estimator: Estimator, data: Dataset, shares: Sequence[float] = (0.6, 0.8, 1.0)) -> list:
     """Models fitted to the beginning of the data, each with the stretch that follows: pairs for `calibrate`.
 
     Parameters

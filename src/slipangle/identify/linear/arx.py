@@ -12,7 +12,7 @@ from scipy import linalg
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
 from slipangle.identify.excitation import require_identifiable
-from slipangle.identify.linear.lags import Windows, triangle
+from slipangle.identify.linear.lags import PerInput, Windows, triangle
 from slipangle.identify.stability import announced, breakdown_said, judged
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.model import FitInfo
@@ -51,8 +51,8 @@ class ARX:
     """
 
     na: int
-    nb: int | tuple[int, ...]
-    nk: int | tuple[int, ...] = 1
+    nb: PerInput
+    nk: PerInput = 1
     offset: bool = False
 
     def __post_init__(self) -> None:
@@ -138,7 +138,7 @@ class ARX:
         return past_y + past_u + (["1"] if self.offset else [])
 
 
-def per_input(value: int | tuple[int, ...], name: str, data: Dataset) -> tuple[int, ...]:
+def per_input(value: PerInput, name: str, data: Dataset) -> tuple[int, ...]:
     """One number for each input of the data.
 
     Parameters

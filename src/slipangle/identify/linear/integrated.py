@@ -10,6 +10,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, TooShortError
 from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.lags import same_for_all
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.provenance import provenance
 
@@ -42,6 +43,7 @@ class IntegratedARX:
     order: int = 2
 
     def __post_init__(self) -> None:
+        same_for_all(self, "nb", "nk")
         if not (self.order >= 1 and self.na >= self.order):
             raise ParameterError(
                 f"na is {self.na} with {self.order} poles at 1; expected at least as many lags as poles: raise na"

@@ -8,12 +8,35 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError
 
+PerInput = int | tuple[int, ...]
+"""Lags or delays: one number for all inputs, or one for each."""
 CHUNK = 1 << 15  # samples whose copy stays in the cache
+
+
+def same_for_all(settings: Any, *names: str) -> None:
+    """Make one number of a setting that was given per input, for models that have the same lags of every input.
+
+    Raises
+    ------
+    ParameterError
+        If the numbers differ.
+    """
+    for name in names:
+        given = getattr(settings, name)
+        if isinstance(given, tuple):
+            if len(set(given)) != 1:
+                raise ParameterError(
+                    f"{name} is {given}; expected the same for every input in a {type(settings).__name__}: give one "
+                    "number, or use ARX"
+                )
+            object.__setattr__(settings, name, given[0])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,6 +13,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.arx import per_input
+from slipangle.identify.linear.lags import PerInput
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.polynomial_start import first_guess
 from slipangle.identify.linear.prediction import Point, Problem, shrunk
@@ -21,8 +22,6 @@ from slipangle.models.black_box.polynomial import PolynomialModel, realise
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
 from slipangle.numerics.blas import one_blas_thread
-
-Orders = int | tuple[int, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,11 +57,11 @@ class Polynomial:
     """
 
     na: int = 0
-    nb: Orders = 1
+    nb: PerInput = 1
     nc: int = 0
     nd: int = 0
-    nf: Orders = 0
-    nk: Orders = 1
+    nf: PerInput = 0
+    nk: PerInput = 1
     offset: bool = False
     max_radius: float | None = None
     max_iterations: int = 100
@@ -137,9 +136,9 @@ class ARMAX:
     """``A(z) y = sum_i B_i(z) u_i + C(z) e``: the disturbance shares the system's poles. See `Polynomial`."""
 
     na: int
-    nb: Orders
+    nb: PerInput
     nc: int
-    nk: Orders = 1
+    nk: PerInput = 1
     offset: bool = False
     max_radius: float | None = None
 
@@ -152,9 +151,9 @@ class ARMAX:
 class OutputError:
     """``y = sum_i B_i(z) / F_i(z) u_i + e``: the free-run error is minimised. See `Polynomial`."""
 
-    nb: Orders
-    nf: Orders
-    nk: Orders = 1
+    nb: PerInput
+    nf: PerInput
+    nk: PerInput = 1
     offset: bool = False
     max_radius: float | None = None
 
@@ -167,11 +166,11 @@ class OutputError:
 class BoxJenkins:
     """``y = sum_i B_i(z) / F_i(z) u_i + C(z) / D(z) e``: system and disturbance apart. See `Polynomial`."""
 
-    nb: Orders
+    nb: PerInput
     nc: int
     nd: int
-    nf: Orders
-    nk: Orders = 1
+    nf: PerInput
+    nk: PerInput = 1
     offset: bool = False
     max_radius: float | None = None
 

@@ -12,6 +12,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import NotFiniteError, ParameterError, nearest
 from slipangle.identify.excitation import require_identifiable, require_independent
+from slipangle.identify.linear.lags import same_for_all
 from slipangle.identify.linear.recursive_code import Recursion
 from slipangle.identify.stability import announced, judged
 from slipangle.models.black_box.arx import ARXModel
@@ -78,6 +79,7 @@ class RLS:
     prior: float | Sequence[float] = 1e12
 
     def __post_init__(self) -> None:
+        same_for_all(self, "nb", "nk")
         for name, least in (("na", 1), ("nb", 1), ("nk", 0)):
             if getattr(self, name) < least:
                 raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least {least}")

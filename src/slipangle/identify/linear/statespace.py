@@ -29,7 +29,7 @@ class OrderChoice:
         Of the subspace projection of all data.
     order : int
         The smallest order within 1 % of the least error, or below which nothing but rounding is left.
-    held_out : str
+    holdout : str
         What the errors were measured on.
     failures : tuple of str
         Why an order could not be judged.
@@ -39,7 +39,7 @@ class OrderChoice:
     errors: np.ndarray
     singular_values: np.ndarray
     order: int
-    held_out: str
+    holdout: str
     failures: tuple[str, ...] = ()
 
 
@@ -67,7 +67,7 @@ class StateSpace:
         Largest modulus of the poles; 1 asks for a stable model.
     memory : int
         Samples from which the model reads its initial state; 0 for ``3 order + 3``.
-    held_out : float
+    holdout : float
         Share of a single record, at its end, on which orders are compared. Several experiments are held out in turn.
     max_iterations : int
         Limit on refinement steps.
@@ -82,15 +82,15 @@ class StateSpace:
     weights: Literal["residual", "output"] | tuple[float, ...] = "residual"
     max_radius: float | None = None
     memory: int = 0
-    held_out: float = 0.25
+    holdout: float = 0.25
     max_iterations: int = 100
 
     def __post_init__(self) -> None:
         candidates = (self.order,) if isinstance(self.order, int) else tuple(self.order)
         if not candidates or min(candidates) < 1:
             raise ParameterError(f"order is {self.order}; expected a whole number of at least 1, or several of them")
-        if not 0 < self.held_out < 1:
-            raise ParameterError(f"held_out is {self.held_out}; expected a share between 0 and 1, such as 0.25")
+        if not 0 < self.holdout < 1:
+            raise ParameterError(f"holdout is {self.holdout}; expected a share between 0 and 1, such as 0.25")
 
     def fit(self, data: Dataset) -> StateSpaceModel:
         """Model of all outputs from all inputs of ``data``; where the order is open, `choose_order` settles it.
@@ -137,7 +137,7 @@ class StateSpace:
             If no candidate could be fitted; the reasons are given.
         """
         orders = (self.order,) if isinstance(self.order, int) else tuple(sorted(set(self.order)))
-        folds, held_out = self._folds(data)
+        folds, holdout = self._folds(data)
         errors, failures = np.full(len(orders), np.inf), []
         for i, order in enumerate(orders):
             try:
@@ -156,14 +156,14 @@ class StateSpace:
             errors=errors,
             singular_values=shown.singular_values,
             order=best,
-            held_out=held_out,
+            holdout=holdout,
             failures=tuple(failures),
         )
 
     def _folds(self, data: Dataset) -> tuple[list[tuple[Dataset, Dataset]], str]:
         parts = data.experiments
         if len(parts) == 1:
-            return [data.split(1 - self.held_out)], f"the last {100 * self.held_out:g} % of the record"
+            return [data.split(1 - self.holdout)], f"the last {100 * self.holdout:g} % of the record"
         groups = [parts[i :: min(5, len(parts))] for i in range(min(5, len(parts)))]
         folds = []
         for group in groups:

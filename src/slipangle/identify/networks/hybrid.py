@@ -165,14 +165,14 @@ class Adapt:
         Outputs whose reading at zero is estimated.
     seconds : float
         How much of the session is used. [s]
-    iterations : int
+    max_iterations : int
         Gauss-Newton steps.
     """
 
     inputs: tuple[str, ...] = ("delta",)
     outputs: tuple[str, ...] = ()
     seconds: float = 30.0
-    iterations: int = 6
+    max_iterations: int = 6
 
     def fit(self, model: Model, data: Dataset) -> OffsetModel:
         """The model behind the offsets that explain the first ``seconds`` of the data best.
@@ -194,7 +194,7 @@ class Adapt:
         names = (*self.inputs, *self.outputs)
         size = np.array([max(1e-4, 0.02 * float(np.std(first[name]))) for name in names])
         values = np.zeros(len(names))
-        for _ in range(self.iterations):
+        for _ in range(self.max_iterations):
             error = self._error(model, first, values)
             shifted = [self._error(model, first, values + size * unit) for unit in np.eye(len(names))]
             jacobian = np.column_stack([(e - error) / s for e, s in zip(shifted, size, strict=True)])

@@ -87,7 +87,7 @@ class Joint:
         How long before its fitted part each run starts; the state is thrown off only where this is positive. [s]
     thrown_off : float
         How far, as a share of the largest v_y and r of the training data.
-    iterations : int
+    max_iterations : int
         Limit on accepted steps.
     holdout : float
         Share at the end of the training data that only chooses the step to stop at; 0 works all steps on all data.
@@ -116,7 +116,7 @@ class Joint:
     restart: float | None = 5.0
     settle: float = 1.0
     thrown_off: float = 1.0
-    iterations: int = 80
+    max_iterations: int = 80
     holdout: float = 0.0
     seeds: tuple[int, ...] = (0,)
 
@@ -142,9 +142,10 @@ class Joint:
             raise ParameterError(
                 f"settle is {self.settle} s and thrown_off {self.thrown_off}; expected neither below 0, such as 1 and 1"
             )
-        if self.iterations < 1 or not self.seeds:
+        if self.max_iterations < 1 or not self.seeds:
             raise ParameterError(
-                f"{self.iterations} iterations and {len(self.seeds)} seeds; expected at least one of each"
+                f"max_iterations is {self.max_iterations} and there are {len(self.seeds)} seeds; expected at least one "
+                "of each"
             )
 
     def fit(self, data: Dataset, *, progress: Progress | None = None) -> NeuralBicycle:
@@ -346,8 +347,8 @@ class _Fit:
         cost = self.cost(theta)
         best, score = theta, self.judged(theta)
         curve, epoch, k, flat = [(0, score)], 0, 0, 0
-        for k in range(1, s.iterations + 1):
-            share = min(1.0, (k - 1) / (_EASY * s.iterations))
+        for k in range(1, s.max_iterations + 1):
+            share = min(1.0, (k - 1) / (_EASY * s.max_iterations))
             if share != self.share:
                 self.share, flat = share, 0
                 cost = self.cost(theta)
@@ -359,7 +360,7 @@ class _Fit:
                 break
             theta, now = step.point, self.judged(step.point)
             curve.append((k, now))
-            told(k / s.iterations, now)
+            told(k / s.max_iterations, now)
             if now < score or self.held is None:
                 best, score, epoch = theta, now, k
             flat = flat + 1 if cost - step.cost < 1e-5 * cost else 0

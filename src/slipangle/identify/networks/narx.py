@@ -12,6 +12,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError, require_known
 from slipangle.identify.excitation import require_identifiable, require_independent
+from slipangle.identify.linear.lags import same_for_all
 from slipangle.identify.networks.problem import Precision, Stage
 from slipangle.identify.networks.training import Progress, as_tuples, require_holdout, require_jax, train
 from slipangle.identify.networks.windows import cut, layers, scaled, training_info, window_starts
@@ -68,6 +69,7 @@ class NARX:
     precision: Precision = "single"
 
     def __post_init__(self) -> None:
+        same_for_all(self, "nb", "nk")
         as_tuples(self, "hidden", "stages", "seeds")
         for name in ("na", "nb", "nk"):
             if getattr(self, name) < 1:

@@ -32,7 +32,7 @@ class FreeRunNARX:
     weight_prior : float
         Precision of the prior per sample and per unit of scaled weight, relative to the mean squared error that the
         weights start from.
-    iterations : int
+    max_iterations : int
         Limit on accepted steps.
 
     Raises
@@ -43,13 +43,13 @@ class FreeRunNARX:
 
     start: NARX
     weight_prior: float = 6e-3
-    iterations: int = 50
+    max_iterations: int = 50
 
     def __post_init__(self) -> None:
-        if not self.weight_prior > 0 or self.iterations < 1:
+        if not self.weight_prior > 0 or self.max_iterations < 1:
             raise ParameterError(
-                f"weight_prior is {self.weight_prior} and iterations is {self.iterations}; expected a positive number "
-                "and at least 1"
+                f"weight_prior is {self.weight_prior} and max_iterations is {self.max_iterations}; expected a positive "
+                "number and at least 1"
             )
 
     def fit(self, data: Dataset, *, progress: Progress | None = None) -> NARXModel:
@@ -148,7 +148,7 @@ class _Polish:
             steady=True,
         )
         curve = [(0, np.sqrt(cost))]
-        for k in range(1, self.settings.iterations + 1):
+        for k in range(1, self.settings.max_iterations + 1):
             step = search.step(theta, cost)
             if step is None:
                 break
