@@ -38,6 +38,7 @@ def test_without_active_limits_it_is_the_finite_horizon_lqr(model, horizon, term
     q, r, x, before = rng.uniform(0.1, 3, n), rng.uniform(0.05, 1, m), rng.standard_normal(n), rng.standard_normal(m)
     mpc = MPC(
         model,
+        solver="ipopt",
         horizon=horizon,
         Q=weights(model.states, q),
         R=weights(model.inputs, r),
@@ -63,13 +64,13 @@ def test_without_active_limits_it_is_the_finite_horizon_lqr(model, horizon, term
 
 
 def test_input_references_move_the_input():
-    mpc = MPC(double_integrator(), horizon=4, Q=Weights(p=1e-9), R=Weights(a=1.0))
+    mpc = MPC(double_integrator(), solver="ipopt", horizon=4, Q=Weights(p=1e-9), R=Weights(a=1.0))
     wanted = replace(still(mpc), inputs=np.array([[0.1], [0.2], [0.3], [0.4]]))
     assert mpc.plan(np.zeros(2), wanted).u == pytest.approx(wanted.inputs, abs=1e-6)
 
 
 def test_outputs_can_be_tracked():
-    mpc = MPC(double_integrator(), horizon=30, Q=Weights(y=1.0), R=Weights(a=1e-3))
+    mpc = MPC(double_integrator(), solver="ipopt", horizon=30, Q=Weights(y=1.0), R=Weights(a=1e-3))
     x, plan = np.zeros(2), None
     for _ in range(60):
         plan = mpc.plan(x, still(mpc, 2.0), plan)
@@ -87,6 +88,7 @@ def test_bounds_and_rates_are_never_violated(bound, rate):
     rng = np.random.default_rng(1)
     mpc = MPC(
         double_integrator(),
+        solver="ipopt",
         horizon=10,
         Q=Weights(p=100.0),
         R=Weights(a=1e-3),
@@ -114,7 +116,14 @@ def test_bounds_and_rates_are_never_violated(bound, rate):
 
 
 def test_hard_limits_of_states_hold_and_are_used():
-    mpc = MPC(double_integrator(), horizon=25, Q=Weights(p=1.0), R=Weights(a=1e-3), limits=Limits(v=(-0.5, 0.5)))
+    mpc = MPC(
+        double_integrator(),
+        solver="ipopt",
+        horizon=25,
+        Q=Weights(p=1.0),
+        R=Weights(a=1e-3),
+        limits=Limits(v=(-0.5, 0.5)),
+    )
     mpc = replace(mpc, controls=("a",))
     plan = mpc.plan(np.zeros(2), still(mpc, 10.0))
     assert plan.status is Status.SOLVED
@@ -124,7 +133,7 @@ def test_hard_limits_of_states_hold_and_are_used():
 
 def test_a_limit_on_an_output_with_feedthrough_holds_now_too():
     model = double_integrator(feedthrough=1.0)
-    mpc = MPC(model, horizon=6, Q=Weights(p=1.0), R=Weights(a=1e-4), limits=Limits(y=(-0.4, 0.4)))
+    mpc = MPC(model, solver="ipopt", horizon=6, Q=Weights(p=1.0), R=Weights(a=1e-4), limits=Limits(y=(-0.4, 0.4)))
     assert mpc.limited_now.tolist() == [True]
     plan = mpc.plan(np.zeros(2), still(mpc, 3.0))
     y = [model.output(x, u)[0] for x, u in zip(plan.x, plan.u, strict=False)]
@@ -144,6 +153,7 @@ def test_soft_limits_cost_what_they_say():
     hold = Linear(A=np.eye(1), B=np.zeros((1, 1)), C=np.eye(1), D=np.zeros((1, 1)), states=("z",))
     mpc = MPC(
         hold,
+        solver="ipopt",
         horizon=4,
         Q=Weights(z=0.0),
         R=Weights(a=1.0),
@@ -160,6 +170,7 @@ def test_soft_limits_cost_what_they_say():
 def test_a_large_plain_slack_weight_is_exact():
     hard = MPC(
         double_integrator(),
+        solver="ipopt",
         horizon=20,
         Q=Weights(p=1.0),
         R=Weights(a=1e-2),
@@ -178,7 +189,12 @@ def test_a_large_plain_slack_weight_is_exact():
 
 def test_warm_start_saves_iterations_and_changes_no_answer():
     mpc = MPC(
-        two_masses(), horizon=20, Q=Weights(p1=10.0, p2=1.0), R=Weights(a1=0.01, a2=0.01), limits=Limits(a1=1.0, a2=1.0)
+        two_masses(),
+        solver="ipopt",
+        horizon=20,
+        Q=Weights(p1=10.0, p2=1.0),
+        R=Weights(a1=0.01, a2=0.01),
+        limits=Limits(a1=1.0, a2=1.0),
     )
     cold = replace(mpc, solver=Ipopt(warm=False))
     x, plan, counts, applied = np.array([1.0, 0.0, -1.0, 0.0]), None, [], None
@@ -194,7 +210,7 @@ def test_warm_start_saves_iterations_and_changes_no_answer():
 
 
 def test_applied_overrides_the_previous_command():
-    mpc = MPC(double_integrator(), horizon=5, Q=Weights(p=1.0), S=Weights(a=1.0), rates=Limits(a=1.0))
+    mpc = MPC(double_integrator(), solver="ipopt", horizon=5, Q=Weights(p=1.0), S=Weights(a=1.0), rates=Limits(a=1.0))
     plan = mpc.plan(np.array([5.0, 0.0]), still(mpc))
     other = mpc.plan(np.array([5.0, 0.0]), still(mpc), plan, applied=np.array([2.0]))
     assert abs(other.command[0] - 2.0) <= 0.1 + 1e-12
@@ -204,6 +220,7 @@ def test_applied_overrides_the_previous_command():
 
 CART = MPC(
     double_integrator(),
+    solver="ipopt",
     horizon=10,
     Q=Weights(p=1.0, v=0.1),
     R=Weights(a=0.1),
@@ -333,7 +350,7 @@ def test_a_fallback_never_outlives_the_plan():
 def test_ipopt_is_silent(capfd):
     CART.plan(np.array([1.0, 0.0]), still(CART))
     replace(CART, limits=Limits(a=2.0, p=(-1.0, 1.0))).plan(np.array([5.0, 0.0]), still(CART))
-    MPC(explode(), horizon=5, Q=Weights(p=1.0), R=Weights(a=1.0)).plan(
+    MPC(explode(), solver="ipopt", horizon=5, Q=Weights(p=1.0), R=Weights(a=1.0)).plan(
         np.array([1e200, 1e200]), Reference(tracked=np.zeros((6, 1)), exogenous=np.empty((5, 0)))
     )
     out = capfd.readouterr()
@@ -352,7 +369,7 @@ def explode():
 
 
 def test_a_model_that_overflows_is_said():
-    mpc = MPC(explode(), horizon=5, Q=Weights(p=1.0), R=Weights(a=1.0), limits=Limits(a=1.0))
+    mpc = MPC(explode(), solver="ipopt", horizon=5, Q=Weights(p=1.0), R=Weights(a=1.0), limits=Limits(a=1.0))
     reference = Reference(tracked=np.zeros((6, 1)), exogenous=np.empty((5, 0)))
     plan = mpc.plan(np.array([1e200, 1e200]), reference)
     assert not plan.status.solved

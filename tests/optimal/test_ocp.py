@@ -18,6 +18,7 @@ from tests.optimal.linear import double_integrator, two_masses
 CAR = OnGround(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r", "a_y")))
 BASE = MPC(
     double_integrator(feedthrough=0.2),
+    solver="ipopt",
     horizon=8,
     Q=Weights(p=1.0, v=0.1),
     R=Weights(a=0.1),
@@ -71,8 +72,8 @@ def test_every_argument_of_the_problem_is_covered():
 
 def test_controls_choose_what_is_decided():
     model = two_masses()
-    both = MPC(model, horizon=6, Q=Weights(p1=1.0), R=Weights(a1=0.1, a2=0.1))
-    one = MPC(model, horizon=6, Q=Weights(p1=1.0), R=Weights(a1=0.1), controls=("a1",))
+    both = MPC(model, solver="ipopt", horizon=6, Q=Weights(p1=1.0), R=Weights(a1=0.1, a2=0.1))
+    one = MPC(model, solver="ipopt", horizon=6, Q=Weights(p1=1.0), R=Weights(a1=0.1), controls=("a1",))
     assert (both.controls, both.exogenous) == (("a1", "a2"), ())
     assert (one.controls, one.exogenous) == (("a1",), ("a2",))
     assert first_plan(both, np.ones(4)).u.shape == (6, 2)
@@ -87,7 +88,8 @@ def test_controls_choose_what_is_decided():
 
 
 def car(**options):
-    return MPC(CAR, horizon=15, Q=Weights(Y=1.0, psi=1.0), S=Weights(delta=10.0), limits=Limits(delta=0.5), **options)
+    settings = {"Q": Weights(Y=1.0, psi=1.0), "S": Weights(delta=10.0), "limits": Limits(delta=0.5), "solver": "ipopt"}
+    return MPC(CAR, horizon=15, **(settings | options))
 
 
 def test_corridor_keeps_the_vehicle_between_the_edges():
@@ -154,7 +156,14 @@ def test_reference_from_a_path():
 def test_a_path_error_is_the_same_in_every_direction():
     """Turned and moved world, same plan."""
     x = np.array([0.1, 0.05, 2.0, 0.4, 0.1])
-    ocp = MPC(CAR, horizon=10, Q=Weights(e_y=1.0, e_psi=1.0, e_x=0.1), S=Weights(delta=1.0), limits=Limits(delta=0.5))
+    ocp = MPC(
+        CAR,
+        solver="ipopt",
+        horizon=10,
+        Q=Weights(e_y=1.0, e_psi=1.0, e_x=0.1),
+        S=Weights(delta=1.0),
+        limits=Limits(delta=0.5),
+    )
     preview = double_lane_change(15.0).ahead(40.0, 10, 0.05)
     plans = []
     for turn, X0, Y0 in ((0.0, 0.0, 0.0), (2.0, 30.0, -40.0), (-3.0, 1.0, 5.0)):

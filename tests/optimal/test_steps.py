@@ -30,6 +30,7 @@ CAR = OnGround(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r", "a_y")))
 STEPS = (1, 1, 2, 3, 1, 4, 2)
 LANE = MPC(
     CAR,
+    solver="ipopt",
     horizon=7,
     steps=STEPS,
     Q=Weights(e_y=10.0, e_psi=1.0),
@@ -45,6 +46,7 @@ PATH = double_lane_change(15.0)
 X = np.array([0.05, 0.1, 40.0, 0.3, 0.03])
 CART = MPC(
     double_integrator(),
+    solver="ipopt",
     horizon=6,
     steps=(1, 1, 2, 3, 4, 4),
     Q=Weights(p=1.0, v=0.1),

@@ -100,7 +100,7 @@ def test_the_other_controllers_check_too():
 def test_names_that_are_no_identifiers_can_be_used():
     base = double_integrator()
     lagged = Linear(A=base.A, B=base.B, C=base.C, D=base.D, states=("r[k]", "r[k-1]"))
-    mpc = MPC(lagged, horizon=5, Q={"r[k-1]": 1.0, "r[k]": 2.0}, R={"a": 1.0}, limits={"r[k-1]": 4.0})
-    same = MPC(base, horizon=5, Q={"v": 1.0, "p": 2.0}, R={"a": 1.0}, limits={"v": 4.0})
+    mpc = MPC(lagged, solver="ipopt", horizon=5, Q={"r[k-1]": 1.0, "r[k]": 2.0}, R={"a": 1.0}, limits={"r[k-1]": 4.0})
+    same = MPC(base, solver="ipopt", horizon=5, Q={"v": 1.0, "p": 2.0}, R={"a": 1.0}, limits={"v": 4.0})
     x = np.array([1.0, -0.5])
     assert mpc.plan(x, still(mpc)).u == pytest.approx(same.plan(x, still(same)).u)

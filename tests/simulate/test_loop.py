@@ -34,6 +34,7 @@ SINGLE_TRACK = Plant(SingleTrack(params=CAR, tire_f=SOUSA_TABLE_6_2, tire_r=SOUS
 DRIVER = SpeedDriver.for_car(mass=CAR.mass, radius=CAR.radius, limits=(-6000.0, 3000.0), brake=Values(T_f=0.5, T_r=0.5))
 STEER = MPC(
     BICYCLE,
+    solver="ipopt",
     horizon=20,
     Q=Weights(e_y=10.0, e_psi=10.0),
     S=Weights(delta=100.0),
@@ -147,6 +148,7 @@ def test_mpc_may_decide_the_speed_too():
     single = SingleTrack(params=CAR, tire_f=SOUSA_TABLE_6_2, tire_r=SOUSA_TABLE_6_2, dt=0.05, method="radau")
     mpc = MPC(
         single,
+        solver="ipopt",
         horizon=4,
         Q=Weights(e_y=10.0, e_psi=10.0, v_x=0.5),
         R=Weights(T_f=1e-8),

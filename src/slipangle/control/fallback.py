@@ -57,7 +57,7 @@ class Call(NamedTuple):
 class Fallbacks(OCP):
     """`OCP` with its engine, and plans that need no solve: the one before shifted, or the safe stop law; see `MPC`."""
 
-    solver: Literal["ipopt", "realtime"] | Backend = "ipopt"
+    solver: Literal["realtime", "ipopt"] | Backend = "realtime"
     deadline: float | None = None
     fallback: int = 5
     safe: Values = field(default_factory=Values)
@@ -69,7 +69,7 @@ class Fallbacks(OCP):
         super().__post_init__()
         if isinstance(self.solver, str) and self.solver not in ("ipopt", "realtime"):
             raise ParameterError(
-                f'the solver is {self.solver!r}; expected "ipopt" or "realtime", or settings such as Ipopt()'
+                f'the solver is {self.solver!r}; expected "realtime" or "ipopt", or settings such as Ipopt()'
             )
         if self.deadline is not None and not self.deadline > 0:
             raise ParameterError(f"the deadline is {self.deadline} s; expected a positive time, or None")

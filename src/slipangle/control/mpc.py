@@ -42,8 +42,9 @@ class MPC(Fallbacks):
 
     Parameters
     ----------
-    solver : {"ipopt", "realtime"} or Backend
-        The solver, or its settings, such as ``Ipopt(tolerance=1e-6)`` or ``RealTime(iterations=2)``.
+    solver : {"realtime", "ipopt"} or Backend
+        The solver, or its settings, such as ``RealTime(iterations=2)`` or ``Ipopt(tolerance=1e-6)``. The real-time one
+        runs compiled, or slower where no compiler is, with the same answer; Ipopt is the reference to compare with.
     deadline : float, optional
         Longest wall time of one call of `plan`; the solver ends early enough for a fallback. [s]
     fallback : int

@@ -115,7 +115,7 @@ def build_mpc(
     model: Model,
     wanted: ControllerSettings,
     *,
-    solver: Literal["ipopt", "realtime"] = "ipopt",
+    solver: Literal["realtime", "ipopt"] = "realtime",
     horizon: Annotated[int, Within(1, 200, "steps")] = 20,
     steps: tuple[Annotated[int, Within(1, 1000)], ...] = (),
     Q: dict[str, Weight] | None = None,

@@ -54,7 +54,7 @@ def point_mass():
         dt=0.05,
     )
     limits = Limits(a=8.0, gap=(2.0, np.inf))
-    mpc = MPC(model, horizon=N, controls=("a",), Q=Weights(v=1.0), R=Weights(a=0.1), limits=limits)
+    mpc = MPC(model, solver="ipopt", horizon=N, controls=("a",), Q=Weights(v=1.0), R=Weights(a=0.1), limits=limits)
     tracked = np.full((N + 1, 1), 15.0)
     return mpc, "gap", np.array([15.0, 0.0]), [Reference(tracked=tracked, exogenous=np.full((N, 1), d)) for d in (8, 7)]
 
@@ -72,6 +72,7 @@ def lanes(mpc, x, reference):
 def bicycle():
     mpc = MPC(
         OnGround(Bicycle(params=SOUSA_TABLE_7_2, dt=0.1, outputs=("r",))),
+        solver="ipopt",
         horizon=N,
         Q=Weights(X=1.0, Y=1.0, psi=1.0),
         R=Weights(delta=1.0),

@@ -69,6 +69,7 @@ def problem(model, rng, horizon):
     soft = [n for n in model.states if n in ("v_y", "r")][:1]
     return MPC(
         model,
+        solver="ipopt",
         horizon=horizon,
         controls=controls,
         Q=Weights(**{n: 10.0 ** rng.uniform(-1, 1) / size[n] ** 2 for n in tracked}),
