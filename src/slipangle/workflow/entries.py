@@ -6,24 +6,16 @@ import inspect
 import types
 import typing
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, fields
 from math import isfinite
 from typing import Annotated, Any, Literal, TypeVar
 
 from slipangle.errors import ConfigError, nearest, shown
+from slipangle.fields import Within
 
 T = TypeVar("T")
 _LARGEST = 10**15  # of the whole numbers in a job
 _MANY, _WIDE = 64, 1000  # entries that a list and a table of a job may have
-
-
-@dataclass(frozen=True)
-class Within:
-    """Range of a number, ends included, and its unit; for a list or a table, of each entry."""
-
-    low: float
-    high: float
-    unit: str = ""
 
 
 Lags = Annotated[int, Within(0, 1000, "samples")]
@@ -91,7 +83,7 @@ def _value(value: Any, hint: Any, where: str) -> Any:
         inner, *more = typing.get_args(hint)
         number = _value(value, inner, where)
         for span in more:
-            if not span.low <= number <= span.high:
+            if number not in span:
                 unit = f" {span.unit}" if span.unit else ""
                 raise ConfigError(
                     f"{where} is {shown(number)}{unit}; expected {span.low:g} to {span.high:g}{unit}: correct it"
@@ -137,6 +129,8 @@ def _value(value: Any, hint: Any, where: str) -> Any:
 
 
 def _value_of_any(value: Any, hints: list[Any], where: str) -> Any:
+    listed = isinstance(value, list | tuple)
+    hints = [hint for hint in hints if (typing.get_origin(hint) is tuple) == listed] or hints
     for hint in hints[:-1]:
         try:
             return _value(value, hint, where)

@@ -317,7 +317,7 @@ def test_update_allocates_nothing():
 def test_bad_input_says_what_to_do():
     for bad, match in (
         ({"na": 0}, "na is 0"),
-        ({"forgetting": 0.0}, r"forgetting is 0\.0; expected a factor above 0"),
+        ({"forgetting": 0.0}, r"forgetting is 0\.0; expected a number above 0"),
         ({"forgetting": 1.2}, "forgetting is 1.2"),
         ({"forget": "direction"}, "nearest are 'directional'"),
         ({"threshold": -1.0}, "threshold is -1.0"),

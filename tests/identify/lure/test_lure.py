@@ -156,7 +156,7 @@ def test_initial_state_comes_from_the_first_samples():
 
 def test_bad_settings_and_data():
     linear = StateSpace(order=2, focus="simulation")
-    with pytest.raises(ParameterError, match="0 branches, 500 starts and 8 carried"):
+    with pytest.raises(ParameterError, match="branches is 0; expected a whole number of at least 1"):
         Lure(linear=linear, branches=0)
     with pytest.raises(ParameterError, match="'hardenin'; nearest are 'hardening'"):
         LureModel(**{**{k: getattr(TRUE, k) for k in TRUE.__dataclass_fields__}, "curve": "hardenin"})

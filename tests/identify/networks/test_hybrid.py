@@ -232,7 +232,7 @@ def test_the_compiled_derivative_is_that_of_the_model(kind):
     ("kwargs", "word"),
     [
         ({"hidden": ()}, "hidden"),
-        ({"weight_prior": 0.0}, "priors"),
+        ({"weight_prior": 0.0}, "weight_prior is"),
         ({"also": ("X",)}, "'X'"),
         ({"restart": 0.0}, "restart"),
         ({"settle": -1.0}, "settle"),
@@ -373,6 +373,7 @@ def plans(model, horizon=6):
     """First plan of a lane change from beside the path, by Ipopt and by the compiled solver, converged."""
     mpc = MPC(
         OnGround(model),
+        solver="ipopt",
         horizon=horizon,
         controls=("delta",),
         Q=Weights(e_y=10.0, e_psi=10.0),

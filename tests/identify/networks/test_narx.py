@@ -209,7 +209,7 @@ def test_progress_rises_to_one():
     ("settings", "said"),
     [
         ({"na": 0}, "na is 0"),
-        ({"hidden": (5, 0)}, "hidden layers"),
+        ({"hidden": (5, 0)}, "hidden is"),
         ({"activation": "relu"}, "'relu'.*elu"),
         ({"holdout": 0.9}, "holdout is 0.9"),
         ({"seeds": ()}, "0 seeds"),

@@ -124,7 +124,7 @@ def test_diverging_training_keeps_the_best_and_says_so():
     [
         ({"order": 0}, "order is 0"),
         ({"lags": -1}, "lags is -1"),
-        ({"hidden": (0,)}, "no neuron"),
+        ({"hidden": (0,)}, r"hidden is \(0,\)"),
         ({"activation": "relu"}, "'relu'"),
         ({"holdout": 0.7}, "holdout is 0.7"),
     ],

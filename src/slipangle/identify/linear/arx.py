@@ -11,6 +11,7 @@ from scipy import linalg
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
+from slipangle.fields import Checked, Count, Whole
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.lags import PerInput, Windows, triangle
 from slipangle.identify.stability import announced, breakdown_said, judged
@@ -22,7 +23,7 @@ _APART = 1e-3  # share of an input's RMS that the others do not make up, below w
 
 
 @dataclass(frozen=True, kw_only=True)
-class ARX:
+class ARX(Checked):
     """Least-squares ARX estimator. [1]_ eqs. 4-5 to 4-9.
 
     The Gram matrix of the regressors is built from lag products, one per lag difference, with the products at both
@@ -50,16 +51,10 @@ class ARX:
     .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
     """
 
-    na: int
-    nb: PerInput
-    nk: PerInput = 1
+    na: Count
+    nb: Count | tuple[Count, ...]
+    nk: Whole | tuple[Whole, ...] = 1
     offset: bool = False
-
-    def __post_init__(self) -> None:
-        for name, least in (("na", 1), ("nb", 1), ("nk", 0)):
-            value = getattr(self, name)
-            if min(value if isinstance(value, tuple) else (value,), default=-1) < least:
-                raise ParameterError(f"{name} is {value}; expected a whole number of at least {least}")
 
     def fit(self, data: Dataset) -> ARXModel:
         """Model of all outputs from all inputs of ``data``; experiments are never joined.

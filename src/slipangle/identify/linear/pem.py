@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ParameterError, nearest
+from slipangle.errors import ParameterError
+from slipangle.fields import Checked, Positive, Whole, Within
 from slipangle.identify.linear.prediction import Problem
 from slipangle.identify.stability import announced, breakdown_said, judged
 from slipangle.models.black_box.statespace import StateSpaceModel
@@ -20,7 +21,7 @@ Offsets = Literal["none", "output", "input", "both"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class PEM:
+class PEM(Checked):
     """Levenberg-Marquardt on the one-step-ahead or the free-run error of a state space. [1]_ ch. 7.
 
     All of A, B, C, D, K is free. Changes of the state's basis, which change nothing outside, are kept out of every
@@ -55,31 +56,17 @@ class PEM:
     focus: Focus = "prediction"
     offsets: Offsets = "none"
     direct: bool | None = None
-    weights: Literal["residual", "output"] | tuple[float, ...] = "residual"
-    max_radius: float | None = None
-    max_iterations: int = 100
+    weights: Literal["residual", "output"] | tuple[Positive, ...] = "residual"
+    max_radius: Annotated[float, Within(0, open="low", example="0.999")] | None = None
+    max_iterations: Whole = 100
 
     def __post_init__(self) -> None:
-        for name, known in (
-            ("focus", ("prediction", "simulation")),
-            ("offsets", ("none", "output", "input", "both")),
-        ):
-            value = getattr(self, name)
-            if value not in known:
-                raise ParameterError(f"{name} is {value!r}; {nearest(str(value), known)}: use one of these")
-        if isinstance(self.weights, str):
-            if self.weights not in ("residual", "output"):
-                raise ParameterError(
-                    f"weights is {self.weights!r}; {nearest(self.weights, ('residual', 'output'))}: use one of these, "
-                    "or one typical error per output"
-                )
-        elif len(self.weights) != self.start.n_outputs or min(self.weights) <= 0:
+        super().__post_init__()
+        if not isinstance(self.weights, str) and len(self.weights) != self.start.n_outputs:
             raise ParameterError(
                 f"weights are {self.weights}; expected {self.start.n_outputs} positive numbers, the typical error of "
                 f"each of {', '.join(self.start.outputs)}"
             )
-        if self.max_radius is not None and not self.max_radius > 0:
-            raise ParameterError(f"max_radius is {self.max_radius}; expected a positive modulus, such as 0.999")
 
     def fit(self, data: Dataset) -> StateSpaceModel:
         """The refined model; its ``fit_info`` holds the covariance of the matrices' entries in the final basis.

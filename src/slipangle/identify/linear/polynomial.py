@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
+from slipangle.fields import Checked, Count, Whole, Within
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.arx import per_input
 from slipangle.identify.linear.lags import PerInput
@@ -25,7 +26,7 @@ from slipangle.numerics.blas import one_blas_thread
 
 
 @dataclass(frozen=True, kw_only=True)
-class Polynomial:
+class Polynomial(Checked):
     """``A(z) y = sum_i B_i(z) / F_i(z) u_i + C(z) / D(z) e`` by the one-step-ahead error. [1]_ ch. 4, 7.
 
     Starts from a long ARX model, then Levenberg-Marquardt with exact derivatives; the initial state of every
@@ -56,23 +57,15 @@ class Polynomial:
     .. [1] L. Ljung, System Identification, 2nd ed., 1999.
     """
 
-    na: int = 0
-    nb: PerInput = 1
-    nc: int = 0
-    nd: int = 0
-    nf: PerInput = 0
-    nk: PerInput = 1
+    na: Whole = 0
+    nb: Count | tuple[Count, ...] = 1
+    nc: Whole = 0
+    nd: Whole = 0
+    nf: Whole | tuple[Whole, ...] = 0
+    nk: Whole | tuple[Whole, ...] = 1
     offset: bool = False
-    max_radius: float | None = None
-    max_iterations: int = 100
-
-    def __post_init__(self) -> None:
-        for name, least in (("na", 0), ("nb", 1), ("nc", 0), ("nd", 0), ("nf", 0), ("nk", 0)):
-            value = getattr(self, name)
-            if min(value if isinstance(value, tuple) else (value,)) < least:
-                raise ParameterError(f"{name} is {value}; expected whole numbers of at least {least}")
-        if self.max_radius is not None and not self.max_radius > 0:
-            raise ParameterError(f"max_radius is {self.max_radius}; expected a positive modulus, such as 0.999")
+    max_radius: Annotated[float, Within(0, open="low", example="0.999")] | None = None
+    max_iterations: Whole = 100
 
     def fit(self, data: Dataset) -> PolynomialModel:
         """Model of the output from all inputs of ``data``; experiments are never joined.

@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import NotFiniteError, ParameterError, nearest
+from slipangle.fields import Checked, Count, Whole, Within
 from slipangle.identify.excitation import require_identifiable, require_independent
 from slipangle.identify.linear.lags import same_for_all
 from slipangle.identify.linear.recursive_code import Recursion
@@ -24,7 +25,7 @@ _KINDS: tuple[Forget, ...] = ("directional", "everywhere")
 
 
 @dataclass(frozen=True, kw_only=True)
-class RLS:
+class RLS(Checked):
     """Recursive least squares for an ARX model. [1]_ sec. 11.2.
 
     `start` or `follow` gives a `RecursiveARX` that takes one sample at a time; `fit` runs through a whole record.
@@ -69,28 +70,18 @@ class RLS:
     .. [3] S. Bittanti, P. Bolzern, M. Campi, Automatica 26, 1990, pp. 929-932: why [2]_ needs a bound.
     """
 
-    na: int
-    nb: int
-    nk: int = 1
+    na: Count
+    nb: Count
+    nk: Whole = 1
     offset: bool = False
-    forgetting: float = 0.99
+    forgetting: Annotated[float, Within(0, 1, open="low", example="0.99")] = 0.99
     forget: Forget = "directional"
-    threshold: float = 0.05
+    threshold: Annotated[float, Within(0, example="0.05")] = 0.05
     prior: float | Sequence[float] = 1e12
 
     def __post_init__(self) -> None:
         same_for_all(self, "nb", "nk")
-        for name, least in (("na", 1), ("nb", 1), ("nk", 0)):
-            if getattr(self, name) < least:
-                raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least {least}")
-        if not 0.0 < self.forgetting <= 1.0:
-            raise ParameterError(
-                f"forgetting is {self.forgetting}; expected a factor above 0 and at most 1, such as 0.99"
-            )
-        if self.forget not in _KINDS:
-            raise ParameterError(f"forget is {self.forget!r}; {nearest(str(self.forget), _KINDS)}: use one of these")
-        if not self.threshold >= 0.0:
-            raise ParameterError(f"threshold is {self.threshold}; expected 0 or a positive number, such as 0.05")
+        super().__post_init__()
         prior = np.atleast_1d(np.asarray(self.prior, dtype=float))
         if prior.ndim != 1 or not (np.isfinite(prior).all() and (prior > 0).all()):
             raise ParameterError(f"prior is {self.prior}; expected positive variances, such as 1e12 for nothing known")

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, SlipangleError
+from slipangle.fields import Checked, Count, Within
 from slipangle.identify.linear.pem import PEM, Focus, Offsets
 from slipangle.identify.linear.subspace import Algorithm, Subspace, project
 from slipangle.identify.stability import announced, breakdown_said, judged, noted
@@ -44,7 +45,7 @@ class OrderChoice:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StateSpace:
+class StateSpace(Checked):
     """State-space estimator: `Subspace`, then `PEM`.
 
     Parameters
@@ -73,7 +74,7 @@ class StateSpace:
         Limit on refinement steps.
     """
 
-    order: int | tuple[int, ...] = tuple(range(1, 9))
+    order: Count | tuple[Count, ...] = tuple(range(1, 9))
     focus: Focus = "prediction"
     algorithm: Algorithm = "cva"
     block_rows: int | None = None
@@ -82,15 +83,13 @@ class StateSpace:
     weights: Literal["residual", "output"] | tuple[float, ...] = "residual"
     max_radius: float | None = None
     memory: int = 0
-    holdout: float = 0.25
+    holdout: Annotated[float, Within(0, 1, open="both", example="0.25")] = 0.25
     max_iterations: int = 100
 
     def __post_init__(self) -> None:
-        candidates = (self.order,) if isinstance(self.order, int) else tuple(self.order)
-        if not candidates or min(candidates) < 1:
-            raise ParameterError(f"order is {self.order}; expected a whole number of at least 1, or several of them")
-        if not 0 < self.holdout < 1:
-            raise ParameterError(f"holdout is {self.holdout}; expected a share between 0 and 1, such as 0.25")
+        super().__post_init__()
+        if self.order == ():
+            raise ParameterError("order is (); expected a whole number of at least 1, or several of them")
 
     def fit(self, data: Dataset) -> StateSpaceModel:
         """Model of all outputs from all inputs of ``data``; where the order is open, `choose_order` settles it.

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from scipy import linalg
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ExcitationError, ParameterError, TooShortError, nearest
+from slipangle.errors import ExcitationError, ParameterError, TooShortError
+from slipangle.fields import Checked, Count, Within
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.lags import Windows, triangle
 from slipangle.identify.linear.predictor import LinearFit
@@ -25,7 +26,7 @@ _ALGORITHMS = ("n4sid", "moesp", "cva")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Subspace:
+class Subspace(Checked):
     """MOESP, N4SID or CVA, in the common frame of [1]_ ch. 4.
 
     The data enter through one triangular factor of the windows of ``2 block_rows`` samples, found from lag products
@@ -58,22 +59,12 @@ class Subspace:
     .. [1] P. Van Overschee, B. De Moor, Subspace Identification for Linear Systems, 1996.
     """
 
-    order: int | None = None
+    order: Count | None = None
     algorithm: Algorithm = "cva"
-    block_rows: int | None = None
+    block_rows: Annotated[int, Within(2)] | None = None
     direct: bool = False
     offset: bool = False
     disturbance: bool = True
-
-    def __post_init__(self) -> None:
-        if self.algorithm not in _ALGORITHMS:
-            raise ParameterError(
-                f"the algorithm is {self.algorithm!r}; {nearest(str(self.algorithm), _ALGORITHMS)}: use one of these"
-            )
-        for name, least in (("order", 1), ("block_rows", 2)):
-            value = getattr(self, name)
-            if value is not None and value < least:
-                raise ParameterError(f"{name} is {value}; expected a whole number of at least {least}, or None")
 
     def fit(self, data: Dataset) -> StateSpaceModel:
         """Model of all outputs from all inputs of ``data``; experiments are never joined.

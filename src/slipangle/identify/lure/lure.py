@@ -10,13 +10,14 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import IdentifiabilityWarning, ParameterError, SlipangleError
+from slipangle.fields import Checked, Count, Within
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.prediction import shrunk
 from slipangle.identify.linear.statespace import StateSpace
@@ -38,7 +39,7 @@ _SETTLED = 0.01  # relative change of the error's variance that ends this
 
 
 @dataclass(frozen=True, kw_only=True)
-class Lure:
+class Lure(Checked):
     """Free-run fit of a `LureModel` from the best linear model and the most promising of many random branches.
 
     Parameters
@@ -70,26 +71,15 @@ class Lure:
     """
 
     linear: StateSpace | StateSpaceModel
-    branches: int = 1
+    branches: Count = 1
     curve: Curve = "hardening"
-    ridge: float = 300.0
-    max_radius: float = 0.9999
-    starts: int = 500
-    carried: int = 8
+    ridge: Annotated[float, Within(0, 1e300, example="300")] = 300.0
+    max_radius: Annotated[float, Within(0, open="low", example="0.9999")] = 0.9999
+    starts: Count = 500
+    carried: Count = 8
     seed: int = 0
     memory: int = 20
     max_iterations: int = 200
-
-    def __post_init__(self) -> None:
-        if self.branches < 1 or self.starts < 1 or self.carried < 1:
-            raise ParameterError(
-                f"{self.branches} branches, {self.starts} starts and {self.carried} carried; expected at least one of "
-                "each"
-            )
-        if not 0 <= self.ridge < np.inf:
-            raise ParameterError(f"ridge is {self.ridge}; expected a finite weight of at least 0, such as 300")
-        if not self.max_radius > 0:
-            raise ParameterError(f"max_radius is {self.max_radius}; expected a positive modulus, such as 0.9999")
 
     def fit(self, data: Dataset) -> LureModel:
         """The model with the least free-run error on ``data`` and ridge; what the starts gave is in ``fit_info``.

@@ -6,11 +6,13 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.errors import ParameterError, TooShortError
+from slipangle.errors import TooShortError
+from slipangle.fields import Checked, Whole, Within
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.narx_free_run import FreeRunNARX
 from slipangle.identify.networks.problem import Stage
@@ -28,7 +30,7 @@ DISCREPANCY = NARX(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hybrid:
+class Hybrid(Checked):
     """Estimator of a `HybridModel`: the base model's free-run error, learned by a NARX network. [1]_ eq. 8-2
 
     The base model stays as it is. Whether the discrepancy helps is decided on parts of the training data that its
@@ -62,14 +64,8 @@ class Hybrid:
     base: Model
     discrepancy: NARX | FreeRunNARX = field(default_factory=lambda: DISCREPANCY)
     inputs: tuple[str, ...] | None = None
-    folds: int = 1
-    worth: float = 0.02
-
-    def __post_init__(self) -> None:
-        if self.folds < 0:
-            raise ParameterError(f"folds is {self.folds}; expected 0 (no check) or a few stretches")
-        if not 0 <= self.worth < 1:
-            raise ParameterError(f"worth is {self.worth}; expected a share from 0 to below 1, such as 0.02")
+    folds: Whole = 1
+    worth: Annotated[float, Within(0, 1, open="high", example="0.02")] = 0.02
 
     def fit(self, data: Dataset, *, progress: Progress | None = None) -> HybridModel:
         """Base model plus trained discrepancy, which is off where it did not help.

@@ -12,10 +12,11 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError
+from slipangle.fields import Checked, Count, NotNegative, Positive
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.judge.validate import restarted
 from slipangle.identify.networks.runs import Runs, side_by_side
-from slipangle.identify.networks.training import Progress, as_tuples, require_holdout, require_jax
+from slipangle.identify.networks.training import Holdout, Progress, require_jax
 from slipangle.models.black_box.networks import MLP, Activation, Scaling
 from slipangle.models.model import FitInfo, Trial
 from slipangle.models.provenance import provenance
@@ -52,7 +53,7 @@ _MARGIN = 1.2  # how far beyond the training data the state may go
 
 
 @dataclass(frozen=True, kw_only=True)
-class Joint:
+class Joint(Checked):
     """Levenberg-Marquardt on free runs of physics with a network inside: both move together.
 
     The network starts at zero correction, so every run starts at the fitted physics; ridge priors hold weights near
@@ -107,45 +108,26 @@ class Joint:
     start: NonlinearBicycle
     free: tuple[str, ...] = FREE
     corrects: Literal["derivative", "tires"] = "derivative"
-    hidden: tuple[int, ...] = (12,)
+    hidden: tuple[Count, ...] = (12,)
     activation: Activation = "tanh"
-    weight_prior: float = 1e-5
-    parameter_prior: float = 1e-4
-    also: tuple[str, ...] = ()
+    weight_prior: Positive = 1e-5
+    parameter_prior: Positive = 1e-4
+    also: tuple[Literal["v_y", "a_y"], ...] = ()
     also_weight: float = 0.15
-    restart: float | None = 5.0
-    settle: float = 1.0
-    thrown_off: float = 1.0
-    max_iterations: int = 80
-    holdout: float = 0.0
+    restart: Positive | None = 5.0
+    settle: NotNegative = 1.0
+    thrown_off: NotNegative = 1.0
+    max_iterations: Count = 80
+    holdout: Holdout = 0.0
     seeds: tuple[int, ...] = (0,)
 
     def __post_init__(self) -> None:
-        as_tuples(self, "free", "hidden", "also", "seeds")
+        super().__post_init__()
         for name in self.free:
             self.start.params.si(name)
-        if self.corrects not in ("derivative", "tires"):
-            raise ParameterError(f"corrects is '{self.corrects}'; expected 'derivative' or 'tires'")
-        if any(n < 1 for n in self.hidden) or not self.hidden:
-            raise ParameterError(f"the hidden layers are {self.hidden}; expected at least one with at least 1 neuron")
-        if not (self.weight_prior > 0 and self.parameter_prior > 0):
+        if not (self.hidden and self.seeds):
             raise ParameterError(
-                f"the priors are {self.weight_prior} and {self.parameter_prior}; expected them positive, such as 1e-6"
-            )
-        unknown = [name for name in self.also if name not in ("v_y", "a_y")]
-        if unknown:
-            raise ParameterError(f"'{unknown[0]}' cannot be fitted along; expected 'v_y' or 'a_y'")
-        require_holdout(self.holdout)
-        if self.restart is not None and not self.restart > 0:
-            raise ParameterError(f"restart is {self.restart} s; expected a positive time, or None for no restarts")
-        if not (self.settle >= 0 and self.thrown_off >= 0):
-            raise ParameterError(
-                f"settle is {self.settle} s and thrown_off {self.thrown_off}; expected neither below 0, such as 1 and 1"
-            )
-        if self.max_iterations < 1 or not self.seeds:
-            raise ParameterError(
-                f"max_iterations is {self.max_iterations} and there are {len(self.seeds)} seeds; expected at least one "
-                "of each"
+                f"hidden is {self.hidden} and seeds {self.seeds}; expected at least one hidden layer and one seed"
             )
 
     def fit(self, data: Dataset, *, progress: Progress | None = None) -> NeuralBicycle:

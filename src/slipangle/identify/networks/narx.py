@@ -5,16 +5,17 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ModelWarning, ParameterError, require_known
+from slipangle.errors import ModelWarning
+from slipangle.fields import Checked, Count
 from slipangle.identify.excitation import require_identifiable, require_independent
 from slipangle.identify.linear.lags import same_for_all
 from slipangle.identify.networks.problem import Precision, Stage
-from slipangle.identify.networks.training import Progress, as_tuples, require_holdout, require_jax, train
+from slipangle.identify.networks.training import Holdout, Progress, require_jax, train
 from slipangle.identify.networks.windows import cut, layers, scaled, training_info, window_starts
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.networks import MLP, Activation, Scaling, mlp_pass
@@ -23,7 +24,7 @@ STAGES = (Stage(horizon=1, epochs=1000), Stage(horizon=20, epochs=2000))
 
 
 @dataclass(frozen=True, kw_only=True)
-class NARX:
+class NARX(Checked):
     """NARX estimator with a multilayer perceptron. [1]_ sec. 4.2
 
     The last part of the training data is held out: its free-run error decides when to stop and which seed wins.
@@ -58,26 +59,19 @@ class NARX:
     .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
     """
 
-    na: int
-    nb: int
-    nk: int = 1
-    hidden: tuple[int, ...] = (50, 50, 50)
+    na: Count
+    nb: Count
+    nk: Count = 1
+    hidden: tuple[Count, ...] = (50, 50, 50)
     activation: Activation = "elu"
     stages: tuple[Stage, ...] = STAGES
-    holdout: float = 0.15
+    holdout: Holdout = 0.15
     seeds: tuple[int, ...] = (0,)
     precision: Precision = "single"
 
     def __post_init__(self) -> None:
         same_for_all(self, "nb", "nk")
-        as_tuples(self, "hidden", "stages", "seeds")
-        for name in ("na", "nb", "nk"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least 1")
-        if any(n < 1 for n in self.hidden):
-            raise ParameterError(f"the hidden layers are {self.hidden}; expected at least 1 neuron in each")
-        require_known(self.activation, get_args(Activation), "activation")
-        require_holdout(self.holdout)
+        super().__post_init__()
 
     def fit(self, data: Dataset, *, progress: Progress | None = None) -> NARXModel:
         """Model of all outputs from all inputs of ``data``; windows never cross the border of an experiment.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ParameterError
+from slipangle.fields import Checked, Count, Positive
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.training import Progress, require_jax
 from slipangle.models.black_box.narx import NARXModel
@@ -19,7 +19,7 @@ from slipangle.numerics.least_squares import LevenbergMarquardt, cholesky
 
 
 @dataclass(frozen=True, kw_only=True)
-class FreeRunNARX:
+class FreeRunNARX(Checked):
     """Levenberg-Marquardt on the free-run error of a NARX network, with a ridge prior on its weights.
 
     For networks of up to a few hundred weights. The derivatives of the whole free run are exact, so a few dozen steps
@@ -42,15 +42,8 @@ class FreeRunNARX:
     """
 
     start: NARX
-    weight_prior: float = 6e-3
-    max_iterations: int = 50
-
-    def __post_init__(self) -> None:
-        if not self.weight_prior > 0 or self.max_iterations < 1:
-            raise ParameterError(
-                f"weight_prior is {self.weight_prior} and max_iterations is {self.max_iterations}; expected a positive "
-                "number and at least 1"
-            )
+    weight_prior: Positive = 6e-3
+    max_iterations: Count = 50
 
     def fit(self, data: Dataset, *, progress: Progress | None = None) -> NARXModel:
         """The model of the seed whose free run over the training data has the smallest error.

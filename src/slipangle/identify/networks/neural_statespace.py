@@ -5,15 +5,16 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ModelWarning, ParameterError, require_known
+from slipangle.errors import ModelWarning
+from slipangle.fields import Checked, Count, Whole
 from slipangle.identify.excitation import require_identifiable, require_independent
 from slipangle.identify.networks.problem import Precision, Stage
-from slipangle.identify.networks.training import Progress, as_tuples, require_holdout, require_jax, train
+from slipangle.identify.networks.training import Holdout, Progress, require_jax, train
 from slipangle.identify.networks.windows import cut, layers, scaled, training_info, window_starts
 from slipangle.models.black_box.networks import MLP, Activation, Scaling, mlp_pass
 from slipangle.models.black_box.neural_statespace import NeuralStateSpaceModel
@@ -23,7 +24,7 @@ GAIN_STAGES = (Stage(horizon=40, epochs=300, learning_rate=1e-2),)
 
 
 @dataclass(frozen=True, kw_only=True)
-class NeuralStateSpace:
+class NeuralStateSpace(Checked):
     """Estimator of a neural state space. [1]_
 
     The loss is the error of free runs over short windows, each started by the encoder. The last part of the training
@@ -66,30 +67,22 @@ class NeuralStateSpace:
        Proc. 3rd Conference on Learning for Dynamics and Control, 2021.
     """
 
-    order: int
-    lags: int = 0
-    hidden: tuple[int, ...] = (32, 32)
-    emission_hidden: tuple[int, ...] = ()
+    order: Count
+    lags: Whole = 0
+    hidden: tuple[Count, ...] = (32, 32)
+    emission_hidden: tuple[Count, ...] = ()
     activation: Activation = "tanh"
     feedthrough: bool = False
     stages: tuple[Stage, ...] = STAGES
     gain_stages: tuple[Stage, ...] = GAIN_STAGES
-    holdout: float = 0.15
+    holdout: Holdout = 0.15
     seeds: tuple[int, ...] = (0,)
     precision: Precision = "single"
 
     def __post_init__(self) -> None:
-        as_tuples(self, "hidden", "emission_hidden", "stages", "gain_stages", "seeds")
-        if self.order < 1:
-            raise ParameterError(f"order is {self.order}; expected a whole number of at least 1")
-        if self.lags < 0:
-            raise ParameterError(f"lags is {self.lags}; expected at least 1 sample, or 0 for 2 order + 1")
+        super().__post_init__()
         if self.lags == 0:
             object.__setattr__(self, "lags", 2 * self.order + 1)
-        if any(n < 1 for n in (*self.hidden, *self.emission_hidden)):
-            raise ParameterError(f"a hidden layer of {self.hidden}, {self.emission_hidden} has no neuron")
-        require_known(self.activation, get_args(Activation), "activation")
-        require_holdout(self.holdout)
 
     def fit(self, data: Dataset, *, progress: Progress | None = None) -> NeuralStateSpaceModel:
         """Model of all outputs from all inputs of ``data``; windows never cross the border of an experiment.

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
-from slipangle.errors import ParameterError
+from slipangle.fields import Checked, Count, NotNegative, Within
 
 Precision = Literal["single", "double"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stage:
+class Stage(Checked):
     """One stage of training by Adam with a cosine decay of the learning rate.
 
     Parameters
@@ -41,21 +41,12 @@ class Stage:
     .. [2] I. Loshchilov, F. Hutter, Decoupled weight decay regularization, ICLR 2019.
     """
 
-    horizon: int = 1
-    epochs: int = 2000
-    learning_rate: float = 1e-3
-    batch: int = 100
-    patience: int = 1000
-    weight_decay: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name in ("horizon", "epochs", "batch", "patience"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least 1")
-        if not self.learning_rate > 0:
-            raise ParameterError(f"learning_rate is {self.learning_rate}; expected a positive number, such as 1e-3")
-        if not self.weight_decay >= 0:
-            raise ParameterError(f"weight_decay is {self.weight_decay}; expected 0 or a small positive number")
+    horizon: Count = 1
+    epochs: Count = 2000
+    learning_rate: Annotated[float, Within(0, open="low", example="1e-3")] = 1e-3
+    batch: Count = 100
+    patience: Count = 1000
+    weight_decay: NotNegative = 0.0
 
 
 class Problem(Protocol):

@@ -9,36 +9,25 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from slipangle.errors import ParameterError, TooShortError
 from slipangle.extras import extra
+from slipangle.fields import Within
 from slipangle.identify.networks.problem import Precision, Problem, Stage
 from slipangle.models.model import Trial
 
 Progress = Callable[[float, str], None]  # share done (0 to 1), what is being done
+Holdout = Annotated[float, Within(0, 0.5, example="0.15")]  # share of the training data
 CHECK_EVERY = 50  # epochs between two free runs on the held-out part, fewer in short stages
-
-
-def as_tuples(settings: Any, *names: str) -> None:
-    """Make tuples of an estimator's settings that may be given as lists, ranges or single values."""
-    for name in names:
-        given = getattr(settings, name)
-        object.__setattr__(settings, name, tuple(given) if isinstance(given, (tuple, list, range)) else (given,))
 
 
 def require_jax(job: str) -> None:
     """Raise `ConfigError` with what to install unless JAX and Optax are there."""
     for module in ("jax", "optax"):
         extra(module, "neural", job)
-
-
-def require_holdout(holdout: float) -> None:
-    """Raise `ParameterError` unless the held-out share of the training data is from 0 to 0.5."""
-    if not 0 <= holdout <= 0.5:
-        raise ParameterError(f"holdout is {holdout}; expected a share from 0 to 0.5, such as 0.15")
 
 
 @dataclass(frozen=True, kw_only=True)
