@@ -16,7 +16,7 @@ from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
-from slipangle.models.model import Model
+from slipangle.models.model import Model, derived
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.wrappers.on_ground import POSE
 from slipangle.ops import Vector, concatenate
@@ -51,28 +51,28 @@ class SideBySide(Model):
                 f"{b.outputs}; expected the same ones"
             )
 
-    @property
-    def dt(self) -> float:  # type: ignore[override]
+    @derived
+    def dt(self) -> float:
         """Sample time. [s]"""
         return self.first.dt
 
-    @property
-    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def inputs(self) -> tuple[str, ...]:
         """Inputs of both."""
         return self.first.inputs
 
-    @property
-    def outputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def outputs(self) -> tuple[str, ...]:
         """Outputs of the first."""
         return self.first.outputs
 
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def states(self) -> tuple[str, ...]:
         """States of the first, then of the second with a prime."""
         return (*self.first.states, *(f"{n}'" for n in self.second.states))
 
-    @property
-    def memory(self) -> int:  # type: ignore[override]
+    @derived
+    def memory(self) -> int:
         """Samples a free run starts from."""
         return max(self.first.memory, self.second.memory)
 

@@ -97,12 +97,12 @@ class NamedParams(ParameterSet):
             return self.values[names.index(name)]
         raise AttributeError(f"there is no parameter '{name}'; {nearest(name, names)}")
 
-    def metadata(self) -> dict[str, SI]:  # type: ignore[override]
+    def metadata(self) -> dict[str, SI]:  # type: ignore[override]  # of this set, not of the class
         """`SI` of every parameter, in order."""
         rows = zip(self.names, self.units, self.docs, self.lower, self.upper, strict=True)
         return {name: SI(unit, doc, lower, upper) for name, unit, doc, lower, upper in rows}
 
-    def si(self, name: str) -> SI:  # type: ignore[override]
+    def si(self, name: str) -> SI:  # type: ignore[override]  # of this set, not of the class
         """`SI` of one parameter."""
         known = self.metadata()
         if name not in known:

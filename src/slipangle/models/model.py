@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import abc
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any, NoReturn, final
@@ -217,6 +217,14 @@ def without_caches(thing: Any) -> dict[str, Any]:
     """Attributes of an object without the values of its cached properties, such as compiled functions."""
     kind = type(thing)
     return {k: v for k, v in vars(thing).items() if not isinstance(getattr(kind, k, None), cached_property)}
+
+
+def derived(get: Callable[[Any], Any]) -> Any:
+    """A property in place of an attribute that the base class declares: a wrapper's ``dt`` is that of what it wraps.
+
+    What it is for others stands in the base class, so type checkers take the declaration there.
+    """
+    return property(get)
 
 
 class Model(abc.ABC):

@@ -215,7 +215,7 @@ class PurePursuit(PathFollower):
     shortest: float = 4.0
 
     @cached_property
-    def model(self) -> Model:  # type: ignore[override]
+    def model(self) -> Model:  # type: ignore[override]  # made once
         """Kinematic: only the pose counts."""
         return Kinematic(params=self.params, dt=self.dt)
 
@@ -264,7 +264,7 @@ class Stanley(PathFollower):
     damping: float = 0.2
 
     @cached_property
-    def model(self) -> Model:  # type: ignore[override]
+    def model(self) -> Model:  # type: ignore[override]  # made once
         """A car with a yaw rate and a pose."""
         return posed_bicycle(self.params, self.dt)
 

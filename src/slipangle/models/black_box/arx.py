@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from slipangle.errors import ParameterError
 from slipangle.models.black_box import arx_code
 from slipangle.models.black_box.lagged import LaggedModel
-from slipangle.models.model import FitInfo
+from slipangle.models.model import FitInfo, derived
 from slipangle.models.parameters import require_few_lags
 from slipangle.ops import Vector, matmul
 
@@ -73,13 +73,13 @@ class ARXModel(LaggedModel):
             value.setflags(write=False)
             object.__setattr__(self, key, value)
 
-    @property
-    def na(self) -> int:  # type: ignore[override]
+    @derived
+    def na(self) -> int:
         """Past outputs used."""
         return len(self.A)
 
-    @property
-    def nb(self) -> int:  # type: ignore[override]
+    @derived
+    def nb(self) -> int:
         """Inputs used."""
         return len(self.B)
 

@@ -8,7 +8,7 @@ from typing import final
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.models.model import Model
+from slipangle.models.model import Model, derived
 from slipangle.ops import Vector, concatenate
 
 
@@ -39,13 +39,13 @@ class LaggedModel(Model):
         """Whether the output depends on the input at the same sample."""
         return self.nk == 0
 
-    @property
-    def memory(self) -> int:  # type: ignore[override]
+    @derived
+    def memory(self) -> int:
         """Samples a free run starts from."""
         return max(self.na, self.nb + self.nk - 1) + self.direct
 
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def states(self) -> tuple[str, ...]:
         """Lagged outputs, then lagged inputs; with ``nk = 0`` then the output errors."""
         first = int(self.direct)
         past_y = [_lag(n, i + first) for i in range(self.na) for n in self.outputs]

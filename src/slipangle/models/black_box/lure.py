@@ -11,7 +11,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, nearest
-from slipangle.models.model import FitInfo, Model
+from slipangle.models.model import FitInfo, Model, derived
 from slipangle.ops import Vector, is_symbolic, matmul, tanh
 
 Curve = Literal["hardening", "saturation"]
@@ -98,8 +98,8 @@ class LureModel(Model):
         """Spectral radius of the dynamics far from rest; below 1, no bounded input makes the free run diverge."""
         return float(np.abs(np.linalg.eigvals(far_out(self.curve, self.A, self.E, self.W))).max())
 
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def states(self) -> tuple[str, ...]:
         """``x0``, ``x1``, ..."""
         return tuple(f"x{i}" for i in range(self.order))
 

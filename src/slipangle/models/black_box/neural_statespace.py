@@ -16,7 +16,7 @@ from slipangle.codegen.network import aligned, emit_forward, packed
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError
 from slipangle.models.black_box.networks import MLP, Network
-from slipangle.models.model import FitInfo, Model
+from slipangle.models.model import FitInfo, Model, derived
 from slipangle.ops import Vector, concatenate, matmul
 
 _BLOCK = 4096  # samples per matrix product; keeps the layers in the cache
@@ -104,13 +104,13 @@ class NeuralStateSpaceModel(Model):
             f"outputs={self.outputs}, {weights} weights)"
         )
 
-    @property
-    def memory(self) -> int:  # type: ignore[override]
+    @derived
+    def memory(self) -> int:
         """Samples a free run starts from."""
         return self.lags
 
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def states(self) -> tuple[str, ...]:
         """``x0``, ``x1``, ...."""
         return tuple(f"x{i}" for i in range(self.transition.n_outputs))
 

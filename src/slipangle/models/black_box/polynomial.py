@@ -11,7 +11,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.models.black_box.statespace import StateSpaceModel
-from slipangle.models.model import FitInfo, Model
+from slipangle.models.model import FitInfo, Model, derived
 from slipangle.models.parameters import require_few_lags
 from slipangle.ops import Vector
 
@@ -111,8 +111,8 @@ class PolynomialModel(Model):
             outputs=self.outputs,
         )
 
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def states(self) -> tuple[str, ...]:
         """Those of the realisation."""
         return self.realisation.states
 

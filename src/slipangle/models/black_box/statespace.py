@@ -11,7 +11,7 @@ from scipy import linalg
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
-from slipangle.models.model import FitInfo, Model
+from slipangle.models.model import FitInfo, Model, derived
 from slipangle.numerics.linear_response import LTI
 from slipangle.ops import Vector, concatenate, matmul
 
@@ -104,8 +104,8 @@ class StateSpaceModel(Model):
         """Length of x."""
         return len(self.A)
 
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def states(self) -> tuple[str, ...]:
         """``x0``, ``x1``, ...; then the innovations ``e_<output>`` where A is singular."""
         own = tuple(f"x{i}" for i in range(self.order))
         return own if self._gain is not None else (*own, *(f"e_{o}" for o in self.outputs))

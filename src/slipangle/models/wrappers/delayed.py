@@ -11,7 +11,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, nearest
-from slipangle.models.model import FitInfo, Model
+from slipangle.models.model import FitInfo, Model, derived
 from slipangle.models.ode import OdeModel, Parametrised
 from slipangle.models.parameters import require_few_lags
 from slipangle.ops import Scalar, Vector, concatenate, fabs, is_symbolic, is_traced, stack, where
@@ -109,18 +109,18 @@ class Delayed(Parametrised, Model):
 
     # ---- what a Model has --------------------------------------------------------------------------------------
 
-    @property
-    def dt(self) -> float:  # type: ignore[override]
+    @derived
+    def dt(self) -> float:
         """Sample time. [s]"""
         return self.model.dt
 
-    @property
-    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def inputs(self) -> tuple[str, ...]:
         """Inputs of the ODE, as logged."""
         return tuple(self.model.inputs)
 
-    @property
-    def outputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def outputs(self) -> tuple[str, ...]:
         """Outputs of the ODE."""
         return tuple(self.model.outputs)
 
@@ -129,13 +129,13 @@ class Delayed(Parametrised, Model):
         """Past samples kept of each delayed input."""
         return math.ceil(self.longest / self.dt - 1e-9) + 1
 
-    @property
-    def memory(self) -> int:  # type: ignore[override]
+    @derived
+    def memory(self) -> int:
         """Samples that `initial_state` reads: the past of the inputs."""
         return self.n_past + 1
 
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def states(self) -> tuple[str, ...]:
         """States of the ODE, then the past of each delayed input, newest first."""
         past = [f"{name}(k-{j})" for name in self.delays for j in range(1, self.n_past + 1)]
         return (*self.model.states, *past)
@@ -187,8 +187,8 @@ class Delayed(Parametrised, Model):
         """What the late inputs drive."""
         return self.model
 
-    @property
-    def params(self) -> Any:  # type: ignore[override]
+    @derived
+    def params(self) -> Any:
         """Parameters of the ODE."""
         return self.model.params
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
-from slipangle.models.model import FitInfo, Model
+from slipangle.models.model import FitInfo, Model, derived
 from slipangle.models.wrappers.hybrid import run_up
 from slipangle.ops import Vector, concatenate, stack
 
@@ -49,28 +49,28 @@ class EnsembleModel(Model):
                     f"{first.dt:g} s; expected the same of all: fit them to the same data"
                 )
 
-    @property
-    def dt(self) -> float:  # type: ignore[override]
+    @derived
+    def dt(self) -> float:
         """Sample time. [s]"""
         return self.members[0].dt
 
-    @property
-    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def inputs(self) -> tuple[str, ...]:
         """Of every member, in the order they first occur."""
         return tuple(dict.fromkeys(name for member in self.members for name in member.inputs))
 
-    @property
-    def outputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def outputs(self) -> tuple[str, ...]:
         """Of every member."""
         return self.members[0].outputs
 
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def states(self) -> tuple[str, ...]:
         """Every member's, numbered."""
         return tuple(f"{k}: {name}" for k, member in enumerate(self.members) for name in member.states)
 
-    @property
-    def memory(self) -> int:  # type: ignore[override]
+    @derived
+    def memory(self) -> int:
         """The longest of the members'."""
         return max(member.memory for member in self.members)
 

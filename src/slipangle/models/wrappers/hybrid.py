@@ -9,7 +9,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import MissingColumnError, ParameterError, nearest
 from slipangle.models.black_box.narx import NARXModel
-from slipangle.models.model import FitInfo, Model
+from slipangle.models.model import FitInfo, Model, derived
 from slipangle.ops import Vector, concatenate, stack
 
 
@@ -58,29 +58,29 @@ class HybridModel(Model):
         if not 0 <= self.gain <= 1:
             raise ParameterError(f"the gain is {self.gain}; expected 0 (discrepancy off) to 1")
 
-    @property
-    def dt(self) -> float:  # type: ignore[override]
+    @derived
+    def dt(self) -> float:
         """Sample time. [s]"""
         return self.base.dt
 
-    @property
-    def outputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def outputs(self) -> tuple[str, ...]:
         """The base model's."""
         return self.base.outputs
 
-    @property
-    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def inputs(self) -> tuple[str, ...]:
         """The base model's, then those that only the discrepancy takes."""
         return (*self.base.inputs, *(n for n in self.discrepancy.inputs if n not in self.base.inputs))
 
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def states(self) -> tuple[str, ...]:
         """The base model's states, then the discrepancy's; a base state that is an output is marked as uncorrected."""
         own = (f"base {n}" if n in self.outputs else n for n in self.base.states)
         return (*own, *(f"discrepancy {n}" for n in self.discrepancy.states))
 
-    @property
-    def memory(self) -> int:  # type: ignore[override]
+    @derived
+    def memory(self) -> int:
         """Samples a free run starts from; the base model's where the discrepancy is off."""
         return max(self.base.memory, self.discrepancy.memory) if self.gain > 0 else self.base.memory
 
@@ -190,28 +190,28 @@ class OffsetModel(Model):
                         f"the model has no channel '{name}' to shift; {nearest(name, known)}: use one of these names"
                     )
 
-    @property
-    def dt(self) -> float:  # type: ignore[override]
+    @derived
+    def dt(self) -> float:
         """Sample time. [s]"""
         return self.model.dt
 
-    @property
-    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def inputs(self) -> tuple[str, ...]:
         """The model's."""
         return self.model.inputs
 
-    @property
-    def outputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def outputs(self) -> tuple[str, ...]:
         """The model's."""
         return self.model.outputs
 
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def states(self) -> tuple[str, ...]:
         """The model's."""
         return self.model.states
 
-    @property
-    def memory(self) -> int:  # type: ignore[override]
+    @derived
+    def memory(self) -> int:
         """The model's."""
         return self.model.memory
 

@@ -13,7 +13,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.models.black_box.arx import ARXModel
-from slipangle.models.model import Model
+from slipangle.models.model import Model, derived
 from slipangle.ops import Scalar, Vector, clip, concatenate, matmul
 
 Shape = Literal["triangular", "smooth"]
@@ -90,18 +90,18 @@ class _Blend(Model):
                     f"{first.outputs} and {other.outputs}; expected the same: identify all of them alike"
                 )
 
-    @property
-    def dt(self) -> float:  # type: ignore[override]
+    @derived
+    def dt(self) -> float:
         """Sample time of the models. [s]"""
         return self.models[0].dt
 
-    @property
-    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def inputs(self) -> tuple[str, ...]:
         """Input of the models, then v_x."""
         return (*self.models[0].inputs, "v_x")
 
-    @property
-    def outputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def outputs(self) -> tuple[str, ...]:
         """Outputs of the models."""
         return self.models[0].outputs
 
@@ -115,8 +115,8 @@ class _Blend(Model):
         """Samples that past inputs reach back, the most that a model uses."""
         return max(m.nb + m.nk - 1 for m in self.models)
 
-    @property
-    def memory(self) -> int:  # type: ignore[override]
+    @derived
+    def memory(self) -> int:
         """Samples a free run starts from."""
         return max(self.na, self.reach)
 
@@ -167,8 +167,8 @@ class MultiARXModel(_Blend):
     input and the speed v_x [m/s].
     """
 
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def states(self) -> tuple[str, ...]:
         """Lagged outputs, then lagged inputs."""
         past = [n if i == 0 else f"{n}[k-{i}]" for i in range(self.na) for n in self.outputs]
         return (*past, *self._past_inputs)
@@ -212,8 +212,8 @@ class ParallelARX(_Blend):
     .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
     """
 
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def states(self) -> tuple[str, ...]:
         """Lagged outputs of each model, then lagged inputs."""
         past = [f"{n}{j}[k-{i}]" for j in range(len(self.models)) for i in range(self.na) for n in self.outputs]
         return (*past, *self._past_inputs)

@@ -10,7 +10,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, nearest
-from slipangle.models.model import FitInfo, Model
+from slipangle.models.model import FitInfo, Model, derived
 from slipangle.ops import Scalar, Vector, concatenate, cos, sin, stack, tan
 
 POSE = ("X", "Y", "psi")
@@ -73,36 +73,36 @@ class OnGround(Model):
 
     # ---- what a Model has --------------------------------------------------------------------------------------
 
-    @property
-    def dt(self) -> float:  # type: ignore[override]
+    @derived
+    def dt(self) -> float:
         """Sample time of the base model. [s]"""
         return self.model.dt
 
-    @property
-    def memory(self) -> int:  # type: ignore[override]
+    @derived
+    def memory(self) -> int:
         """Samples that `initial_state` reads."""
         return self.model.memory
 
-    @property
-    def fit_info(self) -> FitInfo | None:  # type: ignore[override]
+    @derived
+    def fit_info(self) -> FitInfo | None:
         """How the base model was fitted."""
         return self.model.fit_info
 
-    @property
-    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def inputs(self) -> tuple[str, ...]:
         """Inputs of the base model, and v_x where it has no speed."""
         base = self.model
         if "v_x" in (*base.states, *base.inputs, *base.outputs):
             return tuple(base.inputs)
         return (*base.inputs, "v_x")
 
-    @property
-    def states(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def states(self) -> tuple[str, ...]:
         """States of the base model, then X, Y, psi."""
         return (*self.model.states, *POSE)
 
-    @property
-    def outputs(self) -> tuple[str, ...]:  # type: ignore[override]
+    @derived
+    def outputs(self) -> tuple[str, ...]:
         """Outputs of the base model, then X, Y, psi."""
         return (*self.model.outputs, *POSE)
 
