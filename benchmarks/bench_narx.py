@@ -105,7 +105,7 @@ def free_runs(progress: Progress) -> list[Record]:
 def virtual_machine(model: NARXModel, data: Dataset) -> np.ndarray:
     """The same model on CasADi's virtual machine."""
     x0 = model.initial_state(data.head(3))
-    return np.concatenate([data["y"][:3], Model._free_run(model, x0, data.u[2:])[:, 0]])
+    return np.concatenate([data["y"][:3], Model.free_run(model, x0, data.u[2:])[:, 0]])
 
 
 def numpy_loop(model: NARXModel, u: np.ndarray) -> np.ndarray:

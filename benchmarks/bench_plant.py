@@ -14,7 +14,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from slipangle.codegen.compiler import sentence
-from slipangle.models.model import roll_out
+from slipangle.models.fast import roll_out
 from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.report.records import Record

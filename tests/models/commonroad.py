@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from slipangle.models.model import roll_out
+from slipangle.models.fast import roll_out
 from slipangle.models.tires.simple import Tire, TireForces, practical_slip
 from slipangle.models.vehicles.catalogue import BMW_320I
 from slipangle.models.vehicles.driveline import Brakes, Differential, Driveline, Engine, Steering

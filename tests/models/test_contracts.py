@@ -11,6 +11,7 @@ from slipangle.errors import MissingColumnError, SampleTimeError, SimulationErro
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.networks import MLP
+from slipangle.models.fast import FastPaths, roll_out
 from slipangle.models.wrappers.multi_arx import ParallelARX
 from tests.models.all_models import ALL_MODELS, SIZE, typical
 
@@ -89,6 +90,22 @@ def test_free_run_is_repeated_step(model):
         x = model.step(x, u[k - 1])
         assert run.y[k] == pytest.approx(model.output(x, u[k]), rel=1e-9, abs=1e-9)
     assert run.predicted.sum() == data.n_samples - m
+
+
+@EVERY
+def test_fast_paths_give_what_the_defaults_give(model):
+    """A model may override how it is run, never what comes out."""
+    pairs = [typical(model, seed) for seed in range(4)]
+    x, u = (np.stack(z) for z in zip(*pairs, strict=True))
+    y = np.stack([np.asarray(model.output(a, b)).ravel() for a, b in pairs]) * 1.01
+    close = {"rel": 1e-9, "abs": 1e-9}
+    assert model.advance(x, u) == pytest.approx(FastPaths.advance(model, x, u), **close)
+    assert model.track(x[0], u, y) == pytest.approx(FastPaths.track(model, x[0], u, y), **close)
+    out = np.empty((3, model.n_outputs))
+    free = model.free_run(x[0], u, out)
+    assert free == pytest.approx(FastPaths.free_run(model, x[0], u), **close)
+    if model.steps is not None:
+        assert model.steps.run(x[0], u[:3])[1:] == pytest.approx(roll_out(model.functions[0], x[0], u[:3])[1:], **close)
 
 
 @EVERY

@@ -400,14 +400,17 @@ def _filter(settings: EKF, scales: _Scales) -> ca.Function:
         return replace(model, params=model.params.with_values(**named), fit_info=None)
 
     nq = n - nx
-    step = discretise(
-        lambda x, drive: at(drive[nu:]).derivative(x, drive[:nu]),
-        model.dt,
-        n_states=nx,
-        n_inputs=nu + nq,
-        method=model.method,
-        substeps=model.substeps,
-    )
+    if model.own_step:
+        step: Any = lambda x, drive: at(drive[nu:]).step(x, drive[:nu])  # noqa: E731
+    else:
+        step = discretise(
+            lambda x, drive: at(drive[nu:]).derivative(x, drive[:nu]),
+            model.dt,
+            n_states=nx,
+            n_inputs=nu + nq,
+            method=model.method,
+            substeps=model.substeps,
+        )
     moved = ca.vertcat(step(z[:nx], ca.vertcat(before, z[nx:])), z[nx:])
     F = ca.jacobian(moved, z)
     process = [settings.process_std.get(name, 0.0) for name in model.states]

@@ -7,7 +7,7 @@ import abc
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, NoReturn, final
 
 import casadi as ca
@@ -15,6 +15,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooShortError
+from slipangle.models.fast import FastPaths, evaluate
 from slipangle.models.plausible import astray
 from slipangle.models.provenance import Fingerprint
 from slipangle.ops import Vector
@@ -227,13 +228,13 @@ def derived(get: Callable[[Any], Any]) -> Any:
     return property(get)
 
 
-class Model(abc.ABC):
+class Model(FastPaths, abc.ABC):
     """A discrete-time state space: everything that can be identified, validated and controlled with.
 
     Subclasses are frozen and supply `initial_state`, `step` and `output`; the last two must work on
     numbers and on CasADi symbols (write them with `slipangle.ops`). The state ``x`` at a sample belongs
     to that sample: ``y[k] = output(x[k], u[k])`` and ``x[k+1] = step(x[k], u[k])``. A model that can take in
-    measurements overrides `correct`.
+    measurements overrides `correct`; one that does something faster than by its step, what `FastPaths` asks.
 
     Attributes
     ----------
@@ -331,26 +332,6 @@ class Model(abc.ABC):
                     f"{self.memory}; expected more: leave that experiment out or record longer"
                 )
 
-    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """Outputs at every row of ``u`` after the first, which belongs to ``x0``; linear models have a faster way."""
-        step, output, _ = self.functions
-        return evaluate(output, roll_out(step, x0, u[:-1])[1:], u[1:])
-
-    def _free_run_into(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> None:
-        """Write `_free_run` to ``y``; models that can do so without an array in between override this."""
-        y[:] = self._free_run(x0, u)
-
-    def _track(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """States at every row after the first, which belongs to ``x0``, each given the outputs of the rows before."""
-        step, _, correct = self.functions
-        x, now, seen = (ca.MX.sym(n, k) for n, k in (("x", self.n_states), ("u", self.n_inputs), ("y", self.n_outputs)))
-        observe = ca.Function("observe", [x, ca.vertcat(now, seen)], [step(correct(x, now, seen), now)])
-        return roll_out(observe, np.asarray(step(x0, u[0])).ravel(), np.hstack([u, y])[1:-1])
-
-    def _advance(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """One step from many states at once, rows are samples."""
-        return evaluate(self.functions[0], x, u)
-
     @final
     def simulate(self, data: Dataset, *, start: Sequence[np.ndarray] | None = None) -> Trajectory:
         """Free run: from the first `memory` samples on, only the inputs are used.
@@ -396,7 +377,9 @@ class Model(abc.ABC):
                 x0 = np.asarray(start[i], dtype=float)
             y[a : a + m], mask[a : a + m] = measured[a : a + m], False
             free = y[a + m : b]
-            self._free_run_into(x0, u[a + m - 1 : b], free)
+            run = self.free_run(x0, u[a + m - 1 : b], free)
+            if run is not free:
+                free[:] = run
             with np.errstate(over="ignore", invalid="ignore"):
                 if np.isfinite(free.sum()):  # one pass; a sum may overflow where no entry does
                     continue
@@ -409,8 +392,7 @@ class Model(abc.ABC):
         """Say at which sample of the experiment from row ``first`` on, in which output and why."""
         gone = ~np.isfinite(y)
         names = ", ".join(f"'{name}'" for name, bad in zip(self.outputs, gone, strict=True) if bad)
-        poles = getattr(self, "poles", None)
-        size = 0.0 if poles is None or not len(poles) else float(np.abs(poles).max())
+        size = 0.0 if self.poles is None or not len(self.poles) else float(np.abs(self.poles).max())
         why = (
             f"it has a pole of modulus {size:.6g}, so it grows by that factor per sample"
             if size > 1
@@ -457,9 +439,9 @@ class Model(abc.ABC):
             m = self.memory
             x0 = np.asarray(self.initial_state(part.head(m)), dtype=float)
             u = part.u
-            states = self._track(x0, u[m - 1 :], part.y[m - 1 :])
+            states = self.track(x0, u[m - 1 :], part.y[m - 1 :])
             for k in range(steps - 1):
-                states = self._advance(states[:-1], u[m + k : m + k + len(states) - 1])
+                states = self.advance(states[:-1], u[m + k : m + k + len(states) - 1])
             first = m + steps - 1
             predicted = evaluate(output, states, u[first:])
             bad = ~np.isfinite(predicted).all(axis=1)
@@ -493,58 +475,3 @@ class Model(abc.ABC):
             starts=data.starts,
             astray=said,
         )
-
-
-def roll_out(step: ca.Function, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """States from repeated steps, shape (n + 1, n_states), the first being ``x0``."""
-    x = np.empty((len(u) + 1, len(x0)))
-    x[0] = x0
-    if len(u) == 0:
-        return x
-    chunk = 256  # samples per call of the virtual machine
-    now = np.array(x0, dtype=float)
-    inputs = np.empty((chunk, u.shape[1]))
-    out = np.empty((chunk, len(x0)))
-    run = _bind(_repeated(step, chunk), [now, inputs], out)
-    for done in range(0, len(u), chunk):
-        n = min(chunk, len(u) - done)
-        inputs[:n] = u[done : done + n]
-        inputs[n:] = inputs[n - 1]
-        run()
-        x[done + 1 : done + 1 + n] = out[:n]
-        now[:] = out[n - 1]
-    return x
-
-
-def evaluate(function: ca.Function, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-    """``function(x, u)`` at every row, shape (n, n_out)."""
-    n = len(x)
-    out = np.empty((n, function.size1_out(0)))
-    if n:
-        arguments = [np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(u, dtype=float)]
-        _bind(_mapped(function, n), arguments, out)()
-    return out
-
-
-@lru_cache(maxsize=32)
-def _repeated(step: ca.Function, count: int) -> ca.Function:
-    """``count`` steps in a row; making one takes longer than running it."""
-    return step.mapaccum("roll_out", count, {"base": 4})
-
-
-@lru_cache(maxsize=32)
-def _mapped(function: ca.Function, count: int) -> ca.Function:
-    return function.map(count)
-
-
-def _bind(function: Any, arguments: list[np.ndarray], result: np.ndarray) -> Any:
-    """A call that reads the argument arrays and writes the result array in place (rows are samples)."""
-    buffer, run = function.buffer()
-    for i, array in enumerate(arguments):
-        buffer.set_arg(i, array.data)
-    buffer.set_res(0, result.data)
-
-    def call(keep: Any = (buffer, function)) -> None:  # they must outlive the call
-        run()
-
-    return call

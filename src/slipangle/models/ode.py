@@ -12,6 +12,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, nearest
+from slipangle.models.fast import Steps
 from slipangle.models.model import FitInfo, Model
 from slipangle.numerics.integrate import Method, Step, discretise
 from slipangle.ops import Scalar, Vector, stack
@@ -19,7 +20,11 @@ from slipangle.units import SI
 
 
 class Parametrised:
-    """Mixin of models made of an ODE and named parameters; `GreyBox` and `Collocation` fit these.
+    """Mixin of models with named parameters: what fits ask for. `GreyBox`, `EKF` and `Collocation` fit these.
+
+    `with_values` takes symbols too. Where the step is no more than an integrator over `OdeModel.derivative`
+    (`OdeModel.own_step` is false), derivatives by parameters are those of the derivative, in compiled code; of any
+    other step they are differences, in compiled code where `OdeModel.steps_with` has some.
 
     A wrapper that changes what drives the ODE overrides `ode`, `drive_rows` and `drive`, and `si`, `value` and
     `with_values` for parameters of its own.
@@ -109,6 +114,7 @@ class OdeModel(Parametrised, Model):
     """
 
     max_step: ClassVar[float] = 0.01
+    own_step: ClassVar[bool] = False  # more than the integrator over `derivative`; set where a class has a `step`
     several_minima: ClassVar[bool] = False  # of its free-run error over its parameters; a fit then tries many starts
 
     params: Any
@@ -117,6 +123,12 @@ class OdeModel(Parametrised, Model):
     method: Method = "rk4"
     substeps: int = 0
     fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        own = vars(cls)
+        if "own_step" not in own and ("step" in own or "_step" in own):
+            cls.own_step = True
 
     def __post_init__(self) -> None:
         if not self.dt > 0:
@@ -151,6 +163,13 @@ class OdeModel(Parametrised, Model):
             method=self.method,
             substeps=self.substeps,
         )
+
+    def steps_with(self, names: tuple[str, ...]) -> Steps | None:
+        """Compiled steps whose inputs are followed by values of these parameters; None where there are none.
+
+        Asked for by fits of a model that has a step of its own, see `own_step`.
+        """
+        return None
 
     def step(self, x: Vector, u: Vector) -> Vector:
         """State one sample later, inputs held."""

@@ -298,7 +298,7 @@ class IpoptEngine:
 def _collocation(ocp: OCP) -> ca.Function | None:
     """``(x, z, u, w) -> residual`` of a model with one step of Radau IIA per sample, see `radau_equations`."""
     model = ocp.model
-    if not (isinstance(model, OdeModel) and model.method == "radau" and model.substeps == 1):
+    if not isinstance(model, OdeModel) or model.own_step or model.method != "radau" or model.substeps != 1:
         return None
     try:
         equations = radau_equations(model.derivative, model.dt, model.n_states, model.n_inputs)

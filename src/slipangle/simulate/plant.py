@@ -10,7 +10,8 @@ import casadi as ca
 import numpy as np
 
 from slipangle.errors import ParameterError
-from slipangle.models.model import Model, evaluate
+from slipangle.models.fast import evaluate
+from slipangle.models.model import Model
 from slipangle.optimal.terms import Values, require_names
 from slipangle.simulate.sensors import Sensors, Stream
 
@@ -21,24 +22,6 @@ class RollsStraight(Protocol):
 
     def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
         """State at a speed [m/s] and pose [m, m, rad]."""
-        ...
-
-
-@runtime_checkable
-class Compiled(Protocol):
-    """A model whose step exists as compiled code, such as `DualTrack`."""
-
-    @property
-    def kernel(self) -> Runs | None:
-        """The code; None without a compiler."""
-        ...
-
-
-class Runs(Protocol):
-    """Compiled steps in a row."""
-
-    def run(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """States, shape (n + 1, n_states), from inputs, shape (n, n_inputs)."""
         ...
 
 
@@ -170,7 +153,7 @@ class Simulation:
         first = len(self._past)
         table = np.column_stack([commands[first - d : first - d + steps, j] for j, d in enumerate(self._delay)])
         self._past = commands[len(commands) - first :]
-        kernel = self._plant.model.kernel if isinstance(self._plant.model, Compiled) else None
+        kernel = self._plant.model.steps
         if kernel is not None:
             now, share = self.inputs, self._plant._share
             for k in range(steps):

@@ -97,11 +97,11 @@ def test_least_squares_start_of_a_linear_model_is_the_closed_form():
     data = made(80, noise=0.3)
     m = TRUE.memory
     u = data.u[m - 1 :]
-    base = TRUE._free_run(np.zeros(3), u)[:, 0]
-    columns = np.column_stack([TRUE._free_run(e, u)[:, 0] - base for e in np.eye(3)])
+    base = TRUE.free_run(np.zeros(3), u)[:, 0]
+    columns = np.column_stack([TRUE.free_run(e, u)[:, 0] - base for e in np.eye(3)])
     expected = np.linalg.lstsq(columns, data["r"][m:] - base, rcond=None)[0]
     found = initial_state(TRUE, data)
-    fitted = [TRUE._free_run(x, u) for x in (found, expected)]
+    fitted = [TRUE.free_run(x, u) for x in (found, expected)]
     assert fitted[0] == pytest.approx(fitted[1], abs=1e-7)
     run = free_run(TRUE, data, start="least squares")
     assert run.y[m:] == pytest.approx(fitted[1], abs=1e-7)
@@ -113,7 +113,7 @@ def test_least_squares_start_finds_the_state_of_a_nonlinear_model():
     model = ALL_MODELS["NARX"]
     data = record(model)
     x0 = np.array([0.2, -0.1, 0.03])
-    y = np.vstack([data.y[: model.memory], model._free_run(x0, data.u[model.memory - 1 :])])
+    y = np.vstack([data.y[: model.memory], model.free_run(x0, data.u[model.memory - 1 :])])
     own = data.with_channel("r", y[:, 0])
     assert free_run(model, own, start="least squares").error[model.memory :] == pytest.approx(0.0, abs=1e-9)
     assert np.abs(free_run(model, own).error).max() > 1e-3

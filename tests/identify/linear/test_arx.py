@@ -200,8 +200,8 @@ def test_filter_free_run_equals_the_loop(na, nb, nk, nu, c):
     data = record(900, nu)
     m = model.memory
     x0 = model.initial_state(data.head(m))
-    slow = Model._free_run(model, x0, data.u[m - 1 :])
-    assert model._free_run(x0, data.u[m - 1 :]) == pytest.approx(slow, rel=1e-10, abs=1e-10 * np.abs(slow).max())
+    slow = Model.free_run(model, x0, data.u[m - 1 :])
+    assert model.free_run(x0, data.u[m - 1 :]) == pytest.approx(slow, rel=1e-10, abs=1e-10 * np.abs(slow).max())
 
 
 def test_unstable_long_free_run_says_where():

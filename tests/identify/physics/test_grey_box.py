@@ -1,6 +1,7 @@
 """Grey-box and ARX fits recover what made the data, and their intervals are honest."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, IdentifiabilityWarning, ParameterError, TooShortError
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.physics import forward
+from slipangle.identify.physics.collocation import Collocation
 from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.vehicles.bicycle import Bicycle
@@ -239,14 +241,32 @@ def test_bad_settings_are_refused():
     with pytest.raises(ParameterError, match="start model is ARXModel; expected an ODE"):
         GreyBox(start=ARX_CASES["SISO"], free=("A",))
     car = ALL_MODELS["dual track, front drive"]
-    data = drive(car, n=50)
-    with pytest.raises(ParameterError, match="DualTrack has an integrator of its own"):
-        GreyBox(start=car, free=("mass",)).fit(data)
+    with pytest.raises(ParameterError, match=r"DualTrack has a step of its own.*GreyBox"):
+        Collocation(start=car, free=("mass",))
     still = drive(model).with_channel("delta", np.zeros(600))
     with pytest.raises(ExcitationError, match=r"input 'delta'.*constant at 0"):
         GreyBox(start=model, free=("C_f",)).fit(still)
     with pytest.raises(TooShortError, match="4 samples for 3 parameters"):
         GreyBox(start=model, free=("C_f", "C_r", "inertia_z")).fit(drive(model).head(4))
+
+
+def test_a_car_with_a_step_of_its_own_is_fitted():
+    """The dual track sticks, shifts and stops between its steps: derivatives go through those steps themselves."""
+    car = replace(ALL_MODELS["dual track, front drive"], dt=0.002, substeps=1, outputs=("v_x", "v_y", "r"))
+    n = 300
+    t = car.dt * np.arange(n)
+    inputs = {
+        "delta": 0.03 * np.sin(8 * t),
+        "throttle": 0.3 + 0 * t + 0.1 * np.sin(5 * t),
+        "brake": 0 * t + 1e-3 * np.sin(t),
+    }
+    data = Dataset.from_arrays(inputs, {"v_x": np.full(n, 20.0), "v_y": np.zeros(n), "r": np.zeros(n)}, car.dt)
+    run = car.simulate(data)
+    data = Dataset.from_arrays(inputs, {o: run.channel(o) for o in car.outputs}, car.dt)
+    true = {"mass": car.params.mass, "inertia_z": car.params.inertia_z}
+    start = car.with_values(mass=1.1 * true["mass"], inertia_z=0.85 * true["inertia_z"])
+    fitted = GreyBox(start=start, free=tuple(true)).fit(data)
+    assert {n: fitted.value(n) for n in true} == pytest.approx(true, rel=1e-5)
 
 
 ARX_CASES = {

@@ -54,12 +54,12 @@ def test_compiled_free_run_is_repeated_step(monkeypatch, na, nb, nk, nu, ny, n):
     data = record(model, n + model.memory, apart=nu > 1)
     m = model.memory
     x0, u = model.initial_state(data.head(m)), data.u[m - 1 :]
-    slow = Model._free_run(model, x0, u)
+    slow = Model.free_run(model, x0, u)
     monkeypatch.setattr(arx, "_LONG", 1)
-    monkeypatch.setattr(ARXModel, "_free_run", None)  # not used
+    monkeypatch.setattr(arx, "_filtered", None)  # not used
     assert model.simulate(data).y[m:] == pytest.approx(slow, rel=1e-10, abs=1e-10)
     other = model.simulate(data, start=[2 * x0])
-    assert other.y[m:] == pytest.approx(Model._free_run(model, 2 * x0, u), rel=1e-10, abs=1e-10)
+    assert other.y[m:] == pytest.approx(Model.free_run(model, 2 * x0, u), rel=1e-10, abs=1e-10)
 
 
 @SHAPES
@@ -70,7 +70,7 @@ def test_without_a_compiler_it_is_the_same(monkeypatch, na, nb, nk, nu, ny):
     x0, u = model.initial_state(data.head(m)), data.u[m - 1 :]
     monkeypatch.setenv("SLIPANGLE_CC", "none")
     monkeypatch.setattr(arx, "_LONG", 1)
-    assert model.simulate(data).y[m:] == pytest.approx(Model._free_run(model, x0, u), rel=1e-10, abs=1e-10)
+    assert model.simulate(data).y[m:] == pytest.approx(Model.free_run(model, x0, u), rel=1e-10, abs=1e-10)
 
 
 def test_feedthrough_is_the_difference_equation():

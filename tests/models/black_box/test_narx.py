@@ -76,7 +76,7 @@ def test_compiled_equals_interpreted(shape, activation):
     data = noise(model, n=60)
     x0, u = model.initial_state(data.head(model.memory)), data.u[model.memory - 1 :]
     assert model._compiled[0] is not None
-    assert model._free_run(x0, u) == pytest.approx(Model._free_run(model, x0, u), rel=1e-12, abs=1e-13)
+    assert model.free_run(x0, u) == pytest.approx(Model.free_run(model, x0, u), rel=1e-12, abs=1e-13)
 
 
 @pytest.mark.parametrize("activation", ["elu", "tanh", "sigmoid"])

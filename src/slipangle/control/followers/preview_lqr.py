@@ -47,7 +47,7 @@ class PreviewLQR(PathFollower):
     .. [2] R. S. Sharp, V. Valtetsiotis, Optimal preview car steering control, Vehicle System Dynamics 35 (2001).
     """
 
-    params: BicycleParams  # type: ignore[override]
+    params: BicycleParams  # type: ignore[override]  # the narrower set
     weight_y: float = 1.0
     weight_psi: float = 20.0
     weight_change: float = 300.0
@@ -64,7 +64,7 @@ class PreviewLQR(PathFollower):
             )
 
     @cached_property
-    def model(self) -> Model:  # type: ignore[override]
+    def model(self) -> Model:  # type: ignore[override]  # made once
         """The bicycle on the ground."""
         return posed_bicycle(self.params, self.dt)
 

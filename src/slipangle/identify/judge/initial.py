@@ -75,7 +75,7 @@ def initial_state(model: Model, data: Dataset, *, max_iterations: int = 30) -> n
     spread[spread == 0] = 1.0
 
     def residual(x: np.ndarray) -> np.ndarray:
-        y = model._free_run(x, part.u[m - 1 :])
+        y = model.free_run(x, part.u[m - 1 :])
         return ((y - part.y[m:]) / spread).ravel()
 
     def cost(x: np.ndarray) -> float:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError
 from slipangle.identify.physics.grey_box import GreyBox, M, finish
 from slipangle.identify.physics.simulation_error import MOST_ROUNDS, FreeRunProblem, Minimum
 from slipangle.identify.physics.transcription import Constraint, Found, Transcription
@@ -70,6 +71,11 @@ class Collocation(GreyBox[M]):
             given = getattr(self, key)
             object.__setattr__(self, key, (given,) if callable(given) else tuple(given))
         ode = self.start.ode
+        if ode.own_step:
+            raise ParameterError(
+                f"{type(ode).__name__} has a step of its own, which is more than its derivative; expected a model that "
+                "is its derivative alone, such as SingleTrack: fit this one with GreyBox"
+            )
         if self.elements == 0:
             least = ode.substeps if ode.method == "radau" else max(1, math.ceil(ode.dt / (5 * ode.max_step) - 1e-9))
             object.__setattr__(self, "elements", least)

@@ -13,9 +13,8 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen.compiler import library
-from slipangle.errors import ParameterError
-from slipangle.models.model import evaluate, roll_out
-from slipangle.models.ode import OdeModel, Parametrised
+from slipangle.models.fast import evaluate, roll_out
+from slipangle.models.ode import Parametrised
 from slipangle.numerics.integrate import MISSED, RADAU_A, RETRY, SHORTENED, discretise
 
 _STAGES = {"euler": 1, "radau": 3, "rk4": 4}
@@ -52,10 +51,6 @@ def forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
         at all (m = 0) where only outputs are wanted, in half the time; the drive's ``rows``, shape (n, n_w); values
         ``p`` of the free parameters. It gives an array of shape (n, n_outputs, 1 + m): outputs, then their derivatives.
 
-    Raises
-    ------
-    ParameterError
-        If the model has an integrator of its own.
     """
     try:
         hash(model)
@@ -70,11 +65,8 @@ def _known_forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
 
 
 def _forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
-    if type(model.ode)._step is not OdeModel.__dict__["_step"]:
-        raise ParameterError(
-            f"{type(model.ode).__name__} has an integrator of its own, through which no derivatives by parameters go; "
-            "expected a model that is its derivative alone, such as SingleTrack: fit that one"
-        )
+    if model.ode.own_step:
+        return _stepped(model, free)
     try:
         source, rest = _source(model, free)
     except (RuntimeError, NotImplementedError, TypeError):  # built on CasADi functions that have no scalar code
@@ -189,7 +181,6 @@ def _interpreted(model: Any, free: tuple[str, ...]) -> ForwardRun:
 
     n = {"n_states": nx, "n_inputs": nw + n_p}
     step = discretise(rate, ode.dt, method=ode.method, substeps=ode.substeps, **n)
-    built: dict[int, tuple[ca.Function, ca.Function]] = {}
 
     def functions(m: int) -> tuple[ca.Function, ca.Function]:
         x, w, p, s = kind.sym("x", nx), kind.sym("w", nw), kind.sym("p", n_p), kind.sym("s", nx, m)
@@ -206,6 +197,69 @@ def _interpreted(model: Any, free: tuple[str, ...]) -> ForwardRun:
         state = ca.vertcat(x, ca.vec(s))
         parts = [ca.densify(ca.vertcat(v, ca.vec(slopes(v)))) for v in (later, y)]
         return ca.Function("step", [state, drive], parts[:1]), ca.Function("output", [state, drive], parts[1:])
+
+    return _on_machine(functions, n_p, ny)
+
+
+def _stepped(model: Any, free: tuple[str, ...]) -> ForwardRun:
+    """The same of any model, by central differences of its own steps: these may stick, shift and stop."""
+    outputs = _outputs(model, free)
+
+    def run(x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
+        columns = [outputs(x0, rows, p)]
+        for j in range(S0.shape[1]):
+            along_p = np.zeros(len(p))
+            if j < len(p):
+                along_p[j] = 1.0
+            size = max(abs(p[j]), 1e-2) if j < len(p) else 1.0 + abs(float(x0 @ S0[:, j]))
+            h = 1e-5 * size
+            up, down = (outputs(x0 + d * S0[:, j], rows, p + d * along_p) for d in (h, -h))
+            columns.append((up - down) / (2 * h))
+        return np.stack(columns, axis=2)
+
+    return ForwardRun(run, compiled=False)
+
+
+def _outputs(model: Any, free: tuple[str, ...]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    """``(x0, rows, p)`` to the outputs at every row, by the model's compiled steps where it has some."""
+    ode, nw, n_p = model.ode, _width(model), len(free)
+    for kind in (ca.SX, ca.MX):
+        x, w, p = kind.sym("x", ode.n_states), kind.sym("w", nw), kind.sym("p", n_p)
+        drive = ca.vertcat(w, p)
+        try:
+            varied = model.with_values(**{name: p[i] for i, name in enumerate(free)})
+            u = varied.drive(w)
+            step, seen, driven = (
+                ca.Function("f", [x, drive], [ca.densify(v)])
+                for v in (varied.ode.step(x, u), varied.ode.output(x, u), ca.vertcat(u, p))
+            )
+        except (RuntimeError, NotImplementedError, TypeError):  # of CasADi, or equations that branch on a parameter
+            continue
+        break
+    else:
+        return lambda x0, rows, p: _numeric(model.with_values(**dict(zip(free, map(float, p), strict=True))), x0, rows)
+    compiled = ode.steps_with(free) if set(free) <= set(ode.parameter_names) else None
+
+    def outputs(x0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
+        table = np.hstack([rows, np.broadcast_to(p, (len(rows), n_p))])
+        if compiled is None:
+            states = roll_out(step, x0, table[:-1])
+        else:
+            states = compiled.run(x0, evaluate(driven, np.zeros((len(rows) - 1, len(x0))), table[:-1]))
+        return evaluate(seen, states, table)
+
+    return outputs
+
+
+def _numeric(varied: Any, x0: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Outputs at every row of a model without symbols for its parameters."""
+    u = np.array([np.asarray(varied.drive(row), dtype=float) for row in rows])
+    return np.vstack([np.asarray(varied.ode.output(x0, u[0]), dtype=float).ravel(), varied.ode.free_run(x0, u)])
+
+
+def _on_machine(functions: Callable[[int], tuple[ca.Function, ca.Function]], n_p: int, ny: int) -> ForwardRun:
+    """A run on CasADi's virtual machine by step and output of ``[x; vec(S)]``, made for the columns of S."""
+    built: dict[int, tuple[ca.Function, ca.Function]] = {}
 
     def run(x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
         m = S0.shape[1]

@@ -14,7 +14,7 @@ import numpy as np
 from slipangle.codegen.compiler import library
 from slipangle.identify.linear.predictor import Triangles, reduce_rows
 from slipangle.identify.physics.forward import wrapper
-from slipangle.models.model import evaluate, roll_out
+from slipangle.models.fast import evaluate, roll_out
 from slipangle.numerics.least_squares import Factors, LeastSquaresResult, LevenbergMarquardt
 
 Function = Callable[[Any, Any, Any], Any]  # (x, u, p)

@@ -92,7 +92,7 @@ class Transcription:
         u = np.array([np.asarray(varied.drive(row), dtype=float) for row in rows])
         x0 = problem.initial(i, problem.start)[0]
         with np.errstate(all="ignore"):
-            states = np.vstack([x0, ode._track(x0, u, y), np.full((1, len(x0)), np.nan)])[: len(y)]
+            states = np.vstack([x0, ode.track(x0, u, y), np.full((1, len(x0)), np.nan)])[: len(y)]
         states[~np.isfinite(states).all(axis=1)] = x0
         for j, name in enumerate(ode.states):
             if name in ode.outputs:

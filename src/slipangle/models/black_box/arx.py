@@ -101,19 +101,19 @@ class ARXModel(LaggedModel):
         wait = np.zeros((max(self.nk - 1, 0), *self.B.shape[1:]))
         return np.concatenate([wait, self.B]).transpose(1, 2, 0)
 
-    def _free_run_into(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> None:
-        """In C where there is a compiler; else digital filters for one output, CasADi for several."""
-        c = np.zeros(len(self.outputs)) if self.c is None else self.c
-        if len(u) >= _LONG:
-            past_y, past_u, drive = self._histories(x0, u)
-            if arx_code.free_run(self.A.transpose(1, 0, 2), self._taps, c, (past_y, past_u), drive, y):
-                return
-        y[:] = self._free_run(x0, u)
+    def free_run(self, x0: np.ndarray, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """In C where there is a compiler; else digital filters for one output, CasADi for several.
 
-    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """One output: digital filters (transposed direct form) whose states are set from the lags in ``x0``."""
+        The filters are in transposed direct form; their states are set from the lags in ``x0``.
+        """
+        if len(u) >= _LONG:
+            c = np.zeros(len(self.outputs)) if self.c is None else self.c
+            past_y, past_u, drive = self._histories(x0, u)
+            y = np.empty((len(u) - 1, len(self.outputs))) if out is None else out
+            if arx_code.free_run(self.A.transpose(1, 0, 2), self._taps, c, (past_y, past_u), drive, y):
+                return y
         if len(self.outputs) > 1 or len(u) < 64:
-            return super()._free_run(x0, u)
+            return super().free_run(x0, u, out)
         past_y, past_u, drive = self._histories(x0, u)
         past_y, past_u = past_y[::-1, 0], past_u[::-1]  # newest first
         denominator = np.concatenate([[1.0], self.A[:, 0, 0]])

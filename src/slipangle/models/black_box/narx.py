@@ -91,13 +91,13 @@ class NARXModel(LaggedModel):
 
     # ---- fast free run -----------------------------------------------------------------------------------------
 
-    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def free_run(self, x0: np.ndarray, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Outputs at every row of ``u`` after the first, in compiled C where there is a compiler."""
         run, weights = self._compiled
         if run is None:
             if len(u) > _LONG and not compiled.compiler():
                 warnings.warn(f"{len(u)} samples: {compiled.sentence()}", ModelWarning, stacklevel=3)
-            return super()._free_run(x0, u)
+            return super().free_run(x0, u, out)
         past_y, past_u, _ = self._histories(x0, u)
         drive = np.ascontiguousarray(np.vstack([past_u, u]), dtype=float)
         n = len(u) - 1
@@ -106,16 +106,16 @@ class NARXModel(LaggedModel):
         run(weights.ctypes.data, drive.ctypes.data, n, y.ctypes.data)
         return y[self.na :]
 
-    def _track(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def track(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> np.ndarray:
         """States given the outputs of the rows before: all lags are measured, so every row is independent."""
         past_y, past_u, _ = self._histories(x0, u)
         past_y, past_u = np.vstack([past_y, y[1:]]), np.vstack([past_u, u])
         n, back = len(u), self._reach
         columns = [past_y[self.na - 1 - i :][:n] for i in range(self.na)]
         columns += [past_u[back - i :][:n] for i in range(1, back + 1)]
-        return self._advance(np.hstack(columns)[:-1], u[:-1])
+        return self.advance(np.hstack(columns)[:-1], u[:-1])
 
-    def _advance(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def advance(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """One step from many states at once, as matrix products."""
         blocks = range(0, len(x), _BLOCK)
         steps = [self.step(x[i : i + _BLOCK].T, u[i : i + _BLOCK].T).T for i in blocks]

@@ -136,13 +136,13 @@ class NeuralStateSpaceModel(Model):
 
     # ---- fast free run -----------------------------------------------------------------------------------------
 
-    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def free_run(self, x0: np.ndarray, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Outputs at every row of ``u`` after the first, in compiled C where there is a compiler."""
         run, weights, second = self._compiled
         if run is None:
             if len(u) > _LONG and not compiled.compiler():
                 warnings.warn(f"{len(u)} samples: {compiled.sentence()}", ModelWarning, stacklevel=3)
-            return super()._free_run(x0, u)
+            return super().free_run(x0, u, out)
         x = np.array(x0, dtype=float)
         drive = np.ascontiguousarray(u, dtype=float)
         y = np.empty((len(u) - 1, len(self.outputs)))
@@ -150,7 +150,7 @@ class NeuralStateSpaceModel(Model):
         run(start, start + second, x.ctypes.data, drive.ctypes.data, len(y), y.ctypes.data)
         return y
 
-    def _advance(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def advance(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         """One step from many states at once, as matrix products."""
         blocks = range(0, len(x), _BLOCK)
         steps = [self.step(x[i : i + _BLOCK].T, u[i : i + _BLOCK].T).T for i in blocks]

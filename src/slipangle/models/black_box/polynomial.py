@@ -137,8 +137,9 @@ class PolynomialModel(Model):
         """State at the last sample of ``data``, by least squares on the one-step-ahead errors."""
         return self.realisation.initial_state(data)
 
-    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
-        return self.realisation._free_run(x0, u)
+    def free_run(self, x0: np.ndarray, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """That of the state space."""
+        return self.realisation.free_run(x0, u, out)
 
 
 def one(coefficients: np.ndarray) -> np.ndarray:

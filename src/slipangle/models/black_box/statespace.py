@@ -195,10 +195,10 @@ class StateSpaceModel(Model):
             g=self._array("y_offset") - self._array("D") @ u0,
         )
 
-    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def free_run(self, x0: np.ndarray, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Whole blocks of samples at once."""
         if len(u) < 64:
-            return super()._free_run(x0, u)
+            return super().free_run(x0, u, out)
         first = np.asarray(self.step(x0, u[0]))[: self.order]
         return self._system.respond(first, u[1:])[0]
 

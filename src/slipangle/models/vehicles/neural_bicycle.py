@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from slipangle.errors import ParameterError
 from slipangle.models.black_box.networks import Network
-from slipangle.models.model import evaluate
+from slipangle.models.fast import evaluate
 from slipangle.models.vehicles import neural_bicycle_code
 from slipangle.models.vehicles.nonlinear_bicycle import (
     AxleCoefficients,
@@ -79,6 +80,8 @@ class NeuralBicycle(NonlinearBicycle):
         Largest lateral velocity [m/s] and yaw rate [rad/s] that the state takes, either sign.
     """
 
+    own_step: ClassVar[bool] = False  # its bounds are there for networks in training; a fit of parameters stays inside
+
     network: Network
     most_v_y: float = 15.0
     most_r: float = 2.0
@@ -115,13 +118,13 @@ class NeuralBicycle(NonlinearBicycle):
         nxt = super().step(x, u)
         return stack([clip(nxt[0], -self.most_v_y, self.most_v_y), clip(nxt[1], -self.most_r, self.most_r), nxt[2]])
 
-    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+    def free_run(self, x0: np.ndarray, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Long runs in compiled code."""
         if len(u) >= LONG:
             states = neural_bicycle_code.run(self, x0, u[:-1])
             if states is not None:
                 return evaluate(self.functions[1], states, u[1:])
-        return super()._free_run(x0, u)
+        return super().free_run(x0, u, out)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -39,7 +39,7 @@ def input_scale(ocp: OCP) -> np.ndarray:
 def implicit(ocp: OCP) -> Implicit | None:
     """The parts of a model integrated by one step of Radau IIA, or None for other models."""
     model = ocp.model
-    if not (isinstance(model, OdeModel) and model.method == "radau" and model.substeps == 1):
+    if not isinstance(model, OdeModel) or model.own_step or model.method != "radau" or model.substeps != 1:
         return None
     x, u, w, full, _ = ocp.symbols(ca.SX)
     rate = model.derivative(x, full)

@@ -11,7 +11,7 @@ from scipy.optimize import fsolve
 from slipangle import ops
 from slipangle.codegen.compiler import compiler, sentence
 from slipangle.errors import ParameterError
-from slipangle.models.model import roll_out
+from slipangle.models.fast import roll_out
 from slipangle.models.tires.simple import LinearTire, Tire, TireForces
 from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE, SOUSA_CAR_7, VW_VANAGON
 from slipangle.models.vehicles.driveline import Brakes, Differential, Driveline, Engine, Steering

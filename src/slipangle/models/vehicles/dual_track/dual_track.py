@@ -20,6 +20,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import MissingColumnError, ParameterError, nearest
+from slipangle.models.fast import evaluate
 from slipangle.models.ode import OdeModel
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
 from slipangle.models.tires.magic_formula.validity import ValidRange
@@ -31,7 +32,7 @@ from slipangle.models.vehicles.dual_track.kernel import Kernel
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.vehicles.road import Road
 from slipangle.numerics.integrate import Step, discretise
-from slipangle.ops import Scalar, Vector, atan, atan2, clip, cos, fabs, maximum, sign, sin, sqrt, stack
+from slipangle.ops import Scalar, Vector, atan, atan2, clip, cos, fabs, is_symbolic, maximum, sign, sin, sqrt, stack
 
 WHEELS = ("fl", "fr", "rl", "rr")
 STATES = (
@@ -94,7 +95,7 @@ class DualTrack(OdeModel):
     def __post_init__(self) -> None:
         if self.method == "radau":
             raise ParameterError('the dual track has stick and slip, which "radau" cannot step over; expected "rk4"')
-        if self.params.mass_sprung <= 0:
+        if not is_symbolic(self.params.mass_sprung) and self.params.mass_sprung <= 0:
             raise ParameterError(
                 f"the unsprung masses sum to {self.params.mass - self.params.mass_sprung:g} kg of "
                 f"{self.params.mass:g} kg; expected a heavier body: check their units"
@@ -329,11 +330,19 @@ class DualTrack(OdeModel):
         """The step in compiled C; None without a compiler, then CasADi's virtual machine runs it, slower."""
         return Kernel.build(self)
 
-    def _free_run(self, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
-        if self.kernel is None or len(u) < 2:
-            return super()._free_run(x0, u)
-        from slipangle.models.model import evaluate
+    @property
+    def steps(self) -> Kernel | None:
+        """See `kernel`."""
+        return self.kernel
 
+    def steps_with(self, names: tuple[str, ...]) -> Kernel | None:
+        """See `Kernel.build`."""
+        return Kernel.build(self, varied=names)
+
+    def free_run(self, x0: np.ndarray, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """In compiled C where there is a compiler."""
+        if self.kernel is None or len(u) < 2:
+            return super().free_run(x0, u, out)
         return evaluate(self.functions[1], self.kernel.run(x0, u[:-1])[1:], u[1:])
 
     def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
