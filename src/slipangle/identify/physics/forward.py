@@ -223,7 +223,8 @@ def _stepped(model: Any, free: tuple[str, ...]) -> ForwardRun:
 def _outputs(model: Any, free: tuple[str, ...]) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
     """``(x0, rows, p)`` to the outputs at every row, by the model's compiled steps where it has some."""
     ode, nw, n_p = model.ode, _width(model), len(free)
-    for kind in (ca.SX, ca.MX):
+    kinds: tuple[Any, ...] = (ca.SX, ca.MX)
+    for kind in kinds:
         x, w, p = kind.sym("x", ode.n_states), kind.sym("w", nw), kind.sym("p", n_p)
         drive = ca.vertcat(w, p)
         try:
