@@ -13,7 +13,7 @@ from rich.console import Console
 from slipangle.errors import ParameterError
 from slipangle.models.model import FitInfo
 from slipangle.report import (
-    Column,
+    Heading,
     Record,
     Row,
     ScoreRow,
@@ -69,7 +69,7 @@ def test_number_is_right_to_its_digits(digits, exponent):
 def test_text_is_aligned_and_free_of_markup_and_colour():
     table = Table(
         title="[bold]T[/bold]",
-        columns=(Column("name", words=True), Column("value", "m/s2")),
+        columns=(Heading("name", words=True), Heading("value", "m/s2")),
         rows=(Row(("[red]a[/red]", 1.5)), Row(("b", 1234.0), note="remark", command="do it")),
         warnings=("careful",),
         command="do all",
@@ -87,7 +87,7 @@ def test_text_is_aligned_and_free_of_markup_and_colour():
 
 
 def test_text_fits_the_width():
-    table = Table(title="t", columns=(Column("c", words=True), Column("v")), rows=(Row(("word " * 60, 1.0)),))
+    table = Table(title="t", columns=(Heading("c", words=True), Heading("v")), rows=(Row(("word " * 60, 1.0)),))
     assert max(len(line) for line in table.to_text(width=60).splitlines()) <= 60
 
 
@@ -118,7 +118,7 @@ def test_scores_of_different_units_carry_them_in_the_cell():
 
 def test_cells_must_match_columns():
     with pytest.raises(ParameterError, match="row 1 of the table 't' has 1 cells; expected 2"):
-        Table(title="t", columns=(Column("a"), Column("b")), rows=(Row((1, 2)), Row((1,))))
+        Table(title="t", columns=(Heading("a"), Heading("b")), rows=(Row((1, 2)), Row((1,))))
 
 
 def test_record_to_dict_is_valid_json():

@@ -11,16 +11,16 @@ from slipangle.report.maps import Body, path_map, track_map
 from slipangle.report.page import Fact, Figure, Finding, Findings, Grid, Number, Page, Section, Text, Verdict
 from slipangle.report.plots import correlation, measured_vs_simulated, rainclouds, trajectories
 from slipangle.report.records import Record, record_table
-from slipangle.report.tables import Column, Row, ScoreRow, Table, correlation_table, parameter_table, score_table
+from slipangle.report.tables import Heading, Row, ScoreRow, Table, correlation_table, parameter_table, score_table
 
 __all__ = [
     "Body",
-    "Column",
     "Fact",
     "Figure",
     "Finding",
     "Findings",
     "Grid",
+    "Heading",
     "Number",
     "Page",
     "Record",

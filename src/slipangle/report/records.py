@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.report.tables import Column, Row, Table, published
+from slipangle.report.tables import Heading, Row, Table, published
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,12 +72,12 @@ def record_table(records: Sequence[Record], *, title: str = "Reproduced results"
     return Table(
         title=title,
         columns=(
-            Column("row", words=True),
-            Column("quantity", words=True),
-            Column("thesis"),
-            Column("here"),
-            Column("bound"),
-            Column("holds"),
+            Heading("row", words=True),
+            Heading("quantity", words=True),
+            Heading("thesis"),
+            Heading("here"),
+            Heading("bound"),
+            Heading("holds"),
         ),
         rows=tuple(
             Row(

@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 from slipangle.errors import ParameterError
 from slipangle.identify.search.search import SearchResult, columns
 from slipangle.report.style import BLUE, INK, MIDDLE, SLATE, compact, escape, new_figure, nice_step
-from slipangle.report.tables import Cell, Column, Row, Table
+from slipangle.report.tables import Cell, Heading, Row, Table
 
 __all__ = ["parallel_coordinates", "search_table"]
 
@@ -130,10 +130,10 @@ def search_table(result: SearchResult, *, rows: int | None = None, command: str 
     return Table(
         title="Trials, the best first",
         columns=(
-            Column("trial"),
-            *(Column(name, digits=3, words=_is_text(cells, k + 1)) for k, name in enumerate(names[1:-3])),
-            Column("score"),
-            Column("time", "s", digits=3),
+            Heading("trial"),
+            *(Heading(name, digits=3, words=_is_text(cells, k + 1)) for k, name in enumerate(names[1:-3])),
+            Heading("score"),
+            Heading("time", "s", digits=3),
         ),
         rows=tuple(made),
         caption=counts + (f" {left} more are in the journal." if left else ""),

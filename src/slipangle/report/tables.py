@@ -22,7 +22,7 @@ from slipangle.report.style import pretty_unit
 
 __all__ = [
     "Cell",
-    "Column",
+    "Heading",
     "Row",
     "ScoreRow",
     "Table",
@@ -70,7 +70,7 @@ def number(value: Cell, digits: int = 4) -> str:
 
 
 @dataclass(frozen=True)
-class Column:
+class Heading:
     """Heading of a column: title, unit, how its numbers are written.
 
     Parameters
@@ -114,7 +114,7 @@ class Table:
     ----------
     title : str
         What the table holds.
-    columns : tuple of Column
+    columns : tuple of Heading
         Headings.
     rows : tuple of Row
         One cell per column each.
@@ -132,7 +132,7 @@ class Table:
     """
 
     title: str
-    columns: tuple[Column, ...]
+    columns: tuple[Heading, ...]
     rows: tuple[Row, ...]
     caption: str = ""
     warnings: tuple[str, ...] = ()
@@ -284,13 +284,13 @@ def score_table(
     return Table(
         title=title,
         columns=(
-            Column("model", words=True),
-            Column("output", words=True),
-            Column("prediction", words=True),
-            Column("fit", "%"),
-            Column("VAF", "%"),
-            Column("R²", "-"),
-            Column("RMSE", shared, 3),
+            Heading("model", words=True),
+            Heading("output", words=True),
+            Heading("prediction", words=True),
+            Heading("fit", "%"),
+            Heading("VAF", "%"),
+            Heading("R²", "-"),
+            Heading("RMSE", shared, 3),
         ),
         rows=tuple(
             Row(
@@ -347,9 +347,9 @@ def parameter_table(
         cells += [share, *([published(known.get(name), 6)] if known else [])]
         rows.append(Row(tuple(cells), tone=tone))
     percent = f"{100 * level:g} %"
-    columns = [Column("parameter", words=True), Column("unit", words=True), Column("estimate")]
-    columns += [Column(f"{percent} from"), Column("to"), Column("half width", "%", 2)]
-    columns += [Column(reference_title)] if known else []
+    columns = [Heading("parameter", words=True), Heading("unit", words=True), Heading("estimate")]
+    columns += [Heading(f"{percent} from"), Heading("to"), Heading("half width", "%", 2)]
+    columns += [Heading(reference_title)] if known else []
     return Table(
         title=title,
         columns=tuple(columns),
@@ -380,7 +380,7 @@ def correlation_table(fit: FitInfo, *, title: str = "Correlation of the estimate
     said = fit.confounding
     return Table(
         title=title,
-        columns=(Column("", words=True), *(Column(name) for name in fit.names)),
+        columns=(Heading("", words=True), *(Heading(name) for name in fit.names)),
         rows=tuple(rows),
         caption=f"{said[:1].upper()}{said[1:]}." if said else "",
         command=command,

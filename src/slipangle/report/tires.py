@@ -14,7 +14,7 @@ from slipangle.errors import ParameterError
 from slipangle.models.model import FitInfo
 from slipangle.models.tires.simple import Tire
 from slipangle.report.page import Fact, Figure, Finding, Findings, Grid, Page, Section
-from slipangle.report.tables import Column, Row, Table, parameter_table
+from slipangle.report.tables import Heading, Row, Table, parameter_table
 from slipangle.report.tire_figures import (
     QUANTITIES,
     OperatingRange,
@@ -64,7 +64,7 @@ def evaluate_table(
     )
     heads = (("load", "N"), ("camber", "deg"), ("slip angle", "deg"), ("slip ratio", "-"), ("F_x", "N"), ("F_y", "N"))
     heads += (("M_x", "N m"), ("M_y", "N m"), ("M_z", "N m"))
-    return Table(title="Forces and moments", columns=tuple(Column(t, u) for t, u in heads), rows=rows)
+    return Table(title="Forces and moments", columns=tuple(Heading(t, u) for t, u in heads), rows=rows)
 
 
 def tire_page(
@@ -155,8 +155,13 @@ def fit_errors(tire: Tire, data: TireData) -> Table:
         spread, rms = float(np.std(measured)), float(np.sqrt(np.mean(error**2)))
         share = 1 - rms**2 / spread**2 if spread > 0 else math.nan
         rows.append(Row((quantity, QUANTITIES[quantity][1], rms, spread, share)))
-    columns = (Column("output", words=True), Column("unit", words=True), Column("RMSE"), Column("spread of the data"))
-    return Table(title="How far off", columns=(*columns, Column("R²", "-")), rows=tuple(rows))
+    columns = (
+        Heading("output", words=True),
+        Heading("unit", words=True),
+        Heading("RMSE"),
+        Heading("spread of the data"),
+    )
+    return Table(title="How far off", columns=(*columns, Heading("R²", "-")), rows=tuple(rows))
 
 
 def _measured(data: TireData) -> list[Quantity]:

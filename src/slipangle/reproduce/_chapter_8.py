@@ -139,7 +139,7 @@ def switched_off(models: Sequence[Model]) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Verdict:
+class Judged:
     """One model on the test part.
 
     Parameters
@@ -173,7 +173,7 @@ class Timer:
         return (time.process_time() - process) / runs, (time.perf_counter() - wall) / runs
 
 
-def judge(model: Model, test: Dataset, spent: tuple[float, float] = (float("nan"), float("nan"))) -> Verdict:
+def judge(model: Model, test: Dataset, spent: tuple[float, float] = (float("nan"), float("nan"))) -> Judged:
     """Free run over the whole test part, restarts beside it, scatter of windows; ``spent`` as of `Timer`."""
     run = model.simulate(test)
     output = model.outputs[0]
@@ -184,7 +184,7 @@ def judge(model: Model, test: Dataset, spent: tuple[float, float] = (float("nan"
         inside = np.zeros(test.n_samples, dtype=bool)
         inside[a : a + n] = True
         windows.append(score(replace(run, predicted=run.predicted & inside), output).fit)
-    return Verdict(
+    return Judged(
         free=score(run, output),
         restarted=score(anew, output).fit,
         windows=np.array(windows),
@@ -206,7 +206,7 @@ def median_error(values: np.ndarray) -> float:
 
 def records(
     row: str,
-    verdicts: Sequence[Verdict],
+    verdicts: Sequence[Judged],
     *,
     printed: tuple[float, float] | None,
     fit: float | None,

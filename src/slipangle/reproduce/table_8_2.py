@@ -42,8 +42,8 @@ from slipangle.reproduce._chapter_8 import (
     LAGGED,
     PRODUCT,
     SEEDS,
+    Judged,
     Timer,
-    Verdict,
     bicycle,
     correlations,
     ferrari,
@@ -225,7 +225,7 @@ def joint_records(
     return found
 
 
-def ensemble_records(row: str, ensemble: EnsembleModel, test: Dataset, members: Sequence[Verdict]) -> list[Record]:
+def ensemble_records(row: str, ensemble: EnsembleModel, test: Dataset, members: Sequence[Judged]) -> list[Record]:
     """An ensemble beside the median of single models."""
     middle = float(np.median([v.free.fit for v in members]))
     return records(row, [judge(ensemble, test)], printed=None, fit=max(94.0, middle), vaf=99.6, apart_at_most=APART)

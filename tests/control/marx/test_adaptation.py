@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC, Supervisor, Verdict
+from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC, Lesson, Supervisor
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.errors import ParameterError
 from slipangle.models.black_box.arx import ARXModel
@@ -68,7 +68,7 @@ def test_coefficients_of_all_models_are_learned():
     known, verdicts = teach(replace(ADAPTIVE, prior=0.5), truth, np.linspace(10.0, 20.0, 41), steer=0.05, n=1500)
     assert start > 0.2
     assert distance(known, truth) < 0.01
-    assert verdicts[Verdict.LEARNED] > 300
+    assert verdicts[Lesson.LEARNED] > 300
 
 
 def test_a_model_whose_speed_is_not_driven_keeps_what_it_knows():
@@ -87,35 +87,35 @@ def test_the_constant_takes_a_bias():
 def test_poor_excitation_teaches_nothing():
     for steer in (0.0, 1e-5):
         known, verdicts = teach(ADAPTIVE, model(gain=1.3), [15.0], steer=steer, noise=1e-3, n=500)
-        assert verdicts[Verdict.LEARNED] == 0
-        assert verdicts[Verdict.QUIET] > 400
+        assert verdicts[Lesson.LEARNED] == 0
+        assert verdicts[Lesson.QUIET] > 400
         assert known.theta == pytest.approx(ADAPTIVE._first.theta)
 
 
 def test_without_the_supervisor_noise_alone_would_spoil_the_model():
     careless = replace(ADAPTIVE, supervisor=replace(FREE, excitation=1e-12, least_change=0.0), forgetting=0.95)
     known, verdicts = teach(careless, model(), [15.0], steer=0.0, noise=2e-3, n=3000)
-    assert verdicts[Verdict.LEARNED] > 1000
+    assert verdicts[Lesson.LEARNED] > 1000
     assert np.abs(known.theta - careless._first.theta).max() > 0.05
 
 
 def test_outliers_are_left_out():
     clean, _ = teach(ADAPTIVE, model(gain=1.2), [12.0, 17.0], noise=1e-4, n=500)
     spoiled, verdicts = teach(ADAPTIVE, model(gain=1.2), [12.0, 17.0], noise=1e-4, n=500, spoil=range(100, 500, 50))
-    assert verdicts[Verdict.SURPRISING] >= 8
+    assert verdicts[Lesson.SURPRISING] >= 8
     assert distance(spoiled, model(gain=1.2)) < distance(clean, model(gain=1.2)) + 0.05
 
 
 def test_saturation_and_foreign_speeds_teach_nothing():
     careful = AdaptiveMultiARXMPC(BASE, supervisor=Supervisor(lateral=1e-4))
-    assert teach(careful, model(1.3), [15.0])[1][Verdict.LEARNED] <= 1
-    assert teach(ADAPTIVE, model(1.3), [8.0, 25.0])[1][Verdict.OUTSIDE] == 399
+    assert teach(careful, model(1.3), [15.0])[1][Lesson.LEARNED] <= 1
+    assert teach(ADAPTIVE, model(1.3), [8.0, 25.0])[1][Lesson.OUTSIDE] == 399
 
 
 def test_a_model_that_would_turn_the_other_way_is_not_trusted():
     strict = AdaptiveMultiARXMPC(BASE, prior=5.0, supervisor=Supervisor(lateral=1e3, surprise=1e6, gain=1.5))
     known, verdicts = teach(strict, model(gain=-1.0), [10.0, 15.0, 20.0], n=400)
-    assert verdicts[Verdict.DOUBTFUL] > 50
+    assert verdicts[Lesson.DOUBTFUL] > 50
     ratio = strict._response(known.numbers) / strict._start_response
     assert ratio.max() < 1.5
     assert ratio.min() > 1 / 1.5
@@ -142,7 +142,7 @@ def test_what_is_learned_travels_in_the_plans():
         return found
 
     plans = run()
-    assert plans[0].verdict is Verdict.WAITING
+    assert plans[0].verdict is Lesson.WAITING
     assert plans[-1].samples > 20
     learned = ADAPTIVE.learned(plans[-1])
     weights = np.array(truth.model.weights(14.0))  # one speed: only this blend can be known
@@ -163,7 +163,7 @@ def test_what_is_learned_travels_in_the_plans():
 def test_never_nan():
     plan = ADAPTIVE.plan(np.zeros(BASE.model.n_states), reference(14.0, 0.3))
     lost = ADAPTIVE.plan(np.full(BASE.model.n_states, np.nan), reference(14.0), plan)
-    assert lost.verdict is Verdict.WAITING
+    assert lost.verdict is Lesson.WAITING
     assert np.isfinite(lost.u).all()
     again = ADAPTIVE.plan(np.zeros(BASE.model.n_states), reference(14.0), lost)
     assert again.status is Status.SOLVED

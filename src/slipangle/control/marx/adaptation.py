@@ -22,7 +22,7 @@ from slipangle.optimal.checks import ANY, is_numbers
 from slipangle.optimal.solution import Plan, Status
 
 
-class Verdict(Enum):
+class Lesson(Enum):
     """What the supervisor made of the newest sample."""
 
     LEARNED = "the sample was learned from"
@@ -90,7 +90,7 @@ class Learned(NamedTuple):
     x: np.ndarray | None
     u: float
     change: float
-    verdict: Verdict
+    verdict: Lesson
     samples: int
 
 
@@ -98,7 +98,7 @@ class Learned(NamedTuple):
 class AdaptivePlan(MultiARXPlan):
     """`MultiARXPlan` with what the supervisor did before it."""
 
-    verdict: Verdict
+    verdict: Lesson
     samples: int = 0
 
 
@@ -240,14 +240,14 @@ class AdaptiveMultiARXMPC(Led):
         size[-1] = self.noise / self.prior
         P = np.diag((self.prior * size / self.noise) ** 2)
         spread = np.full(ny, self.noise**2)
-        return Learned(numbers, theta, P, spread, None, 0.0, 0.0, Verdict.WAITING, 0)
+        return Learned(numbers, theta, P, spread, None, 0.0, 0.0, Lesson.WAITING, 0)
 
     def learn(self, known: Learned, x: np.ndarray, v_x: float) -> Learned:
         """What is known after the state ``x`` at speed ``v_x`` [m/s] has been measured."""
         s, (ny, _, past, _) = self.supervisor, self._sizes
         last = known.x
         if last is None or not self.base.is_plausible(x, v_x):
-            return known._replace(verdict=Verdict.WAITING)
+            return known._replace(verdict=Lesson.WAITING)
         base = self.base.blended
         reach = base.reach
         inputs = np.concatenate([[known.u], last[past : past + reach - 1]])
@@ -255,32 +255,32 @@ class AdaptiveMultiARXMPC(Led):
         change = known.change + 0.05 * ((known.u - before) ** 2 - known.change)
         known = known._replace(change=change)
         if base.outside(v_x) or v_x < SLOWEST:
-            return known._replace(verdict=Verdict.OUTSIDE)
+            return known._replace(verdict=Lesson.OUTSIDE)
         if "r" in base.outputs:
             i = base.outputs.index("r")
             if max(abs(x[i]), abs(last[i])) * v_x > s.lateral:
-                return known._replace(verdict=Verdict.SATURATED)
+                return known._replace(verdict=Lesson.SATURATED)
         row = np.concatenate([last[:past], inputs])
         phi = np.append(np.concatenate([w * row for w in base.weights(v_x)]), 1.0)
         gain = known.P @ phi
         information = float(phi @ gain)
         if information < s.excitation or change < s.least_change:
-            return known._replace(verdict=Verdict.QUIET)
+            return known._replace(verdict=Lesson.QUIET)
         error = x[:ny] - phi @ known.theta
         usual = known.spread * (1.0 + information)
         if (error**2 > s.surprise**2 * usual).any():
             spread = np.minimum(known.spread * 1.05, 100 * self.noise**2)  # so that a lasting change is believed
-            return known._replace(verdict=Verdict.SURPRISING, spread=spread)
+            return known._replace(verdict=Lesson.SURPRISING, spread=spread)
         theta = known.theta + np.outer(gain, error) / (1.0 + information)
         numbers = self._numbers(theta)
         if not self._trusted(numbers):
-            return known._replace(verdict=Verdict.DOUBTFUL)
+            return known._replace(verdict=Lesson.DOUBTFUL)
         share = self.forgetting - (1.0 - self.forgetting) / information  # Kulhavy: forget along phi alone
         P = known.P - np.outer(gain, gain) * (share / (1.0 + share * information))
         P = 0.5 * (P + P.T)
         spread = known.spread + 0.02 * (error**2 / (1.0 + information) - known.spread)
         spread = np.maximum(spread, (0.1 * self.noise) ** 2)
-        return Learned(numbers, theta, P, spread, None, 0.0, change, Verdict.LEARNED, known.samples + 1)
+        return Learned(numbers, theta, P, spread, None, 0.0, change, Lesson.LEARNED, known.samples + 1)
 
     def _numbers(self, theta: np.ndarray) -> Numbers:
         """Coefficients as the solver reads them."""

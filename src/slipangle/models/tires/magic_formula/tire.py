@@ -22,7 +22,7 @@ from slipangle.models.model import FitInfo
 from slipangle.models.tires.magic_formula import mf52 as v52
 from slipangle.models.tires.magic_formula import mf61 as v61
 from slipangle.models.tires.magic_formula.coefficients import MF52Coefficients, MF61Coefficients
-from slipangle.models.tires.magic_formula.terms import Conventions, MagicForces, prepare
+from slipangle.models.tires.magic_formula.terms import Conventions, MagicForces, is_zero, prepare
 from slipangle.models.tires.magic_formula.tir import Switches, coefficients_from, file_from, limits_from, switches_from
 from slipangle.models.tires.magic_formula.validity import ValidRange
 from slipangle.models.tires.simple import Tire, TireForces, practical_slip
@@ -201,7 +201,7 @@ class MagicFormulaTire(Tire):
         """Axes at the door, checks, chunks."""
         c = self.coefficients
         if inputs["pressure"] is None:
-            inputs["pressure"] = c.INFLPRES if not _is_plain_zero(c.INFLPRES) else c.NOMPRES
+            inputs["pressure"] = c.INFLPRES if not is_zero(c.INFLPRES) else c.NOMPRES
         if inputs["turn_slip"] is not None:
             self._require_turn_slip()
         inputs = {k: v if not isinstance(v, (list, tuple)) else np.asarray(v, dtype=float) for k, v in inputs.items()}
@@ -275,14 +275,13 @@ class MagicFormulaTire(Tire):
             If the carcass stiffness that version 6 needs is missing.
         """
         c = self.coefficients
-        p = c.INFLPRES if pressure is None else pressure
-        dpi = 0.0 if _is_plain_zero(c.NOMPRES) or _is_plain_zero(p) else (p - c.NOMPRES) / c.NOMPRES
+        dpi = self._pressure_change(pressure)
         fz0 = c.LFZO * c.FNOMIN
         dfz = (load - fz0) / fz0
         if isinstance(c, MF52Coefficients):
             return RelaxationLengths(*v52.relaxation_lengths(c, load, dfz, dpi, camber))
         for name in ("LONGITUDINAL_STIFFNESS", "LATERAL_STIFFNESS"):
-            if _is_plain_zero(getattr(c, name)):
+            if is_zero(getattr(c, name)):
                 raise ParameterError(
                     f"the tire has no {name}, which relaxation lengths of version 6 need; expected a carcass "
                     f"stiffness in N/m: add it with with_coefficients({name}=...)"
@@ -292,11 +291,16 @@ class MagicFormulaTire(Tire):
     def rolling_radius(self, load: Scalar, *, speed: Scalar = 0.0, pressure: Scalar | None = None) -> Scalar:
         """Effective rolling radius: forward speed over wheel speed at zero slip. [m]"""
         c = self.coefficients
-        p = c.INFLPRES if pressure is None else pressure
-        dpi = 0.0 if _is_plain_zero(c.NOMPRES) or _is_plain_zero(p) else (p - c.NOMPRES) / c.NOMPRES
+        dpi = self._pressure_change(pressure)
         if isinstance(c, MF52Coefficients):
             return v52.rolling_radius(c, load, dpi, speed)
         return v61.rolling_radius(c, load, dpi, speed)
+
+    def _pressure_change(self, pressure: Scalar | None) -> Scalar:
+        """Inflation pressure over the nominal one, minus 1; 0 where a file has none. 4.E2b"""
+        c = self.coefficients
+        p = c.INFLPRES if pressure is None else pressure
+        return 0.0 if is_zero(c.NOMPRES) or is_zero(p) else (p - c.NOMPRES) / c.NOMPRES
 
     # ---- variants ----------------------------------------------------------------------------------------------
 
@@ -416,16 +420,12 @@ class MagicFormulaTire(Tire):
         warnings.warn(f"the tire is extrapolated: {'; '.join(problems)}", ModelWarning, stacklevel=4)
 
     def _require_turn_slip(self) -> None:
-        missing = [n for n in ("PHYP1", "PHYP2", "QDRP1") if _is_plain_zero(getattr(self.coefficients, n))]
+        missing = [n for n in ("PHYP1", "PHYP2", "QDRP1") if is_zero(getattr(self.coefficients, n))]
         if missing:
             raise ParameterError(
                 f"turn slip needs {', '.join(missing)}, which the tire does not have; expected the section "
                 "[TURNSLIP_COEFFICIENTS]: leave turn_slip out, or add them with with_coefficients"
             )
-
-
-def _is_plain_zero(value: Any) -> bool:
-    return isinstance(value, (int, float)) and value == 0
 
 
 def _is_traced(value: Any) -> bool:
