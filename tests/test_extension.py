@@ -183,3 +183,27 @@ def test_a_section_of_the_page(tmp_path):
 
     assert main(["run", str(write_job(tmp_path)), "--out", str(tmp_path / "out")]) == 0
     assert "somebody, over 400 samples" in (tmp_path / "out" / "index.html").read_text()
+
+
+# ---- a cost or limit -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solver", ["ipopt", RealTime(iterations=0)])
+def test_a_term_costs_and_limits(solver):
+    """Tire use, a function of state, inputs and parameters that the model knows nothing of, is limited or weighed."""
+    true, _ = yaw_record()
+
+    def effort(x, u, p):
+        return p.gain * u[0] - x[0]
+
+    def planned(**settings):
+        mpc = MPC(true, horizon=5, controls=("delta",), solver=solver, terms={"effort": effort}, **settings)
+        plan = mpc.plan(np.zeros(1), Reference(tracked=np.full((6, 1), 0.5), exogenous=np.empty((6, 0))))
+        assert plan.status.solved
+        return np.abs(5.0 * plan.u[:, 0] - plan.x[:-1, 0]).max()
+
+    free = planned(Q=Weights(r=1.0), S=Weights(delta=1e-3))
+    assert planned(Q=Weights(r=1.0), S=Weights(delta=1e-3), limits=Limits(effort=(-0.3, 0.3))) == pytest.approx(0.3)
+    assert planned(Q=Weights(r=1.0, effort=10.0), S=Weights(delta=1e-3)) < 0.5 * free
+    with pytest.raises(ParameterError, match=r"terms name \['r'\]"):
+        MPC(true, horizon=5, Q=Weights(r=1.0), controls=("delta",), terms={"r": effort})

@@ -50,6 +50,7 @@ CHANGES = {
     "slack": {"slack": Weights(v=1000.0)},
     "slack_linear": {"slack_linear": Weights(v=100.0)},
     "steps": {"steps": (1, 1, 1, 1, 2, 2, 3, 3)},
+    "terms": {"terms": {"mixed": lambda x, u, p: x[1] + u[0]}, "Q": Weights({**BASE.Q, "mixed": 1.0})},
 }
 
 

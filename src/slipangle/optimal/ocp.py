@@ -6,7 +6,7 @@ Solvers read its arrays and its two functions, `dynamics` and `stage`; none of t
 # Long: one problem; names become the arrays that all solvers read, in one place.
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 
 from slipangle.errors import ParameterError
 from slipangle.models.model import Model, without_caches
-from slipangle.ops import Scalar, cos, sin, stack
+from slipangle.ops import Scalar, Vector, cos, sin, stack
 from slipangle.optimal.arrays import array
 from slipangle.optimal.terms import Limits, Weights, coerce, require_names
 from slipangle.paths.preview import Preview
@@ -91,6 +91,10 @@ class OCP:
     slack, slack_linear : Weights
         Names in them have soft limits: weight of the squared, of the plain excess. A plain weight that is
         large enough keeps the limit exactly whenever that is possible. Limits of other names are hard.
+    terms : mapping of str to callable, optional
+        Further quantities, each a function ``(x, u, p)`` of the model's state, its inputs and its ``params`` (None
+        where it has none), written with `slipangle.ops`. Their names may stand in Q and terminal, which bring them to
+        zero, and in limits, slack and slack_linear.
     corridor : float, optional
         Vehicle width to keep between the edges of the lane [m]: limits ``e_y`` by the reference's corridor.
 
@@ -125,6 +129,7 @@ class OCP:
     slack_linear: Weights = field(default_factory=Weights)
     corridor: float | None = None
     steps: Sequence[int] | None = None
+    terms: Mapping[str, Callable[[Vector, Vector, Any], Scalar]] = field(default_factory=dict)
     identity: str = field(init=False, repr=False, default_factory=lambda: uuid4().hex)
 
     def __post_init__(self) -> None:
@@ -142,6 +147,9 @@ class OCP:
         require_names(chosen, model.inputs, "controls", "use inputs of the model")
         if len(set(chosen)) < len(chosen):
             raise ParameterError(f"controls repeat in {list(chosen)}; expected each input once")
+        taken = sorted({*self.terms} & {*model.states, *model.inputs, *model.outputs, *PATH_ERRORS})
+        if taken:
+            raise ParameterError(f"terms name {taken}, which the model has; expected names of their own: rename them")
         controls = tuple(chosen) or tuple(n for n in model.inputs if n in named)
         object.__setattr__(self, "controls", controls)
         if not controls:
@@ -209,7 +217,7 @@ class OCP:
         known = dict.fromkeys((*self.model.states, *self.model.outputs))
         if set(POSE) <= known.keys():
             known.update(dict.fromkeys(PATH_ERRORS))
-        return list(known)
+        return list(dict.fromkeys((*known, *self.terms)))
 
     @property
     def exogenous(self) -> tuple[str, ...]:
@@ -234,7 +242,7 @@ class OCP:
     @cached_property
     def references(self) -> tuple[str, ...]:
         """Quantities whose wanted values the reference brings; path errors need the pose."""
-        plain = [n for n in self.tracked if n not in PATH_ERRORS]
+        plain = [n for n in self.tracked if n not in PATH_ERRORS and n not in self.terms]
         pose = POSE if set(PATH_ERRORS) & {*self.tracked, *self.limited} else ()
         return tuple(dict.fromkeys((*plain, *pose)))
 
@@ -271,7 +279,9 @@ class OCP:
             values["e_x"] = cos(psi) * dx + sin(psi) * dy
             values["e_y"] = cos(psi) * dy - sin(psi) * dx
             values["e_psi"] = values["psi"] - psi
-        error = [values[n] - (wanted[n] if n not in PATH_ERRORS else 0.0) for n in self.tracked]
+        params = getattr(self.model, "params", None)
+        values.update({name: term(x, full, params) for name, term in self.terms.items()})
+        error = [values[n] - (0.0 if n in PATH_ERRORS or n in self.terms else wanted[n]) for n in self.tracked]
         limited = [values[n] for n in self.limited]
         empty = type(x)(0, 1)
         results = [stack(error), stack(limited) if limited else empty]
