@@ -84,7 +84,9 @@ def test_hybrid_on_the_ferrari_does_not_look_at_outputs(parts):
     train, test = parts
     base = table_8_2.state_space(train, _chapter_8.PRODUCT)
     short = train.rows(train.n_samples - 3000, train.n_samples)
-    model: Model = Hybrid(base=base, discrepancy=table_8_3.DISCREPANCY, inputs=_chapter_8.LAGGED, folds=0).fit(short)
+    model: Model = Hybrid(
+        base=base, discrepancy=table_8_3.SOUSA_TABLE_8_3_DISCREPANCY, inputs=_chapter_8.LAGGED, folds=0
+    ).fit(short)
     garbage = test["r"].copy()
     garbage[model.memory :] = 1e4
     assert np.array_equal(

@@ -28,6 +28,7 @@ from slipangle.identify.judge.validate import Score, restarted, score
 from slipangle.identify.networks.joint import Joint
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.narx_free_run import FreeRunNARX
+from slipangle.identify.networks.presets import SOUSA_TABLE_8_2, SOUSA_TABLE_8_2_FREE_RUN
 from slipangle.identify.networks.problem import Stage
 from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.model import Model, Trajectory
@@ -41,7 +42,7 @@ from slipangle.report.records import Record
 SEEDS = (0, 1, 2, 3, 4)
 LAGGED = ("delta", "v_x", "v_x_dot")
 PRODUCT = ("delta", "v_x", "delta_v_x")
-STAGES = (Stage(horizon=1, epochs=200), Stage(horizon=40, epochs=1000, learning_rate=3e-3))
+STAGES = SOUSA_TABLE_8_2.stages
 FREE = (
     *("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_lag", "steering_offset", "yaw_rate_bias"),
     *("l_f", "transfer_x", "friction_load", "stiffness_load"),
@@ -71,16 +72,13 @@ def session() -> Dataset:
 
 def narx(seed: int, stages: Sequence[Stage] = STAGES) -> NARX:
     """Settings of the discrepancies."""
-    return NARX(na=5, nb=5, hidden=(40, 40), stages=tuple(stages), holdout=0.0, seeds=(seed,))
+    return replace(SOUSA_TABLE_8_2, stages=tuple(stages), seeds=(seed,))
 
 
 def free_run_narx(seed: int) -> FreeRunNARX:
     """Settings of M4: a small network, Adam on windows, then Gauss-Newton on the free run."""
-    stages = (
-        Stage(horizon=1, epochs=100, learning_rate=3e-3),
-        Stage(horizon=40, epochs=150, learning_rate=3e-3),
-    )
-    return FreeRunNARX(start=NARX(na=5, nb=5, hidden=(12,), activation="tanh", stages=stages, seeds=(seed,)))
+    preset = SOUSA_TABLE_8_2_FREE_RUN
+    return replace(preset, start=replace(preset.start, seeds=(seed,)))
 
 
 def joint(base: NonlinearBicycle, seeds: Sequence[int]) -> Joint:

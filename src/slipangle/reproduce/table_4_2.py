@@ -10,20 +10,20 @@ training input and its own start weights, every one listed; 4000 epochs at most,
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from slipangle.data.dataset import Channel
 from slipangle.identify.judge.validate import Score, Validation, validate
 from slipangle.identify.networks.narx import NARX
-from slipangle.identify.networks.problem import Stage
+from slipangle.identify.networks.presets import SOUSA_TABLE_4_2
 from slipangle.report.plots import rainclouds, trajectories
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce.plants import narendra
 
 SEEDS = (0, 1, 2, 3, 4)
-STAGES = (Stage(horizon=1, epochs=4000, learning_rate=1e-3, batch=100, patience=4000),)
 PRINTED = {  # RMSE and R2: estimation, validation
     "OSA": ((0.0489, 0.9765), (0.0541, 0.9648)),
     "FR": ((0.0513, 0.9720), (0.0481, 0.9791)),
@@ -33,7 +33,7 @@ MEDIAN_BOUND, BEST_BOUND = 0.030, 0.024
 
 def settings(seed: int) -> NARX:
     """Estimator of the table, one training run."""
-    return NARX(na=3, nb=2, hidden=(50, 50, 50), activation="elu", stages=STAGES, seeds=(seed,))
+    return replace(SOUSA_TABLE_4_2, seeds=(seed,))
 
 
 def reproduce(progress: Progress) -> Reproduction:

@@ -22,8 +22,7 @@ from slipangle.data.public.sets import public
 from slipangle.identify.judge.validate import Score, restarted, score
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.networks.hybrid import Hybrid
-from slipangle.identify.networks.narx import NARX
-from slipangle.identify.networks.problem import Stage
+from slipangle.identify.networks.presets import SOUSA_TABLE_8_3, SOUSA_TABLE_8_3_DISCREPANCY
 from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.statespace import StateSpaceModel
@@ -42,21 +41,7 @@ SHARES = (0.5, 0.55, 0.6, 0.65, 0.7)
 FREE = ("power", "k_b", "k_r", "drag", "scrub")
 START = DrivelineParams(mass=790.0, k_e=30000.0, k_b=1.7e-3, power=2e5, drag=0.4, k_r=0.15)
 RESTART = 10.0  # s
-DISCREPANCY = NARX(
-    na=3,
-    nb=5,
-    hidden=(12,),
-    activation="tanh",
-    stages=(Stage(horizon=1, epochs=100, learning_rate=3e-3), Stage(horizon=60, epochs=150, learning_rate=3e-3)),
-)
 PEDALS = ("throttle", "brake")
-BLACK_BOX = replace(
-    DISCREPANCY,
-    na=2,
-    nb=2,
-    hidden=(6,),
-    stages=(DISCREPANCY.stages[0], replace(DISCREPANCY.stages[1], epochs=300)),
-)
 PRINTED = {
     "M2": (65.49, 90.01),
     "M2-H": (76.91, 95.13),
@@ -87,12 +72,12 @@ def state_space(train: Dataset) -> StateSpaceModel:
 
 def black_box(train: Dataset, seed: int) -> NARXModel:
     """M4."""
-    return quietly(replace(BLACK_BOX, seeds=(seed,)), train.select(inputs=PEDALS))
+    return quietly(replace(SOUSA_TABLE_8_3, seeds=(seed,)), train.select(inputs=PEDALS))
 
 
 def hybrid(base: Model, train: Dataset) -> HybridModel:
     """A hybrid that is strict about whether its discrepancy helps."""
-    return quietly(Hybrid(base=base, discrepancy=DISCREPANCY, folds=3, worth=0.1), train)
+    return quietly(Hybrid(base=base, discrepancy=SOUSA_TABLE_8_3_DISCREPANCY, folds=3, worth=0.1), train)
 
 
 def reproduce(progress: Progress) -> Reproduction:
