@@ -9,6 +9,7 @@ import textwrap
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from slipangle.codegen import cache as code_cache
@@ -339,3 +340,21 @@ def test_processes_that_compile_at_once_agree(folder, tmp_path):
     assert [p.communicate()[0].split()[0] for p in running] == ["8.0"] * 3
     assert files(folder)
     assert all(code_cache._own(p) for p in files(folder))
+
+
+@needs_compiler
+def test_functions_know_their_arguments():
+    source = (
+        "static int hidden(int a) { return a; }\n"
+        "double scaled(const double *x, long n, double by)\n{\n    double sum = 0;\n"
+        "    for (long i = 0; i < n; i++) sum += by * x[i];\n    return sum + hidden(0);\n}\n"
+        "typedef struct { int a; } thing;\nthing *same(thing *p)\n{\n    return p;\n}\nint one(void) { return 1; }\n"
+        "#ifdef NEVER\nint never(int a) { return a; }\n#endif\n"
+    )
+    loaded = compiled.library(source, name="typed")
+    x = np.array([1.0, 2.0])
+    assert loaded.scaled(x.ctypes.data, 2, 3) == 9.0
+    assert loaded.same(x.ctypes.data) == x.ctypes.data
+    assert loaded.one() == 1
+    with pytest.raises(ctypes.ArgumentError):
+        loaded.scaled(x.ctypes.data, 2.5, 3.0)

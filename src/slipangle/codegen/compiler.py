@@ -12,6 +12,7 @@ import importlib.util
 import math
 import os
 import platform
+import re
 import shlex
 import shutil
 import signal
@@ -29,6 +30,8 @@ from slipangle.errors import ConfigError, ModelWarning, shown
 
 NATIVE = ("-O3", "-march=native")
 PORTABLE = ("-O3",)
+_PROTOTYPE = re.compile(r"^(\w+)\s+(\*?)\s*(\w+)\(([^()]*)\)\s*\{", re.MULTILINE)
+_TYPES = {"void": None, "int": ctypes.c_int, "long": ctypes.c_long, "double": ctypes.c_double}
 
 
 def compiler() -> tuple[str, ...] | None:
@@ -74,6 +77,9 @@ def sentence() -> str:
 
 def library(source: str, *, name: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
     """The source as a loaded shared library; compiled at most once per content, compiler and processor.
+
+    Its functions know their arguments, as their prototypes in the source say: pointers are addresses
+    (``array.ctypes.data``), ``int``, ``long`` and ``double`` are numbers.
 
     Parameters
     ----------
@@ -131,7 +137,7 @@ def _library(
             if found is None:
                 code_cache.sweep(folder)
                 found = _compile(source, (command, levels), folder, name, identity, suffix)
-            return ctypes.CDLL(str(found))
+            return _typed(ctypes.CDLL(str(found)), source)
         except _RejectedError as error:
             complaint = str(error)
             break
@@ -144,6 +150,17 @@ def _library(
         stacklevel=4,
     )
     return None
+
+
+def _typed(loaded: ctypes.CDLL, source: str) -> ctypes.CDLL:
+    """The library with the types of its functions, read from their prototypes."""
+    for result, pointer, name, listed in _PROTOTYPE.findall(source):
+        arguments = [a.strip() for a in listed.split(",") if a.strip() not in ("", "void")]
+        kinds = [ctypes.c_void_p if "*" in a else _TYPES.get(a.split()[0]) for a in arguments]
+        function = getattr(loaded, name, None)  # None where the preprocessor leaves it out
+        if function is not None and None not in kinds and (pointer or result in _TYPES):
+            function.argtypes, function.restype = kinds, ctypes.c_void_p if pointer else _TYPES[result]
+    return loaded
 
 
 @cache

@@ -81,11 +81,6 @@ class WorkArea:
 
     def __init__(self, problem: Problem, numbers: Numbers, found: ctypes.CDLL) -> None:
         self._library = found
-        found.marx_new.restype = ctypes.c_void_p
-        found.marx_at.restype, found.marx_at.argtypes = ctypes.c_void_p, [ctypes.c_void_p, ctypes.c_int]
-        found.marx_free.restype, found.marx_free.argtypes = None, [ctypes.c_void_p]
-        for call in (found.marx_plan, found.marx_again):
-            call.restype, call.argtypes = ctypes.c_int, [ctypes.c_void_p]
         self._work = found.marx_new()
         if not self._work:
             raise MemoryError("no memory for the solver")

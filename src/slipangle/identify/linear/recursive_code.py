@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.codegen import compiler as compiled
+from slipangle.codegen.compiler import compiler, library
 
 DIFFUSE = 1e6  # variance of the prediction, in that of the noise, from which an error says nothing about the noise
 
@@ -289,9 +289,8 @@ class Recursion:
         """All rows in turn, estimates and errors written to ``theta`` and ``error``; how many rows were finite."""
         if self.compiled:
             y, u = np.ascontiguousarray(y), np.ascontiguousarray(u)
-            pointers = [ctypes.c_void_p(a.ctypes.data) for a in (y, u)]
-            results = [ctypes.c_void_p(a.ctypes.data) for a in (theta, error)]
-            return self._many(ctypes.byref(self.s), *pointers, ctypes.c_long(len(y)), *results)
+            given, results = [a.ctypes.data for a in (y, u)], [a.ctypes.data for a in (theta, error)]
+            return self._many(ctypes.addressof(self.s), *given, len(y), *results)
         for k in range(len(y)):
             self.y[:], self.u[:] = y[k], u[k]
             if self.advance():
@@ -380,14 +379,11 @@ class Recursion:
 
 
 @cache
-def _load(source: str, compiler: Any) -> tuple[Any, Any] | None:
-    loaded = compiled.library(source, name="rls")
-    if loaded is None:
-        return None
-    loaded.rls_advance.restype, loaded.rls_advance_many.restype = ctypes.c_int, ctypes.c_long
-    return loaded.rls_advance, loaded.rls_advance_many
+def _load(source: str, command: Any) -> tuple[Any, Any] | None:
+    loaded = library(source, name="rls")
+    return None if loaded is None else (loaded.rls_advance, loaded.rls_advance_many)
 
 
 def _functions() -> tuple[Any, Any] | None:
     """The compiled functions, or None."""
-    return _load(_SOURCE, compiled.compiler())
+    return _load(_SOURCE, compiler())

@@ -145,10 +145,6 @@ def wrapper(name: str, function: ca.Function) -> str:
 
 def _compiled(model: Any, found: ctypes.CDLL, rest: np.ndarray) -> ForwardRun:
     ode, ny = model.ode, model.n_outputs
-    real, whole = ctypes.c_void_p, ctypes.c_long
-    call = found.free_run
-    call.argtypes = [real, real, real, real, whole, whole, ctypes.c_double, whole, ctypes.c_int, real, real]
-    call.restype = None
     h, stages = ode.dt / ode.substeps, _STAGES[ode.method]
 
     def run(x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -158,7 +154,7 @@ def _compiled(model: Any, found: ctypes.CDLL, rest: np.ndarray) -> ForwardRun:
         out, scratch = np.empty((len(rows), 1 + m, ny)), np.empty(3 * x.size * max(m, 1))
         arrays = (x, S, rows, values)
         at = [a.ctypes.data for a in arrays]
-        call(*at, len(rows), m, h, ode.substeps, stages, out.ctypes.data, scratch.ctypes.data)
+        found.free_run(*at, len(rows), m, h, ode.substeps, stages, out.ctypes.data, scratch.ctypes.data)
         return out.transpose(0, 2, 1)
 
     return ForwardRun(run, compiled=True)

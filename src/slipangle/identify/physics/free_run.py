@@ -115,9 +115,6 @@ class FreeRun:
         return "\n".join([*parts, (files("slipangle.identify.physics") / "free_run.c").read_text(encoding="utf-8")])
 
     def _linked(self, found: ctypes.CDLL) -> tuple[Run, Run]:
-        real, whole = ctypes.c_void_p, ctypes.c_long
-        found.plain_run.argtypes, found.plain_run.restype = [real, real, real, whole, real], None
-        found.sensitive_run.argtypes, found.sensitive_run.restype = [real, real, real, real, whole, real, real], None
         slope = self._first_slope()
 
         def plain(p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> np.ndarray:

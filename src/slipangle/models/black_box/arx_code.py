@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import ctypes
-from typing import Any
-
 import numpy as np
 
-from slipangle.codegen import compiler as compiled
+from slipangle.codegen.compiler import library
 
 LONGEST = 16  # lags up to which the recursion of one output is unrolled
 
@@ -131,7 +128,7 @@ def free_run(
     out : array, shape (n, n_outputs)
         Outputs; rows of consecutive numbers.
     """
-    loaded = compiled.library(source(), name="arx", flags=("-ffp-contract=fast",))
+    loaded = library(source(), name="arx", flags=("-ffp-contract=fast",))
     if loaded is None:
         return False
     ny, na, _ = a.shape
@@ -142,11 +139,7 @@ def free_run(
         u = np.ascontiguousarray(u)
     work = np.empty(na * ny + 2 * BLOCK * ny + count + BLOCK)
     past_y, past_u, *coefficients = (np.ascontiguousarray(v, dtype=float) for v in (*past, a, taps, c))
-    call: Any = loaded.free_run
-    call.restype = None
-    pointers = [ctypes.c_void_p(v.ctypes.data) for v in (*coefficients, past_y, past_u, u)]
-    strides = [ctypes.c_long(s // 8) for s in u.strides]
-    sizes = [ctypes.c_long(v) for v in (len(u), na, ny, nu, count)]
-    target = [ctypes.c_void_p(out.ctypes.data), ctypes.c_long(out.strides[0] // 8), ctypes.c_void_p(work.ctypes.data)]
-    call(*sizes, *pointers, *strides, *target)
+    pointers = [v.ctypes.data for v in (*coefficients, past_y, past_u, u)]
+    target = out.ctypes.data, out.strides[0] // 8, work.ctypes.data
+    loaded.free_run(len(u), na, ny, nu, count, *pointers, *(s // 8 for s in u.strides), *target)
     return True

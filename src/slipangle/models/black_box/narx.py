@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.codegen import compiler as compiled
+from slipangle.codegen.compiler import compiler, library, sentence
 from slipangle.codegen.expression import preamble
 from slipangle.codegen.network import emit_forward, packed
 from slipangle.errors import ModelWarning, ParameterError
@@ -95,8 +94,8 @@ class NARXModel(LaggedModel):
         """Outputs at every row of ``u`` after the first, in compiled C where there is a compiler."""
         run, weights = self._compiled
         if run is None:
-            if len(u) > _LONG and not compiled.compiler():
-                warnings.warn(f"{len(u)} samples: {compiled.sentence()}", ModelWarning, stacklevel=3)
+            if len(u) > _LONG and not compiler():
+                warnings.warn(f"{len(u)} samples: {sentence()}", ModelWarning, stacklevel=3)
             return super().free_run(x0, u, out)
         past_y, past_u, _ = self._histories(x0, u)
         drive = np.ascontiguousarray(np.vstack([past_u, u]), dtype=float)
@@ -126,13 +125,10 @@ class NARXModel(LaggedModel):
         """The compiled loop, or None, and the weights it reads."""
         if not isinstance(self.network, MLP):
             return None, np.empty(0)
-        loaded = compiled.library(self.source(), name="narx")
+        loaded = library(self.source(), name="narx")
         if loaded is None:
             return None, np.empty(0)
-        run = loaded.free_run
-        run.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_long, ctypes.c_void_p]
-        run.restype = None
-        return run, packed(*self.network.layers)
+        return loaded.free_run, packed(*self.network.layers)
 
     def source(self) -> str:
         """C of ``free_run(w, u, n, y)``; see `slipangle.codegen.network`.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -10,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.codegen import compiler as compiled
+from slipangle.codegen.compiler import compiler, library, sentence
 from slipangle.codegen.expression import preamble
 from slipangle.codegen.network import aligned, emit_forward, packed
 from slipangle.data.dataset import Dataset
@@ -140,8 +139,8 @@ class NeuralStateSpaceModel(Model):
         """Outputs at every row of ``u`` after the first, in compiled C where there is a compiler."""
         run, weights, second = self._compiled
         if run is None:
-            if len(u) > _LONG and not compiled.compiler():
-                warnings.warn(f"{len(u)} samples: {compiled.sentence()}", ModelWarning, stacklevel=3)
+            if len(u) > _LONG and not compiler():
+                warnings.warn(f"{len(u)} samples: {sentence()}", ModelWarning, stacklevel=3)
             return super().free_run(x0, u, out)
         x = np.array(x0, dtype=float)
         drive = np.ascontiguousarray(u, dtype=float)
@@ -161,14 +160,11 @@ class NeuralStateSpaceModel(Model):
         """The compiled loop, or None; the weights of f and h; where those of h start, in bytes."""
         if not (isinstance(self.transition, MLP) and isinstance(self.emission, MLP)):
             return None, np.empty(0), 0
-        loaded = compiled.library(self.source(), name="neural_statespace")
+        loaded = library(self.source(), name="neural_statespace")
         if loaded is None:
             return None, np.empty(0), 0
-        run = loaded.free_run
-        run.argtypes = [ctypes.c_void_p] * 4 + [ctypes.c_long, ctypes.c_void_p]
-        run.restype = None
         of_f, of_h = packed(*self.transition.layers), packed(*self.emission.layers)
-        return run, aligned(np.concatenate([of_f, of_h])), of_f.nbytes
+        return loaded.free_run, aligned(np.concatenate([of_f, of_h])), of_f.nbytes
 
     def source(self) -> str:
         """C of ``free_run(weights of f, weights of h, x, u, n, y)``; ``u`` starts at the sample of ``x``."""

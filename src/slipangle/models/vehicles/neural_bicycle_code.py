@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from slipangle.codegen import compiler as compiled
+from slipangle.codegen.compiler import library
 from slipangle.codegen.expression import emit, preamble
 from slipangle.models.black_box.networks import MLP, mlp_pass
 
@@ -84,22 +83,12 @@ def run(model: _Bicycle, x0: np.ndarray, u: np.ndarray) -> np.ndarray | None:
     """States after each row of ``u``, shape (n, 3); None without a compiler or for another kind of network."""
     if not isinstance(model.network, MLP) or model.method != "rk4":
         return None
-    loaded = _library(source(model))
+    loaded = library(source(model), name="neural_bicycle", flags=FLAGS)
     if loaded is None:
         return None
     w, most = numbers(model), np.array([model.most_v_y, model.most_r])
     x, u = np.array(x0, dtype=float), np.ascontiguousarray(u, dtype=float)
     out = np.empty((len(u), 3))
-    h = ctypes.c_double(model.dt / model.substeps)
-    loaded(w.ctypes.data, most.ctypes.data, x.ctypes.data, u.ctypes.data, len(u), h, out.ctypes.data)
+    h = model.dt / model.substeps
+    loaded.free_run(w.ctypes.data, most.ctypes.data, x.ctypes.data, u.ctypes.data, len(u), h, out.ctypes.data)
     return out
-
-
-def _library(text: str) -> Any:
-    found = compiled.library(text, name="neural_bicycle", flags=FLAGS)
-    if found is None:
-        return None
-    real = ctypes.c_void_p
-    found.free_run.argtypes = [real, real, real, real, ctypes.c_long, ctypes.c_double, real]
-    found.free_run.restype = None
-    return found.free_run

@@ -6,7 +6,7 @@ import warnings
 from dataclasses import dataclass
 from functools import cache
 
-from slipangle.codegen import compiler as compiled
+from slipangle.codegen.compiler import compiler, library, sentence
 from slipangle.errors import ModelWarning, ParameterError
 from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime.engine import CompiledEngine
@@ -70,14 +70,14 @@ class RealTime:
         ModelWarning
             Once, without a C compiler: the same algorithm then runs on CasADi's virtual machine, slower.
         """
-        library = compiled.library(source(ocp), name="mpc", flags=FLAGS) if compiled.compiler() else None
-        if library is not None:
-            return CompiledEngine(ocp, library, self, deadline)
-        if not compiled.compiler():  # a compiler that failed has been named already
-            _say_once(compiled.sentence())
+        loaded = library(source(ocp), name="mpc", flags=FLAGS) if compiler() else None
+        if loaded is not None:
+            return CompiledEngine(ocp, loaded, self, deadline)
+        if not compiler():  # a compiler that failed has been named already
+            _say_once(sentence())
         return InterpretedEngine(ocp, self, deadline)
 
 
 @cache
-def _say_once(sentence: str) -> None:
-    warnings.warn(sentence, ModelWarning, stacklevel=4)
+def _say_once(words: str) -> None:
+    warnings.warn(words, ModelWarning, stacklevel=4)

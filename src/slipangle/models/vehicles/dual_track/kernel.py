@@ -236,10 +236,6 @@ class Kernel:
         found = library(source(model, varied), name="dual_track", flags=FLAGS)
         if found is None:
             return None
-        real, whole = ctypes.c_void_p, ctypes.c_long
-        found.drive.argtypes = [real, real, real, whole, whole]
-        found.drive_many.argtypes = [real, real, real, whole, whole, whole, whole, whole]
-        found.drive.restype = found.drive_many.restype = None
         return cls(found, model.n_states, model.n_inputs + len(varied), tuple(varied))
 
     def run(self, x: np.ndarray, u: np.ndarray, *, hold: int = 1) -> np.ndarray:
