@@ -126,7 +126,7 @@ def jax_scan(model: NARXModel, u: np.ndarray) -> Callable[[], np.ndarray]:
     import jax
     import jax.numpy as jnp
 
-    from slipangle.identify.networks import descent
+    from slipangle.identify.networks import adam
 
     net: Any = model.network
 
@@ -142,8 +142,8 @@ def jax_scan(model: NARXModel, u: np.ndarray) -> Callable[[], np.ndarray]:
         return jax.lax.scan(step, jnp.zeros(3), jnp.arange(3, len(u)))[1]
 
     def call() -> np.ndarray:
-        with descent.precision("double"):
-            y = run(*descent.to_device((net.weights, net.biases, u)))
+        with adam.precision("double"):
+            y = run(*adam.to_device((net.weights, net.biases, u)))
             return np.concatenate([np.zeros(3), np.asarray(y)])
 
     call()  # compile

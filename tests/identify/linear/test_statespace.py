@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
 from slipangle.identify.linear.pem import PEM
-from slipangle.identify.linear.prediction import Problem
+from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.linear.predictor import Bank, Triangles
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.linear.subspace import Subspace, project, suggest_order
@@ -267,7 +267,7 @@ def test_experiments_with_their_own_initial_states():
 def test_gradient_matches_finite_differences(focus, offsets):
     m = system(3, 2, 2, 12, gain=0.1, u_offset=[0.3, 0.1], y_offset=[0.1, 0.2])
     data = join(record(m, 150, 1, noise=0.3)[0], record(m, 90, 2, noise=0.3)[0])
-    problem = Problem(PEM(start=m, focus=focus, offsets=offsets, direct=True), data)
+    problem = PredictionCriterion(PEM(start=m, focus=focus, offsets=offsets, direct=True), data)
     point = problem._with_initial_states(problem.point)
     work, moves = problem.linearise(point)
     r = work.shared

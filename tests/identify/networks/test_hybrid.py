@@ -207,13 +207,13 @@ def test_joint_finds_its_way_back_from_states_thrown_off(jointly):
 @pytest.mark.parametrize("kind", [NeuralBicycle, TireNetworkBicycle])
 def test_the_compiled_derivative_is_that_of_the_model(kind):
     """Sensitivities of the free run in JAX against differences of the CasADi model."""
-    from slipangle.identify.networks import descent
+    from slipangle.identify.networks import adam
     from slipangle.identify.networks.unrolled import Unrolled
 
     model, data = plant(kind), drive(60, seed=3)
     free = ("C_f", "steering_offset", "yaw_rate_bias")
     scale = np.array([6e4, 0.01, 0.01])
-    with descent.precision("double"):
+    with adam.precision("double"):
         unrolled = Unrolled(model, free, scale, np.array([1.0]))
         theta = unrolled.pack(model.network)
         runs = unrolled.derivatives(theta, model.initial_state(data.head(1))[None], data.u[None])

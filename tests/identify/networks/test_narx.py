@@ -61,12 +61,12 @@ def test_one_step_stage_of_an_affine_network_reaches_least_squares():
     best = np.mean((arx.error[arx.predicted] / train.y.std(axis=0)) ** 2)
     problem = narx.LagNetwork(na=2, nb=2, nk=2, activation="elu")
     stage = Stage(epochs=9000, learning_rate=3e-2, batch=400)
-    from slipangle.identify.networks import descent
+    from slipangle.identify.networks import adam
 
-    with descent.precision("double"):
-        start = descent.to_device(windows.layers(MLP.random((8, 2), seed=0)))
-        arrays = descent.to_device(scaled(train))
-        steps = descent.Steps(problem, stage, start, arrays, windows.window_starts(train, 3, 1), seed=0)
+    with adam.precision("double"):
+        start = adam.to_device(windows.layers(MLP.random((8, 2), seed=0)))
+        arrays = adam.to_device(scaled(train))
+        steps = adam.Steps(problem, stage, start, arrays, windows.window_starts(train, 3, 1), seed=0)
         losses = [steps.advance(3000) for _ in range(3)]
     assert losses[0] >= losses[-1] >= best * (1 - 1e-9)
     assert losses[-1] == pytest.approx(best, rel=1e-4)
@@ -153,11 +153,11 @@ def test_loss_is_the_error_of_restarted_free_runs(horizon):
     for k in rows:
         run = model.simulate(data.rows(k - 3, k + horizon))
         errors.append(run.error[run.predicted] / data.y.std(axis=0))
-    from slipangle.identify.networks import descent
+    from slipangle.identify.networks import adam
 
     problem = narx.LagNetwork(na=2, nb=2, nk=2, activation="elu")
-    with descent.precision("double"):
-        loss = problem.loss(windows.layers(model.network), descent.to_device(scaled(data)), rows, horizon)
+    with adam.precision("double"):
+        loss = problem.loss(windows.layers(model.network), adam.to_device(scaled(data)), rows, horizon)
     assert float(loss) == pytest.approx(np.mean(np.square(errors)), rel=1e-10)
 
 

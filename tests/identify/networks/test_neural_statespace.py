@@ -11,7 +11,7 @@ from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, ModelWarning, ParameterError
 from slipangle.identify.judge.validate import validate
 from slipangle.identify.linear.arx import ARX
-from slipangle.identify.networks import descent, windows
+from slipangle.identify.networks import adam, windows
 from slipangle.identify.networks.neural_statespace import GainOfNetwork, NeuralStateSpace, StateNetwork
 from slipangle.identify.networks.problem import Stage
 from slipangle.models.black_box.networks import Scaling
@@ -70,16 +70,16 @@ def test_loss_score_and_gain_are_those_of_the_finished_model():
     su, sy = Scaling.standard(data.u), Scaling.standard(data.y)
     params = tuple(windows.layers(net) for net in (model.transition, model.emission, model.encoder))
     rows = windows.window_starts(data, 3, 6)[::11]
-    with descent.precision("double"):
-        arrays = descent.to_device(windows.scaled(data, su, sy, data))
+    with adam.precision("double"):
+        arrays = adam.to_device(windows.scaled(data, su, sy, data))
         gain = np.asarray(model.gain) * sy.factor
         tuned = GainOfNetwork(states=problem)
         loss, innovations = (jax.jit(p.loss, static_argnums=3) for p in (problem, tuned))
         found = [
             float(loss(params, arrays, rows, 6)),
-            float(descent.score(problem, params, arrays)),
+            float(adam.score(problem, params, arrays)),
             float(innovations(gain, (arrays, params), rows, 6)),
-            float(descent.score(tuned, gain, (arrays, params))),
+            float(adam.score(tuned, gain, (arrays, params))),
         ]
 
     def errors(run):

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.fields import Checked, Positive, Whole, Within
-from slipangle.identify.linear.prediction import Problem
+from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.stability import announced, breakdown_said, judged
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import FitInfo
@@ -92,7 +92,7 @@ class PEM(Checked):
         """`fit` without a word about what it found."""
         began = time.perf_counter()
         with one_blas_thread():
-            problem = Problem(self, data)
+            problem = PredictionCriterion(self, data)
             point, notes = problem.solve(self.max_iterations)
             covariance, sigma, rows = problem.covariance(point)
         names, values = problem.named(point)

@@ -17,7 +17,7 @@ from slipangle.identify.linear.arx import per_input
 from slipangle.identify.linear.lags import PerInput
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.polynomial_start import first_guess
-from slipangle.identify.linear.prediction import Point, Problem, shrunk
+from slipangle.identify.linear.prediction import Point, PredictionCriterion, shrunk
 from slipangle.identify.stability import announced, breakdown_said, judged
 from slipangle.models.black_box.polynomial import PolynomialModel, realise
 from slipangle.models.model import FitInfo
@@ -233,7 +233,7 @@ class _Layout:
         )
 
 
-class _Structured(Problem):
+class _Structured(PredictionCriterion):
     """The prediction-error criterion over coefficients: the predictor is affine in them."""
 
     def __init__(

@@ -50,7 +50,7 @@ class _Settings(Protocol):
     def max_radius(self) -> float | None: ...
 
 
-class Problem:
+class PredictionCriterion:
     """Cost and its linearisation over the free entries of one point, initial states eliminated."""
 
     def __init__(self, settings: _Settings, data: Dataset) -> None:

@@ -168,10 +168,10 @@ class Joint(Checked):
         if self.restart is not None:
             lead = round(self.settle / data.dt)
             inner = restarted(inner, self.restart, self.start.memory + lead)
-        from slipangle.identify.networks import descent
+        from slipangle.identify.networks import adam
 
         models = []
-        with descent.precision("double"):
+        with adam.precision("double"):
             fit = _Fit(self, inner, held, n_judged=len(self.start.outputs), lead=lead)
             for i, seed in enumerate(self.seeds):
                 told = _share(progress, i, len(self.seeds))

@@ -54,13 +54,13 @@ class FreeRunNARX(Checked):
             As `NARX.fit`.
         """
         require_jax("fitting a NARX network")
-        from slipangle.identify.networks import descent
+        from slipangle.identify.networks import adam
 
         began = time.perf_counter()
         found: list[NARXModel] = []
         for i, seed in enumerate(self.start.seeds):
             first = replace(self.start, seeds=(seed,)).fit(data)
-            with descent.precision("double"):
+            with adam.precision("double"):
                 found.append(_Polish(self, first, data).run(seed))
             if progress is not None:
                 progress((i + 1) / len(self.start.seeds), f"free-run fit, seed {i + 1} of {len(self.start.seeds)}")

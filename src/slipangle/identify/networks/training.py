@@ -1,7 +1,7 @@
 """Train a network: stages that look one step, then several steps ahead; early stopping; several seeds.
 
 What is trained is a `Problem`; how long and how far ahead, a sequence of `Stage`. The gradient steps themselves are
-in `slipangle.identify.networks.descent`, which needs JAX and is imported when training starts.
+in `slipangle.identify.networks.adam`, which needs JAX and is imported when training starts.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def train(
         raise ParameterError(f"{len(stages)} stages and {len(seeds)} seeds; expected at least one of each")
     if precision not in ("single", "double"):
         raise ParameterError(f"the precision is '{precision}'; expected 'single' or 'double'")
-    from slipangle.identify.networks import descent
+    from slipangle.identify.networks import adam
 
     windows = [np.asarray(starts(stage.horizon)) for stage in stages]
     for stage, rows in zip(stages, windows, strict=True):
@@ -97,12 +97,12 @@ def train(
                 "experiments: choose a smaller horizon or record without gaps"
             )
     found: list[tuple[Trial, Any]] = []
-    with descent.precision(precision):
+    with adam.precision(precision):
         for i, seed in enumerate(seeds):
             run = _Run(problem, initial(seed), arrays, seed)
             for j, (stage, rows) in enumerate(zip(stages, windows, strict=True)):
                 run.stage(stage, rows, lambda share, i=i, j=j: _tell(progress, (i, j, share), len(seeds), len(stages)))
-            found.append((run.trial(), descent.to_numpy(run.best)))
+            found.append((run.trial(), adam.to_numpy(run.best)))
     trials = tuple(trial for trial, _ in found)
     winner = min(range(len(found)), key=lambda i: trials[i].score)
     notes = [f"seed {trial.seed}: {trial.note}" for trial in trials if trial.note]
@@ -119,24 +119,24 @@ class _Run:
     """One training run: knows the best parameters so far and how it got there."""
 
     def __init__(self, problem: Problem, start: Any, arrays: Any, seed: int) -> None:
-        from slipangle.identify.networks import descent
+        from slipangle.identify.networks import adam
 
-        self.descent, self.problem, self.seed = descent, problem, seed
+        self.adam, self.problem, self.seed = adam, problem, seed
         self.began = time.perf_counter()
-        self.arrays = descent.to_device(arrays)
-        self.best = descent.to_device(start)
+        self.arrays = adam.to_device(arrays)
+        self.best = adam.to_device(start)
         self.score = self._score(self.best)
         self.epoch = self.best_epoch = 0
         self.curve = [(0, self.score)]
         self.notes: list[str] = []
 
     def _score(self, params: Any) -> float:
-        value = float(self.descent.score(self.problem, params, self.arrays))
+        value = float(self.adam.score(self.problem, params, self.arrays))
         return value if np.isfinite(value) else np.inf
 
     def stage(self, stage: Stage, rows: np.ndarray, told: Callable[[float], None]) -> None:
         """Train until the stage is over, nothing improves any more, or the loss is no number."""
-        steps = self.descent.Steps(self.problem, stage, self.best, self.arrays, rows, seed=(self.seed, self.epoch))
+        steps = self.adam.Steps(self.problem, stage, self.best, self.arrays, rows, seed=(self.seed, self.epoch))
         began, improved = self.epoch, self.epoch
         every = min(CHECK_EVERY, max(1, stage.epochs // 40))
         while self.epoch - began < stage.epochs and self.epoch - improved < stage.patience:

@@ -20,7 +20,15 @@ from slipangle.data.tire_data import TireData
 from slipangle.errors import ExcitationError, IdentifiabilityWarning, ModelWarning, ParameterError, TooShortError
 from slipangle.identify.tires.curve_data import require_both_signs
 from slipangle.identify.tires.magic_formula_coefficients import COMBINED, LATERAL, LONGITUDINAL, MOMENTS, Free
-from slipangle.identify.tires.stages import Stage, criterion, expendable, noise, robust_covariance, scaled, unscaled
+from slipangle.identify.tires.stages import (
+    FittedStage,
+    criterion,
+    expendable,
+    noise,
+    robust_covariance,
+    scaled,
+    unscaled,
+)
 from slipangle.models.model import FitInfo
 from slipangle.models.tires.magic_formula.coefficients import MF61Coefficients
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
@@ -213,7 +221,7 @@ class _Job:
             self.notes.append("the data hold no lateral sweep: F_y is that of the start tire")
         return tire
 
-    def joint(self, tire: MagicFormulaTire) -> tuple[MagicFormulaTire, Stage]:
+    def joint(self, tire: MagicFormulaTire) -> tuple[MagicFormulaTire, FittedStage]:
         """Combined slip, then all force coefficients on all samples."""
         free = (self.free(LONGITUDINAL) if self.has_x else ()) + (self.free(LATERAL) if self.has_y else ())
         outputs = ("F_x",) * self.has_x + ("F_y",) * self.has_y
@@ -231,7 +239,7 @@ class _Job:
         tire, stage = self.solve(tire, free, outputs, rows, once)  # with each output weighed by its residuals
         return self.pruned(tire, stage, rows)
 
-    def moments(self, tire: MagicFormulaTire) -> tuple[MagicFormulaTire, list[Stage]]:
+    def moments(self, tire: MagicFormulaTire) -> tuple[MagicFormulaTire, list[FittedStage]]:
         """Aligning and overturning moment, the forces given."""
         stages = []
         few = replace(self.settings.effort, starts=self.settings.effort.starts + 2, screen=40)
@@ -244,7 +252,9 @@ class _Job:
             stages.append(stage)
         return tire, stages
 
-    def pruned(self, tire: MagicFormulaTire, stage: Stage, rows: np.ndarray) -> tuple[MagicFormulaTire, Stage]:
+    def pruned(
+        self, tire: MagicFormulaTire, stage: FittedStage, rows: np.ndarray
+    ) -> tuple[MagicFormulaTire, FittedStage]:
         """The stage without coefficients that are not worth their place, fitted again."""
         once = Effort(starts=1, screen=80, carried=1, polish=80, finish=80)
         reference = self.settings.start.coefficients
@@ -274,7 +284,7 @@ class _Job:
         outputs: tuple[str, ...],
         rows: np.ndarray,
         effort: Effort,
-    ) -> tuple[MagicFormulaTire, Stage]:
+    ) -> tuple[MagicFormulaTire, FittedStage]:
         """One stage: the tire with the free coefficients that fit the outputs best on some rows."""
         n = int(rows.sum()) * len(outputs)
         if n <= len(free):
@@ -288,7 +298,7 @@ class _Job:
         starts = np.vstack([now[None], draw(box[:, 0], box[:, 1], effort.starts - 1, self.rng, share=1.0)])
         solution = multistart(problem, low, high, np.clip(starts, -1, 1), effort)
         values = {f.name: unscaled(f, z) for f, z in zip(free, solution.theta, strict=True)}
-        return tire.with_coefficients(**values), Stage(free, outputs, solution, problem)
+        return tire.with_coefficients(**values), FittedStage(free, outputs, solution, problem)
 
     def _regression(
         self, tire: MagicFormulaTire, free: tuple[Free, ...], outputs: tuple[str, ...], rows: np.ndarray
@@ -318,7 +328,7 @@ class _Job:
 
     # ---- what is reported --------------------------------------------------------------------------------------
 
-    def info(self, stages: list[Stage]) -> FitInfo:
+    def info(self, stages: list[FittedStage]) -> FitInfo:
         """Estimates, covariance and warnings of all stages together."""
         names = tuple(f.name for stage in stages for f in stage.free)
         half = np.array([(f.upper - f.lower) / 2 for stage in stages for f in stage.free])

@@ -16,7 +16,7 @@ from slipangle.numerics.covariance import coloured, middle_of_sandwich
 from slipangle.numerics.multistart import Regression, Solution
 
 
-class Stage(NamedTuple):
+class FittedStage(NamedTuple):
     """Outcome of one stage: free coefficients, outputs, solution in scaled coordinates, and its regression."""
 
     free: tuple[Free, ...]
@@ -25,7 +25,7 @@ class Stage(NamedTuple):
     problem: Regression
 
 
-def noise(stage: Stage) -> list[float]:
+def noise(stage: FittedStage) -> list[float]:
     """Standard deviation of each output's residual, over the samples that count."""
     m = len(stage.outputs)
     error = stage.solution.residual.reshape(-1, m)
@@ -33,14 +33,14 @@ def noise(stage: Stage) -> list[float]:
     return [float(np.sqrt(np.mean((error[weight[:, k] > 0, k] / weight[weight[:, k] > 0, k]) ** 2))) for k in range(m)]
 
 
-def criterion(stage: Stage) -> float:
+def criterion(stage: FittedStage) -> float:
     """Schwarz's criterion: log-likelihood of every output at its own noise, and log n for each coefficient."""
     counts = np.count_nonzero(stage.problem.weight, axis=0)
     fit = sum(2 * n * np.log(max(sigma, 1e-12)) for n, sigma in zip(counts, noise(stage), strict=True))
     return float(fit + len(stage.free) * np.log(counts.sum()))
 
 
-def expendable(stage: Stage, home: np.ndarray) -> list[int]:
+def expendable(stage: FittedStage, home: np.ndarray) -> list[int]:
     """Which coefficients could go back to ``home`` (scaled) at less cost than their place is worth, in that order.
 
     Backward elimination on the quadratic model of the cost around the solution: the coefficient whose return costs
@@ -71,7 +71,7 @@ def expendable(stage: Stage, home: np.ndarray) -> list[int]:
             return gone
 
 
-def robust_covariance(stage: Stage) -> tuple[np.ndarray, str]:
+def robust_covariance(stage: FittedStage) -> tuple[np.ndarray, str]:
     """Covariance in scaled coordinates; neighbouring samples of a sweep are not independent, which is allowed for."""
     m, j, e = len(stage.outputs), stage.solution.jacobian, stage.solution.residual
     scale = np.linalg.norm(j, axis=0)

@@ -225,7 +225,7 @@ def test_derivatives_with_respect_to_coefficients(tire):
 
 def test_tracers_equal_numbers():
     jax = pytest.importorskip("jax", reason="jax is not installed")
-    from slipangle.identify.networks.descent import precision
+    from slipangle.identify.networks.adam import precision
 
     with precision("double"):
         d = samples(50)

@@ -1,4 +1,4 @@
-"""Gradient steps in JAX: whole epochs of batches in one compiled call, never reverse mode over a long scan."""
+"""Adam in JAX: whole epochs of batches in one compiled call, never reverse mode over a long scan."""
 
 from __future__ import annotations
 
