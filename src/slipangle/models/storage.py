@@ -30,7 +30,7 @@ from slipangle.registry import Registry
 
 FORMAT = "slipangle record"
 VERSION = 1
-_MODULES = ("slipangle.data.readers.tir",)  # beside every module of slipangle.models
+_MODULES = ("slipangle.data.readers.tir", "slipangle.data.readers.tir_lines")  # beside every module of slipangle.models
 _DTYPES = ("float64", "int64", "bool")
 RECORDS: Registry[type] = Registry("record", "slipangle.records")
 """Dataclasses of others that a file may name: ``@RECORDS.register("Spinner")``."""
