@@ -90,7 +90,7 @@ def _() -> Errors:
 @fit("NARX, table 4.2, 1000 epochs", most={"RMSE": table_4_2.BEST_BOUND})
 def _() -> Errors:
     train, test = narendra.estimation(seed=2), narendra.validation()
-    stages = tuple(replace(stage, epochs=1000) for stage in table_4_2.STAGES)
+    stages = tuple(replace(stage, epochs=1000) for stage in table_4_2.settings(2).stages)
     model = replace(table_4_2.settings(2), stages=stages).fit(train)
     run = model.simulate(test)
     found = free_run(model, train, test)
