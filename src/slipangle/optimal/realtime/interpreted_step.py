@@ -344,14 +344,19 @@ def _truth(ocp: OCP, values: ca.Function) -> ca.Function:
     defects = ca.reshape(A[nx, :], nx + 1, steps + 1)[:nx, :steps]
     costs = ca.mtimes(ca.sparsify(ca.DM(rows)), ca.vec(u[:, :n])) - wanted
     units = ca.repmat(1 + ca.sum2(ca.fabs(x[:, 1:] - x[:, :-1])) / steps, 1, steps)
-    reach = ca.fmax(ca.norm_inf(z), ca.norm_inf(ca.vec(dx / units)))
+    reach = ca.fmax(_largest(z), _largest(dx / units))
     beyond = ca.sum2(ca.fabs(e * (e - errors))) + ca.sum1(ca.fabs(ca.vec(pi * defects)))
     measures = ca.vertcat(
         ca.sumsqr(e) + ca.sumsqr(costs),
-        ca.norm_inf(ca.vec(defects)),
-        ca.norm_inf(ca.vec(defects / units)),
+        _largest(defects),
+        _largest(defects / units),
         reach,
         2 * beyond,
         bend,
     )
     return ca.Function("truth", [x, at, u, w, p, root, A, wanted, z, dx, errors, pi, bend], [measures])
+
+
+def _largest(values: ca.MX) -> ca.MX:
+    """Largest size of an entry; CasADi 3.6 cannot evaluate its own norm_inf."""
+    return ca.mmax(ca.fabs(ca.vec(values)))
