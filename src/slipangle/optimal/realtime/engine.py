@@ -79,14 +79,6 @@ class WorkArea:
         # Long: every array of the C code is named and shaped once.
         self.ocp = ocp
         self._library = library
-        library.rt_new.restype = ctypes.c_void_p
-        library.rt_at.restype = ctypes.c_void_p
-        library.rt_at.argtypes = [ctypes.c_void_p, ctypes.c_int]
-        library.rt_free.argtypes = [ctypes.c_void_p]
-        library.rt_free.restype = None
-        for call in (library.rt_solve, library.rt_again, library.rt_prepare, library.rt_feedback):
-            call.argtypes, call.restype = [ctypes.c_void_p], ctypes.c_int
-        library.rt_fallback.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int, ctypes.c_int]
         self._work = library.rt_new()
         if not self._work:
             raise MemoryError("no memory for the solver")

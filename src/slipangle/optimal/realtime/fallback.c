@@ -57,17 +57,7 @@ static int follow_inputs(Work *s, double until, double near)
             else
                 evaluate_ends(s, i);
         s->from = 0, before = most, most = 0;
-        for (int a = 0; a < NX; a++)
-            s->dx[a] = s->x0[a] - s->x[a];
-        for (int m = 0; m < NS; m++) {
-            const double *A = s->A + m * NX * NX, *dx = s->dx + m * NX;
-            for (int a = 0; a < NX; a++) {
-                double v = s->next[m * NX + a] - s->x[(m + 1) * NX + a];
-                for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
-                    v += A[a * NX + A_AT[c]] * dx[A_AT[c]];
-                s->dx[(m + 1) * NX + a] = v;
-            }
-        }
+        close_gaps(s);
         if (!all_finite(s->dx, (NS + 1) * NX))
             return 0;
         for (int i = 0; i < (NS + 1) * NX; i++) {

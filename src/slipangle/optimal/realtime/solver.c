@@ -199,10 +199,9 @@ INLINE void carry_back(const double *restrict A, const double *restrict after, d
         before[c] = sum[c];
 }
 
-/* Gradient and limits for the state now, relative to the iterate. */
-static void feed(Work *s)
+/* Where the states move in the linear model while the inputs stay: gaps closed, from s->x0 on. */
+static void close_gaps(Work *s)
 {
-    Qp *q = &s->qp;
     for (int a = 0; a < NX; a++)
         s->dx[a] = s->x0[a] - s->x[a];
     for (int m = 0; m < NS; m++) {
@@ -214,6 +213,13 @@ static void feed(Work *s)
             s->dx[(m + 1) * NX + a] = v;
         }
     }
+}
+
+/* Gradient and limits for the state now, relative to the iterate. */
+static void feed(Work *s)
+{
+    Qp *q = &s->qp;
+    close_gaps(s);
     double *pi = s->pi;
     memset(pi, 0, sizeof s->pi);
     memset(q->g, 0, sizeof q->g);
