@@ -1,6 +1,7 @@
 """The real-time solver agrees with Ipopt on any model, keeps what it promises, and survives bad input."""
 
 import re
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -274,6 +275,30 @@ def test_a_plan_depends_on_its_arguments_only():
     assert again.u == pytest.approx(plan.u, rel=1e-9, abs=1e-9)
     fresh = car().plan(x, reference, previous)  # another controller knows only the inputs
     assert fresh.status is Status.SOLVED
+
+
+@pytest.mark.parametrize("n", [10, 8, 3])
+def test_a_plan_is_the_same_whatever_the_work_area_holds(n):
+    """What is linearised at a plan serves the next one; elsewhere that is found again, the same to the last bit."""
+    mpc = car(n)
+    other, rng = deepcopy(mpc), np.random.default_rng(0)
+    for k, (x, reference, previous, plan) in enumerate(drive(mpc, steps=14)):
+        if previous is None:
+            continue
+        again = other.plan(x, reference, previous)  # never what `other` has at hand
+        assert (again.u == plan.u).all()
+        assert (again.x == plan.x).all()
+        assert (again.x[0] == x).all()
+        assert (again.cost, again.violation, again.residual) == (plan.cost, plan.violation, plan.residual)
+        if k % 2 == 0:  # another state, near or far, and other exogenous inputs
+            off = x + 10.0 ** rng.uniform(-4, 0) * rng.normal(size=len(x))
+            torque = replace(reference, exogenous=reference.exogenous + 100.0)
+            for given in ((off, reference, plan), (x, torque, plan), (x, reference, plan)):
+                mine, theirs = mpc.plan(*given), other.plan(*given)
+                mpc.plan(x, reference, previous)  # the area holds the plan again
+                assert (mine.u == theirs.u).all()
+                assert (mine.x == theirs.x).all()
+                assert mine.residual == theirs.residual
 
 
 def test_soft_envelope_and_corridor_hold_where_they_can():

@@ -40,10 +40,34 @@ static int all_finite(const double *values, int n)
     return all && !v_any(sum != 0.0);
 }
 
+#if AHEAD
+/* Whether LANES columns are those that the plan before ended with, which are linearised already. */
+static int at_hand(const Work *s, int first)
+{
+    size_t many = (size_t)(first + LANES < NS ? LANES : NS - first);
+    return !memcmp(s->x + first * NX, s->ahead_x + first * NX, sizeof(double) * NX * many) &&
+           !memcmp(s->u + first * NU, s->ahead_u + first * NU, sizeof(double) * NU * many) &&
+           !memcmp(s->w + first * NW, s->ahead_w + first * NW, sizeof(double) * NW * many) &&
+           !memcmp(s->k + first * NK, s->ahead_k + first * NK, sizeof(double) * NK * many);
+}
+#endif
+
 static int linearise(Work *s)
 {
-    for (int i = 0; i < NS; i += LANES)
+    int64_t ahead = s->ahead && s->from == FROM;
+    s->spared = 0;
+    for (int i = 0; i < NS; i += LANES) {
+#if AHEAD
+        if (ahead && at_hand(s, i)) {
+            size_t many = (size_t)(i + LANES < NS ? LANES : NS - i);
+            memcpy(s->k + i * NK, s->ahead_slopes + i * NK, sizeof(double) * NK * many);
+            s->spared++;
+            continue;
+        }
+#endif
         evaluate_dynamics(s, i, LANES);
+    }
+    s->ahead = ahead && s->spared == GROUPS;
     if (NK > 0) /* of a step after the last; `evaluate_ends` may know better */
         memcpy(s->k + NS * NK, s->k + (NS - 1) * NK, sizeof(double) * NK);
     if (s->open_end)
@@ -433,8 +457,9 @@ INLINE void units(const double *rows, int count, int wide, double *to)
 /* How good the iterate is after a full step, from the values there: its cost, the largest defect of the dynamics or
    excess over a hard limit, and a residual, the largest of these in `units` and of what is left of stationarity. For
    the last: terms of the Lagrangian beyond the model that the step was computed with, over the curvature of that model
-   along the step, are about the share of the step by which the next one corrects it. */
-static void judge(Work *s)
+   along the step, are about the share of the step by which the next one corrects it. Ends of steps are where
+   `look_ahead` leaves them, or each in its place. */
+static void judge(Work *s, int ahead)
 {
     const Qp *q = &s->qp;
     double half = 0, beyond = 0, worst = 0, off = 0, reach = s->step, of_x[NX], of_l[M1(NL)];
@@ -460,13 +485,15 @@ static void judge(Work *s)
             worst = fmax(worst, excess), off = fmax(off, excess * of_l[k]);
     }
     double part[NX] = {0}, most[NX] = {0}, moved[NX] = {0}; /* of each state; `beyond` shows what is no number */
-    for (int m = 0; m < NS; m++)
+    for (int m = 0; m < NS; m++) {
+        const double *end = s->next + (!ahead ? m : m ? m - 1 : NS) * NX;
         for (int a = 0; a < NX; a++) {
-            double d = fabs(s->next[m * NX + a] - s->x[NX + m * NX + a]);
+            double d = fabs(end[a] - s->x[NX + m * NX + a]);
             part[a] += fabs(s->pi[NX + m * NX + a]) * d;
             most[a] = larger(most[a], d);
             moved[a] = larger(moved[a], fabs(s->dx[NX + m * NX + a]));
         }
+    }
     for (int a = 0; a < NX; a++) {
         beyond += part[a], worst = larger(worst, most[a]);
         off = larger(off, most[a] * of_x[a]), reach = larger(reach, moved[a] * of_x[a]);
@@ -498,8 +525,32 @@ static void check(Work *s)
         evaluate_ends(s, i);
     for (int i = 0; i <= N; i += LANES)
         evaluate_errors(s, i);
-    judge(s);
+    judge(s, 0);
 }
+
+#if AHEAD
+/* The same from the linearisation at the iterate, a step later, with which the next plan starts. */
+static void look_ahead(Work *s)
+{
+#if DYNAMICS == RADAU
+    for (int i = 0; i < NS; i += LANES)
+        move_slopes(s, i);
+#endif
+    int good = 1;
+    s->from = FROM;
+    for (int i = 0; i <= NS; i += LANES)
+        good &= evaluate_later(s, i);
+    s->from = 0;
+    memcpy(s->ahead_x, s->x + NX, sizeof s->ahead_x);
+    later_inputs(s, s->ahead_u);
+    memcpy(s->ahead_w, s->w + NW, sizeof(double) * N * NW);
+    memcpy(s->ahead_k, s->k + NK, sizeof(double) * NS * NK);
+    s->ahead = good;
+    for (int i = 0; i <= N; i += LANES)
+        evaluate_errors(s, i);
+    judge(s, 1);
+}
+#endif
 
 static int accepted(const Work *s)
 {
@@ -567,11 +618,12 @@ static int prepare(Work *s)
 {
     double begin = now();
     int status = TIME_OUT;
-    if (begins(s, LINEARISE)) {
+    if (s->ahead || begins(s, LINEARISE)) {
         s->from = FROM;
         status = linearise(s) ? SOLVED : NOT_FINITE;
         s->from = 0;
-        ends(s, LINEARISE);
+        if (!s->spared)
+            ends(s, LINEARISE);
     }
     if (status == SOLVED && begins(s, CONDENSE)) {
         status = condense(s) ? SOLVED : NOT_FINITE;
@@ -630,15 +682,22 @@ static int solve_qp(Work *s, int warm)
     return outcome[status];
 }
 
-/* Full step of the prepared problem from the state now. */
-static int feedback(Work *s)
+/* Full step of the prepared problem from the state now; what it led to is linearised if it is the `last` one. */
+static int feedback(Work *s, int last)
 {
     double begin = now();
     int status = solve_qp(s, !s->fresh);
     if (status == SOLVED) {
         move(s, 1);
+        memcpy(s->x, s->x0, sizeof s->x0);
         keep_inputs(s);
-        check(s);
+#if AHEAD
+        if (last && begins(s, LINEARISE)) {
+            look_ahead(s);
+            ends(s, LINEARISE);
+        } else
+#endif
+            check(s);
         s->iterations++;
     }
     s->seconds_feedback = now() - begin;
@@ -736,7 +795,7 @@ static int converge(Work *s, int64_t most, int loose)
         }
         if (!(there < INFINITY))
             return NOT_FINITE;
-        judge(s);
+        judge(s, 0);
         if (t < 1)
             s->residual = INFINITY;
         s->cost = 2 * cost, s->violation = violation;
@@ -802,6 +861,21 @@ static int moves_on(const Work *s)
     return ahead <= here;
 }
 
+/* Whether the state now is so near to the first of the plan that derivatives there serve: the step closes the gap. */
+static int nearby(const Work *s)
+{
+    double of_x[NX], square = 0;
+    int near = 1;
+    for (int a = 0; a < NX; a++)
+        square += (s->x0[a] - s->x[a]) * (s->x0[a] - s->x[a]);
+    if (square <= NEARBY * NEARBY)
+        return 1;
+    units(s->x, NS, NX, of_x);
+    for (int a = 0; a < NX; a++)
+        near &= fabs(s->x0[a] - s->x[a]) * of_x[a] <= NEARBY;
+    return near;
+}
+
 /* Start from the plan of the step before (CONTINUE: u, x, k as it left them; RESUME: as an unfinished solve left them,
    which may have been about a vehicle that has not moved since), from nothing (FROM_NOTHING: constant inputs, states
    rolled out), from inputs and states (GIVEN), or from inputs (GIVEN_INPUTS: states rolled out). Only the first takes a
@@ -836,7 +910,7 @@ static void start(Work *s)
         keep_inputs(s);
     if (s->fresh == GIVEN_INPUTS || N == 1)
         roll_out(s);
-    else if (shifts || s->fresh == RESUME)
+    else if ((shifts || s->fresh == RESUME) && !(AHEAD && s->fresh == CONTINUE && s->fixed > 0 && nearby(s)))
         memcpy(s->x, s->x0, sizeof s->x0);
     s->open_end = shifts;
 }
@@ -866,7 +940,7 @@ int rt_feedback(Work *s)
 {
     double begin = now();
     s->qp.until = begin + s->time_limit;
-    int status = finish(s, feedback(s));
+    int status = finish(s, feedback(s, 0));
     s->seconds = now() - begin;
     return status;
 }
@@ -885,7 +959,7 @@ int rt_solve(Work *s)
         for (int64_t i = 0; i < s->fixed; i++) {
             status = prepare(s);
             if (status == SOLVED)
-                status = feedback(s);
+                status = feedback(s, i + 1 == s->fixed);
             if (status != ITERATED)
                 break;
         }

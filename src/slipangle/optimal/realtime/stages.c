@@ -104,6 +104,7 @@ INLINE void find_stages(Scratch *c, const double *H, double step, double toleran
         }
         /* wheels past the peak of their tire throw a full step too far: halve it until the residual falls */
         I worse = ~(size <= before) & ~(size <= tolerance * tolerance) & (t > 1e-4);
+        V of_size = before, of_step = last, of_t = t;
         newton_factor(c->m);
         newton_solve(c->m, c->d);
         for (int i = 0; i < NK; i++)
@@ -119,6 +120,11 @@ INLINE void find_stages(Scratch *c, const double *H, double step, double toleran
         }
         if (!v_any(*moving))
             break;
+        if (from == FROM) { /* what does not move stays as it was, whatever is beside it */
+            for (int i = 0; i < NK; i++)
+                c->k[i] = v_pick(*moving, c->k[i], c->kept[i]);
+            before = v_pick(*moving, before, of_size), last = v_pick(*moving, last, of_step), t = v_pick(*moving, t, of_t);
+        }
         if (round == 14 && settle) { /* once more, from wheels at rest in their slip */
             settle_fast_states(c, *moving);
             before = v_pick(*moving, v_all(INFINITY), before);
@@ -238,18 +244,26 @@ static int integrate(Scratch *c, double tolerance, double from)
     return failed;
 }
 
-/* End of the step after the state and the inputs have moved by dx and du: stages follow along their derivatives and are
-   corrected once with the factors at hand. */
-INLINE void follow(Scratch *c)
+/* Stage slopes along their derivatives after the state and the inputs have moved by dx and du; how far. */
+INLINE V move_along(Scratch *c)
 {
-    const double *H = RADAU_H;
-    V at[NX], off = {0};
+    V far = {0};
     memcpy(c->kept, c->k, sizeof c->k);
     for (int b = 0; b < NC + NU; b++) {
         V by = b < NC ? c->dx[CORE[b]] : c->du[b - NC];
         for (int i = 0; i < NK; i++)
             c->k[i] += c->s[b * NK + i] * by;
     }
+    for (int i = 0; i < NK; i++)
+        far += v_fabs(STEP / (1.0 + v_fabs(c->x[CORE[i / 3]])) * (c->k[i] - c->kept[i]));
+    return far;
+}
+
+/* Stage slopes corrected once with the factors at hand; by how much. */
+INLINE V correct(Scratch *c)
+{
+    const double *H = RADAU_H;
+    V at[NX], off = {0};
     for (int a = 0; a < NX; a++)
         at[a] = c->x[a];
     for (int j = 0; j < 3; j++) {
@@ -267,6 +281,16 @@ INLINE void follow(Scratch *c)
         c->k[i] -= c->d[i];
         off += v_fabs(STEP / (1.0 + v_fabs(c->x[CORE[i / 3]])) * c->d[i]);
     }
+    return off;
+}
+
+/* End of the step after the state and the inputs have moved by dx and du: stages follow along their derivatives and are
+   corrected once. */
+INLINE void follow(Scratch *c)
+{
+    const double *H = RADAU_H;
+    move_along(c);
+    V off = correct(c);
     for (int a = 0; a < NC; a++) {
         const V *k = c->k + 3 * a;
         c->next[CORE[a]] = c->x[CORE[a]] + (H[6] * k[0] + H[7] * k[1] + H[8] * k[2]);
@@ -287,9 +311,26 @@ INLINE void follow(Scratch *c)
 
 #endif
 
+#if DYNAMICS != CALLED
+/* Next state and derivatives of the columns at hand, which are those of a group; whether some took short steps. There
+   is one copy of this, so that a column comes out the same to the last bit whatever is beside it. */
+static __attribute__((noinline)) int evaluate_columns(Work *s, int group)
+{
+    Scratch *c = &s->scratch;
+#if DYNAMICS == RADAU
+    c->m = c->factors + group * NK * NK, c->s = c->by + group * (NC + NU) * NK;
+    return c->spoilt[group] = integrate(c, s->newton, s->from);
+#else
+    explicit_dynamics(c->x, c->u, c->w, c->next, c->A, c->B);
+    return group < 0;
+#endif
+}
+#endif
+
 static void evaluate_dynamics(Work *s, int first, int count)
 {
     Scratch *c = &s->scratch;
+    s->ahead = 0;
 #if DYNAMICS == CALLED
     for (int i = first; i < first + count && i < NS; i++) {
         const double *in[3] = {s->x + i * NX, s->u + STAGE_OF(i) * NU, s->w + STAGE_OF(i) * NW};
@@ -303,13 +344,12 @@ static void evaluate_dynamics(Work *s, int first, int count)
     gather_held(c->u, s->u, NU, first, count, NS - 1);
     gather_held(c->w, s->w, NW, first, count, NS - 1);
 #if DYNAMICS == RADAU
-    int group = first / LANES;
-    c->m = c->factors + group * NK * NK, c->s = c->by + group * (NC + NU) * NK;
     gather(c->k, s->k, NK, first, count, NS - 1);
-    c->spoilt[group] = integrate(c, s->newton, s->from) || count < LANES;
+#endif
+    evaluate_columns(s, first / LANES);
+#if DYNAMICS == RADAU
+    c->spoilt[first / LANES] |= count < LANES;
     scatter(c->k, s->k, NK, first, count, NS - 1);
-#else
-    explicit_dynamics(c->x, c->u, c->w, c->next, c->A, c->B);
 #endif
     scatter(c->next, s->next, NX, first, count, NS - 1);
     scatter(c->A, s->A, NX * NX, first, count, NS - 1);
@@ -345,11 +385,107 @@ static void evaluate_stage(Work *s, int first)
 #endif
 }
 
+#if DYNAMICS == RADAU
+/* What a lane holds, also in the next one. */
+INLINE void repeat_lane(V *rows, int count, int lane)
+{
+    for (int i = 0; i < count; i++)
+        rows[i][lane + 1] = rows[i][lane];
+}
+
+/* Factors, derivatives of the stage slopes and movements since the linearisation, of LANES columns; a lane to spare is
+   the step after the last, from where that was. */
+static void gather_moves(Work *s, int first)
+{
+    Scratch *c = &s->scratch;
+    int group = first / LANES;
+    c->m = c->factors + group * NK * NK, c->s = c->by + group * (NC + NU) * NK;
+    gather(c->dx, s->dx, NX, first, LANES, NS - 1);
+    gather_held(c->du, s->du, NU, first, LANES, NS - 1);
+    gather(c->k, s->k, NK, first, LANES, NS - 1);
+    gather(c->x, s->x, NX, first, LANES, NS);
+    for (int lane = NS - first; lane < LANES; lane++)
+        for (int a = 0; a < NX; a++)
+            c->dx[a][lane] = s->x[NS * NX + a] - s->x_from[(NS - 1) * NX + a];
+    if (AHEAD && NS - first < LANES)
+        repeat_lane(c->s, (NC + NU) * NK, NS - first - 1);
+}
+#endif
+
+#if AHEAD
+/* Places of steps a step later: the one after the last is the last one there, and after that is the first, left behind. */
+#define LATER(i) ((i) < NS ? (i) + 1 : 0)
+#define HELD_LATER(i) ((i) + 1 < N ? (i) + 1 : (i) < N ? N - 1 : 0)
+GATHER(gather_later, LATER)
+GATHER(gather_held_later, HELD_LATER)
+
+#if DYNAMICS == RADAU
+/* Stage slopes after x and u have moved by dx and du since they were linearised, and those of the step after the last:
+   along their derivatives, and corrected where they have moved FAR_ALONG. */
+static void move_slopes(Work *s, int first)
+{
+    Scratch *c = &s->scratch;
+    int far = 0;
+    gather_moves(s, first);
+    if (!c->spoilt[first / LANES]) {
+        V along = move_along(c);
+        for (int lane = 0; lane < LANES && first + lane <= NS; lane++)
+            far |= !(along[lane] <= FAR_ALONG);
+    }
+    if (far) {
+        if (NS - first < LANES)
+            repeat_lane(c->m, NK * NK, NS - first - 1);
+        gather_held(c->u, s->u, NU, first, LANES, NS - 1);
+        gather_held(c->w, s->w, NW, first, LANES, NS - 1);
+        V off = correct(c);
+        for (int i = 0; i < NK; i++)
+            c->k[i] = v_pick(off <= 1e-2, c->k[i], c->kept[i]);
+    }
+    scatter(c->k, s->k, NK, first, LANES, NS);
+}
+#endif
+
+/* Next states and their derivatives in the places where a plan a step later has them; whether all is as it would be. */
+static int evaluate_later(Work *s, int first)
+{
+    Scratch *c = &s->scratch;
+#if DYNAMICS == CALLED
+    for (int i = first; i < first + LANES && i <= NS; i++) {
+        const double *in[3] = {s->x + LATER(i) * NX, s->u + HELD_LATER(i) * NU, s->w + LATER(i) * NW};
+        double *out[3] = {s->next + i * NX, s->A + i * NX * NX, s->B + i * NX * NU};
+        memcpy(c->in, in, sizeof in);
+        memcpy(c->out, out, sizeof out);
+        if (i < NS)
+            called_dynamics(c->in, c->out, c->iw, c->work, 0);
+        else
+            called_values(c->in, c->out, c->iw, c->work, 0);
+    }
+    return 1;
+#else
+    gather_later(c->x, s->x, NX, first, LANES, NS);
+    gather_held_later(c->u, s->u, NU, first, LANES, NS);
+    gather_later(c->w, s->w, NW, first, LANES, NS);
+#if DYNAMICS == RADAU
+    gather_later(c->k, s->k, NK, first, LANES, NS);
+#endif
+    int spoilt = evaluate_columns(s, first / LANES);
+#if DYNAMICS == RADAU
+    scatter(c->k, s->ahead_slopes, NK, first, LANES, NS - 1);
+#endif
+    scatter(c->next, s->next, NX, first, LANES, NS);
+    scatter(c->A, s->A, NX * NX, first, LANES, NS - 1);
+    scatter(c->B, s->B, NX * NU, first, LANES, NS - 1);
+    return !spoilt;
+#endif
+}
+#endif
+
 /* Where the steps of the model from LANES nodes end after x and u have moved by dx and du since they were linearised,
    and the stage slopes there; without derivatives. */
 static void evaluate_ends(Work *s, int first)
 {
     Scratch *c = &s->scratch;
+    s->ahead = 0;
 #if DYNAMICS == CALLED
     for (int i = first; i < first + LANES && i < NS; i++) {
         const double *in[3] = {s->x + i * NX, s->u + STAGE_OF(i) * NU, s->w + STAGE_OF(i) * NW};
@@ -360,19 +496,13 @@ static void evaluate_ends(Work *s, int first)
     }
 #else
 #if DYNAMICS == RADAU
-    int group = first / LANES;
-    if (c->spoilt[group]) {
+    if (c->spoilt[first / LANES]) {
         evaluate_dynamics(s, first, LANES);
         return;
     }
-    c->m = c->factors + group * NK * NK, c->s = c->by + group * (NC + NU) * NK;
-    gather(c->dx, s->dx, NX, first, LANES, NS - 1);
-    gather_held(c->du, s->du, NU, first, LANES, NS - 1);
-    gather(c->k, s->k, NK, first, LANES, NS - 1);
-    gather(c->x, s->x, NX, first, LANES, NS);
-    for (int lane = NS - first; lane < LANES; lane++) /* to spare: the step after the last, from where that was */
-        for (int a = 0; a < NX; a++)
-            c->dx[a][lane] = s->x[NS * NX + a] - s->x_from[(NS - 1) * NX + a];
+    gather_moves(s, first);
+    if (AHEAD && NS - first < LANES)
+        repeat_lane(c->m, NK * NK, NS - first - 1);
     for (int lane = 0; NS > N && lane < LANES; lane++) { /* the next plan holds the mean of two inputs over a stage */
         int m = first + lane < NS ? first + lane : NS - 1, before = first + lane > NS ? NS - 1 : first + lane - 1;
         for (int b = 0; b < NU; b++)

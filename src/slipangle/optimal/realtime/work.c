@@ -14,6 +14,10 @@
 #define STAGE_OF(m) STAGES[m]
 #endif
 
+/* Whether a plan is linearised where it is found, for the next one to start with: where the first step, which that has
+   left behind, finds a lane to spare. */
+#define AHEAD (NS == N && N > 1 && (DYNAMICS == CALLED || NS % LANES != 0))
+
 enum { SOLVED, ITERATED, ITERATION_LIMIT, STALLED, TIME_OUT, INFEASIBLE, NOT_FINITE, FAILED, DOUBTFUL };
 enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME };
 enum { LINEARISE, CONDENSE, PARTS };
@@ -21,7 +25,9 @@ enum { LINEARISE, CONDENSE, PARTS };
 #define PAIRS 24 /* remembered steps and changes of the gradient */
 #define CALM 5   /* iterations without a short step before remembered ones count; short: a quarter of one beyond FAR */
 #define FAR 0.05 /* largest change of an input in units of its range; below, remembered steps are what helps */
-#define FROM 1e-2 /* `from` where stage slopes have been followed to where the step begins: they are better than that */
+#define FROM 0.3 /* `from` where stage slopes have been moved to where the step begins: a correction of 2e-4 is the last one */
+#define FAR_ALONG 3e-2 /* in units of the state: derivatives of stage slopes lead them no further well enough */
+#define NEARBY 0.02 /* largest difference of the state from the one predicted, in `units`, with which derivatives stay */
 #define MORE 10  /* iterations with a line search where full steps were not enough */
 
 typedef struct {
@@ -41,13 +47,16 @@ typedef struct {
     /* linearisation */
     double A[NS * NX * NX], B[NS * NX * NU], E[M1((N + 1) * NE * NX)], D[M1((N + 1) * NE * NU)];
     double LX[M1((N + 1) * NL * NX)], LU[M1((N + 1) * NL * NU)];
-    double next[NS * NX], e[M1((N + 1) * NE)], l[M1((N + 1) * NL)];
+    double next[(NS + 1) * NX], e[M1((N + 1) * NE)], l[M1((N + 1) * NL)];
     double e_after[M1((N + 1) * NE)], l_after[M1(N_LIMITS)], bend; /* of the linear model after the step */
     /* step */
     double dx[(NS + 1) * NX], pi[(NS + 1) * NX], du[N * NU], u_later[N * NU];
     double u_from[N * NU], x_from[(NS + 1) * NX], k_from[M1((NS + 1) * NK)], penalty[(NS + 1) * NX], hard_penalty;
     double pair_s[PAIRS * QL], pair_y[PAIRS * QL], g_from[QL], product[QL];
     int64_t pairs, open_end; /* open_end: the last state is where the last step ends */
+    /* what next, A and B belong to after `look_ahead`, and the stage slopes that were found there */
+    double ahead_x[NS * NX], ahead_u[N * NU], ahead_w[M1(N * NW)], ahead_k[M1(NS * NK)], ahead_slopes[M1(NS * NK)];
+    int64_t ahead, spared; /* whether that is so; groups of columns that the last linearisation took from there */
     V G[2 * NX * QL / LANES], R[QL / LANES];
     double damp; /* of inputs, relative to the curvature */
     double from; /* size of the step before the first of the integrator's, as far as is known */
