@@ -190,6 +190,43 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "optimal/realtime/solver.c",
+        "control/test_usual_call.py::test_edges_of_a_corridor_become_limits_as_elsewhere",
+        [("corridor in C: half a car outside", "low = HALF_WIDTH - right", "low = -right - HALF_WIDTH")],
+    ),
+    *mistakes(
+        "optimal/realtime/solver.c",
+        "optimal/realtime/test_realtime.py::test_a_plan_is_the_same_whatever_the_work_area_holds",
+        [
+            (
+                "solver in C: a linearisation for other exogenous inputs",
+                "!memcmp(s->w + first * NW, s->ahead_w + first * NW, sizeof(double) * NW * many) &&",
+                "1 &&",
+            )
+        ],
+    ),
+    *mistakes(
+        "optimal/realtime/fallback.c",
+        "control/test_usual_call.py::test_a_fallback_in_one_piece_is_the_one_put_together",
+        [
+            (
+                "fallback in C: inputs of a step too early",
+                "from[STAGE_OF(m + later < NS ? m + later : NS - 1) * NU + j]",
+                "from[STAGE_OF(m) * NU + j]",
+            ),
+            (
+                "fallback in C: approached from the safe inputs",
+                "(s->applied[a % NU] - s->safe[a % NU])",
+                "s->safe[a % NU]",
+            ),
+            (
+                "fallback in C: states stay where they were",
+                "states_after(s->way_x, later, s->x)",
+                "states_after(s->way_x, 0, s->x)",
+            ),
+        ],
+    ),
+    *mistakes(
         "control/followers/followers.py",
         (
             PLANS,
