@@ -164,15 +164,14 @@ def _convert(options: argparse.Namespace) -> int:
     from dataclasses import replace
 
     from slipangle.models.storage import save
-    from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
 
     tire: Any = read_tire(options.file, extrapolate=False)
     check_output(Path(options.out).parent)
     if options.mirror:
-        if not isinstance(tire, MagicFormulaTire):
+        if tire.mirrored is None:
             raise ConfigError("only a Magic Formula tire can be mirrored; expected a .tir file: leave --mirror out")
         tire = replace(tire, mirrored=not tire.mirrored)
-    if isinstance(tire, MagicFormulaTire):
+    if tire.source is not None:
         tire = replace(tire, source=None)  # every coefficient anew, in SI units
     path = _write(tire, options.out, save)
     print(json.dumps({"written": str(path)}) if options.json else f"wrote {path}")
@@ -206,18 +205,15 @@ def read_tire(path: str | Path, *, extrapolate: bool = False) -> Tire:
 
 def _write(tire: Any, out: str, save: Any) -> Path:
     from slipangle.identify.tires.magic_formula import confidence
-    from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
 
     suffix = Path(out).suffix.lower()
     if suffix == ".json":
         return save(tire, out)
     if suffix != ".tir":
         raise FormatError(f"'{out}' ends in neither .tir nor .json; expected one of them: name the tire's file so")
-    if not isinstance(tire, MagicFormulaTire):
-        raise FormatError(f"a {type(tire).__name__} has no place in a .tir file; expected .json as suffix")
     if tire.mirrored:
         raise FormatError("a mirrored tire has no place in a .tir file; expected .json as suffix, or no --mirror")
-    comments = {} if tire.fit_info is None else confidence(tire.fit_info)
+    comments = None if tire.fit_info is None or tire.mirrored is None else confidence(tire.fit_info)
     return tire.write_tir(out, comments=comments)
 
 

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NoReturn, final
+from typing import Any, ClassVar, NoReturn, final
 
 import casadi as ca
 import numpy as np
@@ -255,6 +255,7 @@ class Model(FastPaths, abc.ABC):
     states: tuple[str, ...]
     memory: int = 1
     fit_info: FitInfo | None = None
+    told_by_poles: ClassVar[bool] = False  # better than by its coefficients, one by one
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy needs, in this process or another: all but what was computed on the way."""
@@ -275,6 +276,22 @@ class Model(FastPaths, abc.ABC):
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
         """State after measuring ``y`` at the same sample; by default nothing is corrected."""
         return x
+
+    @property
+    def off_ground(self) -> Model:
+        """The model without the position and heading that `OnGround` adds."""
+        return self
+
+    @property
+    def alternatives(self) -> tuple[Model, ...]:
+        """The models that this one is the mean of."""
+        return (self,)
+
+    def spread(self, data: Dataset) -> np.ndarray:
+        """Standard deviation of the free runs of `alternatives`, shape (n_samples, n_outputs); zero for one alone."""
+        if len(self.alternatives) == 1:
+            return np.zeros((data.n_samples, self.n_outputs))
+        return np.std([model.simulate(data).y for model in self.alternatives], axis=0, ddof=1)
 
     @property
     def n_states(self) -> int:

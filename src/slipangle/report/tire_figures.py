@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 import plotly.graph_objects as go
 
 from slipangle.errors import ModelWarning, ParameterError, nearest
-from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
-from slipangle.models.tires.neural import NeuralTire
 from slipangle.models.tires.simple import Tire, TireForces
 from slipangle.report.style import EqualScale, compact, escape, new_figure, series_style
 
@@ -44,25 +42,11 @@ class OperatingRange:
     @classmethod
     def of(cls, tire: Tire, *, loads: Sequence[float] = ()) -> OperatingRange:
         """What the tire's file or training data are valid for, at the given loads or at some inside that range."""
-        default = cls()
-        ratio, angle, chosen = default.slip_ratio, default.slip_angle, tuple(float(v) for v in loads)
-        if isinstance(tire, MagicFormulaTire):
-            limits = tire.limits
-            ratio = min(ratio, *(abs(v) / (1 + abs(v)) for v in limits.slip_ratio))
-            angle = min(angle, *(abs(v) for v in limits.slip_angle))
-            nominal = float(tire.coefficients.FNOMIN)
-            low, high = max(limits.load[0], 0.25 * nominal), min(limits.load[1], 2.0 * nominal)
-            chosen = chosen or tuple(_round(v) for v in np.linspace(low, high, 4))
-            chosen = tuple(min(max(v, limits.load[0]), limits.load[1]) for v in chosen)
-        elif isinstance(tire, NeuralTire):
-            ratio = min(abs(v) for v in tire.longitudinal.range)
-            angle = min(abs(v) for v in tire.lateral.range)
-            scaling = tire.lateral.network.input_scaling
-            if not chosen and "load" in tire.lateral.inputs:
-                k = tire.lateral.inputs.index("load")
-                middle, half = float(scaling.offset[k]), abs(float(scaling.factor[k]))
-                chosen = tuple(_round(v) for v in np.linspace(middle - 0.9 * half, middle + 0.9 * half, 4))
-        return cls(slip_ratio=ratio, slip_angle=angle, loads=chosen or default.loads)
+        known, chosen = tire.known_range, tuple(float(v) for v in loads)
+        if not chosen and known.usual is not None:
+            chosen = tuple(_round(v) for v in np.linspace(*known.usual, 4))
+        chosen = tuple(min(max(v, known.limits[0]), known.limits[1]) for v in chosen or cls().loads)
+        return cls(slip_ratio=known.slip_ratio, slip_angle=known.slip_angle, loads=chosen)
 
 
 def pure_slip(
@@ -184,8 +168,7 @@ def forces(tire: Tire, ratio: Any, angle: Any, load: Any, camber: float) -> Tire
     """Forces without complaint about limits."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)  # what is drawn lies inside the range wherever it is known
-        loose = replace(tire, outside="extrapolate") if isinstance(tire, MagicFormulaTire) else tire
-        return loose.forces(ratio, angle, load, camber=camber)
+        return tire.unlimited().forces(ratio, angle, load, camber=camber)
 
 
 def shown_slip(slip: np.ndarray, *, along: bool) -> np.ndarray:

@@ -13,8 +13,7 @@ import plotly.graph_objects as go
 
 from slipangle.data.tire_data import TireData
 from slipangle.errors import ModelWarning, ParameterError
-from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
-from slipangle.models.tires.simple import Tire, TireForces, practical_slip
+from slipangle.models.tires.simple import Tire, TireForces
 from slipangle.report.style import SLATE, compact, new_figure, series_style
 from slipangle.report.tire_figures import (
     POINTS,
@@ -201,19 +200,11 @@ def residual_histogram(tire: Tire, data: TireData, quantity: Quantity) -> go.Fig
 
 def predicted(tire: Tire, data: TireData) -> TireForces:
     """Forces at the conditions of the data, pressure included where the tire knows it."""
-    if not isinstance(tire, MagicFormulaTire):
-        return tire.forces(data.slip_ratio, data.slip_angle, data.load, camber=data.gamma)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ModelWarning)
-        found = replace(tire, outside="extrapolate").evaluate(
-            practical_slip(data.slip_ratio),
-            -data.slip_angle,
-            data.load,
-            axes="ISO-W",
-            camber=data.gamma,
-            pressure=data.pressure,
+        return tire.unlimited().forces_at(
+            data.slip_ratio, data.slip_angle, data.load, camber=data.gamma, pressure=data.pressure
         )
-    return TireForces(*found[:5])
 
 
 def _chosen(data: TireData, count: int) -> list[Any]:

@@ -180,7 +180,7 @@ def general(model: Model, solver: Any, horizon: int = HORIZON) -> MPC:
 
 def blended(model: MultiARXModel | OnGround, horizon: int = HORIZON, **more: Any) -> MultiARXMPC:
     """MARX-MPC with table 7.3."""
-    tracked = "e_y" if isinstance(model, OnGround) else "Y"
+    tracked = "e_y" if "psi" in model.states else "Y"
     return MultiARXMPC(model, horizon=horizon, Q=Weights(**{tracked: Q}), **SETTINGS, **more)
 
 

@@ -35,7 +35,7 @@ from slipangle.models.model import Model, Trajectory
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import FERRARI_250LM
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, with_speed_derivative
-from slipangle.models.wrappers.hybrid import HybridModel
+from slipangle.models.wrappers.hybrid import Corrected
 from slipangle.report.plots import correlation
 from slipangle.report.records import Record
 
@@ -127,7 +127,7 @@ def correlations(runs: Mapping[str, Trajectory], channel: Channel) -> dict[str, 
 
 def switched_off(models: Sequence[Model]) -> str:
     """A note on how many hybrids' discrepancies did not help and switched themselves off; empty where none did."""
-    off = sum(isinstance(model, HybridModel) and model.gain == 0 for model in models)
+    off = sum(isinstance(model, Corrected) and model.gain == 0 for model in models)
     if not off:
         return ""
     return "discrepancy off" if off == len(models) else f"discrepancy off for {off} of {len(models)} seeds"

@@ -19,6 +19,7 @@ import numpy as np
 
 from slipangle.control.mpc import MPC
 from slipangle.data.dataset import Channel
+from slipangle.models.ode import OdeModel
 from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.realtime import RealTime
@@ -48,7 +49,7 @@ def swing_up(mpc: MPC) -> tuple[np.ndarray, np.ndarray, float, list[Plan]]:
     """States, shape (STEPS + 1, 4), forces, median process time of a plan [s], plans."""
     mpc.prepare()
     x, u = ca.SX.sym("x", 4), ca.SX.sym("u")
-    ode = {"x": x, "p": u, "ode": mpc.model.derivative(x, [u])} if isinstance(mpc.model, Pendulum) else {}
+    ode = {"x": x, "p": u, "ode": mpc.model.derivative(x, [u])} if isinstance(mpc.model, OdeModel) else {}
     plant = ca.integrator("plant", "cvodes", ode, 0.0, STEP, {"reltol": 1e-10, "abstol": 1e-10})
     reference = Reference(tracked=np.zeros((21, 4)), exogenous=np.empty((20, 0)))
     states, forces, seconds, plans = [np.array([0.0, np.pi, 0.0, 0.0])], [], [], []

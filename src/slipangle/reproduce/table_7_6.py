@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.control.mpc import MPC
-from slipangle.models.wrappers.multi_arx import ParallelARX
+from slipangle.models.wrappers.multi_arx import ParallelARX, SpeedBlend
 from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.terms import Weights
@@ -140,7 +140,7 @@ def _moment(run: Run, k: int, controller: MPC) -> tuple[np.ndarray, Reference]:
     """State and reference of a plan of the drive."""
     i = round(run.t_plan[k] / (run.t[1] - run.t[0]))
     look = the_path().ahead(float(run.s[i]), HORIZON, STEP, v_x=float(run.v_x[i]))
-    if isinstance(controller.model, ParallelARX):
+    if isinstance(controller.model, SpeedBlend):
         each = round(STEP / (run.t[1] - run.t[0]))
         lags = [float(run["Y"][i - each * j]) for j in range(controller.model.na)]
         past = [float(run.commands[k - j, 0]) for j in range(1, controller.model.reach)]

@@ -32,7 +32,7 @@ from slipangle.identify.networks.joint import Joint
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import Model
 from slipangle.models.wrappers.ensemble import EnsembleModel
-from slipangle.models.wrappers.hybrid import HybridModel
+from slipangle.models.wrappers.hybrid import Corrected
 from slipangle.report.maps import track_map
 from slipangle.report.plots import rainclouds, trajectories
 from slipangle.report.race import error_by_level, error_by_phase, share_map
@@ -263,7 +263,7 @@ def along_the_track(models: dict[str, Model], test: Dataset) -> tuple[list[Recor
                 test["X"], test["Y"], errors[model], channel=channel, starts=test.starts
             )
         hybrid = models[name]
-        if isinstance(hybrid, HybridModel):
+        if isinstance(hybrid, Corrected):
             figures[f"Share of the discrepancy, {name}"] = share_map(
                 test["X"], test["Y"], hybrid.share(test)[:, 0], starts=test.starts
             )

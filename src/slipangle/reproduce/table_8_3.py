@@ -28,7 +28,7 @@ from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import Model
 from slipangle.models.vehicles.longitudinal import DrivelineParams, PedalCar
-from slipangle.models.wrappers.hybrid import HybridModel
+from slipangle.models.wrappers.hybrid import Corrected, HybridModel
 from slipangle.report.maps import track_map
 from slipangle.report.plots import rainclouds, trajectories
 from slipangle.report.race import share_map
@@ -163,7 +163,7 @@ def last_part(name: str, models: Sequence[Model], test: Dataset) -> list[Record]
 def along_the_track(models: Mapping[str, Model], test: Dataset) -> dict[str, Any]:
     """Free runs, errors, correlation; errors and shares of the discrepancies on the map (figures 8.7 to 8.9)."""
     channel = test.channels[test.index("v_x")]
-    shown = [name for name, model in models.items() if not (isinstance(model, HybridModel) and model.gain == 0)]
+    shown = [name for name, model in models.items() if not (isinstance(model, Corrected) and model.gain == 0)]
     runs = {name: model.simulate(test) for name, model in models.items()}
     errors = {name: np.where(run.predicted, run.error[:, 0], np.nan) for name, run in runs.items()}
     figures: dict[str, Any] = {
@@ -176,7 +176,7 @@ def along_the_track(models: Mapping[str, Model], test: Dataset) -> dict[str, Any
         figures[f"Error along the track, {name}"] = track_map(
             test["X"], test["Y"], errors[name], channel=channel, starts=test.starts
         )
-        if isinstance(model, HybridModel):
+        if isinstance(model, Corrected):
             figures[f"Share of the discrepancy, {name}"] = share_map(
                 test["X"], test["Y"], model.share(test)[:, 0], starts=test.starts
             )

@@ -160,7 +160,7 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
         params, tire = _PLANTS[wanted.catalogue]
         tires = (tire, tire)
         text = f"the catalogue car {wanted.catalogue} with wheel spin and Magic Formula tires"
-    elif isinstance(identified := getattr(model, "params", None), BicycleParams):
+    elif identified := getattr(getattr(model, "params", None), "bicycle", None):
         params, tires = around(identified, wanted.friction)
         text = (
             "a stand-in for the car: the identified mass, geometry and cornering stiffness on Magic Formula tires that "

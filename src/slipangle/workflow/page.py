@@ -14,7 +14,7 @@ import numpy as np
 from slipangle.control.mpc import MPC
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.identify.judge.validate import Validation
-from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.model import Model
 from slipangle.registry import Registry
 from slipangle.report import (
     Body,
@@ -324,7 +324,7 @@ def _parameter_section(outcome: Outcome, command: str) -> Iterator[Section]:
         info = v.model.fit_info
         if info is None:
             continue
-        if isinstance(v.model, ARXModel):
+        if v.model.told_by_poles:
             blocks.append(_poles(v.name, v.model, len(info.names)))
             continue
         blocks.append(parameter_table(info, title=f"Parameters of {v.name}", command=command))
@@ -341,10 +341,10 @@ def _parameter_section(outcome: Outcome, command: str) -> Iterator[Section]:
     )
 
 
-def _poles(name: str, model: ARXModel, count: int) -> Findings:
-    """What an ARX model's coefficients mean; the coefficients themselves are in metrics.json."""
+def _poles(name: str, model: Model, count: int) -> Findings:
+    """What a linear model's coefficients mean; the coefficients themselves are in metrics.json."""
     said = [f"{count} coefficients with their intervals are in metrics.json; the poles say what they mean"]
-    for pole in sorted(model.poles, key=abs, reverse=True):
+    for pole in sorted(() if model.poles is None else model.poles, key=abs, reverse=True):
         if pole.imag < 0 or abs(pole) < 0.3:
             continue
         rate = np.log(pole.astype(complex)) / model.dt

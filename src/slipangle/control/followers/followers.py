@@ -285,16 +285,7 @@ class Stanley(PathFollower):
 
 def posed_bicycle(p: ChassisParams, dt: float) -> Model:
     """Linear bicycle on the ground; a typical stiffness where the parameters have none, since all is measured."""
-    if not isinstance(p, BicycleParams):
-        stiff = 40.0 * p.mass  # N/rad
-        p = BicycleParams(
-            mass=p.mass,
-            inertia_z=p.inertia_z,
-            wheelbase=p.wheelbase,
-            l_f=p.l_f,
-            C_f=stiff,
-            C_r=stiff,
-            steering_gain=p.steering_gain,
-            steering_offset=p.steering_offset,
-        )
-    return OnGround(Bicycle(params=p, dt=dt, outputs=("v_y", "r")))
+    chassis = {name: getattr(p, name) for name in ChassisParams.metadata()}
+    stiff = 40.0 * p.mass  # N/rad
+    params = p.bicycle or BicycleParams(C_f=stiff, C_r=stiff, **chassis)
+    return OnGround(Bicycle(params=params, dt=dt, outputs=("v_y", "r")))

@@ -14,7 +14,7 @@ from slipangle.control.marx.problem import Continues, Numbers, Problem, Solver
 from slipangle.control.marx.solver import build
 from slipangle.errors import ParameterError
 from slipangle.models.model import without_caches
-from slipangle.models.wrappers.multi_arx import MultiARXModel
+from slipangle.models.wrappers.multi_arx import MultiARXModel, SpeedBlend
 from slipangle.models.wrappers.on_ground import POSE, OnGround
 from slipangle.numerics.per_thread import BUILDING
 from slipangle.optimal.arrays import array
@@ -53,13 +53,8 @@ class BlendedProblem:
             raise ParameterError(f"the horizon is {self.horizon!r}; expected a whole number of at least 1")
         if self.knots is not None:
             object.__setattr__(self, "knots", _checked_knots(self.knots, self.horizon))
-        base = self.model.model if isinstance(self.model, OnGround) else self.model
-        if not isinstance(base, MultiARXModel):
-            raise ParameterError(
-                f"the model is a {type(base).__name__}; expected a MultiARXModel, or OnGround of one: blend the ARX "
-                "models first"
-            )
-        wanted = {"v_y", "r"} if isinstance(self.model, OnGround) else {"Y"}
+        base = self.blended
+        wanted = {"v_y", "r"} if self._posed else {"Y"}
         if set(base.outputs) != wanted:
             raise ParameterError(
                 f"the models' outputs are {list(base.outputs)}; expected Y, or v_y and r on the ground: identify those"
@@ -93,12 +88,19 @@ class BlendedProblem:
     # ---- what a controller has -----------------------------------------------------------------------------------
 
     @cached_property
-    def blended(self) -> MultiARXModel:
+    def blended(self) -> SpeedBlend:
         """The blended model, without the ground."""
-        found = self.model.model if isinstance(self.model, OnGround) else self.model
-        if not isinstance(found, MultiARXModel):
-            raise ParameterError("the model is no MultiARXModel")
-        return found
+        base = self.model.off_ground
+        if not (isinstance(base, SpeedBlend) and base.one_prediction):
+            raise ParameterError(
+                f"the model is a {type(base).__name__}; expected a MultiARXModel, or OnGround of one: blend the ARX "
+                "models first"
+            )
+        return base
+
+    @property
+    def _posed(self) -> bool:
+        return self.model.off_ground is not self.model
 
     @property
     def dt(self) -> float:
@@ -123,7 +125,7 @@ class BlendedProblem:
     @property
     def tracked(self) -> tuple[str, ...]:
         """What may have a weight in Q."""
-        return ("e_y", "e_psi") if isinstance(self.model, OnGround) else ("Y",)
+        return ("e_y", "e_psi") if self._posed else ("Y",)
 
     @property
     def references(self) -> tuple[str, ...]:
@@ -145,7 +147,7 @@ class BlendedProblem:
             across = known.get("v_x", 0.0) * np.sin(known.get("psi", 0.0)) + known["v_y"] * np.cos(known.get("psi", 0))
             rows[:, 0] -= across * self.dt * np.arange(base.na)
         past = np.full(base.reach - 1, measured.get(self.controls[0], 0.0))
-        pose = [known[n] for n in POSE] if isinstance(self.model, OnGround) else []
+        pose = [known[n] for n in POSE] if self._posed else []
         return np.concatenate([rows.ravel(), past, pose])
 
     def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:

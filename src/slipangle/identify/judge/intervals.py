@@ -12,7 +12,6 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, TooShortError
 from slipangle.identify.judge.compare import Estimator
 from slipangle.models.model import Model, Trajectory
-from slipangle.models.wrappers.ensemble import EnsembleModel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +59,7 @@ class Calibration:
     def interval(self, model: Model, data: Dataset, level: float = 0.9) -> Interval:
         """Free run with its interval; only the first `memory` samples of the outputs are looked at."""
         run = model.simulate(data)
-        half = self.width(level) * self.scale(run, spread(model, data))
+        half = self.width(level) * self.scale(run, model.spread(data))
         return Interval(run=run, lower=run.y - half, upper=run.y + half, level=level)
 
 
@@ -150,17 +149,6 @@ def coverage_error(level: float, tested: float, calibrated: float) -> float:
     return float(np.sqrt(level * (1.0 - level) * (1.0 / tested + 1.0 / calibrated)))
 
 
-def spread(model: Model, data: Dataset) -> np.ndarray:
-    """How far the members of an ensemble disagree, shape (n_samples, n_outputs); zero for a single model."""
-    inner = getattr(model, "model", model)
-    if isinstance(inner, EnsembleModel):
-        if inner is model:
-            return inner.spread(data)
-        runs = [replace(model, model=member).simulate(data).y for member in inner.members]  # type: ignore[call-arg]
-        return np.std(runs, axis=0, ddof=1) if len(runs) > 1 else np.zeros_like(runs[0])
-    return np.zeros((data.n_samples, model.n_outputs))
-
-
 def calibrate(pairs: Sequence[tuple[Model, Dataset]], *, share: float = 0.05) -> Calibration:
     """Pool the free-run errors of models on data that each was not fitted to.
 
@@ -180,7 +168,7 @@ def calibrate(pairs: Sequence[tuple[Model, Dataset]], *, share: float = 0.05) ->
     """
     if not pairs:
         raise ParameterError("no model and data were given; expected at least one pair to calibrate on")
-    runs = [(model.simulate(data), spread(model, data)) for model, data in pairs]
+    runs = [(model.simulate(data), model.spread(data)) for model, data in pairs]
     errors = np.concatenate([run.error[run.predicted] for run, _ in runs])
     if len(errors) < 20:
         raise TooShortError(f"{len(errors)} samples are predicted; expected at least 20 to calibrate on: hold out more")

@@ -25,7 +25,7 @@ from slipangle.identify.lure.starts import Branches, drawn, unit_states
 from slipangle.identify.physics.free_run import FreeRun, FreeRunFit
 from slipangle.models.black_box.lure import Curve, LureModel, bend, far_out
 from slipangle.models.black_box.statespace import StateSpaceModel
-from slipangle.models.model import FitInfo
+from slipangle.models.model import FitInfo, Model
 from slipangle.models.provenance import provenance
 from slipangle.numerics.blas import one_blas_thread
 
@@ -91,7 +91,7 @@ class Lure(Checked):
         """
         began = time.perf_counter()
         with one_blas_thread():
-            start = self.linear if isinstance(self.linear, StateSpaceModel) else self.linear.fit(data)
+            start = self.linear if isinstance(self.linear, Model) else self.linear.fit(data)
             problem = _Problem(self, start, data)
             best, costs = problem.search()
         met = int(np.sum(costs <= costs[0] + _SAME * problem.n_rows))

@@ -84,8 +84,8 @@ class _Polish:
     def __post_init__(self) -> None:
         from slipangle.identify.networks.unrolled import UnrolledLags
 
-        net = self.model.network
-        if not isinstance(net, MLP):
+        net = self.model.network.perceptron
+        if net is None:
             raise AssertionError
         self.net: MLP = net
         ny, nu, na = len(self.model.outputs), len(self.model.inputs), self.model.na

@@ -15,7 +15,7 @@ import time
 import warnings
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, Literal, final
+from typing import Any, ClassVar, Literal, final
 
 import casadi as ca
 import numpy as np
@@ -50,7 +50,7 @@ _CURVE_NAMES = ("B", "C", "D", "E", "S_h", "S_v")
 
 @dataclass(frozen=True, kw_only=True)
 class CurveFit(abc.ABC):
-    """Settings that every fit of a friction curve shares.
+    """Settings that every fit of a friction curve shares; ``slip_alone`` as of the curve that it fits.
 
     Parameters
     ----------
@@ -62,6 +62,7 @@ class CurveFit(abc.ABC):
         Of the random starts.
     """
 
+    slip_alone: ClassVar[bool] = False
     solver: Solver = "least squares"
     effort: Effort = field(default_factory=Effort)
     seed: int = 0
@@ -111,6 +112,7 @@ class MagicCurveFit(CurveFit):
     True
     """
 
+    slip_alone = True
     lower: MagicCurve = field(default=replace(SOUSA_TABLE_6_7[0], B=-100.0, E=-50.0))
     upper: MagicCurve = field(default=replace(SOUSA_TABLE_6_7[1], B=100.0))
     level: float | None = 0.95

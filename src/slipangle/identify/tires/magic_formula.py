@@ -109,7 +109,7 @@ class MagicFormulaFit:
     prune: bool = True
 
     def __post_init__(self) -> None:
-        if not isinstance(self.start.coefficients, MF61Coefficients):
+        if self.start.coefficients.version != "6":
             raise ParameterError("the start tire is of version 5.2; expected version 6: take one from typical()")
         if self.start.axes != "ISO-W":
             raise ParameterError(f"the start tire is in {self.start.axes} axes; expected ISO-W, in which it is fitted")

@@ -16,7 +16,7 @@ import numpy as np
 from slipangle.data.tire_data import TireData
 from slipangle.errors import ExcitationError, IdentifiabilityWarning, ParameterError, TooShortError, nearest
 from slipangle.identify.tires.curve_data import require_both_signs
-from slipangle.identify.tires.curves import CurveFit, MagicCurveFit, MLPCurveFit, NetworkCurveFit
+from slipangle.identify.tires.curves import CurveFit, MLPCurveFit
 from slipangle.models.model import FitInfo
 from slipangle.models.parameters import ParameterSet
 from slipangle.models.tires.neural import NeuralCurve, NeuralTire
@@ -60,7 +60,7 @@ class CurveTireFit:
         for name in self.inputs:
             if name not in ("load", "camber"):
                 raise ParameterError(f"a friction curve has no input '{name}'; {nearest(name, ('load', 'camber'))}")
-        magic = [isinstance(c, (MagicCurve, MagicCurveFit)) for c in (self.longitudinal, self.lateral)]
+        magic = [c.slip_alone for c in (self.longitudinal, self.lateral)]
         if magic[0] != magic[1]:
             raise ParameterError(
                 "one direction is a Magic Formula, the other a network; expected both alike: choose the same kind"
@@ -82,15 +82,14 @@ class CurveTireFit:
         curves: list[Any] = []
         for name, given in (("longitudinal", self.longitudinal), ("lateral", self.lateral)):
             curves.append(self._curve(name, given, data) if isinstance(given, CurveFit) else given)
-        kind: Any = SimpleMagicFormula if isinstance(curves[0], MagicCurve) else NeuralTire
-        return kind(longitudinal=curves[0], lateral=curves[1], combined=self.combined)
+        return curves[0].tire(curves[1], self.combined)
 
     def _curve(self, name: str, fit: CurveFit, data: TireData) -> Any:
         along = name == "longitudinal"
         part = _pure(data, along=along).thinned(self.samples)
         slip, friction = (part.slip_ratio, part.mu_x) if along else (part.slip_angle, part.mu_y)
         extra: dict[str, np.ndarray] = {}
-        if isinstance(fit, NetworkCurveFit):
+        if not fit.slip_alone:
             extra = {key: part.load if key == "load" else part.gamma for key in self.inputs}
         return fit.fit(slip, friction, **extra)
 

@@ -44,6 +44,7 @@ class ARXModel(LaggedModel):
     .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023 (its eqs. 4-1, 4-2 print G, H and na, nb swapped).
     """
 
+    told_by_poles = True
     A: np.ndarray
     B: np.ndarray
     dt: float

@@ -14,7 +14,7 @@ from slipangle.codegen.expression import preamble
 from slipangle.codegen.network import emit_forward, packed
 from slipangle.errors import ModelWarning, ParameterError
 from slipangle.models.black_box.lagged import LaggedModel
-from slipangle.models.black_box.networks import MLP, Network
+from slipangle.models.black_box.networks import Network
 from slipangle.models.model import FitInfo
 from slipangle.models.parameters import require_few_lags
 from slipangle.ops import Vector
@@ -123,12 +123,11 @@ class NARXModel(LaggedModel):
     @cached_property
     def _compiled(self) -> tuple[Any, np.ndarray]:
         """The compiled loop, or None, and the weights it reads."""
-        if not isinstance(self.network, MLP):
+        net = self.network.perceptron
+        loaded = None if net is None else library(self.source(), name="narx")
+        if net is None or loaded is None:
             return None, np.empty(0)
-        loaded = library(self.source(), name="narx")
-        if loaded is None:
-            return None, np.empty(0)
-        return loaded.free_run, packed(*self.network.layers)
+        return loaded.free_run, packed(*net.layers)
 
     def source(self) -> str:
         """C of ``free_run(w, u, n, y)``; see `slipangle.codegen.network`.
@@ -136,9 +135,9 @@ class NARXModel(LaggedModel):
         ``u`` starts ``nb + nk - 2`` rows before the sample of the initial state, ``y`` with ``na`` past outputs,
         oldest first; ``n`` outputs are appended.
         """
-        if not isinstance(self.network, MLP):
+        net = self.network.perceptron
+        if net is None:
             raise ParameterError(f"the network is of type {type(self.network).__name__}; expected an MLP for C source")
-        net = self.network
         ny, nu = len(self.outputs), len(self.inputs)
         sizes = (net.n_inputs, *net.hidden, net.n_outputs)
         return "\n".join(

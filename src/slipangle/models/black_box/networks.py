@@ -253,6 +253,11 @@ class Network(abc.ABC):
         return self.output_scaling.undo(self.pass_scaled(self.input_scaling.apply(x)))
 
     @property
+    def perceptron(self) -> MLP | None:
+        """The network where it is one of layers, for code that is faster for those."""
+        return None
+
+    @property
     def n_parameters(self) -> int:
         """Length of `parameters`."""
         return len(self.parameters)
@@ -315,6 +320,11 @@ class MLP(Network):
         object.__setattr__(self, "weights", weights)
         object.__setattr__(self, "biases", biases)
         self._check_scaling()
+
+    @property
+    def perceptron(self) -> Self:
+        """The network itself."""
+        return self
 
     @property
     def layers(self) -> tuple[list[np.ndarray], list[np.ndarray]]:

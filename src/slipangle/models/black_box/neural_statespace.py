@@ -14,7 +14,7 @@ from slipangle.codegen.expression import preamble
 from slipangle.codegen.network import aligned, emit_forward, packed
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError
-from slipangle.models.black_box.networks import MLP, Network
+from slipangle.models.black_box.networks import Network
 from slipangle.models.model import FitInfo, Model, derived
 from slipangle.ops import Vector, concatenate, matmul
 
@@ -158,18 +158,17 @@ class NeuralStateSpaceModel(Model):
     @cached_property
     def _compiled(self) -> tuple[Any, np.ndarray, int]:
         """The compiled loop, or None; the weights of f and h; where those of h start, in bytes."""
-        if not (isinstance(self.transition, MLP) and isinstance(self.emission, MLP)):
+        f, h = self.transition.perceptron, self.emission.perceptron
+        loaded = None if f is None or h is None else library(self.source(), name="neural_statespace")
+        if f is None or h is None or loaded is None:
             return None, np.empty(0), 0
-        loaded = library(self.source(), name="neural_statespace")
-        if loaded is None:
-            return None, np.empty(0), 0
-        of_f, of_h = packed(*self.transition.layers), packed(*self.emission.layers)
+        of_f, of_h = packed(*f.layers), packed(*h.layers)
         return loaded.free_run, aligned(np.concatenate([of_f, of_h])), of_f.nbytes
 
     def source(self) -> str:
         """C of ``free_run(weights of f, weights of h, x, u, n, y)``; ``u`` starts at the sample of ``x``."""
-        f, h = self.transition, self.emission
-        if not (isinstance(f, MLP) and isinstance(h, MLP)):
+        f, h = self.transition.perceptron, self.emission.perceptron
+        if f is None or h is None:
             raise ParameterError("the networks are not all of type MLP; expected that for C source")
         n, nu, ny = self.n_states, self.n_inputs, self.n_outputs
         return "\n".join(

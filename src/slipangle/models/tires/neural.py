@@ -10,15 +10,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import casadi as ca
 import numpy as np
 
 from slipangle.errors import ParameterError, nearest
-from slipangle.models.black_box.networks import MLP, Network
+from slipangle.models.black_box.networks import Network
 from slipangle.models.model import FitInfo
-from slipangle.models.tires.simple import Tire, TireForces
+from slipangle.models.tires.simple import KnownRange, Tire, TireForces
 from slipangle.ops import Scalar, clip, fabs, is_symbolic, matmul, sqrt, stack, tanh, where
 
 CurveInput = Literal["slip", "load", "camber"]
@@ -46,6 +46,8 @@ class NeuralCurve:
     ParameterError
         If inputs and network do not fit together.
     """
+
+    slip_alone: ClassVar[bool] = False
 
     network: Network
     inputs: tuple[CurveInput, ...] = ("slip",)
@@ -86,8 +88,8 @@ class NeuralCurve:
 
         None for other networks.
         """
-        net = self.network
-        if not (isinstance(net, MLP) and net.activation in _AS_TANH and self.outside == "hold"):
+        net = self.network.perceptron
+        if net is None or net.activation not in _AS_TANH or self.outside != "hold":
             return None
         before, after, offset = _AS_TANH[net.activation]
         layers, last = [], len(net.weights) - 1
@@ -110,6 +112,10 @@ class NeuralCurve:
             z = tanh(matmul(w, z) + ca.DM(b))
         w, b = layers[-1]
         return (matmul(w, z) + ca.DM(b))[0]
+
+    def tire(self, lateral: NeuralCurve, combined: Literal["none", "ellipse"]) -> NeuralTire:
+        """Tire of this curve along and another across."""
+        return NeuralTire(longitudinal=self, lateral=lateral, combined=combined)
 
     @property
     def range(self) -> tuple[float, float]:
@@ -151,6 +157,16 @@ class NeuralTire(Tire):
     def __post_init__(self) -> None:
         if self.combined not in ("none", "ellipse"):
             raise ParameterError(f"combined is '{self.combined}'; expected 'none' or 'ellipse'")
+
+    @property
+    def known_range(self) -> KnownRange:
+        """That of the training data."""
+        along, across = (min(abs(v) for v in curve.range) for curve in (self.longitudinal, self.lateral))
+        if "load" not in self.lateral.inputs:
+            return KnownRange(along, across)
+        k, scaling = self.lateral.inputs.index("load"), self.lateral.network.input_scaling
+        middle, half = float(scaling.offset[k]), abs(float(scaling.factor[k]))
+        return KnownRange(along, across, usual=(middle - 0.9 * half, middle + 0.9 * half))
 
     def forces(
         self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0

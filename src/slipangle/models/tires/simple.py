@@ -7,9 +7,14 @@ left; both signs as in docs/nomenclature.md.
 from __future__ import annotations
 
 import abc
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, NamedTuple
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
+from slipangle.data.readers.tir import TirFile
+from slipangle.errors import FormatError
 from slipangle.models.model import FitInfo
 from slipangle.models.parameters import ParameterSet
 from slipangle.ops import Scalar, atan, clip, sin, smooth_abs, speed_floor, sqrt
@@ -30,8 +35,25 @@ class TireForces(NamedTuple):
     M_z: Scalar = 0.0
 
 
+class KnownRange(NamedTuple):
+    """What a tire's data or file cover: largest slip ratio [-] and angle [rad], usual loads and their limits [N]."""
+
+    slip_ratio: float = 0.3
+    slip_angle: float = math.radians(15.0)
+    usual: tuple[float, float] | None = None
+    limits: tuple[float, float] = (0.0, math.inf)
+
+
 class Tire(abc.ABC):
-    """What a vehicle model needs of a tire: forces from slip and load, on numbers and on symbols."""
+    """What a vehicle model needs of a tire: forces from slip and load, on numbers and on symbols.
+
+    The rest has defaults that suit a tire that is alike on both sides and valid everywhere.
+    """
+
+    side: Literal["LEFT", "RIGHT", ""] = ""
+    mirrored: bool | None = None
+    source: TirFile | None = None
+    fit_info: FitInfo | None = None
 
     @abc.abstractmethod
     def forces(
@@ -52,6 +74,35 @@ class Tire(abc.ABC):
         friction : scalar
             Road friction relative to the road of the tire test. [-]
         """
+
+    def forces_at(
+        self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar, pressure: Scalar | None
+    ) -> TireForces:
+        """`forces` at an inflation pressure [Pa], which most tires do not know."""
+        return self.forces(slip_ratio, slip_angle, load, camber=camber)
+
+    def mounted(self, side: Literal["LEFT", "RIGHT"]) -> Self:
+        """The tire on a side of the vehicle."""
+        return self
+
+    def unlimited(self) -> Self:
+        """The tire without limits of its validity, for plants and figures, which go on whatever happens."""
+        return self
+
+    @property
+    def known_range(self) -> KnownRange:
+        """Where the tire is worth drawing."""
+        return KnownRange()
+
+    def write_tir(self, path: str | Path, *, comments: Mapping[str, str] | None = None) -> Path:
+        """Write the tire as a ``.tir`` file.
+
+        Raises
+        ------
+        FormatError
+            If it has no place in one.
+        """
+        raise FormatError(f"a {type(self).__name__} has no place in a .tir file; expected .json as suffix")
 
 
 def slip_ratio(v_x: Scalar, wheel_speed: Scalar, radius: Scalar, *, v_low: float = 0.5) -> Scalar:
@@ -128,6 +179,8 @@ class MagicCurve(ParameterSet):
     .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023; B there is per percent or per degree in table 6.2.
     """
 
+    slip_alone: ClassVar[bool] = True  # and not load or camber
+
     B: Annotated[float, SI("-", "stiffness factor, per unit slip or per rad", -100.0, 100.0)]
     C: Annotated[float, SI("-", "shape factor", -12.0, 12.0)]
     D: Annotated[float, SI("-", "peak friction coefficient", -12.0, 12.0)]
@@ -141,6 +194,10 @@ class MagicCurve(ParameterSet):
         x = slip + self.S_h
         phi = (1 - self.E) * x + (self.E / self.B) * atan(self.B * x)
         return self.D * sin(self.C * atan(self.B * phi)) + self.S_v
+
+    def tire(self, lateral: MagicCurve, combined: Literal["none", "ellipse"]) -> SimpleMagicFormula:
+        """Tire of this curve along and another across."""
+        return SimpleMagicFormula(longitudinal=self, lateral=lateral, combined=combined)
 
     @property
     def slope(self) -> float:

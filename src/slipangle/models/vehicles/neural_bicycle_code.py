@@ -9,7 +9,7 @@ import numpy as np
 
 from slipangle.codegen.compiler import library
 from slipangle.codegen.expression import emit, preamble
-from slipangle.models.black_box.networks import MLP, mlp_pass
+from slipangle.models.black_box.networks import mlp_pass
 
 FLAGS = ("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")
 
@@ -81,7 +81,7 @@ def source(model: _Bicycle) -> str:
 
 def run(model: _Bicycle, x0: np.ndarray, u: np.ndarray) -> np.ndarray | None:
     """States after each row of ``u``, shape (n, 3); None without a compiler or for another kind of network."""
-    if not isinstance(model.network, MLP) or model.method != "rk4":
+    if model.network.perceptron is None or model.method != "rk4":
         return None
     loaded = library(source(model), name="neural_bicycle", flags=FLAGS)
     if loaded is None:

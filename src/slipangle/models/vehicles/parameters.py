@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Self
 
 from slipangle.models.parameters import ParameterSet
 from slipangle.ops import Scalar
@@ -28,6 +28,11 @@ class ChassisParams(ParameterSet):
         """Distance from the centre of gravity to the rear axle. [m]"""
         return self.wheelbase - self.l_f
 
+    @property
+    def bicycle(self) -> BicycleParams | None:
+        """The parameters where they are those of a linear bicycle."""
+        return None
+
     def road_wheel(self, delta: Scalar) -> Scalar:
         """Road-wheel angle from the logged steering angle. [rad]"""
         return self.steering_gain * (delta - self.steering_offset)
@@ -39,6 +44,11 @@ class BicycleParams(ChassisParams):
 
     C_f: Annotated[float, SI("N/rad", "front cornering stiffness, per axle", 1.0, 1e7)]
     C_r: Annotated[float, SI("N/rad", "rear cornering stiffness, per axle", 1.0, 1e7)]
+
+    @property
+    def bicycle(self) -> Self:
+        """The parameters themselves."""
+        return self
 
 
 @dataclass(frozen=True, kw_only=True)

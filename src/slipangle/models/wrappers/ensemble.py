@@ -49,6 +49,11 @@ class EnsembleModel(Model):
                     f"{first.dt:g} s; expected the same of all: fit them to the same data"
                 )
 
+    @property
+    def alternatives(self) -> tuple[Model, ...]:
+        """The members."""
+        return self.members
+
     @derived
     def dt(self) -> float:
         """Sample time. [s]"""
@@ -103,8 +108,3 @@ class EnsembleModel(Model):
     def initial_state(self, data: Dataset) -> np.ndarray:
         """Every member's, run up to the last sample."""
         return np.concatenate([run_up(member, data)[0] for member in self.members])
-
-    def spread(self, data: Dataset) -> np.ndarray:
-        """Standard deviation of the members' free runs, shape (n_samples, n_outputs); zero before they start."""
-        runs = np.stack([member.simulate(data).y for member in self.members])
-        return runs.std(axis=0, ddof=1) if len(runs) > 1 else np.zeros(runs.shape[1:])

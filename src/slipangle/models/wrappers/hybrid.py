@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -11,6 +12,20 @@ from slipangle.errors import MissingColumnError, ParameterError, nearest
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.model import FitInfo, Model, derived
 from slipangle.ops import Vector, concatenate, stack
+
+
+@runtime_checkable
+class Corrected(Protocol):
+    """A model whose prediction is corrected by a share that can be shown, and is off where the gain is 0."""
+
+    @property
+    def gain(self) -> float:
+        """How much of the correction counts, 0 to 1."""
+        ...
+
+    def share(self, data: Dataset) -> np.ndarray:
+        """See `HybridModel.share`."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)

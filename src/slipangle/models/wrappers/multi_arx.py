@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -47,7 +47,7 @@ def speed_weights(v_x: Scalar, speeds: Sequence[float], shape: Shape = "triangul
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Blend(Model):
+class SpeedBlend(Model):
     """What both kinds of blending share: the models, their speeds, their coefficients with equal numbers of lags.
 
     Parameters
@@ -64,6 +64,8 @@ class _Blend(Model):
     ParameterError
         If the models do not fit each other or the speeds.
     """
+
+    one_prediction: ClassVar[bool]  # of a model with blended coefficients, or one of each model
 
     models: tuple[ARXModel, ...]
     speeds: tuple[float, ...]
@@ -160,12 +162,14 @@ class _Blend(Model):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MultiARXModel(_Blend):
+class MultiARXModel(SpeedBlend):
     """ARX models blended at every step: one model whose coefficients depend on the speed.
 
     The state holds the lags that all models share: outputs, newest first, then past inputs. Inputs are the models'
     input and the speed v_x [m/s].
     """
+
+    one_prediction = True
 
     @derived
     def states(self) -> tuple[str, ...]:
@@ -201,7 +205,7 @@ class MultiARXModel(_Blend):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ParallelARX(_Blend):
+class ParallelARX(SpeedBlend):
     """ARX models side by side, each running on its own predictions, with blended outputs. [1]_ eq. 7-3
 
     This is the prediction in the cost of MARX-MPC. The state holds every model's lagged outputs, then past inputs;
@@ -211,6 +215,8 @@ class ParallelARX(_Blend):
     ----------
     .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
     """
+
+    one_prediction = False
 
     @derived
     def states(self) -> tuple[str, ...]:

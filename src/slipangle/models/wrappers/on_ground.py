@@ -73,6 +73,11 @@ class OnGround(Model):
 
     # ---- what a Model has --------------------------------------------------------------------------------------
 
+    @property
+    def off_ground(self) -> Model:
+        """The base model."""
+        return self.model
+
     @derived
     def dt(self) -> float:
         """Sample time of the base model. [s]"""

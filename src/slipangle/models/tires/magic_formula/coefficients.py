@@ -7,15 +7,24 @@ effect: 0 for coefficients, 1 for scaling factors, 2 for PKY4, which turns the l
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from slipangle.models.parameters import ParameterSet
+from slipangle.ops import Scalar
 from slipangle.units import SI
 
 
 @dataclass(frozen=True, kw_only=True)
 class MagicCoefficients(ParameterSet):
     """What versions 5.2 and 6.x have in common; see `MF61Coefficients` and `MF52Coefficients`."""
+
+    version: ClassVar[str]  # of the Magic Formula, "5.2" or "6"
+    fit_type: ClassVar[int]  # FITTYP of a file
+
+    @property
+    def slip_decay(self) -> Scalar:
+        """LMUV, decay of friction with slip speed, which version 5.2 does not have. [-]"""
+        return 0.0
 
     # model and size
     FNOMIN: Annotated[float, SI("N", "nominal load F_z0", 1.0, 1e7)]
@@ -203,6 +212,8 @@ class MF61Coefficients(MagicCoefficients):
        handle inflation pressure changes, Vehicle System Dynamics 48 (2010) S1.
     """
 
+    version = "6"
+    fit_type = 61
     PEY5: Annotated[float, SI("1/rad2", "curvature with camber squared")] = 0.0
     PKY4: Annotated[float, SI("-", "shape of cornering stiffness over load")] = 2.0
     PKY5: Annotated[float, SI("1/rad2", "load of the largest cornering stiffness with camber squared")] = 0.0
@@ -231,6 +242,11 @@ class MF61Coefficients(MagicCoefficients):
     PCFY2: Annotated[float, SI("-", "c_y with load squared")] = 0.0
     PCFY3: Annotated[float, SI("-", "c_y with pressure")] = 0.0
 
+    @property
+    def slip_decay(self) -> Scalar:
+        """LMUV. [-]"""
+        return self.LMUV
+
 
 @dataclass(frozen=True, kw_only=True)
 class MF52Coefficients(MagicCoefficients):
@@ -241,6 +257,8 @@ class MF52Coefficients(MagicCoefficients):
     .. [1] H. B. Pacejka, Tyre and Vehicle Dynamics, 2nd ed., 2006, sec. 4.3.2 and appendix.
     """
 
+    version = "5.2"
+    fit_type = 6
     PHY3: Annotated[float, SI("-", "horizontal shift of F_y with camber")] = 0.0
     PTX1: Annotated[float, SI("-", "longitudinal relaxation length at nominal load")] = 0.0
     PTX2: Annotated[float, SI("-", "longitudinal relaxation length with load")] = 0.0

@@ -36,8 +36,8 @@ from slipangle.models.tires.magic_formula.turn_slip import Spin, lateral_shift, 
 from slipangle.ops import Scalar, atan, cos, exp, fabs, sign, sin
 
 
-def mf52(c: MF52Coefficients, o: Conventions, s: Slip, *, combined: str = "weighting") -> MagicForces:
-    """Forces and moments of version 5.2; parameters as in `slipangle.models.tires.magic_formula.mf61.mf61`."""
+def forces(c: MF52Coefficients, o: Conventions, s: Slip, *, combined: str = "weighting") -> MagicForces:
+    """Forces and moments of version 5.2; parameters as in `slipangle.models.tires.magic_formula.mf61.forces`."""
     z = None if s.turn is None else spin(c, s, s.turn, rolling_radius(c, s.load, s.dpi, s.speed))
     x = pure_longitudinal(c, o, s, z, gamma=s.gamma_star * c.LGAX, mu_shift=s.mu_x)
     y = pure_lateral(c, o, s, z)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from slipangle.errors import ParameterError
 from slipangle.models.tires.magic_formula.coefficients import MF61Coefficients
 from slipangle.models.tires.magic_formula.longitudinal import longitudinal_stiffness, pure_longitudinal
 from slipangle.models.tires.magic_formula.terms import (
@@ -38,7 +39,7 @@ from slipangle.models.tires.magic_formula.turn_slip import Spin, lateral_shift, 
 from slipangle.ops import Scalar, atan, cos, fabs, sign, sin
 
 
-def mf61(c: MF61Coefficients, o: Conventions, s: Slip, *, combined: str = "weighting") -> MagicForces:
+def forces(c: MF61Coefficients, o: Conventions, s: Slip, *, combined: str = "weighting") -> MagicForces:
     """Forces and moments of version 6.1; 6.2 adds terms to M_x that are zero in files of 6.1.
 
     Parameters
@@ -190,6 +191,12 @@ def relaxation_lengths(
     c: MF61Coefficients, load: Scalar, dfz: Scalar, dpi: Scalar, gamma: Scalar
 ) -> tuple[Scalar, Scalar]:
     """Longitudinal and lateral relaxation length: stiffness of slip over that of the carcass, [2]_ eqs. 17-19. [m]"""
+    for name in ("LONGITUDINAL_STIFFNESS", "LATERAL_STIFFNESS"):
+        if is_zero(getattr(c, name)):
+            raise ParameterError(
+                f"the tire has no {name}, which relaxation lengths of version 6 need; expected a carcass stiffness in "
+                f"N/m: add it with with_coefficients({name}=...)"
+            )
     c_x = c.LONGITUDINAL_STIFFNESS * (1.0 + (c.PCFX1 + c.PCFX2 * dfz) * dfz) * (1.0 + c.PCFX3 * dpi)
     c_y = c.LATERAL_STIFFNESS * (1.0 + (c.PCFY1 + c.PCFY2 * dfz) * dfz) * (1.0 + c.PCFY3 * dpi)
     K_x, K_y = longitudinal_stiffness(c, load, dfz, dpi), cornering_stiffness(c, load, dpi, gamma)

@@ -176,7 +176,6 @@ def prepare(
     speed: Scalar | None,
     turn_slip: Scalar | None,
     friction: Scalar,
-    slip_decay: Scalar = 0.0,
 ) -> Slip:
     """Slip quantities of eqs. 4.E1 to 4.E8.
 
@@ -191,8 +190,8 @@ def prepare(
     load = 0.5 * (load + fabs(load))
     v_x = c.LONGVL if speed is None else speed
     mu_x, mu_y = c.LMUX * friction, c.LMUY * friction
-    if not is_zero(slip_decay):
-        decay = 1.0 + slip_decay * fabs(v_x) / c.LONGVL * sqrt(kappa * kappa + tangent * tangent)
+    if not is_zero(c.slip_decay):
+        decay = 1.0 + c.slip_decay * fabs(v_x) / c.LONGVL * sqrt(kappa * kappa + tangent * tangent)
         mu_x, mu_y = mu_x / decay, mu_y / decay
     a = o.digression
     fz0 = c.LFZO * c.FNOMIN

@@ -199,7 +199,7 @@ def _warn_unknown(tir: TirFile, kind: type[MagicCoefficients]) -> None:
     ]
     if unknown:
         warnings.warn(
-            f"'{tir.name}' has {', '.join(unknown)}, which version {'6' if kind is MF61Coefficients else '5.2'} of the "
+            f"'{tir.name}' has {', '.join(unknown)}, which version {kind.version} of the "
             "Magic Formula does not use: they are kept in the file and have no effect",
             ModelWarning,
             stacklevel=4,
@@ -282,7 +282,6 @@ def _section(name: str) -> str:
 
 
 def _new_file(c: MF61Coefficients | MF52Coefficients, limits: ValidRange, comments: Mapping[str, str]) -> TirFile:
-    fit_type = 61 if isinstance(c, MF61Coefficients) else 6
     extra = {
         key: value
         for name, keys in _LIMITS.items()
@@ -296,7 +295,7 @@ def _new_file(c: MF61Coefficients | MF52Coefficients, limits: ValidRange, commen
     lines += ["FILE_FORMAT              = 'ASCII'", "[UNITS]"]
     units = (("LENGTH", "meter"), ("FORCE", "newton"), ("ANGLE", "radians"), ("MASS", "kg"), ("TIME", "second"))
     lines += [f"{key:<24} = '{unit}'" for key, unit in units]
-    lines += ["[MODEL]", f"{'FITTYP':<24} = {fit_type}"]
+    lines += ["[MODEL]", f"{'FITTYP':<24} = {c.fit_type}"]
     lines += [f"{'TYRESIDE':<24} = 'UNKNOWN'"]
     meta = c.metadata()
     tir = parse_tir("\n".join(lines) + "\n", name="new tire")

@@ -19,13 +19,12 @@ import numpy as np
 from slipangle.data.readers.tir import TirFile, read_tir
 from slipangle.errors import ModelWarning, ParameterError, nearest
 from slipangle.models.model import FitInfo
-from slipangle.models.tires.magic_formula import mf52 as v52
-from slipangle.models.tires.magic_formula import mf61 as v61
+from slipangle.models.tires.magic_formula import mf52, mf61
 from slipangle.models.tires.magic_formula.coefficients import MF52Coefficients, MF61Coefficients
 from slipangle.models.tires.magic_formula.terms import Conventions, MagicForces, is_zero, prepare
 from slipangle.models.tires.magic_formula.tir import Switches, coefficients_from, file_from, limits_from, switches_from
 from slipangle.models.tires.magic_formula.validity import ValidRange
-from slipangle.models.tires.simple import Tire, TireForces, practical_slip
+from slipangle.models.tires.simple import KnownRange, Tire, TireForces, practical_slip
 from slipangle.ops import Scalar, is_symbolic
 
 AxisSystem = Literal["ISO-W", "SAE", "adapted SAE"]
@@ -37,6 +36,7 @@ _AXES: dict[str, tuple[float, float]] = {
     "adapted SAE": (1.0, -1.0),
     "slipangle": (-1.0, 1.0),
 }
+_EQUATIONS = {"5.2": mf52, "6": mf61}
 _CHUNK = 4096  # samples that pass through the equations at a time: their temporaries stay in the cache
 # Coefficients of conicity, ply steer and other differences between left and right.
 _ASYMMETRIC = (
@@ -101,7 +101,7 @@ class MagicFormulaTire(Tire):
     combined: Literal["weighting", "ellipse", "none"] = "weighting"
     axes: AxisSystem = "ISO-W"
     side: Literal["LEFT", "RIGHT", ""] = ""
-    mirrored: bool = False
+    mirrored: bool | None = False
     source: TirFile | None = field(default=None, repr=False, compare=False)
     fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
@@ -125,6 +125,19 @@ class MagicFormulaTire(Tire):
         At the pressure of the file and its reference speed, without turn slip; `evaluate` has them all. Slip ratio
         is that of `slipangle.models.tires.simple.slip_ratio`, converted to the one of tire files (`practical_slip`).
         """
+        return self.forces_at(slip_ratio, slip_angle, load, camber=camber, friction=friction)
+
+    def forces_at(
+        self,
+        slip_ratio: Scalar,
+        slip_angle: Scalar,
+        load: Scalar,
+        *,
+        camber: Scalar,
+        pressure: Scalar | None = None,
+        friction: Scalar = 1.0,
+    ) -> TireForces:
+        """`forces` at an inflation pressure [Pa]; None is that of the file."""
         found = self._run(
             "slipangle",
             kappa=practical_slip(slip_ratio if not isinstance(slip_ratio, (list, tuple)) else np.asarray(slip_ratio)),
@@ -132,7 +145,7 @@ class MagicFormulaTire(Tire):
             load=load,
             camber=camber,
             friction=friction,
-            pressure=None,
+            pressure=pressure,
             speed=None,
             turn_slip=None,
         )
@@ -233,9 +246,12 @@ class MagicFormulaTire(Tire):
 
     def _equations(self, **inputs: Any) -> MagicForces:
         c, o = self.coefficients, self.conventions
-        if isinstance(c, MF61Coefficients):
-            return v61.mf61(c, o, prepare(c, o, slip_decay=c.LMUV, **inputs), combined=self.combined)
-        return v52.mf52(c, o, prepare(c, o, **inputs), combined=self.combined)
+        return self._version.forces(c, o, prepare(c, o, **inputs), combined=self.combined)
+
+    @property
+    def _version(self) -> Any:
+        """The equations of the coefficients' version."""
+        return _EQUATIONS[self.coefficients.version]
 
     def _chunked(self, inputs: Mapping[str, Any]) -> MagicForces:
         arrays = {k: v for k, v in inputs.items() if isinstance(v, np.ndarray) and v.ndim > 0}
@@ -278,23 +294,11 @@ class MagicFormulaTire(Tire):
         dpi = self._pressure_change(pressure)
         fz0 = c.LFZO * c.FNOMIN
         dfz = (load - fz0) / fz0
-        if isinstance(c, MF52Coefficients):
-            return RelaxationLengths(*v52.relaxation_lengths(c, load, dfz, dpi, camber))
-        for name in ("LONGITUDINAL_STIFFNESS", "LATERAL_STIFFNESS"):
-            if is_zero(getattr(c, name)):
-                raise ParameterError(
-                    f"the tire has no {name}, which relaxation lengths of version 6 need; expected a carcass "
-                    f"stiffness in N/m: add it with with_coefficients({name}=...)"
-                )
-        return RelaxationLengths(*v61.relaxation_lengths(c, load, dfz, dpi, camber))
+        return RelaxationLengths(*self._version.relaxation_lengths(c, load, dfz, dpi, camber))
 
     def rolling_radius(self, load: Scalar, *, speed: Scalar = 0.0, pressure: Scalar | None = None) -> Scalar:
         """Effective rolling radius: forward speed over wheel speed at zero slip. [m]"""
-        c = self.coefficients
-        dpi = self._pressure_change(pressure)
-        if isinstance(c, MF52Coefficients):
-            return v52.rolling_radius(c, load, dpi, speed)
-        return v61.rolling_radius(c, load, dpi, speed)
+        return self._version.rolling_radius(self.coefficients, load, self._pressure_change(pressure), speed)
 
     def _pressure_change(self, pressure: Scalar | None) -> Scalar:
         """Inflation pressure over the nominal one, minus 1; 0 where a file has none. 4.E2b"""
@@ -325,11 +329,26 @@ class MagicFormulaTire(Tire):
             )
         return replace(self, mirrored=side != self.side)
 
+    def unlimited(self) -> Self:
+        """A copy that is used whatever its slip and load."""
+        return replace(self, limits=ValidRange(), outside="extrapolate")
+
+    @property
+    def known_range(self) -> KnownRange:
+        """Limits of the file; usual are a quarter to twice the nominal load."""
+        limits, default, nominal = self.limits, KnownRange(), float(self.coefficients.FNOMIN)
+        return KnownRange(
+            slip_ratio=min(default.slip_ratio, *(abs(v) / (1 + abs(v)) for v in limits.slip_ratio)),
+            slip_angle=min(default.slip_angle, *(abs(v) for v in limits.slip_angle)),
+            usual=(max(limits.load[0], 0.25 * nominal), min(limits.load[1], 2.0 * nominal)),
+            limits=limits.load,
+        )
+
     def symmetric(self) -> Self:
         """A copy without conicity, ply steer and every other difference between left and right."""
         names = set(self.coefficients.metadata())
         zero = dict.fromkeys((n for n in _ASYMMETRIC if n in names), 0.0)
-        if isinstance(self.coefficients, MF52Coefficients) or self.conventions.aligning == "paper":
+        if self.coefficients.version == "5.2" or self.conventions.aligning == "paper":
             zero["QDZ3"] = 0.0  # there it multiplies camber, not its absolute value
         return self.with_coefficients(**zero)
 
@@ -394,7 +413,7 @@ class MagicFormulaTire(Tire):
         ParameterError
             If a coefficient is a symbol.
         """
-        switches = Switches(self.combined, self.axes, self.side, self.mirrored)
+        switches = Switches(self.combined, self.axes, self.side, bool(self.mirrored))
         return file_from(
             self.coefficients, source=self.source, limits=self.limits, switches=switches, comments=comments or {}
         )

@@ -12,7 +12,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import ClassVar, Literal
 
@@ -22,8 +22,6 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import MissingColumnError, ParameterError, nearest
 from slipangle.models.fast import evaluate
 from slipangle.models.ode import OdeModel
-from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
-from slipangle.models.tires.magic_formula.validity import ValidRange
 from slipangle.models.tires.simple import Tire
 from slipangle.models.vehicles.car import DualTrackParams
 from slipangle.models.vehicles.driveline import friction_torque, stopped
@@ -48,9 +46,7 @@ _AT = {name: i for i, name in enumerate(STATES)}
 
 def _mounted(tire: Tire, side: Literal["LEFT", "RIGHT"]) -> Tire:
     """A tire on a side of the car, to be used whatever its slip and load."""
-    if not isinstance(tire, MagicFormulaTire):
-        return tire
-    return replace(tire.mounted(side) if tire.side else tire, limits=ValidRange(), outside="extrapolate")
+    return (tire.mounted(side) if tire.side else tire).unlimited()
 
 
 @dataclass(frozen=True, kw_only=True)
