@@ -15,7 +15,7 @@ import time
 import warnings
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, ClassVar, Literal, final
+from typing import Any, Literal, final
 
 import casadi as ca
 import numpy as np
@@ -62,7 +62,7 @@ class CurveFit(abc.ABC):
         Of the random starts.
     """
 
-    slip_alone: ClassVar[bool] = False
+    slip_alone = False
     solver: Solver = "least squares"
     effort: Effort = field(default_factory=Effort)
     seed: int = 0
