@@ -101,7 +101,7 @@ def candidates() -> Iterator[tuple[str, MPC, Callable[[np.ndarray], np.ndarray]]
     soft = ("alpha_f", "alpha_r", "r", "e_y")
     envelope = replace(
         base,
-        limits=Limits(**base.limits, alpha_f=0.02, alpha_r=0.02, r=0.15),
+        limits=Limits(**base.ocp.limits, alpha_f=0.02, alpha_r=0.02, r=0.15),
         slack=Weights(**dict.fromkeys(soft, 1e5)),
         slack_linear=Weights(**dict.fromkeys(soft, 1e3)),
         corridor=1.8,

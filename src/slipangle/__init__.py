@@ -73,7 +73,7 @@ if TYPE_CHECKING:
     from slipangle.models.wrappers.multi_arx import MultiARXModel
     from slipangle.models.wrappers.on_ground import OnGround
     from slipangle.optimal.ipopt import Ipopt
-    from slipangle.optimal.ocp import Reference
+    from slipangle.optimal.ocp import OCP, Reference
     from slipangle.optimal.realtime import RealTime
     from slipangle.optimal.terms import Limits, Values, Weights
     from slipangle.paths.lane_change import double_lane_change, lane_changes, obstacle_avoidance
@@ -91,7 +91,7 @@ _HOME = {  # where each public name lives; imported on first use, so that `impor
     "slipangle.identify.lure.lure": ("Lure",),
     "slipangle.optimal.realtime": ("RealTime",),
     "slipangle.optimal.ipopt": ("Ipopt",),
-    "slipangle.optimal.ocp": ("Reference",),
+    "slipangle.optimal.ocp": ("OCP", "Reference"),
     "slipangle.models.vehicles.dual_track.dual_track": ("DualTrack",),
     "slipangle.control.followers.followers": ("PurePursuit", "Stanley"),
     "slipangle.control.followers.preview_lqr": ("PreviewLQR",),
@@ -146,6 +146,7 @@ __all__ = [
     "EKF",
     "MPC",
     "NARX",
+    "OCP",
     "RLS",
     "ARXModel",
     "Bicycle",

@@ -44,7 +44,7 @@ def steering(solver=None, model=GROUND, horizon=8, **options):
 
 def interpreted(mpc):
     """The same controller as if there were no compiler."""
-    vars(mpc)["_engine"] = InterpretedEngine(mpc, RealTime(), None)
+    vars(mpc)["_engine"] = InterpretedEngine(mpc.ocp, RealTime(), None)
     return mpc
 
 
@@ -169,8 +169,8 @@ def test_memory_of_another_or_a_dead_controller_is_not_taken():
     inputs_only = replace(before, memory=None)
     wanted = mpc.plan(x, reference, inputs_only)
     for _ in range(4):  # each takes the place of the dead one before
-        other = replace(mpc)
-        assert other.identity != mpc.identity
+        other = replace(mpc, ocp=replace(mpc.ocp))
+        assert other.ocp.identity != mpc.ocp.identity
         assert same(other.plan(x, reference, before), wanted)
         del other
         gc.collect()

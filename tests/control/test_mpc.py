@@ -11,7 +11,7 @@ from slipangle.control.fallback import RELAX
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError
 from slipangle.optimal.ipopt import Ipopt
-from slipangle.optimal.ocp import Reference
+from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.solution import Status, within
 from slipangle.optimal.terms import Limits, Values, Weights
 from tests.optimal.linear import Linear, double_integrator, lqr, two_masses
@@ -134,13 +134,13 @@ def test_hard_limits_of_states_hold_and_are_used():
 def test_a_limit_on_an_output_with_feedthrough_holds_now_too():
     model = double_integrator(feedthrough=1.0)
     mpc = MPC(model, solver="ipopt", horizon=6, Q=Weights(p=1.0), R=Weights(a=1e-4), limits=Limits(y=(-0.4, 0.4)))
-    assert mpc.limited_now.tolist() == [True]
+    assert mpc.ocp.limited_now.tolist() == [True]
     plan = mpc.plan(np.zeros(2), still(mpc, 3.0))
     y = [model.output(x, u)[0] for x, u in zip(plan.x, plan.u, strict=False)]
     assert max(y) == pytest.approx(0.4, abs=1e-6)
     assert y[0] == pytest.approx(0.4, abs=1e-6)
     soft = replace(mpc, slack=Weights(y=1.0))
-    assert soft.limited_now.tolist() == [True]
+    assert soft.ocp.limited_now.tolist() == [True]
     y = [
         model.output(x, u)[0]
         for x, u in zip(*(lambda p: (p.x, p.u))(soft.plan(np.zeros(2), still(mpc, 3.0))), strict=False)
@@ -314,7 +314,7 @@ class Broken:
 
 
 def test_a_killed_or_lying_solver_is_survived():
-    engine = Ipopt().build(CART, None)
+    engine = Ipopt().build(CART.ocp, None)
     good = CART.plan(np.array([1.0, 0.0]), still(CART))
     from slipangle.optimal.solution import Start
 
@@ -393,6 +393,20 @@ def test_every_setting_of_the_controller_is_kept():
     assert {k: getattr(mpc, k) for k in options} == options
     with pytest.raises(ParameterError):
         Ipopt(tolerance=0.0)
+
+
+def test_the_problem_may_be_posed_before_and_settings_beside_it_replace_its_own():
+    problem = OCP(double_integrator(), horizon=8, Q=Weights(p=1.0), R=Weights(a=0.1), limits=Limits(a=2.0))
+    mpc = MPC(ocp=problem, solver="ipopt")
+    x, still = np.array([3.0, 0.0]), Reference(tracked=np.zeros((9, 1)), exogenous=np.empty((9, 0)))
+    posed_here = MPC(problem.model, solver="ipopt", horizon=8, Q=Weights(p=1.0), R=Weights(a=0.1), limits=Limits(a=2.0))
+    assert mpc.ocp is problem
+    assert np.array_equal(mpc.plan(x, still).u, posed_here.plan(x, still).u)
+    narrow = MPC(ocp=problem, limits=Limits(a=0.5), solver="ipopt")
+    assert np.abs(narrow.plan(x, still).u).max() == pytest.approx(0.5, abs=1e-6)
+    assert replace(mpc, R=Weights(a=1.0)).ocp.limits == problem.limits
+    with pytest.raises(TypeError, match="horizon"):
+        MPC(double_integrator(), Q=Weights(p=1.0))
 
 
 def test_within_keeps_bounds_before_rates():

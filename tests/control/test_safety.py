@@ -159,7 +159,7 @@ def test_memory_with_nan_is_not_taken():
 def test_a_fallback_says_where_it_leads(steps, stopping, compiled):
     mpc = posed(deadline=1e-12, steps=steps, safe=Values(delta=0.1), fallback=0 if stopping else 5)
     if not compiled:
-        vars(mpc)["_engine"] = InterpretedEngine(mpc, RealTime(), 1e-12)
+        vars(mpc)["_engine"] = InterpretedEngine(mpc.ocp, RealTime(), 1e-12)
     x, reference = moment(mpc)
     good = replace(mpc, deadline=None).plan(x, reference)
     late = replace(mpc, deadline=None)
@@ -169,10 +169,10 @@ def test_a_fallback_says_where_it_leads(steps, stopping, compiled):
     wanted = late._fallback(late_call(late, x, reference, good), Status.TIME_OUT)  # the same fallback without a clock
     assert wanted.stopping is stopping
     states = [x]
-    for u, w, n in zip(wanted.u, reference.exogenous[:-1], mpc.lengths, strict=True):
+    for u, w, n in zip(wanted.u, reference.exogenous[:-1], mpc.ocp.lengths, strict=True):
         now = states[-1]
         for _ in range(n):
-            now = np.asarray(mpc.dynamics(now, u, w)).ravel()
+            now = np.asarray(mpc.ocp.dynamics(now, u, w)).ravel()
         states.append(now)
     assert wanted.x == pytest.approx(np.array(states), abs=1e-5 if compiled else 2e-3)
     plan = mpc.plan(x, reference, good)

@@ -170,7 +170,7 @@ def test_edges_of_a_corridor_become_limits_as_elsewhere():
         edges = rng.uniform(0.0, 3.0, (mpc.horizon + 1, 2)) if k else np.resize(odd, (mpc.horizon + 1, 2))
         given = replace(reference, corridor=edges)
         after = mpc.plan(x, given, plan)
-        assert np.array_equal(mpc.engine._areas.mine._view["bounds"], mpc.state_bounds(given))
+        assert np.array_equal(mpc.engine._areas.mine._view["bounds"], mpc.ocp.state_bounds(given))
         plan = after if after.status.solved else plan
     assert any(isinstance(p, Plan) for p in seen)
     assert mpc.plan(x, replace(reference, corridor=spoilt(edges, (2, 0), np.nan)), plan).status is Status.NOT_FINITE

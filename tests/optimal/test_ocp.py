@@ -50,7 +50,7 @@ CHANGES = {
     "slack": {"slack": Weights(v=1000.0)},
     "slack_linear": {"slack_linear": Weights(v=100.0)},
     "steps": {"steps": (1, 1, 1, 1, 2, 2, 3, 3)},
-    "terms": {"terms": {"mixed": lambda x, u, p: x[1] + u[0]}, "Q": Weights({**BASE.Q, "mixed": 1.0})},
+    "terms": {"terms": {"mixed": lambda x, u, p: x[1] + u[0]}, "Q": Weights({**BASE.ocp.Q, "mixed": 1.0})},
 }
 
 
@@ -58,7 +58,7 @@ CHANGES = {
 def test_every_number_changes_the_plan(change):
     other = replace(BASE, **change)
     for key, value in change.items():
-        assert getattr(other, key) == value
+        assert getattr(other.ocp, key) == value
     a, b = first_plan(BASE), first_plan(other)
     assert a.status.solved
     assert b.status.solved

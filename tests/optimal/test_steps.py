@@ -69,13 +69,13 @@ def still(mpc, target=0.0):
 
 def written_out(mpc, x, reference, before):
     """Inputs and cost of the problem as a sum over the model's steps, states rolled out, slack as variables."""
-    n, steps, dt = mpc.horizon, mpc.steps, mpc.dt
-    u, slack = ca.MX.sym("u", len(mpc.controls), n), ca.MX.sym("slack", len(mpc.soft), n + 1)
-    q, end, r, s = (ca.DM(w) for w in mpc.weights)
-    square, plain = (ca.DM(w) for w in mpc.slack_weights)
-    rate = np.array([mpc.rates[name] for name in mpc.controls])
-    bounds = mpc.state_bounds(reference)
-    soft = [mpc.limited.index(name) for name in mpc.soft]
+    n, steps, dt = mpc.horizon, mpc.ocp.steps, mpc.dt
+    u, slack = ca.MX.sym("u", len(mpc.controls), n), ca.MX.sym("slack", len(mpc.ocp.soft), n + 1)
+    q, end, r, s = (ca.DM(w) for w in mpc.ocp.weights)
+    square, plain = (ca.DM(w) for w in mpc.ocp.slack_weights)
+    rate = np.array([mpc.ocp.rates[name] for name in mpc.controls])
+    bounds = mpc.ocp.state_bounds(reference)
+    soft = [mpc.ocp.limited.index(name) for name in mpc.ocp.soft]
     cost, state, last, middle, now = ca.MX(0), ca.MX(ca.DM(x)), ca.DM(before), -0.5 * dt, 0.0
     rows, low, high = [], [], []
 
@@ -96,8 +96,8 @@ def written_out(mpc, x, reference, before):
 
     for i in range(n):
         held, w = u[:, i], ca.DM(reference.exogenous[i])
-        error, limited = mpc.stage(state, held, w, ca.DM(reference.tracked[i]))
-        limit(i, limited, np.flatnonzero(mpc.limited_now) if i == 0 else range(len(mpc.limited)))
+        error, limited = mpc.ocp.stage(state, held, w, ca.DM(reference.tracked[i]))
+        limit(i, limited, np.flatnonzero(mpc.ocp.limited_now) if i == 0 else range(len(mpc.ocp.limited)))
         distance = now + 0.5 * steps[i] * dt - middle
         middle += distance
         rows.append(held - last)
@@ -106,15 +106,15 @@ def written_out(mpc, x, reference, before):
         cost += ca.dot(s, (held - last) ** 2) * dt / distance
         for _ in range(steps[i]):
             cost += ca.dot(q, error**2) + ca.dot(r, held**2)
-            state, now = mpc.dynamics(state, held, w), now + dt
+            state, now = mpc.ocp.dynamics(state, held, w), now + dt
         last = held
-    error, limited = mpc.stage(state, last, w, ca.DM(reference.tracked[n]))
-    limit(n, limited, range(len(mpc.limited)))
+    error, limited = mpc.ocp.stage(state, last, w, ca.DM(reference.tracked[n]))
+    limit(n, limited, range(len(mpc.ocp.limited)))
     cost += ca.dot(end, error**2)
     options = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "ipopt.tol": 1e-10}
     nlp = {"x": ca.veccat(u, slack), "f": cost, "g": ca.vertcat(*rows)}
     solver = ca.nlpsol("fine", "ipopt", nlp, options)
-    box = np.tile(mpc.input_bounds, (n, 1))
+    box = np.tile(mpc.ocp.input_bounds, (n, 1))
     extra = slack.numel()
     found = solver(
         lbx=[*box[:, 0], *np.zeros(extra)], ubx=[*box[:, 1], *np.full(extra, np.inf)], lbg=low, ubg=high, x0=0
@@ -139,7 +139,7 @@ def test_it_is_the_problem_on_the_fine_grid_with_the_input_held(solver):
             now = CAR.step(now, [*plan.u[i], reference.exogenous[i, 0]])
         rolled.append(now)
     assert plan.x == pytest.approx(np.array(rolled), abs=1e-7)
-    changes = np.abs(np.diff(np.vstack([before, plan.u]), axis=0))[:, 0] / mpc.step_bounds[:, 0, 1]
+    changes = np.abs(np.diff(np.vstack([before, plan.u]), axis=0))[:, 0] / mpc.ocp.step_bounds[:, 0, 1]
     outputs = np.array([CAR.output(x, [*v, 15.0]) for x, v in zip(plan.x, plan.u, strict=False)])
     reached = [changes.max(), np.abs(plan.x[1:, 0]).max() / 0.14, np.abs(outputs[:, 0]).max() / 0.24]
     assert reached == pytest.approx([1.0, 1.0, max(reached[2], 1.001)], abs=1e-5)  # each kind of limit is at work
@@ -151,7 +151,7 @@ def test_it_is_the_problem_on_the_fine_grid_with_the_input_held(solver):
 def test_steps_of_one_change_nothing(solver):
     plain = replace(LANE, steps=None, solver=solver)
     ones = replace(plain, steps=[1] * 7)
-    assert ones.steps == (1,) * 7
+    assert ones.ocp.steps == (1,) * 7
     assert ones.times == pytest.approx(plain.times)
     a = b = None
     for k in range(4):
@@ -201,7 +201,7 @@ def test_a_warm_start_finds_what_a_cold_one_finds(solver):
 def test_fallbacks_follow_the_old_plan_in_time(solver):
     mpc = replace(CART, solver=solver, rates=Limits(a=40.0))
     plan = good = mpc.plan(np.array([1.0, 0.5]), still(mpc))
-    held = np.repeat(good.u, mpc.steps, axis=0)
+    held = np.repeat(good.u, mpc.ocp.steps, axis=0)
     assert np.ptp(held) > 1.0
     for k in range(1, 16):
         plan = mpc.plan(np.full(2, np.nan), still(mpc), plan)
@@ -234,7 +234,7 @@ def test_killed_solves_keep_rates_and_bounds_from_sample_to_sample():
             assert np.isfinite(u).all()
             assert np.abs(u).max() <= 2.0
             assert abs(u[1] - last) <= most * (1 + 1e-9)
-            assert (np.abs(np.diff(u)) <= CART.step_bounds[:, 0, 1] * (1 + 1e-9)).all()
+            assert (np.abs(np.diff(u)) <= CART.ocp.step_bounds[:, 0, 1] * (1 + 1e-9)).all()
             last = float(plan.command[0])
             x = CART.model.step(x, plan.command)
     assert widest > 2 * most
@@ -317,7 +317,7 @@ def test_steps_may_come_as_any_whole_numbers():
 
 
 def test_step_bounds_go_from_middle_to_middle():
-    assert LANE.step_bounds[:, 0, 1] == pytest.approx(0.6 * 0.05 * np.array([1, 1, 1.5, 2.5, 2, 2.5, 3]))
+    assert LANE.ocp.step_bounds[:, 0, 1] == pytest.approx(0.6 * 0.05 * np.array([1, 1, 1.5, 2.5, 2, 2.5, 3]))
 
 
 def test_switched_controllers_want_equal_steps():

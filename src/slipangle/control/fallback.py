@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import nan
 from time import perf_counter
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 
 from slipangle.control.call import applied_before
+from slipangle.control.leading import Led
 from slipangle.errors import ParameterError
+from slipangle.models.model import Model
 from slipangle.numerics.per_thread import BUILDING
 from slipangle.optimal.checks import MOST, Judge, counted, health_of, is_numbers
 from slipangle.optimal.ipopt import Ipopt
-from slipangle.optimal.ocp import OCP, Reference
+from slipangle.optimal.ocp import OCP, Reference, Settings
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.solution import (
     Backend,
@@ -53,31 +56,60 @@ class Call(NamedTuple):
     sound: bool = True  # nothing in x or the reference is a fault
 
 
-@dataclass(frozen=True, eq=False)
-class Fallbacks(OCP):
-    """`OCP` with its engine, and plans that need no solve: the one before shifted, or the safe stop law; see `MPC`."""
+@dataclass(frozen=True, eq=False, init=False)
+class Fallbacks(Led):
+    """A problem, its engine, and plans that need no solve: the one before shifted, or the safe stop law; see `MPC`."""
 
-    solver: Literal["realtime", "ipopt"] | Backend = "realtime"
-    deadline: float | None = None
-    fallback: int = 5
-    safe: Values = field(default_factory=Values)
-    plausible: Limits = field(default_factory=Limits)
+    ocp: OCP
+    solver: Literal["realtime", "ipopt"] | Backend
+    deadline: float | None
+    fallback: int
+    safe: Values
+    plausible: Limits
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        model: Model | None = None,
+        *,
+        ocp: OCP | None = None,
+        solver: Literal["realtime", "ipopt"] | Backend = "realtime",
+        deadline: float | None = None,
+        fallback: int = 5,
+        safe: Values | Mapping[str, float] | None = None,
+        plausible: Limits | Mapping[str, Any] | None = None,
+        **problem: Unpack[Settings],
+    ) -> None:
+        posed: dict[str, Any] = {**problem} if model is None else {"model": model, **problem}
+        if ocp is None:
+            ocp = OCP(**posed)
+        elif posed:
+            ocp = replace(ocp, **posed)
+        values = {"ocp": ocp, "solver": solver, "deadline": deadline, "fallback": fallback}
+        for name, value in {**values, "safe": safe or Values(), "plausible": plausible or Limits()}.items():
+            object.__setattr__(self, name, value)
         coerce(self, Values, "safe")
         coerce(self, Limits, "plausible")
-        super().__post_init__()
-        if isinstance(self.solver, str) and self.solver not in ("ipopt", "realtime"):
+        if isinstance(solver, str) and solver not in ("ipopt", "realtime"):
             raise ParameterError(
-                f'the solver is {self.solver!r}; expected "realtime" or "ipopt", or settings such as Ipopt()'
+                f'the solver is {solver!r}; expected "realtime" or "ipopt", or settings such as Ipopt()'
             )
-        if self.deadline is not None and not self.deadline > 0:
-            raise ParameterError(f"the deadline is {self.deadline} s; expected a positive time, or None")
-        if self.fallback < 0:
-            raise ParameterError(f"fallback is {self.fallback}; expected a number of steps of at least 0")
-        require_names(self.safe, self.controls, "safe", "use a decided input")
-        known = (*self.model.states, *self.references, *self.exogenous)
+        if deadline is not None and not deadline > 0:
+            raise ParameterError(f"the deadline is {deadline} s; expected a positive time, or None")
+        if fallback < 0:
+            raise ParameterError(f"fallback is {fallback}; expected a number of steps of at least 0")
+        require_names(self.safe, ocp.controls, "safe", "use a decided input")
+        known = (*ocp.model.states, *ocp.references, *ocp.exogenous)
         require_names(self.plausible, known, "plausible", "use a state, a tracked quantity or an exogenous input")
+
+    @property
+    def leader(self) -> OCP:
+        """The problem, whose names and times are the controller's."""
+        return self.ocp
+
+    @property
+    def model(self) -> Model:
+        """What predicts."""
+        return self.ocp.model
 
     @cached_property
     def _engine(self) -> Engine:
@@ -85,7 +117,7 @@ class Fallbacks(OCP):
         backend = named[self.solver] if isinstance(self.solver, str) else self.solver
         with BUILDING:
             if "_engine" not in vars(self):
-                engine = backend.build(self, self.deadline)
+                engine = backend.build(self.ocp, self.deadline)
                 if isinstance(engine, Continues):
                     engine.expect(*self._judge.ranges)
                 if isinstance(engine, Rescues):
@@ -108,11 +140,11 @@ class Fallbacks(OCP):
     @cached_property
     def _safe_input(self) -> np.ndarray:
         wanted = np.array([self.safe.get(n, 0.0) for n in self.controls])
-        return np.clip(wanted, self.input_bounds[:, 0], self.input_bounds[:, 1])
+        return np.clip(wanted, self.ocp.input_bounds[:, 0], self.ocp.input_bounds[:, 1])
 
     @cached_property
     def _rest(self) -> np.ndarray:
-        return np.clip(np.zeros(len(self.controls)), self.input_bounds[:, 0], self.input_bounds[:, 1])
+        return np.clip(np.zeros(len(self.controls)), self.ocp.input_bounds[:, 0], self.ocp.input_bounds[:, 1])
 
     @cached_property
     def _states(self) -> tuple[str, ...]:
@@ -153,7 +185,7 @@ class Fallbacks(OCP):
     @cached_property
     def _longest(self) -> int:
         """How many shifted plans in a row there can be."""
-        return min(self.fallback, int(self.nodes[-1]) - 1)
+        return min(self.fallback, int(self.ocp.nodes[-1]) - 1)
 
     @cached_property
     def _shape_u(self) -> tuple[int, int]:
@@ -169,7 +201,7 @@ class Fallbacks(OCP):
 
     @cached_property
     def _input_range(self) -> tuple[np.ndarray, np.ndarray]:
-        low, high = self.input_bounds.T.copy()
+        low, high = self.ocp.input_bounds.T.copy()
         return low, high
 
     def _known(self, previous: Plan | None) -> Plan | None:
@@ -183,8 +215,8 @@ class Fallbacks(OCP):
         states[0] = x
         for i in range(self.horizon):
             after = states[i]
-            for _ in range(self.lengths[i]):
-                after = np.asarray(self.dynamics(after, u[i], wanted.exogenous[i])).ravel()
+            for _ in range(self.ocp.lengths[i]):
+                after = np.asarray(self.ocp.dynamics(after, u[i], wanted.exogenous[i])).ravel()
             states[i + 1] = after
         return states
 
@@ -254,7 +286,7 @@ class Fallbacks(OCP):
             "detail": detail,
             "memory": kept,
             "unfinished": unfinished,
-            "times": self._times,
+            "times": self.times,
             "health": health.after(True, self.deadline is not None and seconds > self.deadline),
         }
         return quick(Plan, values)
@@ -287,21 +319,21 @@ class Fallbacks(OCP):
             u = self._safe_input + self._relaxing * (call.before - self._safe_input)
         else:
             later = age - kept.age
-            u = shifted(kept.u, later) if self.steps is None else inputs_later(kept.u, self.lengths, later)
+            u = shifted(kept.u, later) if self.ocp.steps is None else inputs_later(kept.u, self.ocp.lengths, later)
         guess, last = None, None if call.previous is None else call.previous.x
         if kept is not None and is_numbers(kept.x, self._shape_x):
-            guess = states_later(kept.x, self.nodes, age - kept.age)
+            guess = states_later(kept.x, self.ocp.nodes, age - kept.age)
         elif is_numbers(last, self._shape_x):
-            guess = states_later(last, self.nodes)
+            guess = states_later(last, self.ocp.nodes)
         if x is None and (guess is None or kept is not None):  # what was predicted is all there is
-            u = within(u, call.before, self.input_bounds, self.step_bounds)
+            u = within(u, call.before, self.ocp.input_bounds, self.ocp.step_bounds)
             return u, np.zeros(self._shape_x) if guess is None else guess
         state: np.ndarray = guess[0] if x is None and guess is not None else call.x
         guess = np.tile(state, (self.horizon + 1, 1)) if guess is None else guess
         if self._follows is not None:
             u, states = self._follows.follow(state, call.before, call.wanted, u, guess)
         else:
-            u = within(u, call.before, self.input_bounds, self.step_bounds)
+            u = within(u, call.before, self.ocp.input_bounds, self.ocp.step_bounds)
             states = self._roll_out(state, u, call.wanted)
         return u, states if finite(states) else guess
 

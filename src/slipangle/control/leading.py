@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,32 +25,32 @@ class Led(abc.ABC):
     def leader(self) -> Any:
         """The controller whose settings count."""
 
-    @property
+    @cached_property
     def dt(self) -> float:
         """Step. [s]"""
         return self.leader.dt
 
-    @property
+    @cached_property
     def horizon(self) -> int:
         """Steps ahead."""
         return self.leader.horizon
 
-    @property
+    @cached_property
     def times(self) -> np.ndarray:
         """Instants of the plan's states, shape (horizon + 1,). [s]"""
         return self.leader.times
 
-    @property
+    @cached_property
     def controls(self) -> tuple[str, ...]:
-        """The decided input."""
+        """Inputs that are decided."""
         return self.leader.controls
 
-    @property
+    @cached_property
     def exogenous(self) -> tuple[str, ...]:
-        """The speed."""
+        """Inputs that are not decided."""
         return self.leader.exogenous
 
-    @property
+    @cached_property
     def references(self) -> tuple[str, ...]:
         """Columns of the reference."""
         return self.leader.references

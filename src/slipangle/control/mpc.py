@@ -30,9 +30,9 @@ from slipangle.paths.preview import Preview
 FEASIBLE = 1e-6  # an unfinished answer with no larger constraint violation is still a plan
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class MPC(Fallbacks):
-    """Model predictive controller: `OCP` with a solver, a deadline and a fallback.
+    """Model predictive controller: an `OCP` with a solver, a deadline and a fallback.
 
     When a solve fails, runs out of time, or the state is no number or far outside what it can be, the plan is the
     previous one shifted by a step, at most `fallback` times in a row; after that, or with no previous plan, the safe
@@ -42,6 +42,10 @@ class MPC(Fallbacks):
 
     Parameters
     ----------
+    model : Model, optional
+        Predicts; with it come the settings of an `OCP`, by their names: ``MPC(model, horizon=20, Q=..., limits=...)``.
+    ocp : OCP, optional
+        The problem, where it is posed already; settings beside it replace its own.
     solver : {"realtime", "ipopt"} or Backend
         The solver, or its settings, such as ``RealTime(iterations=2)`` or ``Ipopt(tolerance=1e-6)``. The real-time one
         runs compiled, or slower where no compiler is, with the same answer; Ipopt is the reference to compare with.
@@ -54,8 +58,6 @@ class MPC(Fallbacks):
     plausible : Limits
         Ranges of states, references and exogenous inputs beyond which a value is taken for a fault; by default twice
         the largest size of the standard channel of that name, 1e7 m for positions, 1e12 for names of your own.
-
-    The others are those of `OCP`.
     """
 
     def prepare(self, reference: Reference | Preview | None = None, previous: Plan | None = None) -> None:
@@ -147,7 +149,7 @@ class MPC(Fallbacks):
             call = Call(x=x, wanted=reference, previous=previous, before=self._before(previous, applied), begin=begin)
             return self._ended(call, Solution(**found))
         del found["kept"]
-        found["controls"], found["times"] = self.controls, self._times
+        found["controls"], found["times"] = self.controls, self.times
         found["seconds"] = seconds = perf_counter() - begin
         found["health"] = health.after(False, self.deadline is not None and seconds > self.deadline)
         return quick(Plan, found)
@@ -163,7 +165,9 @@ class MPC(Fallbacks):
             return self._fallback(call, Status.NOT_FINITE if status.solved else status, solution.iterations)
         seconds = perf_counter() - call.begin
         values = {
-            "u": solution.u if solution.kept else within(solution.u, before, self.input_bounds, self.step_bounds),
+            "u": solution.u
+            if solution.kept
+            else within(solution.u, before, self.ocp.input_bounds, self.ocp.step_bounds),
             "x": solution.x,
             "status": status,
             "cost": solution.cost,
@@ -183,9 +187,9 @@ class MPC(Fallbacks):
 
     def _unwound(self, wanted: Reference, x: np.ndarray) -> Reference:
         """The reference with its heading on the turn nearest to the vehicle's."""
-        if self.headings is None:
+        if self.ocp.headings is None:
             return wanted
-        here, column = self.headings
+        here, column = self.ocp.headings
         turns = np.round((x[here] - wanted.tracked[0, column]) / (2 * np.pi))
         if turns == 0:
             return wanted
@@ -201,13 +205,13 @@ class MPC(Fallbacks):
             u = np.tile(before, (self.horizon, 1))
             states = self._roll_out(x, u, wanted)
         else:
-            u = within(inputs_later(previous.u, self.lengths), before, self.input_bounds, self.step_bounds)
+            u = within(inputs_later(previous.u, self.ocp.lengths), before, self.ocp.input_bounds, self.ocp.step_bounds)
             known = is_numbers(previous.x, self._shape_x)
             if self.horizon > 1 and known:
-                states = states_later(previous.x, self.nodes)
+                states = states_later(previous.x, self.ocp.nodes)
                 states[0] = x
                 states[-1] = np.asarray(
-                    self.dynamics(previous.x[-1], u[-1], wanted.exogenous[self.horizon - 1])
+                    self.ocp.dynamics(previous.x[-1], u[-1], wanted.exogenous[self.horizon - 1])
                 ).ravel()
             else:
                 states = self._roll_out(x, u, wanted)

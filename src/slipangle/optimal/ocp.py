@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypedDict
 from uuid import uuid4
 
 import casadi as ca
@@ -47,6 +47,24 @@ class Reference:
     exogenous: np.ndarray
     inputs: np.ndarray | None = None
     corridor: np.ndarray | None = None
+
+
+class Settings(TypedDict, total=False):
+    """What an `OCP` is built from besides its model."""
+
+    horizon: int
+    Q: Weights | Mapping[str, float]
+    R: Weights | Mapping[str, float]
+    S: Weights | Mapping[str, float]
+    terminal: Weights | Mapping[str, float] | None
+    controls: str | Sequence[str]
+    limits: Limits | Mapping[str, Any]
+    rates: Limits | Mapping[str, Any]
+    slack: Weights | Mapping[str, float]
+    slack_linear: Weights | Mapping[str, float]
+    corridor: float | None
+    steps: Sequence[int] | None
+    terms: Mapping[str, Callable[[Vector, Vector, Any], Scalar]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,13 +219,9 @@ class OCP:
         """Stage of each step of the model, shape (n_steps,)."""
         return np.repeat(np.arange(self.horizon), self.lengths)
 
-    @property
+    @cached_property
     def times(self) -> np.ndarray:
         """Instants of the states and references, now and at the end of each stage, shape (horizon + 1,). [s]"""
-        return self._times
-
-    @cached_property
-    def _times(self) -> np.ndarray:
         return self.dt * self.nodes
 
     # ---- names -------------------------------------------------------------------------------------------------
@@ -219,13 +233,9 @@ class OCP:
             known.update(dict.fromkeys(PATH_ERRORS))
         return list(dict.fromkeys((*known, *self.terms)))
 
-    @property
+    @cached_property
     def exogenous(self) -> tuple[str, ...]:
         """Inputs that are not decided, in the model's order."""
-        return self._undecided
-
-    @cached_property
-    def _undecided(self) -> tuple[str, ...]:
         return tuple(n for n in self.model.inputs if n not in self.controls)
 
     @cached_property

@@ -496,7 +496,7 @@ def _controller(outcome: Outcome) -> str:
     controller = outcome.controller
     if not isinstance(controller, MPC):
         return f"Controller: {type(controller).__name__}"
-    steps = sum(controller.steps) if controller.steps else controller.horizon
+    steps = int(controller.ocp.nodes[-1])
     stages = "steps" if steps == controller.horizon else f"stages over {steps} steps"
     name = controller.solver if isinstance(controller.solver, str) else type(controller.solver).__name__
     return f"Horizon {controller.horizon} {stages} of {1000 * controller.dt:g} ms, {_SOLVER.get(name, name)}"

@@ -100,7 +100,7 @@ def single_track():
 def test_a_limit_that_becomes_active_is_kept(problem, kind, solver):
     mpc, name, x, cases = problem()
     ours, theirs = (softened(replace(mpc, solver=s), name, kind) for s in (solver, "ipopt"))
-    scale = np.maximum(mpc.input_bounds[:, 1], 1e-9)
+    scale = np.maximum(mpc.ocp.input_bounds[:, 1], 1e-9)
     moved = 0
     for case in cases:
         mine, wanted = ours.plan(x, case), theirs.plan(x, case)
@@ -118,9 +118,9 @@ def test_it_may_appear_during_the_drive(problem, kind, solver):
     """Steps on the path, each of them exact, then the limit."""
     mpc, name, x, cases = problem()
     ours, theirs = (softened(replace(mpc, solver=s), name, kind) for s in (solver, "ipopt"))
-    scale = np.maximum(mpc.input_bounds[:, 1], 1e-9)
-    corridor = None if mpc.corridor is None else np.full((N + 1, 2), 5.0)
-    far = replace(cases[0], exogenous=cases[0].exogenous + 1e3 * (mpc.corridor is None), corridor=corridor)
+    scale = np.maximum(mpc.ocp.input_bounds[:, 1], 1e-9)
+    corridor = None if mpc.ocp.corridor is None else np.full((N + 1, 2), 5.0)
+    far = replace(cases[0], exogenous=cases[0].exogenous + 1e3 * (mpc.ocp.corridor is None), corridor=corridor)
     plan = ours.plan(x, far, ours.plan(x, far))
     assert np.abs(plan.u / scale).max() <= 1e-9
     for _ in range(3):

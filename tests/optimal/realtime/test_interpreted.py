@@ -41,7 +41,7 @@ def test_same_answer_as_ipopt(no_compiler, name):
         mine, theirs = ours.plan(x, reference, applied=before), mpc.plan(x, reference, applied=before)
         assert mine.status is Status.SOLVED
         assert mine.cost == pytest.approx(theirs.cost, rel=1e-6)
-        assert mine.command == pytest.approx(theirs.command, abs=3e-5 * mpc.input_bounds[:, 1].max())
+        assert mine.command == pytest.approx(theirs.command, abs=3e-5 * mpc.ocp.input_bounds[:, 1].max())
 
 
 @pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())

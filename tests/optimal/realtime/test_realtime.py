@@ -91,7 +91,7 @@ def situation(mpc, seed):
     goal = size * (np.array([n == "v_x" for n in mpc.references]) + 0.3 * rng.standard_normal(len(size)))
     exogenous = np.array([u[mpc.model.inputs.index(n)] for n in mpc.exogenous])
     reference = Reference(tracked=np.tile(goal, (mpc.horizon + 1, 1)), exogenous=np.tile(exogenous, (mpc.horizon, 1)))
-    return x, reference, 0.3 * mpc.input_bounds[:, 1] * rng.uniform(-1, 1, len(mpc.controls))
+    return x, reference, 0.3 * mpc.ocp.input_bounds[:, 1] * rng.uniform(-1, 1, len(mpc.controls))
 
 
 def compare(model, seeds, *, horizon=6, steps=None, relative=1e-5):
@@ -101,7 +101,7 @@ def compare(model, seeds, *, horizon=6, steps=None, relative=1e-5):
     """
     mpc = replace(problem(model, np.random.default_rng(0), horizon), steps=steps)
     ours = replace(mpc, solver=CONVERGED)
-    scale = mpc.input_bounds[:, 1]
+    scale = mpc.ocp.input_bounds[:, 1]
     compared = worse = 0
     for seed in seeds:
         x, reference, before = situation(mpc, seed)
@@ -331,7 +331,7 @@ def test_slip_angle_and_yaw_rate_envelope_is_ipopts_too():
     mpc = replace(
         base,
         model=replace(base.model, outputs=("alpha_f", "alpha_r")),
-        limits=Limits(**base.limits, alpha_f=0.02, alpha_r=0.02, r=0.15),
+        limits=Limits(**base.ocp.limits, alpha_f=0.02, alpha_r=0.02, r=0.15),
         slack=Weights(**dict.fromkeys(soft, 1e5)),
         slack_linear=Weights(**dict.fromkeys(soft, 1e3)),
         corridor=1.8,
@@ -360,7 +360,7 @@ def slip_angles(mpc, plan):
 @pytest.mark.parametrize("steps", [None, (1, 1, 2, 3)])
 def test_memory_is_taken_once(steps):
     """One allocation in the whole source, that of the workspace; its matching release; nothing recursive of size."""
-    code = source(car(4, steps=steps))
+    code = source(car(4, steps=steps).ocp)
     calls = re.findall(r"\b(malloc|calloc|realloc|posix_memalign|aligned_alloc|alloca|free)\s*\(", code)
     assert sorted(calls) == ["free", "posix_memalign"]
     assert "posix_memalign" in code[code.index("Work *rt_new(void)") :]
@@ -369,7 +369,7 @@ def test_memory_is_taken_once(steps):
 def test_weights_are_data():
     """Other weights compile nothing and count at once."""
     a, b = car(), car(Q=Weights(v_x=15.0, X=2.0, Y=25.0), S=Weights(delta=1e5, T_f=1e-4))
-    assert source(a) == source(b)
+    assert source(a.ocp) == source(b.ocp)
     x = a.model.straight(19.0, Y=0.3)
     reference = a.reference(double_lane_change(20.0, blend=12.0).ahead(0.0, 10, 0.1), T_r=0.0)
     plans = [m.plan(x, reference) for m in (a, b)]

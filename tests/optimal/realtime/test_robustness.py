@@ -85,7 +85,7 @@ def loop(mpc: MPC, killed: Killed, seed: int) -> Counter:
     size = noisy * np.array([0.05, 0.02, 0.005, 0.1, 0.1, 0.02, 0.02, 0.002])
     plan: Plan | None = None
     waiting, before, s, counts = np.zeros(2), np.zeros(2), 0.0, Counter()
-    low, high = mpc.input_bounds.T
+    low, high = mpc.ocp.input_bounds.T
     for k in range(70):
         measured = x + size * rng.standard_normal(8)
         lost = rng.random() < dropped
@@ -106,7 +106,7 @@ def loop(mpc: MPC, killed: Killed, seed: int) -> Counter:
         assert (plan.u >= low).all()
         assert (plan.u <= high).all()
         changes = np.diff(np.vstack([before, plan.u]), axis=0)
-        assert (np.abs(changes) <= mpc.step_bounds[..., 1] * (1 + 1e-9)).all()
+        assert (np.abs(changes) <= mpc.ocp.step_bounds[..., 1] * (1 + 1e-9)).all()
         applied, waiting = (waiting, plan.command) if delayed else (plan.command, plan.command)
         before = plan.command
         x = np.asarray((wet if k >= slippery_from else dry)(x, [*applied, 0.0])).ravel()

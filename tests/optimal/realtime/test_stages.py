@@ -40,7 +40,7 @@ def test_code_of_casadi_gives_the_same(monkeypatch):
     straight = [mpc.plan(*situation(mpc, seed)[:2]) for seed in range(3)]
     monkeypatch.setattr(program, "MOST_INSTRUCTIONS", 0)
     called = replace(mpc)
-    assert "#define DYNAMICS CALLED" in source(called)
+    assert "#define DYNAMICS CALLED" in source(called.ocp)
     for seed, expected in enumerate(straight):
         assert called.plan(*situation(mpc, seed)[:2]).u == pytest.approx(expected.u, rel=1e-7, abs=1e-9)
 
@@ -52,7 +52,7 @@ def wheels(**options):
     return replace(
         base,
         model=replace(base.model, outputs=("alpha_f", "alpha_r")),
-        limits=Limits(**base.limits, alpha_f=0.02, alpha_r=0.02, r=0.15),
+        limits=Limits(**base.ocp.limits, alpha_f=0.02, alpha_r=0.02, r=0.15),
         rates=Limits(delta=0.5 / GAIN, T_f=8000.0),
         slack=Weights(**dict.fromkeys(soft, 1e5)),
         slack_linear=Weights(**dict.fromkeys(soft, 1e3)),
@@ -70,7 +70,7 @@ def quasi():
 @pytest.mark.parametrize("make", [wheels, quasi])
 def test_the_car_is_ipopts_too(make):
     mpc = make()
-    ipopt, interpreted = replace(mpc, solver="ipopt"), InterpretedEngine(mpc, CONVERGED, None)
+    ipopt, interpreted = replace(mpc, solver="ipopt"), InterpretedEngine(mpc.ocp, CONVERGED, None)
     compared = 0
     for s in (15.0, 40.0):
         x = mpc.model.straight(20.0, **pose(PATH, s))
@@ -131,7 +131,7 @@ def test_without_a_compiler_the_drive_is_the_same(monkeypatch, limited):
     mpc = car(horizon=5, steps=(1, 1, 2, 2, 3), rates=Limits(**({"delta": 1.0 / GAIN} if limited else {})))
     fast, _ = drive(mpc, 25)
     other = replace(mpc)
-    monkeypatch.setitem(other.__dict__, "_engine", InterpretedEngine(other, RealTime(), None))
+    monkeypatch.setitem(other.__dict__, "_engine", InterpretedEngine(other.ocp, RealTime(), None))
     slow, _ = drive(other, 25)
     for a, b in zip(slow, fast, strict=True):
         assert a.status is b.status
@@ -150,5 +150,5 @@ def test_prepared_plans_are_the_same_when_the_state_is_as_expected():
 
 
 def test_equal_steps_compile_to_what_no_steps_do():
-    assert source(car(horizon=3, steps=(1, 1, 1))) == source(car(horizon=3))
-    assert "NODES[]" not in source(car(horizon=3))
+    assert source(car(horizon=3, steps=(1, 1, 1)).ocp) == source(car(horizon=3).ocp)
+    assert "NODES[]" not in source(car(horizon=3).ocp)

@@ -68,7 +68,7 @@ def loop(mpc, x, reference, steps):
         plan = mpc.plan(x, reference, plan)
         yield x, plan
         rest = np.zeros(len(mpc.exogenous))
-        x = np.asarray(mpc.dynamics(x, plan.command, rest)).ravel()
+        x = np.asarray(mpc.ocp.dynamics(x, plan.command, rest)).ravel()
 
 
 # ---- the truth about a plan ----------------------------------------------------------------------------------------
@@ -129,7 +129,7 @@ def test_after_a_teleport_the_plan_is_good_or_is_not_used(way):
         checked += 1
         rolled = [x]
         for u in after.u:
-            rolled.append(np.asarray(mpc.dynamics(rolled[-1], u, [])).ravel())
+            rolled.append(np.asarray(mpc.ocp.dynamics(rolled[-1], u, [])).ravel())
         assert np.abs(np.array(rolled) - after.x).max() <= 1.0  # a fall grows fifty-fold over the horizon
         start = Start(x=x, applied=plan.command, reference=still(mpc), guess_u=after.u, guess_x=after.x)
         assert after.cost <= 1.02 * best.engine.solve(start).cost
