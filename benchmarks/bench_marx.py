@@ -21,6 +21,7 @@ from slipangle.control.marx.interpreted import Interpreted
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.marx.solver import Compiled
 from slipangle.control.mpc import MPC
+from slipangle.control.presets import SOUSA_TABLE_7_3, SOUSA_TABLE_7_5
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.wrappers.multi_arx import MultiARXModel, ParallelARX
 from slipangle.optimal.ipopt import Ipopt
@@ -32,13 +33,9 @@ from slipangle.paths.lane_change import double_lane_change
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_7 import (
-    HORIZON,
-    KNOTS,
     MORE_SPEEDS,
-    SETTINGS,
     SPEEDS,
     STEP,
-    Q,
     blended,
     general,
     linear_model,
@@ -110,14 +107,15 @@ def quadratic_programs(mpc: MultiARXMPC, situations: list) -> list[tuple]:
 def bench(progress: Progress) -> Reproduction:
     """Ours, then the peers."""
     ours = blended(lateral_models())
-    heading, longer = blended(planar_model()), blended(planar_model(MORE_SPEEDS, "smooth"), 20)
-    limited = replace(heading, limits=SETTINGS["limits"], Q=Weights(e_y=Q, e_psi=Q))
+    heading, longer = blended(planar_model()), blended(planar_model(MORE_SPEEDS, "smooth"), horizon=20)
+    both = dict.fromkeys(("e_y", "e_psi"), SOUSA_TABLE_7_3["Q"]["e_y"])
+    limited = replace(heading, limits=SOUSA_TABLE_7_3["limits"], Q=Weights(both))
     fast = {
         "MARX, models of Y": ours,
         "MARX with heading": heading,
         "MARX with heading, e_psi weighted": limited,
         "MARX with heading, 6 models, N = 20": longer,
-        "MARX with heading, 6 models, N = 20, 8 knots": replace(longer, knots=KNOTS),
+        "MARX with heading, 6 models, N = 20, 8 knots": replace(longer, knots=SOUSA_TABLE_7_5["knots"]),
         "LMPC": general(linear_model(), RealTime()),
         "NMPC": general(magic_model(), RealTime()),
     }
@@ -183,7 +181,8 @@ def _peers(ours: MultiARXMPC, situations: list, base: float, progress: Progress)
     progress(0.75, "Ipopt")
     base_model = ours.blended
     side = ParallelARX(models=base_model.models, speeds=base_model.speeds)
-    ipopt = MPC(side, horizon=HORIZON, Q=Weights(Y=Q), solver=Ipopt(tolerance=1e-8), controls=("delta",), **SETTINGS)
+    settings = SOUSA_TABLE_7_3 | {"Q": Weights(Y=SOUSA_TABLE_7_3["Q"]["e_y"])}
+    ipopt = MPC(side, solver=Ipopt(tolerance=1e-8), controls=("delta",), **settings)
     many = []
     for x, reference, applied in situations[:20]:
         lags, past = x[: base_model.na], x[base_model.na :]

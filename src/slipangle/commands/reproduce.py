@@ -45,6 +45,7 @@ def _reproduce(options: argparse.Namespace) -> int:
     for name, module in modules:
         with Bar(quiet=options.json) as bar:
             results.append((name, (module.bench if bench else module.reproduce)(bar)))
+            bar(1.0, "done")
     if options.out:
         _page(results, options)
     if options.json:

@@ -12,26 +12,13 @@ import numpy as np
 from slipangle.report.tables import Heading, Row, Table, published
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Record:
     """One reproduced number beside the thesis' own, and whether it is as good as asked.
 
-    Parameters
-    ----------
-    row : str
-        Table and row of the thesis, such as ``"table 8.2, M1"``.
-    quantity : str
-        What was measured, with its unit.
-    thesis : float or str or None
-        The published value; None where there is none.
-    here : float or str
-        The value found here.
-    bound : str
-        What must hold, in words, such as ``">= 79"``.
-    holds : bool or None
-        Whether it does; None where nothing is asked.
-    note : str
-        What differs from the thesis' conditions.
+    ``row`` is table and row of the thesis, ``quantity`` has its unit, ``thesis`` is the published value (None where
+    there is none); ``bound`` says in words what must hold, ``holds`` is None where nothing is asked, and ``note`` says
+    what differs from the thesis' conditions.
     """
 
     row: str
@@ -44,17 +31,27 @@ class Record:
 
     @classmethod
     def judged(
-        cls, *, here: float, at_most: float | None = None, at_least: float | None = None, digits: int = 6, **rest: Any
+        cls,
+        row: str,
+        quantity: str,
+        thesis: float | str | None,
+        here: float,
+        *,
+        at_most: float | None = None,
+        at_least: float | None = None,
+        digits: int = 6,
+        note: str = "",
     ) -> Record:
         """The record of a number that must not exceed a bound, or must reach one; without either nothing is asked.
 
-        ``digits`` are those of the bound as it is shown; the rest is that of the record.
+        ``digits`` are those of the bound as it is shown.
         """
+        bound, holds = "", None
         if at_most is not None:
-            rest |= {"bound": f"<= {at_most:.{digits}g}", "holds": bool(here <= at_most)}
+            bound, holds = f"<= {at_most:.{digits}g}", bool(here <= at_most)
         elif at_least is not None:
-            rest |= {"bound": f">= {at_least:.{digits}g}", "holds": bool(here >= at_least)}
-        return cls(here=float(here), **rest)
+            bound, holds = f">= {at_least:.{digits}g}", bool(here >= at_least)
+        return cls(row, quantity, thesis, float(here), bound, holds, note)
 
     def to_dict(self) -> dict[str, Any]:
         """The record in types that JSON knows; NaN and infinity become None."""
@@ -72,12 +69,8 @@ def record_table(records: Sequence[Record], *, title: str = "Reproduced results"
     return Table(
         title=title,
         columns=(
-            Heading("row", words=True),
-            Heading("quantity", words=True),
-            Heading("thesis"),
-            Heading("here"),
-            Heading("bound"),
-            Heading("holds"),
+            *(Heading(name, words=True) for name in ("row", "quantity")),
+            *map(Heading, ("thesis", "here", "bound", "holds")),
         ),
         rows=tuple(
             Row(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import pkgutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -23,37 +23,33 @@ Progress = Callable[[float, str], None]  # share done (0 to 1), what is being do
 
 @dataclass(frozen=True, kw_only=True)
 class Reproduction:
-    """Outcome of one experiment or benchmark.
-
-    Parameters
-    ----------
-    title : str
-        What was reproduced.
-    records : tuple of Record
-        The thesis' number, ours, the bound and whether it holds.
-    protocol : str
-        Data, split, seeds and what differs from the source.
-    figures : tuple
-        Plotly figures for the page, if any.
-    captions : tuple of str
-        Their titles, in order.
-    """
+    """Outcome of one experiment or benchmark: records, protocol (data, split, seeds), Plotly figures, their titles."""
 
     title: str
-    records: tuple[Record, ...]
+    records: Sequence[Record]
     protocol: str
-    figures: tuple[Any, ...] = ()
-    captions: tuple[str, ...] = ()
+    figures: Sequence[Any] = ()
+    captions: Sequence[str] = ()
+
+    @classmethod
+    def told(
+        cls,
+        doc: str | None,
+        records: Sequence[Record],
+        figures: Sequence[Any] = (),
+        captions: Sequence[str] = (),
+        *,
+        more: str = "",
+    ) -> Reproduction:
+        """The outcome of a module whose docstring is title and protocol; ``more`` is added to the latter."""
+        title, _, rest = (doc or "").partition("\n\n")
+        text = " ".join(f"{rest} {more}".split())
+        return cls(title=title.strip().rstrip("."), records=records, protocol=text, figures=figures, captions=captions)
 
     @property
     def holds(self) -> bool:
         """Whether every bound holds."""
         return all(record.holds is not False for record in self.records)
-
-
-def protocol(doc: str | None) -> str:
-    """What a module's docstring says under its first line, on one line."""
-    return " ".join((doc or "").split("\n\n", 1)[1].split())
 
 
 def names() -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
+from slipangle.control.presets import SOUSA_TABLE_7_3
 from slipangle.control.speed.pedals import pedal_driver
 from slipangle.data.dataset import Dataset
 from slipangle.identify.linear.arx import ARX
@@ -25,7 +26,7 @@ from slipangle.models.vehicles.parameters import GRAVITY, ChassisParams
 from slipangle.models.wrappers.multi_arx import MultiARXModel, Shape
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.ops import Scalar, Vector, atan, cos, maximum, stack
-from slipangle.optimal.terms import Limits, Weights
+from slipangle.optimal.terms import Weights
 from slipangle.paths.path import Path
 from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.manoeuvres import Manoeuvre, record, sine_steer, three_segments
@@ -36,11 +37,7 @@ SPEEDS = (10.0, 15.0, 20.0)  # m/s
 MORE_SPEEDS = (10.0, 12.0, 14.0, 16.0, 18.0, 20.0)
 AMPLITUDES = {10.0: 0.15, 15.0: 0.08, 20.0: 0.05}  # rad
 STEP, LOG = 0.05, 0.01  # s
-HORIZON, LONG = 10, 20
-KNOTS = (0, 2, 4, 6, 8, 10, 14, 19)  # of the long horizon: eight decisions fill a vector of any processor
-LIMIT = float(np.deg2rad(20.0))
-STEERING_RATIO = 10.0  # table 7.3's S counts the angle of the steering wheel, as in chapter 6
-Q, S = 100.0, 100.0 * STEERING_RATIO**2
+HORIZON, LIMIT = SOUSA_TABLE_7_3["horizon"], SOUSA_TABLE_7_3["limits"]["delta"][1]
 CAR = DualTrack(params=SOUSA_CAR_7, tire_f=PASSENGER_TIRE, tire_r=PASSENGER_TIRE, dt=0.001)
 PLANT = Plant(CAR)
 DRIVER = pedal_driver(SOUSA_CAR_7)
@@ -170,18 +167,18 @@ def magic_model(share: float = 0.9) -> Lateral:
 
 # ---- controllers and drives ------------------------------------------------------------------------------------------
 
-SETTINGS: dict[str, Any] = {"S": Weights(delta=S), "limits": Limits(delta=LIMIT)}
-
 
 def general(model: Model, solver: Any, horizon: int = HORIZON) -> MPC:
     """LMPC or NMPC with table 7.3."""
-    return MPC(model, horizon=horizon, Q=Weights(e_y=Q), solver=solver, **SETTINGS)
+    return MPC(model, solver=solver, **(SOUSA_TABLE_7_3 | {"horizon": horizon}))
 
 
-def blended(model: MultiARXModel | OnGround, horizon: int = HORIZON, **more: Any) -> MultiARXMPC:
-    """MARX-MPC with table 7.3."""
-    tracked = "e_y" if "psi" in model.states else "Y"
-    return MultiARXMPC(model, horizon=horizon, Q=Weights(**{tracked: Q}), **SETTINGS, **more)
+def blended(model: MultiARXModel | OnGround, settings: dict[str, Any] = SOUSA_TABLE_7_3, **more: Any) -> MultiARXMPC:
+    """MARX-MPC with table 7.3, the distance from the path or the lateral position being tracked."""
+    weight = settings["Q"]["e_y"]
+    tracked = Weights(e_y=weight) if "psi" in model.states else Weights(Y=weight)
+    every: dict[str, Any] = settings | {"Q": tracked} | more
+    return MultiARXMPC(model, **every)
 
 
 def drive(controller: Any, path: Path) -> Run:

@@ -88,9 +88,7 @@ def joint(base: NonlinearBicycle, seeds: Sequence[int]) -> Joint:
 
 def bicycle(train: Dataset, free: tuple[str, ...]) -> Bicycle:
     """M1 as in the thesis."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", IdentifiabilityWarning)
-        return GreyBox(start=Bicycle(params=FERRARI_250LM, dt=train.dt), free=free).fit(train)
+    return quietly(GreyBox(start=Bicycle(params=FERRARI_250LM, dt=train.dt), free=free), train)
 
 
 def at_the_limit(params: NonlinearBicycleParams, dt: float) -> NonlinearBicycle:
@@ -100,9 +98,7 @@ def at_the_limit(params: NonlinearBicycleParams, dt: float) -> NonlinearBicycle:
 
 def nonlinear_bicycle(train: Dataset) -> NonlinearBicycle:
     """M1 with Magic Formula axles and load transfer, twelve free parameters, from many starts."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", IdentifiabilityWarning)
-        return GreyBox(start=at_the_limit(START, train.dt), free=FREE).fit(train)
+    return quietly(GreyBox(start=at_the_limit(START, train.dt), free=FREE), train)
 
 
 def quietly(estimator: Estimator, data: Dataset) -> Any:
@@ -140,16 +136,8 @@ def switched_off(models: Sequence[Model]) -> str:
 class Judged:
     """One model on the test part.
 
-    Parameters
-    ----------
-    free : Score
-        One free run over all of it.
-    restarted : float
-        Fit of free runs that start anew every 10 s. [%]
-    windows : array, shape (n_windows,)
-        Fit of the one free run over each 28 s. [%]
-    seconds, wall : float
-        Time of the fit, of the process and by the clock. [s]
+    The score of one free run over all of it; the fit of free runs that start anew every 10 s, and of the one free run
+    over each window of 28 s, shape (n_windows,) [%]; time of the fit, of the process and by the clock [s].
     """
 
     free: Score
@@ -175,20 +163,15 @@ def judge(model: Model, test: Dataset, spent: tuple[float, float] = (float("nan"
     """Free run over the whole test part, restarts beside it, scatter of windows; ``spent`` as of `Timer`."""
     run = model.simulate(test)
     output = model.outputs[0]
-    anew = model.simulate(restarted(test, RESTART, model.memory))
     n = round(WINDOW / test.dt)
     windows = []
     for a in range(model.memory, test.n_samples - n + 1, n):
         inside = np.zeros(test.n_samples, dtype=bool)
         inside[a : a + n] = True
         windows.append(score(replace(run, predicted=run.predicted & inside), output).fit)
-    return Judged(
-        free=score(run, output),
-        restarted=score(anew, output).fit,
-        windows=np.array(windows),
-        seconds=spent[0],
-        wall=spent[1],
-    )
+    anew = score(model.simulate(restarted(test, RESTART, model.memory)), output).fit
+    seconds, wall = spent
+    return Judged(free=score(run, output), restarted=anew, windows=np.array(windows), seconds=seconds, wall=wall)
 
 
 def median_error(values: np.ndarray) -> float:
@@ -220,9 +203,8 @@ def records(
     A median of seeds may fall below its bound by two of its standard errors: other seeds, or last bits that lead them
     elsewhere, give other medians.
     """
-    every = (
-        f"seeds {', '.join(f'{s}: {v.free.fit:.2f}' for s, v in zip(seeds, verdicts, strict=True))}" if seeds else ""
-    )
+    each = ", ".join(f"{s}: {v.free.fit:.2f}" for s, v in zip(seeds, verdicts, strict=True)) if seeds else ""
+    every = f"seeds {each}" if seeds else ""
     scatter = np.concatenate([v.windows for v in verdicts])
     windows = f"{WINDOW:g} s windows {scatter.min():.1f} to {scatter.max():.1f}"
     made = []
@@ -230,39 +212,17 @@ def records(
         values = np.array([getattr(v.free, name) for v in verdicts])
         here, error = float(np.median(values)), median_error(values)
         width = f" - {2 * error:.2g}" if error > 0 else ""
-        made.append(
-            Record(
-                row=row,
-                quantity=f"{'VAF' if i else 'fit'} of {unit} [%]",
-                thesis=printed[i] if printed else None,
-                here=here,
-                bound="" if least is None else f">= {least:g}{width}",
-                holds=None if least is None else here >= least - 2 * error,
-                note="; ".join(filter(None, (every, windows, note))) if i == 0 else "",
-            )
-        )
+        bound, holds = ("", None) if least is None else (f">= {least:g}{width}", here >= least - 2 * error)
+        said = "" if i else "; ".join(filter(None, (every, windows, note)))
+        quantity = f"{'VAF' if i else 'fit'} of {unit} [%]"
+        made.append(Record(row, quantity, printed[i] if printed else None, here, bound, holds, said))
     apart = max((v.restarted - v.free.fit for v in verdicts), key=abs)
-    made.append(
-        Record(
-            row=row,
-            quantity=f"restarts every {RESTART:g} s, change of fit [%]",
-            thesis=None,
-            here=apart,
-            bound="" if apart_at_most is None else f"within {apart_at_most:g}",
-            holds=None if apart_at_most is None else abs(apart) <= apart_at_most,
-            note="the largest of all seeds" if seeds else "",
-        )
-    )
+    most = apart_at_most
+    bound, holds = ("", None) if most is None else (f"within {most:g}", abs(apart) <= most)
+    said = "the largest of all seeds" if seeds else ""
+    made.append(Record(row, f"restarts every {RESTART:g} s, change of fit [%]", None, apart, bound, holds, said))
     seconds, wall = (float(np.median([getattr(v, name) for v in verdicts])) for name in ("seconds", "wall"))
     if np.isfinite(seconds):
-        made.append(
-            Record.judged(
-                at_most=slowest,
-                row=row,
-                quantity="process time of one fit [s]",
-                thesis=None,
-                here=seconds,
-                note=f"{wall:.3g} s by the clock of a shared machine",
-            )
-        )
+        said = f"{wall:.3g} s by the clock of a shared machine"
+        made.append(Record.judged(row, "process time of one fit [s]", None, seconds, at_most=slowest, note=said))
     return made

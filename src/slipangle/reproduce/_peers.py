@@ -54,15 +54,8 @@ def median_record(
     limit = float(bound.split()[-1]) if bound else 0.0
     worst = max(values) if most else min(values)
     said = f"worst of {len(values)} rounds {worst:.3g}"
-    return Record(
-        row=row,
-        quantity=quantity,
-        thesis=None,
-        here=here,
-        bound=bound,
-        holds=(here <= limit if most else here >= limit) if bound else None,
-        note=f"{said}; {note}" if note else said,
-    )
+    holds = (here <= limit if most else here >= limit) if bound else None
+    return Record(row, quantity, None, here, bound, holds, f"{said}; {note}" if note else said)
 
 
 @contextmanager
@@ -91,8 +84,4 @@ def absent(names: tuple[str, ...], what: str) -> list[Record]:
     """A record that says which peers are missing."""
     missing = [name for name in names if installed(name) is None]
     note = f"not installed: {', '.join(missing)}; install them beside slipangle to compare"
-    return (
-        [Record(row=f"{what}, peers", quantity="skipped", thesis=None, here=", ".join(missing), note=note)]
-        if missing
-        else []
-    )
+    return [Record(f"{what}, peers", "skipped", None, ", ".join(missing), note=note)] if missing else []

@@ -13,19 +13,18 @@ from slipangle.reproduce._chapter_6 import LookUpTire
 
 def simulated_tires() -> tuple[Tire, dict[str, Tire]]:
     """Tires of table 6.2, and the network fitted to their curves."""
-    longitudinal, lateral = table_6_4.data()
-    fit = table_6_4.settings("MLP {2 2}")
-    neural = NeuralTire(longitudinal=fit.fit(*longitudinal), lateral=fit.fit(*lateral))
-    return SOUSA_TABLE_6_2, {"Pacejka": SOUSA_TABLE_6_2, "Neural": neural}
+    return SOUSA_TABLE_6_2, {"Pacejka": SOUSA_TABLE_6_2, "Neural": _neural("MLP {2 2}", *table_6_4.data())}
 
 
 def experimental_tires() -> tuple[Tire, dict[str, Tire]]:
     """Look-up tables of the stand-in without noise; Magic Formula of table 6.8 and a network fitted with noise."""
-    fit = table_6_4.settings("MLP {1 1}")
-    neural = NeuralTire(
-        longitudinal=fit.fit(*table_6_8.stand_in("mu_x")[:2]), lateral=fit.fit(*table_6_8.stand_in("mu_y")[:2])
-    )
+    neural = _neural("MLP {1 1}", *(table_6_8.stand_in(curve)[:2] for curve in ("mu_x", "mu_y")))
     return look_up_tire(), {"Pacejka": SOUSA_TABLE_6_8, "Neural": neural}
+
+
+def _neural(label: str, longitudinal: tuple[np.ndarray, ...], lateral: tuple[np.ndarray, ...]) -> NeuralTire:
+    fit = table_6_4.settings(label)
+    return NeuralTire(longitudinal=fit.fit(*longitudinal), lateral=fit.fit(*lateral))
 
 
 def look_up_tire() -> LookUpTire:

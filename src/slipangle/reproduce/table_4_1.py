@@ -65,29 +65,15 @@ def reproduce(progress: Progress) -> Reproduction:
     best = _fit(candidates()[chosen], train)
     here = _score(best, test)
     listed = ", ".join(f"{name} {value:.0f}" for name, value in errors.items())
+    row, note = "best model found", f"{chosen}; cross-validation inside the estimation part, RMSE x 1e4: {listed}"
+    quantity = "free-run validation RMSE [1e-4]"
     records += [
-        Record.judged(
-            at_most=BOUND,
-            row="best model found",
-            quantity="free-run validation RMSE [1e-4]",
-            thesis=104.0,
-            here=1e4 * here.rmse,
-            note=f"{chosen}; cross-validation inside the estimation part, RMSE x 1e4: {listed}",
-        ),
-        Record(row="best model found", quantity="free-run validation R2 [-]", thesis=0.998, here=here.r2),
+        Record.judged(row, quantity, 104.0, 1e4 * here.rmse, at_most=BOUND, note=note),
+        Record(row, "free-run validation R2 [-]", 0.998, here.r2),
     ]
-    progress(1.0, "done")
     channel = next(c for c in data.channels if c.name in data.outputs)
     runs = {"ARX(4, 9), the thesis' best": models[4, 9].simulate(test), f"best found: {chosen}": best.simulate(test)}
-    return Reproduction(
-        title="Table 4.1: ARX models of the flexible robot arm",
-        records=tuple(records),
-        protocol="First 85 % for estimation, last 15 % for validation; RMSE over the samples after the first "
-        "max(na, nb). The thesis rounds some entries and cuts others: ours must give its digits one way or the other. "
-        f"The better model's structure was chosen by {FOLDS}-fold cross-validation inside the estimation part (blocks, "
-        f"free run from the first {MEMORY} samples of each); only the chosen one meets the validation part.",
-        figures=(trajectories(runs, channel),),
-    )
+    return Reproduction.told(__doc__, records, [trajectories(runs, channel)])
 
 
 def candidates() -> dict[str, Estimator]:
@@ -115,17 +101,9 @@ def _entries(
         for quantity, text, value in (("RMSE [1e-4]", rmse, 1e4 * here.rmse), ("R2 [-]", r2, here.r2)):
             unit = 10.0 ** -len(text.partition(".")[2])
             exact = abs(value - float(text)) <= 0.5 * unit
-            records.append(
-                Record(
-                    row=f"{kind}, na = {na}, nb = {nb}",
-                    quantity=f"{phase} {quantity}",
-                    thesis=float(text),
-                    here=value,
-                    bound=f"{text}, rounded or cut",
-                    holds=exact or 0 <= value - float(text) < unit,
-                    note="" if exact else f"prints as {text} when cut, not when rounded",
-                )
-            )
+            holds, note = exact or 0 <= value - float(text) < unit, f"prints as {text} when cut, not when rounded"
+            row, bound = f"{kind}, na = {na}, nb = {nb}", f"{text}, rounded or cut"
+            records.append(Record(row, f"{phase} {quantity}", float(text), value, bound, holds, "" if exact else note))
     return records
 
 

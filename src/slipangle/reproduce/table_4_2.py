@@ -48,46 +48,21 @@ def reproduce(progress: Progress) -> Reproduction:
         seconds.append(info.seconds if info else float("nan"))
         judged.append((validate(model, train, on_training_data=True), validate(model, test, name=f"NARX, seed {seed}")))
     free = [_score(validation, "FR").rmse for _, validation in judged]
-    records = [_record(kind, which, judged) for kind in PRINTED for which in (0, 1)]
-    records = [record for pair in records for record in pair]
+    records = [record for kind in PRINTED for which in (0, 1) for record in _records(kind, which, judged)]
+    note, time = "seeds " + ", ".join(f"{s}: {e:.4f}" for s, e in zip(SEEDS, free, strict=True)), np.median(seconds)
+    row, first = "table 4.2, FR, validation, best seed", f"the first one took {seconds[0]:.1f} s with compiling"
     records += [
-        Record.judged(
-            at_most=BEST_BOUND,
-            row="table 4.2, FR, validation, best seed",
-            quantity="RMSE [-]",
-            thesis=PRINTED["FR"][1][0],
-            here=min(free),
-            note="seeds " + ", ".join(f"{s}: {e:.4f}" for s, e in zip(SEEDS, free, strict=True)),
-        ),
-        Record(
-            row="table 4.2, training",
-            quantity="time per network [s], median",
-            thesis=None,
-            here=float(np.median(seconds)),
-            note=f"the first one took {seconds[0]:.1f} s with compiling",
-        ),
+        Record.judged(row, "RMSE [-]", PRINTED["FR"][1][0], min(free), at_most=BEST_BOUND, note=note),
+        Record("table 4.2, training", "time per network [s], median", None, float(time), note=first),
     ]
-    progress(1.0, "done")
     middle = judged[int(np.argsort(free)[len(free) // 2])][1]
     runs = {"free run": middle.free_run, "one-step-ahead": middle.one_step}
     channel = Channel("y", "-")
-    return Reproduction(
-        title="Table 4.2: NARX of the Narendra-Parthasarathy system",
-        records=tuple(records),
-        protocol=(
-            "Training on 800 samples of random steps, test on 800 samples of sines, no noise; na = 3, nb = 2, 3 x 50 "
-            "ELU neurons, Adam at 1e-3, at most 4000 epochs, the best of them chosen by a free run over the last 15 % "
-            f"of the training data. Medians of seeds {', '.join(map(str, SEEDS))}, each with its own training input "
-            "and start weights."
-        ),
-        figures=(
-            trajectories(runs, channel),
-            rainclouds({n: r.error[r.predicted, 0] for n, r in runs.items()}, channel=channel),
-        ),
-    )
+    errors = {n: r.error[r.predicted, 0] for n, r in runs.items()}
+    return Reproduction.told(__doc__, records, [trajectories(runs, channel), rainclouds(errors, channel=channel)])
 
 
-def _record(kind: str, which: int, judged: list[tuple[Validation, Validation]]) -> tuple[Record, Record]:
+def _records(kind: str, which: int, judged: list[tuple[Validation, Validation]]) -> tuple[Record, Record]:
     """RMSE and R2 of one row and phase, medians over the seeds."""
     scores = [_score(pair[which], kind) for pair in judged]
     row = f"table 4.2, {kind}, {('estimation', 'validation')[which]}"
@@ -95,8 +70,8 @@ def _record(kind: str, which: int, judged: list[tuple[Validation, Validation]]) 
     printed = PRINTED[kind][which]
     limit = MEDIAN_BOUND if (kind, which) == ("FR", 1) else printed[0]
     return (
-        Record.judged(at_most=limit, row=row, quantity="RMSE [-], median of 5 seeds", thesis=printed[0], here=rmse),
-        Record.judged(at_least=printed[1], row=row, quantity="R2 [-], median of 5 seeds", thesis=printed[1], here=r2),
+        Record.judged(row, "RMSE [-], median of 5 seeds", printed[0], rmse, at_most=limit),
+        Record.judged(row, "R2 [-], median of 5 seeds", printed[1], r2, at_least=printed[1]),
     )
 
 

@@ -48,34 +48,11 @@ def reproduce(progress: Progress) -> Reproduction:
         shown[label] = curve
         here_r2, here_rmse = float(r2(force, curve(angle))), float(rmse(force, curve(angle)))
         limit = min(printed_rmse, 1.02 * floor)
-        row = f"table 4.4, {label}"
+        row, note = f"table 4.4, {label}", f"noise floor {floor:.4g}, and at most 2 % above it"
+        different = "stand-in data: see the protocol"
         records += [
-            Record.judged(
-                at_least=printed_r2,
-                row=row,
-                quantity="R2 [-]",
-                thesis=printed_r2,
-                here=here_r2,
-                note="stand-in data: see the protocol",
-            ),
-            Record.judged(
-                at_most=limit,
-                row=row,
-                quantity="RMSE [-]",
-                thesis=printed_rmse,
-                here=here_rmse,
-                note=f"noise floor {floor:.4g}, and at most 2 % above it",
-                digits=4,
-            ),
+            Record.judged(row, "R2 [-]", printed_r2, here_r2, at_least=printed_r2, note=different),
+            Record.judged(row, "RMSE [-]", printed_rmse, here_rmse, at_most=limit, digits=4, note=note),
         ]
-    progress(1.0, "done")
-    return Reproduction(
-        title="Table 4.4: networks on a dimensionless cornering force (stand-in)",
-        records=tuple(records),
-        protocol=(
-            "Stand-in for the maker's data, which cannot be shipped: Magic Formula cornering force over its peak, peak "
-            "at 5 degrees, 97 slip angles over +-12 degrees, Gaussian noise of 0.02, seed 0. Bounds of table 4.3, "
-            "16 random starts. Thesis and stand-in are different data; compare levels of accuracy only."
-        ),
-        figures=(curve_figure(angle, force, shown, along=False, friction_title="cornering force over its peak [-]"),),
-    )
+    title = "cornering force over its peak [-]"
+    return Reproduction.told(__doc__, records, [curve_figure(angle, force, shown, along=False, friction_title=title)])

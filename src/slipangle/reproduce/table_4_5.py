@@ -10,9 +10,9 @@ friction, offset), fitted to the velocity's free run: errors of the position are
 first sample.
 
 Official: fit on ``DATA_EMPS``, one free run over ``DATA_EMPS_PULSES`` from its first sample, RMSE of the position. The
-learned friction has the two settings that do best in a 60/40 split of ``DATA_EMPS``. Nothing is random: no
-seeds. Both records move at the same three speeds both ways; the learned curve is steep there, which the closed loop
-that made the data explains, so it says little about friction at other speeds.
+learned friction has the two settings that do best in a 60/40 split of ``DATA_EMPS``; the best published RMSE is 2.64
+mm. Nothing is random: no seeds. Both records move at the same three speeds both ways; the learned curve is steep there,
+which the closed loop that made the data explains, so it says little about friction at other speeds.
 """
 
 from __future__ import annotations
@@ -66,17 +66,9 @@ def reproduce(progress: Progress) -> Reproduction:
     tried = ", ".join(f"({1e3 * s:g} mm/s, {w:g} N): {1e3 * e:.2f} mm" for (s, w), e in errors.items())
     note = f"steps every {1e3 * spacing:g} mm/s, {weight:g} N beforehand; free run in the 60/40 split: {tried}"
     records.append(_official("physics and learned friction", learned, pulses, 2.0, note))
-    progress(1.0, "done")
     channel = next(c for c in data.channels if c.name == "q")
     runs = {"physics and learned friction": learned.simulate(pulses), "grey box": plain.simulate(pulses)}
-    return Reproduction(
-        title="Table 4.5: electro-mechanical positioning system",
-        records=tuple(records),
-        protocol="60/40: first 60 % to fit, one free run over the rest, velocity from the position by central "
-        "differences. Official: fit on DATA_EMPS, one free run over DATA_EMPS_PULSES (24.8 s) from its first sample; "
-        "the best published RMSE is 2.64 mm. Orders and settings were chosen inside the training data. No seeds.",
-        figures=(trajectories(runs, channel),),
-    )
+    return Reproduction.told(__doc__, records, [trajectories(runs, channel)])
 
 
 def with_velocity(data: Dataset) -> Dataset:
@@ -139,25 +131,17 @@ def _scores(row: str, model: Model, test: Dataset, bounds: dict[str, float], not
     for name, least in bounds.items():
         here: Score = score(run, name)
         what = "position" if name == "q" else "velocity"
-        records.append(
-            Record.judged(
-                at_least=least,
-                row=f"60/40, {row}",
-                quantity=f"{what} F [%]",
-                thesis=THESIS[name][0],
-                here=here.fit,
-                note=note if name == "q" else "",
-            )
-        )
-        records.append(Record(row=f"60/40, {row}", quantity=f"{what} VAF [%]", thesis=THESIS[name][1], here=here.vaf))
+        said = note if name == "q" else ""
+        records += [
+            Record.judged(f"60/40, {row}", f"{what} F [%]", THESIS[name][0], here.fit, at_least=least, note=said),
+            Record(f"60/40, {row}", f"{what} VAF [%]", THESIS[name][1], here.vaf),
+        ]
     return records
 
 
 def _official(row: str, model: Model, pulses: Dataset, most: float | None, note: str) -> Record:
     here = 1e3 * score(model.simulate(pulses), "q").rmse
-    return Record.judged(
-        at_most=most, row=f"official test, {row}", quantity="position RMSE [mm]", thesis=None, here=here, note=note
-    )
+    return Record.judged(f"official test, {row}", "position RMSE [mm]", None, here, at_most=most, note=note)
 
 
 def _values(model: Emps) -> str:

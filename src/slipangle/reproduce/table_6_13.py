@@ -11,7 +11,7 @@ from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2, SOUSA_TABLE_6_8
 from slipangle.optimal.realtime import RealTime
 from slipangle.paths.lane_change import double_lane_change, lane_changes
 from slipangle.report.records import Record
-from slipangle.reproduce import Progress, Reproduction, protocol
+from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_6 import FRONT_DRIVE, HORIZONS, REAR_DRIVE, LookUpTire, drive
 from slipangle.reproduce._cvodes import ByCvodes
 from slipangle.reproduce._tires_6 import look_up_tire
@@ -39,30 +39,15 @@ def reproduce(progress: Progress) -> Reproduction:
         for horizon in HORIZONS:
             progress((k + horizon / 20) / len(cases), f"{path.name}, N = {horizon}")
             drives.append(drive(plant, car.controller(car.model(predicted), horizon, RealTime()), car, path))
-    rmse, largest = [d.rmse for d in drives], [d.largest for d in drives]
-    found = [
-        Record(row=name, quantity=f"{what} [m]", thesis=value, here="-", note="as printed in the thesis")
+    quantities = "lateral RMSE [m]", "largest lateral error [m]"
+    records = [
+        Record(name, quantity, value, "-", note="as printed in the thesis")
         for name, values in PRINTED.items()
-        for what, value in zip(("lateral RMSE", "largest lateral error"), values, strict=True)
+        for quantity, value in zip(quantities, values, strict=True)
     ]
-    for what, values, printed, most in (
-        ("lateral RMSE", rmse, "0.15 - 0.32", 0.32),
-        ("largest lateral error", largest, "0.36 - 0.73", 0.73),
-    ):
-        found.append(
-            Record(
-                row="proposed",
-                quantity=f"{what} [m]",
-                thesis=printed,
-                here=f"{min(values):.4f} - {max(values):.4f}",
-                bound=f"<= {most:g}",
-                holds=max(values) <= most,
-                note="the thesis' paths are not given: ISO 3888-1 lanes, and lane changes over 50 m",
-            )
-        )
-    progress(1.0, "done")
-    return Reproduction(
-        title="Table 6.13: lateral errors in the literature",
-        records=tuple(found),
-        protocol=protocol(__doc__),
-    )
+    note = "the thesis' paths are not given: ISO 3888-1 lanes, and lane changes over 50 m"
+    ours = ([d.rmse for d in drives], "0.15 - 0.32", 0.32), ([d.largest for d in drives], "0.36 - 0.73", 0.73)
+    for quantity, (values, printed, most) in zip(quantities, ours, strict=True):
+        here = f"{min(values):.4f} - {max(values):.4f}"
+        records.append(Record("proposed", quantity, printed, here, f"<= {most:g}", max(values) <= most, note))
+    return Reproduction.told(__doc__, records)

@@ -18,7 +18,7 @@ import numpy as np
 
 from slipangle.identify.judge.metrics import r2, rmse
 from slipangle.identify.tires.curves import MLPCurveFit, NetworkCurveFit, RBFCurveFit
-from slipangle.models.tires.neural import NeuralCurve, NeuralTire
+from slipangle.models.tires.neural import NeuralCurve
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2
 from slipangle.report.records import Record
 from slipangle.report.tire_fits import curve_figure
@@ -55,13 +55,6 @@ def settings(label: str, *, seed: int = 0) -> NetworkCurveFit:
     return RBFCurveFit(neurons=numbers[0], seed=seed) if kind == "RBF" else MLPCurveFit(hidden=numbers, seed=seed)
 
 
-def neural_tire(label: str = "MLP {2 2}", *, seed: int = 0) -> NeuralTire:
-    """Tire of an architecture fitted to both curves, as the controller of secs. 6.2.2 and 6.3.2 takes it."""
-    (ratio, mu_x), (angle, mu_y) = data()
-    fit = settings(label, seed=seed)
-    return NeuralTire(longitudinal=fit.fit(ratio, mu_x), lateral=fit.fit(angle, mu_y))
-
-
 def half_digit(printed: str) -> float:
     """Half of the last printed digit.
 
@@ -74,24 +67,12 @@ def half_digit(printed: str) -> float:
 def compare(row: str, curve: str, printed: tuple[str, str], measured: np.ndarray, fitted: np.ndarray) -> list[Record]:
     """R2 and RMSE of one curve beside the printed ones, each met to its digits."""
     here_r2, here_rmse = float(r2(measured, fitted)), float(rmse(measured, fitted))
+    least = float(printed[0]) - half_digit(printed[0])
+    met, exact = here_rmse <= float(printed[1]) + half_digit(printed[1]), here_rmse <= float(printed[1])
+    note = "" if exact else f"{curve} RMSE equals the printed digits"
     return [
-        Record(
-            row=row,
-            quantity=f"{curve} R2 [-]",
-            thesis=printed[0],
-            here=here_r2,
-            bound=f">= {printed[0]}",
-            holds=here_r2 >= float(printed[0]) - half_digit(printed[0]),
-        ),
-        Record(
-            row=row,
-            quantity=f"{curve} RMSE [-]",
-            thesis=printed[1],
-            here=here_rmse,
-            bound=f"<= {printed[1]}",
-            holds=here_rmse <= float(printed[1]) + half_digit(printed[1]),
-            note="" if here_rmse <= float(printed[1]) else f"{curve} RMSE equals the printed digits",
-        ),
+        Record(row, f"{curve} R2 [-]", printed[0], here_r2, f">= {printed[0]}", here_r2 >= least),
+        Record(row, f"{curve} RMSE [-]", printed[1], here_rmse, f"<= {printed[1]}", met, note),
     ]
 
 
@@ -111,27 +92,9 @@ def reproduce(progress: Progress) -> Reproduction:
         ):
             records += compare(f"table 6.4, {label}", name, digits, friction, fit(slip))
     seconds = time.process_time() - began
-    records.append(
-        Record(
-            row="table 6.4, whole table",
-            quantity="process time of all 22 fits [s]",
-            thesis=round(2 * sum(p[4] for p in PRINTED.values()), 3),
-            here=seconds,
-            bound=f"< {TIME_LIMIT:g}",
-            holds=seconds < TIME_LIMIT,
-            note="the thesis' times are of single solver runs on another computer; here 16 random starts each",
-        )
-    )
-    progress(1.0, "done")
-    return Reproduction(
-        title="Table 6.4: neural tires on simulated friction curves",
-        records=tuple(records),
-        protocol=(
-            "Friction curves of table 6.2 over slip from -100 to 100 (percent, degrees), 200 points, no noise; inputs "
-            "scaled to -1..1; bounds of table 6.3; multiquadric RBF, hyperbolic-tangent MLP with linear output (the "
-            "logistic function cannot reach the printed numbers within these bounds); 16 random starts per fit, seed 0."
-        ),
-        figures=tuple(
-            curve_figure(*curves[k], {label: fits[k] for label, fits in shown.items()}, along=k == 0) for k in range(2)
-        ),
-    )
+    printed_time, bound = round(2 * sum(p[4] for p in PRINTED.values()), 3), f"< {TIME_LIMIT:g}"
+    note = "the thesis' times are of single solver runs on another computer; here 16 random starts each"
+    what = "table 6.4, whole table", "process time of all 22 fits [s]"
+    records.append(Record(*what, printed_time, seconds, bound, seconds < TIME_LIMIT, note))
+    drawn = [{label: fits[k] for label, fits in shown.items()} for k in range(2)]
+    return Reproduction.told(__doc__, records, [curve_figure(*curves[k], drawn[k], along=k == 0) for k in range(2)])

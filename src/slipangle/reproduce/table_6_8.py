@@ -63,41 +63,18 @@ def reproduce(progress: Progress) -> Reproduction:
         ends = info.interval(joint)
         for j, coefficient in enumerate(NAMES):
             true = truth(name)[j]
-            records.append(
-                Record(
-                    row=f"table 6.8, {name}",
-                    quantity=f"{coefficient} [-]",
-                    thesis=float(getattr(PRINTED[name], coefficient)),
-                    here=float(info.values[j]),
-                    bound=f"{true:g} in {ends[j, 0]:.4g} to {ends[j, 1]:.4g}",
-                    holds=bool(ends[j, 0] <= true <= ends[j, 1]),
-                )
-            )
+            here, (lower, upper) = float(info.values[j]), ends[j]
+            bound, holds = f"{true:g} in {lower:.4g} to {upper:.4g}", bool(lower <= true <= upper)
+            printed = float(getattr(PRINTED[name], coefficient))
+            records.append(Record(f"table 6.8, {name}", f"{coefficient} [-]", printed, here, bound, holds))
     needed = int(binom.ppf(0.001, len(RATE_SEEDS), 0.95))
     for k, name in enumerate(PRINTED):
         inside = _rates(name, lambda share, k=k: progress(0.2 + 0.4 * (k + share), "rates over seeds"))
-        for j, coefficient in enumerate(NAMES):
-            records.append(
-                Record(
-                    row=f"table 6.8, {name}, {len(RATE_SEEDS)} noise seeds",
-                    quantity=f"share of 95 % intervals that hold {coefficient} [%]",
-                    thesis=None,
-                    here=100 * int(inside[j]) / len(RATE_SEEDS),
-                    bound=f">= {100 * needed / len(RATE_SEEDS):g}",
-                    holds=bool(inside[j] >= needed),
-                )
-            )
-    progress(1.0, "done")
-    return Reproduction(
-        title="Table 6.8: Magic Formula coefficients from tire data (stand-in)",
-        records=tuple(records),
-        protocol=(
-            "Stand-in for the members-only rig data, made from the printed coefficients: mu_x over slip ratio +-0.21 "
-            "(322 samples, noise 0.124), mu_y over +-13 degrees (1268 samples, noise 0.063). Bounds of table 6.7, 16 "
-            "random starts. Profile-likelihood intervals, jointly 95 % for the twelve coefficients; rates over "
-            f"{len(RATE_SEEDS)} noise seeds. mu_y: B and C are printed negative, which is the same curve."
-        ),
-    )
+        row, percent = f"table 6.8, {name}, {len(RATE_SEEDS)} noise seeds", 100 / len(RATE_SEEDS)
+        for coefficient, count in zip(NAMES, inside, strict=True):
+            what = f"share of 95 % intervals that hold {coefficient} [%]"
+            records.append(Record.judged(row, what, None, percent * int(count), at_least=percent * needed))
+    return Reproduction.told(__doc__, records)
 
 
 def _rates(name: str, progress: Callable[[float], None]) -> np.ndarray:

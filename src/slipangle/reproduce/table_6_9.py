@@ -67,28 +67,9 @@ def reproduce(progress: Progress) -> Reproduction:
             ratio = max(_CLOSE, printed[2 * j + 1] / NOISE[curve])
             limit = spread if label == "RBF {1}" else ratio * floor
             why = "data's own" if label == "RBF {1}" else f"{ratio:.3g} x floor {floor:.4g}"
-            records.append(
-                Record(
-                    row=f"table 6.9, {label}",
-                    quantity=f"{curve} RMSE [-]",
-                    thesis=printed[2 * j + 1],
-                    here=here,
-                    bound=f"<= {limit:.4g} ({why})",
-                    holds=here <= limit,
-                    note=f"{curve}: R2 {float(r2(friction, fitted)):.4f} (thesis {printed[2 * j]}), {seconds:.2f} s",
-                )
-            )
-    progress(1.0, "done")
-    return Reproduction(
-        title="Table 6.9: neural tires and Magic Formula on tire data (stand-in)",
-        records=tuple(records),
-        protocol=(
-            "Stand-in for the members-only rig data as in table 6.8, noise seed 0. Bounds of tables 6.3 and 6.7, "
-            "multiquadric RBF, hyperbolic-tangent MLP, 16 random starts per fit, seed 0. RMSE against the standard "
-            "deviation of the noise that was added: within 2 % where the thesis was within 2 % of its own, else no "
-            "further from it than the thesis."
-        ),
-        figures=tuple(
-            curve_figure(*stand_in(curve)[:2], curves, along=curve == "mu_x") for curve, curves in shown.items()
-        ),
-    )
+            bound, level = f"<= {limit:.4g} ({why})", float(r2(friction, fitted))
+            note = f"{curve}: R2 {level:.4f} (thesis {printed[2 * j]}), {seconds:.2f} s"
+            row = f"table 6.9, {label}"
+            records.append(Record(row, f"{curve} RMSE [-]", printed[2 * j + 1], here, bound, here <= limit, note))
+    figures = [curve_figure(*stand_in(curve)[:2], curves, along=curve == "mu_x") for curve, curves in shown.items()]
+    return Reproduction.told(__doc__, records, figures)

@@ -22,7 +22,7 @@ from slipangle.identify.linear.integrated import IntegratedARX
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.report.plots import trajectories
 from slipangle.report.records import Record
-from slipangle.reproduce import Progress, Reproduction, protocol
+from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_7 import AMPLITUDES, DRIVER, LOG, PLANT, SPEEDS, STEP, sine_log
 from slipangle.simulate.manoeuvres import record, sine_steer
 
@@ -80,47 +80,20 @@ def reproduce(progress: Progress) -> Reproduction:
         found = search(data)
         best, plain = choose(found), next(f for f in found if f.kind == "plain")
         r2, rmse = PRINTED[v]
-        row = f"{v:g} m/s"
-        note = f"na = {best.model.na}, nb = {best.model.nb}, {best.share:.0%} training, {best.kind}; {len(found)} fits"
+        row, train = f"{v:g} m/s", f"na = {best.model.na}, nb = {best.model.nb}, {best.share:.0%} training"
+        note = f"{train}, {best.kind}; {len(found)} fits"
         unseen = score(best.model.simulate(second_log(v)), "Y")
-        coefficients = "A: " + ", ".join(f"{a:.4f}" for a in best.model.A.ravel())
-        coefficients += "; B: " + ", ".join(f"{b:.4f}" for b in best.model.B.ravel())
+        A, B = (", ".join(f"{c:.4f}" for c in matrix.ravel()) for matrix in (best.model.A, best.model.B))
+        here, plain_here = best.validation, plain.validation
+        plainly = f"na = {plain.model.na}, nb = {plain.model.nb}, {plain.share:.0%} training"
+        name = "validation RMSE [m]"
         records += [
-            _record(row, "validation R2 [-]", r2, best.validation.r2, ">= 0.998", best.validation.r2 >= 0.998, note),
-            _record(
-                row,
-                "validation RMSE [m]",
-                rmse,
-                best.validation.rmse,
-                f"<= {rmse:g}",
-                best.validation.rmse <= rmse,
-                coefficients,
-            ),
-            _record(row, "R2 on the second log [-]", None, unseen.r2, "", None, ""),
-            _record(
-                f"{row}, plain least squares",
-                "validation RMSE [m]",
-                rmse,
-                plain.validation.rmse,
-                f"<= {rmse:g}",
-                plain.validation.rmse <= rmse,
-                f"na = {plain.model.na}, nb = {plain.model.nb}, {plain.share:.0%} training",
-            ),
+            Record.judged(row, "validation R2 [-]", r2, here.r2, at_least=0.998, note=note),
+            Record.judged(row, name, rmse, here.rmse, at_most=rmse, note=f"A: {A}; B: {B}"),
+            Record(row, "R2 on the second log [-]", None, unseen.r2),
+            Record.judged(f"{row}, plain least squares", name, rmse, plain_here.rmse, at_most=rmse, note=plainly),
         ]
         _, validation = data.split(best.share)
         channel = next(c for c in data.channels if c.name == "Y")
         figures.append(trajectories({f"ARX at {v:g} m/s": best.model.simulate(validation)}, channel))
-    progress(1.0, "done")
-    return Reproduction(
-        title="Table 7.1: ARX models of lateral position",
-        records=tuple(records),
-        protocol=protocol(__doc__),
-        figures=tuple(figures),
-        captions=tuple(f"Validation at {v:g} m/s" for v in PRINTED),
-    )
-
-
-def _record(
-    row: str, quantity: str, thesis: float | None, here: float, bound: str, holds: bool | None, note: str
-) -> Record:
-    return Record(row=row, quantity=quantity, thesis=thesis, here=here, bound=bound, holds=holds, note=note)
+    return Reproduction.told(__doc__, records, figures, [f"Validation at {v:g} m/s" for v in PRINTED])

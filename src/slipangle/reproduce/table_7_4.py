@@ -14,7 +14,7 @@ from slipangle.data.dataset import Channel
 from slipangle.models.wrappers.multi_arx import MultiARXModel
 from slipangle.report.drives import Signal, signals
 from slipangle.report.records import Record
-from slipangle.reproduce import Progress, Reproduction, protocol
+from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_7 import LIMIT, SPEEDS, blended, drive, sine_log
 from slipangle.reproduce.table_7_1 import choose, search
 from slipangle.simulate.manoeuvres import three_segments
@@ -32,39 +32,16 @@ def reproduce(progress: Progress) -> Reproduction:
         run = drive(controller, three_segments(speeds=(v, v, v), amplitudes=(5.0, 1.5, 1e-3)))
         Y, wanted = run["Y"], run.reference[:, 1]
         r2 = 1 - float(np.sum((Y - wanted) ** 2) / np.sum((wanted - wanted.mean()) ** 2))
-        steered = float(np.abs(run.commands).max())
-        row = f"ARX-MPC-{v:g}"
-        inside = 1e6 * float(np.median(run.seconds))
-        for quantity, printed, here, bound, holds in (
-            ("R2 [-]", PRINTED[v][0], r2, ">= 0.998", r2 >= 0.998),
-            ("RMSE [m]", PRINTED[v][1], run.rmse("y"), f"<= {PRINTED[v][1]:g}", run.rmse("y") <= PRINTED[v][1]),
-            ("largest steering angle [deg]", None, float(np.rad2deg(steered)), "<= 20", steered <= LIMIT + 1e-12),
-        ):
-            records.append(
-                Record(
-                    row=row,
-                    quantity=quantity,
-                    thesis=printed,
-                    here=here,
-                    bound=bound,
-                    holds=bool(holds),
-                    note=f"{run.end.value}; plan {inside:.0f} us in Python, wall" if quantity == "RMSE [m]" else "",
-                )
-            )
-        figures.append(
-            signals(
-                run.t,
-                [
-                    Signal(channel=Channel("Y", "m"), values=Y, reference=wanted),
-                    Signal(channel=Channel("delta", "rad"), values=run["delta"], lower=-LIMIT, upper=LIMIT),
-                ],
-            )
-        )
-    progress(1.0, "done")
-    return Reproduction(
-        title="Table 7.4: control on one ARX model",
-        records=tuple(records),
-        protocol=protocol(__doc__),
-        figures=tuple(figures),
-        captions=tuple(f"ARX-MPC-{v:g}: path and steering at {v:g} m/s" for v in PRINTED),
-    )
+        steered = float(np.rad2deg(np.abs(run.commands).max()))
+        row, most = f"ARX-MPC-{v:g}", float(np.rad2deg(LIMIT))
+        note = f"{run.end.value}; plan {1e6 * float(np.median(run.seconds)):.0f} us in Python, wall"
+        records += [
+            Record.judged(row, "R2 [-]", PRINTED[v][0], r2, at_least=0.998),
+            Record.judged(row, "RMSE [m]", PRINTED[v][1], run.rmse("y"), at_most=PRINTED[v][1], note=note),
+            Record(row, "largest steering angle [deg]", None, steered, f"<= {most:g}", steered <= most + 1e-10),
+        ]
+        path = Signal(channel=Channel("Y", "m"), values=Y, reference=wanted)
+        steering = Signal(channel=Channel("delta", "rad"), values=run["delta"], lower=-LIMIT, upper=LIMIT)
+        figures.append(signals(run.t, [path, steering]))
+    captions = [f"ARX-MPC-{v:g}: path and steering at {v:g} m/s" for v in PRINTED]
+    return Reproduction.told(__doc__, records, figures, captions)

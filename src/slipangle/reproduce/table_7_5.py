@@ -31,18 +31,17 @@ import numpy as np
 
 from slipangle.control.marx.mpc import MultiARXPlan
 from slipangle.control.marx.solver import Compiled
+from slipangle.control.presets import SOUSA_TABLE_7_5
 from slipangle.data.dataset import Channel
 from slipangle.models.wrappers.multi_arx import MultiARXModel
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.report.drives import Signal, Span, signals
 from slipangle.report.records import Record
-from slipangle.reproduce import Progress, Reproduction, protocol
+from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_7 import (
     CAR,
-    KNOTS,
     LIMIT,
-    LONG,
     MORE_SPEEDS,
     SEGMENTS,
     SPEEDS,
@@ -114,8 +113,8 @@ def controllers() -> dict[str, Any]:
         "NMPC": lambda: general(magic_model(), converged),
         "MARX as in the thesis": lambda: blended(thesis_model()),
         "MARX with heading": lambda: blended(planar_model()),
-        BEST: lambda: blended(planar_model(MORE_SPEEDS, "smooth"), LONG, knots=KNOTS),
-        "LMPC, N = 20": lambda: general(linear_model(), RealTime(), LONG),
+        BEST: lambda: blended(planar_model(MORE_SPEEDS, "smooth"), SOUSA_TABLE_7_5),
+        "LMPC, N = 20": lambda: general(linear_model(), RealTime(), SOUSA_TABLE_7_5["horizon"]),
     }
 
 
@@ -140,62 +139,31 @@ def reproduce(progress: Progress) -> Reproduction:
     done = drives(progress)
     error = {name: {s: segment_rmse(d.run, s) for s in SEGMENTS} for name, d in done.items()}
     records = []
+    most = float(np.rad2deg(LIMIT))
     for name, d in done.items():
-        for s in SEGMENTS:
-            records.append(_bounded(name, s, error))
-        steered = float(np.abs(d.run.commands).max())
-        records.append(
-            Record(
-                row=name,
-                quantity="largest steering angle [deg]",
-                thesis=20.0,
-                here=float(np.rad2deg(steered)),
-                bound="<= 20",
-                holds=bool(steered <= LIMIT + 1e-12),
-                note=d.run.end.value,
-            )
-        )
+        records += [_bounded(name, s, error) for s in SEGMENTS]
+        steered, note = float(np.rad2deg(np.abs(d.run.commands).max())), d.run.end.value
+        what = "largest steering angle [deg]"
+        records.append(Record(name, what, most, steered, f"<= {most:g}", steered <= most + 1e-10, note))
+    what, note = "reduction of the lateral RMSE [%]", "the thesis' segment and weights are not given"
     for name in (BEST, "MARX as in the thesis"):
         here = 100 * (1 - error[name]["segment 3"] / error["LMPC"]["segment 3"])
-        records.append(
-            Record(
-                row=f"{name} against LMPC, segment 3",
-                quantity="reduction of the lateral RMSE [%]",
-                thesis="up to 41",
-                here=here,
-                note="the thesis' segment and weights are not given",
-            )
-        )
-    progress(1.0, "done")
-    return Reproduction(
-        title="Table 7.5: lateral errors on the three segments",
-        records=tuple(records),
-        protocol=protocol(__doc__),
-        figures=figures(done),
-        captions=DRAWN,
-    )
+        records.append(Record(f"{name} against LMPC, segment 3", what, "up to 41", here, note=note))
+    return Reproduction.told(__doc__, records, figures(done), DRAWN)
 
 
 def _bounded(name: str, segment: str, error: dict[str, dict[str, float]]) -> Record:
     """The improved MARX is held to the thesis' findings; the others are shown."""
-    here, bound, holds, note = error[name][segment], "", None, ""
-    if name == BEST and segment == "segment 3":
+    here, said = error[name][segment], (name, f"lateral RMSE, {segment} [m]", None)
+    if name != BEST:
+        return Record(*said, here)
+    if segment == "segment 3":
         most = min(error["LMPC"][segment], error["NMPC"][segment])
-        bound, holds = f"< {most:.4f}", here < most
         note = "the smaller of LMPC's and NMPC's; in the thesis MARX has the smallest error here"
-    elif name == BEST:
-        most = 1.25 * error["NMPC"][segment]
-        bound, holds = f"<= {most:.4f}", here <= most
-        note = "1.25 times NMPC's, which has the smallest error here in the thesis"
-    return Record(
-        row=name,
-        quantity=f"lateral RMSE, {segment} [m]",
-        thesis=None,
-        here=here,
-        bound=bound,
-        holds=None if holds is None else bool(holds),
-        note=note,
-    )
+        return Record(*said, here, f"< {most:.4f}", bool(here < most), note)
+    most = 1.25 * error["NMPC"][segment]
+    note = "1.25 times NMPC's, which has the smallest error here in the thesis"
+    return Record(*said, here, f"<= {most:.4f}", bool(here <= most), note)
 
 
 def figures(done: dict[str, Driven]) -> tuple[Any, ...]:

@@ -15,21 +15,20 @@ from typing import Any
 import numpy as np
 
 from slipangle.control.mpc import MPC
+from slipangle.control.presets import SOUSA_TABLE_7_3
 from slipangle.models.wrappers.multi_arx import ParallelARX, SpeedBlend
 from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.terms import Weights
 from slipangle.report.drives import solver_histogram
 from slipangle.report.records import Record
-from slipangle.reproduce import Progress, Reproduction, protocol
+from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_7 import (
     HORIZON,
     SEGMENTS,
-    SETTINGS,
     SPEEDS,
     STEP,
     Lateral,
-    Q,
     general,
     linear_model,
     magic_model,
@@ -45,68 +44,36 @@ MOMENTS, STEPS = 2, 4  # in each segment; of each, after a first one that is not
 
 def reproduce(progress: Progress) -> Reproduction:
     """The thesis' way, then ours."""
-    # Long: one table, record by record.
     done = drives(lambda share, what: progress(0.6 * share, what))
     progress(0.6, "Ipopt for all three")
     old = {name: thesis_way(name, done) for name in ("LMPC", "NMPC", "MARX")}
     records = []
     for name, times in old.items():
+        printed, note = (10.0, "about 0.01 s on the thesis' laptop") if name == "MARX" else (None, "")
         for s, seconds in times.items():
-            records.append(
-                Record(
-                    row=f"{name}, Ipopt",
-                    quantity=f"time of a plan, {s} [ms], median",
-                    thesis=10.0 if name == "MARX" else None,
-                    here=1e3 * seconds,
-                    note="about 0.01 s on the thesis' laptop" if name == "MARX" else "",
-                )
-            )
+            what = f"time of a plan, {s} [ms], median"
+            records.append(Record(f"{name}, Ipopt", what, printed, 1e3 * seconds, note=note))
     for other, least in (("LMPC", 63.0), ("NMPC", 88.0)):
-        best = max(100 * (1 - old["MARX"][s] / old[other][s]) for s in SEGMENTS)
-        records.append(
-            Record.judged(
-                at_least=least,
-                row=f"MARX against {other}, Ipopt",
-                quantity="reduction of the time, largest of the segments [%]",
-                thesis=f"up to {least:g}",
-                here=best,
-                note=", ".join(f"{s}: {100 * (1 - old['MARX'][s] / old[other][s]):.1f} %" for s in SEGMENTS),
-            )
-        )
+        saved = {s: 100 * (1 - old["MARX"][s] / old[other][s]) for s in SEGMENTS}
+        note = ", ".join(f"{s}: {share:.1f} %" for s, share in saved.items())
+        row, what = f"MARX against {other}, Ipopt", "reduction of the time, largest of the segments [%]"
+        records.append(Record.judged(row, what, f"up to {least:g}", max(saved.values()), at_least=least, note=note))
     median = {}
     for name, d in done.items():
         for s in SEGMENTS:
             times = segment_seconds(d.run, s, d.inside)
             median[name, s] = float(np.median(times))
-            records.append(
-                Record(
-                    row=f"{name}, compiled",
-                    quantity=f"time of a plan, {s} [us], median",
-                    thesis=None,
-                    here=1e6 * median[name, s],
-                    note=f"p99 {1e6 * float(np.percentile(times, 99)):.1f} us",
-                )
-            )
+            note = f"p99 {1e6 * float(np.percentile(times, 99)):.1f} us"
+            what = f"time of a plan, {s} [us], median"
+            records.append(Record(f"{name}, compiled", what, None, 1e6 * median[name, s], note=note))
+    note = "while its error is smaller, see table 7.5"
     for other in ("LMPC", "NMPC"):
         ratio = min(median[other, s] / median[BEST, s] for s in SEGMENTS)
-        records.append(
-            Record.judged(
-                at_least=1.5,
-                row=f"{BEST} against {other}, compiled",
-                quantity="times faster, least of the segments [-]",
-                thesis=None,
-                here=ratio,
-                note="while its error is smaller, see table 7.5",
-            )
-        )
-    progress(1.0, "done")
-    return Reproduction(
-        title="Table 7.6: solver times on the three segments",
-        records=tuple(records),
-        protocol=protocol(__doc__),
-        figures=tuple(solver_histogram(done[name].inside, deadline=STEP) for name in DRAWN),
-        captions=tuple(f"{name}: solver time" for name in DRAWN),
-    )
+        row = f"{BEST} against {other}, compiled"
+        what = "times faster, least of the segments [-]"
+        records.append(Record.judged(row, what, None, ratio, at_least=1.5, note=note))
+    figures = [solver_histogram(done[name].inside, deadline=STEP) for name in DRAWN]
+    return Reproduction.told(__doc__, records, figures, [f"{name}: solver time" for name in DRAWN])
 
 
 def thesis_way(name: str, done: dict[str, Driven]) -> dict[str, float]:
@@ -115,7 +82,8 @@ def thesis_way(name: str, done: dict[str, Driven]) -> dict[str, float]:
     solver, side = Ipopt(tolerance=1e-6), thesis_model()
     if name == "MARX":
         model = ParallelARX(models=side.models, speeds=SPEEDS)
-        controller = MPC(model, horizon=HORIZON, Q=Weights(Y=Q), solver=solver, controls=("delta",), **SETTINGS)
+        settings: dict[str, Any] = SOUSA_TABLE_7_3 | {"Q": Weights(Y=SOUSA_TABLE_7_3["Q"]["e_y"])}
+        controller = MPC(model, solver=solver, controls=("delta",), **settings)
     else:
         controller = general(ByCvodes(linear_model() if name == "LMPC" else magic_model()), solver)
     found = {}

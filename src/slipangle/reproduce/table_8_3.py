@@ -101,16 +101,9 @@ def reproduce(progress: Progress) -> Reproduction:
         progress(0.65 + 0.35 * seed / len(SEEDS), f"M4 and M4-H, seed {seed}")
         models["M4"].append(black_box(train, seed))
         models["M4-H"].append(hybrid(models["M4"][-1], train))
-    progress(1.0, "done")
     figures = along_the_track({name: fitted[0] for name, fitted in models.items()}, test)
-    return Reproduction(
-        title="Table 8.3: longitudinal models, speed from pedals",
-        records=(*rolling(judged), *(r for name, fitted in models.items() for r in last_part(name, fitted, test))),
-        protocol="Dallara AV-21 at Putnam Park, 25 Hz, from 202 s: fit to the first 50 to 70 %, one free run over the "
-        "30 % that follow, initial speed measured. The Ferrari's copy has no pedals.",
-        figures=tuple(figures.values()),
-        captions=tuple(figures),
-    )
+    records = [*rolling(judged), *(r for name, fitted in models.items() for r in last_part(name, fitted, test))]
+    return Reproduction.told(__doc__, records, list(figures.values()), list(figures))
 
 
 def rolling(judged: Sequence[tuple[Model, HybridModel, Score, Score]]) -> list[Record]:
@@ -118,24 +111,11 @@ def rolling(judged: Sequence[tuple[Model, HybridModel, Score, Score]]) -> list[R
     fits, hybrids = [plain.fit for _, _, plain, _ in judged], [mixed.fit for _, _, _, mixed in judged]
     gains = ", ".join("off" if mixed.gain == 0 else "on" for _, mixed, _, _ in judged)
     change = min(h - f for h, f in zip(hybrids, fits, strict=True))
+    note = ", ".join(f"{100 * s:g} %: {f:.1f}" for s, f in zip(SHARES, fits, strict=True))
+    what, middle = "smallest change of fit against M2 [%]", float(np.median(fits))
     return [
-        Record.judged(
-            at_least=75,
-            row="M2, five rolling splits",
-            quantity="fit of v_x [%], median",
-            thesis=None,
-            here=float(np.median(fits)),
-            note=", ".join(f"{100 * s:g} %: {f:.1f}" for s, f in zip(SHARES, fits, strict=True)),
-        ),
-        Record(
-            row="M2-H, five rolling splits",
-            quantity="smallest change of fit against M2 [%]",
-            thesis=None,
-            here=change,
-            bound=">= 0",
-            holds=change >= -1e-6,
-            note=f"discrepancy {gains}",
-        ),
+        Record.judged("M2, five rolling splits", "fit of v_x [%], median", None, middle, at_least=75, note=note),
+        Record("M2-H, five rolling splits", what, None, change, ">= 0", change >= -1e-6, f"discrepancy {gains}"),
     ]
 
 
@@ -147,16 +127,10 @@ def last_part(name: str, models: Sequence[Model], test: Dataset) -> list[Record]
     every = ", ".join(f"{seed}: {s.fit:.1f}" for seed, s in zip(SEEDS, scores, strict=False))
     car = "another car, see the protocol" if name == "M2" else ""
     notes = (car, f"seeds {every}" if scores[1:] else "", switched_off(models))
+    row, note = f"{name}, last 30 %", "; ".join(filter(None, notes))
     return [
-        Record.judged(
-            at_least=least,
-            row=f"{name}, last 30 %",
-            quantity="fit of v_x [%]",
-            thesis=PRINTED[name][0],
-            here=fit,
-            note="; ".join(filter(None, notes)),
-        ),
-        Record(row=f"{name}, last 30 %", quantity="VAF of v_x [%]", thesis=PRINTED[name][1], here=vaf),
+        Record.judged(row, "fit of v_x [%]", PRINTED[name][0], fit, at_least=least, note=note),
+        Record(row, "VAF of v_x [%]", PRINTED[name][1], vaf),
     ]
 
 

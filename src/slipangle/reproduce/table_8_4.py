@@ -45,29 +45,13 @@ def reproduce(progress: Progress) -> Reproduction:
     model: StateSpaceModel = quietly(StateSpace(order=2, focus="simulation", max_radius=LARGEST), train)
     run = model.simulate(test)
     ours, printed = np.sort(np.abs(model.poles)), np.sort(np.abs(np.linalg.eigvals(PRINTED_A)))
-    progress(1.0, "done")
-    records = [
-        Record(
-            row=f"{which} pole",
-            quantity="modulus [-]",
-            thesis=float(printed[i]),
-            here=float(ours[i]),
-            bound=f"<= {LARGEST:g}",
-            holds=bool(ours[i] <= LARGEST + 1e-9),
-            note="thesis: from its printed A",
-        )
-        for i, which in enumerate(("fast", "slow"))
-    ]
-    records += [
-        Record(
-            row="free run", quantity=f"fit of {name} [%]", thesis=None, here=score(run, name).fit, note="another car"
-        )
-        for name in ("v_x", "r")
-    ]
+    records = []
+    for which, theirs, here in zip(("fast", "slow"), printed, ours, strict=True):
+        bound, holds = f"<= {LARGEST:g}", bool(here <= LARGEST + 1e-9)
+        note = "thesis: from its printed A"
+        records.append(Record(f"{which} pole", "modulus [-]", float(theirs), float(here), bound, holds, note))
+    for name in ("v_x", "r"):
+        records.append(Record("free run", f"fit of {name} [%]", None, score(run, name).fit, note="another car"))
     matrices = "; ".join(f"{n} = {np.round(getattr(model, n), 4).tolist()}" for n in ("A", "B", "C"))
-    return Reproduction(
-        title="Table 8.4: second-order state space of pedal and steering to speed and yaw rate",
-        records=tuple(records),
-        protocol=f"Dallara AV-21, fast part, 20 Hz, means removed and normalised, first 70 % to fit. {matrices}.",
-        figures=tuple(trajectories({"M3": run}, test.channels[test.index(name)]) for name in ("v_x", "r")),
-    )
+    figures = [trajectories({"M3": run}, test.channels[test.index(name)]) for name in ("v_x", "r")]
+    return Reproduction.told(__doc__, records, figures, more=f"{matrices}.")
