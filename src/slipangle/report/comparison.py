@@ -34,16 +34,7 @@ def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> 
         channel = Channel(output, data.unit(output))
         errors = {n: t.error[t.predicted, t.outputs.index(output)] for n, t in result.trajectories.items()}
         rows = [
-            ScoreRow(
-                model=e.name,
-                channel=output,
-                unit=channel.unit,
-                kind="free run",
-                fit=e.scores[output].fit,
-                vaf=e.scores[output].vaf,
-                r2=e.scores[output].r2,
-                rmse=e.scores[output].rmse,
-            )
+            ScoreRow(model=e.name, channel=output, unit=channel.unit, kind="free run", **vars(e.scores[output]))
             for e in good
         ]
         blocks = (

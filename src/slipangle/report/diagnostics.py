@@ -17,7 +17,9 @@ from slipangle.report.style import (
     VERMILION,
     axis_title,
     compact,
+    dots,
     escape,
+    line,
     new_figure,
     pretty_unit,
     same_length,
@@ -70,27 +72,17 @@ def correlogram(
     size = 6 if len(lags) <= 50 else 4
     figure = new_figure(300, hovermode="closest")
     figure.add_hrect(y0=-band, y1=band, fillcolor=SLATE.faded(0.22), line_width=0, layer="below")
-    figure.add_scatter(
-        x=np.column_stack([x, x, np.full(len(x), np.nan)]).ravel(),
-        y=compact(np.column_stack([np.zeros(len(x)), values, np.full(len(x), np.nan)]).ravel()),
-        mode="lines",
-        line={"color": colour.light, "width": 1.2},
-        hoverinfo="skip",
-        showlegend=False,
-    )
-    for mask, name, shade, symbol in (
-        (~outside, f"inside the {100 * level:g} % band", colour, "circle"),
-        (outside, "outside", VERMILION if index != 1 else INK, "diamond"),
+    gap = np.full(len(x), np.nan)
+    stems = np.column_stack([x, x, gap]).ravel(), np.column_stack([0 * x, values, gap]).ravel()
+    line(figure, stems[0], stems[1], colour, 1.2, showlegend=False)
+    hover = "lag %{x:.4g}: %{y:.3f}<extra></extra>"
+    for mask, name, shade, larger, symbol in (
+        (~outside, f"inside the {100 * level:g} % band", colour, 0, "circle"),
+        (outside, "outside", VERMILION if index != 1 else INK, 1, "diamond"),
     ):
         if mask.any():
-            figure.add_scatter(
-                x=x[mask],
-                y=compact(values[mask]),
-                mode="markers",
-                marker={"color": shade.light, "size": size if symbol == "circle" else size + 1, "symbol": symbol},
-                name=name,
-                hovertemplate="lag %{x:.4g}: %{y:.3f}<extra></extra>",
-            )
+            marker = {"symbol": symbol}
+            dots(figure, x[mask], values[mask], shade, size + larger, hover=hover, name=name, marker=marker)
     top = max(1.15 * float(np.nanmax(values, initial=0.0)), 1.8 * band)
     bottom = min(1.15 * float(np.nanmin(values, initial=0.0)), -1.8 * band)
     figure.update_layout(
@@ -128,29 +120,16 @@ def horizon_curves(curves: Mapping[str, HorizonErrors], channel: Channel) -> go.
         column = found.outputs.index(channel.name)
         colour, _ = series_style(i)
         seconds = found.horizons * found.dt
-        figure.add_scatter(
-            x=seconds,
-            y=compact(found.rmse[:, column]),
-            mode="lines+markers",
-            name=escape(name),
-            line={"color": colour.light},
-            legendgroup=name,
-        )
-        figure.add_scatter(
-            x=seconds[[0, -1]],
-            y=np.full(2, found.free_run[column]),
-            mode="lines",
-            line={"color": colour.light, "width": 1, "dash": "dash"},
-            legendgroup=name,
-            showlegend=False,
-            hoverinfo="skip",
-        )
+        look = {"mode": "lines+markers", "name": escape(name), "line": {"color": colour.light}}
+        figure.add_scatter(x=seconds, y=compact(found.rmse[:, column]), legendgroup=name, **look)
+        level = np.full(2, found.free_run[column])
+        line(figure, seconds[[0, -1]], level, colour, 1, dash="dash", legendgroup=name, showlegend=False)
     figure.update_layout(
         xaxis={
             "title": {"text": "looking ahead [s]"},
             "type": "log",
             "tickvals": shown,
-            "ticktext": [f"{value:g}" for value in shown],
+            "ticktext": [*map("{:g}".format, shown)],
         },
         yaxis={"title": {"text": axis_title(channel, lines=2, prefix="RMSE of ")}, "rangemode": "tozero"},
     )
@@ -173,7 +152,6 @@ def forest(
     cap : float
         Intervals wider than this end in arrows that state the width. [%]
     """
-    # Long: one figure, trace by trace.
     known = {k: v for k, v in (references or {}).items() if k in fit.names}
     interval, value = fit.interval(level), np.asarray(fit.values, dtype=float)
     scale = np.where(value != 0, np.abs(value), np.nan)
@@ -187,41 +165,24 @@ def forest(
     for k, row in enumerate(rows):
         span = min(float(np.nan_to_num(half[k], nan=np.inf)), reach)
         colour = VERMILION if wide[k] else INK
-        figure.add_scatter(
-            x=[-span, span], y=[row, row], mode="lines", line={"color": colour.light, "width": 2}, hoverinfo="skip"
-        )
+        line(figure, [-span, span], [row, row], colour, 2)
         if wide[k]:
             width = f"±{half[k]:.0f} %" if np.isfinite(half[k]) else "unbounded"
-            figure.add_scatter(
-                x=[-reach, reach],
-                y=[row, row],
-                mode="markers",
-                marker={"symbol": ["triangle-left", "triangle-right"], "size": 10, "color": colour.light},
-                hoverinfo="skip",
-            )
-            figure.add_annotation(
-                x=reach, y=row, text=width, showarrow=False, xanchor="right", yshift=13, font={"color": colour.light}
-            )
+            arrows = {"symbol": ["triangle-left", "triangle-right"]}
+            dots(figure, [-reach, reach], [row, row], colour, 10, marker=arrows)
+            where = {"x": reach, "y": row, "xanchor": "right", "yshift": 13}
+            figure.add_annotation(text=width, showarrow=False, font={"color": colour.light}, **where)
     figure.update_traces(showlegend=False)
-    figure.add_scatter(
-        x=np.zeros(len(rows)),
-        y=rows,
-        mode="markers",
-        marker={"size": 9, "color": [(VERMILION if w else INK).light for w in wide]},
-        name=f"estimate, {100 * level:g} % interval",
-        customdata=[f"{v:.5g} {escape(pretty_unit(u))}" for v, u in zip(value, _units(fit), strict=True)],
-        hovertemplate="%{customdata}<extra></extra>",
-    )
+    units = fit.units or ("-",) * len(fit.names)
+    said = [f"{v:.5g} {escape(pretty_unit(u))}" for v, u in zip(value, units, strict=True)]
+    name, hover = f"estimate, {100 * level:g} % interval", "%{customdata}<extra></extra>"
+    colours = [(VERMILION if w else INK).light for w in wide]
+    dots(figure, np.zeros(len(rows)), rows, colours, 9, hover=hover, name=name, customdata=said)
     if spot:
-        figure.add_scatter(
-            x=np.clip(list(spot.values()), -reach, reach),
-            y=[rows[fit.names.index(k)] for k in spot],
-            mode="markers",
-            marker={"symbol": "diamond-open", "size": 11, "color": series_style(0)[0].light, "line": {"width": 2}},
-            name="reference",
-            customdata=[f"{v:.5g}" for v in known.values()],
-            hovertemplate="reference %{customdata}<extra></extra>",
-        )
+        x, y = np.clip(list(spot.values()), -reach, reach), [rows[fit.names.index(k)] for k in spot]
+        said, open_ones = [f"{v:.5g}" for v in known.values()], {"symbol": "diamond-open", "line": {"width": 2}}
+        more = {"name": "reference", "customdata": said, "marker": open_ones}
+        dots(figure, x, y, series_style(0)[0], 11, hover="reference %{customdata}<extra></extra>", **more)
     figure.update_layout(
         xaxis={
             "title": {"text": "difference from the estimate [%]"},
@@ -240,7 +201,3 @@ def forest(
         },
     )
     return figure
-
-
-def _units(fit: FitInfo) -> tuple[str, ...]:
-    return fit.units or ("-",) * len(fit.names)

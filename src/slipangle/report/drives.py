@@ -17,8 +17,9 @@ from slipangle.report.style import (
     SLATE,
     VERMILION,
     axis_title,
-    compact,
+    dots,
     escape,
+    line,
     new_figure,
     same_length,
     thin,
@@ -30,20 +31,9 @@ __all__ = ["Signal", "Span", "signals", "solver_histogram", "solver_time"]
 
 @dataclass(frozen=True, kw_only=True)
 class Signal:
-    """One channel over time, with its limits where it has any.
+    """One channel over time, shape (n,), what it should have been, and its limits, all in the channel's unit.
 
-    Parameters
-    ----------
-    channel : Channel
-        Name and unit.
-    values : array, shape (n,)
-        Samples, in the channel's unit.
-    reference : array, shape (n,), optional
-        What it should have been.
-    lower, upper : float, optional
-        Limits, in the channel's unit.
-    held : bool
-        True for a signal that is constant between samples, such as a controller's output.
+    ``held`` is true for a signal that is constant between samples, such as a controller's output.
     """
 
     channel: Channel
@@ -103,39 +93,15 @@ def signals(
         axis = "y" if k == 0 else f"y{k + 1}"
         top = 1 - k * (height + gap)
         _panel(figure, t, signal, axis, starts, points, first=all(s.reference is None for s in rows[:k]))
-        figure.update_layout(
-            {
-                axis.replace("y", "yaxis"): {
-                    "title": {"text": axis_title(signal.channel, lines=2)},
-                    "domain": [max(top - height, 0.0), top],
-                }
-            }
-        )
+        panel = {"title": {"text": axis_title(signal.channel, lines=2)}, "domain": [max(top - height, 0.0), top]}
+        figure.update_layout({axis.replace("y", "yaxis"): panel})
     last = "y" if n == 1 else f"y{n}"
     figure.update_layout(xaxis={"title": {"text": "time t [s]"}, "anchor": last, "hoverformat": ".2f"})
     for k, span in enumerate(spans):
-        figure.add_shape(
-            type="rect",
-            x0=span.start,
-            x1=span.end,
-            y0=0,
-            y1=1,
-            xref="x",
-            yref="paper",
-            fillcolor=SLATE.faded((0.05, 0.18)[k % 2]),
-            line={"width": 0},
-            layer="below",
-        )
-        figure.add_annotation(
-            x=(span.start + span.end) / 2,
-            y=1,
-            xref="x",
-            yref="paper",
-            yanchor="bottom",
-            text=escape(span.label),
-            showarrow=False,
-            font={"color": SLATE.light},
-        )
+        shade = {"fillcolor": SLATE.faded((0.05, 0.18)[k % 2]), "line": {"width": 0}, "layer": "below"}
+        figure.add_shape(type="rect", x0=span.start, x1=span.end, y0=0, y1=1, xref="x", yref="paper", **shade)
+        where = {"x": (span.start + span.end) / 2, "y": 1, "xref": "x", "yref": "paper", "yanchor": "bottom"}
+        figure.add_annotation(text=escape(span.label), showarrow=False, font={"color": SLATE.light}, **where)
     if spans:
         figure.update_layout(margin={"t": 32}, legend={"y": 1.06})
     return figure
@@ -144,58 +110,26 @@ def signals(
 def _panel(
     figure: go.Figure, t: np.ndarray, signal: Signal, axis: str, starts: Sequence[int], points: int, *, first: bool
 ) -> None:
-    shape = "hv" if signal.held else "linear"
-    name = escape(signal.channel.name)
     x, y = with_gaps(t, np.asarray(signal.values, dtype=float), starts)
     rows = thin(y, points)
     if signal.reference is not None:
         same_length("t", len(t), reference=signal.reference)
         v = with_gaps(t, np.asarray(signal.reference, dtype=float), starts)[1]
         keep = thin(v, points)
-        figure.add_scatter(
-            x=x[keep],
-            y=compact(v[keep]),
-            mode="lines",
-            line={"color": SLATE.light, "width": 2, "dash": "dash"},
-            name="reference",
-            legendgroup="reference",
-            showlegend=first,
-            yaxis=axis,
-            hovertemplate="%{y:.4g}",
-        )
-    figure.add_scatter(
-        x=x[rows],
-        y=compact(y[rows]),
-        mode="lines",
-        line={"color": BLUE.light, "width": 1.4, "shape": shape},
-        name=name,
-        showlegend=False,
-        yaxis=axis,
-        hovertemplate="%{y:.4g}",
-    )
+        shared = {"name": "reference", "legendgroup": "reference", "showlegend": first, "hovertemplate": "%{y:.4g}"}
+        line(figure, x[keep], v[keep], SLATE, 2, dash="dash", yaxis=axis, **shared)
+    name = escape(signal.channel.name)
+    line(figure, x[rows], y[rows], BLUE, 1.4, name=name, showlegend=False, yaxis=axis, hovertemplate="%{y:.4g}")
+    if signal.held:
+        figure.data[-1].update(line_shape="hv")
     for limit in (signal.lower, signal.upper):
         if limit is not None and np.isfinite(limit):
-            figure.add_shape(
-                type="line",
-                x0=0,
-                x1=1,
-                y0=limit,
-                y1=limit,
-                xref="x domain",
-                yref=axis,
-                line={"color": VERMILION.light, "width": 1.4, "dash": "dash"},
-            )
-            figure.add_annotation(
-                x=1,
-                y=limit,
-                xref="x domain",
-                yref=axis,
-                text=f"limit {limit:.4g}",
-                showarrow=False,
-                xanchor="right",
-                yanchor="top" if limit == signal.upper else "bottom",
-                font={"color": VERMILION.light, "size": 12},
-            )
+            ends = {"x0": 0, "x1": 1, "y0": limit, "y1": limit, "xref": "x domain", "yref": axis}
+            figure.add_shape(type="line", line={"color": VERMILION.light, "width": 1.4, "dash": "dash"}, **ends)
+            side = "top" if limit == signal.upper else "bottom"
+            where = {"x": 1, "y": limit, "xref": "x domain", "yref": axis, "xanchor": "right", "yanchor": side}
+            font = {"color": VERMILION.light, "size": 12}
+            figure.add_annotation(text=f"limit {limit:.4g}", showarrow=False, font=font, **where)
     finite = [v for v in (signal.lower, signal.upper) if v is not None and np.isfinite(v)]
     if finite:
         low, high = min(np.nanmin(y), *finite), max(np.nanmax(y), *finite)
@@ -206,50 +140,23 @@ def _panel(
 def solver_time(
     seconds: np.ndarray, *, deadline: float, failed: np.ndarray | None = None, points: int = 4000
 ) -> go.Figure:
-    """Time per control step, with the deadline and the steps that did not solve.
+    """Time per control step [s], shape (n_steps,), with the deadline [s] and the steps that did not solve.
 
-    Parameters
-    ----------
-    seconds : array, shape (n_steps,)
-        Time of each step. [s]
-    deadline : float
-        The controller's step. [s]
-    failed : array of bool, shape (n_steps,), optional
-        Steps whose solver did not report success.
-    points : int
-        About how many points the line keeps.
+    ``points`` is about how many points the line keeps.
     """
     ms = 1e3 * np.asarray(seconds, dtype=float)
     rows = thin(ms, points)
     figure = new_figure(340, hovermode="closest")
-    figure.add_scatter(
-        x=rows,
-        y=compact(ms[rows]),
-        mode="lines",
-        line={"color": BLUE.light, "width": 1.2},
-        name="solver",
-        hovertemplate="step %{x}: %{y:.3g} ms<extra></extra>",
-    )
+    line(figure, rows, ms[rows], BLUE, 1.2, name="solver", hovertemplate="step %{x}: %{y:.3g} ms<extra></extra>")
     if failed is not None:
         same_length("seconds", len(ms), failed=failed)
         bad = np.flatnonzero(failed)
         if len(bad):
-            figure.add_scatter(
-                x=bad,
-                y=compact(ms[bad]),
-                mode="markers",
-                marker={"symbol": "x", "size": 9, "color": VERMILION.light},
-                name=f"not solved ({len(bad)})",
-                hovertemplate="step %{x}: %{y:.3g} ms, not solved<extra></extra>",
-            )
-    figure.add_scatter(
-        x=[0, max(len(ms) - 1, 1)],
-        y=[1e3 * deadline] * 2,
-        mode="lines",
-        line={"color": VERMILION.light, "width": 1.6, "dash": "dash"},
-        name=f"deadline {1e3 * deadline:g} ms",
-        hoverinfo="skip",
-    )
+            hover, cross = "step %{x}: %{y:.3g} ms, not solved<extra></extra>", {"symbol": "x"}
+            name = f"not solved ({len(bad)})"
+            dots(figure, bad, ms[bad], VERMILION, 9, hover=hover, name=name, marker=cross)
+    limit = 1e3 * deadline
+    line(figure, [0, max(len(ms) - 1, 1)], [limit] * 2, VERMILION, dash="dash", name=f"deadline {limit:g} ms")
     figure.update_layout(
         xaxis={"title": {"text": "control step [-]"}},
         yaxis={"title": {"text": "time per step [ms]"}, "type": "log", **_decades(ms, 1e3 * deadline)},
@@ -258,17 +165,7 @@ def solver_time(
 
 
 def solver_histogram(seconds: np.ndarray, *, deadline: float, bins: int = 40) -> go.Figure:
-    """Distribution of the time per control step on a logarithmic axis, with the deadline.
-
-    Parameters
-    ----------
-    seconds : array, shape (n_steps,)
-        Time of each step. [s]
-    deadline : float
-        The controller's step. [s]
-    bins : int
-        How many bars, evenly spaced in the logarithm.
-    """
+    """Distribution of the time per control step [s], shape (n_steps,), in ``bins`` bars, with the deadline [s]."""
     ms = 1e3 * np.asarray(seconds, dtype=float)
     ms = ms[np.isfinite(ms) & (ms > 0)]
     if len(ms) == 0:
@@ -290,14 +187,8 @@ def solver_histogram(seconds: np.ndarray, *, deadline: float, bins: int = 40) ->
         (slowest, f"99 % {slowest:.3g} ms", INK),
         (1e3 * deadline, f"deadline {1e3 * deadline:g} ms", VERMILION),
     ):
-        figure.add_scatter(
-            x=[value, value],
-            y=[0, 1.08 * counts.max()],
-            mode="lines",
-            line={"color": colour.light, "width": 1.6, "dash": "dash" if colour is VERMILION else "dot"},
-            hovertemplate=text + "<extra></extra>",
-            name=text,
-        )
+        dash, said = "dash" if colour is VERMILION else "dot", text + "<extra></extra>"
+        line(figure, [value] * 2, [0, 1.08 * counts.max()], colour, dash=dash, name=text, hovertemplate=said)
     figure.update_layout(
         showlegend=True,
         xaxis={"title": {"text": "time per step [ms]"}, "type": "log", **_decades(ms, 1e3 * deadline)},

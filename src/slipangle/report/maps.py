@@ -21,7 +21,9 @@ from slipangle.report.style import (
     axis_title,
     colourscale,
     compact,
+    dots,
     largest,
+    line,
     new_figure,
     same_length,
     thin,
@@ -91,47 +93,22 @@ def track_map(
     figure = new_figure(540, showlegend=False, hovermode="closest")
     x, y = with_gaps(X, Y, starts)
     thinned = np.unique(np.concatenate([thin(x, points), thin(y, points)]))
-    figure.add_scatter(
-        x=compact(x[thinned]),
-        y=compact(y[thinned]),
-        mode="lines",
-        line={"color": SLATE.light, "width": 1},
-        hoverinfo="skip",
+    line(figure, compact(x[thinned]), y[thinned], SLATE, 1)
+    scale = {"colorscale": colourscale(SIGNED if signed else RISING), "cmin": -reach if signed else 0.0, "cmax": reach}
+    hover, scale = (
+        "X %{x:.1f} m, Y %{y:.1f} m<br>%{marker.color:.3g}<extra></extra>",
+        {**scale, "colorbar": _bar(title)},
     )
-    figure.add_scatter(
-        x=compact(X[rows]),
-        y=compact(Y[rows]),
-        mode="markers",
-        marker={
-            "size": 6,
-            "color": compact(shown[rows]),
-            "colorscale": colourscale(SIGNED if signed else RISING),
-            "cmin": -reach if signed else 0.0,
-            "cmax": reach,
-            "colorbar": _colour_bar(title),
-        },
-        hovertemplate="X %{x:.1f} m, Y %{y:.1f} m<br>%{marker.color:.3g}<extra></extra>",
-    )
+    dots(figure, compact(X[rows]), Y[rows], compact(shown[rows]), 6, hover=hover, marker=scale)
     _start_arrow(figure, X, Y)
     _equal_axes(figure, (float(np.ptp(X)), float(np.ptp(Y))), frame=130)
     return figure
 
 
-def _colour_bar(title: str) -> dict[str, object]:
-    return {
-        "title": {"text": title, "side": "top", "font": {"size": 13}},
-        "tickfont": {"size": 12},
-        "orientation": "h",
-        "x": 0,
-        "xanchor": "left",
-        "y": 1.0,
-        "yanchor": "bottom",
-        "len": 0.75,
-        "thickness": 12,
-        "outlinewidth": 0,
-        "xpad": 0,
-        "ypad": 4,
-    }
+def _bar(title: str) -> dict[str, object]:
+    place = {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "xpad": 0, "ypad": 4}
+    text = {"title": {"text": title, "side": "top", "font": {"size": 13}}, "tickfont": {"size": 12}}
+    return {**place, **text, "len": 0.75, "thickness": 12, "outlinewidth": 0}
 
 
 def _start_arrow(figure: go.Figure, X: np.ndarray, Y: np.ndarray) -> None:
@@ -141,19 +118,9 @@ def _start_arrow(figure: go.Figure, X: np.ndarray, Y: np.ndarray) -> None:
     if ahead == 0:
         return
     dx, dy = (X[ahead] - X[0]) / away[ahead], (Y[ahead] - Y[0]) / away[ahead]
-    figure.add_annotation(
-        x=X[0] + 0.05 * size * dx,
-        y=Y[0] + 0.05 * size * dy,
-        ax=X[0],
-        ay=Y[0],
-        axref="x",
-        ayref="y",
-        text="",
-        showarrow=True,
-        arrowhead=2,
-        arrowwidth=2.4,
-        arrowcolor=INK.light,
-    )
+    tip = {"x": X[0] + 0.05 * size * dx, "y": Y[0] + 0.05 * size * dy, "arrowhead": 2, "arrowwidth": 2.4}
+    tail = {"ax": X[0], "ay": Y[0], "axref": "x", "ayref": "y", "arrowcolor": INK.light}
+    figure.add_annotation(text="", showarrow=True, **tip, **tail)
     figure.add_annotation(x=X[0], y=Y[0], text="start", showarrow=False, xshift=-24 * dy, yshift=24 * dx)
 
 
@@ -198,53 +165,22 @@ def path_map(
     -----
     A course more than six times as long as wide is drawn with Y stretched, which the axis title says.
     """
-    # Long: one figure, trace by trace.
     X, Y, psi = (np.asarray(a, dtype=float) for a in (X, Y, psi))
     same_length("X", len(X), Y=Y, psi=psi)
     figure = new_figure(440, hovermode="closest")
     bounds = [np.asarray(b, dtype=float) for b in (left, right) if b is not None]
     for k, side in enumerate(bounds):
-        figure.add_scatter(
-            x=side[:, 0],
-            y=side[:, 1],
-            mode="lines",
-            line={"color": VERMILION.light, "width": 2},
-            name="lane boundary",
-            legendgroup="lane",
-            showlegend=k == 0,
-            hoverinfo="skip",
-        )
+        shared = {"name": "lane boundary", "legendgroup": "lane", "showlegend": k == 0}
+        line(figure, side[:, 0], side[:, 1], VERMILION, 2, **shared)
     if reference is not None:
         reference = np.asarray(reference, dtype=float)
-        figure.add_scatter(
-            x=reference[:, 0],
-            y=reference[:, 1],
-            mode="lines",
-            line={"color": SLATE.light, "width": 2, "dash": "dash"},
-            name="reference",
-            hoverinfo="skip",
-        )
+        line(figure, reference[:, 0], reference[:, 1], SLATE, 2, dash="dash", name="reference")
     if body is not None:
         x, y = _outlines(X, Y, psi, body, outlines)
-        figure.add_scatter(
-            x=compact(x),
-            y=compact(y),
-            mode="lines",
-            line={"color": BLUE.light, "width": 1},
-            fill="toself",
-            fillcolor=BLUE.faded(0.12),
-            name="vehicle",
-            hoverinfo="skip",
-        )
+        line(figure, compact(x), y, BLUE, 1, fill="toself", fillcolor=BLUE.faded(0.12), name="vehicle")
     rows = np.unique(np.concatenate([thin(X, points // 2), thin(Y, points // 2)]))
-    figure.add_scatter(
-        x=compact(X[rows]),
-        y=compact(Y[rows]),
-        mode="lines",
-        line={"color": INK.light, "width": 2},
-        name="centre of gravity",
-        hovertemplate="X %{x:.1f} m, Y %{y:.2f} m<extra></extra>",
-    )
+    hover = "X %{x:.1f} m, Y %{y:.2f} m<extra></extra>"
+    line(figure, compact(X[rows]), Y[rows], INK, 2, name="centre of gravity", hovertemplate=hover)
     edge = np.vstack([np.column_stack([X, Y]), *bounds, *([] if reference is None else [reference])])
     span = np.nanmax(edge, axis=0) - np.nanmin(edge, axis=0)
     if span[0] > 6 * span[1]:

@@ -29,25 +29,7 @@ _POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inl
 
 @dataclass(frozen=True, kw_only=True)
 class Number:
-    """A key number with what it is compared to.
-
-    Parameters
-    ----------
-    label : str
-        What it is, such as ``"fit of the yaw rate, free run"``.
-    value : float or str
-        The number; text is shown as it is.
-    unit : str
-        Its unit.
-    reference : float or str or None
-        What it is compared to, in the same unit.
-    reference_label : str
-        Whose the reference is.
-    note : str
-        A remark in small print.
-    digits : int
-        Significant digits of value and reference.
-    """
+    """A key number in its unit, what it is compared to, whose that is, a remark, significant digits of both."""
 
     label: str
     value: Cell
@@ -60,21 +42,7 @@ class Number:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """A judgement in one sentence, with the numbers it rests on.
-
-    Parameters
-    ----------
-    title : str
-        What is judged.
-    sentence : str
-        The judgement, in plain words.
-    tone : {"good", "fair", "poor"}
-        How it is meant; shown as word, shape and colour.
-    numbers : tuple of Number
-        The key numbers.
-    command : str
-        What reproduces them.
-    """
+    """A judgement in one sentence, how it is meant, the key numbers it rests on, and what reproduces them."""
 
     title: str
     sentence: str
@@ -85,19 +53,7 @@ class Verdict:
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """A figure with its title and explanation.
-
-    Parameters
-    ----------
-    title : str
-        What is seen.
-    figure : plotly.graph_objects.Figure
-        From `slipangle.report`'s functions, or any other.
-    caption : str
-        How to read it.
-    command : str
-        What reproduces it.
-    """
+    """A figure from `slipangle.report`'s functions or any other: what is seen, how to read it, what reproduces it."""
 
     title: str
     figure: go.Figure
@@ -140,19 +96,7 @@ Block = Verdict | Figure | Grid | Table | Findings | Text
 
 @dataclass(frozen=True, kw_only=True)
 class Section:
-    """A part of the page with an entry in the navigation.
-
-    Parameters
-    ----------
-    title : str
-        Heading.
-    blocks : tuple of Block
-        What it holds, in order.
-    lead : str
-        One or two sentences under the heading.
-    short : str
-        Name in the navigation; by default the title.
-    """
+    """A part of the page: heading, blocks in order, a sentence under the heading, name in the navigation if another."""
 
     title: str
     blocks: tuple[Block, ...]
@@ -170,18 +114,7 @@ class Fact:
 
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """A report that opens from disk without a network.
-
-    Parameters
-    ----------
-    title, subtitle : str
-        Heading of the page.
-    sections : tuple of Section
-        The verdict first.
-    facts : tuple of Fact
-        Provenance, at the foot.
-    command : str
-        What made the page, at the foot.
+    """A report that opens from disk without a network: the verdict first, provenance and what made it at the foot.
 
     Notes
     -----

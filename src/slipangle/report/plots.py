@@ -17,7 +17,9 @@ from slipangle.report.style import (
     EqualScale,
     axis_title,
     compact,
+    dots,
     escape,
+    line,
     new_figure,
     nice_step,
     pretty_unit,
@@ -76,25 +78,18 @@ def measured_vs_simulated(
         rows = np.unique(np.concatenate([thin(v, share) for v in lines]))
     x, y = x[rows], y[rows]
     figure = new_figure(520, hovermode="x unified")
-    figure.add_scatter(x=x, y=compact(y), name="measured", line={"color": INK.light, "width": 1.6})
+    line(figure, x, y, INK, name="measured")
     for index, (name, values) in enumerate(models):
         colour, dash = series_style(index)
-        line = {"color": colour.light, "width": 1.3, "dash": dash}
-        v = values[rows]
-        figure.add_scatter(x=x, y=compact(v), name=name, line=line, legendgroup=name)
-        figure.add_scatter(
-            x=x, y=compact(y - v), name=f"error of {name}", line=line, legendgroup=name, showlegend=False, yaxis="y2"
-        )
-    figure.update_traces(mode="lines", hovertemplate="%{y:.4g}")
+        error, below = y - values[rows], {"showlegend": False, "yaxis": "y2"}
+        line(figure, x, values[rows], colour, 1.3, dash=dash, name=name, legendgroup=name)
+        line(figure, x, error, colour, 1.3, dash=dash, name=f"error of {name}", legendgroup=name, **below)
+    figure.update_traces(hoverinfo=None, hovertemplate="%{y:.4g}")
+    error_title = {"title": {"text": f"error<br>[{escape(pretty_unit(channel.unit))}]"}, "domain": [0.0, 0.3]}
     figure.update_layout(
         xaxis={"title": {"text": "time t [s]"}, "anchor": "y2", "hoverformat": ".2f"},
         yaxis={"title": {"text": axis_title(channel, lines=2)}, "domain": [0.36, 1.0]},
-        yaxis2={
-            "title": {"text": f"error<br>[{escape(pretty_unit(channel.unit))}]"},
-            "domain": [0.0, 0.3],
-            "zeroline": True,
-            "zerolinecolor": SLATE.light,
-        },
+        yaxis2={**error_title, "zeroline": True, "zerolinecolor": SLATE.light},
     )
     return figure
 
@@ -164,22 +159,11 @@ def rainclouds(errors: Mapping[str, np.ndarray], *, channel: Channel, points: in
         _raincloud(figure, e, row, index, name, points, rng)
         gap = ", " if len(name) <= 22 else "<br>"
         rmse = f"RMSE {np.sqrt(np.mean(e**2)):.3g} {escape(pretty_unit(channel.unit))}"
-        figure.add_annotation(
-            text=f"<b>{wrap(name, 44)}</b>{gap}{rmse}",
-            x=0,
-            y=row + 0.43,
-            xref="x domain",
-            showarrow=False,
-            xanchor="left",
-            yanchor="bottom",
-            align="left",
-        )
+        where = {"x": 0, "y": row + 0.43, "xref": "x domain", "xanchor": "left", "yanchor": "bottom", "align": "left"}
+        figure.add_annotation(text=f"<b>{wrap(name, 44)}</b>{gap}{rmse}", showarrow=False, **where)
+    title = {"text": axis_title(channel, prefix="error of ")}
     figure.update_layout(
-        xaxis={
-            "title": {"text": f"{axis_title(channel, prefix='error of ')}"},
-            "zeroline": True,
-            "zerolinecolor": SLATE.light,
-        },
+        xaxis={"title": title, "zeroline": True, "zerolinecolor": SLATE.light},
         yaxis={"visible": False, "range": [-0.4, len(errors) - 0.28], "fixedrange": True},
         hovermode="closest",
     )
@@ -196,45 +180,23 @@ def _raincloud(
         sample = e if len(e) <= 20_000 else rng.choice(e, 20_000, replace=False)
         density = gaussian_kde(sample)(grid)
         cloud = row + 0.1 + 0.32 * density / density.max()
-        figure.add_scatter(
-            x=compact(np.concatenate([grid, grid[::-1]])),
-            y=compact(np.concatenate([cloud, np.full(len(grid), row + 0.1)])),
-            mode="lines",
-            fill="toself",
-            fillcolor=colour.faded(0.35),
-            line={"color": colour.light, "width": 1, "dash": dash},
-            hoverinfo="skip",
-            name=label,
-        )
+        outline = compact(np.concatenate([grid, grid[::-1]])), np.concatenate([cloud, np.full(len(grid), row + 0.1)])
+        filled = {"fill": "toself", "fillcolor": colour.faded(0.35), "name": label}
+        line(figure, *outline, colour, 1, dash=dash, **filled)
     q1, median, q3 = np.percentile(e, [25, 50, 75])
     reach = 1.5 * (q3 - q1)
     inside = e[(e >= q1 - reach) & (e <= q3 + reach)]
-    figure.add_box(
-        q1=[q1],
-        median=[median],
-        q3=[q3],
-        lowerfence=[inside.min()],
-        upperfence=[inside.max()],
-        y=[row],
-        orientation="h",
-        width=0.13,
-        boxpoints=False,
-        line={"color": colour.light, "width": 1.6},
-        fillcolor=colour.faded(0.15),
-        name=label,
-    )
+    whiskers = {"lowerfence": [inside.min()], "upperfence": [inside.max()]}
+    look = {"width": 0.13, "line": {"color": colour.light, "width": 1.6}, "fillcolor": colour.faded(0.15)}
+    box = {"q1": [q1], "median": [median], "q3": [q3], "boxpoints": False, **whiskers, **look}
+    figure.add_box(y=[row], orientation="h", name=label, **box)
     drawn = e
     if len(e) > points:
         middle = rng.choice(len(e), points - 2, replace=False)
         drawn = e[np.unique(np.concatenate([middle, [int(e.argmin()), int(e.argmax())]]))]
-    figure.add_scatter(
-        x=compact(drawn),
-        y=compact(row - 0.19 + rng.uniform(-0.07, 0.07, len(drawn))),
-        mode="markers",
-        marker={"color": colour.faded(0.5), "size": 4},
-        hovertemplate="%{x:.4g}<extra>" + label + "</extra>",
-        name=label,
-    )
+    height = row - 0.19 + rng.uniform(-0.07, 0.07, len(drawn))
+    hover = "%{x:.4g}<extra>" + label + "</extra>"
+    dots(figure, compact(drawn), height, colour.faded(0.5), hover=hover, name=label)
 
 
 def correlation(
@@ -280,27 +242,11 @@ def correlation(
     rows = np.arange(0, len(y), max(1, -(-len(y) // points)))
     colour, _ = series_style(index)
     figure = new_figure(420, showlegend=False, hovermode="closest", meta=EqualScale(ratio=1.0, frame=60).meta)
-    figure.add_scatter(
-        x=compact(y[rows]),
-        y=compact(y_hat[rows]),
-        mode="markers",
-        marker={"size": 4, "color": colour.faded(0.4)},
-        hovertemplate="measured %{x:.4g}<br>simulated %{y:.4g}<extra></extra>",
-    )
-    figure.add_scatter(
-        x=ends, y=ends, mode="lines", line={"color": INK.light, "width": 1.2, "dash": "dash"}, hoverinfo="skip"
-    )
-    figure.add_annotation(
-        text=f"R² = {r2:.4f}",
-        x=0.03,
-        y=0.98,
-        xref="x domain",
-        yref="y domain",
-        showarrow=False,
-        xanchor="left",
-        yanchor="top",
-        font={"size": 15},
-    )
+    hover = "measured %{x:.4g}<br>simulated %{y:.4g}<extra></extra>"
+    dots(figure, compact(y[rows]), y_hat[rows], colour.faded(0.4), hover=hover)
+    line(figure, ends, ends, INK, 1.2, dash="dash")
+    where = {"x": 0.03, "y": 0.98, "xref": "x domain", "yref": "y domain", "xanchor": "left", "yanchor": "top"}
+    figure.add_annotation(text=f"R² = {r2:.4f}", showarrow=False, font={"size": 15}, **where)
     axis = {"range": ends, "dtick": nice_step(ends[1] - ends[0]), "constrain": "domain"}
     figure.update_layout(
         xaxis={**axis, "title": {"text": axis_title(channel, prefix="measured ")}},

@@ -194,6 +194,22 @@ def new_figure(height: int, **layout: Any) -> go.Figure:
     return figure
 
 
+def line(
+    figure: go.Figure, x: Any, y: Any, colour: Colour, width: float = 1.6, *, dash: str = "solid", **more: Any
+) -> None:
+    """A line; without ``hovertemplate`` nothing is said about it."""
+    silent = {} if "hovertemplate" in more else {"hoverinfo": "skip"}
+    style = {"color": colour.light, "width": width, "dash": dash}
+    figure.add_scatter(x=x, y=compact(y), mode="lines", line=style, **silent, **more)
+
+
+def dots(figure: go.Figure, x: Any, y: Any, colour: Any, size: float = 4, *, hover: str = "", **more: Any) -> None:
+    """Markers in a colour or with colours of their own; what is said about each, if anything."""
+    marker = {"color": colour.light if isinstance(colour, Colour) else colour, "size": size, **more.pop("marker", {})}
+    said = {"hovertemplate": hover} if hover else {"hoverinfo": "skip"}
+    figure.add_scatter(x=x, y=compact(y), mode="markers", marker=marker, **said, **more)
+
+
 def nice_step(span: float, count: int = 5) -> float:
     """A distance of 1, 2 or 5 times a power of ten that divides ``span`` into about ``count`` parts.
 

@@ -71,18 +71,9 @@ def number(value: Cell, digits: int = 4) -> str:
 
 @dataclass(frozen=True)
 class Heading:
-    """Heading of a column: title, unit, how its numbers are written.
+    """Heading of a column: title, unit in brackets beside it, significant digits of its numbers.
 
-    Parameters
-    ----------
-    title : str
-        Such as ``"fit"``.
-    unit : str
-        Shown in brackets beside the title.
-    digits : int
-        Significant digits of its numbers.
-    words : bool
-        True for text: aligned to the left and allowed to wrap.
+    ``words`` is true for text: aligned to the left and allowed to wrap.
     """
 
     title: str
@@ -108,22 +99,9 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table with a title, for terminal and page.
+    """A table for terminal and page: one cell per column in each row, an explanation and the command under it.
 
-    Parameters
-    ----------
-    title : str
-        What the table holds.
-    columns : tuple of Heading
-        Headings.
-    rows : tuple of Row
-        One cell per column each.
-    caption : str
-        Explanation under the table.
-    warnings : tuple of str
-        Sentences that a reader must not miss.
-    command : str
-        Command that reproduces the whole table.
+    ``warnings`` are sentences that a reader must not miss.
 
     Raises
     ------
@@ -248,18 +226,7 @@ def published(value: Cell, digits: int = 4) -> str:
 class ScoreRow:
     """How well one output of one model is predicted; fit and VAF in percent, RMSE in the output's unit.
 
-    Parameters
-    ----------
-    model, channel, unit : str
-        Whose output.
-    kind : str
-        ``"free run"`` or ``"one-step-ahead"``.
-    fit, vaf, r2, rmse : float or None
-        As in `docs/nomenclature.md`. [%, %, -, unit]
-    tone : str, optional
-        How the row is meant.
-    command, note : str
-        What reproduces it; a remark.
+    ``kind`` is ``"free run"`` or ``"one-step-ahead"``; ``tone`` is how the row is meant, ``command`` reproduces it.
     """
 
     model: str
@@ -284,9 +251,7 @@ def score_table(
     return Table(
         title=title,
         columns=(
-            Heading("model", words=True),
-            Heading("output", words=True),
-            Heading("prediction", words=True),
+            *(Heading(name, words=True) for name in ("model", "output", "prediction")),
             Heading("fit", "%"),
             Heading("VAF", "%"),
             Heading("R²", "-"),
@@ -326,13 +291,9 @@ def parameter_table(
     fit : FitInfo
         Estimates, covariance, warnings.
     references : mapping, optional
-        True or published values by parameter name.
-    reference_title : str
-        Heading of their column.
+        True or published values by parameter name, under ``reference_title``.
     level : float
         Confidence level.
-    title, command : str
-        Title, and the command that reproduces the table.
     """
     known = references or {}
     interval = fit.interval(level)
@@ -361,15 +322,7 @@ def parameter_table(
 
 
 def correlation_table(fit: FitInfo, *, title: str = "Correlation of the estimates", command: str = "") -> Table:
-    """Correlation matrix of the estimates; a parameter that another one can replace, 0.95 or more, is marked poor.
-
-    Parameters
-    ----------
-    fit : FitInfo
-        Estimates and covariance.
-    title, command : str
-        Title, and the command that reproduces the table.
-    """
+    """Correlation matrix of the estimates; a parameter that another one can replace, 0.95 or more, is marked poor."""
     matrix = fit.correlation
     rows = []
     for i, name in enumerate(fit.names):

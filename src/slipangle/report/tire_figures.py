@@ -13,13 +13,9 @@ import plotly.graph_objects as go
 
 from slipangle.errors import ModelWarning, ParameterError, nearest
 from slipangle.models.tires.simple import Tire, TireForces
-from slipangle.report.style import EqualScale, compact, escape, new_figure, series_style
+from slipangle.report.style import EqualScale, compact, escape, line, new_figure, series_style
 
-__all__ = [
-    "OperatingRange",
-    "combined_slip",
-    "pure_slip",
-]
+__all__ = ["OperatingRange", "combined_slip", "pure_slip"]
 
 Quantity = Literal["F_x", "F_y", "M_x", "M_z"]
 QUANTITIES = {
@@ -87,14 +83,8 @@ def pure_slip(
         s, a = (slip, 0.0 * slip) if along else (0.0 * slip, slip)
         value = getattr(forces(tire, s, a, np.full(POINTS, load), camber), quantity)
         colour, dash = series_style(k)
-        figure.add_scatter(
-            x=shown_slip(slip, along=along),
-            y=compact(np.broadcast_to(value, slip.shape)),
-            name=force_text(load),
-            mode="lines",
-            line={"color": colour.light, "width": 1.8, "dash": dash},
-            hovertemplate="%{y:.4g}",
-        )
+        x, y = shown_slip(slip, along=along), np.broadcast_to(value, slip.shape)
+        line(figure, x, y, colour, 1.8, dash=dash, name=force_text(load), hovertemplate="%{y:.4g}")
     figure.update_layout(
         xaxis={"title": {"text": slip_title(along=along)}},
         yaxis={"title": {"text": quantity_title(quantity)}},
@@ -128,37 +118,18 @@ def combined_slip(tire: Tire, *, load: float | None = None, camber: float = 0.0)
         for side in (1.0, -1.0):
             f = forces(tire, ratio, np.full_like(ratio, side * angle), np.full_like(ratio, weight), camber)
             extent.append((np.abs(f.F_x).max(), np.abs(f.F_y).max()))
-            figure.add_scatter(
-                x=compact(np.broadcast_to(f.F_x, ratio.shape)),
-                y=compact(np.broadcast_to(f.F_y, ratio.shape)),
-                mode="lines",
-                name=f"slip angle ±{math.degrees(angle):.2g}°",
-                legendgroup=str(k),
-                showlegend=side > 0,
-                line={"color": colour.light, "width": 1.6, "dash": dash},
-                customdata=ratio,
-                hovertemplate="F<sub>x</sub> %{x:.4g} N, F<sub>y</sub> %{y:.4g} N, slip ratio %{customdata:.3f}",
-            )
+            x, y = (np.broadcast_to(force, ratio.shape) for force in (f.F_x, f.F_y))
+            shared = {"name": f"slip angle ±{math.degrees(angle):.2g}°", "legendgroup": str(k), "showlegend": side > 0}
+            hover = "F<sub>x</sub> %{x:.4g} N, F<sub>y</sub> %{y:.4g} N, slip ratio %{customdata:.3f}"
+            line(figure, compact(x), y, colour, dash=dash, customdata=ratio, hovertemplate=hover, **shared)
     reach_x, reach_y = (1.06 * float(max(column)) for column in zip(*extent, strict=True))
-    frame = 120.0
-    scale = EqualScale(ratio=reach_y / max(reach_x, 1e-9), frame=frame)
+    scale = EqualScale(ratio=reach_y / max(reach_x, 1e-9), frame=120.0)
+    shared = {"zeroline": True, "constrain": "domain"}
     figure.update_layout(
         height=scale.height(),
         meta=scale.meta,
-        xaxis={
-            "title": {"text": quantity_title("F_x")},
-            "range": [-reach_x, reach_x],
-            "zeroline": True,
-            "constrain": "domain",
-        },
-        yaxis={
-            "title": {"text": quantity_title("F_y")},
-            "range": [-reach_y, reach_y],
-            "zeroline": True,
-            "scaleanchor": "x",
-            "scaleratio": 1,
-            "constrain": "domain",
-        },
+        xaxis={"title": {"text": quantity_title("F_x")}, "range": [-reach_x, reach_x], **shared},
+        yaxis={"title": {"text": quantity_title("F_y")}, "range": [-reach_y, reach_y], "scaleanchor": "x", **shared},
         showlegend=True,
     )
     return figure

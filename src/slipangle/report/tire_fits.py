@@ -14,7 +14,7 @@ import plotly.graph_objects as go
 from slipangle.data.tire_data import TireData
 from slipangle.errors import ModelWarning, ParameterError
 from slipangle.models.tires.simple import Tire, TireForces
-from slipangle.report.style import SLATE, compact, new_figure, series_style
+from slipangle.report.style import SLATE, compact, dots, line, new_figure, series_style
 from slipangle.report.tire_figures import (
     POINTS,
     QUANTITIES,
@@ -50,7 +50,6 @@ def fit_figure(tire: Tire, data: TireData, quantity: Quantity, *, sweeps: int = 
     ParameterError
         If the data hold no such quantity or no sweep of its slip.
     """
-    # Long: one figure, trace by trace.
     require_quantity(quantity)
     if getattr(data, quantity) is None:
         raise ParameterError(f"'{data.name}' holds no {quantity}; expected a quantity that was measured")
@@ -70,40 +69,17 @@ def fit_figure(tire: Tire, data: TireData, quantity: Quantity, *, sweeps: int = 
         colour, dash = series_style(k)
         at_samples = np.broadcast_to(getattr(predicted(tire, rows), quantity), slip.shape)
         name = force_text(sweep.load)
-        marker = {"color": colour.light, "size": 4, "opacity": 0.45}
-        figure.add_scatter(
-            x=compact(x),
-            y=compact(getattr(rows, quantity)),
-            mode="markers",
-            name=f"measured, {name}",
-            marker=marker,
-            legendgroup=name,
-            showlegend=False,
-            hovertemplate="%{y:.4g}",
-        )
+        faint: dict[str, Any] = {"hover": "%{y:.4g}", "legendgroup": name, "showlegend": False}
+        faint["marker"] = {"opacity": 0.45}
+        dots(figure, compact(x), getattr(rows, quantity), colour, name=f"measured, {name}", **faint)
         order = np.argsort(slip)
         level = np.linspace(slip.min(), slip.max(), POINTS)
         smooth = predicted(tire, _level(rows, level, along=along))
-        figure.add_scatter(
-            x=compact(shown_slip(level, along=along)),
-            y=compact(np.broadcast_to(getattr(smooth, quantity), level.shape)),
-            mode="lines",
-            name=name,
-            line={"color": colour.light, "width": 2, "dash": dash},
-            legendgroup=name,
-            hovertemplate="%{y:.4g}",
-        )
-        figure.add_scatter(
-            x=compact(x[order]),
-            y=compact((getattr(rows, quantity) - at_samples)[order]),
-            mode="markers",
-            marker=marker,
-            legendgroup=name,
-            showlegend=False,
-            yaxis="y2",
-            name=f"residual, {name}",
-            hovertemplate="%{y:.4g}",
-        )
+        fitted, shared = np.broadcast_to(getattr(smooth, quantity), level.shape), {"name": name, "legendgroup": name}
+        at = compact(shown_slip(level, along=along))
+        line(figure, at, fitted, colour, 2, dash=dash, hovertemplate="%{y:.4g}", **shared)
+        left = (getattr(rows, quantity) - at_samples)[order]
+        dots(figure, compact(x[order]), left, colour, yaxis="y2", name=f"residual, {name}", **faint)
     unit = QUANTITIES[quantity][1]
     figure.update_layout(
         xaxis={"title": {"text": slip_title(along=along)}, "anchor": "y2"},
@@ -139,37 +115,16 @@ def curve_figure(
     """
     x = shown_slip(np.asarray(slip, dtype=float), along=along)
     figure = new_figure(520, hovermode="x unified")
-    figure.add_scatter(
-        x=compact(x),
-        y=compact(friction),
-        mode="markers",
-        name="data",
-        marker={"color": SLATE.light, "size": 4, "opacity": 0.6},
-        hovertemplate="%{y:.4g}",
-    )
+    dots(figure, compact(x), friction, SLATE, hover="%{y:.4g}", name="data", marker={"opacity": 0.6})
     fine = np.linspace(np.min(slip), np.max(slip), 401)
+    at = compact(shown_slip(fine, along=along))
+    below: dict[str, Any] = {"hover": "%{y:.4g}", "yaxis": "y2", "showlegend": False}
     for k, (name, curve) in enumerate(curves.items()):
         colour, dash = series_style(k)
-        line = {"color": colour.light, "width": 1.8, "dash": dash}
-        shared = {"legendgroup": name, "hovertemplate": "%{y:.4g}"}
-        figure.add_scatter(
-            x=compact(shown_slip(fine, along=along)),
-            y=compact(curve(fine)),
-            mode="lines",
-            name=name,
-            line=line,
-            **shared,
-        )
-        figure.add_scatter(
-            x=compact(x),
-            y=compact(friction - curve(np.asarray(slip, dtype=float))),
-            mode="markers",
-            name=f"residual of {name}",
-            marker={"color": colour.light, "size": 3},
-            yaxis="y2",
-            showlegend=False,
-            **shared,
-        )
+        shared = {"name": name, "legendgroup": name, "hovertemplate": "%{y:.4g}"}
+        line(figure, at, curve(fine), colour, 1.8, dash=dash, **shared)
+        left = friction - curve(np.asarray(slip, dtype=float))
+        dots(figure, compact(x), left, colour, 3, name=f"residual of {name}", legendgroup=name, **below)
     figure.update_layout(
         xaxis={"title": {"text": slip_title(along=along)}, "anchor": "y2"},
         yaxis={"title": {"text": friction_title}, "domain": [0.36, 1.0]},

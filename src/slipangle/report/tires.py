@@ -50,18 +50,8 @@ def evaluate_table(
     weight, gamma, angle, ratio = (g.transpose(1, 0, 2, 3).ravel() for g in grid)
     found = tire.forces(ratio, angle, weight, camber=gamma)
     columns = [np.broadcast_to(np.asarray(v, dtype=float), ratio.shape) for v in found]
-    rows = tuple(
-        Row(
-            (
-                float(weight[k]),
-                math.degrees(gamma[k]),
-                math.degrees(angle[k]),
-                float(ratio[k]),
-                *(float(c[k]) for c in columns),
-            )
-        )
-        for k in range(len(ratio))
-    )
+    given = weight, np.degrees(gamma), np.degrees(angle), ratio
+    rows = tuple(Row(tuple(map(float, cells))) for cells in zip(*given, *columns, strict=True))
     heads = (("load", "N"), ("camber", "deg"), ("slip angle", "deg"), ("slip ratio", "-"), ("F_x", "N"), ("F_y", "N"))
     heads += (("M_x", "N m"), ("M_y", "N m"), ("M_z", "N m"))
     return Table(title="Forces and moments", columns=tuple(Heading(t, u) for t, u in heads), rows=rows)
@@ -130,13 +120,9 @@ def _curves(tire: Tire, loads: Sequence[float], camber: float) -> Section:
             over = "slip ratio" if quantity == "F_x" else "slip angle"
             blocks.append(Figure(title=f"{quantity} over {over}", figure=figure, caption="One line per vertical load."))
     middle = where.loads[len(where.loads) // 2]
-    blocks.append(
-        Figure(
-            title="Combined slip",
-            figure=combined_slip(tire, load=middle, camber=camber),
-            caption=f"At {force_text(middle)}: each line holds the slip angle while the slip ratio runs.",
-        )
-    )
+    caption = f"At {force_text(middle)}: each line holds the slip angle while the slip ratio runs."
+    figure = combined_slip(tire, load=middle, camber=camber)
+    blocks.append(Figure(title="Combined slip", figure=figure, caption=caption))
     return Section(title="Forces over slip", short="Curves", blocks=tuple(blocks))
 
 
@@ -155,12 +141,7 @@ def fit_errors(tire: Tire, data: TireData) -> Table:
         spread, rms = float(np.std(measured)), float(np.sqrt(np.mean(error**2)))
         share = 1 - rms**2 / spread**2 if spread > 0 else math.nan
         rows.append(Row((quantity, QUANTITIES[quantity][1], rms, spread, share)))
-    columns = (
-        Heading("output", words=True),
-        Heading("unit", words=True),
-        Heading("RMSE"),
-        Heading("spread of the data"),
-    )
+    columns = *(Heading(n, words=True) for n in ("output", "unit")), Heading("RMSE"), Heading("spread of the data")
     return Table(title="How far off", columns=(*columns, Heading("R²", "-")), rows=tuple(rows))
 
 
@@ -178,13 +159,8 @@ def _fit(tire: Tire, data: TireData) -> Section:
             figure = fit_figure(tire, data, quantity)
         except ParameterError:
             continue
-        blocks.append(
-            Figure(
-                title=f"{quantity}: measured and fitted",
-                figure=figure,
-                caption="Points are measured, lines fitted, at the camber nearest to zero; residuals below.",
-            )
-        )
+        caption = "Points are measured, lines fitted, at the camber nearest to zero; residuals below."
+        blocks.append(Figure(title=f"{quantity}: measured and fitted", figure=figure, caption=caption))
     bars = [
         Figure(title=f"Residuals of {q}, all samples", figure=residual_histogram(tire, data, q))
         for q in ("F_x", "F_y")

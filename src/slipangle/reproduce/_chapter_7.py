@@ -170,7 +170,8 @@ def magic_model(share: float = 0.9) -> Lateral:
 
 def general(model: Model, solver: Any, horizon: int = HORIZON) -> MPC:
     """LMPC or NMPC with table 7.3."""
-    return MPC(model, solver=solver, **(SOUSA_TABLE_7_3 | {"horizon": horizon}))
+    settings: dict[str, Any] = SOUSA_TABLE_7_3 | {"horizon": horizon}
+    return MPC(model, solver=solver, **settings)
 
 
 def blended(model: MultiARXModel | OnGround, settings: dict[str, Any] = SOUSA_TABLE_7_3, **more: Any) -> MultiARXMPC:
