@@ -181,7 +181,7 @@ def _peers(ours: MultiARXMPC, situations: list, base: float, progress: Progress)
     progress(0.75, "Ipopt")
     base_model = ours.blended
     side = ParallelARX(models=base_model.models, speeds=base_model.speeds)
-    settings = SOUSA_TABLE_7_3 | {"Q": Weights(Y=SOUSA_TABLE_7_3["Q"]["e_y"])}
+    settings: dict[str, Any] = SOUSA_TABLE_7_3 | {"Q": Weights(Y=SOUSA_TABLE_7_3["Q"]["e_y"])}
     ipopt = MPC(side, solver=Ipopt(tolerance=1e-8), controls=("delta",), **settings)
     many = []
     for x, reference, applied in situations[:20]:

@@ -38,7 +38,9 @@ from slipangle.reproduce._tires_6 import simulated_tires
 from slipangle.reproduce.table_6_4 import data, settings
 
 PATH = double_lane_change(20.0, blend=12.0)
-CAR, G = FRONT_DRIVE, FRONT_DRIVE.steering_ratio
+CAR = FRONT_DRIVE
+Q, S, LIMITS = (dict(CAR.settings[name]) for name in ("Q", "S", "limits"))
+SCALE = np.array([high for _, high in LIMITS.values()])
 ROUNDS, STEPS = 10, 60  # 600 plans of each
 
 
@@ -365,7 +367,7 @@ def first_problems(count: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray,
 
 
 def _distance(command: np.ndarray, ours: np.ndarray) -> float:
-    return float(np.abs((command - ours) / [0.9 / G, CAR.torque]).max())
+    return float(np.abs((command - ours) / SCALE).max())
 
 
 def do_mpc() -> tuple[float, float]:
@@ -386,13 +388,12 @@ def do_mpc() -> tuple[float, float]:
     mpc.settings.collocation_type, mpc.settings.collocation_deg, mpc.settings.collocation_ni = "radau", 3, 1
     mpc.settings.store_full_solution = False
     mpc.settings.nlpsol_opts = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": 0, "ipopt.tol": 1e-8}
-    q, s = CAR.Q, CAR.S
     missed = model.x["v_x"] - 20, model.x["X"] - model.tvp["X_ref"], model.x["Y"] - model.tvp["Y_ref"]
-    cost = sum(w * e**2 for w, e in zip(q, missed, strict=True))
+    cost = sum(w * e**2 for w, e in zip(Q.values(), missed, strict=True))
     mpc.set_objective(mterm=cost, lterm=cost)
-    mpc.set_rterm(delta=s[0] * G**2, T_f=s[1] * 1e-6)
-    for n, bound in (("delta", 0.9 / G), ("T_f", CAR.torque)):
-        mpc.bounds["lower", "_u", n], mpc.bounds["upper", "_u", n] = -bound, bound
+    mpc.set_rterm(**S)
+    for n, bounds in LIMITS.items():
+        mpc.bounds["lower", "_u", n], mpc.bounds["upper", "_u", n] = bounds
     template = mpc.get_tvp_template()
     mpc.set_tvp_fun(lambda _: template)
     with contextlib.redirect_stdout(io.StringIO()):
@@ -420,7 +421,7 @@ def _augmented() -> tuple[ca.Function, ca.Function]:
     step = CAR.controller(CAR.model(SOUSA_TABLE_6_2), 10, RealTime()).dynamics
     z, u, p = ca.MX.sym("z", 10), ca.MX.sym("u", 2), ca.MX.sym("p", 2)
     later = ca.vertcat(step(z[:8], u, ca.DM([0.0])), u)
-    q, s = np.sqrt(CAR.Q), np.sqrt([CAR.S[0] * G**2, CAR.S[1] * 1e-6])
+    q, s = (np.sqrt(list(weights.values())) for weights in (Q, S))
     error = ca.vertcat(q[0] * (z[0] - 20), q[1] * (z[5] - p[0]), q[2] * (z[6] - p[1]), s * (u - z[8:]))
     return ca.Function("later", [z, u, p], [later]), ca.Function("error", [z, u, p], [error])
 
@@ -430,7 +431,7 @@ def fatrop() -> tuple[float, float]:
     if not ca.has_nlpsol("fatrop"):
         raise ImportError("CasADi has no fatrop here")
     step, error = _augmented()
-    scale = np.array([0.9 / G, CAR.torque])
+    scale = SCALE
     v, g, lower, upper, equal, cost = [], [], [], [], [], ca.MX(0)
     z0, goal = ca.MX.sym("z0", 10), ca.MX.sym("goal", 2, 11)
     z = ca.MX.sym("z_0", 10)
@@ -482,7 +483,7 @@ def crocoddyl() -> tuple[float, float]:
     lib = importlib.import_module("crocoddyl")
     step, error = _augmented()
     z, u, p = ca.MX.sym("z", 10), ca.MX.sym("u", 2), ca.MX.sym("p", 2)
-    scale = np.array([0.9 / G, CAR.torque])
+    scale = SCALE
     later, terms = step(z, u * scale, p), error(z, u * scale, p)
     value = ca.Function("value", [z, u, p], [later, terms])
     slope = ca.Function(
