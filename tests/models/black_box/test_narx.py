@@ -8,7 +8,7 @@ import pytest
 from slipangle.codegen import compiler as compiled
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError, SimulationError
-from slipangle.models.black_box import narx
+from slipangle.models.black_box import model as black_box
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.networks import MLP, RBF, Scaling
@@ -127,7 +127,7 @@ def test_without_a_compiler_the_same_numbers_and_a_word_on_long_runs(monkeypatch
     plain = make(*SHAPES[0])
     assert plain._compiled[0] is None
     assert plain.simulate(data).y == pytest.approx(fast, rel=1e-9, abs=1e-9)
-    monkeypatch.setattr(narx, "_LONG", 100)
+    monkeypatch.setattr(black_box, "_LONG", 100)
     with pytest.warns(ModelWarning, match="no C compiler was found.*ziglang"):
         plain.simulate(data)
 
@@ -159,7 +159,7 @@ def test_prediction_in_blocks_equals_restarted_free_runs(shape, steps, monkeypat
     """k steps ahead of the measured output at every sample: start a free run there."""
     model = make(*shape)
     data = noise(model, n=60)
-    monkeypatch.setattr(narx, "_BLOCK", 16)
+    monkeypatch.setattr(black_box, "_BLOCK", 16)
     predicted = model.predict(data, steps)
     m = model.memory
     for k in range(m + steps - 1, 60):

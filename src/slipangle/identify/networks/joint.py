@@ -26,24 +26,9 @@ from slipangle.models.wrappers.ensemble import EnsembleModel
 from slipangle.numerics.least_squares import Factors, LevenbergMarquardt, cholesky
 
 FREE = (
-    "C_f",
-    "C_r",
-    "inertia_z",
-    "mu_f",
-    "mu_r",
-    "steering_lag",
-    "steering_offset",
-    "yaw_rate_bias",
-    "l_f",
-    "transfer_x",
-    "friction_load",
-    "stiffness_load",
-    "E_f",
-    "E_r",
-    "brake_rear",
-    "compliance",
-    "transfer_f",
-    "transfer_r",
+    *("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_lag", "steering_offset", "yaw_rate_bias", "l_f"),
+    *("transfer_x", "friction_load", "stiffness_load", "E_f", "E_r", "brake_rear", "compliance"),
+    *("transfer_f", "transfer_r"),
 )
 _REACH = {"v_y": 5.0, "r": 1.0}  # size of the network's outputs [m/s2, rad/s2]
 _LEAST_LAG = 0.02  # the step integrates a faster steering lag inaccurately [s]

@@ -30,34 +30,21 @@ SOUSA_TABLE_8_2 = NARX(
 )
 """What a race car's bicycle leaves of its yaw rate."""
 
-SOUSA_TABLE_8_2_FREE_RUN = FreeRunNARX(
-    start=NARX(
-        na=5,
-        nb=5,
-        hidden=(12,),
-        activation="tanh",
-        stages=(Stage(horizon=1, epochs=100, learning_rate=3e-3), Stage(horizon=40, epochs=150, learning_rate=3e-3)),
-    )
-)
-"""M4, the yaw rate itself: a small network, Adam on windows, then Gauss-Newton on the free run."""
-
-SOUSA_TABLE_8_3_DISCREPANCY = NARX(
-    na=3,
+_SMALL = NARX(
+    na=5,
     nb=5,
     hidden=(12,),
     activation="tanh",
-    stages=(Stage(horizon=1, epochs=100, learning_rate=3e-3), Stage(horizon=60, epochs=150, learning_rate=3e-3)),
+    stages=(Stage(horizon=1, epochs=100, learning_rate=3e-3), Stage(horizon=40, epochs=150, learning_rate=3e-3)),
 )
+SOUSA_TABLE_8_2_FREE_RUN = FreeRunNARX(start=_SMALL)
+"""M4, the yaw rate itself: a small network, Adam on windows, then Gauss-Newton on the free run."""
+
+_ONE, _MANY = _SMALL.stages
+SOUSA_TABLE_8_3_DISCREPANCY = replace(_SMALL, na=3, stages=(_ONE, replace(_MANY, horizon=60)))
 """What a race car's driveline leaves of its speed."""
 
 SOUSA_TABLE_8_3 = replace(
-    SOUSA_TABLE_8_3_DISCREPANCY,
-    na=2,
-    nb=2,
-    hidden=(6,),
-    stages=(
-        SOUSA_TABLE_8_3_DISCREPANCY.stages[0],
-        replace(SOUSA_TABLE_8_3_DISCREPANCY.stages[1], epochs=300),
-    ),
+    SOUSA_TABLE_8_3_DISCREPANCY, na=2, nb=2, hidden=(6,), stages=(_ONE, replace(_MANY, horizon=60, epochs=300))
 )
 """The speed itself, from the pedals."""

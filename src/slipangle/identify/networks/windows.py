@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import abc
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import TooShortError
-from slipangle.identify.networks.problem import Precision, Stage
-from slipangle.identify.networks.training import Trained
-from slipangle.models.black_box.networks import MLP, Scaling
-from slipangle.models.model import FitInfo
-from slipangle.models.provenance import provenance
+from slipangle.models.black_box.networks import MLP, Activation, Scaling
 
 
 class Segments(NamedTuple):
@@ -38,23 +34,6 @@ def scaled(data: Dataset, scaling_u: Scaling, scaling_y: Scaling, held: Dataset)
         y=scaling_y.apply(data.y.T).T,
         held=segments(held, scaling_u, scaling_y),
     )
-
-
-def cut(data: Dataset, holdout: float, memory: int) -> tuple[Dataset, Dataset]:
-    """Training data without their last part, and that part; both the whole when ``holdout`` is 0.
-
-    Raises
-    ------
-    TooShortError
-        If the held-out part has no experiment longer than ``memory``.
-    """
-    inner, held = (data, data) if holdout == 0 else data.split(1 - holdout)
-    if all(part.n_samples <= memory for part in held.experiments):
-        raise TooShortError(
-            f"the {held.n_samples} samples held out of '{data.name}' have no experiment longer than the {memory} "
-            "samples that a free run starts from; expected more: hold out a larger share or record longer"
-        )
-    return inner, held
 
 
 def window_starts(data: Dataset, memory: int, horizon: int) -> np.ndarray:
@@ -84,30 +63,74 @@ def layers(net: MLP) -> tuple:
     return tuple(zip(net.weights, net.biases, strict=True))
 
 
-def training_info(
-    trained: Trained,
-    data: Dataset,
-    stages: tuple[Stage, ...],
-    holdout: float,
-    precision: Precision,
-    *,
-    residual: np.ndarray,
-) -> FitInfo:
-    """How a network was trained; it has no covariance."""
-    best = trained.best
-    ahead = ", then ".join(f"{s.horizon}" for s in stages) + (" step" if stages[-1].horizon == 1 else " steps")
-    where = f"the last {100 * holdout:g} % of the training data" if holdout else "the training data"
-    return FitInfo(
-        names=(),
-        values=np.empty(0),
-        covariance=np.empty((0, 0)),
-        noise_std=np.std(residual, axis=0),
-        n_samples=len(residual),
-        method=(
-            f"Adam on windows of {ahead} in {precision} precision; free run on {where} chose epoch "
-            f"{best.epoch} of {best.epochs} and seed {best.seed} of {len(trained.trials)}"
-        ),
-        warnings=trained.warnings,
-        **provenance(data),
-        trials=trained.trials,
+def network(params: Any, activation: Activation, input_scaling: Scaling, output_scaling: Scaling) -> MLP:
+    """The perceptron of trained `layers`."""
+    weights, biases = zip(*params, strict=True)
+    return MLP(
+        weights=weights,
+        biases=biases,
+        activation=activation,
+        input_scaling=input_scaling,
+        output_scaling=output_scaling,
     )
+
+
+def beside(*parts: Scaling) -> Scaling:
+    """Scaling of vectors one after the other."""
+    return Scaling(
+        offset=np.concatenate([part.offset for part in parts]), factor=np.concatenate([part.factor for part in parts])
+    )
+
+
+class Recurrence(abc.ABC):
+    """Loss and score of what runs freely from a few past samples, in scaled coordinates; a `Problem`.
+
+    ``u(k)`` and ``y(k)`` give inputs and outputs ``k`` samples after the first predicted one, one column per window.
+    """
+
+    @property
+    @abc.abstractmethod
+    def memory(self) -> int:
+        """Samples before the first predicted one."""
+
+    @abc.abstractmethod
+    def start(self, params: Any, u: Any, y: Any) -> Any:
+        """State before the first prediction."""
+
+    @abc.abstractmethod
+    def advance(self, params: Any, x: Any, u: Any, y: Any, k: Any) -> tuple[Any, Any]:
+        """State after predicting sample ``k``, and the outputs' errors there."""
+
+    def loss(self, params: Any, arrays: Any, starts: Any, horizon: int) -> Any:
+        """Mean squared error over the windows and their steps."""
+        import jax.numpy as jnp
+
+        def at(rows: Any) -> Any:
+            return lambda k: rows[starts + k].T
+
+        return jnp.mean(self._roll(params, at(arrays.u), at(arrays.y), lambda e, k: jnp.mean(e**2), horizon))
+
+    def score(self, params: Any, arrays: Any) -> Any:
+        """RMSE over the held-out part; 1 is the standard deviation of the training outputs."""
+        import jax.numpy as jnp
+
+        u, y, weight = arrays.held
+        m = self.memory
+
+        def weighed(e: Any, k: Any) -> Any:
+            return jnp.sum(weight[m + k] * jnp.mean(e**2, axis=0))
+
+        total = jnp.sum(self._roll(params, lambda k: u[m + k], lambda k: y[m + k], weighed, len(u) - m))
+        return jnp.sqrt(total / jnp.sum(weight[m:]))
+
+    def _roll(self, params: Any, u: Any, y: Any, measure: Any, steps: int) -> Any:
+        """``measure`` of every step's errors."""
+        import jax
+        import jax.numpy as jnp
+
+        def advance(x: Any, k: Any) -> tuple[Any, Any]:
+            x, error = self.advance(params, x, u, y, k)
+            return x, measure(error, k)
+
+        x = self.start(params, u, y)
+        return advance(x, 0)[1] if steps == 1 else jax.lax.scan(advance, x, jnp.arange(steps))[1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from slipangle.errors import ParameterError
 from slipangle.models.black_box import arx_code
 from slipangle.models.black_box.lagged import LaggedModel
-from slipangle.models.model import FitInfo, derived
+from slipangle.models.model import derived
 from slipangle.models.parameters import require_few_lags
 from slipangle.ops import Vector, matmul
 
@@ -34,10 +34,8 @@ class ARXModel(LaggedModel):
         Constant; zero unless it was asked for.
     nk : int
         Samples from input to output; 0 where the output depends on the input at the same sample.
-    dt : float
-        Sample time. [s]
-    inputs, outputs : tuple of str
-        Channel names.
+    dt, inputs, outputs
+        See `BlackBoxModel`.
 
     References
     ----------
@@ -47,14 +45,11 @@ class ARXModel(LaggedModel):
     told_by_poles = True
     A: np.ndarray
     B: np.ndarray
-    dt: float
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
     c: np.ndarray | None = None
     nk: int = 1
-    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         ny, nu = len(self.outputs), len(self.inputs)
         A, B = np.asarray(self.A, dtype=float), np.asarray(self.B, dtype=float)
         c = np.zeros(ny) if self.c is None else np.asarray(self.c, dtype=float).reshape(ny)
@@ -70,9 +65,8 @@ class ARXModel(LaggedModel):
         if self.nk < 0:
             raise ParameterError(f"nk is {self.nk}; expected 0 or more samples from input to output")
         require_few_lags(max(len(A), len(B) + self.nk - 1), "the ARX model")
-        for key, value in (("A", A), ("B", B), ("c", c)):
-            value.setflags(write=False)
-            object.__setattr__(self, key, value)
+        vars(self).update(A=A, B=B, c=c)
+        self._freeze({"A": A.shape, "B": B.shape, "c": c.shape}, "an ARX model")
 
     @derived
     def na(self) -> int:

@@ -8,11 +8,12 @@ from typing import final
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.models.model import Model, derived
+from slipangle.models.black_box.model import BlackBoxModel
+from slipangle.models.model import derived
 from slipangle.ops import Vector, concatenate
 
 
-class LaggedModel(Model):
+class LaggedModel(BlackBoxModel):
     """``y(k)`` from y(k-1), ..., y(k-na) and u(k-nk), ..., u(k-nk-nb+1); subclasses supply `newest`.
 
     With ``nk`` of at least 1 the state at sample k holds y(k), ..., y(k-na+1), then u(k-1), ..., u(k-nk-nb+2), newest

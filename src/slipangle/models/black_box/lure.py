@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
@@ -10,16 +10,16 @@ import casadi as ca
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ParameterError, nearest
-from slipangle.models.model import FitInfo, Model, derived
+from slipangle.fields import Count
+from slipangle.models.black_box.model import BlackBoxModel
+from slipangle.models.model import derived
 from slipangle.ops import Vector, is_symbolic, matmul, tanh
 
 Curve = Literal["hardening", "saturation"]
-CURVES = ("hardening", "saturation")
 
 
 @dataclass(frozen=True, kw_only=True)
-class LureModel(Model):
+class LureModel(BlackBoxModel):
     """``x(k+1) = A x + B d + E phi(W x + V d)``, ``y = C x + D d + y_0``, ``d = u - u_0``. [1]_
 
     A few branches of one static curve turn the linear model into one with, say, a stiffening spring or friction.
@@ -42,10 +42,8 @@ class LureModel(Model):
         Input and output at rest.
     memory : int
         Samples from which `initial_state` estimates the state by least squares.
-    dt : float
-        Sample time. [s]
-    inputs, outputs : tuple of str
-        Channel names.
+    dt, inputs, outputs
+        See `BlackBoxModel`.
 
     References
     ----------
@@ -62,31 +60,16 @@ class LureModel(Model):
     E: np.ndarray
     u_offset: np.ndarray
     y_offset: np.ndarray
-    dt: float
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
     curve: Curve = "hardening"
-    memory: int = 20
-    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+    memory: Count = 20
 
     def __post_init__(self) -> None:
-        if self.curve not in CURVES:
-            raise ParameterError(f"the curve is {self.curve!r}; {nearest(str(self.curve), CURVES)}: use one of these")
+        super().__post_init__()
         n, ny, nu = len(np.atleast_2d(self.A)), len(self.outputs), len(self.inputs)
         h = len(np.atleast_2d(self.W))
         shapes = {"A": (n, n), "B": (n, nu), "C": (ny, n), "D": (ny, nu), "W": (h, n), "V": (h, nu), "E": (n, h)}
         shapes |= {"u_offset": (nu,), "y_offset": (ny,)}
-        for key, shape in shapes.items():
-            value = np.array(getattr(self, key), dtype=float)
-            if value.shape != shape:
-                raise ParameterError(
-                    f"{key} has shape {value.shape}; expected {shape} for {n} states, {nu} inputs, {ny} outputs and "
-                    f"{h} branches"
-                )
-            value.setflags(write=False)
-            object.__setattr__(self, key, value)
-        if self.memory < 1:
-            raise ParameterError(f"memory is {self.memory}; expected at least 1 sample")
+        self._freeze(shapes, f"{n} states, {nu} inputs, {ny} outputs and {h} branches")
 
     @property
     def order(self) -> int:

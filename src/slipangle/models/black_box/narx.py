@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from slipangle.codegen.compiler import compiler, library, sentence
+from slipangle.codegen.compiler import library
 from slipangle.codegen.expression import preamble
 from slipangle.codegen.network import emit_forward, packed
-from slipangle.errors import ModelWarning, ParameterError
+from slipangle.errors import ParameterError
+from slipangle.fields import Count
 from slipangle.models.black_box.lagged import LaggedModel
+from slipangle.models.black_box.model import NetworkModel
 from slipangle.models.black_box.networks import Network
-from slipangle.models.model import FitInfo
 from slipangle.models.parameters import require_few_lags
 from slipangle.ops import Vector
 
-_BLOCK = 4096  # samples per matrix product; keeps the layers in the cache
-_LONG = 200_000  # samples from which running without compiled code is worth a word
-
 
 @dataclass(frozen=True, kw_only=True)
-class NARXModel(LaggedModel):
+class NARXModel(NetworkModel, LaggedModel):
     """``y(k) = F[y(k-1), ..., y(k-na), u(k-nk), ..., u(k-nk-nb+1)]`` with a network F. [1]_ eq. 4-14
 
     The network takes the lags newest first, all channels of one lag together, outputs before inputs; so does the
@@ -38,10 +35,8 @@ class NARXModel(LaggedModel):
         Past outputs and past inputs used; at least 1.
     nk : int
         Samples from input to output, at least 1.
-    dt : float
-        Sample time. [s]
-    inputs, outputs : tuple of str
-        Channel names.
+    dt, inputs, outputs
+        See `BlackBoxModel`.
 
     Raises
     ------
@@ -54,29 +49,16 @@ class NARXModel(LaggedModel):
     """
 
     network: Network
-    na: int
-    nb: int
-    nk: int = 1
-    dt: float
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+    na: Count
+    nb: Count
+    nk: Count = 1
 
     def __post_init__(self) -> None:
-        for name in ("na", "nb", "nk"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least 1")
+        super().__post_init__()
         require_few_lags(max(self.na, self.nb + self.nk - 1), "the NARX model")
-        for key in ("inputs", "outputs"):
-            given = getattr(self, key)
-            object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
         ny, nu = len(self.outputs), len(self.inputs)
-        wanted = (self.na * ny + self.nb * nu, ny)
-        if (self.network.n_inputs, self.network.n_outputs) != wanted:
-            raise ParameterError(
-                f"the network has {self.network.n_inputs} inputs and {self.network.n_outputs} outputs; expected "
-                f"{wanted[0]} and {wanted[1]} for {self.na} lags of {ny} outputs and {self.nb} lags of {nu} inputs"
-            )
+        lags = f"{self.na} lags of {ny} outputs and {self.nb} lags of {nu} inputs"
+        self._require_network("network", (self.na * ny + self.nb * nu, ny), lags)
 
     def __repr__(self) -> str:
         return (
@@ -94,8 +76,6 @@ class NARXModel(LaggedModel):
         """Outputs at every row of ``u`` after the first, in compiled C where there is a compiler."""
         run, weights = self._compiled
         if run is None:
-            if len(u) > _LONG and not compiler():
-                warnings.warn(f"{len(u)} samples: {sentence()}", ModelWarning, stacklevel=3)
             return super().free_run(x0, u, out)
         past_y, past_u, _ = self._histories(x0, u)
         drive = np.ascontiguousarray(np.vstack([past_u, u]), dtype=float)
@@ -113,12 +93,6 @@ class NARXModel(LaggedModel):
         columns = [past_y[self.na - 1 - i :][:n] for i in range(self.na)]
         columns += [past_u[back - i :][:n] for i in range(1, back + 1)]
         return self.advance(np.hstack(columns)[:-1], u[:-1])
-
-    def advance(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """One step from many states at once, as matrix products."""
-        blocks = range(0, len(x), _BLOCK)
-        steps = [self.step(x[i : i + _BLOCK].T, u[i : i + _BLOCK].T).T for i in blocks]
-        return np.vstack([np.empty((0, len(self.states))), *steps])
 
     @cached_property
     def _compiled(self) -> tuple[Any, np.ndarray]:

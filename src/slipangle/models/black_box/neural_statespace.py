@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from slipangle.codegen.compiler import compiler, library, sentence
+from slipangle.codegen.compiler import library
 from slipangle.codegen.expression import preamble
 from slipangle.codegen.network import aligned, emit_forward, packed
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ModelWarning, ParameterError
+from slipangle.errors import ParameterError
+from slipangle.fields import Count
+from slipangle.models.black_box.model import NetworkModel
 from slipangle.models.black_box.networks import Network
-from slipangle.models.model import FitInfo, Model, derived
+from slipangle.models.model import derived
 from slipangle.ops import Vector, concatenate, matmul
-
-_BLOCK = 4096  # samples per matrix product; keeps the layers in the cache
-_LONG = 200_000  # samples from which running without compiled code is worth a word
 
 
 @dataclass(frozen=True, kw_only=True)
-class NeuralStateSpaceModel(Model):
+class NeuralStateSpaceModel(NetworkModel):
     """``x(k+1) = x(k) + f(x(k), u(k))``, ``y(k) = h(x(k))`` with networks f and h. [1]_
 
     The state has no unit and no meaning of its own. A free run starts from what the encoder makes of the first
@@ -44,10 +42,8 @@ class NeuralStateSpaceModel(Model):
         Whether the outputs depend on the inputs of the same sample.
     gain : array, shape (n_states, n_outputs), optional
         Innovation gain; by default zero, so that measurements after the start are not used.
-    dt : float
-        Sample time. [s]
-    inputs, outputs : tuple of str
-        Channel names.
+    dt, inputs, outputs
+        See `BlackBoxModel`.
 
     Raises
     ------
@@ -63,38 +59,21 @@ class NeuralStateSpaceModel(Model):
     transition: Network
     emission: Network
     encoder: Network
-    lags: int
+    lags: Count
     feedthrough: bool = False
     gain: np.ndarray | None = None
-    dt: float
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for key in ("inputs", "outputs"):
-            given = getattr(self, key)
-            object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
-        if self.lags < 1:
-            raise ParameterError(f"lags is {self.lags}; expected a whole number of at least 1")
+        super().__post_init__()
         n, ny, nu = self.transition.n_outputs, len(self.outputs), len(self.inputs)
         wanted = {
             "transition": (n + nu, n),
             "emission": (n + nu if self.feedthrough else n, ny),
             "encoder": (self.lags * ny + (self.lags - 1) * nu, n),
         }
-        for name, shape in wanted.items():
-            network = getattr(self, name)
-            if (network.n_inputs, network.n_outputs) != shape:
-                raise ParameterError(
-                    f"the {name} network has {network.n_inputs} inputs and {network.n_outputs} outputs; expected "
-                    f"{shape[0]} and {shape[1]} for {n} states, {nu} inputs, {ny} outputs and {self.lags} lags"
-                )
-        gain = np.zeros((n, ny)) if self.gain is None else np.array(self.gain, dtype=float)
-        if gain.shape != (n, ny):
-            raise ParameterError(f"the gain has shape {gain.shape}; expected {(n, ny)}, states by outputs")
-        gain.setflags(write=False)
-        object.__setattr__(self, "gain", gain)
+        for name, sizes in wanted.items():
+            self._require_network(name, sizes, f"{n} states, {nu} inputs, {ny} outputs and {self.lags} lags")
+        self._freeze({"gain": (n, ny)}, f"{n} states and {ny} outputs")
 
     def __repr__(self) -> str:
         weights = sum(net.n_parameters for net in (self.transition, self.emission, self.encoder))
@@ -139,8 +118,6 @@ class NeuralStateSpaceModel(Model):
         """Outputs at every row of ``u`` after the first, in compiled C where there is a compiler."""
         run, weights, second = self._compiled
         if run is None:
-            if len(u) > _LONG and not compiler():
-                warnings.warn(f"{len(u)} samples: {sentence()}", ModelWarning, stacklevel=3)
             return super().free_run(x0, u, out)
         x = np.array(x0, dtype=float)
         drive = np.ascontiguousarray(u, dtype=float)
@@ -148,12 +125,6 @@ class NeuralStateSpaceModel(Model):
         start = weights.ctypes.data
         run(start, start + second, x.ctypes.data, drive.ctypes.data, len(y), y.ctypes.data)
         return y
-
-    def advance(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        """One step from many states at once, as matrix products."""
-        blocks = range(0, len(x), _BLOCK)
-        steps = [self.step(x[i : i + _BLOCK].T, u[i : i + _BLOCK].T).T for i in blocks]
-        return np.vstack([np.empty((0, len(self.states))), *steps])
 
     @cached_property
     def _compiled(self) -> tuple[Any, np.ndarray, int]:

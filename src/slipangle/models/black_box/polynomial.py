@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
+from slipangle.models.black_box.model import BlackBoxModel
 from slipangle.models.black_box.statespace import StateSpaceModel
-from slipangle.models.model import FitInfo, Model, derived
+from slipangle.models.model import derived
 from slipangle.models.parameters import require_few_lags
 from slipangle.ops import Vector
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolynomialModel(Model):
+class PolynomialModel(BlackBoxModel):
     """``A(z) y = sum_i B_i(z) / F_i(z) (u_i - u_0i) + C(z) / D(z) e``, one output. [1]_ sec. 4.2.
 
     A, C, D and F start with a 1 that is not stored: ``A(z) = 1 + A[0] z^-1 + ...``;
@@ -30,7 +31,7 @@ class PolynomialModel(Model):
         Coefficients after the leading 1; empty for none.
     B, F : sequence of array, one per input
         Numerators and denominators of the inputs.
-    nk : tuple of int
+    nk : int or tuple of int
         Samples from each input to the output; 0 where the output depends on the input at the same sample.
     u_offset : array, shape (n_inputs,), optional
         Inputs at rest.
@@ -38,10 +39,8 @@ class PolynomialModel(Model):
         Output at rest.
     memory : int
         Samples from which `initial_state` estimates the state; by default ``3 order + 3``.
-    dt : float
-        Sample time. [s]
-    inputs, outputs : tuple of str
-        Channel names.
+    dt, inputs, outputs
+        See `BlackBoxModel`.
 
     References
     ----------
@@ -54,25 +53,19 @@ class PolynomialModel(Model):
     D: np.ndarray
     F: Sequence[np.ndarray]
     nk: tuple[int, ...]
-    dt: float
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
     u_offset: np.ndarray | None = None
     y_offset: float = 0.0
     memory: int = 0
-    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for key in ("inputs", "outputs"):
-            given = getattr(self, key)
-            object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
+        super().__post_init__()
         nu = len(self.inputs)
         if len(self.outputs) != 1:
             raise ParameterError(
                 f"a polynomial model got {len(self.outputs)} outputs; expected one: make one model per output, or use "
                 "ARX or a state space"
             )
-        nk = (self.nk,) * nu if isinstance(self.nk, int) else tuple(self.nk)
+        nk = self.nk * nu if len(self.nk) == 1 else self.nk
         if not len(self.B) == len(self.F) == len(nk) == nu or min(nk) < 0 or any(len(b) == 0 for b in self.B):
             raise ParameterError(
                 f"{len(self.B)} numerators, {len(self.F)} denominators and delays {nk} for {nu} inputs; expected one "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -11,13 +11,14 @@ from scipy import linalg
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
-from slipangle.models.model import FitInfo, Model, derived
+from slipangle.models.black_box.model import BlackBoxModel
+from slipangle.models.model import derived
 from slipangle.numerics.linear_response import LTI
 from slipangle.ops import Vector, concatenate, matmul
 
 
 @dataclass(frozen=True, kw_only=True)
-class StateSpaceModel(Model):
+class StateSpaceModel(BlackBoxModel):
     """``x(k+1) = A x(k) + B (u - u_0) + K e(k)``, ``y(k) = C x(k) + D (u - u_0) + y_0 + e(k)``. [1]_ sec. 4.3.
 
     The one-step-ahead predictor is ``x(k+1) = A x + B (u - u_0) + K (y - C x - D (u - u_0) - y_0)``, exactly. With an
@@ -40,10 +41,8 @@ class StateSpaceModel(Model):
         Output at rest y_0, in the outputs' units; by default zero.
     memory : int
         Samples from which `initial_state` estimates the state by least squares; by default ``3 order + 3``.
-    dt : float
-        Sample time. [s]
-    inputs, outputs : tuple of str
-        Channel names.
+    dt, inputs, outputs
+        See `BlackBoxModel`.
 
     References
     ----------
@@ -53,44 +52,22 @@ class StateSpaceModel(Model):
     A: np.ndarray
     B: np.ndarray
     C: np.ndarray
-    dt: float
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
     D: np.ndarray | None = None
     K: np.ndarray | None = None
     x0: np.ndarray | None = None
     u_offset: np.ndarray | None = None
     y_offset: np.ndarray | None = None
     memory: int = 0
-    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        for key in ("inputs", "outputs"):
-            given = getattr(self, key)
-            object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
+        super().__post_init__()
         n, ny, nu = len(np.atleast_2d(self.A)), len(self.outputs), len(self.inputs)
-        shapes = {
-            "A": (n, n),
-            "B": (n, nu),
-            "C": (ny, n),
-            "D": (ny, nu),
-            "K": (n, ny),
-            "u_offset": (nu,),
-            "y_offset": (ny,),
-        }
-        for key, shape in shapes.items():
-            given = getattr(self, key)
-            value = np.zeros(shape) if given is None else np.array(given, dtype=float)
-            if value.shape != shape:
-                raise ParameterError(
-                    f"{key} has shape {value.shape}; expected {shape} for {n} states, {nu} inputs and {ny} outputs"
-                )
-            value.setflags(write=False)
-            object.__setattr__(self, key, value)
+        shapes = {"A": (n, n), "B": (n, nu), "C": (ny, n), "D": (ny, nu), "K": (n, ny)}
+        shapes |= {"u_offset": (nu,), "y_offset": (ny,)}
         if self.x0 is not None:
-            x0 = np.array(self.x0, dtype=float).reshape(-1, n)
-            x0.setflags(write=False)
-            object.__setattr__(self, "x0", x0)
+            object.__setattr__(self, "x0", np.reshape(self.x0, (-1, n)))
+            shapes["x0"] = np.shape(self.x0)
+        self._freeze(shapes, f"{n} states, {nu} inputs and {ny} outputs")
         if self.memory < 0:
             raise ParameterError(f"memory is {self.memory}; expected at least 1 sample, or 0 for 3 order + 3")
         if self.memory == 0:

@@ -1,0 +1,168 @@
+"""`NetworkEstimator`: settings that all networks trained on windows share, and their way from data to a model."""
+
+from __future__ import annotations
+
+import abc
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Generic, TypeVar
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ModelWarning, TooShortError
+from slipangle.fields import Checked, Count
+from slipangle.identify.excitation import require_identifiable, require_independent
+from slipangle.identify.networks.problem import Precision, Problem, Stage
+from slipangle.identify.networks.training import Holdout, Progress, Trained, require_jax, train
+from slipangle.identify.networks.windows import scaled, window_starts
+from slipangle.models.black_box.model import NetworkModel
+from slipangle.models.black_box.networks import Activation, Scaling
+from slipangle.models.model import FitInfo
+from slipangle.models.provenance import provenance
+
+M = TypeVar("M", bound=NetworkModel)
+Again = Callable[[Problem, Any, tuple[Stage, ...]], Any]
+"""Trains something beside what is found already: problem, start and stages to its parameters."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkEstimator(Checked, abc.ABC, Generic[M]):
+    """How a network is trained on windows.
+
+    The last part of the training data is held out: its free-run error decides when to stop and which seed wins.
+    Test data are never seen.
+
+    Parameters
+    ----------
+    hidden : tuple of int
+        Neurons of each hidden layer; empty for an affine map.
+    activation : {"elu", "tanh", "sigmoid"}
+        Of the hidden layers.
+    stages : tuple of Stage
+        How far ahead the loss looks and for how long.
+    holdout : float
+        Share of the training data held out; 0 trains on all and judges on the same.
+    seeds : tuple of int
+        One training run each; ``fit_info.trials`` keeps every result.
+    precision : {"single", "double"}
+        Of the training. Single is faster and as good unless the free-run error falls below 1e-4 of the output.
+
+    Raises
+    ------
+    ParameterError
+        If a setting is out of range.
+    """
+
+    hidden: tuple[Count, ...]
+    activation: Activation
+    stages: tuple[Stage, ...]
+    holdout: Holdout = 0.15
+    seeds: tuple[int, ...] = (0,)
+    precision: Precision = "single"
+
+    _what: ClassVar[str]  # is fitted
+
+    @property
+    @abc.abstractmethod
+    def _memory(self) -> int:
+        """Samples that a free run starts from."""
+
+    @abc.abstractmethod
+    def _n_seen(self, ny: int, nu: int) -> int:
+        """Samples that one prediction depends on."""
+
+    @abc.abstractmethod
+    def _problem(self) -> Problem:
+        """What is trained."""
+
+    @abc.abstractmethod
+    def _initial(self, seed: int, ny: int, nu: int) -> Any:
+        """Random weights."""
+
+    @abc.abstractmethod
+    def _model(self, params: Any, scaling_u: Scaling, scaling_y: Scaling, again: Again, channels: Any) -> M:
+        """The model of trained parameters."""
+
+    def fit(self, data: Dataset, *, progress: Progress | None = None) -> M:
+        """Model of all outputs from all inputs of ``data``; windows never cross the border of an experiment.
+
+        Parameters
+        ----------
+        data : Dataset
+            Training data.
+        progress : callable, optional
+            Told the share done and what is being done.
+
+        Raises
+        ------
+        ExcitationError
+            If an input or output is constant.
+        TooShortError
+            If no experiment holds the lags and a window.
+
+        Warns
+        -----
+        ModelWarning
+            If a training run diverged or never improved; the best weights are kept.
+        """
+        began = time.perf_counter()
+        require_jax(f"fitting {self._what}")
+        ny, nu = len(data.outputs), len(data.inputs)
+        require_identifiable(data, self._n_seen(ny, nu))
+        require_independent(data)
+        inner, held = self._cut(data)
+        scaling_u, scaling_y = Scaling.standard(inner.u), Scaling.standard(inner.y)
+        arrays, problem = scaled(inner, scaling_u, scaling_y, held), self._problem()
+
+        def starts(horizon: int) -> np.ndarray:
+            return window_starts(inner, self._memory, horizon)
+
+        def again(problem: Problem, start: Any, stages: tuple[Stage, ...]) -> Any:
+            settings: Any = {"stages": stages, "seeds": (trained.best.seed,), "precision": self.precision}
+            return train(problem, lambda seed: start, (arrays, trained.params), starts, **settings).params
+
+        settings: Any = {"stages": self.stages, "seeds": self.seeds, "precision": self.precision}
+        trained = train(
+            problem, lambda seed: self._initial(seed, ny, nu), arrays, starts, progress=progress, **settings
+        )
+        for note in trained.warnings:
+            warnings.warn(note, ModelWarning, stacklevel=2)
+        channels = {"dt": data.dt, "inputs": data.inputs, "outputs": data.outputs}
+        model = self._model(trained.params, scaling_u, scaling_y, again, channels)
+        return replace(model, fit_info=self._info(trained, model, data, began))
+
+    def _cut(self, data: Dataset) -> tuple[Dataset, Dataset]:
+        """Training data without their last part, and that part; both the whole where nothing is held out."""
+        inner, held = (data, data) if self.holdout == 0 else data.split(1 - self.holdout)
+        if all(part.n_samples <= self._memory for part in held.experiments):
+            raise TooShortError(
+                f"the {held.n_samples} samples held out of '{data.name}' have no experiment longer than the "
+                f"{self._memory} samples that a free run starts from; expected more: hold out a larger share or record "
+                "longer"
+            )
+        return inner, held
+
+    def _info(self, trained: Trained, model: M, data: Dataset, began: float) -> FitInfo:
+        """How the network was trained; it has no covariance."""
+        one, best = model.predict(data), trained.best
+        residual = one.error[one.predicted]
+        ahead = ", then ".join(f"{s.horizon}" for s in self.stages) + " step" + "s" * (self.stages[-1].horizon > 1)
+        where = f"the last {100 * self.holdout:g} % of the training data" if self.holdout else "the training data"
+        return FitInfo(
+            names=(),
+            values=np.empty(0),
+            covariance=np.empty((0, 0)),
+            noise_std=np.std(residual, axis=0),
+            n_samples=len(residual),
+            seconds=time.perf_counter() - began,
+            method=(
+                f"Adam on windows of {ahead} in {self.precision} precision; free run on {where} chose epoch "
+                f"{best.epoch} of {best.epochs} and seed {best.seed} of {len(trained.trials)}"
+            ),
+            warnings=trained.warnings,
+            **provenance(data),
+            trials=trained.trials,
+        )
