@@ -15,20 +15,10 @@ _SUSTAINED = 5  # this many steps in a row at another rate are another rate, not
 
 @dataclass(frozen=True, kw_only=True)
 class Grid:
-    """Uniform instants found in time stamps.
+    """Uniform instants found in time stamps: sample time [s], rows (start, stop) of each uninterrupted stretch.
 
-    Parameters
-    ----------
-    dt : float
-        Sample time. [s]
-    pieces : tuple of (start, stop)
-        Rows of each uninterrupted stretch, ``stop`` exclusive.
-    start_times : tuple of float
-        Time of each stretch's first sample. [s]
-    exact : bool
-        Whether the stamps lie on the grid (up to their own rounding); if not, `onto` interpolates.
-    notes : tuple of str
-        What was seen in the stamps and what was done about it.
+    ``start_times`` are those of each stretch's first sample [s]; ``exact`` says whether the stamps lie on the grid (up
+    to their own rounding; if not, `onto` interpolates), ``notes`` what was seen in them and done about it.
     """
 
     dt: float
@@ -38,14 +28,7 @@ class Grid:
     notes: tuple[str, ...] = ()
 
     def onto(self, t: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, tuple[int, ...]]:
-        """Put the rows of ``table``, stamped ``t``, on the grid.
-
-        Parameters
-        ----------
-        t : array, shape (n,)
-            Time stamps. [s]
-        table : array, shape (n, n_channels)
-            One row per stamp.
+        """Put the rows of ``table``, shape (n, n_channels), stamped ``t`` [s], on the grid.
 
         Returns
         -------

@@ -43,22 +43,16 @@ class Dataset:
 
     Parameters
     ----------
-    values : array, shape (n_samples, n_channels)
-        All samples, SI units, finite.
-    channels : sequence of Channel
-        One per column.
+    values, channels
+        All samples, shape (n_samples, n_channels), SI units, finite; one `Channel` per column.
     dt : float
         Sample time. [s]
     inputs, outputs : sequence of str
         Which channels drive the system and which are to be explained, in order. The others ride along.
-    starts : sequence of int
-        Row at which each experiment starts; the first is 0.
-    start_times : sequence of float
-        Time of each experiment's first sample. [s]
-    name : str
-        What the data are, for reports.
-    notes : sequence of str
-        What was done to the data and what was seen in them.
+    starts, start_times
+        Row at which each experiment starts, the first being 0, and the time of that sample. [s]
+    name, notes
+        What the data are, what was done to them and what was seen in them; for reports.
 
     Raises
     ------
@@ -321,12 +315,8 @@ class Dataset:
     def resample(self, dt: float, *, cutoff: float | None = None) -> Self:
         """Another sample time, with a zero-phase anti-alias filter first.
 
-        Parameters
-        ----------
-        dt : float
-            New sample time. [s]
-        cutoff : float, optional
-            Corner frequency of the low-pass [Hz]; by default 0.4 of the new sample rate when slowing down.
+        ``dt`` is the new sample time [s], ``cutoff`` the corner frequency of the low-pass [Hz]; by default 0.4 of the
+        new sample rate when slowing down, else none.
 
         Notes
         -----
@@ -380,18 +370,9 @@ class Dataset:
         return replace(self, values=table, notes=(*self.notes, "inputs are means over each sample interval"))
 
     def detrend(self, offsets: Mapping[str, float] | None = None) -> tuple[Self, dict[str, float]]:
-        """Subtract offsets from the input and output channels.
+        """Subtract offsets from inputs and outputs, by default their means; gives what was subtracted, too.
 
-        Parameters
-        ----------
-        offsets : mapping, optional
-            Offset of each channel; by default the channel's mean. Give the training data's offsets to
-            treat test data alike.
-
-        Returns
-        -------
-        data, offsets
-            The new data and what was subtracted.
+        Give the training data's offsets to treat test data alike.
         """
         names = (*self.inputs, *self.outputs)
         used = dict(offsets) if offsets is not None else {n: float(self[n].mean()) for n in names}

@@ -62,23 +62,16 @@ def with_position(data: Dataset, latitude: str = "latitude", longitude: str = "l
 
 
 def lap_starts(data: Dataset, *, gate: tuple[float, float], heading: float, width: float = 30.0) -> np.ndarray:
-    """Rows of the first samples after crossing a gate in its direction.
+    """Rows, rising, of the first samples after crossing a gate in its direction; none where it is never crossed.
 
     Parameters
     ----------
     data : Dataset
         With X and Y. [m]
-    gate : (float, float)
-        Middle of the gate. [m]
+    gate, width : (float, float), float
+        Middle of the gate and how wide it is. [m]
     heading : float
         Direction of travel through it, from the X axis. [rad]
-    width : float
-        Of the gate. [m]
-
-    Returns
-    -------
-    array of int
-        Rising rows; empty where the gate is never crossed.
 
     Raises
     ------
@@ -120,17 +113,7 @@ def laps(data: Dataset, starts: np.ndarray) -> Dataset:
 
 @dataclass(frozen=True, kw_only=True)
 class Corner:
-    """A stretch of turning.
-
-    Parameters
-    ----------
-    start, stop : int
-        First row and the row after the last.
-    apex : int
-        Row of the largest lateral acceleration, in size.
-    left : bool
-        Whether it turns left.
-    """
+    """A stretch of turning: its first row and the row after the last, the row of the largest lateral acceleration."""
 
     start: int
     stop: int
@@ -152,16 +135,9 @@ def corners(data: Dataset, *, a_y: float = 3.0, shortest: float = 1.0, smooth: f
     data : Dataset
         With v_x [m/s] and r [rad/s].
     a_y : float
-        Threshold. [m/s2]
-    shortest : float
-        Shorter stretches are no corners. [s]
-    smooth : float
-        Length of the moving mean that the acceleration passes first. [s]
-
-    Raises
-    ------
-    ParameterError
-        If the threshold is not positive.
+        Threshold, positive. [m/s2]
+    shortest, smooth : float
+        Shorter stretches are no corners; length of the moving mean that the acceleration passes first. [s]
     """
     if not a_y > 0:
         raise ParameterError(f"a_y is {a_y} m/s2; expected a positive threshold, such as 3")
@@ -183,12 +159,7 @@ def corners(data: Dataset, *, a_y: float = 3.0, shortest: float = 1.0, smooth: f
 def rmse_by_phase(error: np.ndarray, found: tuple[Corner, ...]) -> dict[str, float]:
     """RMSE of samples in corner entries, middles and exits and on straights, in the error's unit; NaN where none.
 
-    Parameters
-    ----------
-    error : array, shape (n_samples,)
-        Measured minus predicted; NaN is left out.
-    found : tuple of Corner
-        From the same data.
+    ``error`` is measured minus predicted, shape (n_samples,), NaN left out; ``found`` are the corners of the same data.
     """
     names = np.full(len(error), "straight", dtype="<U8")
     for corner in found:
@@ -204,12 +175,8 @@ def rmse_by_phase(error: np.ndarray, found: tuple[Corner, ...]) -> dict[str, flo
 def rmse_by_level(error: np.ndarray, level: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """RMSE of the samples whose ``|level|``, such as the lateral acceleration, lies in each bin; NaN where none.
 
-    Parameters
-    ----------
-    error, level : array, shape (n_samples,)
-        Error and what it is sorted by.
-    edges : array, shape (n_bins + 1,)
-        Rising; the last bin takes its upper end too.
+    ``error`` and ``level`` have shape (n_samples,), the rising ``edges`` (n_bins + 1,); the last bin takes its upper
+    end too.
     """
     where = np.digitize(np.abs(level), edges) - 1
     where[np.abs(level) == edges[-1]] = len(edges) - 2

@@ -32,24 +32,16 @@ class TireData:
 
     Parameters
     ----------
-    slip_ratio : array, shape (n_samples,)
-        ``(omega r - v_x) / max(|v_x|, |omega r|)``, positive drives. [-]
-    slip_angle : array, shape (n_samples,)
-        Positive gives F_y > 0, to the left. [rad]
-    load : array, shape (n_samples,)
-        Vertical load, positive. [N]
-    F_x, F_y : array, shape (n_samples,)
-        Force forward and to the left. [N]
+    slip_ratio, slip_angle : array, shape (n_samples,)
+        ``(omega r - v_x) / max(|v_x|, |omega r|)``, positive drives [-]; positive gives F_y > 0, to the left [rad].
+    load, F_x, F_y : array, shape (n_samples,)
+        Vertical load, positive; force forward and to the left. [N]
     M_x, M_z : array, shape (n_samples,), optional
         Overturning moment about the axis forward, aligning moment about the axis upward. [N m]
-    camber : array, shape (n_samples,), optional
-        Positive leans the top to the right; by default none. [rad]
-    pressure, speed : array, shape (n_samples,), optional
-        Inflation pressure [Pa], forward speed [m/s].
-    name : str
-        What was measured, for reports.
-    notes : tuple of str
-        What was done to the data and what was seen in them, such as the sign system.
+    camber, pressure, speed : array, shape (n_samples,), optional
+        Positive leans the top to the right, by default none [rad]; inflation pressure [Pa]; forward speed [m/s].
+    name, notes
+        What was measured, what was done to it and what was seen in it, such as the sign system.
 
     Raises
     ------
@@ -110,17 +102,15 @@ class TireData:
                     f"{key} of '{self.name}' reaches {friction:.3g} times the load; expected at most "
                     f"{_LARGEST_FRICTION:g}: forces and load must both be in newtons"
                 )
-        for key, limit, unit in (("slip_angle", math.pi / 2, "rad"), ("camber", math.pi / 2, "rad")):
+        angle = f"rad, at most {math.pi / 2:.3g}: convert degrees"
+        for key, limit, expected in (
+            ("slip_angle", math.pi / 2, angle),
+            ("camber", math.pi / 2, angle),
+            ("slip_ratio", 1.5, "a ratio, at most 1: convert percent"),
+        ):
             reach = float(np.max(np.abs(getattr(self, key))))
             if reach > limit:
-                raise UnitError(
-                    f"{key} of '{self.name}' reaches {reach:.3g}; expected {unit}, at most {limit:.3g}: convert degrees"
-                )
-        if float(np.max(np.abs(self.slip_ratio))) > 1.5:
-            raise UnitError(
-                f"slip_ratio of '{self.name}' reaches {np.max(np.abs(self.slip_ratio)):.3g}; expected a ratio, at most "
-                "1: convert percent"
-            )
+                raise UnitError(f"{key} of '{self.name}' reaches {reach:.3g}; expected {expected}")
 
     # ---- looking -----------------------------------------------------------------------------------------------
 
@@ -174,17 +164,8 @@ class TireData:
         """Samples grouped by level of load, camber and pressure.
 
         Levels are where the samples pile up: peaks of their histogram, at least twice the tolerance apart. Samples
-        further than the tolerance from every level, such as those between two loads, belong to no sweep.
-
-        Parameters
-        ----------
-        tolerance : Tolerance, optional
-            How far a condition may wander.
-
-        Returns
-        -------
-        tuple of Sweep
-            Rising in load, camber, pressure; groups of fewer than 20 samples are left out.
+        further than the tolerance from every level, such as those between two loads, belong to no sweep. They rise in
+        load, camber, pressure; groups of fewer than 20 samples are left out.
         """
         t = tolerance or Tolerance()
         groups = [levels(self.load, t.load), levels(self.gamma, t.camber)]
@@ -197,16 +178,9 @@ class TireData:
             if len(rows) < 20:
                 continue
             part = self.rows(rows)
-            found.append(
-                Sweep(
-                    load=float(part.load.mean()),
-                    camber=float(part.gamma.mean()),
-                    pressure=None if part.pressure is None else float(part.pressure.mean()),
-                    rows=rows,
-                    slip_ratio=_span(part.slip_ratio),
-                    slip_angle=_span(part.slip_angle),
-                )
-            )
+            pressure = None if part.pressure is None else float(part.pressure.mean())
+            level = float(part.load.mean()), float(part.gamma.mean()), pressure
+            found.append(Sweep(*level, rows, _span(part.slip_ratio), _span(part.slip_angle)))
         return tuple(found)
 
 
@@ -234,17 +208,7 @@ class Sweep(NamedTuple):
 def levels(values: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     """Levels at which values pile up, rising, and which of them each value belongs to; -1 for none.
 
-    Parameters
-    ----------
-    values : array, shape (n,)
-        Such as the load of every sample.
-    tolerance : float
-        Half the width of a level.
-
-    Raises
-    ------
-    ParameterError
-        If they reach further than 10 000 times the tolerance.
+    ``tolerance`` is half the width of a level; values that reach further than 10 000 times that are refused.
 
     >>> rng = np.random.default_rng(0)
     >>> found, index = levels(np.concatenate([v + rng.normal(size=500) for v in (50.0, 100.0)]), 10.0)

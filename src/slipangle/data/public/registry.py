@@ -29,18 +29,9 @@ _LARGEST = 100_000_000  # bytes of an answer that are taken; the largest publish
 
 @dataclass(frozen=True, kw_only=True)
 class PublicFile:
-    """One published file.
+    """One published file: its name within the set, its place below the folder SLIPANGLE_DATA or the cache, its hash.
 
-    Parameters
-    ----------
-    name : str
-        File name within the set.
-    path : str
-        Place below the folder SLIPANGLE_DATA or the cache.
-    sha256 : str
-        Of its content.
-    urls : tuple of str
-        Where it is published, tried in turn; empty if nowhere. The hash decides whether it is the file.
+    It is published at ``urls``, tried in turn; empty if nowhere. The hash decides whether it is the file.
     """
 
     name: str
@@ -175,17 +166,7 @@ def _digest(path: Path) -> str:
 
 
 def check(name: str) -> tuple[FileState, ...]:
-    """Look for the files of a set and compare their hashes; nothing is downloaded.
-
-    Parameters
-    ----------
-    name : str
-        The data set.
-
-    Returns
-    -------
-    tuple of FileState
-        One per file, each with a ``sentence``.
+    """Look for the files of a set and compare their hashes, one state each; nothing is downloaded.
 
     Raises
     ------
@@ -207,10 +188,8 @@ def fetch(name: str, *wanted: str, progress: Callable[[str], None] = lambda sent
 
     Parameters
     ----------
-    name : str
-        The data set.
-    *wanted : str
-        Names of files; by default all of the set.
+    name, *wanted : str
+        The data set, and names of its files; by default all of them.
     progress : callable
         Is told each download in a sentence.
 

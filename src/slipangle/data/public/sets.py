@@ -14,6 +14,7 @@ from slipangle.data.dataset import Channel, Dataset, join
 from slipangle.data.public.registry import FileState, PublicFile, PublicSet, check, fetch, find_set, list_sets
 from slipangle.data.quality.events import despike, find_jumps
 from slipangle.data.readers import Column, read_csv
+from slipangle.data.readers.text_table import parse_heading
 from slipangle.errors import FormatError, ParameterError, SampleTimeError, nearest
 
 __all__ = [
@@ -31,17 +32,9 @@ __all__ = [
 
 
 def public(name: str) -> Dataset:
-    """Read a public data set, in SI units, at the rate it was recorded with.
+    """Read a public data set, one of `LOADERS`, in SI units, at the rate it was recorded with.
 
-    Parameters
-    ----------
-    name : str
-        One of ``LOADERS``.
-
-    Returns
-    -------
-    Dataset
-        With inputs and outputs chosen; `Dataset.notes` says what is odd about the data.
+    Inputs and outputs are chosen; `Dataset.notes` says what is odd about the data.
 
     Raises
     ------
@@ -76,20 +69,16 @@ _FERRARI = {
 }
 
 
+def _columns(**channels: str) -> dict[str, Column]:
+    """Where channels are in a file, from headings with units such as ``"vicon x [m]"``."""
+    headings = {name: parse_heading(text) for name, text in channels.items()}
+    return {name: Column(heading.name, heading.unit) for name, heading in headings.items()}
+
+
 def with_dead_reckoning(data: Dataset) -> Dataset:
-    """Add heading and position, integrated from yaw rate and velocity; each experiment starts at the origin.
+    """Add psi [rad], X and Y [m], integrated from ``r``, ``v_x`` and, if measured, ``v_y``; each experiment from 0.
 
     Good for a map, not for measuring: errors add up.
-
-    Parameters
-    ----------
-    data : Dataset
-        With the channels ``r``, ``v_x`` and, if measured, ``v_y``.
-
-    Returns
-    -------
-    Dataset
-        With ``X``, ``Y`` [m] and ``psi`` [rad].
     """
     columns = []
     for part in data.experiments:
@@ -135,16 +124,8 @@ def ferrari_250lm(rate: float = 20.0) -> Dataset:
     spikes and the jumps of ``v_y`` are named in `Dataset.notes`. The yaw rate follows the steering by
     80 to 90 ms: nothing is shifted here.
 
-    Parameters
-    ----------
-    rate : float
-        Sample rate, at most 100. [Hz]
-
-    Returns
-    -------
-    Dataset
-        Inputs ``delta`` [rad], ``v_x`` [m/s]; output ``r`` [rad/s]; ``v_y``, ``beta``, ``a_x``, ``a_y``,
-        ``r_dot`` and the dead-reckoned ``X``, ``Y``, ``psi`` ride along.
+    Inputs are ``delta`` [rad] and ``v_x`` [m/s], the output is ``r`` [rad/s]; ``v_y``, ``beta``, ``a_x``, ``a_y``,
+    ``r_dot`` and the dead-reckoned ``X``, ``Y``, ``psi`` ride along.
 
     Raises
     ------
@@ -183,15 +164,9 @@ def _ferrari_session() -> Dataset:
     published = float(dict(zip(head, row, strict=True))["steer_tau"])
     data = read_csv(
         paths["telemetry_train_0.csv"],
-        {
-            "delta": Column("handwheelAngle", "deg", factor=1 / _STEERING_RATIO),
-            "v_x": Column("vxCG", "m/s"),
-            "r": Column("yawRate", "deg/s"),
-            "delta_sw": Column("handwheelAngle", "deg"),
-            "psi": Column("yawAngle", "deg"),
-            "a_x": Column("axCG", "m/s2"),
-            "a_y": Column("ayCG", "m/s2"),
-        },
+        {"delta": Column("handwheelAngle", "deg", factor=1 / _STEERING_RATIO)}
+        | _columns(v_x="vxCG [m/s]", r="yawRate [deg/s]", delta_sw="handwheelAngle [deg]", psi="yawAngle [deg]")
+        | _columns(a_x="axCG [m/s2]", a_y="ayCG [m/s2]"),
         time=Column("time", "s"),
         inputs=("delta", "v_x"),
         outputs=("r",),
@@ -263,23 +238,10 @@ def _iac_putnam() -> Dataset:
     """Dallara AV-21 at Putnam Park, 25 Hz."""
     data = read_csv(
         fetch("iac-putnam", "Putnam_park2023_run4_2.csv")["Putnam_park2023_run4_2.csv"],
-        {
-            "delta": Column("delta", "rad"),
-            "throttle": Column("throttle_ped_cmd", "%"),
-            "brake": Column("brake_ped_cmd", "kPa"),
-            "v_x": Column("vx", "m/s"),
-            "v_y": Column("vy", "m/s"),
-            "r": Column("omega", "rad/s"),
-            "a_x": Column("ax", "m/s2"),
-            "X": Column("x", "m"),
-            "Y": Column("y", "m"),
-            "psi": Column("phi", "rad"),
-            "delta_rate": Column("deltadelta", "rad/s"),
-            "v_fl": Column("wheel_fl", "km/h"),
-            "v_fr": Column("wheel_fr", "km/h"),
-            "v_rl": Column("wheel_rl", "km/h"),
-            "v_rr": Column("wheel_rr", "km/h"),
-        },
+        _columns(delta="delta [rad]", throttle="throttle_ped_cmd [%]", brake="brake_ped_cmd [kPa]")
+        | _columns(v_x="vx [m/s]", v_y="vy [m/s]", r="omega [rad/s]", a_x="ax [m/s2]")
+        | _columns(X="x [m]", Y="y [m]", psi="phi [rad]", delta_rate="deltadelta [rad/s]")
+        | _columns(**{f"v_{wheel}": f"wheel_{wheel} [km/h]" for wheel in ("fl", "fr", "rl", "rr")}),
         time=Column("time", "s"),
         name="Dallara AV-21, Putnam Park",
     )
@@ -296,16 +258,9 @@ def _dart_record(name: str) -> Dataset:
     """One drive of the small car: pose at 100 Hz, velocities from it."""
     data = read_csv(
         fetch("dart", name)[name],
-        {
-            "throttle": Column("throttle", "-"),
-            "steering": Column("steering", "-"),
-            "X": Column("vicon x", "m"),
-            "Y": Column("vicon y", "m"),
-            "psi": Column("vicon yaw", "rad"),
-            "v_encoder": Column("vel encoder", "m/s"),
-            "r_imu": Column("W (IMU)", "rad/s"),
-            "clock": Column("elapsed time sensors", "s"),
-        },
+        _columns(throttle="throttle [-]", steering="steering [-]", clock="elapsed time sensors [s]")
+        | _columns(X="vicon x [m]", Y="vicon y [m]", psi="vicon yaw [rad]")
+        | _columns(v_encoder="vel encoder [m/s]", r_imu="W (IMU) [rad/s]"),
         time=Column("vicon time", "s"),
         name="DART",
     )
@@ -354,14 +309,8 @@ def _dart_steps() -> Dataset:
     for path in fetch("dart-steps").values():
         part = read_csv(
             path,
-            {
-                "throttle": Column("throttle", "-"),
-                "v_x": Column("vel encoder", "m/s"),
-                "steering": Column("steering", "-"),
-                "a_x": Column("acc x (IMU)", "m/s2"),
-                "a_y": Column("acc y (IMU)", "m/s2"),
-                "r": Column("W (IMU)", "rad/s"),
-            },
+            _columns(throttle="throttle [-]", v_x="vel encoder [m/s]", steering="steering [-]")
+            | _columns(a_x="acc x (IMU) [m/s2]", a_y="acc y (IMU) [m/s2]", r="W (IMU) [rad/s]"),
             time=Column("elapsed time sensors", "s"),
             dt=0.1,
             inputs=("throttle",),

@@ -19,17 +19,9 @@ _AGREE = 0.7  # of the coherent power must agree on one lag
 class Delay:
     """Lag at which an output answers an input most strongly.
 
-    Parameters
-    ----------
-    input, output : str
-        Channels.
-    seconds : float
-        The lag; positive when the output comes later. [s]
-    agreement : float
-        Share of the coherent, whitened power that agrees on this lag; -1 to 1, negative when the output
-        answers with the opposite sign.
-    coherent : float
-        Share of the frequencies at which the two are coherent (95 % significance).
+    ``seconds`` is positive when the output comes later. ``agreement`` is the share of the coherent, whitened power that
+    agrees on this lag, -1 to 1, negative when the output answers with the opposite sign; ``coherent`` is the share of
+    the frequencies at which the two are coherent (95 % significance).
     """
 
     input: str
@@ -90,10 +82,8 @@ def estimate_delay(data: Dataset, input: str, output: str, *, longest: float = 1
 
     Parameters
     ----------
-    data : Dataset
-        The recording; repair spikes first.
-    input, output : str
-        Channels.
+    data, input, output
+        The recording, its spikes repaired, and two of its channels.
     longest : float
         Lags up to this size are searched, in both directions. [s]
     f_max : float
@@ -106,14 +96,10 @@ def estimate_delay(data: Dataset, input: str, output: str, *, longest: float = 1
 
     Raises
     ------
-    MissingColumnError
-        If a channel does not exist.
-    ParameterError
-        If ``longest`` or ``f_max`` is not positive.
-    ExcitationError
-        If one of them is constant.
-    TooShortError
-        If no stretch is long enough: ``32 longest``.
+    MissingColumnError, ParameterError
+        If a channel does not exist, or ``longest`` or ``f_max`` is not positive.
+    ExcitationError, TooShortError
+        If a channel is constant, or no stretch is long enough: ``32 longest``.
 
     References
     ----------
@@ -144,10 +130,5 @@ def estimate_delay(data: Dataset, input: str, output: str, *, longest: float = 1
     lags = np.linspace(-longest, longest, 2001)
     curve = np.real(np.exp(2j * np.pi * np.outer(lags, f[significant])) @ weight) / np.abs(weight).sum()
     best = int(np.argmax(np.abs(curve)))
-    return Delay(
-        input=input,
-        output=output,
-        seconds=float(lags[best]),
-        agreement=float(curve[best]),
-        coherent=float(significant.sum() / max(band.sum(), 1)),
-    )
+    share, agreement = float(significant.sum() / max(band.sum(), 1)), float(curve[best])
+    return Delay(input=input, output=output, seconds=float(lags[best]), agreement=agreement, coherent=share)

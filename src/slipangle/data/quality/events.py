@@ -19,15 +19,21 @@ FASTEST: Mapping[str, float] = MappingProxyType({"speed": 15.0})
 
 
 @dataclass(frozen=True, kw_only=True)
-class Spike:
-    """A few samples that leave the signal and come back."""
+class Event:
+    """Something at one sample of a channel: its row, time [s] and size in the channel's unit."""
 
     channel: str
     row: int
     t: float
     size: float
-    samples: int
     unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spike(Event):
+    """A few samples that leave the signal and come back."""
+
+    samples: int
 
     @property
     def sentence(self) -> str:
@@ -36,15 +42,8 @@ class Spike:
         return f"{self.channel} has a spike of {self.size:+.3g} {self.unit} at t = {self.t:.2f} s, {lasts}"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Jump:
+class Jump(Event):
     """One step between two samples that is too large for the signal."""
-
-    channel: str
-    row: int
-    t: float
-    size: float
-    unit: str
 
     @property
     def sentence(self) -> str:
@@ -91,10 +90,8 @@ def find_spikes(data: Dataset, channel: str, *, width: int = 5, threshold: float
 
     Parameters
     ----------
-    data : Dataset
-        The recording.
-    channel : str
-        Which channel.
+    data, channel
+        The recording, and which of its channels.
     width : int
         Samples of the running median, odd; spikes of up to ``(width - 1) / 2`` samples are found.
     threshold : float
@@ -124,41 +121,19 @@ def find_spikes(data: Dataset, channel: str, *, width: int = 5, threshold: float
         tall = np.flatnonzero(size[max(peak - 2 * width, 0) : peak + 2 * width + 1] > 0.3 * size[peak])
         samples = int(tall[-1] - tall[0]) + 1
         if samples <= width // 2:
-            found.append(
-                Spike(
-                    channel=channel,
-                    row=peak,
-                    t=float(t[peak]),
-                    size=float(residual[peak]),
-                    samples=samples,
-                    unit=unit,
-                )
-            )
+            at = {"row": peak, "t": float(t[peak]), "size": float(residual[peak])}
+            found.append(Spike(channel=channel, samples=samples, unit=unit, **at))
     return tuple(found)
 
 
 def despike(data: Dataset, channel: str, width: int = 5, threshold: float = 12.0) -> tuple[Dataset, list[Spike]]:
-    """Replace spikes, and nothing else, by the median of their neighbourhood.
-
-    Parameters
-    ----------
-    data : Dataset
-        The recording.
-    channel : str
-        Which channel.
-    width, threshold
-        See `find_spikes`.
+    """Replace spikes, and nothing else, by the median of their neighbourhood; settings and errors as in `find_spikes`.
 
     Returns
     -------
     data, spikes
         The repaired recording, with one note per spike, and the spikes. Without spikes the data are
         returned as they are.
-
-    Raises
-    ------
-    MissingColumnError, ParameterError
-        If there is no such channel, or the settings make no sense.
     """
     spikes = list(find_spikes(data, channel, width=width, threshold=threshold))
     if not spikes:
@@ -187,10 +162,8 @@ def find_jumps(
 
     Parameters
     ----------
-    data : Dataset
-        The recording.
-    channel : str
-        Which channel.
+    data, channel
+        The recording, and which of its channels.
     threshold : float
         In standard deviations of the steps.
     fastest : float, optional

@@ -176,16 +176,8 @@ class DataReport:
     @property
     def findings(self) -> tuple[Spike | Jump | Delay | Offset | Stretch | Clipping | Resolution | Excitation, ...]:
         """All findings, the most alarming kind first."""
-        return (
-            *self.spikes,
-            *self.jumps,
-            *self.clippings,
-            *self.stretches,
-            *self.offsets,
-            *self.delays,
-            *self.excitations,
-            *self.resolutions,
-        )
+        wrong = (*self.spikes, *self.jumps, *self.clippings, *self.stretches)
+        return (*wrong, *self.offsets, *self.delays, *self.excitations, *self.resolutions)
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -215,25 +207,9 @@ def _told(events: Sequence[Spike] | Sequence[Jump], kind: str) -> list[str]:
 def inspect(data: Dataset, *, width: int = 5, threshold: float = 12.0) -> DataReport:
     """Look for what spoils an identification: spikes, jumps, delays, offsets, clipping, poor excitation.
 
-    Nothing is changed. Spikes are taken out only for the estimates of delay, offset and excitation,
-    which they would distort.
-
-    Parameters
-    ----------
-    data : Dataset
-        The recording; its inputs and outputs say which delays to estimate.
-    width, threshold
-        Of the search for spikes and jumps, see `find_spikes`.
-
-    Returns
-    -------
-    DataReport
-        Findings with numbers, each with a ``sentence``.
-
-    Raises
-    ------
-    ParameterError
-        If ``width`` or ``threshold`` make no sense.
+    Nothing is changed: spikes are taken out only for the estimates of delay, offset and excitation, which they would
+    distort. The inputs and outputs of the data say which delays to estimate; ``width`` and ``threshold`` are those of
+    `find_spikes`, which raises ParameterError where they make no sense.
     """
     spikes, jumps, clean = [], [], data
     for name in data.names:
@@ -290,15 +266,9 @@ def _offsets(data: Dataset) -> tuple[Offset, ...]:
     for name in ("delta", "delta_sw", "v_y", "beta", "steering"):
         if name in data and _moves(data[name]):
             x = data[name][straight]
-            found.append(
-                Offset(
-                    channel=name,
-                    value=float(np.median(x)),
-                    error=float(x.std() / np.sqrt(runs)),
-                    samples=int(straight.sum()),
-                    unit=data.unit(name),
-                )
-            )
+            value, error = float(np.median(x)), float(x.std() / np.sqrt(runs))
+            samples = int(straight.sum())
+            found.append(Offset(channel=name, value=value, error=error, samples=samples, unit=data.unit(name)))
     return tuple(found)
 
 
@@ -320,13 +290,8 @@ def _stretch(data: Dataset, name: str) -> Stretch | None:
     if not long:
         return None
     a, b = max(long, key=lambda r: r[1] - r[0])
-    return Stretch(
-        channel=name,
-        t=float(data.t[a]),
-        duration=(b - a) * data.dt,
-        value=float(data[name][a]) + 0.0,
-        count=len(long),
-    )
+    value = float(data[name][a]) + 0.0
+    return Stretch(channel=name, t=float(data.t[a]), duration=(b - a) * data.dt, value=value, count=len(long))
 
 
 def _clippings(data: Dataset, name: str) -> list[Clipping]:
@@ -366,11 +331,5 @@ def _excitation(data: Dataset, name: str) -> Excitation:
             power = power + p * len(part)
     total = np.cumsum(np.atleast_1d(power))
     bandwidth = float(f[np.searchsorted(total, 0.95 * total[-1])]) if total[-1] > 0 else 0.0
-    return Excitation(
-        channel=name,
-        low=float(x.min()),
-        high=float(x.max()),
-        std=float(x.std()),
-        bandwidth=bandwidth,
-        unit=data.unit(name),
-    )
+    low, high, std = (float(v) for v in (x.min(), x.max(), x.std()))
+    return Excitation(channel=name, low=low, high=high, std=std, bandwidth=bandwidth, unit=data.unit(name))

@@ -22,14 +22,8 @@ _HEAD = 4096  # bytes from a file's beginning by which its format is known
 class Reader:
     """How logs of one format are read, and how they are known.
 
-    Parameters
-    ----------
-    read : callable
-        A `Dataset` from a path and what `read_csv` takes beside it.
-    recognises : callable, optional
-        Whether the first 4096 bytes of a file are of this format.
-    suffixes : tuple of str
-        File names that are of this format unless another reader recognises the content.
+    ``read`` makes a `Dataset` from a path and what `read_csv` takes beside it; ``recognises`` says whether the first
+    4096 bytes of a file are of this format, which file names with one of the ``suffixes`` are unless another does.
     """
 
     read: Callable[..., Dataset]
@@ -48,14 +42,7 @@ def reader(
 ) -> Callable[[Callable[[Path], Table]], Callable[[Path], Table]]:
     """A decorator that adds a format to `READERS`: above a function from a path to the file's columns.
 
-    Units, time stamps, gaps and missing numbers are then settled as for any log.
-
-    Parameters
-    ----------
-    name : str
-        Of the format.
-    recognises, suffixes
-        See `Reader`.
+    Units, time stamps, gaps and missing numbers are then settled as for any log; see `Reader` for the settings.
 
     Raises
     ------
@@ -77,12 +64,7 @@ def reader(
 def read(path: str | Path, *args: Any, **kwargs: Any) -> Dataset:
     """Read a log with the reader that recognises its content, else with the one of its file name's suffix.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    *args, **kwargs
-        Passed to the reader; see `read_csv`.
+    What follows the path is passed to the reader; see `read_csv`.
 
     Raises
     ------

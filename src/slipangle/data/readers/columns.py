@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, Protocol
+from typing import Literal, Protocol, TypedDict
 
 import numpy as np
 
@@ -30,6 +30,20 @@ _EPOCH = 1e7  # larger first stamps count from the log's start [s]
 _SLOW = 2.0  # steps from here on are said, where no unit is named [s]
 _TOO_SLOW = 5.0  # and refused in a log of a drive, if they are whole numbers: they count milliseconds [s]
 _HOURS = 1e4  # and in any log [s]
+
+
+class LogSettings(TypedDict, total=False):
+    """What every reader takes beside path and columns; `slipangle.data.readers.csv.read_csv` says what each does."""
+
+    time: Column | str | None
+    dt: float | None
+    inputs: Sequence[str]
+    outputs: Sequence[str]
+    nan: Literal["error", "gap"]
+    jitter: float
+    shortest: int
+    experiment: str | None
+    name: str | None
 
 
 @dataclass(frozen=True)
@@ -93,17 +107,7 @@ class Table(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class ArrayTable:
-    """A `Table` of numbers that a reader has already.
-
-    Parameters
-    ----------
-    name : str
-        The file, for messages.
-    headers : tuple of Header
-        One per column.
-    values : array, shape (n_rows, n_columns)
-        NaN where a number is missing.
-    """
+    """A `Table` of numbers that a reader has already, shape (n_rows, n_columns), NaN where one is missing."""
 
     name: str
     headers: tuple[Header, ...]
@@ -348,14 +352,12 @@ def assemble(
         if len(part) == 1 and step is not None and shortest <= 1:
             piece, begins, clock = values[part], (0,), (float(stamps[part[0]]),)
         else:
-            grid = find_grid(
-                stamps[part],
-                dt=step,
-                jitter=jitter if clocked else 0.0,
-                shortest=shortest,
-                row_name=lambda k, part=part: table.row_name(int(part[k])),
-                what=table.name,
-            )
+
+            def row_name(k: int, part: np.ndarray = part) -> str:
+                return table.row_name(int(part[k]))
+
+            most, what = (jitter if clocked else 0.0), table.name
+            grid = find_grid(stamps[part], dt=step, jitter=most, shortest=shortest, row_name=row_name, what=what)
             step = step or grid.dt
             piece, begins = grid.onto(stamps[part], values[part])
             clock = grid.start_times

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Unpack
 
 import numpy as np
 
 from slipangle import units
 from slipangle.data.dataset import Dataset
-from slipangle.data.readers.columns import Column, assemble, check_dt
+from slipangle.data.readers.columns import Column, LogSettings, assemble, check_dt
 from slipangle.data.readers.text_table import OURS, read_table
 from slipangle.files import write_atomic
 
@@ -20,17 +20,9 @@ def read_csv(
     path: str | Path,
     columns: Mapping[str, Column | str] | Sequence[str] | None = None,
     *,
-    time: Column | str | None = None,
-    dt: float | None = None,
-    inputs: Sequence[str] = (),
-    outputs: Sequence[str] = (),
-    nan: Literal["error", "gap"] = "error",
-    jitter: float = 0.2,
-    shortest: int = 2,
     delimiter: str | None = None,
     skip_lines: int = 0,
-    experiment: str | None = None,
-    name: str | None = None,
+    **settings: Unpack[LogSettings],
 ) -> Dataset:
     """Read a text table into a `Dataset`, converting units at the door.
 
@@ -39,8 +31,8 @@ def read_csv(
 
     Parameters
     ----------
-    path : str or Path
-        The file.
+    path, delimiter, skip_lines
+        The file; its separator, if it is not recognised; lines to leave out at the top.
     columns : mapping or sequence, optional
         Channel name to `Column` (or to the heading's name); a sequence takes columns under their own
         names; by default all columns are read.
@@ -53,14 +45,10 @@ def read_csv(
     nan : {"error", "gap"}
         Whether missing numbers are an error or cut the log into experiments.
     jitter : float
-        Largest variation of a time step, as a share of it, that is put back on the grid. Steps above
+        Largest variation of a time step, as a share of it (0.2 unless given), that is put back on the grid. Steps above
         1.5 sample times are gaps: they split the log into experiments.
     shortest : int
-        Experiments with fewer samples are dropped, and a note says so.
-    delimiter : str, optional
-        Separator, if it is not recognised.
-    skip_lines : int
-        Lines to leave out at the top.
+        Experiments with fewer samples (2 unless given) are dropped, and a note says so.
     experiment : str, optional
         A column whose changes of value start a new experiment.
     name : str, optional
@@ -89,24 +77,14 @@ def read_csv(
     TooShortError
         If there are too few samples.
     """
-    check_dt(dt)
+    check_dt(settings.get("dt"))
     table = read_table(path, delimiter=delimiter, skip_lines=skip_lines)
-    meta = table.meta
-    return assemble(
-        table,
-        columns,
-        time=time,
-        dt=dt if dt is not None else meta.get("dt"),
-        inputs=inputs or tuple(n for n in meta.get("inputs", ()) if columns is None or n in columns),
-        outputs=outputs or tuple(n for n in meta.get("outputs", ()) if columns is None or n in columns),
-        nan=nan,
-        jitter=jitter,
-        shortest=1 if meta else shortest,
-        experiment=experiment or meta.get("experiment"),
-        epoch=bool(meta),
-        name=name or meta.get("name") or Path(path).stem,
-        notes=(*meta.get("notes", ()), *(("decimal commas are read as points",) if table.decimal_comma else ())),
-    )
+    meta, given = table.meta, dict[str, Any](settings)
+    known = {key: [n for n in meta.get(key, ()) if columns is None or n in columns] for key in ("inputs", "outputs")}
+    known |= {"dt": meta.get("dt"), "experiment": meta.get("experiment"), "name": meta.get("name") or Path(path).stem}
+    given |= {key: given.get(key) or value for key, value in known.items()} | ({"shortest": 1} if meta else {})
+    notes = (*meta.get("notes", ()), *(("decimal commas are read as points",) if table.decimal_comma else ()))
+    return assemble(table, columns, epoch=bool(meta), notes=notes, **given)
 
 
 def write_csv(data: Dataset, path: str | Path) -> Path:

@@ -26,20 +26,7 @@ _DESCRIPTIVE = ("UNITS", "MDI_HEADER")
 
 @dataclass(frozen=True, kw_only=True)
 class TirFile:
-    r"""A tire property file, line by line.
-
-    Parameters
-    ----------
-    lines : tuple of TirLine
-        Every line, comments and blanks included.
-    name : str
-        Name for messages, usually the path.
-    newline : str
-        Line end of the file.
-    encoding : str
-        Encoding of the file.
-    final_newline : bool
-        Whether the last line ends with a line end.
+    r"""A tire property file, line by line, comments and blanks included; ``name`` is for messages, usually the path.
 
     >>> tir = parse_tir("[UNITS]\nLENGTH = 'mm'\n[DIMENSION]\nUNLOADED_RADIUS = 344.0 $free radius\n")
     >>> tir.number("UNLOADED_RADIUS")

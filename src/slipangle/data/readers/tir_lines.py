@@ -16,24 +16,10 @@ _WORD = re.compile(r"[A-Za-z_][\w .\-/]*$")
 
 @dataclass(frozen=True, kw_only=True)
 class TirLine:
-    """One line of the file.
+    """One line of the file: as it stands, its number from 1 (0 if it was added), the heading above it in capitals.
 
-    Parameters
-    ----------
-    text : str
-        The line as it stands, without its line end.
-    number : int
-        Line number, from 1; 0 for a line that was added.
-    section : str
-        Heading that it stands under, in capitals; empty before the first.
-    key : str
-        Key in capitals; empty where the line is no entry.
-    value : float, str or None
-        What stands behind ``=``, in the units of the file; ``None`` where that is blank.
-    comment : str
-        Comment behind the value.
-    row : tuple of float
-        The numbers, where the line belongs to a table.
+    An entry has a key in capitals, a value in the units of the file (None where that is blank) and a comment; a line
+    of a table has a row of numbers.
     """
 
     text: str

@@ -40,18 +40,12 @@ from slipangle.units import known as unit_known
 from slipangle.units import quantity, to_si
 
 # channel: (unit expected in metric files, unit in files of pounds and inches)
-_CHANNELS = {
-    "SA": ("deg", "deg"),
-    "SL": ("-", "-"),
-    "SR": ("-", "-"),
-    "FX": ("N", "lbf"),
-    "FY": ("N", "lbf"),
-    "FZ": ("N", "lbf"),
-    "MX": ("N m", "ft lbf"),
-    "MZ": ("N m", "ft lbf"),
-    "IA": ("deg", "deg"),
-    "P": ("kPa", "psi"),
-    "V": ("km/h", "mph"),
+_CHANNELS: dict[str, tuple[str, str]] = {
+    **dict.fromkeys(("SA", "IA"), ("deg", "deg")),
+    **dict.fromkeys(("SL", "SR"), ("-", "-")),
+    **dict.fromkeys(("FX", "FY", "FZ"), ("N", "lbf")),
+    **dict.fromkeys(("MX", "MZ"), ("N m", "ft lbf")),
+    **{"P": ("kPa", "psi"), "V": ("km/h", "mph")},
 }
 _NEEDED = ("SA", "FX", "FY", "FZ")
 _SPELLINGS = {"lb": "lbf", "lbs": "lbf", "kph": "km/h", "kmh": "km/h", "ft-lb": "ft lbf", "ft-lbs": "ft lbf"}
@@ -64,16 +58,9 @@ _UNLOADED = 0.1  # samples below this share of the median load are not a test
 class SignSystem:
     """Which way the axes of a file point, as its data show.
 
-    Parameters
-    ----------
-    z_down : bool
-        The load is negative, so z points down and y to the right.
-    slip_opposes : bool
-        A positive slip angle gives F_y below zero.
-    slip_ratio_turned : bool
-        A positive slip ratio brakes.
-    moment_turned : bool
-        The aligning moment does not align in right-handed axes, so M_z points the other way.
+    ``z_down``: the load is negative, so z points down and y to the right. ``slip_opposes``: a positive slip angle gives
+    F_y below zero. ``slip_ratio_turned``: a positive slip ratio brakes. ``moment_turned``: the aligning moment does not
+    align in right-handed axes, so M_z points the other way.
     """
 
     z_down: bool
@@ -94,19 +81,10 @@ class SignSystem:
 
 
 def read_ttc(path: str | Path, *, name: str = "") -> TireData:
-    """Read a run of the Tire Test Consortium.
+    """Read a run of the Tire Test Consortium, in the signs of docs/nomenclature.md.
 
-    Parameters
-    ----------
-    path : str or Path
-        ``.mat`` (one variable per channel, MATLAB 7 or older) or ``.dat`` (a title, channel names, units, numbers).
-    name : str
-        Name for reports; the file's name by default.
-
-    Returns
-    -------
-    TireData
-        In the signs of docs/nomenclature.md; its notes say which sign system was found and what was left out.
+    The file is ``.mat`` (one variable per channel, MATLAB 7 or older) or ``.dat`` (a title, channel names, units,
+    numbers). Notes say which sign system was found and what was left out.
 
     Raises
     ------
@@ -127,21 +105,9 @@ def read_ttc(path: str | Path, *, name: str = "") -> TireData:
 
 
 def from_channels(columns: Mapping[str, np.ndarray], units: Mapping[str, str], *, name: str = "run") -> TireData:
-    """Rig channels as `TireData`.
+    """Rig channels by the consortium's names, shape (n_samples,) each, as `TireData`; errors as in `read_ttc`.
 
-    Parameters
-    ----------
-    columns : mapping of str to array, shape (n_samples,)
-        Channels by the consortium's names.
-    units : mapping of str to str
-        Units by channel; those left out are of the metric files (deg, km/h, kPa, N).
-    name : str
-        Name for messages and reports.
-
-    Raises
-    ------
-    MissingColumnError, UnitError, ExcitationError, TooShortError
-        As `read_ttc`.
+    Units that are left out are those of the metric files (deg, km/h, kPa, N).
     """
     missing = [c for c in _NEEDED if c not in columns]
     if missing:

@@ -1,7 +1,9 @@
 """Signals that excite a vehicle or a model: PRBS, multisine, swept sine, sine with dwell, step, ramp, staircase.
 
-Every function returns an array of shape ``(n,)`` in the unit of ``amplitude`` (or of ``levels``);
-positive is positive, so a steering signal starts to the left.
+Every function takes the number of samples ``n`` and, where time matters, the sample time ``dt`` [s], and returns an
+array of shape ``(n,)`` in the unit of ``amplitude`` (of ``levels``, of ``limit``); positive is positive, so a steering
+signal starts to the left. Every one raises ParameterError for a number out of its range, and TooShortError where ``n``
+is below 1 or too small for the signal.
 """
 
 from __future__ import annotations
@@ -43,10 +45,8 @@ def prbs(n: int, *, amplitude: float = 1.0, hold: int = 1, order: int | None = N
 
     Parameters
     ----------
-    n : int
-        Number of samples.
-    amplitude : float
-        Half the distance between the levels.
+    n, amplitude
+        Samples; half the distance between the levels.
     hold : int
         Samples for which each bit is held; most power lies below ``0.44 / (hold dt)`` Hz.
     order : int, optional
@@ -54,16 +54,6 @@ def prbs(n: int, *, amplitude: float = 1.0, hold: int = 1, order: int | None = N
         smallest that does not repeat within ``n``.
     seed : int
         Chooses the register's first state, that is where in its period the sequence starts.
-
-    Returns
-    -------
-    array, shape (n,)
-        In the unit of ``amplitude``.
-
-    Raises
-    ------
-    ParameterError, TooShortError
-        If ``hold`` or ``order`` is out of range, or ``n`` is below 1.
 
     References
     ----------
@@ -106,28 +96,12 @@ def multisine(
 
     Parameters
     ----------
-    n : int
-        Samples of one period.
-    dt : float
-        Sample time. [s]
+    n, dt, amplitude
+        Samples of one period, their distance [s], largest absolute value. The mean is zero.
     f_min, f_max : float
-        Lowest and highest frequency. [Hz]
-    amplitude : float
-        Largest absolute value.
+        Lowest and highest frequency, at most half the sample rate. [Hz]
     phases : {"schroeder", "random"}
         Schroeder's phases keep the peak low for the power; random ones use ``seed``.
-    seed : int
-        For random phases.
-
-    Returns
-    -------
-    array, shape (n,)
-        In the unit of ``amplitude``; mean zero.
-
-    Raises
-    ------
-    ParameterError, TooShortError
-        If the band is empty or above half the sample rate, or ``n`` is below 1.
 
     References
     ----------
@@ -169,26 +143,12 @@ def swept_sine(
 
     Parameters
     ----------
-    n : int
-        Number of samples.
-    dt : float
-        Sample time. [s]
+    n, dt, amplitude
+        Samples, their distance [s], peak value.
     f_start, f_stop : float
-        First and last frequency. [Hz]
-    amplitude : float
-        Peak value.
+        First and last frequency, at most half the sample rate. [Hz]
     method : {"linear", "logarithmic"}
         Constant hertz, or constant octaves, per second.
-
-    Returns
-    -------
-    array, shape (n,)
-        In the unit of ``amplitude``.
-
-    Raises
-    ------
-    ParameterError, TooShortError
-        If a frequency is not between 0 and half the sample rate, or ``n`` is below 1.
 
     References
     ----------
@@ -212,30 +172,13 @@ def sine_with_dwell(
 
     Parameters
     ----------
-    n : int
-        Number of samples; the manoeuvre lasts ``start + 1 / frequency + dwell``.
-    dt : float
-        Sample time. [s]
-    amplitude : float
-        Peak value; positive steers to the left first.
+    n, dt, amplitude
+        Samples, their distance [s], peak value; positive steers to the left first.
     frequency : float
         Of the sine. [Hz]
-    dwell : float
-        Pause at three quarters of the period. [s]
-    start : float
-        Zeros before the manoeuvre. [s]
-
-    Returns
-    -------
-    array, shape (n,)
-        In the unit of ``amplitude``.
-
-    Raises
-    ------
-    ParameterError
-        If the frequency is not between 0 and half the sample rate, or a time is negative.
-    TooShortError
-        If the manoeuvre does not fit into ``n`` samples.
+    dwell, start : float
+        Pause at three quarters of the period, zeros before the manoeuvre, which lasts
+        ``start + 1 / frequency + dwell``. [s]
 
     References
     ----------
@@ -264,28 +207,7 @@ def sine_with_dwell(
 
 
 def step(n: int, dt: float, *, amplitude: float = 1.0, start: float = 1.0, rise: float = 0.0) -> np.ndarray:
-    """Zero, then a straight rise of ``rise`` seconds from ``start`` on, then ``amplitude``.
-
-    Parameters
-    ----------
-    n : int
-        Number of samples.
-    dt : float
-        Sample time. [s]
-    amplitude : float
-        Final value.
-    start, rise : float
-        When the step begins and how long it takes. [s]
-
-    Returns
-    -------
-    array, shape (n,)
-        In the unit of ``amplitude``.
-
-    Raises
-    ------
-    ParameterError, TooShortError
-        If ``rise`` is negative or ``n`` is below 1.
+    """Zero, then a straight rise of ``rise`` [s] from ``start`` [s] on, then ``amplitude``.
 
     >>> step(5, 0.1, start=0.2).tolist()
     [0.0, 0.0, 1.0, 1.0, 1.0]
@@ -294,32 +216,9 @@ def step(n: int, dt: float, *, amplitude: float = 1.0, start: float = 1.0, rise:
 
 
 def ramp(n: int, dt: float, *, rate: float, start: float = 1.0, limit: float | None = None) -> np.ndarray:
-    """Zero, then rising by ``rate`` per second from ``start`` on, up to ``limit``.
+    """Zero, then rising by ``rate`` per second from ``start`` [s] on, up to ``limit`` in absolute value.
 
     The slowly increasing steer of FMVSS 126 is ``rate`` = 13.5 deg/s at the steering wheel.
-
-    Parameters
-    ----------
-    n : int
-        Number of samples.
-    dt : float
-        Sample time. [s]
-    rate : float
-        Slope, per second; may be negative.
-    start : float
-        When the ramp begins. [s]
-    limit : float, optional
-        Largest absolute value.
-
-    Returns
-    -------
-    array, shape (n,)
-        In the unit of ``limit``.
-
-    Raises
-    ------
-    ParameterError, TooShortError
-        If the limit is negative or ``n`` is below 1.
     """
     _check(n, dt)
     if limit is not None and limit < 0:
@@ -341,10 +240,8 @@ def staircase(
 
     Parameters
     ----------
-    n : int
-        Number of samples.
-    dt : float
-        Sample time. [s]
+    n, dt
+        Samples and their distance. [s]
     levels : sequence of float
         The first holds from time 0 on, the last to the end.
     duration : float, optional
@@ -353,16 +250,6 @@ def staircase(
         When each level after the first begins, instead of ``duration``. [s]
     rise : float
         Time from one level to the next one's full height. [s]
-
-    Returns
-    -------
-    array, shape (n,)
-        In the unit of ``levels``.
-
-    Raises
-    ------
-    ParameterError, TooShortError
-        If there is no level, times do not rise or are negative, or ``n`` is below 1.
 
     >>> staircase(6, 0.1, levels=(1.0, 3.0, 2.0)).tolist()
     [1.0, 1.0, 3.0, 3.0, 2.0, 2.0]
