@@ -243,11 +243,11 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/vehicles/dual_track/kernel.py",
+        "codegen/integrators.py",
         DUAL,
         [
             (
-                "dual track in C: third slope a whole step on",
+                "Runge-Kutta in C: third slope a whole step on",
                 "y[i] = x[i] + {half} * k[i]; }}",
                 "y[i] = x[i] + {h} * k[i]; }}",
             )

@@ -1,9 +1,9 @@
-/* A free run with forward sensitivities. The generated part before this file defines NX, NW, NP, NY, RADAU (the
-   coefficients A), SHARES (of Newton steps) and the functions rates and outputs, (x, w, p) -> (f, df/dx, df/dp) and the
-   same of the outputs, and slopes, (x, w, p) -> f. Matrices are stored column after column. The m columns of S are
-   derivatives with respect to NP parameters, then to whatever else the start depends on; with m = 0 there are none. */
+/* A free run with forward sensitivities. The generated part before this file defines NX, NW, NP, NY, for Radau RADAU
+   (the coefficients A) and SHARES (of Newton steps), and the functions rates and outputs, (x, w, p) -> (f, df/dx, df/dp)
+   and the same of the outputs, and slopes, (x, w, p) -> f. Matrices are stored column after column. The m columns of S
+   are derivatives with respect to NP parameters, then to whatever else the start depends on; with m = 0 there are none.
+   S follows x in memory. */
 
-#include <math.h>
 #include <string.h>
 
 #define NK (3 * NX)
@@ -22,30 +22,19 @@ static void variation(const double *fx, const double *fp, const double *S, doubl
     }
 }
 
-static void explicit_step(double *x, double *S, const double *w, const double *p, double h, int stages, long m,
-                          double *scratch)
+/* Rates of x and S. */
+static void all_rates(const double *x, const double *w, const double *p, double *k, long m)
 {
-    static const double NODE[4] = {0.0, 0.5, 0.5, 1.0}, WEIGHT[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
-    double f[NX], fx[NX * NX], fp[NX * (NP ? NP : 1)], xs[NX], total[NX];
-    double *K = scratch, *Ss = K + NX * m, *sum = Ss + NX * m;
-    memset(total, 0, sizeof total);
-    memset(sum, 0, sizeof(double) * NX * m);
-    for (int i = 0; i < stages; i++) {
-        const double a = NODE[i] * h, b = stages == 1 ? 1.0 : WEIGHT[i];
-        for (int k = 0; k < NX; k++) xs[k] = x[k] + (i ? a * f[k] : 0.0);
-        for (long k = 0; k < NX * m; k++) Ss[k] = S[k] + (i ? a * K[k] : 0.0);
-        if (m == 0)
-            slopes(xs, w, p, f);
-        else
-            rates(xs, w, p, f, fx, fp);
-        variation(fx, fp, Ss, K, m);
-        for (int k = 0; k < NX; k++) total[k] += b * f[k];
-        for (long k = 0; k < NX * m; k++) sum[k] += b * K[k];
+    double fx[NX * NX], fp[NX * (NP ? NP : 1)];
+    if (m == 0) {
+        slopes(x, w, p, k);
+        return;
     }
-    for (int k = 0; k < NX; k++) x[k] += h * total[k];
-    for (long k = 0; k < NX * m; k++) S[k] += h * sum[k];
+    rates(x, w, p, k, fx, fp);
+    variation(fx, fp, x + NX, k + NX, m);
 }
 
+#ifdef IMPLICIT
 /* Factorise in place with partial pivoting. */
 static void factorise(double *a, int *pivot)
 {
@@ -173,16 +162,25 @@ static void implicit_step(double *x, double *S, const double *w, const double *p
         for (int a = 0; a < NX; a++) x[a] += h * RADAU[2][i] * k[i * NX + a];
 }
 
-/* x (NX) and S (NX, m) at the first row are overwritten; out gets NY (1 + m) numbers for each row. stages: 1 is Euler,
-   4 is RK4, 3 is Radau IIA. scratch holds 3 NX m numbers. */
-void free_run(double *x, double *S, const double *w, const double *p, long rows, long m, double h, long substeps,
-              int stages, double *out, double *scratch)
+#endif
+
+static void step(double *x, const double *w, const double *p, double h, long m, double *y)
 {
-    double y[NY], yx[NY * NX], yp[NY * (NP ? NP : 1)];
+    const long n = NX * (1 + m);
+    double *k = y + n, *sum = k + n;
+    /* STEP */
+}
+
+/* x and S, NX (1 + m) numbers, at the first row are overwritten; out gets NY (1 + m) numbers for each row. scratch holds
+   3 NX (1 + m) numbers. */
+void free_run(double *x, const double *w, const double *p, long rows, long m, double h, long substeps, double *out,
+              double *scratch)
+{
+    double yx[NY * NX], yp[NY * (NP ? NP : 1)];
+    const double *S = x + NX;
     for (long k = 0; k < rows; k++) {
         double *o = out + k * NY * (1 + m);
-        outputs(x, w + k * NW, p, y, yx, yp);
-        memcpy(o, y, sizeof y);
+        outputs(x, w + k * NW, p, o, yx, yp);
         for (long j = 0; j < m; j++)
             for (int i = 0; i < NY; i++) {
                 double total = j < NP ? yp[j * NY + i] : 0.0;
@@ -190,11 +188,6 @@ void free_run(double *x, double *S, const double *w, const double *p, long rows,
                 o[NY + j * NY + i] = total;
             }
         if (k + 1 < rows)
-            for (long s = 0; s < substeps; s++) {
-                if (stages == 3)
-                    implicit_step(x, S, w + k * NW, p, h, m, 1);
-                else
-                    explicit_step(x, S, w + k * NW, p, h, stages, m, scratch);
-            }
+            for (long s = 0; s < substeps; s++) step(x, w + k * NW, p, h, m, scratch);
     }
 }

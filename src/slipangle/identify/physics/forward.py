@@ -13,11 +13,13 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen.compiler import library
+from slipangle.codegen.expression import emit, preamble
+from slipangle.codegen.integrators import explicit_step
+from slipangle.errors import ParameterError
 from slipangle.models.fast import evaluate, roll_out
 from slipangle.models.ode import Parametrised
 from slipangle.numerics.integrate import MISSED, RADAU_A, RETRY, SHORTENED, discretise
 
-_STAGES = {"euler": 1, "radau": 3, "rk4": 4}
 _ITERATIONS = 12  # of Newton's method, as in the integrator itself
 
 
@@ -69,7 +71,7 @@ def _forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
         return _stepped(model, free)
     try:
         source, rest = _source(model, free)
-    except (RuntimeError, NotImplementedError, TypeError):  # built on CasADi functions that have no scalar code
+    except (RuntimeError, NotImplementedError, TypeError, ParameterError):  # built on what has no scalar code
         source, rest = "", np.empty(0)
     found = library(source, name="free_run") if source else None
     return _interpreted(model, free) if found is None else _compiled(model, found, rest)
@@ -107,54 +109,45 @@ def _source(model: Any, free: tuple[str, ...]) -> tuple[str, np.ndarray]:
     f, y = ca.densify(varied.ode.derivative(x, u)), ca.densify(varied.ode.output(x, u))
 
     def with_slopes(name: str, value: Any) -> ca.Function:
-        slopes = [ca.densify(ca.jacobian(value, x)), ca.densify(ca.jacobian(value, p)[:, :n_p])]
-        return ca.Function(name, [x, w, p], [value, *slopes])
+        slopes = [ca.densify(ca.jacobian(value, x).T), ca.densify(ca.jacobian(value, p)[:, :n_p].T)]
+        return ca.Function(name, [x, w, p], [value, *slopes], {"cse": True})
 
     functions = {
         "rates": with_slopes("ode_rates", f),
         "outputs": with_slopes("ode_outputs", y),
         "slopes": ca.Function("ode_slopes", [x, w, p], [f]),
     }
-    generator = ca.CodeGenerator("free_run", {"with_header": False})
-    for function in functions.values():
-        generator.add(function)
     sizes = {"NX": ode.n_states, "NW": w.shape[0], "NP": n_p, "NY": ode.n_outputs}
-    parts = [generator.dump(), *(f"#define {k} {v}" for k, v in sizes.items())]
-    parts += [wrapper(name, function) for name, function in functions.items()]
-    rows = ", ".join("{" + ", ".join(float.hex(float(a)) for a in row) + "}" for row in RADAU_A)
-    parts += [f"static const double RADAU[3][3] = {{{rows}}};"]
-    parts += [f"static const double SHARES[{len(SHORTENED)}] = {{{', '.join(map(str, SHORTENED))}}};"]
-    settings = {"N_SHARES": len(SHORTENED), "ITERATIONS": _ITERATIONS, "MISSED": MISSED, "RETRY": RETRY}
-    parts += [f"#define {name} {value}" for name, value in settings.items()]
-    parts += [(files("slipangle.identify.physics") / "forward.c").read_text(encoding="utf-8")]
-    return "\n".join(parts), np.array([model.value(n) for n in known[n_p:]])
-
-
-def wrapper(name: str, function: ca.Function) -> str:
-    """C of ``NAME(x, w, p, ...)`` around CasADi's calling convention."""
-    outs = [f"o{i}" for i in range(function.n_out())]
-    return (
-        f"static void {name}(const double *x, const double *w, const double *p, "
-        f"{', '.join(f'double *{o}' for o in outs)})\n{{\n"
-        f"    const double *arg[{function.sz_arg()}] = {{x, w, p}};\n"
-        f"    double *res[{function.sz_res()}] = {{{', '.join(outs)}}}, work[{function.sz_w() + 1}];\n"
-        f"    casadi_int iw[{function.sz_iw() + 1}];\n"
-        f"    {function.name()}(arg, res, iw, work, 0);\n}}\n"
-    )
+    parts = [preamble("double"), *(emit(function, name) for name, function in functions.items())]
+    if ode.method == "radau":
+        sizes |= {
+            "N_SHARES": len(SHORTENED),
+            "ITERATIONS": _ITERATIONS,
+            "MISSED": MISSED,
+            "RETRY": RETRY,
+            "IMPLICIT": 1,
+        }
+        rows = ", ".join("{" + ", ".join(float.hex(float(a)) for a in row) + "}" for row in RADAU_A)
+        parts += [f"static const double RADAU[3][3] = {{{rows}}};"]
+        parts += [f"static const double SHARES[{len(SHORTENED)}] = {{{', '.join(map(str, SHORTENED))}}};"]
+        step = "implicit_step(x, x + NX, w, p, h, m, 1);"
+    else:
+        step = explicit_step(ode.method, "all_rates({x}, w, p, {k}, m)", n="n", h="h", out="x").strip()
+    text = (files("slipangle.identify.physics") / "forward.c").read_text(encoding="utf-8")
+    parts += [f"#define {name} {value}" for name, value in sizes.items()]
+    return "\n".join([*parts, text.replace("/* STEP */", step)]), np.array([model.value(n) for n in known[n_p:]])
 
 
 def _compiled(model: Any, found: ctypes.CDLL, rest: np.ndarray) -> ForwardRun:
     ode, ny = model.ode, model.n_outputs
-    h, stages = ode.dt / ode.substeps, _STAGES[ode.method]
+    h = ode.dt / ode.substeps
 
     def run(x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
-        x, S = np.array(x0, dtype=float), np.array(S0.T, dtype=float, order="C")  # column after column
-        m = len(S)
+        x, m = np.ascontiguousarray(np.vstack([x0, S0.T]), dtype=float), S0.shape[1]  # x, then S column after column
         rows, values = np.ascontiguousarray(rows, dtype=float), np.concatenate([p, rest])
-        out, scratch = np.empty((len(rows), 1 + m, ny)), np.empty(3 * x.size * max(m, 1))
-        arrays = (x, S, rows, values)
-        at = [a.ctypes.data for a in arrays]
-        found.free_run(*at, len(rows), m, h, ode.substeps, stages, out.ctypes.data, scratch.ctypes.data)
+        out, scratch = np.empty((len(rows), 1 + m, ny)), np.empty(3 * x.size)
+        at = [a.ctypes.data for a in (x, rows, values)]
+        found.free_run(*at, len(rows), m, h, ode.substeps, out.ctypes.data, scratch.ctypes.data)
         return out.transpose(0, 2, 1)
 
     return ForwardRun(run, compiled=True)

@@ -12,8 +12,8 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen.compiler import library
+from slipangle.codegen.expression import emit, preamble
 from slipangle.identify.linear.predictor import Triangles, reduce_rows
-from slipangle.identify.physics.forward import wrapper
 from slipangle.models.fast import evaluate, roll_out
 from slipangle.numerics.least_squares import Factors, LeastSquaresResult, LevenbergMarquardt
 
@@ -101,17 +101,14 @@ class FreeRun:
 
     def _source(self, x: Any, u: Any, p: Any, later: Any, seen: Any) -> str:
         """C of the free run and its derivatives."""
-        parts, functions = [], {}
-        generator = ca.CodeGenerator("free_run", {"with_header": False})
+        functions = {}
         for name, value in (("step", later), ("output", seen)):
-            slopes = [ca.densify(ca.jacobian(value, by).T) for by in (x, p)]  # row after row once transposed
-            functions[f"plain_{name}"] = ca.Function(f"bare_{name}", [x, u, p], [value])
-            functions[f"sloped_{name}"] = ca.Function(f"full_{name}", [x, u, p], [value, *slopes], {"cse": True})
-        for function in functions.values():
-            generator.add(function)
+            slopes = [ca.densify(ca.jacobian(value, by)) for by in (x, p)]
+            functions[f"plain_{name}"] = ca.Function("plain", [x, u, p], [value])
+            functions[f"sloped_{name}"] = ca.Function("sloped", [x, u, p], [value, *slopes], {"cse": True})
         sizes = {"NX": self.nx, "NU": u.shape[0], "NP": self.np, "NY": self.ny, "M": self.np + len(self.free_x0)}
-        parts = [generator.dump(), *(f"#define {key} {value}" for key, value in sizes.items())]
-        parts += [wrapper(name, function) for name, function in functions.items()]
+        parts = [preamble("double"), *(f"#define {key} {value}" for key, value in sizes.items())]
+        parts += [emit(function, name) for name, function in functions.items()]
         return "\n".join([*parts, (files("slipangle.identify.physics") / "free_run.c").read_text(encoding="utf-8")])
 
     def _linked(self, found: ctypes.CDLL) -> tuple[Run, Run]:

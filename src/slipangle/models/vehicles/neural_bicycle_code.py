@@ -9,24 +9,18 @@ import numpy as np
 
 from slipangle.codegen.compiler import library
 from slipangle.codegen.expression import emit, preamble
+from slipangle.codegen.integrators import explicit_step
 from slipangle.models.black_box.networks import mlp_pass
 
 FLAGS = ("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast")
 
 _LOOP = """\
-void free_run(const double *w, const double *most, double *x, const double *u, long n, double h, double *out)
+void free_run(const double *w, const double *most, double *x, const double *u, long rows, double h, double *out)
 {
-    double k[4][3], y[3];
-    for (long i = 0; i < n; i++, u += 3, out += 3) {
+    double y[3], k[3], sum[3];
+    for (long r = 0; r < rows; r++, u += 3, out += 3) {
         for (int s = 0; s < SUBSTEPS; s++) {
-            rates(x, u, w, k[0]);
-            for (int stage = 1; stage < 4; stage++) {
-                for (int j = 0; j < 3; j++)
-                    y[j] = x[j] + (stage < 3 ? 0.5 : 1.0) * h * k[stage - 1][j];
-                rates(y, u, w, k[stage]);
-            }
-            for (int j = 0; j < 3; j++)
-                x[j] += h / 6.0 * (k[0][j] + 2.0 * k[1][j] + 2.0 * k[2][j] + k[3][j]);
+            STEP
         }
         for (int j = 0; j < 2; j++)
             x[j] = x[j] > most[j] ? most[j] : x[j] < -most[j] ? -most[j] : x[j];
@@ -35,48 +29,38 @@ void free_run(const double *w, const double *most, double *x, const double *u, l
     }
 }
 """
-
-
 _Bicycle = Any  # a NeuralBicycle, whose file needs this one
 
 
 def numbers(model: _Bicycle) -> np.ndarray:
-    """What the compiled loop reads: parameters, scaling, weights."""
-    net: Any = model.network
-    scaling = (net.input_scaling.offset, net.input_scaling.factor, net.output_scaling.offset, net.output_scaling.factor)
+    """What the compiled loop reads: parameters, then every layer's weights by row and its biases."""
     params = [float(getattr(model.params, name)) for name in model.params.metadata()]
-    return np.concatenate([params, *scaling, net.parameters])
+    return np.concatenate(
+        [params, *(part.ravel() for layer in zip(*model.network.layers, strict=True) for part in layer)]
+    )
 
 
 def source(model: _Bicycle) -> str:
     """C of ``free_run(w, most, x, u, n, h, out)``; ``w`` is what `numbers` says."""
-    net: Any = model.network
-    w = ca.SX.sym("w", len(numbers(model)))
     names = tuple(model.params.metadata())
-    values = {name: w[i] for i, name in enumerate(names)}
-    at = len(names)
-
-    def take(rows: int, columns: int = 1) -> ca.SX:
-        nonlocal at
-        part = w[at : at + rows * columns]
-        at += rows * columns
-        return ca.reshape(part, columns, rows).T if columns > 1 else part
-
-    offset_in, factor_in = take(net.n_inputs), take(net.n_inputs)
-    offset_out, factor_out = take(net.n_outputs), take(net.n_outputs)
+    w, at = ca.SX.sym("w", len(numbers(model))), len(names)
     weights, biases = [], []
-    for matrix, bias in zip(net.weights, net.biases, strict=True):
-        weights.append(take(*np.shape(matrix)))
-        biases.append(take(len(bias)))
+    for matrix in model.network.weights:
+        rows, columns = matrix.shape
+        weights.append(ca.reshape(w[at : at + rows * columns], columns, rows).T)
+        biases.append(w[at + rows * columns : at + rows * (columns + 1)])
+        at += rows * (columns + 1)
 
     def network(z: Any) -> Any:
-        y = mlp_pass((z - offset_in) / factor_in, weights, biases, net.activation)
-        return y * factor_out + offset_out
+        return mlp_pass(z, weights, biases, model.network.activation)
 
     x, u = ca.SX.sym("x", 3), ca.SX.sym("u", 3)
+    values = {name: w[i] for i, name in enumerate(names)}
     rates = ca.vertcat(*model.rates(x, u, model.params.with_values(**values), network))
     function = ca.Function("rates", [x, u, w], [ca.cse(ca.densify(rates))])
-    return "\n".join([preamble("double"), emit(function, "rates"), f"#define SUBSTEPS {model.substeps}", _LOOP])
+    step = explicit_step("rk4", "rates({x}, u, w, {k})", n=3, h="h", out="x")
+    loop = _LOOP.replace("SUBSTEPS", str(model.substeps)).replace("STEP", step.strip())
+    return "\n".join([preamble("double"), emit(function, "rates"), loop])
 
 
 def run(model: _Bicycle, x0: np.ndarray, u: np.ndarray) -> np.ndarray | None:

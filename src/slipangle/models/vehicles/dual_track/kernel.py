@@ -13,6 +13,7 @@ import numpy as np
 
 from slipangle.codegen.compiler import library
 from slipangle.codegen.expression import differing_constants, emit, lanes_alike, preamble
+from slipangle.codegen.integrators import explicit_step
 from slipangle.codegen.network import aligned
 from slipangle.errors import ParameterError
 from slipangle.models.vehicles.dual_track.contact import Contact, Patch
@@ -94,19 +95,6 @@ static void step_{t}({T} *x, const {T} *u)
     finish_{t}(start, y, u, x);
 }}
 """
-_RK4 = """\
-    rates_{t}(x, u, start, sum);
-    for (int i = 0; i < {n}; i++) y[i] = x[i] + {half} * sum[i];
-    rates_{t}(y, u, start, k);
-    for (int i = 0; i < {n}; i++) {{ sum[i] += 2.0 * k[i]; y[i] = x[i] + {half} * k[i]; }}
-    rates_{t}(y, u, start, k);
-    for (int i = 0; i < {n}; i++) {{ sum[i] += 2.0 * k[i]; y[i] = x[i] + {h} * k[i]; }}
-    rates_{t}(y, u, start, k);
-    for (int i = 0; i < {n}; i++) y[i] = x[i] + {sixth} * (sum[i] + k[i]);"""
-_EULER = """\
-    rates_{t}(x, u, start, k);
-    for (int i = 0; i < {n}; i++) y[i] = x[i] + {h} * k[i];
-    (void)sum;"""
 _DRIVE = """\
 /* One car: inputs u[rows][m], states out[rows][n] after each row, which is held for `hold` samples. */
 void drive(double *x, const double *u, double *out, long rows, long hold)
@@ -140,7 +128,6 @@ def source(model: _Car, varied: Sequence[str] = ()) -> str:
     """C of the model's step; ``varied`` parameters come after the inputs."""
     parts = _parts(model, varied)
     groups = lanes_alike(parts.wheels)
-    h = model.dt / model.substeps
     text = [preamble("double", "v4", f"v{WIDE}")]
     for t, T, lane_type in (("d", "double", "v4"), ("w", f"v{WIDE}", f"v{WIDE}")):
         text += [emit(getattr(parts, name), f"{name}_{t}", T) for name in ("before", "after", "finish")]
@@ -148,10 +135,10 @@ def source(model: _Car, varied: Sequence[str] = ()) -> str:
             lanes = [parts.wheels[i] for i in members]
             text.append(emit(lanes[0], f"wheel{g}_{t}", lane_type, lanes=lanes))
         wheels = _four_wheels(parts, groups) if t == "d" else _wheel_by_wheel(parts, groups)
-        values = {"t": t, "n": model.n_states, "h": float.hex(h), "half": float.hex(h / 2), "sixth": float.hex(h / 6)}
-        method = (_RK4 if model.method == "rk4" else _EULER).format(**values)
+        rates = f"rates_{t}({{x}}, u, start, {{k}})"
+        method = explicit_step(model.method, rates, n=model.n_states, h=model.dt / model.substeps, out="y")
         sizes = {"P": 4 * _N_PATCH, "C": 4 * _N_CONTACT, "load": 4 * Patch._fields.index("load")}
-        text.append(_STEP.format(T=T, wheels=wheels, method=method, **values, **sizes))
+        text.append(_STEP.format(t=t, T=T, n=model.n_states, wheels=wheels, method=method, **sizes))
     m = model.n_inputs + len(varied)
     text.append(_DRIVE.format(n=model.n_states, m=m, substeps=model.substeps, W=WIDE, T=f"v{WIDE}"))
     return "\n".join(text)
