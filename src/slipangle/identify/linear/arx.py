@@ -11,10 +11,10 @@ from scipy import linalg
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
-from slipangle.fields import Checked, Count, Whole
+from slipangle.fields import Count, Whole
 from slipangle.identify.excitation import require_identifiable
+from slipangle.identify.linear.estimator import LinearEstimator
 from slipangle.identify.linear.lags import PerInput, Windows, triangle
-from slipangle.identify.stability import announced, breakdown_said, judged
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
@@ -23,7 +23,7 @@ _APART = 1e-3  # share of an input's RMS that the others do not make up, below w
 
 
 @dataclass(frozen=True, kw_only=True)
-class ARX(Checked):
+class ARX(LinearEstimator[ARXModel]):
     """Least-squares ARX estimator. [1]_ eqs. 4-5 to 4-9.
 
     The Gram matrix of the regressors is built from lag products, one per lag difference, with the products at both
@@ -41,11 +41,6 @@ class ARX(Checked):
     offset : bool
         Estimate a constant too; for data whose mean was not removed.
 
-    Raises
-    ------
-    ParameterError
-        If na or nb is below 1, or nk below 0.
-
     References
     ----------
     .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
@@ -56,28 +51,9 @@ class ARX(Checked):
     nk: Whole | tuple[Whole, ...] = 1
     offset: bool = False
 
-    def fit(self, data: Dataset) -> ARXModel:
-        """Model of all outputs from all inputs of ``data``; experiments are never joined.
-
-        Raises
-        ------
-        ExcitationError
-            If the regressors are collinear, with the names of those.
-        TooShortError
-            If no experiment is longer than the lags, or there are fewer samples than parameters.
-
-        Warns
-        -----
-        IdentifiabilityWarning
-            If the effects of two inputs cannot be told apart.
-        ModelWarning
-            If a free run of the model would blow up.
-        """
-        with breakdown_said("the ARX model", data):
-            return announced(judged(self._fit(data), data))
+    _what = "the ARX model"
 
     def _fit(self, data: Dataset) -> ARXModel:
-        """`fit` without a word about what it found."""
         began = time.perf_counter()
         ny, nu = len(data.outputs), len(data.inputs)
         used = self._used(data)

@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
-from slipangle.fields import Checked, Positive, Whole, Within
+from slipangle.fields import Positive, Whole, Within
+from slipangle.identify.linear.estimator import LinearEstimator
 from slipangle.identify.linear.prediction import PredictionCriterion
-from slipangle.identify.stability import announced, breakdown_said, judged
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
@@ -21,7 +21,7 @@ Offsets = Literal["none", "output", "input", "both"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class PEM(Checked):
+class PEM(LinearEstimator[StateSpaceModel]):
     """Levenberg-Marquardt on the one-step-ahead or the free-run error of a state space. [1]_ ch. 7.
 
     All of A, B, C, D, K is free. Changes of the state's basis, which change nothing outside, are kept out of every
@@ -60,6 +60,8 @@ class PEM(Checked):
     max_radius: Annotated[float, Within(0, open="low", example="0.999")] | None = None
     max_iterations: Whole = 100
 
+    _what = "the state space"
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(self.weights, str) and len(self.weights) != self.start.n_outputs:
@@ -68,33 +70,12 @@ class PEM(Checked):
                 f"each of {', '.join(self.start.outputs)}"
             )
 
-    def fit(self, data: Dataset) -> StateSpaceModel:
-        """The refined model; its ``fit_info`` holds the covariance of the matrices' entries in the final basis.
-
-        Raises
-        ------
-        TooShortError
-            If there are fewer samples than parameters.
-        SimulationError
-            If the fit diverged.
-
-        Warns
-        -----
-        IdentifiabilityWarning
-            If the fit stopped at its limit of steps.
-        ModelWarning
-            If a free run of the model would blow up.
-        """
-        with breakdown_said("the state space", data):
-            return announced(judged(self._fit(data), data))
-
+    @one_blas_thread()
     def _fit(self, data: Dataset) -> StateSpaceModel:
-        """`fit` without a word about what it found."""
         began = time.perf_counter()
-        with one_blas_thread():
-            problem = PredictionCriterion(self, data)
-            point, notes = problem.solve(self.max_iterations)
-            covariance, sigma, rows = problem.covariance(point)
+        problem = PredictionCriterion(self, data)
+        point, notes = problem.solve(self.max_iterations)
+        covariance, sigma = problem.covariance(point)
         names, values = problem.named(point)
         error = "one-step-ahead" if self.focus == "prediction" else "free-run"
         info = FitInfo(
@@ -102,7 +83,7 @@ class PEM(Checked):
             values=values,
             covariance=covariance,
             noise_std=sigma,
-            n_samples=rows,
+            n_samples=data.n_samples,
             units=("-",) * len(names),
             seconds=time.perf_counter() - began,
             method=f"{error} error, Levenberg-Marquardt with exact derivatives in data-driven local coordinates; "

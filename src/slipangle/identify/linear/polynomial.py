@@ -8,17 +8,18 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
+from scipy import linalg
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
-from slipangle.fields import Checked, Count, Whole, Within
+from slipangle.fields import Count, Whole, Within
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.arx import per_input
+from slipangle.identify.linear.estimator import LinearEstimator
 from slipangle.identify.linear.lags import PerInput
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.polynomial_start import first_guess
 from slipangle.identify.linear.prediction import Point, PredictionCriterion, shrunk
-from slipangle.identify.stability import announced, breakdown_said, judged
 from slipangle.models.black_box.polynomial import PolynomialModel, realise
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
@@ -26,7 +27,7 @@ from slipangle.numerics.blas import one_blas_thread
 
 
 @dataclass(frozen=True, kw_only=True)
-class Polynomial(Checked):
+class Polynomial(LinearEstimator[PolynomialModel]):
     """``A(z) y = sum_i B_i(z) / F_i(z) u_i + C(z) / D(z) e`` by the one-step-ahead error. [1]_ ch. 4, 7.
 
     Starts from a long ARX model, then Levenberg-Marquardt with exact derivatives; the initial state of every
@@ -47,11 +48,6 @@ class Polynomial(Checked):
     max_iterations : int
         Limit on steps.
 
-    Raises
-    ------
-    ParameterError
-        If an order makes no sense.
-
     References
     ----------
     .. [1] L. Ljung, System Identification, 2nd ed., 1999.
@@ -67,28 +63,9 @@ class Polynomial(Checked):
     max_radius: Annotated[float, Within(0, open="low", example="0.999")] | None = None
     max_iterations: Whole = 100
 
-    def fit(self, data: Dataset) -> PolynomialModel:
-        """Model of the output from all inputs of ``data``; experiments are never joined.
+    _what = "the polynomial model"
 
-        Raises
-        ------
-        ParameterError
-            If there are several outputs, or orders for another number of inputs.
-        ExcitationError, TooShortError
-            If the data cannot tell.
-        SimulationError
-            If the fit diverged.
-
-        Warns
-        -----
-        IdentifiabilityWarning
-            If the fit stopped at its limit of steps.
-        ModelWarning
-            If a free run of the model would blow up.
-        """
-        with breakdown_said("the polynomial model", data):
-            return announced(judged(self._fit(data), data))
-
+    @one_blas_thread()
     def _fit(self, data: Dataset) -> PolynomialModel:
         began = time.perf_counter()
         if len(data.outputs) != 1:
@@ -98,22 +75,21 @@ class Polynomial(Checked):
             )
         layout = _Layout(self, data)
         require_identifiable(data, layout.count)
-        with one_blas_thread():
-            u0 = np.array([data[n].mean() for n in data.inputs]) if self.offset else np.zeros(len(data.inputs))
-            y0 = float(data[data.outputs[0]].mean()) if self.offset else 0.0
-            later, led = layout.waiting(data)
-            theta = first_guess(self, later.nb, later.nf, later.nk, led, u0, y0)
-            problem = _Structured(self, later, later.model(theta, led, u0, y0), theta, led)
-            point, notes = problem.solve(self.max_iterations)
-            found = problem.theta_of(point)
-            covariance, sigma, rows = problem.coefficient_covariance(point)
+        u0 = np.array([data[n].mean() for n in data.inputs]) if self.offset else np.zeros(len(data.inputs))
+        y0 = float(data[data.outputs[0]].mean()) if self.offset else 0.0
+        later, led = layout.waiting(data)
+        theta = first_guess(self, later.nb, later.nf, later.nk, led, u0, y0)
+        problem = _Structured(self, later, later.model(theta, led, u0, y0), theta, led)
+        point, notes = problem.solve(self.max_iterations)
+        found = problem.theta_of(point)
+        covariance, sigma = problem.covariance(point)
         names = layout.names(data) + ((f"y_offset[{data.outputs[0]}]",) if self.offset else ())
         info = FitInfo(
             names=names,
             values=np.concatenate([found, point.y_offset]) if self.offset else found,
             covariance=covariance,
             noise_std=sigma,
-            n_samples=rows,
+            n_samples=led.n_samples,
             units=("-",) * len(names),
             seconds=time.perf_counter() - began,
             method="one-step-ahead error, Levenberg-Marquardt with exact derivatives from a long ARX model; covariance "
@@ -125,51 +101,42 @@ class Polynomial(Checked):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ARMAX:
+class _Special(LinearEstimator[PolynomialModel]):
+    """A `Polynomial` by its own name."""
+
+    nb: PerInput
+    nk: PerInput = 1
+    offset: bool = False
+    max_radius: float | None = None
+
+    _what = "the polynomial model"
+
+    def _fit(self, data: Dataset) -> PolynomialModel:
+        return Polynomial(**vars(self))._fit(data)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ARMAX(_Special):
     """``A(z) y = sum_i B_i(z) u_i + C(z) e``: the disturbance shares the system's poles. See `Polynomial`."""
 
     na: int
-    nb: PerInput
     nc: int
-    nk: PerInput = 1
-    offset: bool = False
-    max_radius: float | None = None
-
-    def fit(self, data: Dataset) -> PolynomialModel:
-        """See `Polynomial.fit`."""
-        return Polynomial(**vars(self)).fit(data)
 
 
 @dataclass(frozen=True, kw_only=True)
-class OutputError:
+class OutputError(_Special):
     """``y = sum_i B_i(z) / F_i(z) u_i + e``: the free-run error is minimised. See `Polynomial`."""
 
-    nb: PerInput
     nf: PerInput
-    nk: PerInput = 1
-    offset: bool = False
-    max_radius: float | None = None
-
-    def fit(self, data: Dataset) -> PolynomialModel:
-        """See `Polynomial.fit`."""
-        return Polynomial(**vars(self)).fit(data)
 
 
 @dataclass(frozen=True, kw_only=True)
-class BoxJenkins:
+class BoxJenkins(_Special):
     """``y = sum_i B_i(z) / F_i(z) u_i + C(z) / D(z) e``: system and disturbance apart. See `Polynomial`."""
 
-    nb: PerInput
     nc: int
     nd: int
     nf: PerInput
-    nk: PerInput = 1
-    offset: bool = False
-    max_radius: float | None = None
-
-    def fit(self, data: Dataset) -> PolynomialModel:
-        """See `Polynomial.fit`."""
-        return Polynomial(**vars(self)).fit(data)
 
 
 class _Layout:
@@ -241,15 +208,14 @@ class _Structured(PredictionCriterion):
     ) -> None:
         self.layout, self.theta, self.polynomial = layout, theta, settings
         base = self._predictor(np.zeros(layout.count))
-        columns = []
-        for unit in np.eye(layout.count):
-            columns.append(np.concatenate([(v - w).ravel() for v, w in zip(self._predictor(unit), base, strict=True)]))
+        columns = [
+            np.concatenate([(v - w).ravel() for v, w in zip(self._predictor(unit), base, strict=True)])
+            for unit in np.eye(layout.count)
+        ]
         self.by_theta = np.array(columns).T.reshape(-1, layout.count)
         if settings.offset:
-            n = len(self.by_theta)
-            self.by_theta = np.block(
-                [[self.by_theta, np.zeros((n, 1))], [np.zeros((1, layout.count)), np.ones((1, 1))]]
-            )
+            wide: Any = linalg.block_diag(self.by_theta, np.ones((1, 1)))
+            self.by_theta = wide
         super().__init__(
             PEM(start=start.realisation, offsets="output" if settings.offset else "none", direct=False), data
         )
@@ -280,6 +246,9 @@ class _Structured(PredictionCriterion):
 
     def _moves(self, point: Point) -> np.ndarray:
         return self.by_theta
+
+    def _as_named(self, point: Point, moves: np.ndarray) -> np.ndarray:
+        return np.eye(moves.shape[1])
 
     def _descend(self, point: Point, max_iterations: int) -> tuple[Point, tuple[str, ...]]:
         """Where the model has several parts, their initial states have the output's variance as their prior.
@@ -315,15 +284,3 @@ class _Structured(PredictionCriterion):
         then = np.concatenate([getattr(self.point, k).ravel() for k in ("F", "G", "K")])
         count = self.layout.count
         return self.theta + np.linalg.lstsq(self.by_theta[: len(now), :count], now - then, rcond=None)[0]
-
-    def coefficient_covariance(self, point: Point) -> tuple[np.ndarray, np.ndarray, int]:
-        """Covariance of the coefficients (and the level), residual standard deviation, residuals."""
-        work, moves = self.linearise(point)
-        d = moves.shape[1]
-        r = work.shared[:d, :d]
-        norms = np.maximum(np.linalg.norm(r, axis=0), 1e-300)
-        spread = np.linalg.pinv(r / norms, rcond=1e-12) / norms[:, None]
-        moments = self.moments(point)
-        dof = max(1, self.n_rows - d - sum(map(len, work.locals)))
-        variance = float(np.trace(self.root @ moments @ self.root.T)) / dof
-        return spread @ spread.T * variance, np.sqrt(np.diag(moments) / dof), self.data.n_samples

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
@@ -16,21 +16,8 @@ from slipangle.models.black_box.polynomial import one
 Signals = list[np.ndarray]  # one array per experiment
 
 
-class _Orders(Protocol):
-    """Orders of the polynomials that all inputs share, and the largest radius of poles."""
-
-    @property
-    def na(self) -> int: ...
-    @property
-    def nc(self) -> int: ...
-    @property
-    def nd(self) -> int: ...
-    @property
-    def max_radius(self) -> float | None: ...
-
-
 def first_guess(
-    settings: _Orders,
+    settings: Any,
     nb: tuple[int, ...],
     nf: tuple[int, ...],
     nk: tuple[int, ...],
@@ -38,7 +25,7 @@ def first_guess(
     u0: np.ndarray,
     y0: float,
 ) -> np.ndarray:
-    """Coefficients in the order A, B, F, C, D. [1]_ sec. 10.4.
+    """Coefficients of a `Polynomial` of these settings in the order A, B, F, C, D. [1]_ sec. 10.4.
 
     The long ARX model's response to each input is what B / F must give: output-error least squares with the
     prefilters of Steiglitz and McBride. Its residual stands for e in what C and D must give (Hannan and Rissanen).
@@ -76,7 +63,7 @@ def first_guess(
     return np.concatenate([np.zeros(settings.na), *numerators, *denominators, c, d])
 
 
-def _long_arx(data: Dataset, u0: np.ndarray, y0: float, settings: _Orders, order: int, nk: int) -> ARXModel:
+def _long_arx(data: Dataset, u0: np.ndarray, y0: float, settings: Any, order: int, nk: int) -> ARXModel:
     """ARX with as many lags as the data bear."""
     centred = data
     for name, level in zip((*data.inputs, *data.outputs), (*u0, y0), strict=True):

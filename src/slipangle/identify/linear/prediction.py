@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -12,7 +12,6 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import TooShortError
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.predictor import Bank, Triangles, reduce_rows
-from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.numerics.least_squares import Factors, LevenbergMarquardt
 from slipangle.numerics.linear_response import LTI
 
@@ -33,27 +32,10 @@ class Point:
     x0: np.ndarray
 
 
-class _Settings(Protocol):
-    """What the criterion asks of whoever minimises it; see `slipangle.identify.linear.pem.PEM`."""
-
-    @property
-    def start(self) -> StateSpaceModel: ...
-    @property
-    def focus(self) -> str: ...
-    @property
-    def direct(self) -> bool | None: ...
-    @property
-    def offsets(self) -> str: ...
-    @property
-    def weights(self) -> Any: ...
-    @property
-    def max_radius(self) -> float | None: ...
-
-
 class PredictionCriterion:
-    """Cost and its linearisation over the free entries of one point, initial states eliminated."""
+    """Cost and its linearisation over the free entries of one point, initial states eliminated; settings of `PEM`."""
 
-    def __init__(self, settings: _Settings, data: Dataset) -> None:
+    def __init__(self, settings: Any, data: Dataset) -> None:
         start = settings.start
         start.check(data)
         self.settings, self.data = settings, data
@@ -340,8 +322,8 @@ class PredictionCriterion:
 
     # ---- what is reported --------------------------------------------------------------------------------------
 
-    def covariance(self, point: Point) -> tuple[np.ndarray, np.ndarray, int]:
-        """Covariance of the free entries as named, residual standard deviations, residuals per output."""
+    def covariance(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
+        """Covariance of the free entries as named, and standard deviations of the residuals."""
         work, moves = self.linearise(point)
         d = moves.shape[1]
         r = work.shared[:d, :d]
@@ -350,12 +332,11 @@ class PredictionCriterion:
         moments = self.moments(point)
         dof = max(1, self.n_rows - d - sum(map(len, work.locals)))
         variance = float(np.trace(self.root @ moments @ self.root.T)) / dof
-        spread = self._to_matrices(point) @ moves @ pinv * np.sqrt(variance)
-        sigma = np.sqrt(np.diag(moments) / (dof / self.ny))
-        return spread @ spread.T, sigma, self.data.n_samples
+        spread = self._as_named(point, moves) @ pinv * np.sqrt(variance)
+        return spread @ spread.T, np.sqrt(np.diag(moments) / (dof / self.ny))
 
-    def _to_matrices(self, point: Point) -> np.ndarray:
-        """Derivative of A, B (and the other free entries) by F, G (and the others)."""
+    def _as_named(self, point: Point, moves: np.ndarray) -> np.ndarray:
+        """Derivative of A, B (and the other free entries) by moves of F, G (and the others)."""
         sizes = [getattr(point, k).size for k in self.free]
         at = dict(zip(self.free, np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(int), strict=True))
         out, n, nu, ny = np.eye(sum(sizes)), self.n, self.nu, self.ny
@@ -370,7 +351,7 @@ class PredictionCriterion:
                         out[at["G"] + i * nu + j, at["D"] + m * nu + j] += point.K[i, m]
                     if "K" in at:
                         out[at["G"] + i * nu + j, at["K"] + i * ny + m] += point.D[m, j]
-        return out
+        return out @ moves
 
     def named(self, point: Point) -> tuple[tuple[str, ...], np.ndarray]:
         """Names and values of the free entries, with A and B in place of the predictor's matrices."""

@@ -11,24 +11,24 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import NotFiniteError, ParameterError, nearest
-from slipangle.fields import Checked, Count, Whole, Within
+from slipangle.fields import Count, Whole, Within
 from slipangle.identify.excitation import require_identifiable, require_independent
+from slipangle.identify.linear.estimator import LinearEstimator
 from slipangle.identify.linear.lags import same_for_all
 from slipangle.identify.linear.recursive_code import Recursion
-from slipangle.identify.stability import announced, judged
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
 
 Forget = Literal["directional", "everywhere"]
-_KINDS: tuple[Forget, ...] = ("directional", "everywhere")
 
 
 @dataclass(frozen=True, kw_only=True)
-class RLS(Checked):
+class RLS(LinearEstimator[ARXModel]):
     """Recursive least squares for an ARX model. [1]_ sec. 11.2.
 
-    `start` or `follow` gives a `RecursiveARX` that takes one sample at a time; `fit` runs through a whole record.
+    `start` or `follow` gives a `RecursiveARX` that takes one sample at a time; `fit` runs through a whole record
+    and warns of coefficients that are still about as uncertain as at the start.
 
     Old data are forgotten by a factor per sample. Plain exponential forgetting winds up: while the car drives straight,
     information is lost and none comes in, the covariance grows exponentially, and the next bend throws the estimate
@@ -58,11 +58,6 @@ class RLS(Checked):
         Variance of the coefficients at the start, in units of the noise variance, one or one per regressor; large
         where nothing is known. The sum of the variances divided by it never passes the number of regressors.
 
-    Raises
-    ------
-    ParameterError
-        If a setting makes no sense.
-
     References
     ----------
     .. [1] L. Ljung, System Identification, 2nd ed., 1999.
@@ -78,6 +73,8 @@ class RLS(Checked):
     forget: Forget = "directional"
     threshold: Annotated[float, Within(0, example="0.05")] = 0.05
     prior: float | Sequence[float] = 1e12
+
+    _what = "the recursive ARX model"
 
     def __post_init__(self) -> None:
         same_for_all(self, "nb", "nk")
@@ -125,29 +122,13 @@ class RLS(Checked):
         found._take(model)
         return found
 
-    def fit(self, data: Dataset) -> ARXModel:
-        """The model after the last sample of ``data``; experiments are never joined.
-
-        Raises
-        ------
-        ExcitationError, TooShortError
-            If the data cannot tell.
-
-        Warns
-        -----
-        IdentifiabilityWarning
-            With the coefficients that are still about as uncertain as at the start.
-        ModelWarning
-            If a free run of the model would blow up.
-        """
+    def _fit(self, data: Dataset) -> ARXModel:
         require_identifiable(data, self.na * len(data.outputs) + self.nb * len(data.inputs) + self.offset)
         require_independent(data)
         estimate = self.start(inputs=data.inputs, outputs=data.outputs, dt=data.dt)
         estimate.run(data)
-        model = estimate.model(train_name=data.name)
-        if model.fit_info is not None:
-            model = replace(model, fit_info=replace(model.fit_info, **provenance(data)))
-        return announced(judged(model, data))
+        model = estimate.model()
+        return replace(model, fit_info=replace(model.fit_info, **provenance(data)))  # type: ignore[type-var]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -343,7 +324,7 @@ class RecursiveARX:
         """Covariance of `theta`, given white errors."""
         return np.kron(self.noise_covariance, self.gram_inverse)
 
-    def model(self, *, train_name: str = "") -> ARXModel:
+    def model(self) -> ARXModel:
         """The present estimate as a model, with its covariance."""
         s, ny, nu = self.settings, self.n_outputs, len(self.inputs)
         theta = self._recursion.theta.copy()
@@ -357,7 +338,6 @@ class RecursiveARX:
             units=("-",) * theta.size,
             method=f"recursive least squares, forgetting {s.forgetting:g}; covariance for white residuals",
             warnings=self._undetermined(),
-            train_name=train_name,
         )
         return ARXModel(
             A=-theta[:, :split].reshape(ny, s.na, ny).transpose(1, 0, 2),

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, SlipangleError
-from slipangle.fields import Checked, Count, Within
+from slipangle.fields import Count, Within
+from slipangle.identify.linear.estimator import LinearEstimator
 from slipangle.identify.linear.pem import PEM, Focus, Offsets
 from slipangle.identify.linear.subspace import Algorithm, Subspace, project
-from slipangle.identify.stability import announced, breakdown_said, judged, noted
+from slipangle.identify.stability import breakdown_said, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
 
 
@@ -45,8 +46,12 @@ class OrderChoice:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StateSpace(Checked):
-    """State-space estimator: `Subspace`, then `PEM`.
+class StateSpace(LinearEstimator[StateSpaceModel]):
+    """State-space estimator: `Subspace`, then `PEM`; where the order is open, `choose_order` settles it.
+
+    A free-run fit without a limit on the poles can end at a model whose free run holds only from the very initial
+    state that was estimated along. Where it goes astray from the training data's first samples, the fit is made again
+    with ``max_radius=1``, and says so.
 
     Parameters
     ----------
@@ -91,38 +96,19 @@ class StateSpace(Checked):
         if self.order == ():
             raise ParameterError("order is (); expected a whole number of at least 1, or several of them")
 
-    def fit(self, data: Dataset) -> StateSpaceModel:
-        """Model of all outputs from all inputs of ``data``; where the order is open, `choose_order` settles it.
+    _what = "the state space"
 
-        A free-run fit without a limit on the poles can end at a model whose free run holds only from the very
-        initial state that was estimated along. Where it goes astray from the training data's first samples, the fit
-        is made again with ``max_radius=1``, and says so.
-
-        Raises
-        ------
-        ExcitationError, TooShortError, ParameterError
-            If the data cannot tell, or no order could be fitted.
-        SimulationError
-            If the fit diverged.
-
-        Warns
-        -----
-        IdentifiabilityWarning
-            If the fit stopped at its limit of steps.
-        ModelWarning
-            If a free run of the model would blow up, or the poles had to be held back.
-        """
-        with breakdown_said("the state space", data):
-            order = self.order if isinstance(self.order, int) else self.choose_order(data).order
-            return announced(judged(self._usable(data, order), data))
+    def _fit(self, data: Dataset) -> StateSpaceModel:
+        order = self.order if isinstance(self.order, int) else self.choose_order(data).order
+        return self._usable(data, order)
 
     def _usable(self, data: Dataset, order: int) -> StateSpaceModel:
         """The fit, with its poles held where a free-run fit cannot run freely over its own data."""
-        model = self._fit(data, order)
+        model = self._of_order(data, order)
         size = float(np.abs(model.poles).max())
         if self.focus != "simulation" or self.max_radius is not None or size <= 1 or _follows(model, data):
             return model
-        held = replace(self, max_radius=1.0)._fit(data, order)
+        held = replace(self, max_radius=1.0)._of_order(data, order)
         if not _follows(held, data):
             return noted(model, _ASTRAY.format(size=size, what="no stable one does better"))
         return noted(held, _ASTRAY.format(size=size, what="the poles were held inside the unit circle"))
@@ -141,7 +127,7 @@ class StateSpace(Checked):
         for i, order in enumerate(orders):
             try:
                 with breakdown_said("the state space", data):
-                    squares = [self._error(self._fit(train, order), test) for train, test in folds]
+                    squares = [self._error(self._of_order(train, order), test) for train, test in folds]
                 errors[i] = np.sqrt(np.mean(squares))
             except SlipangleError as reason:
                 failures.append(f"order {order}: {reason}")
@@ -175,24 +161,12 @@ class StateSpace(Checked):
         run = model._simulate(test) if self.focus == "simulation" else model._predict(test)
         return float(np.mean(run.error[run.predicted] ** 2 / np.var(test.y, axis=0)))
 
-    def _fit(self, data: Dataset, order: int) -> StateSpaceModel:
-        start = Subspace(
-            order=order,
-            algorithm=self.algorithm,
-            block_rows=self.block_rows,
-            direct=self.direct,
-            offset=self.offsets != "none",
-            disturbance=self.focus == "prediction",
-        )._fit(data)
-        refined = PEM(
-            start=start,
-            focus=self.focus,
-            offsets=self.offsets,
-            direct=self.direct,
-            weights=self.weights,
-            max_radius=self.max_radius,
-            max_iterations=self.max_iterations,
-        )._fit(data)
+    def _of_order(self, data: Dataset, order: int) -> StateSpaceModel:
+        projected: Any = {name: getattr(self, name) for name in ("algorithm", "block_rows", "direct")}
+        projected |= {"offset": self.offsets != "none", "disturbance": self.focus == "prediction"}
+        start = Subspace(order=order, **projected)._fit(data)
+        shared = ("focus", "offsets", "direct", "weights", "max_radius", "max_iterations")
+        refined = PEM(start=start, **{name: getattr(self, name) for name in shared})._fit(data)
         info = refined.fit_info
         if info is not None and start.fit_info is not None:
             info = replace(info, method=f"{info.method}; start: {start.fit_info.method}")

@@ -11,22 +11,21 @@ from scipy import linalg
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
-from slipangle.fields import Checked, Count, Within
+from slipangle.fields import Count, Within
 from slipangle.identify.excitation import require_identifiable
+from slipangle.identify.linear.estimator import LinearEstimator
 from slipangle.identify.linear.lags import Windows, triangle
 from slipangle.identify.linear.predictor import LinearFit
-from slipangle.identify.stability import announced, breakdown_said, judged
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
 from slipangle.numerics.blas import one_blas_thread
 
 Algorithm = Literal["n4sid", "moesp", "cva"]
-_ALGORITHMS = ("n4sid", "moesp", "cva")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Subspace(Checked):
+class Subspace(LinearEstimator[StateSpaceModel]):
     """MOESP, N4SID or CVA, in the common frame of [1]_ ch. 4.
 
     The data enter through one triangular factor of the windows of ``2 block_rows`` samples, found from lag products
@@ -49,11 +48,6 @@ class Subspace(Checked):
     disturbance : bool
         Estimate K; otherwise all disturbance is noise on the outputs.
 
-    Raises
-    ------
-    ParameterError
-        If the order, block rows or algorithm make no sense.
-
     References
     ----------
     .. [1] P. Van Overschee, B. De Moor, Subspace Identification for Linear Systems, 1996.
@@ -66,31 +60,11 @@ class Subspace(Checked):
     offset: bool = False
     disturbance: bool = True
 
-    def fit(self, data: Dataset) -> StateSpaceModel:
-        """Model of all outputs from all inputs of ``data``; experiments are never joined.
+    _what = "the state space"
 
-        Raises
-        ------
-        ExcitationError
-            If the inputs do not excite ``2 block_rows`` lags, with the input at fault.
-        TooShortError
-            If there are fewer windows than rows.
-
-        Warns
-        -----
-        ModelWarning
-            If a free run of the model would blow up.
-        """
-        with breakdown_said("the state space", data):
-            return announced(judged(self._fit(data), data))
-
+    @one_blas_thread()
     def _fit(self, data: Dataset) -> StateSpaceModel:
-        """`fit` without a word about what it found."""
         began = time.perf_counter()
-        with one_blas_thread():
-            return self._project_and_solve(data, began)
-
-    def _project_and_solve(self, data: Dataset, began: float) -> StateSpaceModel:
         projection = project(data, algorithm=self.algorithm, block_rows=self.rows(data), offset=self.offset)
         order = self.order or suggest_order(projection.singular_values)
         A, C = projection.observability(order)
@@ -111,13 +85,9 @@ class Subspace(Checked):
         )
         return StateSpaceModel(
             A=A,
-            B=fitted.B,
             C=C,
-            D=fitted.D,
             K=K,
-            x0=fitted.x0,
-            u_offset=fitted.u_offset,
-            y_offset=fitted.y_offset,
+            **{name: getattr(fitted, name) for name in ("B", "D", "x0", "u_offset", "y_offset")},
             dt=data.dt,
             inputs=data.inputs,
             outputs=data.outputs,

@@ -1,0 +1,45 @@
+"""`LinearEstimator`: how a linear model's fit speaks of what it found."""
+
+from __future__ import annotations
+
+import abc
+from typing import ClassVar, Generic, TypeVar
+
+from slipangle.data.dataset import Dataset
+from slipangle.fields import Checked
+from slipangle.identify.stability import announced, breakdown_said, judged
+from slipangle.models.model import Model
+
+M = TypeVar("M", bound=Model)
+
+
+class LinearEstimator(Checked, abc.ABC, Generic[M]):
+    """Settings whose ``fit`` returns a linear model."""
+
+    _what: ClassVar[str]  # is fitted
+
+    def fit(self, data: Dataset) -> M:
+        """Model of all outputs from all inputs of ``data``; experiments are never joined.
+
+        Raises
+        ------
+        ExcitationError, TooShortError
+            If the data cannot tell, with the regressors, inputs or counts at fault.
+        ParameterError
+            If the settings do not suit the data, or no order could be fitted.
+        SimulationError
+            If the fit diverged.
+
+        Warns
+        -----
+        IdentifiabilityWarning
+            If the effects of two inputs cannot be told apart, or the fit stopped at its limit of steps.
+        ModelWarning
+            If a free run of the model would blow up, or the poles had to be held back.
+        """
+        with breakdown_said(self._what, data):
+            return announced(judged(self._fit(data), data))
+
+    @abc.abstractmethod
+    def _fit(self, data: Dataset) -> M:
+        """`fit` without a word about what it found."""
