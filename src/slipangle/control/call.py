@@ -2,37 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
-
 import numpy as np
 
+from slipangle.control.controller import Ahead, Controller
 from slipangle.optimal.arrays import applied_input, vector
 from slipangle.optimal.checks import believable, last_input, require_plan
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Plan
 from slipangle.paths.preview import Preview
 
-Ahead = Reference | Preview  # what is wanted over the horizon, or a look along a path
 
-
-class Planner(Protocol):
-    """A controller whose arguments can be looked at."""
-
-    @property
-    def model(self) -> Any:
-        """Whose state `plan` is given."""
-        ...
-
-    def reference(self, preview: Preview) -> Reference:
-        """What is wanted on a path."""
-        ...
-
-    def check_reference(self, reference: Reference) -> Reference:
-        """The reference as arrays of numbers in the shapes of the problem."""
-        ...
-
-
-def given(planner: Planner, x: np.ndarray, reference: Ahead, previous: Plan | None) -> tuple[np.ndarray, Reference]:
+def given(
+    controller: Controller, x: np.ndarray, reference: Ahead, previous: Plan | None
+) -> tuple[np.ndarray, Reference]:
     """State and reference as arrays in the shapes of the problem.
 
     Raises
@@ -40,8 +22,10 @@ def given(planner: Planner, x: np.ndarray, reference: Ahead, previous: Plan | No
     ParameterError
         If an argument has the wrong type, or an array the wrong shape.
     """
-    x = vector(x, planner.model.states, "x")
-    wanted = planner.check_reference(planner.reference(reference) if isinstance(reference, Preview) else reference)
+    x = vector(x, controller.model.states, "x")
+    wanted = controller.check_reference(
+        controller.reference(reference) if isinstance(reference, Preview) else reference
+    )
     require_plan(previous)
     return x, wanted
 

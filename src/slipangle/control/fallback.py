@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple, Unpack
 import numpy as np
 
 from slipangle.control.call import applied_before
-from slipangle.control.leading import Led
+from slipangle.control.controller import Led
 from slipangle.errors import ParameterError
 from slipangle.models.model import Model
 from slipangle.numerics.per_thread import BUILDING

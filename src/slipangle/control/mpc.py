@@ -8,7 +8,8 @@ from time import perf_counter
 
 import numpy as np
 
-from slipangle.control.call import Ahead, given
+from slipangle.control.call import given
+from slipangle.control.controller import Ahead
 from slipangle.control.fallback import Call, Fallbacks
 from slipangle.optimal.checks import health_of, is_numbers, require_plan
 from slipangle.optimal.ocp import Reference
@@ -84,29 +85,7 @@ class MPC(Fallbacks):
     def plan(
         self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> Plan:
-        """Plan from the state now.
-
-        Parameters
-        ----------
-        x : array, shape (n_states,)
-            State of the model now.
-        reference : Reference or Preview
-            What to do over the horizon; a look along a path is turned into one by `reference`.
-        previous : Plan, optional
-            The plan of the step before: warm start and fallback.
-        applied : array, shape (n_controls,), optional
-            Input applied over the step before; by default the previous plan's command, else zero.
-
-        Returns
-        -------
-        Plan
-            Never NaN, never outside limits and rates, whatever the values; `Plan.status` says how the solve ended.
-
-        Raises
-        ------
-        ParameterError
-            If an argument has the wrong type, or an array the wrong shape.
-        """
+        """See `Controller.plan`."""
         _ = self._engine
         begin = perf_counter()
         if type(previous) is Plan and type(reference) is Reference:

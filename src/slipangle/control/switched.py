@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.call import Ahead, given
-from slipangle.control.leading import Led
+from slipangle.control.call import given
+from slipangle.control.controller import Ahead, Led
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
 from slipangle.data.dataset import Dataset

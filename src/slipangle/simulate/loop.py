@@ -9,59 +9,17 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from slipangle.control.call import Ahead
+from slipangle.control.controller import Controller
 from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.errors import ParameterError, SampleTimeError
-from slipangle.models.model import Model
-from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import Values, require_names
 from slipangle.paths.path import Path
-from slipangle.paths.preview import Preview
 from slipangle.simulate.plant import Plant, Simulation
 from slipangle.simulate.run import End, Run
 
 FAR = 20.0  # m from the path: the drive is over
 STOPPING = 5.0  # m/s2, deceleration of a plant whose speed is an input
-
-
-class Controller(Protocol):
-    """What `closed_loop` needs of a controller; `MPC` has it."""
-
-    @property
-    def model(self) -> Model:
-        """What it predicts with; its outputs are the measurements it wants."""
-        ...
-
-    @property
-    def dt(self) -> float:
-        """Time between plans. [s]"""
-        ...
-
-    @property
-    def times(self) -> np.ndarray:
-        """Instants at which it wants to see the path, rising from 0. [s]"""
-        ...
-
-    @property
-    def controls(self) -> tuple[str, ...]:
-        """Inputs it decides."""
-        ...
-
-    @property
-    def exogenous(self) -> tuple[str, ...]:
-        """Inputs of its model that it does not decide."""
-        ...
-
-    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
-        """What to track, from a look along the path."""
-        ...
-
-    def plan(
-        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
-    ) -> Plan:
-        """What to do from a state, shape (n_states,)."""
-        ...
 
 
 @runtime_checkable

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal, Self
 
+from slipangle.control.controller import Controller
 from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ConfigError, nearest, shown
@@ -26,7 +27,7 @@ from slipangle.optimal.terms import Limits, Values, Weights
 from slipangle.paths import lane_change as manoeuvres
 from slipangle.paths.path import Path
 from slipangle.registry import Registry
-from slipangle.simulate.loop import Controller, closed_loop
+from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import Run
 from slipangle.units import deg

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from slipangle.control.controller import Controller
 from slipangle.data.dataset import Dataset
 from slipangle.data.public.sets import public
 from slipangle.data.quality.inspect import DataReport, despike, inspect
@@ -21,7 +22,6 @@ from slipangle.identify.judge.validate import Validation, validate
 from slipangle.models.model import Model
 from slipangle.models.vehicles.nonlinear_bicycle import with_speed_derivative
 from slipangle.report.tables import number
-from slipangle.simulate.loop import Controller
 from slipangle.simulate.run import Run
 from slipangle.workflow.drive import drive
 from slipangle.workflow.kinds import KINDS, fitted

@@ -10,13 +10,13 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
-from typing import Any, ClassVar
 
 import numpy as np
 
-from slipangle.control.call import Ahead, applied_before, given
+from slipangle.control.call import applied_before, given
+from slipangle.control.controller import Ahead, Controller, along
 from slipangle.errors import ParameterError
-from slipangle.models.model import Model, without_caches
+from slipangle.models.model import Model
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.kinematic import Kinematic
 from slipangle.models.vehicles.parameters import BicycleParams, ChassisParams
@@ -31,7 +31,7 @@ _COLUMNS = ("X", "Y", "psi", "curvature", "v_x")
 
 
 @dataclass(frozen=True, kw_only=True)
-class PathFollower(abc.ABC):
+class PathFollower(Controller):
     """A steering law; subclasses say from what model's state and how.
 
     Parameters
@@ -53,8 +53,8 @@ class PathFollower(abc.ABC):
         If a number is not positive.
     """
 
-    controls: ClassVar[tuple[str, ...]] = ("delta",)
-    exogenous: ClassVar[tuple[str, ...]] = ("v_x",)
+    controls = ("delta",)
+    exogenous = ("v_x",)
 
     params: ChassisParams
     dt: float = 0.05
@@ -69,19 +69,10 @@ class PathFollower(abc.ABC):
                     f"{name} of {type(self).__name__} is {getattr(self, name)}; expected a positive number"
                 )
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What a copy needs: the settings."""
-        return without_caches(self)
-
     @cached_property
     def times(self) -> np.ndarray:
         """Instants to look at, shape (horizon + 1,). [s]"""
         return self.dt * np.arange(self.horizon + 1)
-
-    @property
-    @abc.abstractmethod
-    def model(self) -> Model:
-        """Whose state `law` reads and whose outputs must be measured."""
 
     @abc.abstractmethod
     def law(self, x: np.ndarray, ahead: np.ndarray, v_x: float, last: float) -> float:
@@ -107,32 +98,12 @@ class PathFollower(abc.ABC):
         ParameterError
             If the preview is not at `times`.
         """
-        preview.require_times(self.times)
-        tracked = np.column_stack([getattr(preview, n) for n in _COLUMNS])
-        speed = exogenous.get("v_x", preview.v_x[:-1])
-        return Reference(tracked=tracked, exogenous=np.broadcast_to(np.asarray(speed), (self.horizon,))[:, None])
+        return along(preview, self.times, _COLUMNS, exogenous.get("v_x"))
 
     def plan(
         self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> Plan:
-        """The steering angle now, held over the horizon; within limit and rate, and the previous one if x cannot be.
-
-        Parameters
-        ----------
-        x : array, shape (n_states,)
-            State of the model now.
-        reference : Reference or Preview
-            The path ahead.
-        previous : Plan, optional
-            The plan before.
-        applied : array, shape (1,), optional
-            Angle applied before; by default the previous command, else zero. [rad]
-
-        Raises
-        ------
-        ParameterError
-            If an argument has the wrong type, or an array the wrong shape.
-        """
+        """See `Controller.plan`: the angle now, held over the horizon, and the one before if the state cannot be."""
         begin = perf_counter()
         x, wanted = given(self, x, reference, previous)
         before = applied_before(previous, applied, self.controls, np.zeros(1), -self.limit, self.limit)

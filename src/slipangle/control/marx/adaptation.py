@@ -11,12 +11,12 @@ from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
-from slipangle.control.call import Ahead, given
-from slipangle.control.leading import Led
+from slipangle.control.call import given
+from slipangle.control.controller import Ahead, Led
 from slipangle.control.marx.mpc import SLOWEST, MultiARXMPC, MultiARXPlan
 from slipangle.control.marx.problem import Numbers
 from slipangle.errors import ParameterError
-from slipangle.models.wrappers.multi_arx import MultiARXModel
+from slipangle.models.wrappers.multi_arx import SpeedBlend
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.optimal.checks import ANY, is_numbers
 from slipangle.optimal.solution import Plan, Status
@@ -152,7 +152,7 @@ class AdaptiveMultiARXMPC(Led):
     # ---- what a controller has -----------------------------------------------------------------------------------
 
     @property
-    def model(self) -> MultiARXModel | OnGround:
+    def model(self) -> SpeedBlend | OnGround:
         """The base controller's."""
         return self.base.model
 
@@ -194,7 +194,7 @@ class AdaptiveMultiARXMPC(Led):
         last = memory.x is None or is_numbers(memory.x, (self.model.n_states,))
         return good and last and isfinite(memory.u) and isfinite(memory.change)
 
-    def learned(self, plan: Plan) -> MultiARXModel:
+    def learned(self, plan: Plan) -> SpeedBlend:
         """The blended model as it was for a plan.
 
         Raises

@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
+from slipangle.control.controller import Controller, along
 from slipangle.control.marx.problem import Continues, Numbers, Problem, Solver
 from slipangle.control.marx.solver import build
 from slipangle.errors import ParameterError
-from slipangle.models.model import without_caches
 from slipangle.models.wrappers.multi_arx import MultiARXModel, SpeedBlend
 from slipangle.models.wrappers.on_ground import POSE, OnGround
 from slipangle.numerics.per_thread import BUILDING
@@ -27,7 +26,7 @@ FASTEST = 1e3  # m/s, above which no steering angle is worth planning
 
 
 @dataclass(frozen=True, eq=False)
-class BlendedProblem:
+class BlendedProblem(Controller):
     """Settings of a `MultiARXMPC`, which says what they mean, and the solver built for them."""
 
     model: MultiARXModel | OnGround
@@ -80,10 +79,6 @@ class BlendedProblem:
             raise ParameterError(f"integral is {self.integral}; expected a share of 0 to 1")
         if self.fallback < 0:
             raise ParameterError(f"fallback is {self.fallback}; expected a number of steps of at least 0")
-
-    def __getstate__(self) -> dict[str, Any]:
-        """What a copy needs, in this process or another: its settings, nothing compiled."""
-        return without_caches(self)
 
     # ---- what a controller has -----------------------------------------------------------------------------------
 
@@ -158,13 +153,8 @@ class BlendedProblem:
         ParameterError
             If the preview is not at `times`.
         """
-        preview.require_times(self.times)
         require_names(exogenous, self.exogenous, "reference()", "only the speed is given from outside")
-        speed = np.asarray(exogenous.get("v_x", preview.v_x[:-1]), dtype=float)
-        return Reference(
-            tracked=np.column_stack([preview.X, preview.Y, preview.psi]),
-            exogenous=np.broadcast_to(speed, (self.horizon,))[:, None],
-        )
+        return along(preview, self.times, POSE, exogenous.get("v_x"))
 
     def prepare(self) -> None:
         """Compile now, so that no plan counts that time as its own."""

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slipangle.control.call import Ahead, applied_before, given
+from slipangle.control.call import applied_before, given
+from slipangle.control.controller import Ahead
 from slipangle.control.fallback import RELAX
 from slipangle.control.marx.blended import FASTEST, BlendedProblem
 from slipangle.control.marx.problem import Numbers
@@ -103,29 +104,7 @@ class MultiARXMPC(BlendedProblem):
     def plan(
         self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
     ) -> MultiARXPlan:
-        """Plan from the state now.
-
-        Parameters
-        ----------
-        x : array, shape (n_states,)
-            State of the model now.
-        reference : Reference or Preview
-            Path ahead: columns X, Y, psi; the speed is exogenous.
-        previous : Plan, optional
-            The plan of the step before: last input, and fallback.
-        applied : array, shape (1,), optional
-            Input applied over the step before; by default the previous plan's command, else zero.
-
-        Returns
-        -------
-        MultiARXPlan
-            Never NaN, never outside limits and rates; `Plan.status` says how the solve ended.
-
-        Raises
-        ------
-        ParameterError
-            If an array has the wrong shape.
-        """
+        """See `Controller.plan`: the path ahead has columns X, Y, psi; the speed is exogenous."""
         return self.plan_with(None, x, reference, previous, applied)
 
     def plan_with(
