@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from slipangle.cli import main
+from slipangle.control.followers.followers import Stanley
 from slipangle.control.mpc import MPC
 from slipangle.data.dataset import Dataset
 from slipangle.data.readers import READERS, ArrayTable, Header, read, reader
 from slipangle.data.signals import SIGNALS
 from slipangle.errors import FormatError, ParameterError
 from slipangle.estimate.ekf import EKF
+from slipangle.fields import Within
 from slipangle.identify.judge.validate import validate
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.physics.grey_box import GreyBox
@@ -26,6 +28,8 @@ from slipangle.optimal.ocp import Reference
 from slipangle.optimal.realtime.backend import RealTime
 from slipangle.optimal.terms import Limits, Weights
 from slipangle.report import Section, Text
+from slipangle.simulate.manoeuvres import Manoeuvre, record
+from slipangle.simulate.plant import Plant
 from slipangle.units import SI
 from slipangle.workflow.drive import CONTROLLERS
 from slipangle.workflow.kinds import KINDS
@@ -171,6 +175,65 @@ def test_a_format_is_known_by_its_content(tmp_path):
     assert read(file)["r"] == pytest.approx(1.0)
     with pytest.raises(FormatError, match=r"suffix '.xyz'.*\.csv"):
         read(file.rename(tmp_path / "log.xyz"))
+
+
+# ---- a signal ------------------------------------------------------------------------------------------------------
+
+
+def test_a_signal_drives_a_plant_and_is_listed(capsys):
+    @SIGNALS.register("triangle")
+    def triangle(n, dt, *, amplitude=1.0, period=1.0):
+        phase = dt * np.arange(n) / period % 1.0
+        return amplitude * (1 - 4 * np.abs(phase - 0.5))
+
+    steering = SIGNALS["triangle"](201, 0.05, amplitude=0.1, period=2.0)
+    true, _ = yaw_record()
+    log = record(Plant(true), Manoeuvre(delta=steering, v_x=10.0, dt=0.05), x0=np.zeros(1))
+    assert log["delta"] == pytest.approx(steering)
+    assert np.ptp(log["r"]) > 0.3
+    assert main(["list", "signals", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["signals"]
+    assert listed["triangle"] == __name__
+    assert listed["prbs"] == "slipangle.data.signals.excitation"
+
+
+# ---- a controller --------------------------------------------------------------------------------------------------
+
+
+def test_a_controller_drives_a_job_and_is_listed(tmp_path, capsys):
+    @CONTROLLERS.register("weak stanley")
+    def weak(model, settings, *, gain: Annotated[float, Within(0.1, 10)] = 1.0):
+        return Stanley(params=model.params, gain=gain, dt=settings.dt, limit=np.deg2rad(settings.delta_max))
+
+    job = """[controller]
+model = 'bicycle'
+kind = 'weak stanley'
+gain = 2.0
+v_x = 10.0
+"""
+    path = write_job(tmp_path, more=job)
+    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["closed_loop"]["end"] == "FINISHED"
+    assert "The controller weak stanley on" in (tmp_path / "out" / "index.html").read_text()
+    assert main(["run", str(write_job(tmp_path, more=job.replace("2.0", "20.0"))), "--out", str(tmp_path)]) == 2
+    assert "gain is 20.0; expected 0.1 to 10" in capsys.readouterr().err
+    assert main(["list", "controllers"]) == 0
+    assert "weak stanley" in capsys.readouterr().out
+
+
+def test_what_can_be_listed(capsys):
+    assert main(["list", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert {what: set(names) for what, names in listed.items()} == {
+        "models": set(KINDS),
+        "controllers": set(CONTROLLERS),
+        "sections": set(SECTIONS),
+        "readers": set(READERS),
+        "signals": set(SIGNALS),
+        "records": set(RECORDS),
+    }
+    assert main(["list", "signal"]) == 2
+    assert "there is no list of 'signal'; nearest are 'signals'" in capsys.readouterr().err
 
 
 # ---- a section -----------------------------------------------------------------------------------------------------

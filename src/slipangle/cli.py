@@ -1,4 +1,4 @@
-"""The command line: ``slipangle demo | run | data | reproduce | bench``."""
+"""The command line: ``slipangle demo | run | list | data | reproduce | bench``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 import sys
 from collections.abc import Sequence
 
-from slipangle.commands import data, job, models, reproduce, search, tire
+from slipangle.commands import Commands, data, job, listing, models, reproduce, search, tire
 from slipangle.errors import SlipangleError
 
 _STORY = """\
@@ -16,6 +16,7 @@ From a vehicle's drive log to an identified model to a predictive controller.
 Start here:
   slipangle demo                              the whole job on a built-in car, no data needed
   slipangle run examples/ferrari_250lm.toml   the same on a real race car's log
+  slipangle list                              kinds of models, signals, controllers and so on, added ones too
   slipangle data list                         public data sets, with licence and origin
   slipangle reproduce table-8.2               a table of the thesis, with our number beside the printed one
 """
@@ -55,10 +56,8 @@ def _parser() -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(prog="slipangle", description=_STORY, epilog=_EXITS, formatter_class=raw)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    as_json = argparse.ArgumentParser(add_help=False)
-    as_json.add_argument("--json", action="store_true", help="print JSON on standard output, and nothing else there")
-    for group in (job, models, search, tire, data, reproduce):
-        group.add(commands, as_json)
+    for group in (job, models, search, tire, listing, data, reproduce):
+        group.add(Commands(commands))
     return parser
 
 

@@ -11,7 +11,7 @@ slipangle.errors.ParameterError: order is 0; expected a whole number from 1 to 9
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from math import inf
@@ -24,7 +24,7 @@ from slipangle.errors import ParameterError, nearest, shown
 
 @dataclass(frozen=True)
 class Within:
-    """Range of a number, and its unit; of a list or a table, of each entry.
+    """Range of a number, and its unit; of a table, of each entry.
 
     Parameters
     ----------
@@ -53,7 +53,9 @@ class Within:
         unit = f" {self.unit}" if self.unit else ""
         example = f", such as {self.example}" if self.example else ""
         kind = "a whole number" if whole else "a number"
-        if self.open in ("low", "both"):
+        if self.low == -inf and self.high == inf:
+            text = "a finite number"
+        elif self.open in ("low", "both"):
             text = "a positive number" if self.low == 0 and self.high == inf else f"{kind} above {self.low:g}"
         elif self.high == inf:
             text = f"{kind} of at least {self.low:g}"
@@ -68,6 +70,7 @@ class Within:
 
 Count = Annotated[int, Within(1)]
 Whole = Annotated[int, Within(0)]
+Finite = Annotated[float, Within(-inf, open="both")]
 Positive = Annotated[float, Within(0, open="low")]
 NotNegative = Annotated[float, Within(0)]
 
@@ -90,15 +93,25 @@ class Checked:
                 many = isinstance(value, Sequence) and not isinstance(value, str)
                 value = tuple(value) if many else (value,)
                 object.__setattr__(self, name, value)
-            said = _expected(value, hint)
-            if said:
-                raise ParameterError(f"{name} is {shown(value)}; {said}")
+            for what, one, kind in _entries(name, value, hint):
+                said = _expected(one, kind)
+                if said:
+                    raise ParameterError(f"{what} is {shown(one)}; {said}")
 
 
 @cache
 def _hints(cls: type) -> dict[str, Any]:
     hints = get_type_hints(cls, include_extras=True)
     return {f.name: hints[f.name] for f in fields(cls) if f.init}  # type: ignore[arg-type]  # a dataclass
+
+
+def _entries(name: str, value: Any, hint: Any) -> list[tuple[str, Any, Any]]:
+    """A field's name, value and hint, or those of each entry of a table."""
+    inside = get_args(hint)
+    if not isinstance(value, Mapping) or get_origin(hint) not in (Mapping, Annotated):
+        return [(name, value, hint)]
+    each = Annotated[float, *inside[1:]] if get_origin(hint) is Annotated else inside[1]
+    return [(f"{name} of '{key}'", one, each) for key, one in value.items()]
 
 
 def _plain(hint: Any) -> Any:

@@ -1,1 +1,30 @@
 """What the command line does, a file a command."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+
+
+class Commands:
+    """Where a group adds its commands; every one knows ``--json``."""
+
+    def __init__(self, actions: argparse._SubParsersAction) -> None:
+        self._actions = actions
+        self._json = argparse.ArgumentParser(add_help=False)
+        self._json.add_argument("--json", action="store_true", help="print JSON on standard output, and nothing else")
+
+    def add(
+        self, name: str, function: Callable[[argparse.Namespace], int], text: str, about: str = "", more: str = ""
+    ) -> argparse.ArgumentParser:
+        """A command: its line in the list, what it does and what else there is to know of it."""
+        shared = {"parents": [self._json], "formatter_class": argparse.RawDescriptionHelpFormatter}
+        sub = self._actions.add_parser(name, help=text, description=about or None, epilog=more or None, **shared)
+        sub.set_defaults(function=function)
+        return sub
+
+    def group(self, name: str, text: str, about: str) -> Commands:
+        """A command that has commands of its own."""
+        raw = argparse.RawDescriptionHelpFormatter
+        sub = self._actions.add_parser(name, help=text, description=about, formatter_class=raw)
+        return Commands(sub.add_subparsers(dest="action", required=True, metavar="ACTION"))

@@ -5,23 +5,23 @@ from __future__ import annotations
 import argparse
 import json
 
+from slipangle.commands import Commands
 from slipangle.commands.progress import Bar
 
 
-def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) -> None:
+def add(commands: Commands) -> None:
     """Describe the commands."""
-    data = commands.add_parser(
-        "data",
-        help="public data sets: list, get, check",
-        description="Public data sets, each named by its origin and SHA-256. They are looked for in the folder that "
-        "the environment variable SLIPANGLE_DATA names, then in the cache, then downloaded.",
+    about = (
+        "Public data sets, each named by its origin and SHA-256. They are looked for in the folder that the\n"
+        "environment variable SLIPANGLE_DATA names, then in the cache, then downloaded."
     )
-    actions = data.add_subparsers(dest="action", required=True, metavar="ACTION")
-    actions.add_parser("list", parents=[as_json], help="what there is, with licence").set_defaults(function=_data_list)
-    for action, text in (("get", "find or download a set"), ("check", "compare a set's files with their SHA-256")):
-        sub = actions.add_parser(action, parents=[as_json], help=text)
+    actions = commands.group("data", "public data sets: list, get, check", about)
+    actions.add("list", _data_list, "what there is, with licence")
+    for sub in (
+        actions.add("get", _data_get, "find or download a set"),
+        actions.add("check", _data_check, "compare a set's files with their SHA-256"),
+    ):
         sub.add_argument("names", nargs="+", metavar="NAME", help="as in 'slipangle data list'")
-        sub.set_defaults(function=_data_get if action == "get" else _data_check)
 
 
 def _data_list(options: argparse.Namespace) -> int:
@@ -44,17 +44,13 @@ def _data_get(options: argparse.Namespace) -> int:
     from slipangle.data.public import registry
 
     with Bar(quiet=options.json) as bar:
-        found = {
-            name: {
-                file: str(place) for file, place in registry.fetch(name, progress=lambda what: bar(0.5, what)).items()
-            }
-            for name in options.names
-        }
+        places = {name: registry.fetch(name, progress=lambda what: bar(0.5, what)) for name in options.names}
+    found = {name: {file: str(place) for file, place in files.items()} for name, files in places.items()}
     if options.json:
         print(json.dumps(found, indent=2))
     else:
-        for name, places in found.items():
-            print(f"{name}:", *places.values(), sep="\n  ")
+        for name, files in found.items():
+            print(f"{name}:", *files.values(), sep="\n  ")
     return 0
 
 

@@ -5,39 +5,30 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from slipangle.commands import Commands
 from slipangle.commands.progress import Bar
 from slipangle.files import check_output, write_atomic
 
 
-def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) -> None:
+def add(commands: Commands) -> None:
     """Describe the commands."""
-    raw = argparse.RawDescriptionHelpFormatter
-    demo = commands.add_parser(
-        "demo",
-        parents=[as_json],
-        formatter_class=raw,
-        help="the whole job on a built-in car; needs no data",
-        description="Drive a built-in car through excitation manoeuvres, log it with sensor noise, identify a bicycle\n"
+    about = (
+        "Drive a built-in car through excitation manoeuvres, log it with sensor noise, identify a bicycle\n"
         "and an ARX model from that log, judge them on data they have not seen, track the ISO 3888-1 double\n"
-        "lane change with MPC on the identified bicycle, and write a page.",
-        epilog="The folder then also holds the log (drive_log.csv) and the job (demo.toml): change it and use 'run'.",
+        "lane change with MPC on the identified bicycle, and write a page."
     )
+    more = "The folder then also holds the log (drive_log.csv) and the job (demo.toml): change it and use 'run'."
+    demo = commands.add("demo", _demo, "the whole job on a built-in car; needs no data", about, more)
     demo.add_argument("--out", default="slipangle-out/demo", help="folder for the results (default: %(default)s)")
-    demo.set_defaults(function=_demo)
-
-    run = commands.add_parser(
-        "run",
-        parents=[as_json],
-        formatter_class=raw,
-        help="the whole job on your log, as a TOML file says",
-        description="Read a log, identify models, judge them on data they have not seen, build a predictive\n"
+    about = (
+        "Read a log, identify models, judge them on data they have not seen, build a predictive\n"
         "controller, and write a page. FILE.toml says which log, channels, units, models and manoeuvre;\n"
-        "examples/ferrari_250lm.toml explains the entries.",
-        epilog="With --json: free_run.<channel>.fit|vaf|rmse of the first model, models.<name>... of all.",
+        "examples/ferrari_250lm.toml explains the entries."
     )
+    more = "With --json: free_run.<channel>.fit|vaf|rmse of the first model, models.<name>... of all."
+    run = commands.add("run", _run, "the whole job on your log, as a TOML file says", about, more)
     run.add_argument("file", metavar="FILE.toml")
     run.add_argument("--out", help="folder for the results; overrides the file's 'out'")
-    run.set_defaults(function=_run)
 
 
 def _demo(options: argparse.Namespace) -> int:
@@ -56,7 +47,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _job(file: Path, out: str | None, as_json: bool, progress: Bar, bar: Bar, command: list[str]) -> int:
     from slipangle.workflow.job import run_job
-    from slipangle.workflow.page import build_page
+    from slipangle.workflow.page import build_page, summary
     from slipangle.workflow.settings import read_settings
 
     settings = read_settings(file)
@@ -72,15 +63,6 @@ def _job(file: Path, out: str | None, as_json: bool, progress: Bar, bar: Bar, co
     if as_json:
         print(outcome.to_json(), end="")
     else:
-        _print_verdict(outcome)
+        print(*summary(outcome), sep="\n")
         print(f"\nThe page: {page.resolve()}")
     return 1 if outcome.failures else 0
-
-
-def _print_verdict(outcome: object) -> None:
-    from slipangle.workflow.job import Outcome
-    from slipangle.workflow.page import summary
-
-    if isinstance(outcome, Outcome):
-        for sentence in summary(outcome):
-            print(sentence)

@@ -9,71 +9,54 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from slipangle.commands import Commands
 from slipangle.commands.progress import Bar
-from slipangle.errors import ConfigError, ModelWarning, SlipangleError
+from slipangle.errors import ConfigError, ModelWarning
 from slipangle.files import check_output
 
 if TYPE_CHECKING:
     from slipangle.data.dataset import Dataset
     from slipangle.models.model import Model
-    from slipangle.workflow.settings import Settings
+    from slipangle.workflow.settings import ModelSettings, Settings
 
 
-def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) -> None:
+def add(commands: Commands) -> None:
     """Describe the commands."""
-    raw = argparse.RawDescriptionHelpFormatter
-    identify = commands.add_parser(
-        "identify",
-        parents=[as_json],
-        formatter_class=raw,
-        help="fit the models of a job and keep each as a readable file",
-        description="Read the log that FILE.toml names, fit its models to the training part, and write each to a JSON\n"
-        "file that 'validate', 'compare' and slipangle.models.storage.load read.",
+    about = (
+        "Read the log that FILE.toml names, fit its models to the training part, and write each to a JSON\n"
+        "file that 'validate', 'compare' and slipangle.models.storage.load read."
     )
-    identify.add_argument("file", metavar="FILE.toml", help="a job, as for 'slipangle run'")
-    identify.add_argument("--out", default="slipangle-out/models", help="folder for the models (default: %(default)s)")
-    identify.set_defaults(function=_identify)
-
-    for name, text, many in (
-        ("validate", "judge one model: free run beside one-step-ahead, residuals", False),
-        ("compare", "rank models by their free run, k steps ahead beside it", True),
+    sub = commands.add("identify", _identify, "fit the models of a job and keep each as a readable file", about)
+    sub.add_argument("file", metavar="FILE.toml", help="a job, as for 'slipangle run'")
+    sub.add_argument("--out", default="slipangle-out/models", help="folder for the models (default: %(default)s)")
+    for name, function, text in (
+        ("validate", _validate, "judge one model: free run beside one-step-ahead, residuals"),
+        ("compare", _compare, "rank models by their free run, k steps ahead beside it"),
     ):
-        sub = commands.add_parser(
-            name,
-            parents=[as_json],
-            formatter_class=raw,
-            help=text,
-            description=f"{text[0].upper()}{text[1:]}. The data are those of the job FILE.toml: its test part, or\n"
-            "all of it with --whole, for a log that no model was fitted to.",
+        about = f"{text[0].upper()}{text[1:]}. The data are those of the job FILE.toml: its test part, or\n"
+        sub = commands.add(
+            name, function, text, f"{about}all of it with --whole, for a log that no model was fitted to."
         )
-        sub.add_argument("models", metavar="MODEL.json", nargs="+" if many else 1)
+        sub.add_argument("models", metavar="MODEL.json", nargs="+" if name == "compare" else 1)
         sub.add_argument("--data", required=True, metavar="FILE.toml", help="the job whose data to use")
         sub.add_argument("--whole", action="store_true", help="use all of the data, not only the test part")
-        if many:
-            sub.add_argument("--out", help="also write a page with the free runs and errors over the horizon there")
-        sub.set_defaults(function=_compare if many else _validate)
+    sub.add_argument("--out", help="also write a page with the free runs and errors over the horizon there")
 
 
 def _identify(options: argparse.Namespace) -> int:
     from slipangle.models.storage import save
-    from slipangle.workflow.job import identify
+    from slipangle.workflow.job import each_model, identify
 
     check_output(options.out)
     with Bar(quiet=options.json) as bar:
         settings, data = _data(options.file)
         train, _ = data.split(settings.data.train)
-        found: dict[str, Model] = {}
-        failures: dict[str, str] = {}
-        for i, wanted in enumerate(settings.model):
+
+        def fit(i: int, wanted: ModelSettings) -> Model:
             bar(i / len(settings.model), f"identifying {wanted.name}")
-            try:
-                found[wanted.name] = identify(wanted, train)
-            except ConfigError:
-                raise
-            except SlipangleError as error:
-                if len(settings.model) == 1 or (not found and i == len(settings.model) - 1):
-                    raise
-                failures[wanted.name] = str(error)
+            return identify(wanted, train)
+
+        found, failures = each_model(settings, fit)
     paths = {name: save(model, Path(options.out) / f"{_slug(name)}.json") for name, model in found.items()}
     warned = {name: list(m.fit_info.warnings) if m.fit_info else [] for name, m in found.items()}
     if options.json:
@@ -135,10 +118,8 @@ def _compare(options: argparse.Namespace) -> int:
             page = comparison_page(result, test, command=command).write(Path(options.out) / "comparison.html")
     if options.json:
         rows = [
-            {
-                "model": e.name,
-                "free_run": {o: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse} for o, s in e.scores.items()},
-            }
+            {"model": e.name}
+            | {"free_run": {o: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse} for o, s in e.scores.items()}}
             | ({"failure": e.failure} if e.failure else {})
             | ({"warnings": list(e.warnings)} if e.warnings else {})
             for e in result.entries

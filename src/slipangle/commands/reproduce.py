@@ -6,26 +6,22 @@ import argparse
 import json
 from pathlib import Path
 
+from slipangle.commands import Commands
 from slipangle.commands.progress import Bar
 from slipangle.files import check_output
 
 
-def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) -> None:
+def add(commands: Commands) -> None:
     """Describe the commands."""
     for name, text, more in (
         ("reproduce", "tables of the thesis beside our numbers", "An experiment is named as in the thesis: table-8.2."),
         ("bench", "speed beside peers, in one run", "Needs a checkout: benchmarks/bench_NAME.py."),
     ):
-        sub = commands.add_parser(
-            name,
-            parents=[as_json],
-            help=text,
-            description=f"{text[0].upper()}{text[1:]}. {more} Without a name, list them.",
-            epilog="Records: row, quantity, thesis, here, bound, holds, note. Exit code 1 if one does not hold.",
-        )
+        about = f"{text[0].upper()}{text[1:]}. {more} Without a name, list them."
+        columns = "Records: row, quantity, thesis, here, bound, holds, note. Exit code 1 if one does not hold."
+        sub = commands.add(name, _reproduce, text, about, columns)
         sub.add_argument("names", nargs="*", metavar="NAME")
         sub.add_argument("--out", help="also write a page with the tables and their figures into this folder")
-        sub.set_defaults(function=_reproduce)
 
 
 def _reproduce(options: argparse.Namespace) -> int:

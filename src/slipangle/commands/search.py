@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from slipangle.commands import Commands
 from slipangle.commands.progress import Bar
 from slipangle.files import check_output, write_atomic
 
@@ -30,16 +31,9 @@ With --json: best.settings, best.score, and trials with number, settings, score,
 """
 
 
-def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) -> None:
+def add(commands: Commands) -> None:
     """Describe the command."""
-    sub = commands.add_parser(
-        "search",
-        parents=[as_json],
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        help="search the architecture of a network, here or on a cluster",
-        description=_ABOUT,
-        epilog=_MORE,
-    )
+    sub = commands.add("search", _search, "search the architecture of a network, here or on a cluster", _ABOUT, _MORE)
     sub.add_argument("file", metavar="FILE.toml", help="a job, as for 'slipangle run'")
     sub.add_argument("--trials", type=int, default=64, help="how many, those of a stopped search included (64)")
     sub.add_argument("--space", choices=("thesis", "wider"), default="wider", help="what is tried (wider)")
@@ -49,7 +43,6 @@ def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) 
     sub.add_argument("--cluster", metavar="ADDRESS", help="of a Ray cluster, such as auto or 10.0.0.5:6379")
     sub.add_argument("--pruner", choices=("median", "none"), default="median", help="give up bad trials early (median)")
     sub.add_argument("--out", default="slipangle-out/search", help="folder for journal and page (default: %(default)s)")
-    sub.set_defaults(function=_search)
 
 
 def _search(options: argparse.Namespace) -> int:

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from slipangle.commands import Commands
 from slipangle.commands.progress import Bar
 from slipangle.errors import ConfigError, FormatError
 from slipangle.files import check_output
@@ -25,24 +26,17 @@ _MODELS = "mf61, magic, linear, brush, dugoff, rbf:N, mlp:N,N,... (N neurons)"
 _FILES = "a .tir file, or a tire that slipangle saved as .json"
 
 
-def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) -> None:
+def add(commands: Commands) -> None:
     """Describe the commands."""
-    raw = argparse.RawDescriptionHelpFormatter
-    tire = commands.add_parser(
-        "tire",
-        help="tires: eval, fit, plot, convert",
-        description="Evaluate, fit, draw and convert tires. A positive slip ratio drives, a positive slip angle gives\n"
-        "a force to the left; loads are positive.",
-        formatter_class=raw,
+    about = (
+        "Evaluate, fit, draw and convert tires. A positive slip ratio drives, a positive slip angle gives\n"
+        "a force to the left; loads are positive."
     )
-    actions = tire.add_subparsers(dest="action", required=True, metavar="ACTION")
-
-    sub = actions.add_parser("eval", parents=[as_json], help="forces and moments at given slips and loads")
+    actions = commands.group("tire", "tires: eval, fit, plot, convert", about)
+    sub = actions.add("eval", _eval, "forces and moments at given slips and loads")
     sub.add_argument("file", metavar="FILE", help=_FILES)
     _conditions(sub)
-    sub.set_defaults(function=_eval)
-
-    sub = actions.add_parser("fit", parents=[as_json], help="fit a tire to runs of a rig (FSAE TTC .mat, .dat)")
+    sub = actions.add("fit", _fit, "fit a tire to runs of a rig (FSAE TTC .mat, .dat)")
     sub.add_argument("files", nargs="+", metavar="FILE", help="runs of one tire: cornering, drive/brake")
     sub.add_argument("--model", default="mf61", help=f"{_MODELS} (default: %(default)s)")
     sub.add_argument("--radius", type=float, default=0.3, help="unloaded radius for mf61 [m] (default: %(default)s)")
@@ -50,20 +44,15 @@ def add(commands: argparse._SubParsersAction, as_json: argparse.ArgumentParser) 
     sub.add_argument("--seed", type=int, default=0, help="of the random starts (default: %(default)s)")
     sub.add_argument("--out", metavar="FILE", help="write the tire: .tir (mf61) or .json")
     sub.add_argument("--page", metavar="FILE.html", help="write a page with measurements, fit and residuals")
-    sub.set_defaults(function=_fit)
-
-    sub = actions.add_parser("plot", parents=[as_json], help="a page of force over slip and load, combined slip")
+    sub = actions.add("plot", _plot, "a page of force over slip and load, combined slip")
     sub.add_argument("file", metavar="FILE", help=_FILES)
     sub.add_argument("--load", type=_numbers, default=(), metavar="N,...", help="loads [N]")
     sub.add_argument("--camber", type=float, default=0.0, metavar="DEG", help="inclination [deg]")
     sub.add_argument("--out", default="tire.html", metavar="FILE.html", help="default: %(default)s")
-    sub.set_defaults(function=_plot)
-
-    sub = actions.add_parser("convert", parents=[as_json], help="write a tire as .tir in SI units, or as .json")
+    sub = actions.add("convert", _convert, "write a tire as .tir in SI units, or as .json")
     sub.add_argument("file", metavar="FILE", help=_FILES)
     sub.add_argument("out", metavar="OUT", help=".tir or .json")
     sub.add_argument("--mirror", action="store_true", help="for the other side of the vehicle (.json only)")
-    sub.set_defaults(function=_convert)
 
 
 def _conditions(sub: argparse.ArgumentParser) -> None:

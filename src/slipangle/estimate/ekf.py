@@ -1,28 +1,31 @@
 """Vehicle parameters and unmeasured states one sample at a time: an extended Kalman filter."""
 
-# Long: settings, running filter and what it leaves are read together, sample by sample.
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 import casadi as ca
 import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import NotFiniteError, ParameterError, SimulationError, nearest
+from slipangle.fields import Checked, Within
 from slipangle.identify.excitation import require_identifiable
 from slipangle.models.model import FitInfo
 from slipangle.models.ode import OdeModel
 from slipangle.models.provenance import provenance
 from slipangle.numerics.integrate import discretise
+from slipangle.optimal.terms import require_names
 
 M = TypeVar("M", bound=OdeModel)
+Std = Annotated[float, Within(0, open="both")]
+Size = Annotated[float, Within(0, open="high")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class EKF(Generic[M]):
+class EKF(Checked, Generic[M]):
     """Extended Kalman filter for the states and some parameters of an ODE model. [1]_ sec. 8.3, [2]_ ch. 8.
 
     The parameters join the state as random walks: a positive one by its logarithm, another as it is; both stay inside
@@ -37,17 +40,13 @@ class EKF(Generic[M]):
         Names of the parameters to estimate; none for a pure observer.
     noise_std : mapping of str to float
         Standard deviation of each output's measurement noise, in the output's unit.
-    process_std : mapping of str to float
-        Standard deviation, per root of a second, by which a state wanders off the model; 0 for the others.
-    walk_std : mapping of str to float
-        Standard deviation, per root of a second, by which a parameter wanders: relative for a positive one, else in its
-        unit; 0 for the others, which then settle.
-    prior_std : mapping of str to float
-        Standard deviation of a parameter at the start: relative for a positive one (0.3 unless given), else in its
-        unit (a sixth of its range unless given).
-    state_std : mapping of str to float
-        Standard deviation of a state at the start of an experiment, in its unit; by default the noise of the output of
-        that name, else 1.
+    process_std, walk_std : mapping of str to float
+        Standard deviation, per root of a second, by which a state wanders off the model, and by which a parameter
+        wanders (relative for a positive one, else in its unit); 0 for the others.
+    prior_std, state_std : mapping of str to float
+        Standard deviation at the start: of a parameter, relative for a positive one (0.3 unless given), else in its
+        unit (a sixth of its range unless given); of a state at the start of an experiment, in its unit (the noise of
+        the output of that name, else 1, unless given).
 
     Raises
     ------
@@ -62,29 +61,21 @@ class EKF(Generic[M]):
 
     start: M
     free: tuple[str, ...]
-    noise_std: Mapping[str, float]
-    process_std: Mapping[str, float] = field(default_factory=dict)
-    walk_std: Mapping[str, float] = field(default_factory=dict)
-    prior_std: Mapping[str, float] = field(default_factory=dict)
-    state_std: Mapping[str, float] = field(default_factory=dict)
+    noise_std: Mapping[str, Std]
+    process_std: Mapping[str, Size] = field(default_factory=dict)
+    walk_std: Mapping[str, Size] = field(default_factory=dict)
+    prior_std: Mapping[str, Std] = field(default_factory=dict)
+    state_std: Mapping[str, Size] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "free", (self.free,) if isinstance(self.free, str) else tuple(self.free))
+        super().__post_init__()
         for name in self.free:
             self.start.params.si(name)
         states, outputs = self.start.states, self.start.outputs
-        for key, known, least in (
-            ("noise_std", outputs, "positive"),
-            ("process_std", states, "0 or positive"),
-            ("walk_std", self.free, "0 or positive"),
-            ("prior_std", self.free, "positive"),
-            ("state_std", states, "0 or positive"),
-        ):
-            for name, value in getattr(self, key).items():
-                if name not in known:
-                    raise ParameterError(f"{key} names '{name}'; {nearest(name, known)}: use one of these names")
-                if not np.isfinite(value) or value < 0 or (value == 0 and least == "positive"):
-                    raise ParameterError(f"{key} of '{name}' is {value}; expected a {least} number")
+        for key, known in (("noise_std", outputs), ("walk_std", self.free), ("prior_std", self.free)):
+            require_names(getattr(self, key), known, key)
+        for key in ("process_std", "state_std"):
+            require_names(getattr(self, key), states, key)
         for name in outputs:
             if name not in self.noise_std:
                 raise ParameterError(
@@ -93,13 +84,7 @@ class EKF(Generic[M]):
                 )
 
     def start_at(self, x0: np.ndarray | None = None) -> RecursiveVehicle:
-        """A filter before its first sample.
-
-        Parameters
-        ----------
-        x0 : array, shape (n_states,), optional
-            The state expected at the first sample; by default zero.
-        """
+        """A filter before its first sample; ``x0``, shape (n_states,), is the state expected there, by default zero."""
         found = RecursiveVehicle(self)
         found.restart(x0)
         return found
@@ -122,23 +107,13 @@ class EKF(Generic[M]):
         return replace(model, fit_info=replace(model.fit_info, **provenance(chosen)))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class FilterRun:
-    """How a filter went over a record.
+    """How a filter went over a record: time [s], shape (n_samples,), and a row per sample, a column per name.
 
-    Parameters
-    ----------
-    t : array, shape (n_samples,)
-        Time. [s]
-    states, states_std : array, shape (n_samples, n_states)
-        Estimated states after each sample, and their standard deviations.
-    parameters, parameters_std : array, shape (n_samples, n_free)
-        Parameters after each sample, SI units, and their standard deviations.
-    error, error_std : array, shape (n_samples, n_outputs)
-        Measured minus predicted output before the sample was taken in, and its standard deviation; NaN where the
-        output was not measured.
-    free, state_names, outputs : tuple of str
-        Names of the columns.
+    States and parameters (SI units) are those after each sample, with their standard deviations. The error is the
+    measured minus predicted output before the sample was taken in, with its standard deviation; NaN where the output
+    was not measured.
     """
 
     t: np.ndarray
@@ -169,10 +144,6 @@ class RecursiveVehicle:
     """A vehicle whose states and parameters are estimated one sample at a time; made by `EKF.start_at`.
 
     `update` allocates nothing: prediction, derivatives and correction are one CasADi function on arrays made here.
-
-    Parameters
-    ----------
-    settings : EKF
     """
 
     def __init__(self, settings: EKF) -> None:
@@ -201,10 +172,7 @@ class RecursiveVehicle:
     def restart(self, x0: np.ndarray | None = None) -> None:
         """Forget the state but not the parameters: for a new experiment or after a gap.
 
-        Parameters
-        ----------
-        x0 : array, shape (n_states,), optional
-            The state expected at the next sample; by default zero.
+        ``x0``, shape (n_states,), is the state expected at the next sample; by default zero.
         """
         nx, s = self._nx, self.settings
         x0 = np.zeros(nx) if x0 is None else np.asarray(x0, dtype=float)
@@ -296,18 +264,9 @@ class RecursiveVehicle:
                 errors[1, start + k] = np.sqrt(self._variance)
                 states[0, start + k], states[1, start + k] = self.state, self.state_std
                 parameters[0, start + k], parameters[1, start + k] = self.parameters, self.parameters_std
-        return FilterRun(
-            t=data.t,
-            states=states[0],
-            states_std=states[1],
-            parameters=parameters[0],
-            parameters_std=parameters[1],
-            error=errors[0],
-            error_std=errors[1],
-            free=self.settings.free,
-            state_names=model.states,
-            outputs=model.outputs,
-        )
+        names = {"free": self.settings.free, "state_names": model.states, "outputs": model.outputs}
+        (x, x_std), (p, p_std), (e, e_std) = states, parameters, errors
+        return FilterRun(data.t, x, x_std, p, p_std, e, e_std, **names)
 
     # ---- what is known now -------------------------------------------------------------------------------------
 

@@ -12,7 +12,7 @@ from slipangle.optimal.arrays import short
 T = TypeVar("T")
 
 
-class _Named(Mapping[str, T], Generic[T]):
+class Named(Mapping[str, T], Generic[T]):
     """A checked number, or two, by channel name, immutable."""
 
     __slots__ = ("_items",)
@@ -66,7 +66,7 @@ class _Named(Mapping[str, T], Generic[T]):
         return f"{type(self).__name__}({said})"
 
 
-class Values(_Named[float]):
+class Values(Named[float]):
     """Numbers by channel name, immutable; from a dictionary where a name is no Python identifier.
 
     >>> Values(delta=0.1, T_f=-200.0)["delta"]
@@ -102,7 +102,7 @@ class Weights(Values):
     _least = 0.0
 
 
-class Limits(_Named[tuple[float, float]]):
+class Limits(Named[tuple[float, float]]):
     """Lower and upper limit by channel name, immutable; one number stands for plus and minus that.
 
     >>> Limits(delta=0.3, T_f=(-2000.0, 1000.0))["delta"]
@@ -126,7 +126,7 @@ class Limits(_Named[tuple[float, float]]):
         return both
 
 
-def coerce(settings: Any, kind: type[_Named[Any]], *names: str) -> None:
+def coerce(settings: Any, kind: type[Named[Any]], *names: str) -> None:
     """Make these attributes of a frozen dataclass what they are meant to be, from dictionaries too.
 
     Raises

@@ -40,10 +40,8 @@ def double_lane_change(
 
     Parameters
     ----------
-    v_x : float
-        Speed. [m/s]
-    width : float
-        Vehicle width. [m]
+    v_x, width : float
+        Speed and vehicle width. [m/s, m]
     blend : float
         How far each change of lane reaches into the lanes before and after it: 5 m lowers its curvature
         by 40 % and leaves the middle of the lane by 0.06 m at the last cones. [m]
@@ -105,18 +103,9 @@ def lane_changes(
     hold: float = 30.0,
     lane: float = 3.5,
 ) -> Path:
-    """A sequence of lane changes: straight for ``hold``, then to each lateral position in turn.
+    """A sequence of lane changes: straight for ``hold``, then to each lateral position (from 0) in turn. [m]
 
-    Parameters
-    ----------
-    v_x : float
-        Speed. [m/s]
-    offsets : sequence of float
-        Lateral positions to go to, from 0. [m]
-    change, hold : float
-        Length of each change and of the straight before and after it. [m]
-    lane : float
-        Lane width about the centre line. [m]
+    Each takes ``change`` along the path; the lane is ``lane`` wide about the centre line; the speed is ``v_x`` [m/s].
     """
     for key, value in {"change": change, "hold": hold, "lane": lane}.items():
         if not value > 0:

@@ -25,22 +25,16 @@ _FIELDS = ("s", "X", "Y", "psi", "curvature", "v_x", "right", "left")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Path:
-    """Centre line over arc length.
+    """Centre line over arc length ``s``, evenly spaced from zero [m]; all arrays have shape (n,).
 
     Parameters
     ----------
-    s : array, shape (n,)
-        Arc length, evenly spaced from zero. [m]
-    X, Y, psi, curvature : array, shape (n,)
+    X, Y, psi, curvature
         Pose [m, m, rad] and curvature [1/m], positive to the left.
-    v_x : array, shape (n,), optional
-        Speed profile. [m/s]
-    right, left : array, shape (n,), optional
-        Distance from the centre line to the lane's edges, infinite where nothing marks them. [m]
-    closed : bool
-        Whether the last sample is the first one again.
-    name : str
-        For reports.
+    v_x, right, left : optional
+        Speed profile [m/s]; distance from the centre line to the lane's edges, infinite where nothing marks them [m].
+    closed, name
+        Whether the last sample is the first one again; for reports.
 
     Raises
     ------
@@ -103,17 +97,13 @@ class Path:
         Parameters
         ----------
         X, Y : array, shape (n,)
-            The points, in driving order. [m]
-        closed : bool
-            Join the last point to the first (which need not be repeated).
+            The points, in driving order; ``closed`` joins the last to the first (which need not be repeated). [m]
         smoothing : float
             Standard deviation of the points about the true line; 0 goes through every point. [m]
         right, left : array, shape (n,), or float, optional
             Distance to the lane's edges at each point. [m]
         spacing : float
             Arc length between samples of the result, about. [m]
-        name : str
-            For reports.
 
         Raises
         ------
@@ -162,22 +152,10 @@ class Path:
         return replace(self, v_x=np.broadcast_to(np.asarray(v_x, dtype=float), self.s.shape))
 
     def with_speed_limits(self, *, v_max: float, a_y: float, a_x: float, a_brake: float | None = None) -> Self:
-        """The path with the fastest speed profile that keeps to acceleration limits.
+        """The path with the fastest speed profile that keeps to acceleration limits, all positive. [m/s, m/s2]
 
         Curvature bounds the speed by ``a_y``; what the curve leaves of the friction ellipse is there for
         speeding up (``a_x``) and slowing down (``a_brake``, by default ``a_x``).
-
-        Parameters
-        ----------
-        v_max : float
-            Speed on the straight. [m/s]
-        a_y, a_x, a_brake : float
-            Largest lateral acceleration, acceleration, deceleration. [m/s2]
-
-        Raises
-        ------
-        ParameterError
-            If a limit is not positive.
         """
         brake = a_x if a_brake is None else a_brake
         for key, value in {"v_max": v_max, "a_y": a_y, "a_x": a_x, "a_brake": brake}.items():
@@ -288,22 +266,10 @@ class Path:
         return float(profile[i] + (position - i) * (profile[i + 1] - profile[i]))
 
     def project(self, X: float, Y: float, near_s: float | None = None, *, window: float = 15.0) -> Projection:
-        """Foot of a point on the path.
+        """Foot of a point [m] on the path.
 
-        Parameters
-        ----------
-        X, Y : float
-            The point. [m]
-        near_s : float, optional
-            Where the foot was a moment ago: the search stays within ``window`` of it, so a path that
-            crosses itself is followed in order and laps add up. By default the nearest of all. [m]
-        window : float
-            How far from ``near_s`` to look. [m]
-
-        Returns
-        -------
-        Projection
-            Arc length; distance, positive to the left of the path; heading of the path.
+        ``near_s`` is where the foot was a moment ago: the search stays within ``window`` of it, so a path that crosses
+        itself is followed in order and laps add up. By default the nearest of all. [m]
 
         Raises
         ------
@@ -352,23 +318,10 @@ class Path:
         front: float = 0.0,
         rear: float = 0.0,
     ) -> np.ndarray:
-        """Which of consecutive poses keep the vehicle between the edges of the lane.
+        """Which of consecutive poses, shape (n,), keep the vehicle between the edges of the lane, if they are marked.
 
-        Parameters
-        ----------
-        X, Y : array, shape (n,)
-            Centre of gravity. [m]
-        width : float
-            Vehicle width. [m]
-        psi : array, shape (n,), optional
-            Heading [rad]; with it all four corners are checked, without it the width at the centre.
-        front, rear : float
-            Distance from the centre of gravity to the front and rear end. [m]
-
-        Returns
-        -------
-        array of bool, shape (n,)
-            True where it is inside; where nothing marks the lane it always is.
+        With the heading ``psi`` [rad] all four corners are checked, ``front`` and ``rear`` being their distance from
+        the centre of gravity, without it the width at the centre. [m]
         """
         x, y = np.atleast_1d(np.asarray(X, float)), np.atleast_1d(np.asarray(Y, float))
         if psi is None:

@@ -21,22 +21,12 @@ class Projection(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Preview:
-    """The path at some arc lengths, one row per instant.
+    """The path at some arc lengths [m], one row per instant; all arrays have shape (n,).
 
-    Parameters
-    ----------
-    s : array, shape (n,)
-        Arc length. [m]
-    X, Y, psi : array, shape (n,)
-        Pose of the centre line [m, m, rad]; the heading is continuous, laps add up.
-    curvature : array, shape (n,)
-        Positive when the path turns left. [1/m]
-    v_x : array, shape (n,)
-        Speed; NaN where the path has no speed profile and none was given. [m/s]
-    right, left : array, shape (n,)
-        Distance from the centre line to the edges of the lane, infinite where there is none. [m]
-    t : array, shape (n,), optional
-        Instants of the rows, from now, of a look ahead in time. [s]
+    The pose of the centre line [m, m, rad] has a continuous heading, laps add up; the curvature is positive when the
+    path turns left [1/m]; the speed is NaN where the path has no profile and none was given [m/s]; right and left are
+    the distances to the edges of the lane, infinite where there is none [m]. ``t`` are the instants of the rows, from
+    now, of a look ahead in time [s].
     """
 
     s: np.ndarray

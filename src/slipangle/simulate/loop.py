@@ -53,12 +53,9 @@ def closed_loop(
 
     Parameters
     ----------
-    plant : Plant
-        Measures at least X, Y, psi and v_x.
-    controller : MPC or the like
-        Plans on the outputs of its model, which the plant must measure.
-    path : Path
-        With a speed profile.
+    plant, controller, path
+        The plant measures at least X, Y, psi, v_x and the outputs of the controller's model; the path has a speed
+        profile.
     duration : float, optional
         When to stop at the latest [s]; by default at the end of an open path, after one lap of a closed one.
     driver : SpeedDriver, optional
@@ -67,10 +64,8 @@ def closed_loop(
         Constant inputs that nobody else sets.
     x0 : array, shape (n_states,), optional
         Where the plant starts; by default straight ahead at the path's start and speed.
-    width : float
-        Vehicle width, for `Run.inside`. [m]
-    sample : float
-        Time between samples of the result and steps of the driver. [s]
+    width, sample : float
+        Vehicle width, for `Run.inside` [m]; time between samples of the result and steps of the driver [s].
     progress : callable, optional
         Called with the fraction of the path that is done.
 

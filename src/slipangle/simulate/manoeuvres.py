@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
+from typing import Annotated
 
 import numpy as np
 
@@ -16,44 +17,33 @@ from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.data.dataset import Dataset
 from slipangle.data.signals import excitation as excite
 from slipangle.errors import NotFiniteError, ParameterError, SampleTimeError, SimulationError
+from slipangle.fields import Checked, Within
 from slipangle.optimal.terms import Values, require_names
 from slipangle.paths.path import Path
 from slipangle.simulate.plant import Plant
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Manoeuvre:
-    """Steering angle and wanted speed over time, for `record`.
+class Manoeuvre(Checked):
+    """Steering angle [rad], positive to the left, and speed that the driver holds [m/s], shape (n,), for `record`.
 
-    Parameters
-    ----------
-    delta : array, shape (n,)
-        Steering angle, positive to the left. [rad]
-    v_x : array, shape (n,)
-        Speed that the driver holds. [m/s]
-    dt : float
-        Sample time. [s]
-    release : float
-        When the driver takes the foot off the throttle for good. [s]
-    brake : float
-        Brake pedal from then on, 0 to 1.
-    name : str
-        For reports.
+    From ``release`` [s] on the driver's foot is off the throttle for good and the brake pedal at ``brake``.
 
     Raises
     ------
     ParameterError, NotFiniteError
-        If lengths differ, the sample time is not positive, or a value is not finite.
+        If lengths differ, a number is out of its range, or a value is not finite.
     """
 
     delta: np.ndarray
     v_x: np.ndarray
-    dt: float = 0.01
+    dt: Annotated[float, Within(0, open="both", unit="s")] = 0.01
     release: float = math.inf
-    brake: float = 0.0
+    brake: Annotated[float, Within(0, 1)] = 0.0
     name: str = "manoeuvre"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         n = np.size(self.delta)
         for key in ("delta", "v_x"):
             values = np.array(np.broadcast_to(np.asarray(getattr(self, key), dtype=float), (n,)))
@@ -61,11 +51,8 @@ class Manoeuvre:
                 raise NotFiniteError(f"{key} of '{self.name}' is not finite everywhere; expected finite numbers")
             values.setflags(write=False)
             object.__setattr__(self, key, values)
-        if not (self.dt > 0 and n >= 2 and 0 <= self.brake <= 1):
-            raise ParameterError(
-                f"'{self.name}' has {n} samples, dt {self.dt} s, brake {self.brake}; expected at least 2 samples, a "
-                "positive time and a pedal of 0 to 1"
-            )
+        if n < 2:
+            raise ParameterError(f"'{self.name}' has {n} samples; expected at least 2: make it longer")
 
     @property
     def t(self) -> np.ndarray:
@@ -141,53 +128,10 @@ def steady_turn(
 # ---- recording -----------------------------------------------------------------------------------------------------
 
 
-def record(
-    plant: Plant,
-    manoeuvre: Manoeuvre,
-    driver: SpeedDriver | None = None,
-    *,
-    channels: Sequence[str] = (),
-    held: Values | None = None,
-    x0: np.ndarray | None = None,
-) -> Dataset:
-    """Drive a manoeuvre without steering feedback and log it.
-
-    Parameters
-    ----------
-    plant : Plant
-        The vehicle; has an input ``delta``.
-    manoeuvre : Manoeuvre
-        What to do.
-    driver : SpeedDriver, optional
-        Holds the wanted speed until the release; not needed where v_x is an input.
-    channels : sequence of str, optional
-        What to log besides the inputs, as the sensors see it; by default the outputs of the plant's model.
-    held : Values, optional
-        Constant inputs that nobody else sets.
-    x0 : array, shape (n_states,), optional
-        Where it starts; by default straight ahead at the first speed.
-
-    Returns
-    -------
-    Dataset
-        Inputs are the commands, each held until the next sample; outputs are ``channels``, sampled when a command
-        begins. NaN where a sensor lost a sample and shows it.
-
-    Raises
-    ------
-    ParameterError
-        If the plant lacks a channel or an input, or nobody sets one.
-    SampleTimeError
-        If the manoeuvre's sample time is no multiple of the plant's.
-    SimulationError
-        If the plant leaves the finite numbers.
-    """
-    # Long: a drive is refused for any of its reasons before it starts, then goes on sample by sample.
+def _ready(plant: Plant, manoeuvre: Manoeuvre, driver: SpeedDriver | None, fixed: Values) -> int:
+    """How many steps of the plant one sample of the manoeuvre lasts; raises where it cannot be driven."""
     names = plant.model.inputs
     require_names(("delta",), names, "the manoeuvre", "use a plant that steers")
-    logged = tuple(channels) or tuple(n for n in plant.model.outputs if n not in names)
-    require_names(logged, plant.channels, "channels", "log what the plant measures")
-    fixed = held or Values()
     require_names(fixed, names, "held", "use an input of the plant")
     shares = driver.inputs(0.0) if driver is not None else {}
     require_names(shares, names, "the driver", "share its output over inputs of the plant")
@@ -201,6 +145,40 @@ def record(
         raise SampleTimeError(
             f"the manoeuvre's dt is {manoeuvre.dt:g} s, the plant's {plant.dt:g} s; expected a whole multiple"
         )
+    return steps
+
+
+def record(
+    plant: Plant,
+    manoeuvre: Manoeuvre,
+    driver: SpeedDriver | None = None,
+    *,
+    channels: Sequence[str] = (),
+    held: Values | None = None,
+    x0: np.ndarray | None = None,
+) -> Dataset:
+    """Drive a manoeuvre without steering feedback and log it.
+
+    Inputs of the record are the commands, each held until the next sample; outputs are ``channels`` as the sensors see
+    them (by default the outputs of the plant's model), sampled when a command begins: NaN where a sensor lost a sample
+    and shows it. The ``driver`` holds the wanted speed until the release; it is not needed where v_x is an input.
+    ``held`` are constant inputs that nobody else sets, ``x0`` is where it starts, by default straight ahead at the
+    first speed.
+
+    Raises
+    ------
+    ParameterError
+        If the plant lacks a channel or an input, or nobody sets one.
+    SampleTimeError
+        If the manoeuvre's sample time is no multiple of the plant's.
+    SimulationError
+        If the plant leaves the finite numbers.
+    """
+    names, fixed = plant.model.inputs, held or Values()
+    logged = tuple(channels) or tuple(n for n in plant.model.outputs if n not in names)
+    require_names(logged, plant.channels, "channels", "log what the plant measures")
+    steps = _ready(plant, manoeuvre, driver, fixed)
+    shares = driver.inputs(0.0) if driver is not None else {}
     if driver is not None and not math.isclose(driver.dt, manoeuvre.dt):
         driver = replace(driver, dt=manoeuvre.dt)
 
@@ -229,13 +207,8 @@ def record(
                 f"the plant leaves the finite numbers at t = {t:g} s of '{manoeuvre.name}'; expected a stable "
                 "plant: run it with a smaller step"
             )
-    table = np.array(rows)
-    return Dataset.from_arrays(
-        {n: u[:, j] for j, n in enumerate(names)},
-        {n: table[:, j] for j, n in enumerate(logged)},
-        manoeuvre.dt,
-        name=manoeuvre.name,
-    )
+    inputs, outputs = dict(zip(names, u.T, strict=True)), dict(zip(logged, np.array(rows).T, strict=True))
+    return Dataset.from_arrays(inputs, outputs, manoeuvre.dt, name=manoeuvre.name)
 
 
 # ---- paths ---------------------------------------------------------------------------------------------------------
@@ -259,25 +232,8 @@ def slalom(
 ) -> Path:
     """Path between cones in a row, to the left first; the waves swell and fade over the first and last two cones.
 
-    Parameters
-    ----------
-    v_x : float
-        Speed. [m/s]
-    spacing : float
-        Distance between cones. [m]
-    cones : int
-        How many.
-    amplitude : float
-        Largest distance from the row of cones. [m]
-    run : float
-        Straight before and after. [m]
-    lane : float
-        Width about the path, 0: unmarked. [m]
-
-    Raises
-    ------
-    ParameterError
-        If a length is not positive.
+    The cones stand ``spacing`` apart, the path goes ``amplitude`` to their sides, ``run`` straight before and after;
+    the lane is ``lane`` wide about the path, 0: unmarked. [m]
     """
     if not (spacing > 0 and cones >= 2 and amplitude > 0 and run > 0):
         raise ParameterError(
@@ -306,10 +262,8 @@ def three_segments(
 
     Parameters
     ----------
-    speeds : tuple of float
-        In each segment; they blend over the straights between them. [m/s]
-    amplitudes : tuple of float
-        Of the waves of segments 1 and 2 and of the jumps. [m]
+    speeds, amplitudes : tuple of float
+        In each segment, blending over the straights between them [m/s]; of the waves and of the jumps [m].
     lengths : tuple of float
         Wave lengths of segments 1 and 2; two and a half, and three waves. [m]
     jump, hold : float
@@ -341,11 +295,8 @@ def three_segments(
         last = float(level)
     path = Path.from_points(x, y, name="three segments")
     along = path.X
-    v = (
-        speeds[0]
-        + (speeds[1] - speeds[0]) * _ease((along - b) / gap)
-        + (speeds[2] - speeds[1]) * _ease((along - d) / gap)
-    )
+    steps = (speeds[1] - speeds[0], b), (speeds[2] - speeds[1], d)
+    v = speeds[0] + sum(rise * _ease((along - start) / gap) for rise, start in steps)
     return path.with_speed(v)
 
 

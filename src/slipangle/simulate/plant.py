@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
 
 from slipangle.errors import ParameterError
+from slipangle.fields import Checked, Within
 from slipangle.models.fast import evaluate
 from slipangle.models.model import Model
 from slipangle.optimal.terms import Values, require_names
@@ -26,7 +27,7 @@ class RollsStraight(Protocol):
 
 
 @dataclass(frozen=True)
-class Plant:
+class Plant(Checked):
     """The vehicle: any `Model`, run at its own sample time (usually a millisecond).
 
     Parameters
@@ -54,13 +55,14 @@ class Plant:
 
     model: Model
     _: KW_ONLY
-    noise: Values = field(default_factory=Values)
-    delay: Values = field(default_factory=Values)
-    lag: Values = field(default_factory=Values)
+    noise: Annotated[Values, Within(0)] = field(default_factory=Values)
+    delay: Annotated[Values, Within(0)] = field(default_factory=Values)
+    lag: Annotated[Values, Within(0)] = field(default_factory=Values)
     sensors: Sensors = field(default_factory=Sensors)
     seed: int = 0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_names(self.noise, self.channels, "noise", "use a state, output or input of the plant")
         require_names(self.sensors, self.channels, "sensors", "use a state, output or input of the plant")
         both = sorted(set(self.noise) & set(self.sensors))
@@ -68,10 +70,6 @@ class Plant:
             raise ParameterError(f"noise and sensors both name {both}; expected one of them: put noise into the sensor")
         require_names(self.delay, self.model.inputs, "delay", "use an input of the plant")
         require_names(self.lag, self.model.inputs, "lag", "use an input of the plant")
-        for what, values in (("noise", self.noise), ("delay", self.delay), ("lag", self.lag)):
-            for name, value in values.items():
-                if value < 0:
-                    raise ParameterError(f"the {what} of '{name}' is {value}; expected at least 0")
 
     @property
     def dt(self) -> float:

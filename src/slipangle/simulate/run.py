@@ -23,40 +23,22 @@ class End(Enum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
-    """A closed-loop drive.
+    """A closed-loop drive, sampled at ``t`` [s], shape (n,).
 
     Parameters
     ----------
-    t : array, shape (n,)
-        Time of the samples. [s]
-    states : array, shape (n, n_states)
-        True states of the plant.
-    inputs : array, shape (n, n_inputs)
-        Inputs that acted on the plant, after delay and lag.
-    state_names, input_names : tuple of str
-        Names of the columns.
-    path : Path
-        What was to be followed.
-    s : array, shape (n,)
-        Arc length of the nearest point of the path. [m]
-    reference : array, shape (n, 4)
-        X, Y [m], psi [rad], v_x [m/s] of the path there.
-    e_y : array, shape (n,)
-        Distance of the centre of gravity from the path, positive to its left. [m]
-    e_psi : array, shape (n,)
-        Heading minus the path's, between -pi and pi. [rad]
-    v_x : array, shape (n,)
-        Speed. [m/s]
-    t_plan : array, shape (n_plans,)
-        Time of each plan. [s]
-    plans : tuple of Plan
-        What the controller wanted at each of its steps.
-    controls : tuple of str
-        Inputs it decides.
-    end : End
-        Why the drive ended.
-    width : float
-        Vehicle width, for `inside`. [m]
+    states, inputs : array, shape (n, n_states), (n, n_inputs)
+        True states of the plant, and inputs that acted on it, after delay and lag; their names stand beside them.
+    path, s, reference
+        What was to be followed, the arc length of its nearest point, shape (n,) [m], and X, Y [m], psi [rad], v_x [m/s]
+        there, shape (n, 4).
+    e_y, e_psi, v_x : array, shape (n,)
+        Distance of the centre of gravity from the path, positive to its left [m]; heading minus the path's, between -pi
+        and pi [rad]; speed [m/s].
+    t_plan, plans, controls
+        Time of each plan [s], shape (n_plans,), what the controller wanted, and the inputs that it decides.
+    end, width
+        Why the drive ended; the vehicle's width, for `inside`. [m]
     """
 
     t: np.ndarray

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields
-from typing import Literal
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from slipangle.errors import ParameterError, SampleTimeError
+from slipangle.fields import Checked, Finite, Within
+from slipangle.optimal.terms import Named
+
+Size = Annotated[float, Within(0, open="high")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sensor:
+class Sensor(Checked):
     """One instrument; by default a perfect one.
 
     A sample taken at ``t`` is ``(1 + gain) true(t) + bias + drift(t) + noise``, limited to `range`, rounded to
@@ -21,84 +24,47 @@ class Sensor:
 
     Parameters
     ----------
-    interval : float
-        Time between samples; 0 stands for every step of the plant. [s]
-    delay : float
-        From sampling to arrival. [s]
-    noise : float
-        Standard deviation of white noise, in the channel's unit.
-    bias : float
-        Constant offset, in the channel's unit.
+    interval, delay : float
+        Time between samples, 0 standing for every step of the plant; from sampling to arrival. [s]
+    noise, bias : float
+        Standard deviation of white noise, constant offset; in the channel's unit.
     gain : float
         Relative scale error. [-]
     drift : float
         Standard deviation of a random walk's change in one second, in the channel's unit.
-    quantum : float
-        Step between values that it can show; 0: none.
-    range : tuple of float
-        Smallest and largest value that it can show.
-    drop_out : float
-        Share of the samples that are lost.
-    drop_length : float
-        Mean number of samples lost in a row.
+    quantum, range : float, tuple of float
+        Step between values that it can show, 0: none; smallest and largest of them.
+    drop_out, drop_length : float
+        Share of the samples that are lost, and mean number of those in a row.
     lost : {"hold", "nan"}
         What a lost sample shows: the last one that arrived, or NaN.
-
-    Raises
-    ------
-    ParameterError
-        If a number is not finite or negative, or a share is not below 1.
 
     >>> Sensor(quantum=0.5, bias=0.2).record(np.array([1.0, 1.2]), 0.01).tolist()
     [1.0, 1.5]
     """
 
-    interval: float = 0.0
-    delay: float = 0.0
-    noise: float = 0.0
-    bias: float = 0.0
-    gain: float = 0.0
-    drift: float = 0.0
-    quantum: float = 0.0
+    interval: Size = 0.0
+    delay: Size = 0.0
+    noise: Size = 0.0
+    bias: Finite = 0.0
+    gain: Finite = 0.0
+    drift: Size = 0.0
+    quantum: Size = 0.0
     range: tuple[float, float] = (-math.inf, math.inf)
-    drop_out: float = 0.0
-    drop_length: float = 1.0
+    drop_out: Annotated[float, Within(0, 1, open="high")] = 0.0
+    drop_length: Annotated[float, Within(1, open="high")] = 1.0
     lost: Literal["hold", "nan"] = "hold"
 
     def __post_init__(self) -> None:
-        for f in fields(self):
-            value = getattr(self, f.name)
-            if isinstance(value, int | float):
-                signed = f.name in ("bias", "gain")
-                if not math.isfinite(value) or (value < 0 and not signed):
-                    what = "a finite number" if signed else "a finite number of at least 0"
-                    raise ParameterError(f"the sensor's {f.name} is {value}; expected {what}")
-        if not self.drop_out < 1 or self.drop_length < 1:
-            raise ParameterError(
-                f"the sensor's drop_out is {self.drop_out}, drop_length {self.drop_length}; expected a share below 1 "
-                "and at least one sample"
-            )
+        super().__post_init__()
         if not self.range[0] < self.range[1]:
-            raise ParameterError(f"the sensor's range is {self.range}; expected (lowest, highest)")
-        if self.lost not in ("hold", "nan"):
-            raise ParameterError(f'the sensor\'s lost is {self.lost!r}; expected "hold" or "nan"')
+            raise ParameterError(f"range is {self.range}; expected (lowest, highest)")
 
     def record(self, true: np.ndarray, dt: float, *, seed: int = 0) -> np.ndarray:
-        """What the instrument shows at every sample of a true signal.
+        """What the instrument shows at every sample of a true signal, shape (n,), whose sample time is ``dt`` [s].
 
-        Parameters
-        ----------
-        true : array, shape (n,)
-            The signal.
-        dt : float
-            Its sample time. [s]
-        seed : int
-            Of noise, drift and drop-outs.
-
-        Returns
-        -------
-        array, shape (n,)
-            Before the first sample arrives, the first true value as the instrument would show it without noise.
+        Before the first sample arrives it shows the first true value, without noise. ``seed`` is that of noise, drift
+        and drop-outs.
         """
         true = np.asarray(true, dtype=float)
         stream = Stream(self, dt, np.random.default_rng(seed), float(true[0]))
@@ -107,18 +73,7 @@ class Sensor:
 
 
 class Stream:
-    """A sensor at work: fed with the true signal, read at any later step.
-
-    Parameters
-    ----------
-    sensor : Sensor
-        The instrument.
-    dt : float
-        Step of the true signal. [s]
-    rng : Generator
-        For noise, drift and drop-outs.
-    first : float
-        True value before the first sample.
+    """A sensor at work: fed with the true signal, whose step is ``dt`` [s], read at any later step.
 
     Raises
     ------
@@ -187,7 +142,7 @@ class Stream:
         return lost
 
 
-class Sensors(Mapping[str, Sensor]):
+class Sensors(Named[Sensor]):
     """Instruments by channel name, immutable.
 
     >>> sensors = Sensors(r=Sensor(noise=0.01, interval=0.01), X=Sensor(interval=0.1, delay=0.05))
@@ -195,25 +150,10 @@ class Sensors(Mapping[str, Sensor]):
     0.05
     """
 
-    __slots__ = ("_items",)
+    __slots__ = ()
+    _what = "sensor"
 
-    def __init__(self, **sensors: Sensor) -> None:
-        for name, sensor in sensors.items():
-            if not isinstance(sensor, Sensor):
-                raise ParameterError(f"the sensor of '{name}' is {sensor!r}; expected Sensor(...)")
-        self._items = dict(sensors)
-
-    def __getitem__(self, name: str) -> Sensor:
-        return self._items[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._items)
-
-    def __len__(self) -> int:
-        return len(self._items)
-
-    def __hash__(self) -> int:
-        return hash(frozenset(self._items.items()))
-
-    def __repr__(self) -> str:
-        return f"Sensors({', '.join(f'{k}={v!r}' for k, v in self._items.items())})"
+    def _checked(self, name: str, value: Any) -> Sensor:
+        if not isinstance(value, Sensor):
+            raise ParameterError(f"the sensor of '{name}' is {value!r}; expected Sensor(...)")
+        return value

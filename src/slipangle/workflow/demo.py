@@ -87,23 +87,12 @@ seed = 1
 def drive_log(
     *, seconds: float = 150.0, seed: int = 0, progress: Callable[[float], None] = lambda share: None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Drive the built-in car through excitation manoeuvres.
-
-    Parameters
-    ----------
-    seconds : float
-        Length of the drive. [s]
-    seed : int
-        Of manoeuvres and sensor noise.
-    progress : callable
-        Called with the share that is done.
+    """Drive the built-in car for some seconds through excitation manoeuvres, with sensor noise.
 
     Returns
     -------
-    t : array, shape (n,)
-        Time. [s]
-    table : array, shape (n, 8)
-        What the sensors saw, SI units, columns as in `COLUMNS`.
+    t, table : array, shape (n,), (n, 8)
+        Time [s], and what the sensors saw, SI units, columns as in `COLUMNS`.
     """
     car = SingleTrack(
         params=SOUSA_TABLE_6_1, dt=0.001, tire_f=SOUSA_TABLE_6_2, tire_r=SOUSA_TABLE_6_2, outputs=("v_y", "r", "a_y")

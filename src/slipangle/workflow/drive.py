@@ -56,22 +56,10 @@ class PlantSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ControllerSettings:
-    """The controller and its test.
+    """The controller, one of `CONTROLLERS` on one of the job's models, and its test.
 
-    Parameters
-    ----------
-    model : str
-        Name of the job's model that it has.
-    kind : str
-        One of `CONTROLLERS`.
-    manoeuvre, v_x, width
-        The path, the speed along it and the vehicle's width.
-    dt : float
-        Time between plans. [s]
-    delta_max, delta_rate_max : float
-        Limits of the road-wheel angle [deg] and its rate [deg/s].
-    entries : dict
-        The table's other entries: the settings that the kind takes, checked.
+    The limits are those of the road-wheel angle and its rate; ``entries`` are the table's other ones: the settings that
+    the kind takes, checked.
     """
 
     model: str

@@ -7,7 +7,7 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from slipangle.workflow.kinds import KINDS, fitted
 from slipangle.workflow.settings import ModelSettings, Settings
 
 Progress = Callable[[float, str], None]
+T = TypeVar("T")
 
 _FEWEST, _CELLS = 20, 5e8  # samples of the longest record after resampling, and numbers of all
 
@@ -36,26 +37,10 @@ _FEWEST, _CELLS = 20, 5e8  # samples of the longest record after resampling, and
 class Outcome:
     """Everything a job found.
 
-    Parameters
-    ----------
-    settings : Settings
-        What was asked.
-    data, train, test : Dataset
-        The log as identified from, and its two parts.
-    quality : DataReport
-        What was seen in the log before anything was changed.
-    validations, training : tuple of Validation
-        One per model, on the test part and on the training part.
-    delay_check : tuple of str
-        What the steering delay does to the fitted parameters.
-    run : Run or None
-        The closed loop.
-    plant : str
-        What the plant was.
-    controller : Controller or None
-        What drove it.
-    failures : dict of str to str
-        Why the other models could not be fitted, or not be driven.
+    ``data`` is the log as identified from, ``train`` and ``test`` its parts; ``quality`` is what was seen in the log
+    before anything was changed. There is one validation per model, on the test part and on the training part;
+    ``delay_check`` says what the steering delay does to the parameters, ``failures`` why the other models could not be
+    fitted, or not be driven.
     """
 
     settings: Settings
@@ -85,12 +70,8 @@ class Outcome:
         first = self.validations[0]
         found: dict[str, Any] = {
             "title": self.settings.title,
-            "data": {
-                "name": self.data.name,
-                "dt": self.data.dt,
-                "n_train": self.train.n_samples,
-                "n_test": self.test.n_samples,
-            },
+            "data": {"name": self.data.name, "dt": self.data.dt}
+            | {"n_train": self.train.n_samples, "n_test": self.test.n_samples},
             "model": first.name,
             "free_run": _scores(first.free_run_scores),
             "models": models,
@@ -166,22 +147,38 @@ def _judged(
     settings: Settings, train: Dataset, test: Dataset, progress: Progress
 ) -> tuple[dict[str, tuple[Validation, Validation]], dict[str, str]]:
     """Verdicts on the test and the training part of each model that could be fitted, and why the others could not."""
-    judged, failures = {}, {}
-    for i, wanted in enumerate(settings.model):
+
+    def judge(i: int, wanted: ModelSettings) -> tuple[Validation, Validation]:
         progress(0.1 + 0.4 * i / len(settings.model), f"identifying {wanted.name}")
+        model = identify(wanted, train)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)  # shown on the page
+            seen = validate(model, train, name=wanted.name, on_training_data=True)
+            return validate(model, test, name=wanted.name), seen
+
+    return each_model(settings, judge)
+
+
+def each_model(settings: Settings, make: Callable[[int, ModelSettings], T]) -> tuple[dict[str, T], dict[str, str]]:
+    """What is made of each model of a job, by its name, and why the others failed.
+
+    Raises
+    ------
+    SlipangleError
+        If all fail, or an entry of the job is wrong.
+    """
+    made: dict[str, T] = {}
+    failures: dict[str, str] = {}
+    for i, wanted in enumerate(settings.model):
         try:
-            model = identify(wanted, train)
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ModelWarning)  # shown on the page
-                seen = validate(model, train, name=wanted.name, on_training_data=True)
-                judged[wanted.name] = validate(model, test, name=wanted.name), seen
+            made[wanted.name] = make(i, wanted)
         except ConfigError:
             raise
         except SlipangleError as error:
-            if len(settings.model) == 1 or (not judged and i == len(settings.model) - 1):
+            if not made and i == len(settings.model) - 1:
                 raise
             failures[wanted.name] = str(error)
-    return judged, failures
+    return made, failures
 
 
 # ---- data ----------------------------------------------------------------------------------------------------------
@@ -276,10 +273,7 @@ def delay_check(settings: Settings, quality: DataReport, train: Dataset) -> tupl
 
 def _shifted(data: Dataset, delay: float) -> Dataset:
     """The data with delta delayed, experiment by experiment."""
-    parts = []
-    for part in data.experiments:
-        t = part.t
-        parts.append(np.interp(t - delay, t, part["delta"]))
+    parts = [np.interp(part.t - delay, part.t, part["delta"]) for part in data.experiments]
     return data.with_channel("delta", np.concatenate(parts), data.unit("delta"))
 
 

@@ -37,17 +37,7 @@ _WEIGHTS = 1_000_000  # of a network
 
 @dataclass(frozen=True, kw_only=True)
 class Physics:
-    """A kind whose parameters `GreyBox` fits.
-
-    Parameters
-    ----------
-    model : type of OdeModel
-        Its field ``params`` says which parameter set it takes.
-    free : tuple of str
-        Parameters that are fitted unless the job says others.
-    catalogue : mapping of str to ParameterSet
-        Start values by name.
-    """
+    """A kind whose parameters `GreyBox` fits: those that are free unless the job says others, start values by name."""
 
     model: type[OdeModel]
     free: tuple[str, ...] = ()
@@ -162,21 +152,7 @@ def fitted(
     train: Dataset,
     name: str,
 ) -> Model:
-    """The model of a kind, fitted to training data.
-
-    Parameters
-    ----------
-    thing : Kind
-        One of `KINDS`.
-    entries : mapping
-        As `check_entries` gives them.
-    inputs, outputs : tuple of str
-        Channels of the model; by default all.
-    train : Dataset
-        Training data.
-    name : str
-        Of the model, for messages.
-    """
+    """The model of a kind, fitted to training data; entries as of `check_entries`, channels by default all."""
     physics = _physics(thing)
     if physics is None:
         return thing(**entries).fit(train.select(inputs=inputs or None, outputs=outputs or None))  # type: ignore[operator]

@@ -58,20 +58,9 @@ class PublishedSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ModelSettings:
-    """One model to identify.
+    """One model to identify: what the page calls it, one of `slipangle.workflow.kinds.KINDS`, and its channels.
 
-    Parameters
-    ----------
-    name : str
-        What the page calls it.
-    kind : str
-        One of `slipangle.workflow.kinds.KINDS`, to which others may add.
-    inputs, outputs : tuple of str
-        Channels of the log that it has; by default all.
-    published : PublishedSettings, optional
-        Somebody else's scores.
-    entries : dict
-        The table's other entries: the settings that the kind takes, checked.
+    ``entries`` are the table's other ones: the settings that the kind takes, checked.
     """
 
     name: str
@@ -93,20 +82,10 @@ class ModelSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """A job.
+    """A job: the tables of its file. Without a controller it ends with the verdict.
 
-    Parameters
-    ----------
-    title : str
-        Heading of the page.
-    subtitle : str
-        A line under it.
-    data, model, controller, plant
-        The tables of the file; ``model`` is a list. Without a controller the job ends with the verdict.
-    out : str
-        Folder for the results, below the one that the job is run in; only the command line may name another.
-    folder : Path
-        Where the settings file is; the log's file name is relative to it.
+    ``out`` is the folder for the results, below the one that the job is run in; only the command line may name another.
+    ``folder`` is where the settings file is; the log's file name is relative to it.
     """
 
     title: str

@@ -1,0 +1,53 @@
+"""``slipangle list``: what can be asked for by name, from this package and from others."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from importlib import import_module
+
+from slipangle.commands import Commands
+from slipangle.errors import ConfigError, nearest
+from slipangle.registry import Registry
+
+_REGISTRIES = {  # what a user calls it: where it is
+    "models": "slipangle.workflow.kinds:KINDS",
+    "controllers": "slipangle.workflow.drive:CONTROLLERS",
+    "sections": "slipangle.workflow.page:SECTIONS",
+    "readers": "slipangle.data.readers:READERS",
+    "signals": "slipangle.data.signals:SIGNALS",
+    "records": "slipangle.models.storage:RECORDS",
+}
+
+
+def add(commands: Commands) -> None:
+    """Describe the command."""
+    about = (
+        "What a job or a call can ask for by name: kinds of models (physics and estimators), controllers, sections\n"
+        "of the page, readers of logs, excitation signals, records of saved models. Those of installed packages are\n"
+        "among them, each with the module that it comes from."
+    )
+    more = "A package adds one with a decorator or an entry point of the group that stands in brackets."
+    sub = commands.add("list", _list, "kinds of models, controllers, signals and so on, by name", about, more)
+    sub.add_argument("what", nargs="*", metavar="WHAT", help=f"{', '.join(_REGISTRIES)}; by default all")
+
+
+def _list(options: argparse.Namespace) -> int:
+    listed = {}
+    for what in options.what or _REGISTRIES:
+        if what not in _REGISTRIES:
+            raise ConfigError(f"there is no list of '{what}'; {nearest(what, _REGISTRIES)}: use one of these names")
+        module, _, name = _REGISTRIES[what].partition(":")
+        registry: Registry = getattr(import_module(module), name)
+        listed[what] = {key: _home(thing) for key, thing in registry.items()}
+        if not options.json:
+            print(f"{what} [{registry.group}]", *(f"{k:28} {v}" for k, v in listed[what].items()), sep="\n  ")
+    if options.json:
+        print(json.dumps(listed, indent=2))
+    return 0
+
+
+def _home(thing: object) -> str:
+    """The module of a class or function, or of what it stands for."""
+    own = getattr(thing, "read", None) or getattr(thing, "model", None) or thing
+    return getattr(own, "__module__", type(own).__module__)

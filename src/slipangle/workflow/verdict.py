@@ -1,0 +1,119 @@
+"""The first section of a job's page: what each model and the closed loop are worth, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+
+import numpy as np
+
+from slipangle.identify.judge.validate import Validation
+from slipangle.registry import Registry
+from slipangle.report import Finding, Findings, Number, Section, Verdict
+from slipangle.report.page import Block
+from slipangle.report.tables import Tone, number
+from slipangle.simulate.run import Run
+from slipangle.workflow.job import Outcome
+from slipangle.workflow.settings import PublishedSettings
+
+SECTIONS: Registry[Callable[[Outcome, str], Iterable[Section]]] = Registry("page section", "slipangle.sections")
+"""Sections of a job's page in their order: functions of its outcome and the command that made it."""
+
+GOOD, FAIR = 75.0, 50.0  # %, free-run fit from which a model is called good, fair
+
+
+@SECTIONS.register("verdict")
+def _verdict_section(outcome: Outcome, command: str) -> Iterator[Section]:
+    blocks: list[Block] = list(verdicts(outcome, command))
+    if outcome.failures:
+        items = tuple(Finding(sentence=f"{name}: {why}", tone="poor") for name, why in outcome.failures.items())
+        blocks.append(Findings(title="What could not be done", items=items))
+    yield Section(title="Verdict", blocks=tuple(blocks))
+
+
+def verdicts(outcome: Outcome, command: str) -> Iterator[Verdict]:
+    """One per model and output, and one of the closed loop."""
+    published = {m.name: m.published for m in outcome.settings.model}
+    for v in outcome.validations:
+        for name in v.model.outputs:
+            yield _model_verdict(outcome, v, name, published[v.name], command)
+    if outcome.run is not None:
+        yield _drive_verdict(outcome, outcome.run, command)
+
+
+def _model_verdict(
+    outcome: Outcome, v: Validation, name: str, published: PublishedSettings | None, command: str
+) -> Verdict:
+    score = v.free_run_scores[name]
+    tone: Tone = "good" if score.fit >= GOOD else "fair" if score.fit >= FAIR else "poor"
+    how = {"good": "follows the test drive closely", "fair": "follows the test drive roughly"}.get(tone)
+    fit = number(score.fit, 3) if score.fit < -999 else f"{score.fit:.1f}"
+    sentence = (
+        f"From inputs alone, “{v.name}” {how or 'does not follow the test drive'}: fit {fit} % of {spoken(name)} over "
+        f"{outcome.test.duration:.0f} s that it was not fitted to."
+    )
+    warned = len(v.model.fit_info.warnings) if v.model.fit_info else 0
+    if warned:
+        sentence += (
+            f" Trust its predictions more than its parameters: {warned} warning{'s' if warned > 1 else ''} on what the "
+            "data do not determine stand below."
+        )
+    if name in v.free_run.astray:
+        sentence += f" Do not use it: {v.free_run.astray[name]}."
+    shown = ("fit", f"fit of {name}, free run", "%", 4), ("vaf", "VAF", "%", 4)
+    numbers = tuple(
+        Number(
+            label=label,
+            value=getattr(score, key),
+            unit=unit,
+            digits=digits,
+            reference=getattr(published, key, None),
+            reference_label=published.source if published else "",
+        )
+        for key, label, unit, digits in (*shown, ("rmse", "RMSE", outcome.data.unit(name), 3))
+    )
+    return Verdict(title=f"{v.name}, {spoken(name)}", sentence=sentence, tone=tone, numbers=numbers, command=command)
+
+
+def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
+    wanted = outcome.settings.controller
+    if wanted is None:
+        raise AssertionError
+    seconds = run.seconds[1:]
+    median, late = float(np.median(seconds)), float(np.percentile(seconds, 99))
+    in_time = late < wanted.dt
+    tone: Tone = "good" if run.inside and run.fallbacks == 0 and in_time else "fair" if run.inside else "poor"
+    named = "An MPC" if wanted.kind == "mpc" else f"The controller {wanted.kind}"
+    where = "stays inside its lanes" if run.inside else "leaves its lanes"
+    sentence = (
+        f"{named} on “{wanted.model}” drives {_MANOEUVRE[wanted.manoeuvre]} at {wanted.v_x:g} m/s and {where}, "
+        f"{100 * run.rmse('y'):.1f} cm (RMS) from the path. The plant is {outcome.plant}."
+    )
+    if run.fallbacks:
+        sentence += f" {run.fallbacks} of {len(run.plans)} commands came from an older plan."
+    deadline = f"deadline {1000 * wanted.dt:g} ms"
+    numbers = (
+        Number(label="lateral error, RMS", value=run.rmse("y"), unit="m", digits=3),
+        Number(label="lateral error, largest", value=run.max("y"), unit="m", digits=3),
+        Number(label="solver, median", value=1000 * median, unit="ms", digits=3),
+        Number(label="solver, 99th percentile", value=1000 * late, unit="ms", digits=3, note=deadline),
+    )
+    return Verdict(title="Closed loop", sentence=sentence, tone=tone, numbers=numbers, command=command)
+
+
+_MANOEUVRE = {
+    "iso3888-1": "the ISO 3888-1 double lane change",
+    "iso3888-2": "the ISO 3888-2 obstacle avoidance",
+    "lane-changes": "a sequence of lane changes",
+}
+_SPOKEN = {
+    "r": "the yaw rate",
+    "v_y": "the lateral velocity",
+    "v_x": "the speed",
+    "a_y": "the lateral acceleration",
+    "beta": "the side slip angle",
+}
+
+
+def spoken(name: str) -> str:
+    """A channel in words."""
+    return _SPOKEN.get(name, f"the {name}")
