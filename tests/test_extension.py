@@ -210,6 +210,8 @@ model = 'bicycle'
 kind = 'weak stanley'
 gain = 2.0
 v_x = 10.0
+[plant]
+catalogue = 'sousa-table-6.1'
 """
     path = write_job(tmp_path, more=job)
     assert main(["run", str(path), "--out", str(tmp_path / "out"), "--json"]) == 0

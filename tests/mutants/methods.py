@@ -30,7 +30,7 @@ MUTANTS = [
         "units.py",
         MEASURES,
         [
-            ("km/h the wrong way round", '"m/s", 1 / 3.6)', '"m/s", 3.6)'),
+            ("km/h the wrong way round", '"km/h": 1 / 3.6', '"km/h": 3.6'),
             ("rpm as half turns", "math.pi / 30", "math.pi / 60"),
             ("N/deg the wrong way round", "180 / math.pi", "math.pi / 180"),
             ("from SI multiplies", "dtype=float) / _UNITS", "dtype=float) * _UNITS"),

@@ -127,7 +127,7 @@ def test_a_lap_on_a_public_track(real_data):
 def test_bad_input_says_what_to_do():
     with pytest.raises(NotFiniteError, match="delta"):
         m.Manoeuvre(delta=np.array([0.0, np.nan]), v_x=np.zeros(2))
-    with pytest.raises(ParameterError, match="brake is 2.0; expected a number from 0 to 1"):
+    with pytest.raises(ParameterError, match=r"brake is 2\.0; expected a number from 0 to 1"):
         m.Manoeuvre(delta=np.zeros(5), v_x=np.zeros(5), brake=2.0)
     with pytest.raises(ParameterError, match="nobody sets"):
         m.record(PLANT, EACH["step"])

@@ -102,7 +102,7 @@ def test_outputs_that_are_no_states_are_sensed_too():
 def test_bad_input_says_what_to_do():
     with pytest.raises(ParameterError, match="noise is -1"):
         Sensor(noise=-1.0)
-    with pytest.raises(ParameterError, match="drop_out is 1.0; expected a number from 0 to below 1"):
+    with pytest.raises(ParameterError, match=r"drop_out is 1\.0; expected a number from 0 to below 1"):
         Sensor(drop_out=1.0)
     with pytest.raises(ParameterError, match="range"):
         Sensor(range=(1.0, 0.0))
