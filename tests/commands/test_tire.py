@@ -118,7 +118,7 @@ def test_mistakes(tir, runs, tmp_path):
         (("fit", *runs, "--model", "rbf:2,2"), ConfigError, "has one layer"),
         (("fit", *runs, "--model", "brush", "--out", tmp_path / "x.tir"), FormatError, "no place in a .tir file"),
         (("fit", *runs, "--out", tmp_path / "x.doc"), FormatError, "neither .tir nor .json"),
-        (("fit", *runs, "--model", "mlp:2", "--inputs", "lode"), ParameterError, "no input 'lode'; nearest"),
+        (("fit", *runs, "--model", "mlp:2", "--inputs", "lode"), ParameterError, "nearest are 'load'"),
         (("fit", tmp_path / "no.mat"), MissingFileError, "does not exist"),
         (("plot", tir, "--out", tir / "x.html"), WriteError, "is a file"),
         (("convert", brush, tmp_path / "x.tir"), FormatError, "BrushTire has no place in a .tir file"),

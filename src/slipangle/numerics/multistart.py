@@ -24,7 +24,8 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from slipangle.errors import NotFiniteError, ParameterError
+from slipangle.errors import NotFiniteError
+from slipangle.fields import Checked, Count
 from slipangle.numerics.blas import one_blas_thread
 
 _CLIP = 1e8  # residuals beyond this are as bad as any
@@ -145,7 +146,7 @@ class Regression:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effort:
+class Effort(Checked):
     """How much a fit may cost.
 
     Parameters
@@ -162,24 +163,14 @@ class Effort:
         Further evaluations for the best of them.
     tolerance : float
         Relative change of the cost, of the step and of the gradient below which a run has converged.
-
-    Raises
-    ------
-    ParameterError
-        If a count is not positive.
     """
 
-    starts: int = 16
-    screen: int = 40
-    carried: int = 4
-    polish: int = 200
-    finish: int = 600
+    starts: Count = 16
+    screen: Count = 40
+    carried: Count = 4
+    polish: Count = 200
+    finish: Count = 600
     tolerance: float = 1e-10
-
-    def __post_init__(self) -> None:
-        for name in ("starts", "screen", "carried", "polish", "finish"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least 1")
 
 
 def draw(lower: np.ndarray, upper: np.ndarray, n: int, rng: np.random.Generator, *, share: float = 0.5) -> np.ndarray:

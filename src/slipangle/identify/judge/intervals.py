@@ -194,10 +194,15 @@ def rolling_holdout(estimator: Estimator, data: Dataset, shares: Sequence[float]
     ParameterError
         If the shares do not rise from above 0 to at most 1.
     """
+    return [(estimator.fit(early), next_) for early, next_ in stretches(data, shares)]
+
+
+def stretches(data: Dataset, shares: Sequence[float]) -> list[tuple[Dataset, Dataset]]:
+    """The data up to each share but the last, and what follows up to the next."""
     rising = all(b > a for a, b in pairwise(shares))
     if len(shares) < 2 or not rising or shares[0] <= 0 or shares[-1] > 1:
         raise ParameterError(
             f"the shares are {tuple(shares)}; expected at least two, rising, from above 0 to at most 1"
         )
     rows = [round(share * data.n_samples) for share in shares]
-    return [(estimator.fit(data.rows(0, a)), data.rows(a, b)) for a, b in pairwise(rows)]
+    return [(data.rows(0, a), data.rows(a, b)) for a, b in pairwise(rows)]

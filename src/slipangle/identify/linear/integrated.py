@@ -9,6 +9,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, TooShortError
+from slipangle.fields import Checked, Count, Whole
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.lags import same_for_all
 from slipangle.models.black_box.arx import ARXModel
@@ -16,7 +17,7 @@ from slipangle.models.provenance import provenance
 
 
 @dataclass(frozen=True, kw_only=True)
-class IntegratedARX:
+class IntegratedARX(Checked):
     """Least-squares ARX of the differenced output, turned back: ``(1 - z^-1)^order A(z) y = B(z) u``.
 
     A lateral position integrates twice: whatever speed and heading it has at the start go on for ever. Plain least
@@ -37,14 +38,15 @@ class IntegratedARX:
         If there are fewer lags than known poles.
     """
 
-    na: int
-    nb: int
-    nk: int = 1
-    order: int = 2
+    na: Count
+    nb: Count
+    nk: Whole = 1
+    order: Count = 2
 
     def __post_init__(self) -> None:
         same_for_all(self, "nb", "nk")
-        if not (self.order >= 1 and self.na >= self.order):
+        super().__post_init__()
+        if self.na < self.order:
             raise ParameterError(
                 f"na is {self.na} with {self.order} poles at 1; expected at least as many lags as poles: raise na"
             )

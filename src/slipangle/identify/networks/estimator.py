@@ -49,11 +49,6 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         One training run each; ``fit_info.trials`` keeps every result.
     precision : {"single", "double"}
         Of the training. Single is faster and as good unless the free-run error falls below 1e-4 of the output.
-
-    Raises
-    ------
-    ParameterError
-        If a setting is out of range.
     """
 
     hidden: tuple[Count, ...]

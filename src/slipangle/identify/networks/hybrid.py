@@ -51,11 +51,6 @@ class Hybrid(Checked):
     worth : float
         Smallest relative reduction of the RMSE over all stretches.
 
-    Raises
-    ------
-    ParameterError
-        If a setting is out of range.
-
     References
     ----------
     .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.

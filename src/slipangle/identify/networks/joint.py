@@ -80,11 +80,6 @@ class Joint(Checked):
     seeds : tuple of int
         One run each.
 
-    Raises
-    ------
-    ParameterError
-        If a setting is out of range.
-
     References
     ----------
     .. [1] L. Ljung, System Identification, 2nd ed., 1999, sec. 10.2: Gauss-Newton with sensitivities.

@@ -34,11 +34,6 @@ class FreeRunNARX(Checked):
         weights start from.
     max_iterations : int
         Limit on accepted steps.
-
-    Raises
-    ------
-    ParameterError
-        If a setting is out of range.
     """
 
     start: NARX

@@ -30,11 +30,6 @@ class Stage(Checked):
     weight_decay : float
         Decoupled decay of the weights. [2]_
 
-    Raises
-    ------
-    ParameterError
-        If a setting is out of range.
-
     References
     ----------
     .. [1] D. P. Kingma, J. Ba, Adam: a method for stochastic optimization, ICLR 2015.

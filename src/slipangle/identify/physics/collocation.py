@@ -11,6 +11,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
+from slipangle.fields import Count, Positive, Whole
 from slipangle.identify.physics.grey_box import GreyBox, M, finish
 from slipangle.identify.physics.simulation_error import MOST_ROUNDS, FreeRunProblem, Minimum
 from slipangle.identify.physics.transcription import Constraint, Found, Transcription
@@ -61,9 +62,9 @@ class Collocation(GreyBox[M]):
     at_most_zero: Sequence[Constraint] = ()
     zero: Sequence[Constraint] = ()
     state_bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    elements: int = 0
-    max_iterations: int = 500
-    tolerance: float = 1e-9
+    elements: Whole = 0
+    max_iterations: Count = 500
+    tolerance: Positive = 1e-9
 
     def __post_init__(self) -> None:
         super().__post_init__()

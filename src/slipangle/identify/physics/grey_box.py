@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import IdentifiabilityWarning, ParameterError, SlipangleError
+from slipangle.errors import IdentifiabilityWarning, SlipangleError
+from slipangle.fields import Checked, Count, Within
 from slipangle.identify.physics.advise import better_sentences
 from slipangle.identify.physics.simulation_error import FreeRunProblem, Minimum, check_names
 from slipangle.identify.physics.starts import STARTS, best_start
@@ -30,7 +31,7 @@ M = TypeVar("M", bound=Parametrised)
 
 
 @dataclass(frozen=True, kw_only=True)
-class GreyBox(Generic[M]):
+class GreyBox(Checked, Generic[M]):
     """Simulation-error fit by bounded Gauss-Newton with forward sensitivities.
 
     Minimises the squared free-run error of all outputs and experiments ([1]_ eq. 8-1), each output
@@ -59,11 +60,6 @@ class GreyBox(Generic[M]):
     seed : int
         Of the random starts.
 
-    Raises
-    ------
-    ParameterError
-        If a setting is out of range or a parameter unknown.
-
     References
     ----------
     .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
@@ -73,17 +69,13 @@ class GreyBox(Generic[M]):
     free: tuple[str, ...] = ()
     per_experiment: tuple[str, ...] = ()
     free_initial_state: bool = False
-    max_iterations: int = 100
-    starts: int | None = None
+    max_iterations: Count = 100
+    starts: Annotated[int, Within(1, example=str(STARTS))] | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for key in ("free", "per_experiment"):
-            given = getattr(self, key)
-            object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
+        super().__post_init__()
         check_names(self.start, self.free, self.per_experiment)
-        if self.starts is not None and self.starts < 1:
-            raise ParameterError(f"starts is {self.starts}; expected a whole number of at least 1, such as {STARTS}")
 
     def fit(self, data: Dataset) -> M:
         """The model with estimated parameters, their covariance and warnings in ``fit_info``.

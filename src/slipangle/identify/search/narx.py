@@ -5,12 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ModelWarning, ParameterError, SimulationError
+from slipangle.errors import ModelWarning, SimulationError
+from slipangle.identify.judge.intervals import stretches
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.problem import Stage
 from slipangle.identify.search.pool import Report, Value
@@ -63,11 +63,7 @@ class NarxObjective:
     shares: tuple[float, ...] = (0.6, 0.8, 1.0)
 
     def __post_init__(self) -> None:
-        rising = all(b > a for a, b in pairwise(self.shares))
-        if len(self.shares) < 2 or not rising or self.shares[0] <= 0 or self.shares[-1] > 1:
-            raise ParameterError(
-                f"the shares are {self.shares}; expected at least two, rising, from above 0 to at most 1"
-            )
+        stretches(self.data, self.shares)
 
     def estimator(self, settings: Mapping[str, Value], seed: int) -> NARX:
         """The network of a trial: ``na``, ``nb``, ``layers``, ``neurons`` and, if searched, the others."""
@@ -87,14 +83,13 @@ class NarxObjective:
     def __call__(self, settings: Mapping[str, Value], seed: int, report: Report) -> float:
         """Score of a trial; see the class."""
         estimator = self.estimator(settings, seed)
-        rows = [round(share * self.data.n_samples) for share in self.shares]
         errors: list[float] = []
-        for a, b in pairwise(rows):
+        for early, next_ in stretches(self.data, self.shares):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ModelWarning)
-                model = estimator.fit(self.data.rows(0, a))
+                model = estimator.fit(early)
             try:
-                run = model.simulate(self.data.rows(a, b))
+                run = model.simulate(next_)
             except SimulationError as error:
                 raise SimulationError(f"fold {len(errors) + 1}: {error}") from None
             size = np.std(run.measured[run.predicted], axis=0)

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 from slipangle.errors import ConfigError, ParameterError
 from slipangle.extras import extra
+from slipangle.fields import Checked, Count
 from slipangle.identify.networks.training import Progress
 from slipangle.identify.search.pool import PRUNED, Cluster, Local, Objective, Task, Value
 
@@ -126,7 +127,7 @@ class SearchResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Search:
+class Search(Checked):
     """A study: what is searched, how long, where it is kept, who computes.
 
     Trials are drawn in rounds of ``round_size``, so what is drawn depends on the seed and on finished rounds alone:
@@ -152,33 +153,22 @@ class Search:
         How settings are drawn.
     pruner : {"median", "none"}
         Whether a trial is given up when what it reports is worse than the median of finished rounds at that step.
-
-    Raises
-    ------
-    ParameterError
-        If a number is below 1 or the space is empty.
     """
 
     space: Mapping[str, Range | Choice]
-    trials: int = 32
+    trials: Count = 32
     journal: str | Path | None = None
     seed: int = 0
-    workers: int = 2
+    workers: Count = 2
     cluster: str | None = None
-    round_size: int = 8
+    round_size: Count = 8
     sampler: Literal["tpe", "random"] = "tpe"
     pruner: Literal["median", "none"] = "median"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.space:
             raise ParameterError("the search space is empty; expected at least one setting, such as na=Range(...)")
-        for name in ("trials", "workers", "round_size"):
-            if getattr(self, name) < 1:
-                raise ParameterError(f"{name} is {getattr(self, name)}; expected a whole number of at least 1")
-        if self.sampler not in ("tpe", "random"):
-            raise ParameterError(f"the sampler is '{self.sampler}'; expected 'tpe' or 'random'")
-        if self.pruner not in ("median", "none"):
-            raise ParameterError(f"the pruner is '{self.pruner}'; expected 'median' or 'none'")
 
     def run(self, objective: Objective, *, progress: Progress | None = None) -> SearchResult:
         """Work through the trials that are missing.

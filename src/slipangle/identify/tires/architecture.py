@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
 from slipangle.errors import ParameterError
-from slipangle.identify.tires.curve_data import checked_samples
+from slipangle.fields import Checked, Within
+from slipangle.identify.tires.curve_data import Beside, checked_samples
 from slipangle.identify.tires.curves import NetworkCurveFit
 from slipangle.models.tires.neural import NeuralCurve
 
@@ -30,7 +31,7 @@ class SearchResult(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ArchitectureSearch:
+class ArchitectureSearch(Checked):
     """The smallest network whose error is within a tolerance of the best.
 
     The error is measured by cross-validation: each fold of every ``folds``-th sample is predicted by a network fitted
@@ -51,22 +52,15 @@ class ArchitectureSearch:
     candidates: tuple[NetworkCurveFit, ...]
     tolerance: float = 0.02
     enough: float = 0.0
-    folds: int = 4
+    folds: Annotated[int, Within(2)] = 4
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "candidates", tuple(self.candidates))
+        super().__post_init__()
         if not self.candidates:
             raise ParameterError("there is no candidate; expected at least one, such as MLPCurveFit(hidden=(2, 2))")
-        if self.folds < 2:
-            raise ParameterError(f"folds is {self.folds}; expected at least 2")
 
     def fit(
-        self,
-        slip: np.ndarray,
-        friction: np.ndarray,
-        *,
-        load: np.ndarray | None = None,
-        camber: np.ndarray | None = None,
+        self, slip: np.ndarray, friction: np.ndarray, *, load: Beside = None, camber: Beside = None
     ) -> SearchResult:
         """Choose and fit; arguments and exceptions as for `NetworkCurveFit.fit`."""
         samples, _, inputs = checked_samples(slip, friction, load, camber, n_parameters=2 * self.folds)
@@ -81,11 +75,8 @@ class ArchitectureSearch:
                 parts = dict(zip(inputs[1:], samples[~out, 1:].T, strict=True))
                 curve = candidate.fit(samples[~out, 0], friction[~out], **parts)
                 curve = replace(curve, outside="extrapolate")
-                error[out] = (
-                    friction[out] - curve(*samples[out].T)
-                    if inputs != ("slip", "camber")
-                    else (friction[out] - curve(samples[out, 0], camber=samples[out, 1]))
-                )
+                where = dict(zip(inputs[1:], samples[out, 1:].T, strict=True))
+                error[out] = friction[out] - curve(samples[out, 0], **where)
             scored.append(Candidate(candidate, candidate.n_parameters(len(inputs)), float(np.sqrt(np.mean(error**2)))))
         limit = max(min(c.rmse for c in scored) * (1 + self.tolerance), self.enough)
         ordered = tuple(sorted(scored, key=lambda c: (c.n_parameters, c.rmse)))

@@ -9,14 +9,11 @@ import numpy as np
 from slipangle.errors import ExcitationError, NotFiniteError, ParameterError, TooShortError, UnitError
 from slipangle.models.tires.neural import CurveInput
 
+Beside = np.ndarray | None  # samples of what a curve may depend on besides slip
+
 
 def checked_samples(
-    slip: np.ndarray,
-    friction: np.ndarray,
-    load: np.ndarray | None,
-    camber: np.ndarray | None,
-    *,
-    n_parameters: int,
+    slip: np.ndarray, friction: np.ndarray, load: Beside, camber: Beside, *, n_parameters: int
 ) -> tuple[np.ndarray, np.ndarray, tuple[CurveInput, ...]]:
     """Samples (n, n_inputs), target (n, 1) and names, or a sentence on what is wrong with them."""
     given: Sequence[tuple[CurveInput, np.ndarray | None]] = (("slip", slip), ("load", load), ("camber", camber))

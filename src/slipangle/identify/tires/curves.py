@@ -15,16 +15,17 @@ import time
 import warnings
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any, Literal, final
+from typing import Any, Generic, Literal, TypeVar, final
 
 import casadi as ca
 import numpy as np
 
 from slipangle.errors import IdentifiabilityWarning, ParameterError
-from slipangle.identify.tires.curve_data import checked_samples
+from slipangle.fields import Checked, Count
+from slipangle.identify.tires.curve_data import Beside, checked_samples
 from slipangle.models.black_box.networks import MLP, RBF, Activation, Kernel, Network, Scaling
 from slipangle.models.model import FitInfo, ProfileInfo
-from slipangle.models.tires.neural import NeuralCurve
+from slipangle.models.tires.neural import CurveInput, NeuralCurve
 from slipangle.models.tires.simple import MagicCurve
 from slipangle.numerics.multistart import (
     Effort,
@@ -37,6 +38,7 @@ from slipangle.numerics.multistart import (
     profile_interval,
 )
 
+C = TypeVar("C", MagicCurve, NeuralCurve)
 Solver = Literal["least squares", "ipopt"]
 Range = tuple[float, float]
 
@@ -49,7 +51,7 @@ _CURVE_NAMES = ("B", "C", "D", "E", "S_h", "S_v")
 
 
 @dataclass(frozen=True, kw_only=True)
-class CurveFit(abc.ABC):
+class CurveFit(Checked, abc.ABC, Generic[C]):
     """Settings that every fit of a friction curve shares; ``slip_alone`` as of the curve that it fits.
 
     Parameters
@@ -63,24 +65,53 @@ class CurveFit(abc.ABC):
     """
 
     slip_alone = False
+    _least = 1  # parameters that the samples must outnumber
     solver: Solver = "least squares"
     effort: Effort = field(default_factory=Effort)
     seed: int = 0
 
+    @final
+    def fit(self, slip: np.ndarray, friction: np.ndarray, *, load: Beside = None, camber: Beside = None) -> C:
+        """The best curve found, with its ``fit_info``.
+
+        Parameters
+        ----------
+        slip : array, shape (n_samples,)
+            Slip ratio [-] or slip angle [rad], of both signs.
+        friction : array, shape (n_samples,)
+            Force over load. [-]
+        load : array, shape (n_samples,), optional
+            Vertical load, which then is an input of the network; a Magic Formula curve depends on slip alone. [N]
+        camber : array, shape (n_samples,), optional
+            Inclination, likewise. [rad]
+
+        Raises
+        ------
+        ExcitationError, TooShortError, UnitError, NotFiniteError, ParameterError
+            If the data cannot determine a curve.
+
+        Warns
+        -----
+        IdentifiabilityWarning
+            With the coefficients that the data do not determine.
+        """
+        if self.slip_alone and not (load is None and camber is None):
+            raise ParameterError(
+                "a Magic Formula curve depends on slip alone; expected no load and no camber: fit one curve per load, "
+                "a network with load as input, or Magic Formula 6.1"
+            )
+        began = time.perf_counter()
+        samples, target, inputs = checked_samples(slip, friction, load, camber, n_parameters=self._least)
+        curve: Any = self._fit(samples, target, inputs)
+        for note in curve.fit_info.warnings:
+            warnings.warn(note, IdentifiabilityWarning, stacklevel=2)
+        return replace(curve, fit_info=replace(curve.fit_info, seconds=time.perf_counter() - began))
+
     @abc.abstractmethod
-    def fit(
-        self,
-        slip: np.ndarray,
-        friction: np.ndarray,
-        *,
-        load: np.ndarray | None = None,
-        camber: np.ndarray | None = None,
-    ) -> MagicCurve | NeuralCurve:
-        """Curve with its ``fit_info``."""
+    def _fit(self, samples: np.ndarray, target: np.ndarray, inputs: tuple[CurveInput, ...]) -> C:
+        """Curve with its ``fit_info`` from checked samples."""
 
     def _solve(self, problem: Regression, lower: np.ndarray, upper: np.ndarray, starts: np.ndarray) -> Solution:
-        if self.solver not in ("least squares", "ipopt"):
-            raise ParameterError(f"the solver is '{self.solver}'; expected 'least squares' or 'ipopt'")
         run = multistart if self.solver == "least squares" else ipopt
         return run(problem, lower, upper, starts, self.effort)
 
@@ -93,7 +124,7 @@ class CurveFit(abc.ABC):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MagicCurveFit(CurveFit):
+class MagicCurveFit(CurveFit[MagicCurve]):
     """Fit of the six coefficients of one Magic Formula curve. [1]_ eqs. 3-16, 3-17
 
     ``B`` and ``C`` of the result are not negative where the bounds allow it: turning both signs changes nothing.
@@ -112,47 +143,12 @@ class MagicCurveFit(CurveFit):
     True
     """
 
-    slip_alone = True
+    slip_alone, _least = True, 6
     lower: MagicCurve = field(default=replace(SOUSA_TABLE_6_7[0], B=-100.0, E=-50.0))
     upper: MagicCurve = field(default=replace(SOUSA_TABLE_6_7[1], B=100.0))
     level: float | None = 0.95
 
-    def fit(
-        self,
-        slip: np.ndarray,
-        friction: np.ndarray,
-        *,
-        load: np.ndarray | None = None,
-        camber: np.ndarray | None = None,
-    ) -> MagicCurve:
-        """Curve with coefficients, covariance and warnings in ``fit_info``; load and camber have no place in it.
-
-        Parameters
-        ----------
-        slip : array, shape (n_samples,)
-            Slip ratio [-] or slip angle [rad], of both signs.
-        friction : array, shape (n_samples,)
-            Force over load. [-]
-        load, camber : None
-            A Magic Formula curve has no such inputs.
-
-        Raises
-        ------
-        ExcitationError, TooShortError, UnitError, NotFiniteError, ParameterError
-            If the data cannot determine a curve.
-
-        Warns
-        -----
-        IdentifiabilityWarning
-            With the coefficients that the data do not determine.
-        """
-        if load is not None or camber is not None:
-            raise ParameterError(
-                "a Magic Formula curve depends on slip alone; expected no load and no camber: fit one curve per load, "
-                "a network with load as input, or Magic Formula 6.1"
-            )
-        began = time.perf_counter()
-        samples, target, _ = checked_samples(slip, friction, None, None, n_parameters=6)
+    def _fit(self, samples: np.ndarray, target: np.ndarray, inputs: tuple[CurveInput, ...]) -> MagicCurve:
         problem = magic_regression(samples, target)
         lower, upper = (np.array([getattr(c, n) for n in _CURVE_NAMES]) for c in (self.lower, self.upper))
         if not np.all(lower < upper):
@@ -162,11 +158,10 @@ class MagicCurveFit(CurveFit):
         low[:2] = np.where((lower[:2] < 0) & (upper[:2] > 0), 0.0, lower[:2])  # the other copies are the same curve
         starts = draw(low, upper, self.effort.starts, np.random.default_rng(self.seed), share=0.9)
         solution = _canonical(self._solve(problem, lower, upper, starts), lower, upper)
-        spread = covariance(solution)
         settings: dict[str, Any] = {
             "names": _CURVE_NAMES,
             "values": solution.theta,
-            "covariance": spread,
+            "covariance": covariance(solution),
             "noise_std": np.array([np.std(solution.residual)]),
             "n_samples": len(samples),
             "units": ("-",) * 6,
@@ -177,14 +172,7 @@ class MagicCurveFit(CurveFit):
             info = ProfileInfo(**settings, limits=np.array(limits), level=self.level)
             how = f"{100 * self.level:g} % intervals by profile likelihood"
         notes = _magic_warnings(info, lower, upper, converged=solution.converged)
-        for note in notes:
-            warnings.warn(note, IdentifiabilityWarning, stacklevel=2)
-        info = replace(
-            info,
-            seconds=time.perf_counter() - began,
-            method=f"{self._method(solution)}; {how}",
-            warnings=notes,
-        )
+        info = replace(info, method=f"{self._method(solution)}; {how}", warnings=notes)
         estimates: dict[str, Any] = dict(zip(_CURVE_NAMES, map(float, solution.theta), strict=True))
         return MagicCurve(**estimates, fit_info=info)
 
@@ -197,7 +185,7 @@ def magic_regression(samples: np.ndarray, target: np.ndarray) -> Regression:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NetworkCurveFit(CurveFit):
+class NetworkCurveFit(CurveFit[NeuralCurve]):
     """Fit of a network to a friction curve; `RBFCurveFit` and `MLPCurveFit` say which.
 
     Inputs are scaled to -1..1 over the data; the output is the friction coefficient itself.
@@ -220,35 +208,7 @@ class NetworkCurveFit(CurveFit):
         """Weights of the network."""
         return self.network(Scaling.none(n_inputs)).n_parameters
 
-    @final
-    def fit(
-        self,
-        slip: np.ndarray,
-        friction: np.ndarray,
-        *,
-        load: np.ndarray | None = None,
-        camber: np.ndarray | None = None,
-    ) -> NeuralCurve:
-        """Curve with the best weights found.
-
-        Parameters
-        ----------
-        slip : array, shape (n_samples,)
-            Slip ratio [-] or slip angle [rad], of both signs.
-        friction : array, shape (n_samples,)
-            Force over load. [-]
-        load : array, shape (n_samples,), optional
-            Vertical load, which then is an input of the network. [N]
-        camber : array, shape (n_samples,), optional
-            Inclination, likewise. [rad]
-
-        Raises
-        ------
-        ExcitationError, TooShortError, UnitError, NotFiniteError
-            If the data cannot determine a curve.
-        """
-        began = time.perf_counter()
-        samples, target, inputs = checked_samples(slip, friction, load, camber, n_parameters=1)
+    def _fit(self, samples: np.ndarray, target: np.ndarray, inputs: tuple[CurveInput, ...]) -> NeuralCurve:
         network = self.network(Scaling.between(samples.min(axis=0), samples.max(axis=0)))
         lower, upper = self.bounds(network)
         x, theta = ca.SX.sym("x", len(inputs)), ca.SX.sym("theta", network.n_parameters)
@@ -261,7 +221,6 @@ class NetworkCurveFit(CurveFit):
             covariance=np.empty((0, 0)),
             noise_std=np.array([np.sqrt(np.mean(solution.residual**2))]),
             n_samples=len(samples),
-            seconds=time.perf_counter() - began,
             method=f"{self.label}, {self._method(solution)}",
         )
         return NeuralCurve(network=network.with_parameters(solution.theta), inputs=inputs, fit_info=info)
@@ -281,15 +240,14 @@ class RBFCurveFit(NetworkCurveFit):
         Bounds in scaled coordinates; table 6.3 by default.
     """
 
-    neurons: int
+    neurons: Count
     kernel: Kernel = "multiquadric"
     centre: Range = (-1.0, 1.0)
     width: Range = (0.01, 7.0)
     weight: Range = (-80.0, 80.0)
 
     def __post_init__(self) -> None:
-        if self.neurons < 1:
-            raise ParameterError(f"neurons is {self.neurons}; expected a whole number of at least 1")
+        super().__post_init__()
         _rising(centre=self.centre, width=self.width, weight=self.weight)
 
     def network(self, scaling: Scaling) -> RBF:
@@ -331,15 +289,15 @@ class MLPCurveFit(NetworkCurveFit):
         Bounds in scaled coordinates; table 6.3 by default.
     """
 
-    hidden: tuple[int, ...]
+    hidden: tuple[Count, ...]
     activation: Activation = "tanh"
     weight: Range = (-4.0, 4.0)
     bias: Range = (-4.0, 4.0)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "hidden", tuple(self.hidden))
-        if not self.hidden or min(self.hidden) < 1:
-            raise ParameterError(f"hidden is {self.hidden}; expected at least one layer, each with a neuron or more")
+        super().__post_init__()
+        if not self.hidden:
+            raise ParameterError("hidden is (); expected at least one layer, each with a neuron or more")
         _rising(weight=self.weight, bias=self.bias)
 
     def network(self, scaling: Scaling) -> MLP:

@@ -8,13 +8,14 @@ from __future__ import annotations
 import time
 import warnings
 from dataclasses import dataclass, field, replace
-from typing import Any, Generic, Literal, TypeVar, get_args
+from typing import Any, Generic, Literal, TypeVar
 
 import casadi as ca
 import numpy as np
 
 from slipangle.data.tire_data import TireData
-from slipangle.errors import ExcitationError, IdentifiabilityWarning, ParameterError, TooShortError, nearest
+from slipangle.errors import ExcitationError, IdentifiabilityWarning, ParameterError, TooShortError
+from slipangle.fields import Checked
 from slipangle.identify.tires.curve_data import require_both_signs
 from slipangle.identify.tires.curves import CurveFit, MLPCurveFit
 from slipangle.models.model import FitInfo
@@ -30,7 +31,7 @@ _ROLLING = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
-class CurveTireFit:
+class CurveTireFit(Checked):
     """Tire of two friction curves, each fitted to the pure slip in its direction. [1]_ secs. 6.2.1, 6.3.1
 
     Parameters
@@ -56,10 +57,7 @@ class CurveTireFit:
     samples: int = 3000
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "inputs", tuple(self.inputs))
-        for name in self.inputs:
-            if name not in ("load", "camber"):
-                raise ParameterError(f"a friction curve has no input '{name}'; {nearest(name, ('load', 'camber'))}")
+        super().__post_init__()
         magic = [c.slip_alone for c in (self.longitudinal, self.lateral)]
         if magic[0] != magic[1]:
             raise ParameterError(
@@ -95,7 +93,7 @@ class CurveTireFit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TireFit(Generic[T]):
+class TireFit(Checked, Generic[T]):
     """Parameters of a physical tire model from forces: linear, brush, Dugoff, or any other `ParameterSet` tire.
 
     Parameters
@@ -122,9 +120,7 @@ class TireFit(Generic[T]):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for key in ("free", "outputs"):
-            given = getattr(self, key)
-            object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
+        super().__post_init__()
         if not isinstance(self.start, Tire) or not isinstance(self.start, ParameterSet):
             raise ParameterError(
                 f"the start tire is a {type(self.start).__name__}; expected a tire that is a parameter set, such as "
@@ -134,9 +130,6 @@ class TireFit(Generic[T]):
             raise ParameterError("no parameter is free; expected at least one name, such as free=('C_alpha',)")
         for name in self.free:
             self._record.si(name)
-        for name in self.outputs:
-            if name not in get_args(Output):
-                raise ParameterError(f"a tire has no output '{name}'; {nearest(name, get_args(Output))}")
 
     @property
     def _record(self) -> Any:
