@@ -152,7 +152,7 @@ def test_one_side_is_not_enough():
             lambda: CurveTireFit(longitudinal=MagicCurveFit(), lateral=MagicCurveFit(), inputs=("load",)),
             "depend on slip alone",
         ),
-        (lambda: CurveTireFit(longitudinal=RBFCurveFit(neurons=2), inputs=("lode",)), "inputs is .*'lode'.*; nearest are 'load'"),
+        (lambda: CurveTireFit(longitudinal=RBFCurveFit(neurons=2), inputs=("lode",)), "'lode'.*; nearest are 'load'"),
         (
             lambda: TireFit(start=BRUSH, free=("mu",), outputs=("M_x",)).fit(measured(BRUSH)),
             "holds no M_x; expected outputs that were measured",
