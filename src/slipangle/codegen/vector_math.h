@@ -85,34 +85,25 @@ LANE_BY_LANE_2(pow, pow)
 LANE_BY_LANE_2(fmod, fmod)
 LANE_BY_LANE_2(remainder, remainder)
 
+#define NATIVE(width)                                                        \
+    INLINE V v_sqrt(V a)                                                      \
+    {                                                                         \
+        return (V)_mm##width##_sqrt_pd((__m##width##d)a);                     \
+    }                                                                         \
+    INLINE V v_fmin(V a, V b)                                                 \
+    {                                                                         \
+        return (V)_mm##width##_min_pd((__m##width##d)a, (__m##width##d)b);    \
+    }                                                                         \
+    INLINE V v_fmax(V a, V b)                                                 \
+    {                                                                         \
+        return (V)_mm##width##_max_pd((__m##width##d)a, (__m##width##d)b);    \
+    }
 #if defined(__AVX512F__) && LANES == 8
 #include <immintrin.h>
-INLINE V v_sqrt(V a)
-{
-    return (V)_mm512_sqrt_pd((__m512d)a);
-}
-INLINE V v_fmin(V a, V b)
-{
-    return (V)_mm512_min_pd((__m512d)a, (__m512d)b);
-}
-INLINE V v_fmax(V a, V b)
-{
-    return (V)_mm512_max_pd((__m512d)a, (__m512d)b);
-}
+NATIVE(512)
 #elif defined(__AVX__) && LANES == 4
 #include <immintrin.h>
-INLINE V v_sqrt(V a)
-{
-    return (V)_mm256_sqrt_pd((__m256d)a);
-}
-INLINE V v_fmin(V a, V b)
-{
-    return (V)_mm256_min_pd((__m256d)a, (__m256d)b);
-}
-INLINE V v_fmax(V a, V b)
-{
-    return (V)_mm256_max_pd((__m256d)a, (__m256d)b);
-}
+NATIVE(256)
 #else
 INLINE V v_sqrt(V a)
 {
@@ -299,5 +290,6 @@ INLINE V v_hypot(V a, V b)
 {
     return v_sqrt(a * a + b * b);
 }
+#undef NATIVE
 #undef LANE_BY_LANE
 #undef LANE_BY_LANE_2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Self
@@ -10,44 +11,41 @@ import casadi as ca
 import numpy as np
 
 from slipangle import ops
+from slipangle.data.numerals import is_number
 from slipangle.errors import ParameterError, nearest
 from slipangle.ops import Scalar, Vector
 
+
+def _as_number(holds: Any) -> Scalar:
+    return ops.where(holds, 1.0, 0.0)
+
+
 _OPERATIONS: dict[str, tuple[int, int, Callable[..., Scalar]]] = {  # name: CasADi's code, operands, meaning
-    "same": (ca.OP_ASSIGN, 1, lambda a: a),
-    "negative": (ca.OP_NEG, 1, lambda a: -a),
+    **{  # those that CasADi, C and `slipangle.ops` call by one name
+        name: (getattr(ca, f"OP_{name.upper()}"), count, getattr(ops, name))
+        for count, names in ((1, "sqrt sin cos tan asin atan sinh cosh tanh exp log sign"), (2, "atan2 hypot"))
+        for name in names.split()
+    },
+    "same": (ca.OP_ASSIGN, 1, operator.pos),
+    "negative": (ca.OP_NEG, 1, operator.neg),
     "square": (ca.OP_SQ, 1, lambda a: a * a),
     "twice": (ca.OP_TWICE, 1, lambda a: a + a),
     "inverse": (ca.OP_INV, 1, lambda a: 1.0 / a),
     "not": (ca.OP_NOT, 1, lambda a: 1.0 - a),
-    "sqrt": (ca.OP_SQRT, 1, ops.sqrt),
-    "sin": (ca.OP_SIN, 1, ops.sin),
-    "cos": (ca.OP_COS, 1, ops.cos),
-    "tan": (ca.OP_TAN, 1, ops.tan),
-    "asin": (ca.OP_ASIN, 1, ops.asin),
-    "atan": (ca.OP_ATAN, 1, ops.atan),
-    "sinh": (ca.OP_SINH, 1, ops.sinh),
-    "cosh": (ca.OP_COSH, 1, ops.cosh),
-    "tanh": (ca.OP_TANH, 1, ops.tanh),
-    "exp": (ca.OP_EXP, 1, ops.exp),
-    "log": (ca.OP_LOG, 1, ops.log),
     "abs": (ca.OP_FABS, 1, ops.fabs),
-    "sign": (ca.OP_SIGN, 1, ops.sign),
-    "add": (ca.OP_ADD, 2, lambda a, b: a + b),
-    "subtract": (ca.OP_SUB, 2, lambda a, b: a - b),
-    "multiply": (ca.OP_MUL, 2, lambda a, b: a * b),
-    "divide": (ca.OP_DIV, 2, lambda a, b: a / b),
-    "power": (ca.OP_POW, 2, lambda a, b: a**b),
-    "power_constant": (ca.OP_CONSTPOW, 2, lambda a, b: a**b),
+    "add": (ca.OP_ADD, 2, operator.add),
+    "subtract": (ca.OP_SUB, 2, operator.sub),
+    "multiply": (ca.OP_MUL, 2, operator.mul),
+    "divide": (ca.OP_DIV, 2, operator.truediv),
+    "power": (ca.OP_POW, 2, operator.pow),
+    "power_constant": (ca.OP_CONSTPOW, 2, operator.pow),
     "minimum": (ca.OP_FMIN, 2, ops.minimum),
     "maximum": (ca.OP_FMAX, 2, ops.maximum),
-    "atan2": (ca.OP_ATAN2, 2, ops.atan2),
-    "hypot": (ca.OP_HYPOT, 2, ops.hypot),
-    "less": (ca.OP_LT, 2, lambda a, b: ops.where(a < b, 1.0, 0.0)),
-    "less_equal": (ca.OP_LE, 2, lambda a, b: ops.where(a <= b, 1.0, 0.0)),
-    "equal": (ca.OP_EQ, 2, lambda a, b: ops.where(a == b, 1.0, 0.0)),
-    "not_equal": (ca.OP_NE, 2, lambda a, b: ops.where(a != b, 1.0, 0.0)),
-    "and": (ca.OP_AND, 2, lambda a, b: a * b),
+    "less": (ca.OP_LT, 2, lambda a, b: _as_number(a < b)),
+    "less_equal": (ca.OP_LE, 2, lambda a, b: _as_number(a <= b)),
+    "equal": (ca.OP_EQ, 2, lambda a, b: _as_number(a == b)),
+    "not_equal": (ca.OP_NE, 2, lambda a, b: _as_number(a != b)),
+    "and": (ca.OP_AND, 2, operator.mul),
     "or": (ca.OP_OR, 2, ops.maximum),
     "if": (ca.OP_IF_ELSE_ZERO, 2, lambda a, b: ops.where(a != 0.0, b, 0.0)),
 }
@@ -96,7 +94,7 @@ class Recorded:
         elif word == "p":
             fine = len(rest) == 1 and rest[0].isidentifier()
         else:
-            fine = word == "number" and len(rest) == 1 and _is_number(rest[0])
+            fine = word == "number" and len(rest) == 1 and is_number(rest[0])
         if not fine:
             raise ParameterError(
                 f"line {k} of the equations is {line!r}; {nearest(word, (*_OPERATIONS, 'x', 'u', 'p', 'number'))}: "
@@ -161,11 +159,3 @@ class Recorded:
                 values.append({"x": x, "u": u}[word][int(rest[0])])
         found = [values[r] for r in self.results]
         return dict(zip(self.names, found, strict=True)) if self.names else found
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, ClassVar, NoReturn, final
 
 import casadi as ca
@@ -226,6 +227,11 @@ def derived(get: Callable[[Any], Any]) -> Any:
     What it is for others stands in the base class, so type checkers take the declaration there.
     """
     return property(get)
+
+
+def taken(path: str) -> Any:
+    """`derived` for an attribute of an attribute, such as ``"model.dt"``."""
+    return derived(attrgetter(path))
 
 
 class Model(FastPaths, abc.ABC):

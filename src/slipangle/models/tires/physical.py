@@ -34,7 +34,23 @@ def tread_slip(slip_ratio: Scalar, slip_angle: Scalar) -> tuple[Scalar, Scalar]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BrushTire(ParameterSet, Tire):
+class _ContactPatch(ParameterSet, Tire):
+    """What both pictures have: stiffness in either direction, and friction."""
+
+    C_alpha: Annotated[float, SI("N/rad", "cornering stiffness", 1.0, 5e6)]
+    C_s: Annotated[float, SI("N", "longitudinal slip stiffness", 1.0, 5e6)]
+    mu: Annotated[float, SI("-", "friction coefficient", 0.01, 5.0)] = 1.0
+    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
+
+    def _deflection(self, slip_ratio: Scalar, slip_angle: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+        """Forces of a patch that sticks, along and across, and their size. [N]"""
+        sigma_x, sigma_y = tread_slip(slip_ratio, slip_angle)
+        x, y = self.C_s * sigma_x, self.C_alpha * sigma_y
+        return x, y, sqrt(x * x + y * y + _TINY * _TINY)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrushTire(_ContactPatch):
     """Brush model with parabolic pressure: tread elements stick, then slide. [1]_ eqs. 3.19 to 3.42
 
     With ``rho = |(C_s sigma_x, C_alpha sigma_y)| / (3 mu F_z)`` the force is ``mu F_z (3 rho - 3 rho^2 + rho^3)`` in
@@ -46,20 +62,14 @@ class BrushTire(ParameterSet, Tire):
     .. [1] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 3.2.
     """
 
-    C_alpha: Annotated[float, SI("N/rad", "cornering stiffness", 1.0, 5e6)]
-    C_s: Annotated[float, SI("N", "longitudinal slip stiffness", 1.0, 5e6)]
-    mu: Annotated[float, SI("-", "friction coefficient", 0.01, 5.0)] = 1.0
     half_length: Annotated[float, SI("m", "half length a of the contact patch", 0.0, 1.0)] = 0.0
-    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
     def forces(
         self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0
     ) -> TireForces:
         """Forces and aligning moment; camber has no influence."""
-        sigma_x, sigma_y = tread_slip(slip_ratio, slip_angle)
-        x, y = self.C_s * sigma_x, self.C_alpha * sigma_y
+        x, y, size = self._deflection(slip_ratio, slip_angle)
         grip = self.mu * friction * load
-        size = sqrt(x * x + y * y + _TINY * _TINY)
         rho = minimum(size / (3.0 * grip + _TINY), 1.0)
         share = grip * rho * (3.0 - (3.0 - rho) * rho) / size
         stick = 1.0 - rho
@@ -69,7 +79,7 @@ class BrushTire(ParameterSet, Tire):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DugoffTire(ParameterSet, Tire):
+class DugoffTire(_ContactPatch):
     """Dugoff's model: uniform pressure, so that sliding starts as soon as half the grip is used. [1]_
 
     With ``lambda = mu F_z / (2 |(C_s sigma_x, C_alpha sigma_y)|)`` the force is that of a linear tire, times
@@ -81,18 +91,11 @@ class DugoffTire(ParameterSet, Tire):
        dynamic performance, SAE 700377, 1970; driving counted like braking, on the speed of the tread.
     """
 
-    C_alpha: Annotated[float, SI("N/rad", "cornering stiffness", 1.0, 5e6)]
-    C_s: Annotated[float, SI("N", "longitudinal slip stiffness", 1.0, 5e6)]
-    mu: Annotated[float, SI("-", "friction coefficient", 0.01, 5.0)] = 1.0
-    fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
-
     def forces(
         self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0
     ) -> TireForces:
         """Forces; camber has no influence, moments are not part of the model."""
-        sigma_x, sigma_y = tread_slip(slip_ratio, slip_angle)
-        x, y = self.C_s * sigma_x, self.C_alpha * sigma_y
-        size = sqrt(x * x + y * y + _TINY * _TINY)
+        x, y, size = self._deflection(slip_ratio, slip_angle)
         lam = minimum(0.5 * self.mu * friction * load / size, 1.0)
         share = lam * (2.0 - lam)
         return TireForces(share * x, share * y)

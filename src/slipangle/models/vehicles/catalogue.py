@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 from slipangle.models.tires.magic_formula.coefficients import MF61Coefficients
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
@@ -13,24 +15,14 @@ from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams, SingleT
 
 # L. C. Sousa, PhD thesis, PUC-Rio, 2023, table 6.1: front-drive car, weight distribution 50/50.
 SOUSA_TABLE_6_1 = SingleTrackParams(
-    mass=2500.0,
-    inertia_z=2200.0,
-    wheelbase=2.7,
-    l_f=1.35,
-    inertia_wheel_f=2.5,
-    inertia_wheel_r=2.5,
-    radius=0.42,
+    **dict(mass=2500.0, inertia_z=2200.0, wheelbase=2.7, l_f=1.35),
+    **dict(inertia_wheel_f=2.5, inertia_wheel_r=2.5, radius=0.42),
 )
 
 # The same, table 6.10: rear-drive Formula SAE car.
 SOUSA_TABLE_6_10 = SingleTrackParams(
-    mass=270.0,
-    inertia_z=120.0,
-    wheelbase=1.6,
-    l_f=0.8,
-    inertia_wheel_f=0.3,
-    inertia_wheel_r=0.3,
-    radius=0.20,
+    **dict(mass=270.0, inertia_z=120.0, wheelbase=1.6, l_f=0.8),
+    **dict(inertia_wheel_f=0.3, inertia_wheel_r=0.3, radius=0.20),
 )
 
 _LOAD_6_2 = 2500.0 * GRAVITY / 4  # N, the wheel load at which table 6.2's D is a force
@@ -72,45 +64,26 @@ PASSENGER_TIRE = MagicFormulaTire(
     )
 )
 
+
+def _axles(**pairs: tuple[float, float]) -> dict[str, float]:
+    """Fields of the front and of the rear axle."""
+    return {f"{name}_{end}": value for name, pair in pairs.items() for end, value in zip("fr", pair, strict=True)}
+
+
 # Thesis, sec. 7.1.1 and table 7.2: mass, yaw inertia, axles, track; front drive, hydraulic brakes. Not in the source:
 # everything else, typical of a large saloon.
 SOUSA_CAR_7 = DualTrackParams(
-    mass=2000.0,
-    inertia_z=4000.0,
-    wheelbase=3.0,
-    l_f=1.4,
-    track_f=1.4,
-    track_r=1.4,
-    height=0.55,
-    radius=0.33,
-    inertia_wheel_f=2.4,
-    inertia_wheel_r=2.4,
-    relaxation_x=0.25,
-    relaxation_y=0.5,
-    rolling_resistance=0.012,
-    mass_unsprung_f=100.0,
-    mass_unsprung_r=100.0,
-    inertia_x=600.0,
-    inertia_y=3000.0,
-    roll_centre_f=0.05,
-    roll_centre_r=0.10,
-    roll_stiffness_f=55e3,
-    roll_stiffness_r=45e3,
-    roll_damping_f=3.5e3,
-    roll_damping_r=3.5e3,
-    pitch_stiffness=150e3,
-    pitch_damping=12e3,
-    drag_area=0.70,
+    **dict(mass=2000.0, inertia_z=4000.0, wheelbase=3.0, l_f=1.4, height=0.55, radius=0.33, rolling_resistance=0.012),
+    **_axles(track=(1.4, 1.4), inertia_wheel=(2.4, 2.4), mass_unsprung=(100.0, 100.0), roll_centre=(0.05, 0.10)),
+    **_axles(roll_stiffness=(55e3, 45e3), roll_damping=(3.5e3, 3.5e3)),
+    **dict(inertia_x=600.0, inertia_y=3000.0, pitch_stiffness=150e3, pitch_damping=12e3, drag_area=0.70),
     steering=Steering(limit=0.6, ackermann=1.0),
     brakes=Brakes(torque=9000.0, bias=0.65, lag=0.05),
     driveline=Driveline(
         engine=Engine(
             speeds=(0.0, 150.0, 400.0, 580.0, 680.0),
             torques=(260.0, 320.0, 350.0, 310.0, 0.0),
-            drag=30.0,
-            drag_slope=0.05,
-            inertia=0.2,
-            lag=0.1,
+            **dict(drag=30.0, drag_slope=0.05, inertia=0.2, lag=0.1),
         ),
         ratios=(3.6, 2.1, 1.4, 1.0, 0.8),
         final=3.7,
@@ -120,81 +93,59 @@ SOUSA_CAR_7 = DualTrackParams(
     ),
 )
 
+# M. Althoff, G. Wuersching, "CommonRoad: Vehicle Models", 2020, table 6, SI units: vehicle 2 (BMW 320i, after
+# measurements of the U.S. Department of Transportation) and vehicle 3 (VW Vanagon). Of two numbers the first is of the
+# front axle; camber is per jounce.
+_TABLE_6 = {
+    "mass": (1093.2952334674046, 1478.8979637767998),
+    "sprung": (965.7108098804363, 1316.6086552490374),
+    "unsprung": (63.7921826056784, 81.14428941630796),
+    "arms": ((1.1561957064, 1.4227170936), (1.1507916024, 1.3211363976000001)),
+    "height": (0.61373004, 0.804490644),
+    "tracks": ((1.38684, 1.36398), (1.574292, 1.5438120000000002)),
+    "inertia_x": (207.26524557936952, 479.88430581318335),
+    "inertia_y": (1565.8178787125541, 2204.322715845899),
+    "inertia_z": (1791.5995300122856, 2473.1176915564442),
+    "springs": ((24453.137879749014, 19635.504745231297), (33577.44305875984, 39125.020607598424)),
+    "dampers": ((1786.2441002440723, 1649.0833034887382), (2405.564099800005, 2769.727219182409)),
+    "torsion": ((-6914.881688272133, -2643.6009520155308), (-33948.217142834066, -7731.374238208578)),
+    "tire_stiffness": (158294.1398119115, 212641.56722464017),
+    "camber": ((-0.39370078740157477, -0.905511811023622), (-0.32808398950131235, -0.32808398950131235)),
+    "bias": (0.66, 0.64),
+}
 
-def _althoff(
-    *,
-    mass: float,
-    sprung: float,
-    unsprung: float,
-    a: float,
-    b: float,
-    h_s: float,
-    tracks: tuple[float, float],
-    inertias: tuple[float, float, float],
-    springs: tuple[float, float],
-    dampers: tuple[float, float],
-    torsion: tuple[float, float],
-    tire_stiffness: float,
-    camber: tuple[float, float],
-    bias: float,
-    driveline: Driveline,
-    drag_area: float,
-) -> DualTrackParams:
-    """Parameters of the multi-body cars as those of a dual track: roll on springs, bars and tires in series."""
+
+def _commonroad(vehicle: int, *, driveline: Driveline, drag_area: float) -> DualTrackParams:
+    """Parameters of a multi-body car as those of a dual track: roll on springs, bars and tires in series.
+
+    Not in the source: relaxation, rolling and air resistance, engine and gearbox.
+    """
+    car: Any = SimpleNamespace(**{name: row[vehicle - 2] for name, row in _TABLE_6.items()})
     radius, spin = 0.344, 1.7
-    tire = [0.5 * t * t * tire_stiffness for t in tracks]
-    body = [0.5 * t * t * k - bar for t, k, bar in zip(tracks, springs, torsion, strict=True)]
+    half = [0.5 * t * t for t in car.tracks]
+    tire = [h * car.tire_stiffness for h in half]
+    body = [h * k - bar for h, k, bar in zip(half, car.springs, car.torsion, strict=True)]
     share = [k / (s + k) for s, k in zip(body, tire, strict=True)]  # of the roll that the suspension takes
+    arms = [2 * a * a for a in car.arms]
+    rolled = [1.0 + c * 0.5 * t * s for c, t, s in zip(car.camber, car.tracks, share, strict=True)]
     return DualTrackParams(
-        mass=mass,
-        inertia_z=inertias[2],
-        wheelbase=a + b,
-        l_f=a,
-        track_f=tracks[0],
-        track_r=tracks[1],
-        height=(sprung * h_s + 2 * unsprung * radius) / mass,
-        radius=radius,
-        inertia_wheel_f=2 * spin,
-        inertia_wheel_r=2 * spin,
-        relaxation_x=0.25,
-        relaxation_y=0.5,
-        rolling_resistance=0.012,
-        camber_roll_f=1.0 + camber[0] * 0.5 * tracks[0] * share[0],
-        camber_roll_r=1.0 + camber[1] * 0.5 * tracks[1] * share[1],
-        mass_unsprung_f=unsprung,
-        mass_unsprung_r=unsprung,
-        inertia_x=inertias[0],
-        inertia_y=inertias[1],
-        roll_stiffness_f=body[0] * share[0],
-        roll_stiffness_r=body[1] * share[1],
-        roll_damping_f=0.5 * tracks[0] ** 2 * dampers[0] * share[0] ** 2,
-        roll_damping_r=0.5 * tracks[1] ** 2 * dampers[1] * share[1] ** 2,
-        pitch_stiffness=2 * (a * a * springs[0] * share[0] + b * b * springs[1] * share[1]),
-        pitch_damping=2 * (a * a * dampers[0] * share[0] ** 2 + b * b * dampers[1] * share[1] ** 2),
-        drag_area=drag_area,
+        **dict(mass=car.mass, inertia_z=car.inertia_z, wheelbase=sum(car.arms), l_f=car.arms[0], radius=radius),
+        height=(car.sprung * car.height + 2 * car.unsprung * radius) / car.mass,
+        **_axles(track=car.tracks, inertia_wheel=(2 * spin, 2 * spin), mass_unsprung=(car.unsprung, car.unsprung)),
+        **_axles(camber_roll=(rolled[0], rolled[1])),
+        **_axles(roll_stiffness=(body[0] * share[0], body[1] * share[1])),
+        **_axles(roll_damping=(half[0] * car.dampers[0] * share[0] ** 2, half[1] * car.dampers[1] * share[1] ** 2)),
+        pitch_stiffness=sum(a * k * s for a, k, s in zip(arms, car.springs, share, strict=True)),
+        pitch_damping=sum(a * d * s**2 for a, d, s in zip(arms, car.dampers, share, strict=True)),
+        **dict(inertia_x=car.inertia_x, inertia_y=car.inertia_y, rolling_resistance=0.012, drag_area=drag_area),
         steering=Steering(limit=0.7),
-        brakes=Brakes(torque=11.5 * mass * radius, bias=bias),
+        brakes=Brakes(torque=11.5 * car.mass * radius, bias=car.bias),
         driveline=driveline,
     )
 
 
-# M. Althoff, G. Wuersching, "CommonRoad: Vehicle Models", 2020, table 6, vehicle 2 (BMW 320i, after measurements of the
-# U.S. Department of Transportation). Not in the source: relaxation, rolling and air resistance, engine and gearbox.
-BMW_320I = _althoff(
-    mass=1093.2952334674046,
-    sprung=965.7108098804363,
-    unsprung=63.7921826056784,
-    a=1.1561957064,
-    b=1.4227170936,
-    h_s=0.61373004,
-    tracks=(1.38684, 1.36398),
-    inertias=(207.26524557936952, 1565.8178787125541, 1791.5995300122856),
-    springs=(24453.137879749014, 19635.504745231297),
-    dampers=(1786.2441002440723, 1649.0833034887382),
-    torsion=(-6914.881688272133, -2643.6009520155308),
-    tire_stiffness=158294.1398119115,
-    camber=(-0.39370078740157477, -0.905511811023622),
-    bias=0.66,
+BMW_320I = _commonroad(
+    2,
     drag_area=0.65,
     driveline=Driveline(
         engine=Engine(torques=(150.0, 170.0, 185.0, 150.0, 0.0), drag=15.0, drag_slope=0.03, inertia=0.15, lag=0.08),
@@ -206,32 +157,14 @@ BMW_320I = _althoff(
         rear=Differential(preload=30.0, locking=0.25),
     ),
 )
-
-# The same, vehicle 3 (VW Vanagon).
-VW_VANAGON = _althoff(
-    mass=1478.8979637767998,
-    sprung=1316.6086552490374,
-    unsprung=81.14428941630796,
-    a=1.1507916024,
-    b=1.3211363976000001,
-    h_s=0.804490644,
-    tracks=(1.574292, 1.5438120000000002),
-    inertias=(479.88430581318335, 2204.322715845899, 2473.1176915564442),
-    springs=(33577.44305875984, 39125.020607598424),
-    dampers=(2405.564099800005, 2769.727219182409),
-    torsion=(-33948.217142834066, -7731.374238208578),
-    tire_stiffness=212641.56722464017,
-    camber=(-0.32808398950131235, -0.32808398950131235),
-    bias=0.64,
+VW_VANAGON = _commonroad(
+    3,
     drag_area=1.4,
     driveline=Driveline(
         engine=Engine(
             speeds=(0.0, 150.0, 280.0, 450.0, 560.0),
             torques=(110.0, 135.0, 150.0, 120.0, 0.0),
-            drag=15.0,
-            drag_slope=0.03,
-            inertia=0.15,
-            lag=0.08,
+            **dict(drag=15.0, drag_slope=0.03, inertia=0.15, lag=0.08),
         ),
         ratios=(3.78, 2.06, 1.26, 0.85),
         final=4.57,

@@ -11,9 +11,10 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, nearest
-from slipangle.models.model import FitInfo, Model, derived
+from slipangle.models.model import FitInfo, derived, taken
 from slipangle.models.ode import OdeModel, Parametrised
 from slipangle.models.parameters import require_few_lags
+from slipangle.models.wrappers.wrapper import Wrapper
 from slipangle.ops import Scalar, Vector, concatenate, fabs, is_symbolic, is_traced, stack, where
 from slipangle.units import SI
 
@@ -55,7 +56,7 @@ def interpolation(position: Scalar, count: int) -> list[Scalar]:
 
 
 @dataclass(frozen=True)
-class Delayed(Parametrised, Model):
+class Delayed(Parametrised, Wrapper):
     """An `OdeModel` some of whose inputs act a while after they are logged: actuator, bus and filter delay.
 
     The delay is any time from 0 to ``longest``, also a part of a sample: the late input is interpolated between the
@@ -89,6 +90,8 @@ class Delayed(Parametrised, Model):
     longest: float = 0.25
     fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
+    params = taken("model.params")
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "delays", dict(self.delays))
         if not self.delays:
@@ -108,21 +111,6 @@ class Delayed(Parametrised, Model):
         return hash((self.model, tuple(self.delays.items()), self.longest))
 
     # ---- what a Model has --------------------------------------------------------------------------------------
-
-    @derived
-    def dt(self) -> float:
-        """Sample time. [s]"""
-        return self.model.dt
-
-    @derived
-    def inputs(self) -> tuple[str, ...]:
-        """Inputs of the ODE, as logged."""
-        return tuple(self.model.inputs)
-
-    @derived
-    def outputs(self) -> tuple[str, ...]:
-        """Outputs of the ODE."""
-        return tuple(self.model.outputs)
 
     @property
     def n_past(self) -> int:
@@ -186,11 +174,6 @@ class Delayed(Parametrised, Model):
     def ode(self) -> OdeModel:
         """What the late inputs drive."""
         return self.model
-
-    @derived
-    def params(self) -> Any:
-        """Parameters of the ODE."""
-        return self.model.params
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

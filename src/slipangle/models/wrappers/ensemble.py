@@ -37,6 +37,9 @@ class EnsembleModel(Model):
     members: tuple[Model, ...]
     fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
+    dt = derived(lambda self: self.members[0].dt)
+    outputs = derived(lambda self: self.members[0].outputs)
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "members", tuple(self.members))
         if not self.members:
@@ -55,19 +58,9 @@ class EnsembleModel(Model):
         return self.members
 
     @derived
-    def dt(self) -> float:
-        """Sample time. [s]"""
-        return self.members[0].dt
-
-    @derived
     def inputs(self) -> tuple[str, ...]:
         """Of every member, in the order they first occur."""
         return tuple(dict.fromkeys(name for member in self.members for name in member.inputs))
-
-    @derived
-    def outputs(self) -> tuple[str, ...]:
-        """Of every member."""
-        return self.members[0].outputs
 
     @derived
     def states(self) -> tuple[str, ...]:

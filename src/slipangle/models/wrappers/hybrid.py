@@ -10,7 +10,8 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import MissingColumnError, ParameterError, nearest
 from slipangle.models.black_box.narx import NARXModel
-from slipangle.models.model import FitInfo, Model, derived
+from slipangle.models.model import FitInfo, Model, derived, taken
+from slipangle.models.wrappers.wrapper import Wrapper
 from slipangle.ops import Vector, concatenate, stack
 
 
@@ -59,6 +60,9 @@ class HybridModel(Model):
     gain: float = 1.0
     fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
+    dt = taken("base.dt")
+    outputs = taken("base.outputs")
+
     def __post_init__(self) -> None:
         if self.base.outputs != self.discrepancy.outputs:
             raise ParameterError(
@@ -72,16 +76,6 @@ class HybridModel(Model):
             )
         if not 0 <= self.gain <= 1:
             raise ParameterError(f"the gain is {self.gain}; expected 0 (discrepancy off) to 1")
-
-    @derived
-    def dt(self) -> float:
-        """Sample time. [s]"""
-        return self.base.dt
-
-    @derived
-    def outputs(self) -> tuple[str, ...]:
-        """The base model's."""
-        return self.base.outputs
 
     @derived
     def inputs(self) -> tuple[str, ...]:
@@ -176,7 +170,7 @@ def run_up(model: Model, data: Dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OffsetModel(Model):
+class OffsetModel(Wrapper):
     """A model behind sensors with offsets: it sees ``u - u_0`` and its outputs are read as ``y + y_0``.
 
     Parameters
@@ -204,31 +198,6 @@ class OffsetModel(Model):
                     raise MissingColumnError(
                         f"the model has no channel '{name}' to shift; {nearest(name, known)}: use one of these names"
                     )
-
-    @derived
-    def dt(self) -> float:
-        """Sample time. [s]"""
-        return self.model.dt
-
-    @derived
-    def inputs(self) -> tuple[str, ...]:
-        """The model's."""
-        return self.model.inputs
-
-    @derived
-    def outputs(self) -> tuple[str, ...]:
-        """The model's."""
-        return self.model.outputs
-
-    @derived
-    def states(self) -> tuple[str, ...]:
-        """The model's."""
-        return self.model.states
-
-    @derived
-    def memory(self) -> int:
-        """The model's."""
-        return self.model.memory
 
     def _drive(self, u: Vector) -> Vector:
         return stack([u[i] - self.inputs_at_zero.get(n, 0.0) for i, n in enumerate(self.inputs)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -71,6 +72,9 @@ class SpeedBlend(Model):
     speeds: tuple[float, ...]
     shape: Shape = "triangular"
 
+    dt = derived(lambda self: self.models[0].dt)
+    outputs = derived(lambda self: self.models[0].outputs)
+
     def __post_init__(self) -> None:
         if len(self.models) != len(self.speeds) or not self.models:
             raise ParameterError(
@@ -93,19 +97,9 @@ class SpeedBlend(Model):
                 )
 
     @derived
-    def dt(self) -> float:
-        """Sample time of the models. [s]"""
-        return self.models[0].dt
-
-    @derived
     def inputs(self) -> tuple[str, ...]:
         """Input of the models, then v_x."""
         return (*self.models[0].inputs, "v_x")
-
-    @derived
-    def outputs(self) -> tuple[str, ...]:
-        """Outputs of the models."""
-        return self.models[0].outputs
 
     @property
     def na(self) -> int:
@@ -145,20 +139,63 @@ class SpeedBlend(Model):
         """Whether a speed [m/s] lies outside the range of the models."""
         return not self.speeds[0] <= v_x <= self.speeds[-1]
 
-    @property
-    def _past_inputs(self) -> tuple[str, ...]:
-        return tuple(f"{self.inputs[0]}[k-{i}]" for i in range(1, self.reach))
+    # ---- the state: lagged outputs once or of each model, newest first, then past inputs -----------------------------
 
-    def _lagged(self, data: Dataset) -> tuple[np.ndarray, np.ndarray]:
-        """Outputs and inputs of the first `memory` samples, newest first."""
+    @property
+    def _copies(self) -> int:
+        return 1 if self.one_prediction else len(self.models)
+
+    @derived
+    def states(self) -> tuple[str, ...]:
+        """Lagged outputs, then lagged inputs."""
+        lags = [(i, n) for i in range(self.na) for n in self.outputs]
+        if self.one_prediction:
+            past = [n if i == 0 else f"{n}[k-{i}]" for i, n in lags]
+        else:
+            past = [f"{n}{j}[k-{i}]" for j in range(self._copies) for i, n in lags]
+        return (*past, *(f"{self.inputs[0]}[k-{i}]" for i in range(1, self.reach)))
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """Lags read from the first `memory` samples, the same for every model."""
         y, u = data.select(outputs=self.outputs).y, data.select(inputs=self.inputs[:1]).u[:, 0]
         last = self.memory - 1
-        return y[last::-1][: self.na], u[last - 1 :: -1][: self.reach - 1] if self.reach > 1 else u[:0]
+        past = u[last - 1 :: -1][: self.reach - 1] if self.reach > 1 else u[:0]
+        return np.concatenate([*[y[last::-1][: self.na].ravel()] * self._copies, past])
 
-    def _row(self, j: int) -> tuple[np.ndarray, np.ndarray]:
-        """Weights of the state's outputs and of u(k), u(k-1), ... in the next outputs of model ``j``."""
-        A, B, _ = self.coefficients
-        return np.hstack(list(-A[j])), B[j].T
+    def _split(self, x: Vector) -> tuple[list[Vector], Vector | None]:
+        """Lagged outputs of each prediction, and past inputs where there are some."""
+        each, split = len(self.outputs) * self.na, len(self.outputs) * self.na * self._copies
+        return [x[a : a + each] for a in range(0, split, each)], x[split:] if len(self.states) > split else None
+
+    def _together(self, newest: Sequence[Vector], lags: Sequence[Vector], inputs: Vector | None) -> Vector:
+        """State from the newest outputs of each prediction and the older ones behind them."""
+        parts = [part for y, older in zip(newest, lags, strict=True) for part in ((y, older) if self.na > 1 else (y,))]
+        return concatenate(parts if inputs is None else [*parts, inputs])
+
+    def step(self, x: Vector, u: Vector) -> Vector:
+        """Next outputs in front, lags shifted by one."""
+        lags, past = self._split(x)
+        inputs = u[:1] if past is None else concatenate([u[:1], past])
+        keep = len(self.outputs) * (self.na - 1)
+        later = None if past is None else inputs[: self.reach - 1]
+        return self._together(self._next(lags, inputs, u[1]), [own[:keep] for own in lags], later)
+
+    @abc.abstractmethod
+    def _next(self, lags: Sequence[Vector], inputs: Vector, v_x: Scalar) -> list[Vector]:
+        """Next outputs of each prediction."""
+
+    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
+        """The newest outputs take their measured values."""
+        lags, past = self._split(x)
+        return self._together([y] * len(lags), [own[len(self.outputs) :] for own in lags], past)
+
+    def _own_next(self, j: int, lags: Vector, inputs: Vector) -> Vector:
+        """Next outputs of model ``j`` from lagged outputs and u(k), u(k-1), ..."""
+        A, B, c = self.coefficients
+        y = matmul(np.hstack(list(-A[j])), lags) + matmul(B[j].T, inputs)
+        if not c[j].any():
+            return y
+        return (y.T + c[j]).T if isinstance(y, np.ndarray) else y + c[j]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,37 +208,15 @@ class MultiARXModel(SpeedBlend):
 
     one_prediction = True
 
-    @derived
-    def states(self) -> tuple[str, ...]:
-        """Lagged outputs, then lagged inputs."""
-        past = [n if i == 0 else f"{n}[k-{i}]" for i in range(self.na) for n in self.outputs]
-        return (*past, *self._past_inputs)
-
-    def initial_state(self, data: Dataset) -> np.ndarray:
-        """Lags read from the first `memory` samples."""
-        y, u = self._lagged(data)
-        return np.concatenate([y.ravel(), u])
-
-    def step(self, x: Vector, u: Vector) -> Vector:
-        """Next outputs in front, lags shifted by one."""
-        ny = len(self.outputs)
-        split, n = ny * self.na, len(self.states)
-        inputs = concatenate([u[:1], x[split:]]) if n > split else u[:1]
+    def _next(self, lags: Sequence[Vector], inputs: Vector, v_x: Scalar) -> list[Vector]:
         newest: Vector = 0.0
-        for j, weight in enumerate(self.weights(u[1])):
-            of_state, of_input = self._row(j)
-            y = matmul(of_state, x[:split]) + matmul(of_input, inputs)
-            newest = newest + weight * _plus(y, self.coefficients[2][j])
-        parts = [newest] + ([x[: split - ny]] if self.na > 1 else [])
-        return concatenate(parts + ([inputs[: self.reach - 1]] if n > split else []))
+        for j, weight in enumerate(self.weights(v_x)):
+            newest = newest + weight * self._own_next(j, lags[0], inputs)
+        return [newest]
 
     def output(self, x: Vector, u: Vector) -> Vector:
         """The newest outputs."""
         return x[: len(self.outputs)]
-
-    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
-        """The newest outputs take their measured values."""
-        return concatenate([y, x[len(self.outputs) :]]) if len(self.states) > len(self.outputs) else 1.0 * y
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,46 +233,10 @@ class ParallelARX(SpeedBlend):
 
     one_prediction = False
 
-    @derived
-    def states(self) -> tuple[str, ...]:
-        """Lagged outputs of each model, then lagged inputs."""
-        past = [f"{n}{j}[k-{i}]" for j in range(len(self.models)) for i in range(self.na) for n in self.outputs]
-        return (*past, *self._past_inputs)
-
-    def initial_state(self, data: Dataset) -> np.ndarray:
-        """Lags read from the first `memory` samples, the same for every model."""
-        y, u = self._lagged(data)
-        return np.concatenate([*[y.ravel()] * len(self.models), u])
-
-    def step(self, x: Vector, u: Vector) -> Vector:
-        """Every model one sample on, lags shifted by one."""
-        ny, count = len(self.outputs), len(self.models)
-        each = ny * self.na
-        split, n = each * count, len(self.states)
-        inputs = concatenate([u[:1], x[split:]]) if n > split else u[:1]
-        parts = []
-        for j in range(count):
-            of_state, of_input = self._row(j)
-            past = x[j * each : (j + 1) * each]
-            parts.append(_plus(matmul(of_state, past) + matmul(of_input, inputs), self.coefficients[2][j]))
-            parts += [past[: each - ny]] if self.na > 1 else []
-        return concatenate(parts + ([inputs[: self.reach - 1]] if n > split else []))
+    def _next(self, lags: Sequence[Vector], inputs: Vector, v_x: Scalar) -> list[Vector]:
+        return [self._own_next(j, own, inputs) for j, own in enumerate(lags)]
 
     def output(self, x: Vector, u: Vector) -> Vector:
         """The blended newest outputs."""
-        ny, each = len(self.outputs), len(self.outputs) * self.na
-        return sum(w * x[j * each : j * each + ny] for j, w in enumerate(self.weights(u[1])))
-
-    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
-        """The newest outputs of every model take the measured values."""
-        ny, each, count = len(self.outputs), len(self.outputs) * self.na, len(self.models)
-        parts = []
-        for j in range(count):
-            parts += [y] + ([x[j * each + ny : (j + 1) * each]] if self.na > 1 else [])
-        return concatenate(parts + ([x[count * each :]] if len(self.states) > count * each else []))
-
-
-def _plus(y: Vector, c: np.ndarray) -> Vector:
-    if not c.any():
-        return y
-    return (y.T + c).T if isinstance(y, np.ndarray) else y + c
+        ny = len(self.outputs)
+        return sum(w * own[:ny] for w, own in zip(self.weights(u[1]), self._split(x)[0], strict=True))

@@ -10,14 +10,15 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, nearest
-from slipangle.models.model import FitInfo, Model, derived
+from slipangle.models.model import Model, derived, taken
+from slipangle.models.wrappers.wrapper import Wrapper
 from slipangle.ops import Scalar, Vector, concatenate, cos, sin, stack, tan
 
 POSE = ("X", "Y", "psi")
 
 
 @dataclass(frozen=True)
-class OnGround(Model):
+class OnGround(Wrapper):
     """A model of lateral motion plus X, Y [m] and psi [rad]. [1]_ eqs. 3-7, 3-8.
 
     ``psi' = r``, ``X' = v_x cos(psi) - v_y sin(psi)``, ``Y' = v_x sin(psi) + v_y cos(psi)``: the
@@ -52,6 +53,8 @@ class OnGround(Model):
     _: KW_ONLY
     v_y: Literal["zero"] | float | None = None
 
+    fit_info = taken("model.fit_info")
+
     def __post_init__(self) -> None:
         base = self.model
         known = (*base.states, *base.outputs)
@@ -77,21 +80,6 @@ class OnGround(Model):
     def off_ground(self) -> Model:
         """The base model."""
         return self.model
-
-    @derived
-    def dt(self) -> float:
-        """Sample time of the base model. [s]"""
-        return self.model.dt
-
-    @derived
-    def memory(self) -> int:
-        """Samples that `initial_state` reads."""
-        return self.model.memory
-
-    @derived
-    def fit_info(self) -> FitInfo | None:
-        """How the base model was fitted."""
-        return self.model.fit_info
 
     @derived
     def inputs(self) -> tuple[str, ...]:

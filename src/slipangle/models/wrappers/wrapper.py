@@ -1,0 +1,25 @@
+"""`Wrapper`: a model around another one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from slipangle.models.model import Model, taken
+
+
+class Wrapper(Model):
+    """What a model around another one takes over from it; subclasses are dataclasses with a field ``model``."""
+
+    model: Any
+    dt = taken("model.dt")
+    inputs = taken("model.inputs")
+    outputs = taken("model.outputs")
+    states = taken("model.states")
+    memory = taken("model.memory")
+
+    @property
+    def alternatives(self) -> tuple[Model, ...]:
+        """Those of the model, each as wrapped as that."""
+        others = self.model.alternatives
+        return (self,) if len(others) == 1 else tuple(replace(self, model=other) for other in others)  # type: ignore[type-var]
