@@ -10,6 +10,7 @@ import pytest
 from slipangle.control.fallback import RELAX
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError
+from slipangle.optimal.engine import Engine
 from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.solution import Status, within
@@ -298,7 +299,7 @@ def test_iteration_limit_is_said():
     assert np.isfinite(plan.u).all()
 
 
-class Broken:
+class Broken(Engine):
     """A solver that fails in a chosen way."""
 
     def __init__(self, answer):
@@ -316,7 +317,7 @@ class Broken:
 def test_a_killed_or_lying_solver_is_survived():
     engine = Ipopt().build(CART.ocp, None)
     good = CART.plan(np.array([1.0, 0.0]), still(CART))
-    from slipangle.optimal.solution import Start
+    from slipangle.optimal.engine import Start
 
     start = Start(
         x=np.array([1.0, 0.0]),

@@ -7,6 +7,7 @@ import pytest
 
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError
+from slipangle.optimal.engine import Engine
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.interpreted import InterpretedEngine
@@ -208,7 +209,7 @@ def test_counters_tell_what_happened():
 
 
 def test_an_engine_that_stops_with_any_error_is_survived():
-    class Stops:
+    class Stops(Engine):
         def build(self, ocp, deadline):
             return self
 

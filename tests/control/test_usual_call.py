@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from slipangle.codegen.compiler import compiler, sentence
+from slipangle.control.mpc import MPC
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.solution import Plan, Status
 from slipangle.optimal.terms import Limits, Values, Weights
@@ -15,10 +16,14 @@ from tests.control.test_copies import PATH, posed
 pytestmark = pytest.mark.skipif(compiler() is None, reason=sentence())
 
 
+def nothing(*given):
+    return None
+
+
 def closely(mpc):
     """The same controller, for which no call is usual."""
     made = replace(mpc)
-    vars(made)["_continues"] = None
+    vars(made.engine if isinstance(made, MPC) else made.solver)["again"] = nothing
     return made
 
 
@@ -141,7 +146,7 @@ def test_another_turn_inputs_and_spoilt_plans_get_a_close_look(fast):
 @pytest.mark.parametrize("fallback", [0, 2])
 def test_a_fallback_in_one_piece_is_the_one_put_together(fast, steps, fallback):
     mpc, twin = (replace(fast, steps=steps, fallback=fallback, safe=Values(delta=0.1)) for _ in "12")
-    vars(twin).update(_rescues=None, _follows=None)
+    vars(twin.engine).update(lost=nothing, rescue=nothing, follow=nothing)
     x, reference, plan = drive(mpc, 3)[-1]
     short = count(mpc, "_lost")
     one = other = plan

@@ -17,20 +17,14 @@ from slipangle.errors import ParameterError
 from slipangle.models.model import Model
 from slipangle.numerics.per_thread import BUILDING
 from slipangle.optimal.checks import MOST, Judge, counted, health_of, is_numbers
+from slipangle.optimal.engine import Backend, Engine, Followed
 from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.ocp import OCP, Reference, Settings
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.solution import (
-    Backend,
-    Bounds,
-    Continues,
-    Engine,
-    Follows,
     Health,
     Kept,
     Plan,
-    Rescues,
-    Resumes,
     Status,
     finite,
     inputs_later,
@@ -118,17 +112,10 @@ class Fallbacks(Led):
         with BUILDING:
             if "_engine" not in vars(self):
                 engine = backend.build(self.ocp, self.deadline)
-                if isinstance(engine, Continues):
-                    engine.expect(*self._judge.ranges)
-                if isinstance(engine, Rescues):
-                    engine.relax(self._safe_input, self._relaxing.ravel())
+                engine.expect(*self._judge.ranges)
+                engine.relax(self._safe_input, self._relaxing.ravel())
                 vars(self)["_engine"] = engine
-                _ = self._resumes, self._continues, self._rescues, self._follows, self._bounds  # looked at by no plan
             return vars(self)["_engine"]
-
-    @cached_property
-    def _resumes(self) -> Resumes | None:
-        return self._engine if isinstance(self._engine, Resumes) else None
 
     @property
     def engine(self) -> Engine:
@@ -153,25 +140,6 @@ class Fallbacks(Led):
     @cached_property
     def _judge(self) -> Judge:
         return Judge(self._states, self.references, self.exogenous, self.horizon, self.plausible)
-
-    @cached_property
-    def _continues(self) -> Continues | None:
-        """The engine, where it judges by itself what the usual call is given."""
-        return self._engine if isinstance(self._engine, Continues) else None
-
-    @cached_property
-    def _bounds(self) -> Bounds | None:
-        """The engine, where there is a deadline that it can be told of."""
-        return self._engine if self.deadline is not None and isinstance(self._engine, Bounds) else None
-
-    @cached_property
-    def _rescues(self) -> Rescues | None:
-        """The engine, where it does fallbacks by itself."""
-        return self._engine if isinstance(self._engine, Rescues) else None
-
-    @cached_property
-    def _follows(self) -> Follows | None:
-        return self._engine if isinstance(self._engine, Follows) else None
 
     @cached_property
     def _pace(self) -> list[float]:
@@ -226,14 +194,14 @@ class Fallbacks(Led):
         self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, begin: float
     ) -> Plan | None:
         """The usual fallback, for a state that is no number, in as few steps as possible; None for other calls."""
-        engine, u, health, age = self._rescues, previous.u, previous.health, previous.age
-        if engine is None or type(health) is not Health or type(age) is not int or not 0 <= age < MOST:
+        engine, u, health, age = self._engine, previous.u, previous.health, previous.age
+        if type(health) is not Health or type(age) is not int or not 0 <= age < MOST:
             return None
         before = engine.lost(x, reference, u, applied)
         if before is None or previous.controls != self.controls:
             return None
-        if self._bounds is not None:
-            self._bounds.allow(self._left(begin))
+        if self.deadline is not None:
+            engine.allow(self._left(begin))
         source = self._source(previous)
         found = self._rescued(previous, None, before, reference, source)
         return None if found is None else self._fallen(begin, health, found, Status.NOT_FINITE, source)
@@ -245,8 +213,8 @@ class Fallbacks(Led):
         begun, previous = perf_counter(), call.previous
         source = self._source(previous)
         known = call.x if call.sound or self._judge.states.holds(call.x) else None
-        if self._bounds is not None:
-            self._bounds.allow(self._left(call.begin))
+        if self.deadline is not None:
+            self._engine.allow(self._left(call.begin))
         found = self._rescued(previous, known, call.before, call.wanted, source) or self._predict(call, known, source)
         if self.deadline is not None:
             needed = min(perf_counter() - begun, 2.0 * self._pace[0])  # not what another program took away
@@ -299,14 +267,16 @@ class Fallbacks(Led):
         self, previous: Plan | None, x: np.ndarray | None, before: np.ndarray, wanted: Reference, source: Source
     ) -> tuple[np.ndarray, np.ndarray] | None:
         """Inputs of a fallback and where they lead, all by the engine, where that can and the plan before is whole."""
-        engine, (age, kept) = self._rescues, source
-        if engine is None:
-            return None
+        age, kept = source
         if previous is None:
-            return None if x is None else engine.rescue(x, before, wanted, *self._nothing(x), 0, True)
-        if kept is None:
-            return engine.rescue(x, before, wanted, previous.u, previous.x, 1, True)
-        return engine.rescue(x, before, wanted, kept.u, kept.x, age - kept.age, False)
+            if x is None:
+                return None
+            followed = Followed(*self._nothing(x), 0, True)
+        elif kept is None:
+            followed = Followed(previous.u, previous.x, 1, True)
+        else:
+            followed = Followed(kept.u, kept.x, age - kept.age, False)
+        return self._engine.rescue(x, before, wanted, followed)
 
     def _nothing(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Inputs and states of a vehicle that stays as it is."""
@@ -330,11 +300,11 @@ class Fallbacks(Led):
             return u, np.zeros(self._shape_x) if guess is None else guess
         state: np.ndarray = guess[0] if x is None and guess is not None else call.x
         guess = np.tile(state, (self.horizon + 1, 1)) if guess is None else guess
-        if self._follows is not None:
-            u, states = self._follows.follow(state, call.before, call.wanted, u, guess)
-        else:
+        followed = self._engine.follow(state, call.before, call.wanted, u, guess)
+        if followed is None:
             u = within(u, call.before, self.ocp.input_bounds, self.ocp.step_bounds)
-            states = self._roll_out(state, u, call.wanted)
+            followed = u, self._roll_out(state, u, call.wanted)
+        u, states = followed
         return u, states if finite(states) else guess
 
     def _kept(self, previous: Plan | None, age: int) -> Kept | None:

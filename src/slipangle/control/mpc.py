@@ -12,13 +12,12 @@ from slipangle.control.call import given
 from slipangle.control.controller import Ahead
 from slipangle.control.fallback import Call, Fallbacks
 from slipangle.optimal.checks import health_of, is_numbers, require_plan
+from slipangle.optimal.engine import Start
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import (
     Health,
     Plan,
-    Prepares,
     Solution,
-    Start,
     Status,
     finite,
     inputs_later,
@@ -72,7 +71,7 @@ class MPC(Fallbacks):
             plan counts that time as its own.
         """
         engine = self._engine
-        if isinstance(engine, Prepares) and reference is not None and previous is not None:
+        if reference is not None and previous is not None:
             wanted = self.reference(reference) if isinstance(reference, Preview) else reference
             wanted = self.check_reference(wanted)
             require_plan(previous)
@@ -103,8 +102,8 @@ class MPC(Fallbacks):
         if wrong is not None:
             detail = self._judge.fault(x, wanted.tracked, wanted.exogenous) if wrong is Status.IMPLAUSIBLE else ""
             return self._fallback(call, wrong, detail=detail)
-        if self._bounds is not None:
-            self._bounds.allow(self._left(begin) - self._pace[0])
+        if self.deadline is not None:
+            self._engine.allow(self._left(begin) - self._pace[0])
         try:
             solution = self._solve(x, self._unwound(wanted, x), self._known(previous), before)
         except Exception as error:  # a solver from outside may stop with any
@@ -117,11 +116,11 @@ class MPC(Fallbacks):
         self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, begin: float
     ) -> Plan | None:
         """The usual call, from the plan that the engine still holds, in as few steps as possible; None for others."""
-        health, engine = previous.health, self._continues
-        if engine is None or type(health) is not Health:
+        health = previous.health
+        if type(health) is not Health:
             return None
-        left = None if self._bounds is None else self._left(begin) - self._pace[0]
-        found = engine.again(x, reference, previous, applied, left)
+        left = None if self.deadline is None else self._left(begin) - self._pace[0]
+        found = self._engine.again(x, reference, previous, applied, left)
         if found is None:
             return None
         if not found["status"].solved:
@@ -177,9 +176,10 @@ class MPC(Fallbacks):
         return Reference(tracked=tracked, exogenous=wanted.exogenous, inputs=wanted.inputs, corridor=wanted.corridor)
 
     def _solve(self, x: np.ndarray, wanted: Reference, previous: Plan | None, before: np.ndarray) -> Solution:
-        if self._resumes is not None:
-            return self._resumes.resume(x, before, wanted, previous)
         engine, memory = self._engine, None
+        resumed = engine.resume(x, before, wanted, previous)
+        if resumed is not None:
+            return resumed
         if previous is None:
             u = np.tile(before, (self.horizon, 1))
             states = self._roll_out(x, u, wanted)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
 
@@ -30,3 +30,33 @@ class PerThread(Generic[T]):
         except AttributeError:
             self._local.area = made = self._make()
             return made
+
+
+def of_thread(name: str) -> Any:
+    """The method of that name of the calling thread's area, for a subclass of `OfThreads`."""
+
+    def call(self: OfThreads, *given: Any) -> Any:
+        return getattr(self._areas.mine, name)(*given)
+
+    return call
+
+
+class OfThreads:
+    """An object with a work area for each thread, to which it passes calls on."""
+
+    def __init__(self, make: Callable[[], Any]) -> None:
+        self._told: dict[str, tuple[Any, ...]] = {}
+
+        def area() -> Any:
+            made = make()
+            for name, given in self._told.items():
+                getattr(made, name)(*given)
+            return made
+
+        self._areas = PerThread(area)
+        _ = self._areas.mine
+
+    def _tell(self, name: str, *given: Any) -> None:
+        """Call a method of this thread's area, and of all that are made from now on."""
+        self._told[name] = given
+        getattr(self._areas.mine, name)(*given)

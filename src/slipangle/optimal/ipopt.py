@@ -12,8 +12,9 @@ import numpy as np
 from slipangle.errors import ParameterError
 from slipangle.models.ode import OdeModel
 from slipangle.numerics.integrate import RADAU_A, radau_equations
+from slipangle.optimal.engine import Engine, Start
 from slipangle.optimal.ocp import OCP, Reference, at_nodes
-from slipangle.optimal.solution import Solution, Start, Status, between, finite
+from slipangle.optimal.solution import Solution, Status, between, finite
 
 _STATUS = {
     "Solve_Succeeded": Status.SOLVED,
@@ -165,7 +166,7 @@ def _layout(ocp: OCP, n_inner: int) -> _Layout:
     )
 
 
-class IpoptEngine:
+class IpoptEngine(Engine):
     """The nonlinear program of one `OCP`, built once.
 
     Variables are the stages' columns ``[u_i; x_{i+1}; slack_{i+1}; inner stages of the integrator; states within the

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from math import isfinite
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from slipangle.optimal.ocp import OCP, Reference
+    pass
 
 P = TypeVar("P")
 
@@ -173,21 +173,6 @@ class Kept:
     age: int
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Start:
-    """What one solve starts from: state, last applied input, reference, and a guess of the answer.
-
-    The guess has a row per stage, and one for the end in its states.
-    """
-
-    x: np.ndarray
-    applied: np.ndarray
-    reference: Reference
-    guess_u: np.ndarray
-    guess_x: np.ndarray
-    memory: Any = None
-
-
 @dataclass(kw_only=True, eq=False)
 class Solution:
     """What a solver returns.
@@ -220,108 +205,6 @@ def finite(*arrays: np.ndarray) -> bool:
         if not isfinite(np.vdot(a, a)):
             return False
     return True
-
-
-class Engine(Protocol):
-    """A solver built for one problem."""
-
-    def solve(self, start: Start) -> Solution:
-        """Solve from a state."""
-        ...
-
-
-@runtime_checkable
-class Resumes(Protocol):
-    """An engine that shifts the plan before and finds its first guess by itself."""
-
-    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
-        """Solve from a state and the plan of the step before, if there is one."""
-        ...
-
-
-@runtime_checkable
-class Continues(Protocol):
-    """An engine that judges by itself what the usual call is given: the reference and the plan of a step later."""
-
-    def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
-        """Ranges of the state's entries, then of the reference's columns, beyond which a value is doubtful."""
-        ...
-
-    def again(
-        self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, seconds: float | None
-    ) -> dict[str, Any] | None:
-        """A `Solution` as a dictionary, within so much time [s]; None, and nothing done, if anything is unusual."""
-        ...
-
-
-@runtime_checkable
-class Bounds(Protocol):
-    """An engine whose next solve can be told how long it may take."""
-
-    def allow(self, seconds: float) -> None:
-        """The next solve by this thread ends within so much time. [s]"""
-        ...
-
-
-@runtime_checkable
-class Follows(Protocol):
-    """An engine that can say where inputs lead, in less time than a solve takes."""
-
-    def follow(
-        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs within limits and rates, and the states from ``x`` on, near a guess of them."""
-        ...
-
-
-@runtime_checkable
-class Rescues(Protocol):
-    """An engine that does a whole fallback by itself."""
-
-    def relax(self, safe: np.ndarray, left: np.ndarray) -> None:
-        """The stop law: where inputs go, and how much is left of the way there at each stage, shape (horizon,)."""
-        ...
-
-    def lost(self, x: Any, reference: Reference, u: Any, applied: Any) -> np.ndarray | None:
-        """The input applied (by default ``u[0]``) where the state is no number, but all else of usual types and shapes.
-
-        None for any other call; whether these are numbers is not looked at.
-        """
-        ...
-
-    def rescue(
-        self,
-        x: np.ndarray | None,
-        applied: np.ndarray,
-        reference: Reference,
-        u: Any,
-        states: Any,
-        later: int,
-        stopping: bool,
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Inputs within limits and rates, and the states that they lead to, from ``x`` on if that is known.
-
-        They are those planned ``later`` steps ago, shifted, or when ``stopping`` those of the stop law. None, and
-        nothing done, if what was planned is not made of numbers, or the input applied before cannot be true.
-        """
-        ...
-
-
-@runtime_checkable
-class Prepares(Protocol):
-    """An engine that can do most of its work before the state is known."""
-
-    def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:
-        """Linearise around a plan, shifted, for the next solve."""
-        ...
-
-
-class Backend(Protocol):
-    """Settings of a solver; `build` makes the engine for a problem."""
-
-    def build(self, ocp: OCP, deadline: float | None) -> Engine:
-        """Build once per problem; ``deadline`` bounds the time of one solve. [s]"""
-        ...
 
 
 def shifted(rows: np.ndarray, steps: int = 1) -> np.ndarray:

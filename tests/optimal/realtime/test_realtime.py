@@ -13,10 +13,11 @@ from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2, SOUSA_TABLE_7_2
 from slipangle.models.vehicles.single_track import SingleTrack
 from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.optimal.engine import Start
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.program import source
-from slipangle.optimal.solution import Start, Status
+from slipangle.optimal.solution import Status
 from slipangle.optimal.terms import Limits, Weights
 from slipangle.paths.lane_change import double_lane_change
 from tests.models.all_models import ALL_MODELS, SIZE, typical

@@ -11,6 +11,7 @@ from slipangle.control.mpc import MPC
 from slipangle.models.tires.simple import Tire
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
 from slipangle.models.vehicles.single_track import SingleTrack
+from slipangle.optimal.engine import Engine
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.solution import Plan, Status
 from slipangle.optimal.terms import Limits
@@ -47,7 +48,7 @@ def plant(rng, friction):
     return model.functions[0].fold(200)
 
 
-class Killed:
+class Killed(Engine):
     """The real-time solver, killed or broken in some of its solves."""
 
     def __init__(self, rng, share):

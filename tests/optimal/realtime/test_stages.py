@@ -8,10 +8,11 @@ import pytest
 from slipangle.codegen import compiler as compiled
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
 from slipangle.models.vehicles.quasi_steady import QuasiSteadySingleTrack
+from slipangle.optimal.engine import Start
 from slipangle.optimal.realtime import RealTime, program
 from slipangle.optimal.realtime.interpreted import InterpretedEngine
 from slipangle.optimal.realtime.program import source
-from slipangle.optimal.solution import Start, Status
+from slipangle.optimal.solution import Status
 from slipangle.optimal.terms import Limits, Weights
 from slipangle.paths.lane_change import double_lane_change
 from tests.models.all_models import ALL_MODELS

@@ -10,11 +10,12 @@ from slipangle.codegen import compiler as compiled
 from slipangle.control.mpc import MPC
 from slipangle.errors import ModelWarning
 from slipangle.models.custom import Ode
+from slipangle.optimal.engine import Engine, Start
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.realtime import RealTime, backend
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.optimal.realtime.program import source
-from slipangle.optimal.solution import Start, Status
+from slipangle.optimal.solution import Status
 from slipangle.optimal.terms import Limits, Weights
 from slipangle.paths.lane_change import double_lane_change
 from tests.optimal.realtime.test_realtime import CONVERGED, car
@@ -163,7 +164,7 @@ def test_a_cold_start_goes_on_where_it_was(way):
 def test_a_cold_start_that_runs_out_of_time_goes_on_where_it_was(microseconds):
     """By a clock that goes on by a microsecond whenever it is read, so that no machine is too fast or too slow."""
 
-    class Engine:
+    class Hurried(Engine):
         """Knows the deadline only, not what the computer's own clock says is left of it."""
 
         def __init__(self, engine):
@@ -174,7 +175,7 @@ def test_a_cold_start_that_runs_out_of_time_goes_on_where_it_was(microseconds):
             code = source(ocp).replace(
                 "clock_gettime(CLOCK_MONOTONIC, &t);", "static long reads; t.tv_sec = 0, t.tv_nsec = 1000 * ++reads;"
             )
-            return Engine(CompiledEngine(ocp, compiled.library(code, name="clock"), self, deadline))
+            return Hurried(CompiledEngine(ocp, compiled.library(code, name="clock"), self, deadline))
 
     mpc = car(20, solver=Clock(), deadline=1e-6 * microseconds)
     path = double_lane_change(20.0, blend=12.0)

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from slipangle.control.controller import Controller, along
-from slipangle.control.marx.problem import Continues, Numbers, Problem, Solver
+from slipangle.control.marx.problem import Numbers, Problem, Solver
 from slipangle.control.marx.solver import build
 from slipangle.errors import ParameterError
 from slipangle.models.wrappers.multi_arx import MultiARXModel, SpeedBlend
@@ -191,8 +191,7 @@ class BlendedProblem(Controller):
         with BUILDING:
             if "solver" not in vars(self):
                 solver = build(self.problem, self.numbers)
-                if isinstance(solver, Continues):
-                    solver.expect(*self._judge.ranges)
+                solver.expect(*self._judge.ranges)
                 vars(self)["solver"] = solver
             return vars(self)["solver"]
 
@@ -205,11 +204,6 @@ class BlendedProblem(Controller):
     @cached_property
     def _shape_u(self) -> tuple[int, int]:
         return self.horizon, 1
-
-    @cached_property
-    def _continues(self) -> Continues | None:
-        """The solver, where it judges by itself what the usual call is given."""
-        return self.solver if isinstance(self.solver, Continues) else None
 
     @cached_property
     def _shape_x(self) -> tuple[int, int]:

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.marx.problem import Answer, Numbers, Offset, Problem
+from slipangle.control.marx.problem import Answer, Numbers, Offset, Problem, Solver
 from slipangle.optimal.solution import Status, within
 
 
-class Interpreted:
+class Interpreted(Solver):
     """The same with NumPy, the quadratic program by DAQP."""
 
     def __init__(self, problem: Problem, numbers: Numbers) -> None:

@@ -170,7 +170,7 @@ class MultiARXMPC(BlendedProblem):
         begin: float,
     ) -> MultiARXPlan | None:
         """The usual call in as few steps as possible; None for others, which are looked at closely."""
-        solver, before, health, speed = self._continues, 0.0, NEW, reference.exogenous
+        solver, before, health, speed = self.solver, 0.0, NEW, reference.exogenous
         if previous is not None:
             if not isinstance(previous, Plan):
                 return None
@@ -184,7 +184,7 @@ class MultiARXMPC(BlendedProblem):
             if type(applied) is not np.ndarray or applied.shape != (1,) or applied.dtype is not DOUBLE:
                 return None
             before = applied.item()
-        if solver is None or type(speed) is not np.ndarray or speed.ndim != 2:
+        if type(speed) is not np.ndarray or speed.ndim != 2:
             return None
         v_x = speed if len(speed) == self.horizon else speed[: self.horizon]
         if not v_x.size or not (now := v_x.item(0)) >= SLOWEST:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import abc
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -77,26 +78,20 @@ class Answer(NamedTuple):
     residual: float
 
 
-@runtime_checkable
-class Continues(Protocol):
-    """A solver that judges by itself what the usual call is given."""
-
-    def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
-        """Ranges of the state's entries, of X, Y, psi and of the speed, beyond which a value is doubtful."""
-        ...
-
-    def again(
-        self, x: np.ndarray, path: np.ndarray, v_x: np.ndarray, applied: float, numbers: Numbers | None
-    ) -> dict[str, Any] | None:
-        """What a plan says of an answer; None if anything is unusual, or there is no answer."""
-        ...
-
-
-class Solver(Protocol):
+class Solver(abc.ABC):
     """A solver for one `Problem`."""
 
+    @abc.abstractmethod
     def solve(
         self, x: np.ndarray, path: np.ndarray, v_x: np.ndarray, applied: float, numbers: Numbers | None, offset: Offset
     ) -> Answer:
         """Solve from a state; ``numbers`` replace the models' coefficients, ``offset`` is added to every output."""
-        ...
+
+    def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:  # noqa: B027  # that need not be known
+        """Ranges of the state's entries, of X, Y, psi and of the speed, beyond which a value is doubtful."""
+
+    def again(
+        self, x: np.ndarray, path: np.ndarray, v_x: np.ndarray, applied: float, numbers: Numbers | None
+    ) -> dict[str, Any] | None:
+        """What a plan says of the usual call's answer, which is judged here; None if anything is unusual."""
+        return None

@@ -12,7 +12,7 @@ from slipangle.codegen.compiler import library
 from slipangle.codegen.expression import preamble
 from slipangle.control.marx.interpreted import Interpreted
 from slipangle.control.marx.problem import Answer, Numbers, Offset, Problem, Solver
-from slipangle.numerics.per_thread import PerThread
+from slipangle.numerics.per_thread import OfThreads, of_thread
 from slipangle.optimal.arrays import DOUBLE
 from slipangle.optimal.checks import ANY
 from slipangle.optimal.solution import Status
@@ -76,7 +76,7 @@ def build(problem: Problem, numbers: Numbers) -> Solver:
     return Compiled(problem, numbers, found) if found is not None else Interpreted(problem, numbers)
 
 
-class WorkArea:
+class WorkArea(Solver):
     """One thread's memory of the compiled solver."""
 
     def __init__(self, problem: Problem, numbers: Numbers, found: ctypes.CDLL) -> None:
@@ -164,13 +164,13 @@ class WorkArea:
         )
 
     def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
-        """See `Continues`."""
+        """See `Solver`."""
         self._view["lowest"][:], self._view["highest"][:] = lowest, highest
 
     def again(
         self, x: np.ndarray, path: np.ndarray, v_x: np.ndarray, applied: float, numbers: Numbers | None
     ) -> dict[str, Any] | None:
-        """See `Continues`."""
+        """See `Solver`."""
         if not (type(x) is type(path) is type(v_x) is np.ndarray and (x.shape, path.shape, v_x.shape) == self._sizes):
             return None
         if not (x.dtype is DOUBLE and path.dtype is DOUBLE and v_x.dtype is DOUBLE):
@@ -193,39 +193,19 @@ class WorkArea:
         }
 
 
-class Compiled:
+class Compiled(OfThreads, Solver):
     """Solver on a loaded library, a work area for each thread."""
 
+    solve, again = of_thread("solve"), of_thread("again")
+
     def __init__(self, problem: Problem, numbers: Numbers, found: ctypes.CDLL) -> None:
-        self._ranges: tuple[np.ndarray, np.ndarray] | None = None
-
-        def area() -> WorkArea:
-            made = WorkArea(problem, numbers, found)
-            if self._ranges is not None:
-                made.expect(*self._ranges)
-            return made
-
-        self._areas = PerThread(area)
-        _ = self._areas.mine
+        super().__init__(lambda: WorkArea(problem, numbers, found))
 
     @property
     def seconds(self) -> float:
         """Time of this thread's last solve inside the compiled code. [s]"""
         return self._areas.mine.seconds
 
-    def solve(
-        self, x: np.ndarray, path: np.ndarray, v_x: np.ndarray, applied: float, numbers: Numbers | None, offset: Offset
-    ) -> Answer:
-        """See `Solver`."""
-        return self._areas.mine.solve(x, path, v_x, applied, numbers, offset)
-
     def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
-        """See `Continues`; for all threads' areas that are made from now on, and this one's."""
-        self._ranges = lowest, highest
-        self._areas.mine.expect(lowest, highest)
-
-    def again(
-        self, x: np.ndarray, path: np.ndarray, v_x: np.ndarray, applied: float, numbers: Numbers | None
-    ) -> dict[str, Any] | None:
-        """See `Continues`."""
-        return self._areas.mine.again(x, path, v_x, applied, numbers)
+        """See `Solver`; of all threads."""
+        self._tell("expect", lowest, highest)

@@ -8,11 +8,11 @@ from functools import cache
 
 from slipangle.codegen.compiler import compiler, library, sentence
 from slipangle.errors import ModelWarning, ParameterError
+from slipangle.optimal.engine import Engine
 from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.optimal.realtime.interpreted import InterpretedEngine
 from slipangle.optimal.realtime.program import source
-from slipangle.optimal.solution import Engine
 
 FLAGS = ("-fschedule-insns",)  # before registers are given out: networks in the model gain a twentieth
 

@@ -12,12 +12,12 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from slipangle.numerics.per_thread import PerThread
 from slipangle.optimal.arrays import DOUBLE
+from slipangle.optimal.engine import Engine, EngineOfThreads, Followed, Start
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.parts import implicit, limit_rows, slack_of_rows
 from slipangle.optimal.realtime.program import COUNTS, FIELDS
-from slipangle.optimal.solution import MOST_ATTEMPTS, Plan, Solution, Start, Status, between, finite, inputs_later
+from slipangle.optimal.solution import MOST_ATTEMPTS, Plan, Solution, Status, between, finite, inputs_later
 
 OUTCOMES = (
     Status.SOLVED,
@@ -72,7 +72,7 @@ def _block(first: np.ndarray, last: np.ndarray) -> np.ndarray:
 _areas = itertools.count()  # no number is given twice, so that none is ever taken for another
 
 
-class WorkArea:
+class WorkArea(Engine):
     """One thread's memory of the compiled solver; see `CompiledEngine`."""
 
     def __init__(self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None) -> None:
@@ -184,7 +184,7 @@ class WorkArea:
         return self._run()
 
     def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
-        """Ranges of states, then of the reference's columns; see `slipangle.optimal.solution.Continues`."""
+        """Ranges of states, then of the reference's columns; see `Engine`."""
         self._view["lowest"][:], self._view["highest"][:] = lowest, highest
 
     def again(
@@ -240,16 +240,10 @@ class WorkArea:
         self._view["safe"][:], self._view["relaxing"][:] = safe, left
 
     def rescue(
-        self,
-        x: np.ndarray | None,
-        applied: np.ndarray,
-        reference: Reference,
-        u: Any,
-        states: Any,
-        later: int,
-        stopping: bool,
+        self, x: np.ndarray | None, applied: np.ndarray, reference: Reference, followed: Followed
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Inputs of a fallback and where they lead; see `slipangle.optimal.solution.Rescues`."""
+        """See `Engine`."""
+        u, states, later, stopping = followed
         if not (type(u) is type(states) is np.ndarray and u.dtype is states.dtype is DOUBLE):
             return None
         if u.shape != self._shape_u or states.shape != self._shape_way:
@@ -272,7 +266,8 @@ class WorkArea:
         self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Inputs within limits and rates, and where they lead; near the guess where the model has no answer."""
-        found = self.rescue(x, applied, reference, np.array(u, dtype=float), np.array(guess, dtype=float), 0, False)
+        planned = Followed(np.array(u, dtype=float), np.array(guess, dtype=float), 0, False)
+        found = self.rescue(x, applied, reference, planned)
         return (u, np.full_like(guess, np.nan)) if found is None else found
 
     def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:
@@ -363,78 +358,11 @@ class WorkArea:
         }
 
 
-class CompiledEngine:
+class CompiledEngine(EngineOfThreads):
     """Engine on a loaded library, a work area for each thread; see `slipangle.optimal.realtime.program.source`."""
 
     def __init__(self, ocp: OCP, library: ctypes.CDLL, settings: Any, deadline: float | None) -> None:
-        self._ranges: tuple[np.ndarray, np.ndarray] | None = None
-        self._stop: tuple[np.ndarray, np.ndarray] | None = None
-
-        def area() -> WorkArea:
-            made = WorkArea(ocp, library, settings, deadline)
-            if self._ranges is not None:
-                made.expect(*self._ranges)
-            if self._stop is not None:
-                made.relax(*self._stop)
-            return made
-
-        self._areas = PerThread(area)
-        _ = self._areas.mine
-
-    def solve(self, start: Start) -> Solution:
-        """Solve from a state and a guess; see `slipangle.optimal.solution.Start`."""
-        return self._areas.mine.solve(start)
-
-    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
-        """Solve from a state and the plan of the step before, which is shifted; without one, from nothing."""
-        return self._areas.mine.resume(x, applied, reference, previous)
-
-    def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
-        """Ranges beyond which a value is doubtful, for all threads' areas that are made from now on, and this one's."""
-        self._ranges = lowest, highest
-        self._areas.mine.expect(lowest, highest)
-
-    def relax(self, safe: np.ndarray, left: np.ndarray) -> None:
-        """The stop law, for all threads' areas that are made from now on, and this one's."""
-        self._stop = safe, left
-        self._areas.mine.relax(safe, left)
-
-    def lost(self, x: Any, reference: Reference, u: Any, applied: Any) -> np.ndarray | None:
-        """The input applied, where the state is no number in a call that is otherwise as usual."""
-        return self._areas.mine.lost(x, reference, u, applied)
-
-    def rescue(
-        self,
-        x: np.ndarray | None,
-        applied: np.ndarray,
-        reference: Reference,
-        u: Any,
-        states: Any,
-        later: int,
-        stopping: bool,
-    ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Inputs of a fallback and where they lead; see `slipangle.optimal.solution.Rescues`."""
-        return self._areas.mine.rescue(x, applied, reference, u, states, later, stopping)
-
-    def again(
-        self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, seconds: float | None
-    ) -> dict[str, Any] | None:
-        """The usual solve, a step after the one that this thread did last; None if anything is unusual."""
-        return self._areas.mine.again(x, reference, previous, applied, seconds)
-
-    def allow(self, seconds: float) -> None:
-        """Longest time of this thread's next solve. [s]"""
-        self._areas.mine.allow(seconds)
-
-    def follow(
-        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs within limits and rates, and where they lead; NaN where the model has no answer."""
-        return self._areas.mine.follow(x, applied, reference, u, guess)
-
-    def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:
-        """Do what can be done before the state is known; for a `resume` by the same thread."""
-        self._areas.mine.prepare(applied, reference, previous)
+        super().__init__(lambda: WorkArea(ocp, library, settings, deadline))
 
     @property
     def timing(self) -> Timing:

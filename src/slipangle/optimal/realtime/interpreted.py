@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
-from slipangle.numerics.per_thread import PerThread
+from slipangle.optimal.engine import Engine, EngineOfThreads, Start
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.interpreted_model import bind, columns, dense, newton_columns, newton_node, only
 from slipangle.optimal.realtime.interpreted_qp import LimitedStep, secant
@@ -28,7 +28,6 @@ from slipangle.optimal.solution import (
     MOST_ATTEMPTS,
     Plan,
     Solution,
-    Start,
     Status,
     between,
     finite,
@@ -119,7 +118,7 @@ class Functions(NamedTuple):
         return cls(parts, newton_columns(ocp, parts, one, steps), columns(stage, ocp.horizon + 1), values, quick)
 
 
-class WorkArea:
+class WorkArea(Engine):
     """One thread's memory of `InterpretedEngine`.
 
     States inside have a row per node, one after every step of the model; `OCP.nodes` are those of the stages.
@@ -152,6 +151,7 @@ class WorkArea:
 
     # ---- starts ------------------------------------------------------------------------------------------------
 
+    @np.errstate(all="ignore")  # what is no number is looked for and said
     def solve(self, start: Start) -> Solution:
         """Solve from a state and a guess, to convergence."""
         self._k[:] = 0.0
@@ -160,6 +160,7 @@ class WorkArea:
         self._begin(start.x, start.applied, start.reference)
         return self._run(start.guess_u, between(start.guess_x, self.ocp.nodes), False)
 
+    @np.errstate(all="ignore")  # what is no number is looked for and said
     def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
         """Solve from a state and the plan of the step before; without one, from nothing."""
         ocp, (n, _, nu) = self.ocp, self._sizes
@@ -195,6 +196,7 @@ class WorkArea:
         """Longest time of the next solve. [s]"""
         self._allowed = max(seconds, 0.0)
 
+    @np.errstate(all="ignore")  # what is no number is looked for and said
     def follow(
         self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -551,34 +553,12 @@ class WorkArea:
         return forced
 
 
-class InterpretedEngine:
+class InterpretedEngine(EngineOfThreads):
     """Engine of `RealTime` on a computer without a C compiler, a work area for each thread."""
 
     def __init__(self, ocp: OCP, settings: Any, deadline: float | None) -> None:
         functions = Functions.of(ocp)
-        self._areas = PerThread(lambda: WorkArea(ocp, functions, settings, deadline))
-        _ = self._areas.mine
-
-    def solve(self, start: Start) -> Solution:
-        """Solve from a state and a guess, to convergence."""
-        with np.errstate(all="ignore"):  # what is no number is looked for and said
-            return self._areas.mine.solve(start)
-
-    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
-        """Solve from a state and the plan of the step before; without one, from nothing."""
-        with np.errstate(all="ignore"):  # what is no number is looked for and said
-            return self._areas.mine.resume(x, applied, reference, previous)
-
-    def allow(self, seconds: float) -> None:
-        """Longest time of this thread's next solve. [s]"""
-        self._areas.mine.allow(seconds)
-
-    def follow(
-        self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs within limits and rates, and where they lead; NaN where the model has no answer."""
-        with np.errstate(all="ignore"):  # what is no number is looked for and said
-            return self._areas.mine.follow(x, applied, reference, u, guess)
+        super().__init__(lambda: WorkArea(ocp, functions, settings, deadline))
 
 
 def _inputs(function: Any, times: int) -> list[np.ndarray]:
