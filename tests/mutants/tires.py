@@ -87,7 +87,8 @@ MUTANTS = [
         "models/tires/magic_formula/mf61.py",
         ORACLE,
         [
-            ("6.1: shift by camber", "ratio(K_g * gamma - S_vg, K)", "ratio(K_g * gamma + S_vg, K)"),
+            ("6.1: shift by camber", "K) * gamma - S_vg, K)", "K) * gamma + S_vg, K)"),
+            ("curvature's sign by camber", "(c.PEY3 + c.PEY4 * gamma)", "(c.PEY3 - c.PEY4 * gamma)"),
             (
                 "6.1: peak grows with camber",
                 "(1.0 - c.PDY3 * gamma * gamma) * s.mu_y",
@@ -105,7 +106,6 @@ MUTANTS = [
         ORACLE,
         [
             ("5.2: half the angle in the stiffness", "sin(2.0 * atan(load / top))", "sin(atan(load / top))"),
-            ("5.2: curvature's sign by camber", "(c.PEY3 + c.PEY4 * gamma)", "(c.PEY3 - c.PEY4 * gamma)"),
         ],
     ),
     *mistakes(

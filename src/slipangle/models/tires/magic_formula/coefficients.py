@@ -229,3 +229,5 @@ class MF52Coefficients(MagicCoefficients):
 
     version: ClassVar[str] = "5.2"
     fit_type: ClassVar[int] = 6
+    PEY5 = RBX3 = RBY4 = QDZ10 = QDZ11 = QSX12 = QSX13 = QSX14 = 0.0  # of version 6, without effect
+    LKZC = 1.0

@@ -19,8 +19,9 @@ import numpy as np
 from slipangle.data.readers.tir import TirFile, read_tir
 from slipangle.errors import ModelWarning, ParameterError, nearest
 from slipangle.models.model import FitInfo
-from slipangle.models.tires.magic_formula import mf52, mf61
 from slipangle.models.tires.magic_formula.coefficients import MF52Coefficients, MF61Coefficients
+from slipangle.models.tires.magic_formula.mf52 import MF52
+from slipangle.models.tires.magic_formula.mf61 import MF61
 from slipangle.models.tires.magic_formula.terms import Conventions, MagicForces, is_zero, prepare
 from slipangle.models.tires.magic_formula.tir import Switches, coefficients_from, file_from, limits_from, switches_from
 from slipangle.models.tires.magic_formula.validity import ValidRange
@@ -36,7 +37,7 @@ _AXES: dict[str, tuple[float, float]] = {
     "adapted SAE": (1.0, -1.0),
     "slipangle": (-1.0, 1.0),
 }
-_EQUATIONS = {"5.2": mf52, "6": mf61}
+_EQUATIONS = {"5.2": MF52(), "6": MF61()}
 _CHUNK = 4096  # samples that pass through the equations at a time: their temporaries stay in the cache
 # Coefficients of conicity, ply steer and other differences between left and right.
 _ASYMMETRIC = (
@@ -249,7 +250,7 @@ class MagicFormulaTire(Tire):
         return self._version.forces(c, o, prepare(c, o, **inputs), combined=self.combined)
 
     @property
-    def _version(self) -> Any:
+    def _version(self) -> MF61:
         """The equations of the coefficients' version."""
         return _EQUATIONS[self.coefficients.version]
 
