@@ -16,8 +16,6 @@ def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[
 
     Parameters
     ----------
-    data : Dataset
-        Training data.
     n_parameters : int
         Parameters to be estimated per output.
     scheduling : tuple of str, optional

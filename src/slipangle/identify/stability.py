@@ -29,8 +29,6 @@ def judged(model: Any, data: Dataset) -> Any:
     ----------
     model : Model
         Linear: it has ``poles``.
-    data : Dataset
-        Training data.
     """
     return noted(model, growth(model.poles, max(b - a for a, b in zip(data.starts, data.stops, strict=True))))
 
@@ -46,13 +44,6 @@ def announced(model: Any) -> Any:
 @contextmanager
 def breakdown_said(what: str, data: Dataset) -> Iterator[None]:
     """Turn what linear algebra raises on numbers that are no longer finite into one sentence.
-
-    Parameters
-    ----------
-    what : str
-        What was fitted.
-    data : Dataset
-        Training data.
 
     Raises
     ------

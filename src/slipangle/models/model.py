@@ -24,32 +24,17 @@ from slipangle.ops import Vector
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """One of several training runs, for a table that hides none of them.
+    """One of several training runs, for a table that hides none of them."""
 
-    Parameters
-    ----------
-    seed : int
-        Of the start weights and of the order of the batches.
-    score : float
-        Smallest free-run error on the part of the training data held out for it: RMSE over the standard deviation
-        of the output. [-]
-    epoch, epochs : int
-        Epoch of the smallest error, whose weights are kept, and the last one trained.
-    seconds : float
-        Time of this run. [s]
-    curve : array, shape (n_checks, 2)
-        Epoch and free-run error at every check.
-    note : str
-        What went wrong, if anything.
-    """
-
-    seed: int
+    seed: int  # of the start weights and of the order of the batches
+    # smallest free-run error on the part of the training data held out for it: RMSE over the standard deviation of
+    # the output [-]
     score: float
-    epoch: int
-    epochs: int
-    seconds: float
-    curve: np.ndarray = field(repr=False)
-    note: str = ""
+    epoch: int  # of the smallest error, whose weights are kept
+    epochs: int  # trained
+    seconds: float  # time of this run [s]
+    curve: np.ndarray = field(repr=False)  # (n_checks, 2), epoch and free-run error at every check
+    note: str = ""  # what went wrong, if anything
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -378,10 +363,7 @@ class Model(FastPaths, abc.ABC):
         ModelWarning
             If an output leaves any plausible range of the data, with the sample at which it does.
         """
-        run = self._simulate(data, start)
-        for sentence in run.astray.values():
-            warnings.warn(sentence, ModelWarning, stacklevel=2)
-        return run
+        return _announced(self._simulate(data, start))
 
     def _simulate(self, data: Dataset, start: Sequence[np.ndarray] | None = None) -> Trajectory:
         """`simulate` for those who look at what it says by themselves."""
@@ -432,22 +414,9 @@ class Model(FastPaths, abc.ABC):
     def predict(self, data: Dataset, steps: int = 1) -> Trajectory:
         """Prediction ``steps`` samples ahead of the last measured output used; 1 is one-step-ahead.
 
-        Raises
-        ------
-        ParameterError
-            If ``steps`` is below 1.
-        SimulationError
-            If a prediction leaves the finite numbers, with the sample at which it does.
-
-        Warns
-        -----
-        ModelWarning
-            If an output leaves any plausible range of the data, with the sample at which it does.
+        Raises ParameterError if ``steps`` is below 1; else it raises and warns as `simulate` does.
         """
-        run = self._predict(data, steps)
-        for sentence in run.astray.values():
-            warnings.warn(sentence, ModelWarning, stacklevel=2)
-        return run
+        return _announced(self._predict(data, steps))
 
     def _predict(self, data: Dataset, steps: int = 1) -> Trajectory:
         """`predict` for those who look at what it says by themselves."""
@@ -498,3 +467,10 @@ class Model(FastPaths, abc.ABC):
             starts=data.starts,
             astray=said,
         )
+
+
+def _announced(run: Trajectory) -> Trajectory:
+    """The run, after a word to whoever asked for it on what left any plausible range."""
+    for sentence in run.astray.values():
+        warnings.warn(sentence, ModelWarning, stacklevel=3)
+    return run

@@ -72,8 +72,6 @@ def load(path: str | Path, *, classes: Sequence[type] = ()) -> Any:
 
     Parameters
     ----------
-    path : str or Path
-        The file.
     classes : sequence of type
         Dataclasses of your own that the record is made of.
 

@@ -200,8 +200,6 @@ def least_squares(
         Sum of squared errors, where it costs less than the errors.
     bounds : (array, array), optional
         Smallest and largest values, shape (n,).
-    max_iterations : int
-        Limit on steps.
     tolerance, creep : float
         See `LevenbergMarquardt.minimise`.
 

@@ -33,9 +33,9 @@ class LTI:
 
     A: np.ndarray
     B: np.ndarray
+    f: np.ndarray | None = None
     C: np.ndarray
     D: np.ndarray
-    f: np.ndarray | None = None
     g: np.ndarray | None = None
 
     @property

@@ -151,8 +151,6 @@ class Effort(Checked):
 
     Parameters
     ----------
-    starts : int
-        Random starts.
     screen : int
         Evaluations that every start gets before the promising ones are chosen.
     carried : int
@@ -189,14 +187,10 @@ def multistart(
 
     Parameters
     ----------
-    problem : Regression
-        Residuals and Jacobian.
     lower, upper : array, shape (n_parameters,)
         Bounds.
     starts : array, shape (n_starts, n_parameters)
         Where the runs begin.
-    effort : Effort
-        Budget.
     """
 
     def run(theta: np.ndarray, budget: int) -> Any:
@@ -327,10 +321,6 @@ def profile_interval(
     ----------
     problem, solution, lower, upper
         The regression, its solution and bounds.
-    index : int
-        Which parameter.
-    level : float
-        Confidence level.
 
     References
     ----------

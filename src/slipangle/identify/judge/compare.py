@@ -32,62 +32,30 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """One model of a comparison.
-
-    Parameters
-    ----------
-    name : str
-        As given.
-    model : Model
-        The model.
-    scores : dict of str to Score
-        Free-run metrics of each output over the samples that every model predicts; empty if it failed.
-    error : float
-        Free-run RMSE over the standard deviation of the measured output, mean over the outputs; infinite if the
-        model failed. `Comparison` ranks by it. [-]
-    one_step_error : float
-        The same for one-step-ahead prediction.
-    free_run : Trajectory or None
-        What it predicted.
-    failure : str
-        Why there is no free run.
-    warnings : tuple of str
-        What its fit and its free run give cause to say.
-    """
+    """One model of a comparison."""
 
     name: str
     model: Model
+    # free-run metrics of each output over the samples that every model predicts; empty if it failed
     scores: dict[str, Score]
+    # free-run RMSE over the standard deviation of the measured output, mean over the outputs; infinite if the model
+    # failed. `Comparison` ranks by it [-]
     error: float
-    one_step_error: float
+    one_step_error: float  # the same for one-step-ahead prediction
     free_run: Trajectory | None
-    failure: str = ""
-    warnings: tuple[str, ...] = ()
+    failure: str = ""  # why there is no free run
+    warnings: tuple[str, ...] = ()  # what its fit and its free run give cause to say
 
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison:
-    """Models ranked by free run, the best first.
+    """Models ranked by free run, the best first."""
 
-    Parameters
-    ----------
-    entries : tuple of Entry
-        Every model, failed ones last.
-    outputs : tuple of str
-        What they were compared on.
-    data_name : str
-        The test data.
-    start : {"first samples", "least squares"}
-        Protocol of the initial state.
-    n_samples : int
-        Samples that every model predicts.
-    """
-
-    entries: tuple[Entry, ...]
-    outputs: tuple[str, ...]
+    entries: tuple[Entry, ...]  # every model, failed ones last
+    outputs: tuple[str, ...]  # what they were compared on
     data_name: str
-    start: Start
-    n_samples: int
+    start: Start  # protocol of the initial state
+    n_samples: int  # samples that every model predicts
 
     @property
     def best(self) -> Entry:
@@ -117,8 +85,6 @@ def compare(
     ----------
     models : mapping of str to Model, or sequence of Model
         A sequence is named by class, with a number where classes repeat.
-    data : Dataset
-        Test data.
     outputs : sequence of str, optional
         What to compare; by default the outputs that all models have.
     start : {"first samples", "least squares"}
@@ -225,27 +191,13 @@ def _common(named: Mapping[str, Model], outputs: Sequence[str] | None) -> tuple[
 
 @dataclass(frozen=True, kw_only=True)
 class HorizonErrors:
-    """Error over how far a model looks ahead.
+    """Error over how far a model looks ahead."""
 
-    Parameters
-    ----------
-    horizons : array of int, shape (n_horizons,)
-        Steps ahead of the last measured output used.
-    rmse : array, shape (n_horizons, n_outputs)
-        RMSE at each horizon, in the outputs' units.
-    free_run : array, shape (n_outputs,)
-        RMSE of the free run on the same samples: the limit of long horizons.
-    outputs : tuple of str
-        Output names.
-    dt : float
-        Sample time. [s]
-    """
-
-    horizons: np.ndarray
-    rmse: np.ndarray
-    free_run: np.ndarray
+    horizons: np.ndarray  # (n_horizons,), steps ahead of the last measured output used
+    rmse: np.ndarray  # (n_horizons, n_outputs), RMSE at each horizon, in the outputs' units
+    free_run: np.ndarray  # (n_outputs,), RMSE of the free run on the same samples: the limit of long horizons
     outputs: tuple[str, ...]
-    dt: float
+    dt: float  # sample time [s]
 
 
 def horizon_errors(
@@ -255,10 +207,6 @@ def horizon_errors(
 
     Parameters
     ----------
-    model : Model
-        The model.
-    data : Dataset
-        Test data.
     horizons : sequence of int
         Steps ahead; those that no experiment is long enough for are left out.
     on_training_data : bool
@@ -298,27 +246,13 @@ def horizon_errors(
 
 @dataclass(frozen=True, kw_only=True)
 class Fold:
-    """One fold: the model fitted to the other experiments, judged on these.
+    """One fold: the model fitted to the other experiments, judged on these."""
 
-    Parameters
-    ----------
-    spans : tuple of tuple of float
-        First and last time of each held-out experiment. [s]
-    model : Model
-        Fitted to the rest.
-    scores : dict of str to Score
-        Free-run metrics; empty if it failed.
-    error : float
-        As in `Entry`.
-    failure : str
-        Why there are no scores.
-    """
-
-    spans: tuple[tuple[float, float], ...]
-    model: Model
-    scores: dict[str, Score]
-    error: float
-    failure: str = ""
+    spans: tuple[tuple[float, float], ...]  # first and last time of each held-out experiment [s]
+    model: Model  # fitted to the rest
+    scores: dict[str, Score]  # free-run metrics; empty if it failed
+    error: float  # as in `Entry`
+    failure: str = ""  # why there are no scores
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -344,15 +278,11 @@ def cross_validate(
 
     Parameters
     ----------
-    estimator : Estimator
-        Anything with ``fit(data)``.
     data : Dataset
         Training data, several experiments or one.
     folds : int, optional
         Cut the record into this many stretches of about equal length and leave out one at a time; by default each
         experiment is left out once.
-    progress : callable, optional
-        Told the share done.
 
     Raises
     ------

@@ -22,10 +22,6 @@ def free_run(model: Model, data: Dataset, *, start: Start = "first samples") -> 
 
     Parameters
     ----------
-    model : Model
-        The model.
-    data : Dataset
-        Test data.
     start : {"first samples", "least squares"}
         ``"first samples"``: the state that the model reads from its first `memory` samples; no later measured output
         is used. ``"least squares"``: the state that makes the free run fit the measured outputs best; it looks at
@@ -53,15 +49,6 @@ def initial_state(model: Model, data: Dataset, *, max_iterations: int = 30) -> n
     Levenberg-Marquardt from what `Model.initial_state` says, each output divided by its standard deviation, over the
     first 2000 samples. For a linear model this is least squares; states that the outputs do not show stay where they
     were.
-
-    Parameters
-    ----------
-    model : Model
-        The model.
-    data : Dataset
-        One experiment.
-    max_iterations : int
-        Limit on steps.
 
     Raises
     ------

@@ -65,22 +65,12 @@ class Calibration:
 
 @dataclass(frozen=True, kw_only=True)
 class Interval:
-    """A free run and where the measurement is expected.
-
-    Parameters
-    ----------
-    run : Trajectory
-        The free run.
-    lower, upper : array, shape (n_samples, n_outputs)
-        Ends of the interval, in the outputs' units.
-    level : float
-        Coverage it was made for.
-    """
+    """A free run and where the measurement is expected."""
 
     run: Trajectory
-    lower: np.ndarray
-    upper: np.ndarray
-    level: float
+    lower: np.ndarray  # (n_samples, n_outputs), ends of the interval, in the outputs' units
+    upper: np.ndarray  # (n_samples, n_outputs), ends of the interval, in the outputs' units
+    level: float  # coverage it was made for
 
     @property
     def coverage(self) -> np.ndarray:
@@ -143,8 +133,6 @@ def coverage_error(level: float, tested: float, calibrated: float) -> float:
     ----------
     level : float
         Coverage that the interval is made for.
-    tested, calibrated : float
-        Effective samples of either.
     """
     return float(np.sqrt(level * (1.0 - level) * (1.0 / tested + 1.0 / calibrated)))
 
@@ -182,10 +170,6 @@ def rolling_holdout(estimator: Estimator, data: Dataset, shares: Sequence[float]
 
     Parameters
     ----------
-    estimator : Estimator
-        Anything with ``fit(data)``.
-    data : Dataset
-        Training data.
     shares : sequence of float
         A model is fitted to the data up to each share but the last and paired with the data up to the next.
 

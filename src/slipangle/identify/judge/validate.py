@@ -31,33 +31,16 @@ class Score:
 
 @dataclass(frozen=True, kw_only=True)
 class Residuals:
-    """Residual tests of one output.
+    """Residual tests of one output."""
 
-    Parameters
-    ----------
-    lags : array, shape (n_lags,)
-        Lags of the cross-correlations, in samples; `autocorrelation` uses those from 0 on.
-    autocorrelation : array, shape (max_lag + 1,)
-        Of the one-step-ahead residual, 1 at lag 0.
-    cross : array, shape (n_inputs, n_lags)
-        Correlation of the free-run residual at k + lag with each input at k.
-    band : float
-        Half width of the 99 % band of white residuals.
-    cross_band : array, shape (n_inputs,)
-        Half width of the 99 % band of an input that does not correlate, given both signals' colour.
-    white_p : float
-        p value of the Ljung-Box test that the one-step-ahead residual is white.
-    sentences : tuple of str
-        What follows, for a reader.
-    """
-
-    lags: np.ndarray
-    autocorrelation: np.ndarray
-    cross: np.ndarray
-    band: float
+    sentences: tuple[str, ...]  # what follows, for a reader
+    lags: np.ndarray  # (n_lags,), lags of the cross-correlations, in samples; `autocorrelation` uses those from 0 on
+    autocorrelation: np.ndarray  # (max_lag + 1,), of the one-step-ahead residual, 1 at lag 0
+    cross: np.ndarray  # (n_inputs, n_lags), correlation of the free-run residual at k + lag with each input at k
+    band: float  # half width of the 99 % band of white residuals
+    # (n_inputs,), half width of the 99 % band of an input that does not correlate, given both signals' colour
     cross_band: np.ndarray
-    white_p: float
-    sentences: tuple[str, ...]
+    white_p: float  # p value of the Ljung-Box test that the one-step-ahead residual is white
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,8 +111,6 @@ def validate(
 
     Parameters
     ----------
-    model : Model
-        The model.
     data : Dataset
         Test data; one free run per experiment.
     name : str, optional

@@ -118,8 +118,6 @@ def per_input(value: PerInput, name: str, data: Dataset) -> tuple[int, ...]:
         For all inputs, or one per input.
     name : str
         What it is, for the sentence.
-    data : Dataset
-        Names the inputs.
 
     Raises
     ------

@@ -44,23 +44,12 @@ class Windows:
     """All windows of ``lags`` samples inside the experiments of a data set; none crosses a border.
 
     A window's entries are ordered oldest sample first, channels inside a sample in the order of ``names``.
-
-    Parameters
-    ----------
-    data : Dataset
-        The record.
-    names : tuple of str
-        Channels in a window.
-    lags : int
-        Samples in a window.
-    shift : array, shape (n_channels,), optional
-        Subtracted from every sample; by default zero.
     """
 
     data: Dataset
     names: tuple[str, ...]
     lags: int
-    shift: np.ndarray | None = None
+    shift: np.ndarray | None = None  # (n_channels,), subtracted from every sample; by default zero
 
     @property
     def _columns(self) -> list[int] | slice:
@@ -160,8 +149,6 @@ def triangle(windows: Windows, columns: Sequence[int], *, constant: bool = False
 
     Parameters
     ----------
-    windows : Windows
-        The record.
     columns : sequence of int
         Entries of a window that make a row, in order.
     constant : bool

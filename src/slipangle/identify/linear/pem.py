@@ -43,8 +43,6 @@ class PEM(LinearEstimator[StateSpaceModel]):
         the standard deviation of its signal, or each by the error given here, in the outputs' units.
     max_radius : float, optional
         Largest modulus of the poles, such as 1 for a stable model; by default not limited.
-    max_iterations : int
-        Limit on steps.
 
     References
     ----------

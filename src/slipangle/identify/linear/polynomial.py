@@ -45,8 +45,6 @@ class Polynomial(LinearEstimator[PolynomialModel]):
         Estimate the output's level at the inputs' means; for data whose means were not removed.
     max_radius : float, optional
         Largest modulus of the poles of system and disturbance, such as 1 for a stable model.
-    max_iterations : int
-        Limit on steps.
 
     References
     ----------

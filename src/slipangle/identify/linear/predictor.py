@@ -25,8 +25,6 @@ class Bank:
     n_signals : int
         How many signals; behind them comes one of zeros whose state starts at the unit matrix: the derivative with
         respect to the initial state.
-    block : int
-        Samples per block.
     """
 
     def __init__(self, F: np.ndarray, C: np.ndarray, n_signals: int, block: int = 16) -> None:

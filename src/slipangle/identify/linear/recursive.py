@@ -133,24 +133,14 @@ class RLS(LinearEstimator[ARXModel]):
 
 @dataclass(frozen=True, kw_only=True)
 class RecursiveRun:
-    """How the estimate went over a record.
+    """How the estimate went over a record."""
 
-    Parameters
-    ----------
-    t : array, shape (n_samples,)
-        Time. [s]
-    theta : array, shape (n_samples, n_parameters)
-        Coefficients after each sample, in the order of `names`.
-    error : array, shape (n_samples, n_outputs)
-        Measured minus predicted output, before the sample changed the estimate; zero while the lags fill.
-    names : tuple of str
-        The coefficients; those of past outputs have the sign of the equation solved for y.
-    """
-
-    t: np.ndarray
-    theta: np.ndarray
+    t: np.ndarray  # (n_samples,), time [s]
+    theta: np.ndarray  # (n_samples, n_parameters), coefficients after each sample, in the order of `names`
+    # (n_samples, n_outputs), measured minus predicted output, before the sample changed the estimate; zero while the
+    # lags fill
     error: np.ndarray
-    names: tuple[str, ...]
+    names: tuple[str, ...]  # the coefficients; those of past outputs have the sign of the equation solved for y
 
     def parameter(self, name: str) -> np.ndarray:
         """One coefficient over time.

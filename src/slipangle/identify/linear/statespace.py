@@ -19,30 +19,15 @@ from slipangle.models.black_box.statespace import StateSpaceModel
 
 @dataclass(frozen=True, kw_only=True)
 class OrderChoice:
-    """How an order was chosen.
+    """How an order was chosen."""
 
-    Parameters
-    ----------
-    orders : tuple of int
-        Candidates.
-    errors : array, shape (n_orders,)
-        Error on held-out data, in units of the outputs' standard deviations; infinite where the fit failed.
-    singular_values : array, shape (n,)
-        Of the subspace projection of all data.
-    order : int
-        The smallest order within 1 % of the least error, or below which nothing but rounding is left.
-    holdout : str
-        What the errors were measured on.
-    failures : tuple of str
-        Why an order could not be judged.
-    """
-
-    orders: tuple[int, ...]
+    orders: tuple[int, ...]  # candidates
+    # (n_orders,), error on held-out data, in units of the outputs' standard deviations; infinite where the fit failed
     errors: np.ndarray
-    singular_values: np.ndarray
-    order: int
-    holdout: str
-    failures: tuple[str, ...] = ()
+    singular_values: np.ndarray  # (n,), of the subspace projection of all data
+    order: int  # the smallest order within 1 % of the least error, or below which nothing but rounding is left
+    holdout: str  # what the errors were measured on
+    failures: tuple[str, ...] = ()  # why an order could not be judged
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,8 +60,6 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         Samples from which the model reads its initial state; 0 for ``3 order + 3``.
     holdout : float
         Share of a single record, at its end, on which orders are compared. Several experiments are held out in turn.
-    max_iterations : int
-        Limit on refinement steps.
     """
 
     order: Count | tuple[Count, ...] = tuple(range(1, 9))

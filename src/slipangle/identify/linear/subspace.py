@@ -72,10 +72,7 @@ class Subspace(LinearEstimator[StateSpaceModel]):
         fitted = LinearFit(A=A, C=C, K=K, direct=self.direct, offset=self.offset, data=data).solve()
         strength = ", ".join(f"{s:.3g}" for s in projection.singular_values[: order + 3])
         info = FitInfo(
-            names=fitted.names,
-            values=fitted.values,
-            covariance=fitted.covariance,
-            noise_std=fitted.noise_std,
+            **{name: getattr(fitted, name) for name in ("names", "values", "covariance", "noise_std")},
             n_samples=data.n_samples,
             units=("-",) * len(fitted.names),
             seconds=time.perf_counter() - began,
@@ -171,12 +168,6 @@ def project(data: Dataset, *, algorithm: Algorithm, block_rows: int, offset: boo
 
     Parameters
     ----------
-    data : Dataset
-        The record.
-    algorithm : {"cva", "moesp", "n4sid"}
-        Weighting.
-    block_rows : int
-        Past and future samples.
     offset : bool
         Subtract the channels' means first.
 

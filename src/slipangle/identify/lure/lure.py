@@ -62,22 +62,18 @@ class Lure(Checked):
     carried : int
         Of these, how many are fitted for a few steps; then, in the order of what these gave, to the end, until two
         of at least three met in the best minimum. Twice as many again follow where they do not.
-    seed : int
-        Of the draws.
     memory : int
         Samples from which the model's free run reads its initial state.
-    max_iterations : int
-        Limit on steps per start.
     """
 
     linear: StateSpace | StateSpaceModel
     branches: Count = 1
     curve: Curve = "hardening"
-    ridge: Annotated[float, Within(0, 1e300, example="300")] = 300.0
-    max_radius: Annotated[float, Within(0, open="low", example="0.9999")] = 0.9999
     starts: Count = 500
     carried: Count = 8
     seed: int = 0
+    ridge: Annotated[float, Within(0, 1e300, example="300")] = 300.0
+    max_radius: Annotated[float, Within(0, open="low", example="0.9999")] = 0.9999
     memory: int = 20
     max_iterations: int = 200
 
@@ -183,15 +179,8 @@ class _Problem:
     def search(self) -> tuple[FreeRunFit, np.ndarray]:
         """The best fit, and the objectives that the starts reached, rising."""
         settings = self.settings
-        branches = drawn(
-            self.start,
-            self.x0,
-            self.data,
-            curve=settings.curve,
-            branches=settings.branches,
-            count=settings.starts,
-            seed=settings.seed,
-        )
+        how: Any = {"count": settings.starts, "seed": settings.seed}
+        branches = drawn(self.start, self.x0, self.data, curve=settings.curve, branches=settings.branches, **how)
         found: list[tuple[float, FreeRunFit]] = []
         for batch in range(3):
             begun = []

@@ -39,16 +39,10 @@ def drawn(
     ----------
     start : StateSpaceModel
         In the basis of `unit_states`.
-    x0 : array, shape (n_experiments, order)
-        Its initial states.
-    data : Dataset
-        Training data.
     curve, branches
         See `LureModel`.
     count : int
         Draws; fewer on long records.
-    seed : int
-        Of the draws.
     """
     n, nu = start.order, start.n_inputs
     u0, y0 = np.array(start.u_offset), np.array(start.y_offset)

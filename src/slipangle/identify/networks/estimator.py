@@ -39,8 +39,6 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
     ----------
     hidden : tuple of int
         Neurons of each hidden layer; empty for an affine map.
-    activation : {"elu", "tanh", "sigmoid"}
-        Of the hidden layers.
     stages : tuple of Stage
         How far ahead the loss looks and for how long.
     holdout : float
@@ -86,17 +84,13 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
 
         Parameters
         ----------
-        data : Dataset
-            Training data.
         progress : callable, optional
             Told the share done and what is being done.
 
         Raises
         ------
-        ExcitationError
-            If an input or output is constant.
-        TooShortError
-            If no experiment holds the lags and a window.
+        ExcitationError, TooShortError
+            If an input or output is constant, or no experiment holds the lags and a window.
 
         Warns
         -----

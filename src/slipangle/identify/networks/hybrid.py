@@ -42,8 +42,6 @@ class Hybrid(Checked):
     ----------
     base : Model
         The identified vehicle model.
-    discrepancy : NARX or FreeRunNARX
-        Settings of the network.
     inputs : tuple of str, optional
         Inputs of the discrepancy; by default the base model's.
     folds : int
@@ -156,8 +154,6 @@ class Adapt:
         Outputs whose reading at zero is estimated.
     seconds : float
         How much of the session is used. [s]
-    max_iterations : int
-        Gauss-Newton steps.
     """
 
     inputs: tuple[str, ...] = ("delta",)

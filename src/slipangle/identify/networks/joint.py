@@ -59,8 +59,6 @@ class Joint(Checked):
         bounds (`TireNetworkBicycle`).
     hidden : tuple of int
         Neurons of each hidden layer.
-    activation : {"tanh", "sigmoid", "elu"}
-        Of the hidden layers.
     weight_prior, parameter_prior : float
         Precision of the priors, per sample and per unit of scaled weight or relative parameter.
     also : tuple of str
@@ -73,8 +71,6 @@ class Joint(Checked):
         How long before its fitted part each run starts; the state is thrown off only where this is positive. [s]
     thrown_off : float
         How far, as a share of the largest v_y and r of the training data.
-    max_iterations : int
-        Limit on accepted steps.
     holdout : float
         Share at the end of the training data that only chooses the step to stop at; 0 works all steps on all data.
     seeds : tuple of int

@@ -36,9 +36,9 @@ class NARX(NetworkEstimator[NARXModel]):
 
     na: Count
     nb: Count
-    nk: Count = 1
     hidden: tuple[Count, ...] = (50, 50, 50)
     activation: Activation = "elu"
+    nk: Count = 1
     stages: tuple[Stage, ...] = STAGES
 
     _what = "a NARX network"

@@ -32,8 +32,6 @@ class FreeRunNARX(Checked):
     weight_prior : float
         Precision of the prior per sample and per unit of scaled weight, relative to the mean squared error that the
         weights start from.
-    max_iterations : int
-        Limit on accepted steps.
     """
 
     start: NARX

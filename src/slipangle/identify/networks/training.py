@@ -59,8 +59,6 @@ def train(
 
     Parameters
     ----------
-    problem : Problem
-        Loss and score.
     initial : callable
         Start parameters of a seed, NumPy arrays.
     arrays : nest of arrays
@@ -69,12 +67,8 @@ def train(
         Rows at which windows of a given horizon may start.
     stages : sequence of Stage
         Worked through in order, each from the best parameters so far.
-    seeds : sequence of int
-        One training run each.
     precision : {"single", "double"}
         Of the training; JAX's global setting stays as it is.
-    progress : callable, optional
-        Told the share done.
 
     Raises
     ------

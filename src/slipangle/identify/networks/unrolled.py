@@ -35,23 +35,12 @@ class Unrolled:
     ``outputs(theta, x0, u)`` and ``derivatives(theta, x0, u)`` take many runs side by side: x0 (n_runs, 3), u
     (n_runs, n + 1, 3). Outputs are those from the second sample on, (n_runs, n, n_outputs), derivatives have the
     parameters behind.
-
-    Parameters
-    ----------
-    model : NeuralBicycle
-        Structure, fixed parameters and integrator (Runge-Kutta 4).
-    free : tuple of str
-        Free physical parameters.
-    scale : array, shape (n_free,)
-        Their units in the parameter vector.
-    size : array, shape (n_outputs,)
-        Units of the outputs' offsets.
     """
 
-    model: NeuralBicycle
+    model: NeuralBicycle  # structure, fixed parameters and integrator (Runge-Kutta 4)
     free: tuple[str, ...]
-    scale: np.ndarray
-    size: np.ndarray
+    scale: np.ndarray  # (n_free,), their units in the parameter vector
+    size: np.ndarray  # (n_outputs,), units of the outputs' offsets
 
     outputs: Any = None
     derivatives: Any = None
@@ -163,17 +152,9 @@ class Unrolled:
 
 @dataclass(frozen=True, eq=False)
 class UnrolledLags:
-    """Free run of a NARX network over its weights, in scaled coordinates.
+    """Free run of a NARX network over its weights, in scaled coordinates."""
 
-    Parameters
-    ----------
-    network : MLP
-        Architecture; its scaling is not used.
-    n_outputs : int
-        Outputs of the model.
-    """
-
-    network: MLP
+    network: MLP  # architecture; its scaling is not used
     n_outputs: int
     run: Any = None
     derivatives: Any = None

@@ -26,35 +26,17 @@ Wave = Callable[[int, float], np.ndarray]
 
 @dataclass(frozen=True, kw_only=True)
 class Advice:
-    """What one manoeuvre, added to the log, is expected to do.
+    """What one manoeuvre, added to the log, is expected to do."""
 
-    Parameters
-    ----------
-    parameter : str
-        The parameter it is ranked by.
-    manoeuvre : str
-        What to drive.
-    before, after : float
-        Standard deviation of that parameter now and expected, SI units.
-    unit : str
-        Of the parameter.
-    names : tuple of str
-        All shared free parameters.
-    present, std : array, shape (n_names,)
-        Their standard deviations now and expected.
-    data : Dataset
-        The manoeuvre's inputs, and the outputs that the fitted model expects.
-    """
-
-    parameter: str
-    manoeuvre: str
-    before: float
-    after: float
-    unit: str
-    names: tuple[str, ...]
-    present: np.ndarray
-    std: np.ndarray
-    data: Dataset = field(repr=False)
+    parameter: str  # the parameter it is ranked by
+    manoeuvre: str  # what to drive
+    before: float  # standard deviation of that parameter now and expected, SI units
+    after: float  # standard deviation of that parameter now and expected, SI units
+    unit: str  # of the parameter
+    names: tuple[str, ...]  # all shared free parameters
+    present: np.ndarray  # (n_names,), their standard deviations now and expected
+    std: np.ndarray  # (n_names,), their standard deviations now and expected
+    data: Dataset = field(repr=False)  # the manoeuvre's inputs, and the outputs that the fitted model expects
 
     @property
     def helps(self) -> bool:

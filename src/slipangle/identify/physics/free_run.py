@@ -31,25 +31,12 @@ class FreeRunPoint:
 
 @dataclass(frozen=True, kw_only=True)
 class FreeRunFit:
-    """Outcome of `FreeRun.fit`.
+    """Outcome of `FreeRun.fit`."""
 
-    Parameters
-    ----------
-    p : array, shape (n_parameters,)
-    x0 : array, shape (n_experiments, n_states)
-        States at the experiments' first samples.
-    rmse : array, shape (n_outputs,)
-        Free-run error on the training data, in the outputs' units.
-    covariance : array, shape (n_parameters, n_parameters)
-        Given white residuals and the prior.
-    converged : bool
-    steps : int
-    """
-
-    p: np.ndarray
-    x0: np.ndarray
-    rmse: np.ndarray
-    covariance: np.ndarray
+    p: np.ndarray  # (n_parameters,)
+    x0: np.ndarray  # (n_experiments, n_states), states at the experiments' first samples
+    rmse: np.ndarray  # (n_outputs,), free-run error on the training data, in the outputs' units
+    covariance: np.ndarray  # (n_parameters, n_parameters), given white residuals and the prior
     converged: bool
     steps: int
 

@@ -51,14 +51,10 @@ class GreyBox(Checked, Generic[M]):
         among the training data.
     free_initial_state : bool
         Estimate each experiment's initial state too, instead of reading it from its first sample.
-    max_iterations : int
-        Limit on Gauss-Newton steps.
     starts : int, optional
         From how many places the minimum is looked for, the given one included: see
         `slipangle.identify.physics.starts`. By default 32 for models known to have several minima
         (`OdeModel.several_minima`), such as the nonlinear bicycle, else 1.
-    seed : int
-        Of the random starts.
 
     References
     ----------
@@ -82,10 +78,8 @@ class GreyBox(Checked, Generic[M]):
 
         Raises
         ------
-        ExcitationError, TooShortError
-            If the data cannot tell.
-        SimulationError
-            If the numbers broke down.
+        ExcitationError, TooShortError, SimulationError
+            If the data cannot tell, or the numbers broke down.
 
         Warns
         -----
@@ -123,18 +117,10 @@ def finish(
 
     Parameters
     ----------
-    problem : FreeRunProblem
-        What was solved.
-    found : Minimum
-        Its solution.
     how : str
         Criterion and solver, for the report.
-    began : float
-        ``time.perf_counter()`` at the start.
     kept : array, shape (n_z, n_directions), optional
         Directions in which the active constraints let the unknowns move; by default all.
-    more : tuple of str
-        Further warnings.
     """
     n_p, scale = problem.n_p, problem.scale[: problem.n_p]
     jacobian = found.jacobian if kept is None else found.jacobian @ kept

@@ -24,27 +24,13 @@ _WORST = 1e6  # error in standard deviations that a diverging free run counts
 
 @dataclass(frozen=True, kw_only=True)
 class Minimum:
-    """Where a fit ended.
+    """Where a fit ended."""
 
-    Parameters
-    ----------
-    z : array, shape (n_z,)
-        Scaled unknowns.
-    error : array, shape (n_rows * n_outputs,)
-        Weighted errors, simulated minus measured.
-    jacobian : array, shape (n_rows * n_outputs, n_z)
-        Their derivatives.
-    sigma : array, shape (n_outputs,)
-        Standard deviation of each output's error, by which it was divided.
-    converged : bool
-        Whether it ended before its limit on iterations.
-    """
-
-    z: np.ndarray
-    error: np.ndarray
-    jacobian: np.ndarray
-    sigma: np.ndarray
-    converged: bool
+    z: np.ndarray  # (n_z,), scaled unknowns
+    error: np.ndarray  # (n_rows * n_outputs,), weighted errors, simulated minus measured
+    jacobian: np.ndarray  # (n_rows * n_outputs, n_z), their derivatives
+    sigma: np.ndarray  # (n_outputs,), standard deviation of each output's error, by which it was divided
+    converged: bool  # whether it ended before its limit on iterations
 
     @property
     def diverged(self) -> bool:
@@ -60,12 +46,8 @@ class FreeRunProblem:
 
     Parameters
     ----------
-    model : Parametrised
-        Start values.
     shared, own : tuple of str
         Free parameters with one value for all experiments, and with one for each.
-    data : Dataset
-        Training data.
     free_initial_state : bool
         Estimate initial states instead of reading them from the first samples.
     """

@@ -25,12 +25,8 @@ def best_start(problem: FreeRunProblem, starts: int, seed: int) -> np.ndarray:
 
     Parameters
     ----------
-    problem : FreeRunProblem
-        With the given start.
     starts : int
         How many are tried, the given one included.
-    seed : int
-        Of the random starts.
     """
     part = _part(problem)
     tried = sorted(draw(problem, starts - 1, seed), key=part.cost)

@@ -22,31 +22,16 @@ Constraint = Callable[[Any], Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """Solution of the program.
+    """Solution of the program."""
 
-    Parameters
-    ----------
-    z : array, shape (n_z,)
-        Scaled unknowns, as in `FreeRunProblem`.
-    states : list of array, shape (n_samples, n_states)
-        States at the samples of each experiment.
-    variables, bounds_force, rows_force : array
-        All variables, multipliers of their bounds and of the constraints, for a warm start.
-    active : array, shape (n_active, n_z)
-        Derivatives of active constraints and bounds on parameters.
-    converged : bool
-    status : str
-        Ipopt's word for it.
-    """
-
-    z: np.ndarray
-    states: list[np.ndarray]
-    variables: np.ndarray
-    bounds_force: np.ndarray
-    rows_force: np.ndarray
-    active: np.ndarray
+    z: np.ndarray  # (n_z,), scaled unknowns, as in `FreeRunProblem`
+    states: list[np.ndarray]  # (n_samples, n_states), states at the samples of each experiment
+    variables: np.ndarray  # all of them, for a warm start
+    bounds_force: np.ndarray  # multipliers of their bounds
+    rows_force: np.ndarray  # multipliers of the constraints
+    active: np.ndarray  # (n_active, n_z), derivatives of active constraints and bounds on parameters
     converged: bool
-    status: str
+    status: str  # Ipopt's word for it
 
 
 class Transcription:

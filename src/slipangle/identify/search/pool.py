@@ -26,21 +26,12 @@ FEWEST = 4  # finished trials before one is given up
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """One trial to compute.
-
-    Parameters
-    ----------
-    number, seed : int
-        Of the trial.
-    settings : mapping
-        What to try.
-    earlier : tuple of tuple of float
-        What the finished trials of earlier rounds reported; empty gives up none.
-    """
+    """One trial to compute."""
 
     number: int
     settings: Mapping[str, Value]
     seed: int
+    # what the finished trials of earlier rounds reported; empty gives up none
     earlier: tuple[tuple[float, ...], ...] = ()
 
 

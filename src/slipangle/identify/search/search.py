@@ -63,30 +63,14 @@ class Choice:
 
 @dataclass(frozen=True, kw_only=True)
 class TrialResult:
-    """One trial of a search.
+    """One trial of a search."""
 
-    Parameters
-    ----------
-    number : int
-        In the order of drawing; also the trial's seed, on top of the study's.
-    settings : dict of str to value
-        What was tried.
-    score : float
-        Value of the objective; infinite if the trial failed.
-    seconds : float
-        How long it took. [s]
-    failure : str
-        Why it has no score.
-    steps : tuple of float
-        What the objective reported on the way.
-    """
-
-    number: int
+    number: int  # in the order of drawing; also the trial's seed, on top of the study's
     settings: dict[str, Value]
-    score: float
-    seconds: float
-    failure: str = ""
-    steps: tuple[float, ...] = ()
+    score: float  # value of the objective; infinite if the trial failed
+    seconds: float  # how long it took [s]
+    failure: str = ""  # why it has no score
+    steps: tuple[float, ...] = ()  # what the objective reported on the way
 
     @property
     def pruned(self) -> bool:
@@ -135,8 +119,6 @@ class Search(Checked):
 
     Parameters
     ----------
-    space : mapping of str to Range or Choice
-        Settings by name.
     trials : int
         How many, those of an interrupted study included.
     journal : str or Path, optional

@@ -39,8 +39,6 @@ class ArchitectureSearch(Checked):
 
     Parameters
     ----------
-    candidates : sequence of NetworkCurveFit
-        Architectures to compare.
     tolerance : float
         How much larger than the best the error may be, as a share of it.
     enough : float

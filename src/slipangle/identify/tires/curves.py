@@ -58,10 +58,6 @@ class CurveFit(Checked, abc.ABC, Generic[C]):
     ----------
     solver : {"least squares", "ipopt"}
         Trust-region least squares, or the interior-point solver of the thesis on the same problem.
-    effort : Effort
-        Starts and evaluations.
-    seed : int
-        Of the random starts.
     """
 
     slip_alone = False

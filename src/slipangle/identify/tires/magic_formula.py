@@ -46,8 +46,6 @@ def typical(data: TireData, *, radius: float) -> MagicFormulaTire:
 
     Parameters
     ----------
-    data : TireData
-        Rig data.
     radius : float
         Unloaded radius, the length that moments are made dimensionless with. [m]
     """
@@ -91,8 +89,6 @@ class MagicFormulaFit:
         For each of the pure-slip stages; later ones start from those.
     samples : int
         At most about so many samples are used, evenly spread.
-    seed : int
-        Of the random starts.
     prune : bool
         Put coefficients back to their start that the data do not need, as Schwarz's criterion ([3]_) judges: fewer
         coefficients extrapolate better, and the intervals of the others get narrower.

@@ -108,8 +108,6 @@ class TireFit(Checked, Generic[T]):
         Leave out larger slips, such as those beyond the linear range [slip ratio, or rad].
     effort : Effort
         Starts and evaluations; the first start is ``start``.
-    seed : int
-        Of the others.
     """
 
     start: T

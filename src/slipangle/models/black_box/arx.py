@@ -34,8 +34,6 @@ class ARXModel(LaggedModel):
         Constant; zero unless it was asked for.
     nk : int
         Samples from input to output; 0 where the output depends on the input at the same sample.
-    dt, inputs, outputs
-        See `BlackBoxModel`.
 
     References
     ----------
@@ -68,15 +66,8 @@ class ARXModel(LaggedModel):
         vars(self).update(A=A, B=B, c=c)
         self._freeze({"A": A.shape, "B": B.shape, "c": c.shape}, "an ARX model")
 
-    @derived
-    def na(self) -> int:
-        """Past outputs used."""
-        return len(self.A)
-
-    @derived
-    def nb(self) -> int:
-        """Inputs used."""
-        return len(self.B)
+    na = derived(lambda self: len(self.A))
+    nb = derived(lambda self: len(self.B))
 
     @cached_property
     def _weights(self) -> np.ndarray:

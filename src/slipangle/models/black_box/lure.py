@@ -42,8 +42,6 @@ class LureModel(BlackBoxModel):
         Input and output at rest.
     memory : int
         Samples from which `initial_state` estimates the state by least squares.
-    dt, inputs, outputs
-        See `BlackBoxModel`.
 
     References
     ----------

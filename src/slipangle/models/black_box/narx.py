@@ -35,8 +35,6 @@ class NARXModel(NetworkModel, LaggedModel):
         Past outputs and past inputs used; at least 1.
     nk : int
         Samples from input to output, at least 1.
-    dt, inputs, outputs
-        See `BlackBoxModel`.
 
     Raises
     ------

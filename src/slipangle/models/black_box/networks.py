@@ -90,8 +90,6 @@ def mlp_pass(x: Vector, weights: Sequence[Any], biases: Sequence[Any], activatio
         One per layer; numbers, symbols or tracers.
     biases : sequence of vector, shape (n_out,) each
         One per layer.
-    activation : {"sigmoid", "tanh", "elu"}
-        Of the hidden layers.
     """
     last = len(weights) - 1
     for k, (w, b) in enumerate(zip(weights, biases, strict=True)):
@@ -114,8 +112,6 @@ def rbf_pass(x: Vector, centres: Any, widths: Any, weights: Any, kernel: Kernel)
         Widths ``sigma``.
     weights : matrix, shape (n_outputs, n_neurons)
         Output weights ``W``.
-    kernel : {"gaussian", "cubic", "thin plate", "multiquadric"}
-        See `radial`.
     """
     square: Any = 0.0
     for j in range(centres.shape[1]):
@@ -194,14 +190,20 @@ class Scaling:
         return z * _column(self.factor, z) + _column(self.offset, z)
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Network(abc.ABC):
     """A static map from inputs to outputs: `MLP` or `RBF`, called with SI values.
 
     Its numbers are also one vector, `parameters`, so that a fit can move them all.
+
+    Parameters
+    ----------
+    input_scaling, output_scaling : Scaling, optional
+        Between SI values and the network; by default none.
     """
 
-    input_scaling: Scaling
-    output_scaling: Scaling
+    input_scaling: Scaling = field(default=None)  # type: ignore[assignment]
+    output_scaling: Scaling = field(default=None)  # type: ignore[assignment]
 
     @abc.abstractmethod
     def pass_scaled(self, z: Vector) -> Vector:
@@ -281,10 +283,6 @@ class MLP(Network):
         One matrix per layer, the hidden ones first.
     biases : sequence of array, shape (n_out,) each
         One vector per layer.
-    activation : {"sigmoid", "tanh", "elu"}
-        Of the hidden layers.
-    input_scaling, output_scaling : Scaling, optional
-        Between SI values and the network; by default none.
 
     Raises
     ------
@@ -299,8 +297,6 @@ class MLP(Network):
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
     activation: Activation = "sigmoid"
-    input_scaling: Scaling = field(default=None)  # type: ignore[assignment]
-    output_scaling: Scaling = field(default=None)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         require_known(self.activation, get_args(Activation), "activation")
@@ -339,13 +335,7 @@ class MLP(Network):
 
     @classmethod
     def random(
-        cls,
-        sizes: Sequence[int],
-        *,
-        activation: Activation = "sigmoid",
-        seed: int = 0,
-        input_scaling: Scaling | None = None,
-        output_scaling: Scaling | None = None,
+        cls, sizes: Sequence[int], *, activation: Activation = "sigmoid", seed: int = 0, **scalings: Scaling
     ) -> Self:
         """Random weights, uniform after [3]_, zero biases.
 
@@ -353,22 +343,15 @@ class MLP(Network):
         ----------
         sizes : sequence of int
             Inputs, neurons of each hidden layer, outputs.
-        activation, input_scaling, output_scaling
-            As for the class.
-        seed : int
-            Of the draw.
+        **scalings
+            ``input_scaling`` and ``output_scaling`` as for the class.
         """
         if len(sizes) < 2 or min(sizes) < 1:
             raise ParameterError(f"the layer sizes are {tuple(sizes)}; expected at least inputs and outputs, each >= 1")
         rng = np.random.default_rng(seed)
         weights = [rng.uniform(-1, 1, (b, a)) * np.sqrt(6 / (a + b)) for a, b in pairwise(sizes)]
-        return cls(
-            weights=tuple(weights),
-            biases=tuple(np.zeros(b) for b in sizes[1:]),
-            activation=activation,
-            input_scaling=input_scaling,  # type: ignore[arg-type]
-            output_scaling=output_scaling,  # type: ignore[arg-type]
-        )
+        biases = tuple(np.zeros(b) for b in sizes[1:])
+        return cls(weights=tuple(weights), biases=biases, activation=activation, **scalings)
 
     def pass_scaled(self, z: Vector) -> Vector:
         """Scaled outputs of scaled inputs; see `mlp_pass`."""
@@ -413,10 +396,6 @@ class RBF(Network):
         Widths ``sigma``, in scaled coordinates.
     weights : array, shape (n_outputs, n_neurons)
         Output weights ``W``.
-    kernel : {"gaussian", "cubic", "thin plate", "multiquadric"}
-        See `radial`.
-    input_scaling, output_scaling : Scaling, optional
-        Between SI values and the network; by default none.
 
     Raises
     ------
@@ -432,8 +411,6 @@ class RBF(Network):
     widths: np.ndarray
     weights: np.ndarray
     kernel: Kernel = "multiquadric"
-    input_scaling: Scaling = field(default=None)  # type: ignore[assignment]
-    output_scaling: Scaling = field(default=None)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         require_known(self.kernel, get_args(Kernel), "kernel")

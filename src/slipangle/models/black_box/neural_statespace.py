@@ -42,8 +42,6 @@ class NeuralStateSpaceModel(NetworkModel):
         Whether the outputs depend on the inputs of the same sample.
     gain : array, shape (n_states, n_outputs), optional
         Innovation gain; by default zero, so that measurements after the start are not used.
-    dt, inputs, outputs
-        See `BlackBoxModel`.
 
     Raises
     ------

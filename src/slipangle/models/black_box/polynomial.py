@@ -39,8 +39,6 @@ class PolynomialModel(BlackBoxModel):
         Output at rest.
     memory : int
         Samples from which `initial_state` estimates the state; by default ``3 order + 3``.
-    dt, inputs, outputs
-        See `BlackBoxModel`.
 
     References
     ----------

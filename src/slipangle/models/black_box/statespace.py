@@ -41,8 +41,6 @@ class StateSpaceModel(BlackBoxModel):
         Output at rest y_0, in the outputs' units; by default zero.
     memory : int
         Samples from which `initial_state` estimates the state by least squares; by default ``3 order + 3``.
-    dt, inputs, outputs
-        See `BlackBoxModel`.
 
     References
     ----------
@@ -54,10 +52,10 @@ class StateSpaceModel(BlackBoxModel):
     C: np.ndarray
     D: np.ndarray | None = None
     K: np.ndarray | None = None
+    memory: int = 0
     x0: np.ndarray | None = None
     u_offset: np.ndarray | None = None
     y_offset: np.ndarray | None = None
-    memory: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
