@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 _LONGEST = 2000  # letters of a message
 _ENDLESS = re.compile(r"\S{300,}")
@@ -122,3 +122,12 @@ def require_known(name: str, known: Sequence[str], what: str) -> None:
     """
     if name not in known:
         raise ParameterError(f"the {what} is '{name}'; expected one of {', '.join(known)}: {nearest(name, known)}")
+
+
+def raises(error: type[Exception], call: Callable[[str], object], text: str) -> bool:
+    """Whether ``call(text)`` raises this error."""
+    try:
+        call(text)
+    except error:
+        return True
+    return False

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slipangle.errors import UnitError, nearest, shown
+from slipangle.errors import UnitError, nearest, raises, shown
 
 _QUANTITIES: dict[str, tuple[str, dict[str, float]]] = {  # quantity: SI unit; unit: factor to SI
     "ratio": ("-", {"-": 1.0, "%": 0.01}),
@@ -67,11 +67,7 @@ def known(unit: str) -> bool:
     >>> known("km/h"), known("furlong")
     (True, False)
     """
-    try:
-        canonical(unit)
-    except UnitError:
-        return False
-    return True
+    return not raises(UnitError, canonical, unit)
 
 
 def si_unit(unit: str) -> str:

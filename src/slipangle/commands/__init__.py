@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import inspect
 from collections.abc import Callable
 
 
@@ -15,11 +16,12 @@ class Commands:
         self._json.add_argument("--json", action="store_true", help="print JSON on standard output, and nothing else")
 
     def add(
-        self, name: str, function: Callable[[argparse.Namespace], int], text: str, about: str = "", more: str = ""
+        self, name: str, function: Callable[[argparse.Namespace], int], text: str, *, about: str = "", more: str = ""
     ) -> argparse.ArgumentParser:
-        """A command: its line in the list, what it does and what else there is to know of it."""
+        """A command: its line in the list, what it does (by default the function's docstring), what else to know."""
         shared = {"parents": [self._json], "formatter_class": argparse.RawDescriptionHelpFormatter}
-        sub = self._actions.add_parser(name, help=text, description=about or None, epilog=more or None, **shared)
+        said = about or inspect.getdoc(function)
+        sub = self._actions.add_parser(name, help=text, description=said, epilog=more or None, **shared)
         sub.set_defaults(function=function)
         return sub
 

@@ -12,26 +12,21 @@ from slipangle.files import check_output, write_atomic
 
 def add(commands: Commands) -> None:
     """Describe the commands."""
-    about = (
-        "Drive a built-in car through excitation manoeuvres, log it with sensor noise, identify a bicycle\n"
-        "and an ARX model from that log, judge them on data they have not seen, track the ISO 3888-1 double\n"
-        "lane change with MPC on the identified bicycle, and write a page."
-    )
     more = "The folder then also holds the log (drive_log.csv) and the job (demo.toml): change it and use 'run'."
-    demo = commands.add("demo", _demo, "the whole job on a built-in car; needs no data", about, more)
+    demo = commands.add("demo", _demo, "the whole job on a built-in car; needs no data", more=more)
     demo.add_argument("--out", default="slipangle-out/demo", help="folder for the results (default: %(default)s)")
-    about = (
-        "Read a log, identify models, judge them on data they have not seen, build a predictive\n"
-        "controller, and write a page. FILE.toml says which log, channels, units, models and manoeuvre;\n"
-        "examples/ferrari_250lm.toml explains the entries."
-    )
     more = "With --json: free_run.<channel>.fit|vaf|rmse of the first model, models.<name>... of all."
-    run = commands.add("run", _run, "the whole job on your log, as a TOML file says", about, more)
+    run = commands.add("run", _run, "the whole job on your log, as a TOML file says", more=more)
     run.add_argument("file", metavar="FILE.toml")
     run.add_argument("--out", help="folder for the results; overrides the file's 'out'")
 
 
 def _demo(options: argparse.Namespace) -> int:
+    """Drive a built-in car through excitation manoeuvres, log it with sensor noise, identify two models from it.
+
+    They are judged on data they have not seen; MPC on the identified bicycle tracks the ISO 3888-1 double lane change;
+    all of it is on a page.
+    """
     from slipangle.workflow.demo import prepare_demo
 
     check_output(options.out)
@@ -41,6 +36,10 @@ def _demo(options: argparse.Namespace) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
+    """Read a log, identify models, judge them on data they have not seen, control with one, and write a page.
+
+    FILE.toml says which log, channels, units, models and manoeuvre; examples/ferrari_250lm.toml explains the entries.
+    """
     with Bar(quiet=options.json) as bar:
         return _job(Path(options.file), options.out, options.json, bar, bar, ["slipangle", "run", options.file])
 

@@ -22,17 +22,16 @@ _REGISTRIES = {  # what a user calls it: where it is
 
 def add(commands: Commands) -> None:
     """Describe the command."""
-    about = (
-        "What a job or a call can ask for by name: kinds of models (physics and estimators), controllers, sections\n"
-        "of the page, readers of logs, excitation signals, records of saved models. Those of installed packages are\n"
-        "among them, each with the module that it comes from."
-    )
     more = "A package adds one with a decorator or an entry point of the group that stands in brackets."
-    sub = commands.add("list", _list, "kinds of models, controllers, signals and so on, by name", about, more)
+    sub = commands.add("list", _list, "kinds of models, controllers, signals and so on, by name", more=more)
     sub.add_argument("what", nargs="*", metavar="WHAT", help=f"{', '.join(_REGISTRIES)}; by default all")
 
 
 def _list(options: argparse.Namespace) -> int:
+    """What a job or a call can ask for by name, each with the module that it comes from.
+
+    Those of installed packages are among them.
+    """
     listed = {}
     for what in options.what or _REGISTRIES:
         if what not in _REGISTRIES:

@@ -22,21 +22,15 @@ if TYPE_CHECKING:
 
 def add(commands: Commands) -> None:
     """Describe the commands."""
-    about = (
-        "Read the log that FILE.toml names, fit its models to the training part, and write each to a JSON\n"
-        "file that 'validate', 'compare' and slipangle.models.storage.load read."
-    )
-    sub = commands.add("identify", _identify, "fit the models of a job and keep each as a readable file", about)
+    sub = commands.add("identify", _identify, "fit the models of a job and keep each as a readable file")
     sub.add_argument("file", metavar="FILE.toml", help="a job, as for 'slipangle run'")
     sub.add_argument("--out", default="slipangle-out/models", help="folder for the models (default: %(default)s)")
     for name, function, text in (
         ("validate", _validate, "judge one model: free run beside one-step-ahead, residuals"),
         ("compare", _compare, "rank models by their free run, k steps ahead beside it"),
     ):
-        about = f"{text[0].upper()}{text[1:]}. The data are those of the job FILE.toml: its test part, or\n"
-        sub = commands.add(
-            name, function, text, f"{about}all of it with --whole, for a log that no model was fitted to."
-        )
+        data = "those of the job FILE.toml: its test part, or\nall of it with --whole, for a log that no model has seen"
+        sub = commands.add(name, function, text, about=f"{text[0].upper()}{text[1:]}. The data are {data}.")
         sub.add_argument("models", metavar="MODEL.json", nargs="+" if name == "compare" else 1)
         sub.add_argument("--data", required=True, metavar="FILE.toml", help="the job whose data to use")
         sub.add_argument("--whole", action="store_true", help="use all of the data, not only the test part")
@@ -44,6 +38,10 @@ def add(commands: Commands) -> None:
 
 
 def _identify(options: argparse.Namespace) -> int:
+    """Read the log that FILE.toml names, fit its models to the training part, and write each to a JSON file.
+
+    'validate', 'compare' and slipangle.models.storage.load read it.
+    """
     from slipangle.models.storage import save
     from slipangle.workflow.job import each_model, identify
 

@@ -19,7 +19,7 @@ def add(commands: Commands) -> None:
     ):
         about = f"{text[0].upper()}{text[1:]}. {more} Without a name, list them."
         columns = "Records: row, quantity, thesis, here, bound, holds, note. Exit code 1 if one does not hold."
-        sub = commands.add(name, _reproduce, text, about, columns)
+        sub = commands.add(name, _reproduce, text, about=about, more=columns)
         sub.add_argument("names", nargs="*", metavar="NAME")
         sub.add_argument("--out", help="also write a page with the tables and their figures into this folder")
 

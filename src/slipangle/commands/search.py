@@ -33,7 +33,9 @@ With --json: best.settings, best.score, and trials with number, settings, score,
 
 def add(commands: Commands) -> None:
     """Describe the command."""
-    sub = commands.add("search", _search, "search the architecture of a network, here or on a cluster", _ABOUT, _MORE)
+    sub = commands.add(
+        "search", _search, "search the architecture of a network, here or on a cluster", about=_ABOUT, more=_MORE
+    )
     sub.add_argument("file", metavar="FILE.toml", help="a job, as for 'slipangle run'")
     sub.add_argument("--trials", type=int, default=64, help="how many, those of a stopped search included (64)")
     sub.add_argument("--space", choices=("thesis", "wider"), default="wider", help="what is tried (wider)")

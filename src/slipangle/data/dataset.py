@@ -67,9 +67,9 @@ class Dataset:
     dt: float
     inputs: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
+    name: str = "data"
     starts: tuple[int, ...] = (0,)
     start_times: tuple[float, ...] = (0.0,)
-    name: str = "data"
     notes: tuple[str, ...] = field(default=())
 
     def __post_init__(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from slipangle.errors import FormatError
+from slipangle.errors import FormatError, raises
 
 
 def to_number(text: str) -> float:
@@ -28,11 +28,7 @@ def to_number(text: str) -> float:
 
 def is_number(text: str) -> bool:
     """Whether `to_number` reads it."""
-    try:
-        to_number(text)
-    except ValueError:
-        return False
-    return True
+    return not raises(ValueError, to_number, text)
 
 
 def decoded(raw: bytes, path: str | Path, what: str) -> str:

@@ -52,6 +52,8 @@ class TireData:
     slip_ratio: np.ndarray
     slip_angle: np.ndarray
     load: np.ndarray
+    name: str = "tire data"
+    notes: tuple[str, ...] = ()
     F_x: np.ndarray
     F_y: np.ndarray
     M_x: np.ndarray | None = None
@@ -59,8 +61,6 @@ class TireData:
     camber: np.ndarray | None = None
     pressure: np.ndarray | None = None
     speed: np.ndarray | None = None
-    name: str = "tire data"
-    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "notes", tuple(self.notes))

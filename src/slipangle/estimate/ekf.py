@@ -92,12 +92,7 @@ class EKF(Checked, Generic[M]):
     def fit(self, data: Dataset) -> M:
         """The model with the parameters after the last sample of ``data``, their covariance in its ``fit_info``.
 
-        Raises
-        ------
-        ExcitationError, TooShortError
-            If the data cannot tell.
-        SimulationError
-            If the filter diverged.
+        Errors are those of `slipangle.identify.physics.grey_box.GreyBox`; SimulationError if the filter diverged.
         """
         chosen = data.select(inputs=self.start.inputs, outputs=self.start.outputs)
         require_identifiable(chosen, max(1, len(self.free)), scheduling=("v_x",))
@@ -117,15 +112,15 @@ class FilterRun:
     """
 
     t: np.ndarray
+    state_names: tuple[str, ...]
     states: np.ndarray
     states_std: np.ndarray
+    free: tuple[str, ...]
     parameters: np.ndarray
     parameters_std: np.ndarray
+    outputs: tuple[str, ...]
     error: np.ndarray
     error_std: np.ndarray
-    free: tuple[str, ...]
-    state_names: tuple[str, ...]
-    outputs: tuple[str, ...]
 
     def parameter(self, name: str) -> np.ndarray:
         """One parameter over time.
@@ -264,9 +259,9 @@ class RecursiveVehicle:
                 errors[1, start + k] = np.sqrt(self._variance)
                 states[0, start + k], states[1, start + k] = self.state, self.state_std
                 parameters[0, start + k], parameters[1, start + k] = self.parameters, self.parameters_std
-        names = {"free": self.settings.free, "state_names": model.states, "outputs": model.outputs}
         (x, x_std), (p, p_std), (e, e_std) = states, parameters, errors
-        return FilterRun(data.t, x, x_std, p, p_std, e, e_std, **names)
+        free, outputs = self.settings.free, model.outputs
+        return FilterRun(data.t, model.states, x, x_std, free, p, p_std, outputs, e, e_std)
 
     # ---- what is known now -------------------------------------------------------------------------------------
 

@@ -45,6 +45,8 @@ class Path:
     """
 
     s: np.ndarray
+    closed: bool = False
+    name: str = "path"
     X: np.ndarray
     Y: np.ndarray
     psi: np.ndarray
@@ -52,8 +54,6 @@ class Path:
     v_x: np.ndarray | None = None
     right: np.ndarray | None = None
     left: np.ndarray | None = None
-    closed: bool = False
-    name: str = "path"
 
     def __post_init__(self) -> None:
         n = len(self.s)

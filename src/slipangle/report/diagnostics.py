@@ -16,7 +16,6 @@ from slipangle.report.style import (
     SLATE,
     VERMILION,
     axis_title,
-    compact,
     dots,
     escape,
     line,
@@ -42,22 +41,10 @@ def correlogram(
 ) -> go.Figure:
     """Correlation over lag with the confidence band; lags outside it are marked in another colour and shape.
 
-    Parameters
-    ----------
-    lags : array, shape (n_lags,)
-        In samples; for residuals against an input, positive lags are inputs in the past.
-    values : array, shape (n_lags,)
-        Correlation, -1 to 1.
-    band : float
-        Half width within which white residuals stay at the given level.
-    label : str
-        What is correlated, for the ordinate, such as ``"autocorrelation of the residuals"``.
-    dt : float, optional
-        Sample time; the abscissa is then in seconds. [s]
-    index : int
-        Colour of the model, as in the other figures.
-    level : float
-        Confidence level of the band, for its label.
+    ``lags`` are in samples, shape (n_lags,); for residuals against an input, positive ones are inputs in the past.
+    ``values``, -1 to 1, stay within ``band`` for white residuals, at the ``level`` of its label. ``label`` says what is
+    correlated; with a sample time ``dt`` [s] the abscissa is in seconds. ``index`` is the model's colour, as in the
+    other figures.
 
     Raises
     ------
@@ -120,8 +107,8 @@ def horizon_curves(curves: Mapping[str, HorizonErrors], channel: Channel) -> go.
         column = found.outputs.index(channel.name)
         colour, _ = series_style(i)
         seconds = found.horizons * found.dt
-        look = {"mode": "lines+markers", "name": escape(name), "line": {"color": colour.light}}
-        figure.add_scatter(x=seconds, y=compact(found.rmse[:, column]), legendgroup=name, **look)
+        line(figure, seconds, found.rmse[:, column], colour, 2, name=escape(name), legendgroup=name, hovertemplate=None)
+        figure.data[-1].update(mode="lines+markers")
         level = np.full(2, found.free_run[column])
         line(figure, seconds[[0, -1]], level, colour, 1, dash="dash", legendgroup=name, showlegend=False)
     figure.update_layout(

@@ -63,18 +63,8 @@ def signals(
 ) -> go.Figure:
     """Signals in panels above each other on one time axis, with their limits.
 
-    Parameters
-    ----------
-    t : array, shape (n,)
-        Time. [s]
-    rows : sequence of Signal
-        One panel each, from the top.
-    spans : sequence of Span
-        Shaded and named stretches of time.
-    starts : sequence of int
-        First row of each experiment; no line joins two of them.
-    points : int
-        About how many points each line keeps.
+    ``t`` is the time of the samples, shape (n,) [s]; ``spans`` are shaded and named; for ``starts`` and ``points`` see
+    `slipangle.report.plots.measured_vs_simulated`.
 
     Raises
     ------

@@ -148,18 +148,10 @@ def path_map(
 ) -> go.Figure:
     """Closed-loop path between the lane boundaries, with the vehicle's outline along it.
 
-    Parameters
-    ----------
-    X, Y, psi : array, shape (n,)
-        Path of the centre of gravity and heading in the ground frame. [m, m, rad]
-    reference, left, right : array, shape (m, 2), optional
-        Reference path and lane boundaries; NaN rows are gaps. [m]
-    body : Body, optional
-        The vehicle's outline, drawn at evenly spaced places.
-    outlines : int
-        How many outlines.
-    points : int
-        About how many points each line keeps.
+    ``X``, ``Y``, ``psi`` are the path of the centre of gravity and the heading in the ground frame, shape (n,)
+    [m, m, rad]; ``reference``, ``left`` and ``right`` the path to follow and the lane boundaries, shape (m, 2), where
+    NaN rows are gaps [m]. The outline of the ``body`` is drawn at evenly spaced places, as many as ``outlines``;
+    ``points`` is about how many each line keeps.
 
     Notes
     -----

@@ -173,13 +173,7 @@ def _round(value: float) -> float:
 
 
 def require_quantity(quantity: str) -> None:
-    """Raise unless a tire has such a force or moment.
-
-    Raises
-    ------
-    ParameterError
-        With the nearest names.
-    """
+    """Raise a ParameterError unless a tire has such a force or moment."""
     if quantity not in QUANTITIES:
         raise ParameterError(
             f"a tire has no quantity '{quantity}'; {nearest(quantity, QUANTITIES)}: use one of these names"

@@ -42,21 +42,21 @@ class Run:
     """
 
     t: np.ndarray
-    states: np.ndarray
-    inputs: np.ndarray
     state_names: tuple[str, ...]
+    states: np.ndarray
     input_names: tuple[str, ...]
+    inputs: np.ndarray
     path: Path
+    width: float = 0.0
     s: np.ndarray
     reference: np.ndarray
     e_y: np.ndarray
     e_psi: np.ndarray
     v_x: np.ndarray
-    t_plan: np.ndarray
     plans: tuple[Plan, ...]
+    t_plan: np.ndarray
     controls: tuple[str, ...]
     end: End
-    width: float = 0.0
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Samples of a state or input of the plant, or of a path error, shape (n,).

@@ -45,11 +45,11 @@ class PublicSet:
     """One published data set: what it is, whose it is, and its files."""
 
     name: str
+    files: tuple[PublicFile, ...]
     title: str
     description: str
     licence: str
     citation: str
-    files: tuple[PublicFile, ...]
 
     def file(self, name: str) -> PublicFile:
         """A file of the set.

@@ -53,26 +53,17 @@ def public(name: str) -> Dataset:
     return LOADERS[name]()
 
 
-# ---- Ferrari 250 LM --------------------------------------------------------------------------------------------------
-
-_FERRARI = {
-    "delta": ("delta", "rad"),
-    "v_x": ("vx", "m/s"),
-    "r": ("yawRate", "rad/s"),
-    "v_y": ("vy", "m/s"),
-    "beta": ("beta_true", "rad"),
-    "a_x": ("axCG", "m/s2"),
-    "a_y": ("ayCG", "m/s2"),
-    "r_dot": ("yawAngAcc", "rad/s2"),
-    "delta_fl": ("deltaFL", "rad"),
-    "delta_fr": ("deltaFR", "rad"),
-}
-
-
 def _columns(**channels: str) -> dict[str, Column]:
     """Where channels are in a file, from headings with units such as ``"vicon x [m]"``."""
     headings = {name: parse_heading(text) for name, text in channels.items()}
     return {name: Column(heading.name, heading.unit) for name, heading in headings.items()}
+
+
+# ---- Ferrari 250 LM --------------------------------------------------------------------------------------------------
+
+_FERRARI = _columns(delta="delta [rad]", v_x="vx [m/s]", r="yawRate [rad/s]", v_y="vy [m/s]", beta="beta_true [rad]")
+_FERRARI |= _columns(a_x="axCG [m/s2]", a_y="ayCG [m/s2]", r_dot="yawAngAcc [rad/s2]")
+_FERRARI |= _columns(delta_fl="deltaFL [rad]", delta_fr="deltaFR [rad]")
 
 
 def with_dead_reckoning(data: Dataset) -> Dataset:
@@ -96,7 +87,7 @@ def with_dead_reckoning(data: Dataset) -> Dataset:
 
 def _ferrari_run() -> Dataset:
     """The run of 22 February 2014 as recorded, 100 Hz, spikes and all."""
-    files = {name: f"{source}.txt" for name, (source, _) in _FERRARI.items()}
+    files = {name: f"{column.source}.txt" for name, column in _FERRARI.items()}
     paths = fetch("ferrari-250lm", "t.txt", *files.values())
     t = np.loadtxt(paths["t.txt"])
     values = np.column_stack([np.loadtxt(paths[file]) for file in files.values()])
@@ -104,7 +95,7 @@ def _ferrari_run() -> Dataset:
     table, starts = grid.onto(t, values)
     data = Dataset(
         values=table,
-        channels=tuple(Channel(name, unit) for name, (_, unit) in _FERRARI.items()),
+        channels=tuple(Channel(name, column.unit or "-") for name, column in _FERRARI.items()),
         dt=grid.dt,
         inputs=("delta", "v_x"),
         outputs=("r",),

@@ -171,15 +171,7 @@ def find_jumps(
     skip : tuple of Spike
         Spikes found before; their flanks are no jumps.
 
-    Returns
-    -------
-    tuple of Jump
-        In order of time; ``t`` is the first sample after the step.
-
-    Raises
-    ------
-    MissingColumnError, ParameterError
-        If there is no such channel, or the threshold is not positive.
+    They come in order of time; ``t`` is the first sample after the step. Errors as in `find_spikes`.
     """
     _checked(5, threshold)
     unit = data.unit(channel)

@@ -38,18 +38,30 @@ _HELD = 1.0  # a channel at rest for longer is worth a word [s]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Offset:
-    """What a channel shows while the car drives straight, where it should show zero."""
+class Seen:
+    """Something seen in a channel."""
 
     channel: str
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        return self._said()
+
+    def _said(self) -> str:
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Offset(Seen):
+    """What a channel shows while the car drives straight, where it should show zero."""
+
     value: float
     error: float
     samples: int
     unit: str
 
-    @property
-    def sentence(self) -> str:
-        """The finding in words."""
+    def _said(self) -> str:
         size = f"{self.value:+.2g} {self.unit} (95 % within {1.96 * self.error:.1g})"
         if self.unit == "rad":
             value, within = np.degrees(self.value), 1.96 * np.degrees(self.error)
@@ -58,18 +70,15 @@ class Offset:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stretch:
+class Stretch(Seen):
     """A channel that stands still for a while."""
 
-    channel: str
     t: float
     duration: float
     value: float
     count: int
 
-    @property
-    def sentence(self) -> str:
-        """The finding in words."""
+    def _said(self) -> str:
         return (
             f"{self.channel} stays at {self.value:.4g} for {self.duration:.3g} s from t = {self.t:.2f} s, the longest "
             f"of {self.count} such stretches"
@@ -77,33 +86,27 @@ class Stretch:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Clipping:
+class Clipping(Seen):
     """A channel that rests at its largest or smallest value as if it could go no further."""
 
-    channel: str
     value: float
     share: float
 
-    @property
-    def sentence(self) -> str:
-        """The finding in words."""
+    def _said(self) -> str:
         share = f"{100 * self.share:.2g} %"
         return f"{self.channel} rests at its limit {self.value:.4g} for {share} of the time: saturated or clipped"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Resolution:
+class Resolution(Seen):
     """Steps in which a channel comes, and how often a sample repeats the one before."""
 
-    channel: str
     step: float
     repeats: float
     unit: str
     rate: float
 
-    @property
-    def sentence(self) -> str:
-        """The finding in words."""
+    def _said(self) -> str:
         said = []
         if self.step:
             said.append(f"{self.channel} comes in steps of {self.step:.3g} {self.unit}")
@@ -117,10 +120,9 @@ class Resolution:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Excitation:
+class Excitation(Seen):
     """How far and how fast an input moves."""
 
-    channel: str
     low: float
     high: float
     std: float
@@ -132,9 +134,7 @@ class Excitation:
         """Whether it does not move at all."""
         return self.high - self.low <= 1e-12 * max(1.0, abs(self.low), abs(self.high))
 
-    @property
-    def sentence(self) -> str:
-        """The finding in words."""
+    def _said(self) -> str:
         if self.constant:
             return f"{self.channel} is constant at {self.low:.4g} {self.unit}: it excites nothing"
         return (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from slipangle.errors import UnitError, nearest, shown
 
@@ -91,16 +91,11 @@ _PLAUSIBLE: dict[str, tuple[float, float, str]] = {
 }
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Units:
-    """SI factor of each base quantity of the file: value in SI = value in the file times the factor."""
+    """SI factor of each base quantity of the file, 1 where it says nothing: SI = value in the file * factor."""
 
-    length: float = 1.0
-    force: float = 1.0
-    mass: float = 1.0
-    time: float = 1.0
-    angle: float = 1.0
-    pressure: float = 1.0
+    factors: Mapping[str, float] = field(default_factory=dict)
 
     def factor(self, key: str) -> float:
         """SI factor of a key; 1 for the coefficients, which carry no unit of the file."""
@@ -109,7 +104,7 @@ class Units:
             return 1.0
         value = 1.0
         for operator, name in re.findall(r"([*/]?)\s*(\w+)", dimension):
-            base = getattr(self, name)
+            base = self.factors.get(name, 1.0)
             value = value / base if operator == "/" else value * base
         return value
 
@@ -163,4 +158,4 @@ def read_units(entries: Sequence[tuple[str, str, int]], name: str) -> Units:
     factors = {key.lower(): factor for key, (_, factor, _) in chosen.items()}
     if "pressure" not in factors:
         factors["pressure"] = factors.get("force", 1.0) / factors.get("length", 1.0) ** 2
-    return Units(**factors)
+    return Units(factors)

@@ -17,6 +17,8 @@ from scipy import signal
 
 from slipangle.errors import ParameterError, TooShortError
 
+Phases = Literal["schroeder", "random"]
+Sweep = Literal["linear", "logarithmic"]
 _FEWEST_BITS, _MOST_BITS = 2, 24
 
 
@@ -86,7 +88,7 @@ def multisine(
     f_min: float,
     f_max: float,
     amplitude: float = 1.0,
-    phases: Literal["schroeder", "random"] = "schroeder",
+    phases: Phases = "schroeder",
     seed: int = 0,
 ) -> np.ndarray:
     """Sum of equally strong sines at every multiple of ``1 / (n dt)`` between two frequencies.
@@ -131,13 +133,7 @@ def multisine(
 
 
 def swept_sine(
-    n: int,
-    dt: float,
-    *,
-    f_start: float,
-    f_stop: float,
-    amplitude: float = 1.0,
-    method: Literal["linear", "logarithmic"] = "logarithmic",
+    n: int, dt: float, *, f_start: float, f_stop: float, amplitude: float = 1.0, method: Sweep = "logarithmic"
 ) -> np.ndarray:
     """Sine whose frequency runs from ``f_start`` to ``f_stop``; it starts at zero, rising.
 
