@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slipangle.cli import main
-from slipangle.commands import tire
+from slipangle.commands import Commands, tire
 from slipangle.commands.tire import read_tire
 from slipangle.errors import ConfigError, FormatError, MissingFileError, ParameterError, WriteError
 from slipangle.models.storage import save
@@ -19,9 +19,7 @@ from tests.rig import TIRE, channels, write_dat, write_mat
 
 def run(*arguments):
     parser = argparse.ArgumentParser()
-    as_json = argparse.ArgumentParser(add_help=False)
-    as_json.add_argument("--json", action="store_true")
-    tire.add(parser.add_subparsers(), as_json)
+    tire.add(Commands(parser.add_subparsers()))
     options = parser.parse_args(["tire", *map(str, arguments)])
     return options.function(options)
 
