@@ -66,17 +66,13 @@ def find_grid(
         Time stamps. [s]
     dt : float, optional
         Sample time; by default the median step, rounded where the stamps allow it. [s]
-    jitter : float
-        Largest deviation of one step from ``dt``, as a share of ``dt``, that is put back on the grid by
-        linear interpolation.
-    gap : float
-        A step above ``gap * dt`` ends one stretch and starts the next.
+    jitter, gap : float
+        Largest deviation of one step from ``dt``, as a share of it, that is put back on the grid by linear
+        interpolation; a step above ``gap * dt`` ends one stretch and starts the next.
     shortest : int
         Stretches with fewer samples are dropped, and a note says so.
-    row_name : callable
-        Turns a row number into words, such as ``line 12``.
-    what : str
-        Name of the log, for messages.
+    row_name, what
+        Turns a row number into words, such as ``line 12``; the name of the log. For messages.
 
     Raises
     ------

@@ -13,19 +13,8 @@ from slipangle.report.tables import ScoreRow, score_table
 def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> Page:
     """Ranking, free runs, error clouds and errors over the horizon of all models that did not fail.
 
-    Parameters
-    ----------
-    result : Comparison
-        From `slipangle.identify.judge.compare.compare`.
-    data : Dataset
-        The test data that it was made with.
-    command : str
-        What makes the page again; shown below it.
-
-    Returns
-    -------
-    Page
-        ``page.write("comparison.html")`` writes it.
+    ``data`` are the test data that the comparison was made with; ``command`` is what makes the page again.
+    ``page.write("comparison.html")`` writes it.
     """
     good = [e for e in result.entries if not e.failure]
     ahead = {e.name: horizon_errors(e.model, data) for e in good}

@@ -18,12 +18,12 @@ from slipangle.report.style import (
     VERMILION,
     axis_title,
     dots,
-    escape,
     line,
     new_figure,
     same_length,
     thin,
     with_gaps,
+    wrap,
 )
 
 __all__ = ["Signal", "Span", "signals", "solver_histogram", "solver_time"]
@@ -91,7 +91,7 @@ def signals(
         shade = {"fillcolor": SLATE.faded((0.05, 0.18)[k % 2]), "line": {"width": 0}, "layer": "below"}
         figure.add_shape(type="rect", x0=span.start, x1=span.end, y0=0, y1=1, xref="x", yref="paper", **shade)
         where = {"x": (span.start + span.end) / 2, "y": 1, "xref": "x", "yref": "paper", "yanchor": "bottom"}
-        figure.add_annotation(text=escape(span.label), showarrow=False, font={"color": SLATE.light}, **where)
+        figure.add_annotation(text=wrap(span.label, 60), showarrow=False, font={"color": SLATE.light}, **where)
     if spans:
         figure.update_layout(margin={"t": 32}, legend={"y": 1.06})
     return figure
@@ -108,7 +108,7 @@ def _panel(
         keep = thin(v, points)
         shared = {"name": "reference", "legendgroup": "reference", "showlegend": first, "hovertemplate": "%{y:.4g}"}
         line(figure, x[keep], v[keep], SLATE, 2, dash="dash", yaxis=axis, **shared)
-    name = escape(signal.channel.name)
+    name = wrap(signal.channel.name, 60)
     line(figure, x[rows], y[rows], BLUE, 1.4, name=name, showlegend=False, yaxis=axis, hovertemplate="%{y:.4g}")
     if signal.held:
         figure.data[-1].update(line_shape="hv")

@@ -58,20 +58,14 @@ def track_map(
 
     Parameters
     ----------
-    X, Y : array, shape (n,)
-        Position in the ground frame. [m]
-    value : array, shape (n,)
-        What to colour by, in the channel's unit; NaN is drawn as a thin line only.
-    channel : Channel
-        What the value belongs to, and its unit.
+    X, Y, value : array, shape (n,)
+        Position in the ground frame [m], and what to colour by, in the channel's unit; NaN is a thin line only.
     label : str
         Title of the colour bar before the unit; by default the error's absolute value.
     signed : bool
         True colours by the value around zero, false by its absolute value.
-    starts : sequence of int
-        First row of each experiment.
-    points : int
-        At most this many dots; of each stretch the one with the largest value remains.
+    starts, points
+        First row of each experiment; at most so many dots, of each stretch the one with the largest value.
 
     Raises
     ------

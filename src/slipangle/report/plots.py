@@ -46,10 +46,8 @@ def measured_vs_simulated(
 
     Parameters
     ----------
-    t : array, shape (n,)
-        Time. [s]
-    measured : array, shape (n,)
-        Measured output, in the channel's unit.
+    t, measured : array, shape (n,)
+        Time [s] and measured output, in the channel's unit.
     simulated : mapping of str to array, shape (n,)
         Output of each model; NaN where the model did not predict.
     channel : Channel
@@ -57,8 +55,7 @@ def measured_vs_simulated(
     starts : sequence of int
         First row of each experiment; no line joins two of them.
     points : int
-        About how many points each line keeps; longer series are drawn by the lowest and highest
-        sample of each bin.
+        About how many points each line keeps: of a longer series the lowest and highest sample of each bin.
 
     Raises
     ------
@@ -124,21 +121,9 @@ def trajectories(models: Mapping[str, Trajectory], channel: Channel, *, points: 
 def rainclouds(errors: Mapping[str, np.ndarray], *, channel: Channel, points: int = 300, seed: int = 0) -> go.Figure:
     """Raincloud of each model's error: density above, quartile box, single samples below [1]_.
 
-    Parameters
-    ----------
-    errors : mapping of str to array, shape (n,)
-        Measured minus simulated, in the channel's unit; NaN is left out. Lengths may differ.
-    channel : Channel
-        Which output, and its unit.
-    points : int
-        At most this many samples are drawn as rain, the two extremes always among them.
-    seed : int
-        Seed of the draw and of the jitter.
-
-    Raises
-    ------
-    ParameterError
-        If there is no model, or a model has no finite error.
+    ``errors`` are measured minus simulated, in the channel's unit; NaN is left out, lengths may differ. At most so many
+    ``points`` are drawn as rain, the two extremes always among them; ``seed`` is that of the draw and the jitter. A
+    ParameterError says that there is no model, or that one has no finite error.
 
     References
     ----------
@@ -214,14 +199,10 @@ def correlation(
     ----------
     measured, simulated : array, shape (n,)
         In the channel's unit; samples with NaN are left out.
-    channel : Channel
-        Which output, and its unit.
     limits : tuple of float, optional
         Lowest and highest value of both axes, to set several models side by side; by default from the data.
-    index : int
-        Colour of the model, as in the other figures.
-    points : int
-        At most about this many samples are drawn, evenly chosen; R2 is of all.
+    index, points : int
+        Colour of the model, as in the other figures; about how many samples are drawn, evenly chosen. R2 is of all.
 
     Raises
     ------

@@ -19,19 +19,8 @@ __all__ = ["error_by_level", "error_by_phase", "share_map"]
 def error_by_phase(errors: Mapping[str, np.ndarray], corners: tuple[Corner, ...], *, channel: Channel) -> go.Figure:
     """RMSE of each model on straights and in corner entries, middles and exits, as bars side by side.
 
-    Parameters
-    ----------
-    errors : mapping of str to array, shape (n_samples,)
-        Measured minus simulated, in the channel's unit; NaN is left out.
-    corners : tuple of Corner
-        Of the same samples, from `slipangle.data.race.corners`.
-    channel : Channel
-        Which output, and its unit.
-
-    Raises
-    ------
-    ParameterError
-        If there is no model.
+    Errors, shape (n_samples,), are measured minus simulated, in the channel's unit; NaN is left out. Corners are those
+    of `slipangle.data.race.corners`, of the same samples. There must be a model (ParameterError).
     """
     figure = _frame(errors, channel)
     for k, (name, error) in enumerate(errors.items()):
@@ -53,21 +42,8 @@ def error_by_level(
 ) -> go.Figure:
     """RMSE of each model over what the samples are sorted by, such as the size of the lateral acceleration.
 
-    Parameters
-    ----------
-    errors : mapping of str to array, shape (n_samples,)
-        Measured minus simulated, in the channel's unit; NaN is left out.
-    level : array, shape (n_samples,)
-        What to sort by; its size counts.
-    edges : array, shape (n_bins + 1,)
-        Rising ends of the bins.
-    channel, sorted_by : Channel
-        Output and sorting quantity, with units.
-
-    Raises
-    ------
-    ParameterError
-        If there is no model.
+    Errors are as in `error_by_phase`; the size of ``level``, shape (n_samples,), counts; ``edges`` are the rising ends
+    of the bins, shape (n_bins + 1,).
     """
     figure = _frame(errors, channel)
     middle = 0.5 * (edges[1:] + edges[:-1])
@@ -89,16 +65,9 @@ def error_by_level(
 
 
 def share_map(X: np.ndarray, Y: np.ndarray, share: np.ndarray, *, starts: Sequence[int] = (0,)) -> go.Figure:
-    """The track coloured by the share of a hybrid's output that its discrepancy makes. [%]
+    """The track coloured by the share of a hybrid's output that its discrepancy makes [%]; NaN is a thin line.
 
-    Parameters
-    ----------
-    X, Y : array, shape (n,)
-        Position. [m]
-    share : array, shape (n,)
-        One column of `slipangle.models.wrappers.hybrid.HybridModel.share`; NaN is drawn as a thin line. [%]
-    starts : sequence of int
-        First row of each experiment.
+    It is one column of `slipangle.models.wrappers.hybrid.HybridModel.share`; for the others see `track_map`.
     """
     return track_map(X, Y, share, channel=Channel("share", "%"), label="share of the discrepancy", starts=starts)
 

@@ -24,17 +24,7 @@ def parallel_coordinates(result: SearchResult, *, score: str = "score") -> go.Fi
     Trials without a score are left out. Scores beyond three times the median are drawn at that value, so that a few bad
     trials do not hide how the good ones differ.
 
-    Parameters
-    ----------
-    result : SearchResult
-        At least one trial with a score.
-    score : str
-        What the score is, for its axis.
-
-    Raises
-    ------
-    ParameterError
-        If no trial has a score.
+    ``score`` says what the score is, for its axis. One trial at least must have one (ParameterError).
     """
     good = sorted((t for t in result.trials if not t.failure), key=lambda t: (-t.score, -t.number))
     if not good:
@@ -107,14 +97,7 @@ def _axis(name: str, values: list[Any]) -> _Axis:
 def search_table(result: SearchResult, *, rows: int | None = None, command: str = "") -> Table:
     """Every trial, the best first; trials that failed or were given up last, with their reason.
 
-    Parameters
-    ----------
-    result : SearchResult
-        At least one trial.
-    rows : int, optional
-        At most this many rows.
-    command : str
-        What reproduces it.
+    At most so many ``rows``; ``command`` is what reproduces it.
     """
     names, cells = columns(result)
     shown = cells if rows is None else cells[:rows]

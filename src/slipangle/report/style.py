@@ -102,14 +102,8 @@ def pretty_unit(unit: str) -> str:
 def axis_title(channel: Channel, *, lines: int = 1, prefix: str = "") -> str:
     """Quantity, name and unit of a channel as an axis title, safe for plotly's markup.
 
-    Parameters
-    ----------
-    channel : Channel
-        Known names of `docs/nomenclature.md` are spelled out.
-    lines : int
-        2 breaks the title before the name, for low panels.
-    prefix : str
-        Words before the quantity, such as ``"error of "``.
+    Known names of `docs/nomenclature.md` are spelled out; 2 ``lines`` break the title before the name, for low panels;
+    ``prefix`` is put before the quantity, such as ``"error of "``.
 
     >>> axis_title(Channel("r", "rad/s"))
     'yaw rate r [rad/s]'
@@ -222,13 +216,7 @@ def nice_step(span: float, count: int = 5) -> float:
 
 
 def same_length(first: str, n: int, /, **others: Sequence[float] | np.ndarray) -> None:
-    """Raise unless every array has ``n`` rows.
-
-    Raises
-    ------
-    ParameterError
-        With both names and lengths.
-    """
+    """Raise a ParameterError with both names and lengths unless every array has ``n`` rows."""
     for name, values in others.items():
         if len(values) != n:
             raise ParameterError(
@@ -238,19 +226,9 @@ def same_length(first: str, n: int, /, **others: Sequence[float] | np.ndarray) -
 
 
 def thin(y: np.ndarray, limit: int = 4000) -> np.ndarray:
-    """Rows that draw the same line with at most about ``limit`` points: each bin's lowest and highest sample.
+    """Rising rows that draw the same line with at most about ``limit`` points: each bin's lowest and highest sample.
 
-    Parameters
-    ----------
-    y : array, shape (n,)
-        The series; NaN marks a gap and the ends of gaps are kept.
-    limit : int
-        About how many rows may remain.
-
-    Returns
-    -------
-    array of int
-        Increasing rows, with the first and the last.
+    NaN marks a gap, whose ends are kept, as are the first and the last row.
 
     >>> peak = np.zeros(100_000)
     >>> peak[54_321] = 1.0

@@ -55,18 +55,8 @@ def pure_slip(
 ) -> go.Figure:
     """A force or moment over slip in one direction, one line per load.
 
-    Parameters
-    ----------
-    tire : Tire
-        Any tire.
-    quantity : {"F_x", "F_y", "M_x", "M_z"}
-        What is drawn.
-    over : {"slip_ratio", "slip_angle"}, optional
-        The slip that moves, the other being zero; by default the one that the quantity goes with.
-    loads : sequence of float
-        Vertical loads; by default some inside the range of the tire. [N]
-    camber : float
-        Inclination. [rad]
+    ``over`` is the slip that moves, the other being zero, by default the one that the quantity goes with; loads [N] are
+    by default some inside the range of the tire; ``camber`` is in rad.
 
     Raises
     ------
@@ -96,14 +86,8 @@ def pure_slip(
 def combined_slip(tire: Tire, *, load: float | None = None, camber: float = 0.0) -> go.Figure:
     """Lateral over longitudinal force: lines of constant slip angle while the slip ratio runs, axes of equal scale.
 
-    Parameters
-    ----------
-    tire : Tire
-        Any tire; one without combined slip shows rectangles.
-    load : float, optional
-        Vertical load; by default the middle one of its range. [N]
-    camber : float
-        Inclination. [rad]
+    A tire without combined slip shows rectangles. The load [N] is by default the middle one of its range; ``camber`` is
+    in rad.
     """
     where = OperatingRange.of(tire, loads=() if load is None else (load,))
     weight = where.loads[len(where.loads) // 2]

@@ -32,18 +32,8 @@ __all__ = ["curve_figure", "fit_figure", "predicted", "residual_histogram"]
 def fit_figure(tire: Tire, data: TireData, quantity: Quantity, *, sweeps: int = 6, points: int = 4000) -> go.Figure:
     """Measured samples and the fitted tire over slip, and what is left between them.
 
-    Parameters
-    ----------
-    tire : Tire
-        Fitted tire.
-    data : TireData
-        Measurements.
-    quantity : {"F_x", "F_y", "M_x", "M_z"}
-        What is drawn; F_x over slip ratio at small slip angles, the others over slip angle at small slip ratios.
-    sweeps : int
-        At most about so many loads are drawn, at the camber nearest to zero and one pressure.
-    points : int
-        At most about so many samples are drawn.
+    F_x is drawn over slip ratio at small slip angles, the other quantities over slip angle at small slip ratios, for at
+    most about so many loads as ``sweeps``, at the camber nearest to zero and one pressure, and so many ``points``.
 
     Raises
     ------
@@ -100,18 +90,8 @@ def curve_figure(
 ) -> go.Figure:
     """Measured friction over slip, fitted curves, and what each of them leaves.
 
-    Parameters
-    ----------
-    slip : array, shape (n,)
-        Slip ratio [-] or slip angle [rad].
-    friction : array, shape (n,)
-        Force over load. [-]
-    curves : mapping of str to function of slip
-        Fitted curves by name.
-    along : bool
-        Whether the slip is a slip ratio; a slip angle is drawn in degrees.
-    friction_title : str
-        Title of the ordinate.
+    ``slip`` is a slip ratio [-] where ``along``, else a slip angle [rad], drawn in degrees; ``friction`` is force over
+    load [-], shape (n,) both; ``curves`` are functions of slip by name.
     """
     x = shown_slip(np.asarray(slip, dtype=float), along=along)
     figure = new_figure(520, hovermode="x unified")

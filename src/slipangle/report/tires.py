@@ -37,15 +37,7 @@ def evaluate_table(
     load: Sequence[float] | np.ndarray,
     camber: Sequence[float] | np.ndarray = (0.0,),
 ) -> Table:
-    """Forces and moments at every combination of the given conditions, one row each.
-
-    Parameters
-    ----------
-    tire : Tire
-        Any tire.
-    slip_ratio, slip_angle, load, camber : sequence of float
-        Conditions. [-, rad, N, rad]
-    """
+    """Forces and moments at every combination of the given conditions [-, rad, N, rad], one row each."""
     grid = np.meshgrid(*(np.atleast_1d(np.asarray(v, dtype=float)) for v in (load, camber, slip_angle, slip_ratio)))
     weight, gamma, angle, ratio = (g.transpose(1, 0, 2, 3).ravel() for g in grid)
     found = tire.forces(ratio, angle, weight, camber=gamma)
@@ -69,22 +61,8 @@ def tire_page(
 ) -> Page:
     """A page of one tire: its curves, and how it follows the measurements where they are given.
 
-    Parameters
-    ----------
-    tire : Tire
-        Any tire.
-    title : str
-        Heading, such as the file's name.
-    data : TireData, optional
-        What it was fitted to.
-    loads : sequence of float
-        Loads to draw. [N]
-    camber : float
-        Inclination to draw. [rad]
-    facts : sequence of Fact
-        Provenance.
-    command : str
-        What made the page.
+    ``data`` is what it was fitted to, ``loads`` [N] and ``camber`` [rad] are what to draw, ``facts`` and ``command``
+    say where the page comes from.
     """
     sections = [_curves(tire, loads, camber)]
     if data is not None:

@@ -44,12 +44,12 @@ class Outcome:
     """
 
     settings: Settings
+    validations: tuple[Validation, ...]
+    training: tuple[Validation, ...]
     data: Dataset
     train: Dataset
     test: Dataset
     quality: DataReport
-    validations: tuple[Validation, ...]
-    training: tuple[Validation, ...]
     delay_check: tuple[str, ...]
     run: Run | None
     plant: str

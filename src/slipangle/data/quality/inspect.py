@@ -71,7 +71,10 @@ class Offset(Seen):
 
 @dataclass(frozen=True, kw_only=True)
 class Stretch(Seen):
-    """A channel that stands still for a while."""
+    """A channel that stands still for a while: since when and how long [s], at which value.
+
+    It is the longest of ``count`` such stretches.
+    """
 
     t: float
     duration: float
@@ -148,14 +151,14 @@ class DataReport:
     """What was found in a recording; `sentences` says it all in words."""
 
     name: str
-    dt: float
-    samples: int
-    duration: float
     gaps: tuple[float, ...]
     spikes: tuple[Spike, ...]
     jumps: tuple[Jump, ...]
     delays: tuple[Delay, ...]
     offsets: tuple[Offset, ...]
+    dt: float
+    samples: int
+    duration: float
     stretches: tuple[Stretch, ...]
     clippings: tuple[Clipping, ...]
     resolutions: tuple[Resolution, ...]

@@ -11,6 +11,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import IdentifiabilityWarning, ParameterError
+from slipangle.fields import Checked, Count, Positive
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.physics.free_run import FreeRun
 from slipangle.models.model import FitInfo
@@ -21,7 +22,7 @@ from slipangle.reproduce.plants.emps import Emps, FrictionCurve, carriage, smoot
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrictionFit:
+class FrictionFit(Checked):
     """Inertia, friction and a smooth curve over the speed, all from the error of one long free run.
 
     The curve is a sum of smooth steps at evenly spaced speeds, with a normal prior on their heights: with a small
@@ -29,14 +30,10 @@ class FrictionFit:
 
     Parameters
     ----------
-    start : Emps
-        Start values; its outputs are fitted.
-    free : tuple of str
-        Physical parameters to estimate along with the curve.
-    spacing : float
-        Distance of the steps; their width is half of it. [m/s]
-    v_max : float
-        Largest speed with a step, both ways. [m/s]
+    start, free
+        Start values, whose outputs are fitted; physical parameters to estimate along with the curve.
+    spacing, v_max : float
+        Distance of the steps, whose width is half of it, and largest speed with one, both ways. [m/s]
     weight_std : float
         Standard deviation of the steps' heights before anything is measured. [N]
     error : tuple of float
@@ -53,19 +50,17 @@ class FrictionFit:
 
     start: Emps
     free: tuple[str, ...] = ("mass", "viscous", "coulomb", "offset")
-    spacing: float = 0.014
-    v_max: float = 0.15
-    weight_std: float = 10.0
+    spacing: Positive = 0.014
+    v_max: Positive = 0.15
+    weight_std: Positive = 10.0
     error: tuple[float, ...] = (1e-3,)
-    correlation_time: float = 0.25
-    max_iterations: int = 40
+    correlation_time: Positive = 0.25
+    max_iterations: Count = 40
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in self.free:
             self.start.params.si(name)
-        for name in ("spacing", "v_max", "weight_std", "correlation_time"):
-            if not getattr(self, name) > 0:
-                raise ParameterError(f"{name} is {getattr(self, name)}; expected a positive number")
         if len(self.error) != self.start.n_outputs:
             raise ParameterError(
                 f"{len(self.error)} typical errors for the outputs {', '.join(self.start.outputs)}; expected one each"
