@@ -52,6 +52,38 @@ def test_linear_problem_with_bounds_is_that_of_scipy(seed):
     assert got.point == pytest.approx(expected.x, abs=1e-6)
 
 
+@pytest.mark.parametrize("loss", ["squares", "huber", "cauchy"])
+def test_robust_losses_are_those_of_scipy(loss):
+    outliers = np.zeros(40)
+    outliers[[3, 17, 30]] = 40.0, -25.0, 60.0
+    known = "linear" if loss == "squares" else loss
+    expected = optimize.least_squares(
+        lambda p: errors(p) + outliers, [1.0, 1.0, 0.0], jac=jacobian, loss=known, xtol=1e-12, ftol=1e-14, gtol=1e-12
+    )
+    got = least_squares(
+        np.array([1.0, 1.0, 0.0]), errors=lambda p: errors(p) + outliers, jacobian=jacobian, loss=loss, tolerance=1e-14
+    )
+    assert got.cost == pytest.approx(2 * expected.cost, rel=1e-9)
+    assert got.point == pytest.approx(expected.x, abs=1e-4)
+    bias = np.abs(got.point - TRUE).max()
+    assert (bias < 0.1) == (loss != "squares")
+
+
+def test_prior_gives_the_posterior_mean_of_a_linear_problem():
+    rng = np.random.default_rng(3)
+    A, b, mean, std = rng.normal(size=(20, 3)), rng.normal(size=20), np.array([1.0, -2.0, 0.5]), np.array([0.1, 1, 1e9])
+    precision = np.diag(std**-2.0)
+    expected = np.linalg.solve(A.T @ A + precision, A.T @ b + precision @ mean)
+    got = least_squares(np.zeros(3), errors=lambda z: A @ z - b, jacobian=lambda z: A, prior=(mean, std))
+    assert got.point == pytest.approx(expected, abs=1e-6)
+
+
+def test_prior_of_infinite_width_is_none():
+    wide = np.zeros(3), np.full(3, np.inf)
+    plain = least_squares(np.ones(3), errors=errors, jacobian=jacobian)
+    assert least_squares(np.ones(3), errors=errors, jacobian=jacobian, prior=wide).point == pytest.approx(plain.point)
+
+
 def test_both_factors_hold_the_gauss_newton_matrix_and_the_gradient():
     j, e = jacobian(TRUE + 0.1), errors(TRUE + 0.1)
     for r, right in (triangle(j, e), cholesky(j.T @ j, j.T @ e)):

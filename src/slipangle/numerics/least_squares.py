@@ -1,4 +1,4 @@
-"""Nonlinear least squares: Levenberg-Marquardt on triangular factors, within bounds.
+"""Nonlinear least squares: Levenberg-Marquardt on triangular factors, with priors, bounds and robust losses.
 
 `LevenbergMarquardt` works on points of any kind (a vector, a state space, parameters with initial states) of which it
 only asks the cost, a linearisation and how to move; `least_squares` is the same for a vector, its errors and their
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -28,6 +28,7 @@ _EXCHANGES = 30  # of unknowns on their bounds within one step
 _UNSEEN = 1e-8  # singular value, relative to the largest, of directions that the errors do not show: they stay
 
 Factors = tuple[np.ndarray, np.ndarray, Any]  # r, e and what `move` wants to know
+Loss = Literal["squares", "huber", "cauchy"]
 
 
 class LeastSquaresResult(NamedTuple):
@@ -184,6 +185,8 @@ def least_squares(
     jacobian: Callable[[np.ndarray], np.ndarray],
     cost: Callable[[np.ndarray], float] | None = None,
     bounds: tuple[np.ndarray, np.ndarray] | None = None,
+    prior: tuple[np.ndarray, np.ndarray] | None = None,
+    loss: Loss = "squares",
     max_iterations: int = 100,
     tolerance: float = 1e-10,
     creep: float = 0.0,
@@ -200,6 +203,10 @@ def least_squares(
         Sum of squared errors, where it costs less than the errors.
     bounds : (array, array), optional
         Smallest and largest values, shape (n,).
+    prior : (array, array), optional
+        Mean and standard deviation of each unknown, infinite where nothing is known beforehand.
+    loss : {"squares", "huber", "cauchy"}
+        What an error beyond one counts: its square, twice its size less one, or the logarithm of one and its square.
     tolerance, creep : float
         See `LevenbergMarquardt.minimise`.
 
@@ -210,11 +217,21 @@ def least_squares(
     (True, 2.0)
     """
 
+    def prior_errors(z: np.ndarray) -> np.ndarray:
+        return np.zeros(0) if prior is None else (z - prior[0]) / prior[1]
+
     def total(z: np.ndarray) -> float:
-        return float(cost(z) if cost is not None else np.sum(errors(z) ** 2))
+        own = cost(z) if cost is not None else np.sum(_counts(errors(z), loss))
+        return float(own + np.sum(prior_errors(z) ** 2))
 
     def linearise(z: np.ndarray) -> Factors:
-        return *triangle(jacobian(z), errors(z)), None
+        e, j = errors(z), jacobian(z)
+        if loss != "squares":
+            root = np.sqrt(_slope(e, loss))
+            e, j = root * e, root[:, None] * j
+        if prior is not None:
+            e, j = np.concatenate([e, prior_errors(z)]), np.vstack([j, np.diag(1 / prior[1])])
+        return *triangle(j, e), None
 
     def move(z: np.ndarray, _: Any, eta: np.ndarray) -> np.ndarray:
         return z + eta if bounds is None else np.clip(z + eta, *bounds)
@@ -223,3 +240,16 @@ def least_squares(
     begin = np.array(start, dtype=float) if bounds is None else np.clip(start, *bounds)
     search = LevenbergMarquardt(cost=total, linearise=linearise, move=move, room=room)
     return search.minimise(begin, max_iterations=max_iterations, tolerance=tolerance, creep=creep)
+
+
+def _counts(e: np.ndarray, loss: Loss) -> np.ndarray:
+    """What each error adds to the cost."""
+    if loss == "squares":
+        return e**2
+    size = np.abs(e)
+    return np.log1p(size**2) if loss == "cauchy" else np.where(size <= 1, size**2, 2 * size - 1)
+
+
+def _slope(e: np.ndarray, loss: Loss) -> np.ndarray:
+    """Derivative of `_counts` by the squared error: the weight of a row."""
+    return 1 / (1 + e**2) if loss == "cauchy" else 1 / np.maximum(np.abs(e), 1.0)
