@@ -7,13 +7,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import nan
 from time import perf_counter
-from typing import Any, Literal, NamedTuple, Unpack
+from typing import Annotated, Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 
 from slipangle.control.call import applied_before
 from slipangle.control.controller import Led
 from slipangle.errors import ParameterError
+from slipangle.fields import Checked, Whole, Within
 from slipangle.models.model import Model
 from slipangle.numerics.per_thread import BUILDING
 from slipangle.optimal.checks import MOST, Judge, counted, health_of, is_numbers
@@ -51,13 +52,13 @@ class Call(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Fallbacks(Led):
+class Fallbacks(Checked, Led):
     """A problem, its engine, and plans that need no solve: the one before shifted, or the safe stop law; see `MPC`."""
 
     ocp: OCP
     solver: Literal["realtime", "ipopt"] | Backend
-    deadline: float | None
-    fallback: int
+    deadline: Annotated[float, Within(0, unit="s", open="low")] | None
+    fallback: Whole
     safe: Values
     plausible: Limits
 
@@ -87,10 +88,7 @@ class Fallbacks(Led):
             raise ParameterError(
                 f'the solver is {solver!r}; expected "realtime" or "ipopt", or settings such as Ipopt()'
             )
-        if deadline is not None and not deadline > 0:
-            raise ParameterError(f"the deadline is {deadline} s; expected a positive time, or None")
-        if fallback < 0:
-            raise ParameterError(f"fallback is {fallback}; expected a number of steps of at least 0")
+        self.__post_init__()
         require_names(self.safe, ocp.controls, "safe", "use a decided input")
         known = (*ocp.model.states, *ocp.references, *ocp.exogenous)
         require_names(self.plausible, known, "plausible", "use a state, a tracked quantity or an exogenous input")

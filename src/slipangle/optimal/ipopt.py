@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from slipangle.errors import ParameterError
+from slipangle.fields import Checked, Count, Positive
 from slipangle.models.ode import OdeModel
 from slipangle.numerics.integrate import RADAU_A, radau_equations
 from slipangle.optimal.engine import Engine, Start
@@ -34,7 +34,7 @@ RADAU_C = RADAU_A.sum(axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ipopt:
+class Ipopt(Checked):
     """Multiple shooting ([1]_ eq. 5-8) by the interior-point method of [2]_.
 
     Where the model is integrated by one step of Radau IIA, its stages become variables of the program (collocation):
@@ -58,17 +58,10 @@ class Ipopt:
     .. [2] A. Waechter, L. T. Biegler, Math. Program. 106, 25-57, 2006.
     """
 
-    tolerance: float = 1e-10
-    max_iterations: int = 200
+    tolerance: Positive = 1e-10
+    max_iterations: Count = 200
     warm: bool = True
     collocation: bool = True
-
-    def __post_init__(self) -> None:
-        if not (self.tolerance > 0 and self.max_iterations >= 1):
-            raise ParameterError(
-                f"tolerance is {self.tolerance}, max_iterations {self.max_iterations}; expected a positive tolerance "
-                "and at least one iteration"
-            )
 
     def build(self, ocp: OCP, deadline: float | None = None) -> IpoptEngine:
         """The solver for one problem."""

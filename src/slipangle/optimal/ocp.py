@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypedDict
+from typing import Annotated, Any, TypedDict
 from uuid import uuid4
 
 import casadi as ca
 import numpy as np
 
 from slipangle.errors import ParameterError
+from slipangle.fields import Checked, Count, Within
 from slipangle.models.model import Model, without_caches
 from slipangle.ops import Scalar, Vector, cos, sin, stack
 from slipangle.optimal.arrays import array
@@ -68,7 +69,7 @@ class Settings(TypedDict, total=False):
 
 
 @dataclass(frozen=True, eq=False)
-class OCP:
+class OCP(Checked):
     """Track a reference over a horizon. [1]_ eqs. 5-3 to 5-8.
 
     ``J = sum_{i=0}^{N-1} (|y_i - q_i|^2_Q + |u_i - r_i|^2_R + |u_i - u_{i-1}|^2_S + slack) + |y_N - q_N|^2_terminal``
@@ -135,7 +136,7 @@ class OCP:
 
     model: Model
     _: KW_ONLY
-    horizon: int
+    horizon: Count
     Q: Weights
     R: Weights = field(default_factory=Weights)
     S: Weights = field(default_factory=Weights)
@@ -145,7 +146,7 @@ class OCP:
     rates: Limits = field(default_factory=Limits)
     slack: Weights = field(default_factory=Weights)
     slack_linear: Weights = field(default_factory=Weights)
-    corridor: float | None = None
+    corridor: Annotated[float, Within(0, unit="m", open="low")] | None = None
     steps: Sequence[int] | None = None
     terms: Mapping[str, Callable[[Vector, Vector, Any], Scalar]] = field(default_factory=dict)
     identity: str = field(init=False, repr=False, default_factory=lambda: uuid4().hex)
@@ -156,8 +157,7 @@ class OCP:
         )
         coerce(self, Limits, "limits", "rates")
         model = self.model
-        if not (isinstance(self.horizon, int) and self.horizon >= 1):
-            raise ParameterError(f"the horizon is {self.horizon!r}; expected a whole number of at least 1")
+        super().__post_init__()
         if self.steps is not None:
             object.__setattr__(self, "steps", _checked_steps(self.steps, self.horizon, model.dt))
         named = (*self.R, *self.S, *self.limits, *self.rates)
@@ -189,8 +189,6 @@ class OCP:
             if not lower <= 0 <= upper:
                 raise ParameterError(f"the rate limit of '{name}' is ({lower}, {upper}); expected one that contains 0")
         if self.corridor is not None:
-            if not self.corridor > 0:
-                raise ParameterError(f"the corridor's vehicle width is {self.corridor} m; expected a positive number")
             require_names(("e_y",), trackable, "corridor", "use a model with X, Y and psi, such as OnGround(model)")
 
     def __getstate__(self) -> dict[str, Any]:

@@ -191,7 +191,7 @@ def test_a_circle_is_followed_closely(follower):
 
 
 def test_bad_input_says_what_to_do():
-    with pytest.raises(ParameterError, match="horizon of Stanley"):
+    with pytest.raises(ParameterError, match="horizon is 0; expected a whole number"):
         Stanley(params=CAR, horizon=0)
     with pytest.raises(ParameterError, match="rising"):
         PreviewLQR(params=CAR, speeds=(5.0, 4.0))

@@ -15,7 +15,7 @@ import numpy as np
 
 from slipangle.control.call import applied_before, given
 from slipangle.control.controller import Ahead, Controller, along
-from slipangle.errors import ParameterError
+from slipangle.fields import Checked, Count, Positive
 from slipangle.models.model import Model
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.kinematic import Kinematic
@@ -31,7 +31,7 @@ _COLUMNS = ("X", "Y", "psi", "curvature", "v_x")
 
 
 @dataclass(frozen=True, kw_only=True)
-class PathFollower(Controller):
+class PathFollower(Checked, Controller):
     """A steering law; subclasses say from what model's state and how.
 
     Parameters
@@ -57,17 +57,10 @@ class PathFollower(Controller):
     exogenous = ("v_x",)
 
     params: ChassisParams
-    dt: float = 0.05
-    horizon: int = 20
-    limit: float = 0.5
-    rate: float = math.inf
-
-    def __post_init__(self) -> None:
-        for name in ("dt", "horizon", "limit", "rate"):
-            if not getattr(self, name) > 0:
-                raise ParameterError(
-                    f"{name} of {type(self).__name__} is {getattr(self, name)}; expected a positive number"
-                )
+    dt: Positive = 0.05
+    horizon: Count = 20
+    limit: Positive = 0.5
+    rate: Positive = math.inf
 
     @cached_property
     def times(self) -> np.ndarray:

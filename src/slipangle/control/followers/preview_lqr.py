@@ -13,6 +13,7 @@ from scipy import linalg
 
 from slipangle.control.followers.followers import PathFollower, pose_of, posed_bicycle
 from slipangle.errors import ParameterError
+from slipangle.fields import NotNegative, Positive
 from slipangle.models.model import Model
 from slipangle.models.vehicles.parameters import BicycleParams
 
@@ -48,9 +49,9 @@ class PreviewLQR(PathFollower):
     """
 
     params: BicycleParams  # type: ignore[override]  # the narrower set
-    weight_y: float = 1.0
-    weight_psi: float = 20.0
-    weight_change: float = 300.0
+    weight_y: Positive = 1.0
+    weight_psi: NotNegative = 20.0
+    weight_change: Positive = 300.0
     speeds: Sequence[float] = (2.0, 5.0, 8.0, 11.0, 14.0, 17.0, 20.0, 25.0, 30.0, 40.0, 55.0)
     slip: float = 0.12
 
@@ -58,10 +59,6 @@ class PreviewLQR(PathFollower):
         super().__post_init__()
         if min(self.speeds) <= 0 or any(not b > a for a, b in pairwise(self.speeds)):
             raise ParameterError(f"the schedule's speeds are {tuple(self.speeds)}; expected positive, rising ones")
-        if min(self.weight_y, self.weight_psi) < 0 or not self.weight_change > 0 or not self.weight_y > 0:
-            raise ParameterError(
-                f"weights are {self.weight_y}, {self.weight_psi}, {self.weight_change}; expected positive ones"
-            )
 
     @cached_property
     def model(self) -> Model:  # type: ignore[override]  # made once

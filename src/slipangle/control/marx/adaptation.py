@@ -7,7 +7,7 @@ from dataclasses import KW_ONLY, dataclass, field, replace
 from enum import Enum
 from functools import cached_property
 from math import isfinite
-from typing import Any, NamedTuple, TypeGuard
+from typing import Annotated, Any, NamedTuple, TypeGuard
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from slipangle.control.controller import Ahead, Led
 from slipangle.control.marx.mpc import SLOWEST, MultiARXMPC, MultiARXPlan
 from slipangle.control.marx.problem import Numbers
 from slipangle.errors import ParameterError
+from slipangle.fields import Checked, Count, NotNegative, Positive, Within
 from slipangle.models.wrappers.multi_arx import SpeedBlend
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.optimal.checks import ANY, is_numbers
@@ -35,7 +36,7 @@ class Lesson(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Supervisor:
+class Supervisor(Checked):
     """Which samples the models learn from, and how far they may go.
 
     Parameters
@@ -59,21 +60,12 @@ class Supervisor:
         If a number is not positive, or the gain not above 1.
     """
 
-    excitation: float = 1e-4
-    surprise: float = 6.0
-    gain: float = 2.0
-    reach: int = 10
+    excitation: Positive = 1e-4
+    surprise: Positive = 6.0
+    gain: Annotated[float, Within(1, open="low")] = 2.0
+    reach: Count = 10
     lateral: float = 4.0
-    least_change: float = 1e-8
-
-    def __post_init__(self) -> None:
-        if not (self.excitation > 0 and self.surprise > 0 and self.least_change >= 0 and self.reach >= 1):
-            raise ParameterError(
-                f"excitation is {self.excitation}, surprise {self.surprise}, least_change {self.least_change}, reach "
-                f"{self.reach}; expected positive numbers"
-            )
-        if not self.gain > 1:
-            raise ParameterError(f"gain is {self.gain}; expected a factor above 1")
+    least_change: NotNegative = 1e-8
 
 
 class Learned(NamedTuple):
@@ -103,7 +95,7 @@ class AdaptivePlan(MultiARXPlan):
 
 
 @dataclass(frozen=True, eq=False)
-class AdaptiveMultiARXMPC(Led):
+class AdaptiveMultiARXMPC(Checked, Led):
     """`MultiARXMPC` with recursive least squares on its models.
 
     All models are estimated together: the newest output is the blend ``sum_j w_j(v_x) theta_j' phi + c``, linear in all
@@ -137,17 +129,10 @@ class AdaptiveMultiARXMPC(Led):
 
     base: MultiARXMPC
     _: KW_ONLY
-    forgetting: float = 0.98
-    prior: float = 0.05
-    noise: float = 2e-3
+    forgetting: Annotated[float, Within(0, 1, open="low")] = 0.98
+    prior: Positive = 0.05
+    noise: Positive = 2e-3
     supervisor: Supervisor = field(default_factory=Supervisor)
-
-    def __post_init__(self) -> None:
-        if not (0 < self.forgetting <= 1 and self.prior > 0 and self.noise > 0):
-            raise ParameterError(
-                f"forgetting is {self.forgetting}, prior {self.prior}, noise {self.noise}; expected a factor up to 1 "
-                "and positive numbers"
-            )
 
     # ---- what a controller has -----------------------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from slipangle.control.controller import Controller, along
 from slipangle.control.marx.problem import Numbers, Problem, Solver
 from slipangle.control.marx.solver import build
 from slipangle.errors import ParameterError
+from slipangle.fields import Checked, Count, Whole, Within
 from slipangle.models.wrappers.multi_arx import MultiARXModel, SpeedBlend
 from slipangle.models.wrappers.on_ground import POSE, OnGround
 from slipangle.numerics.per_thread import BUILDING
@@ -26,21 +28,21 @@ FASTEST = 1e3  # m/s, above which no steering angle is worth planning
 
 
 @dataclass(frozen=True, eq=False)
-class BlendedProblem(Controller):
+class BlendedProblem(Checked, Controller):
     """Settings of a `MultiARXMPC`, which says what they mean, and the solver built for them."""
 
     model: MultiARXModel | OnGround
     _: KW_ONLY
-    horizon: int
+    horizon: Count
     Q: Weights
     S: Weights = field(default_factory=Weights)
     R: Weights = field(default_factory=Weights)
     terminal: Weights | None = None
     limits: Limits = field(default_factory=Limits)
     rates: Limits = field(default_factory=Limits)
-    knots: tuple[int, ...] | None = None
-    integral: float = 0.0
-    fallback: int = 5
+    knots: Sequence[int] | None = None
+    integral: Annotated[float, Within(0, 1)] = 0.0
+    fallback: Whole = 5
     safe: Values = field(default_factory=Values)
     plausible: Limits = field(default_factory=Limits)
 
@@ -48,8 +50,7 @@ class BlendedProblem(Controller):
         coerce(self, Weights, "Q", "S", "R", *(("terminal",) if self.terminal is not None else ()))
         coerce(self, Limits, "limits", "rates", "plausible")
         coerce(self, Values, "safe")
-        if not (isinstance(self.horizon, int) and self.horizon >= 1):
-            raise ParameterError(f"the horizon is {self.horizon!r}; expected a whole number of at least 1")
+        super().__post_init__()
         if self.knots is not None:
             object.__setattr__(self, "knots", _checked_knots(self.knots, self.horizon))
         base = self.blended
@@ -75,10 +76,6 @@ class BlendedProblem(Controller):
         lower, upper = self.rates.get(name, (0.0, 0.0))
         if not lower <= 0 <= upper:
             raise ParameterError(f"the rate limit of '{name}' is ({lower}, {upper}); expected one that contains 0")
-        if not 0 <= self.integral <= 1:
-            raise ParameterError(f"integral is {self.integral}; expected a share of 0 to 1")
-        if self.fallback < 0:
-            raise ParameterError(f"fallback is {self.fallback}; expected a number of steps of at least 0")
 
     # ---- what a controller has -----------------------------------------------------------------------------------
 
@@ -169,7 +166,7 @@ class BlendedProblem(Controller):
         slow, fast = self.rates.get(name, (-np.inf, np.inf))
         return Problem(
             horizon=self.horizon,
-            knots=self.knots or tuple(range(self.horizon)),
+            knots=tuple(self.knots or range(self.horizon)),
             dt=self.dt,
             na=base.na,
             reach=base.reach,

@@ -9,6 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from slipangle.errors import ParameterError
+from slipangle.fields import Checked, NotNegative, Positive
 from slipangle.optimal.terms import Values, coerce
 
 FASTEST = 1e3  # m/s and m/s2, beyond which a speed or acceleration is a fault
@@ -24,7 +25,7 @@ class DriverState(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpeedDriver:
+class SpeedDriver(Checked):
     """PI controller of speed with gains scheduled over speed and anti-windup by back-calculation.
 
     The output is a torque [N m] or a normalised pedal [-], whichever the gains and limits are in;
@@ -55,17 +56,18 @@ class SpeedDriver:
         If the tables do not match, speeds do not rise, a gain is negative or the limits do not contain zero.
     """
 
-    kp: tuple[float, ...]
-    ki: tuple[float, ...]
+    kp: tuple[NotNegative, ...]
+    ki: tuple[NotNegative, ...]
     limits: tuple[float, float]
     speeds: tuple[float, ...] = (0.0,)
     feedforward: float = 0.0
-    dt: float = 0.01
+    dt: Positive = 0.01
     drive: Values = field(default_factory=lambda: Values(T_f=1.0, T_r=0.0))
     brake: Values | None = None
 
     def __post_init__(self) -> None:
         coerce(self, Values, "drive", *(("brake",) if self.brake is not None else ()))
+        super().__post_init__()
         if not len(self.kp) == len(self.ki) == len(self.speeds) >= 1:
             raise ParameterError(
                 f"the schedule has {len(self.speeds)} speeds, {len(self.kp)} kp and {len(self.ki)} ki; expected "
@@ -73,8 +75,6 @@ class SpeedDriver:
             )
         if any(b <= a for a, b in zip(self.speeds, self.speeds[1:], strict=False)):
             raise ParameterError(f"the schedule's speeds are {self.speeds}; expected rising ones")
-        if min(*self.kp, *self.ki, 0.0) < 0 or not self.dt > 0:
-            raise ParameterError(f"kp {self.kp}, ki {self.ki}, dt {self.dt} s; expected gains >= 0 and a positive time")
         if not self.limits[0] <= 0 <= self.limits[1]:
             raise ParameterError(f"the driver's limits are {self.limits}; expected (lowest <= 0, highest >= 0)")
 

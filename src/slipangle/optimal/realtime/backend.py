@@ -5,9 +5,11 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cache
+from typing import Annotated
 
 from slipangle.codegen.compiler import compiler, library, sentence
-from slipangle.errors import ModelWarning, ParameterError
+from slipangle.errors import ModelWarning
+from slipangle.fields import Checked, Count, Whole, Within
 from slipangle.optimal.engine import Engine
 from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime.engine import CompiledEngine
@@ -18,7 +20,7 @@ FLAGS = ("-fschedule-insns",)  # before registers are given out: networks in the
 
 
 @dataclass(frozen=True, kw_only=True)
-class RealTime:
+class RealTime(Checked):
     """Real-time iteration ([1]_) in compiled code: Gauss-Newton steps on the condensed problem.
 
     The first plan is iterated to convergence from the inputs held or brought to zero, whichever promises less
@@ -45,22 +47,11 @@ class RealTime:
     .. [1] M. Diehl, H. G. Bock, J. P. Schloeder, SIAM J. Control Optim. 43, 1714-1736, 2005.
     """
 
-    iterations: int = 1
-    tolerance: float = 1e-9
-    max_iterations: int = 200
-    newton: float = 1e-7
-    accept: float = 1e-2
-
-    def __post_init__(self) -> None:
-        if not (self.iterations >= 0 and self.max_iterations >= 1):
-            raise ParameterError(
-                f"iterations is {self.iterations}, max_iterations {self.max_iterations}; expected at least 0 and 1"
-            )
-        if not (self.tolerance > 0 and self.newton > 0 and self.accept > 0):
-            raise ParameterError(
-                f"tolerance is {self.tolerance}, newton {self.newton}, accept {self.accept}; expected positive "
-                "numbers, such as 1e-9, 1e-7 and 1e-2"
-            )
+    iterations: Whole = 1
+    tolerance: Annotated[float, Within(0, open="low", example="1e-9")] = 1e-9
+    max_iterations: Count = 200
+    newton: Annotated[float, Within(0, open="low", example="1e-7")] = 1e-7
+    accept: Annotated[float, Within(0, open="low", example="1e-2")] = 1e-2
 
     def build(self, ocp: OCP, deadline: float | None = None) -> Engine:
         """Compile the problem, or take it from the cache.
