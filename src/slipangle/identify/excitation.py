@@ -14,6 +14,8 @@ _DUST = 1e-15  # a signal in SI units that reaches no further does not move
 def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[str, ...] | None = None) -> None:
     """Raise unless the data have inputs, outputs, movement and enough samples.
 
+    Raises MissingColumnError, ExcitationError, TooShortError with the channel or the count at fault.
+
     Parameters
     ----------
     n_parameters : int
@@ -21,11 +23,6 @@ def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[
     scheduling : tuple of str, optional
         Given for physics: inputs, such as v_x, that need not move; then one moving other input is enough.
         By default every input must move.
-
-    Raises
-    ------
-    MissingColumnError, ExcitationError, TooShortError
-        With the channel or the count at fault.
     """
     if not data.inputs or not data.outputs:
         missing = "inputs" if not data.inputs else "outputs"
@@ -59,10 +56,7 @@ def require_independent(data: Dataset) -> None:
 
     Estimators that are least squares find this by themselves, and for every lag.
 
-    Raises
-    ------
-    ExcitationError
-        With the inputs that depend on those before them.
+    Raises ExcitationError with the inputs that depend on those before them.
     """
     means = np.array([data[name].mean() for name in data.inputs])
     gram = np.zeros((len(means), len(means)))

@@ -45,10 +45,7 @@ def announced(model: Any) -> Any:
 def breakdown_said(what: str, data: Dataset) -> Iterator[None]:
     """Turn what linear algebra raises on numbers that are no longer finite into one sentence.
 
-    Raises
-    ------
-    SimulationError
-        If the fit diverged.
+    Raises SimulationError if the fit diverged.
     """
     try:
         with np.errstate(over="ignore", invalid="ignore"):  # a trial step may make a free run overflow

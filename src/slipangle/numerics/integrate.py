@@ -185,10 +185,7 @@ def discretise(
 ) -> Step:
     """The step of the named method.
 
-    Raises
-    ------
-    ParameterError
-        If the method is unknown or ``substeps`` is not positive.
+    Raises ParameterError if the method is unknown or ``substeps`` is not positive.
     """
     if substeps < 1:
         raise ParameterError(f"substeps is {substeps}; expected a whole number of at least 1")

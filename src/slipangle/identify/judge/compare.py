@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Protocol
 
@@ -32,17 +32,16 @@ class Estimator(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """One model of a comparison."""
+    """One model of a comparison; all but its name, model and `failure` are those of a model that did not fail."""
 
     name: str
     model: Model
-    # free-run metrics of each output over the samples that every model predicts; empty if it failed
-    scores: dict[str, Score]
-    # free-run RMSE over the standard deviation of the measured output, mean over the outputs; infinite if the model
-    # failed. `Comparison` ranks by it [-]
-    error: float
-    one_step_error: float  # the same for one-step-ahead prediction
-    free_run: Trajectory | None
+    # free-run metrics of each output over the samples that every model predicts
+    scores: dict[str, Score] = field(default_factory=dict)
+    # free-run RMSE over the standard deviation of the measured output, mean over the outputs; `Comparison` ranks by it
+    error: float = np.inf
+    one_step_error: float = np.inf  # the same for one-step-ahead prediction
+    free_run: Trajectory | None = None
     failure: str = ""  # why there is no free run
     warnings: tuple[str, ...] = ()  # what its fit and its free run give cause to say
 
@@ -126,16 +125,7 @@ def _entry(
 ) -> Entry:
     fitted = model.fit_info.warnings if model.fit_info is not None else ()
     if isinstance(runs, str):
-        return Entry(
-            name=name,
-            model=model,
-            scores={},
-            error=np.inf,
-            one_step_error=np.inf,
-            free_run=None,
-            failure=runs,
-            warnings=fitted,
-        )
+        return Entry(name=name, model=model, failure=runs, warnings=fitted)
     said = tuple(sentence for run in runs for sentence in run.astray.values())
     free, one = (replace(run, predicted=mask) for run in runs)
     return Entry(
@@ -205,17 +195,14 @@ def horizon_errors(
 ) -> HorizonErrors:
     """RMSE of k-step-ahead predictions for several k, all over the same samples.
 
+    Raises ParameterError if no horizon fits into the data, one is below 1, or the data overlap training data.
+
     Parameters
     ----------
     horizons : sequence of int
         Steps ahead; those that no experiment is long enough for are left out.
     on_training_data : bool
         Allow data that overlap the training data.
-
-    Raises
-    ------
-    ParameterError
-        If no horizon fits into the data, one is below 1, or the data overlap training data.
     """
     if not on_training_data:
         require_unseen(model, data)
@@ -250,8 +237,8 @@ class Fold:
 
     spans: tuple[tuple[float, float], ...]  # first and last time of each held-out experiment [s]
     model: Model  # fitted to the rest
-    scores: dict[str, Score]  # free-run metrics; empty if it failed
-    error: float  # as in `Entry`
+    scores: dict[str, Score] = field(default_factory=dict)  # free-run metrics; empty if it failed
+    error: float = np.inf  # as in `Entry`
     failure: str = ""  # why there are no scores
 
 
@@ -322,6 +309,6 @@ def _fold(estimator: Estimator, rest: Dataset, held: Dataset) -> Fold:
     try:
         run = model.simulate(held)
     except SimulationError as error:
-        return Fold(spans=spans, model=model, scores={}, error=np.inf, failure=str(error))
+        return Fold(spans=spans, model=model, failure=str(error))
     scores = {o: score(run, o) for o in model.outputs}
     return Fold(spans=spans, model=model, scores=scores, error=_relative(run, model.outputs))

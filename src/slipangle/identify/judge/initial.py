@@ -50,10 +50,7 @@ def initial_state(model: Model, data: Dataset, *, max_iterations: int = 30) -> n
     first 2000 samples. For a linear model this is least squares; states that the outputs do not show stay where they
     were.
 
-    Raises
-    ------
-    SimulationError
-        If the free run from the model's own initial state is not finite.
+    Raises SimulationError if the free run from the model's own initial state is not finite.
     """
     m = model.memory
     part = data.select(inputs=model.inputs, outputs=model.outputs).rows(0, m + LONGEST)

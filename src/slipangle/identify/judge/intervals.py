@@ -42,10 +42,7 @@ class Calibration:
     def width(self, level: float) -> np.ndarray:
         """Half width per scale at a coverage level, shape (n_outputs,).
 
-        Raises
-        ------
-        ParameterError
-            If the level is not between 0 and 1.
+        Raises ParameterError if the level is not between 0 and 1.
         """
         if not 0 < level < 1:
             raise ParameterError(f"the level is {level}; expected a coverage between 0 and 1, such as 0.9")
@@ -168,15 +165,12 @@ def calibrate(pairs: Sequence[tuple[Model, Dataset]], *, share: float = 0.05) ->
 def rolling_holdout(estimator: Estimator, data: Dataset, shares: Sequence[float] = (0.6, 0.8, 1.0)) -> list:
     """Models fitted to the beginning of the data, each with the stretch that follows: pairs for `calibrate`.
 
+    Raises ParameterError if the shares do not rise from above 0 to at most 1.
+
     Parameters
     ----------
     shares : sequence of float
         A model is fitted to the data up to each share but the last and paired with the data up to the next.
-
-    Raises
-    ------
-    ParameterError
-        If the shares do not rise from above 0 to at most 1.
     """
     return [(estimator.fit(early), next_) for early, next_ in stretches(data, shares)]
 

@@ -158,15 +158,9 @@ def require_unseen(model: Model, data: Dataset) -> None:
     They are known by their content, whatever their name, their time and the pieces that they come in (see
     `slipangle.models.provenance`). A model saved without a fingerprint is judged by name and time.
 
-    Raises
-    ------
-    ParameterError
-        With how many samples overlap and where.
+    Raises ParameterError with how many samples overlap and where.
 
-    Warns
-    -----
-    ModelWarning
-        If nothing tells the data apart from those that the model was fitted to.
+    Warns with ModelWarning if nothing tells the data apart from those that the model was fitted to.
     """
     for info in _fits(model):
         seen = info.fingerprint

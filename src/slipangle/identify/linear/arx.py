@@ -13,11 +13,9 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
 from slipangle.fields import Count, Whole
 from slipangle.identify.excitation import require_identifiable
-from slipangle.identify.linear.estimator import LinearEstimator
+from slipangle.identify.linear.estimator import LinearEstimator, channels, described
 from slipangle.identify.linear.lags import PerInput, Windows, triangle
 from slipangle.models.black_box.arx import ARXModel
-from slipangle.models.model import FitInfo
-from slipangle.models.provenance import provenance
 
 _APART = 1e-3  # share of an input's RMS that the others do not make up, below which their effects are one
 
@@ -63,17 +61,16 @@ class ARX(LinearEstimator[ARXModel]):
         theta, inverse, sigma, solver = regression.solve(labels)
         if self.offset:  # the signals were shifted by their means
             theta[-1] = regression.constant(theta)
-        info = FitInfo(
+        info = described(
+            data,
+            began,
             names=tuple(f"{o}: {label}" if ny > 1 else label for o in data.outputs for label in labels),
             values=theta.T.ravel(),
             covariance=np.kron(sigma, regression.unshifted(inverse)),
             noise_std=np.sqrt(np.diag(sigma)),
             n_samples=regression.count,
-            units=("-",) * theta.size,
-            seconds=time.perf_counter() - began,
             method=f"least squares on the one-step-ahead error, {solver}; covariance for white residuals",
             warnings=regression.confused(theta, np.outer(np.diag(inverse), np.diag(sigma))),
-            **provenance(data),
         )
         A = -theta[: self.na * ny].T.reshape(ny, self.na, ny).transpose(1, 0, 2)
         first, last = used[0][0], used[-1][0]
@@ -85,9 +82,7 @@ class ARX(LinearEstimator[ARXModel]):
             B=B,
             c=theta[-1] if self.offset else None,
             nk=first,
-            dt=data.dt,
-            inputs=data.inputs,
-            outputs=data.outputs,
+            **channels(data),
             fit_info=info,
         )
 
@@ -112,17 +107,14 @@ class ARX(LinearEstimator[ARXModel]):
 def per_input(value: PerInput, name: str, data: Dataset) -> tuple[int, ...]:
     """One number for each input of the data.
 
+    Raises ParameterError if there is another count of numbers than of inputs.
+
     Parameters
     ----------
     value : int or tuple of int
         For all inputs, or one per input.
     name : str
         What it is, for the sentence.
-
-    Raises
-    ------
-    ParameterError
-        If there is another count of numbers than of inputs.
     """
     given = (value,) * len(data.inputs) if isinstance(value, int) else tuple(value)
     if len(given) != len(data.inputs):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import abc
-from typing import ClassVar, Generic, TypeVar
+import time
+from typing import Any, ClassVar, Generic, TypeVar
 
 from slipangle.data.dataset import Dataset
 from slipangle.fields import Checked
 from slipangle.identify.stability import announced, breakdown_said, judged
-from slipangle.models.model import Model
+from slipangle.models.model import FitInfo, Model
+from slipangle.models.provenance import provenance
 
 M = TypeVar("M", bound=Model)
 
@@ -43,3 +45,14 @@ class LinearEstimator(Checked, abc.ABC, Generic[M]):
     @abc.abstractmethod
     def _fit(self, data: Dataset) -> M:
         """`fit` without a word about what it found."""
+
+
+def described(data: Dataset, began: float, **found: Any) -> FitInfo:
+    """How a model without units of its own was fitted to the data, ``began`` being the time at the start."""
+    seconds, units = time.perf_counter() - began, ("-",) * len(found["names"])
+    return FitInfo(units=units, seconds=seconds, **provenance(data), **found)
+
+
+def channels(data: Dataset) -> Any:
+    """Sample time and names that a model has of its data."""
+    return {"dt": data.dt, "inputs": data.inputs, "outputs": data.outputs}

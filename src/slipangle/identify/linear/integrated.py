@@ -23,6 +23,8 @@ class IntegratedARX(Checked):
     A lateral position integrates twice: whatever speed and heading it has at the start go on for ever. Plain least
     squares puts those poles near 1, and a free run drifts away; here they are 1.
 
+    Raises ParameterError if there are fewer lags than known poles.
+
     Parameters
     ----------
     na : int
@@ -31,11 +33,6 @@ class IntegratedARX(Checked):
         As for `ARX`.
     order : int
         How many poles are at 1.
-
-    Raises
-    ------
-    ParameterError
-        If there are fewer lags than known poles.
     """
 
     na: Count

@@ -23,10 +23,7 @@ CHUNK = 1 << 15  # samples whose copy stays in the cache
 def same_for_all(settings: Any, *names: str) -> None:
     """Make one number of a setting that was given per input, for models that have the same lags of every input.
 
-    Raises
-    ------
-    ParameterError
-        If the numbers differ.
+    Raises ParameterError if the numbers differ.
     """
     for name in names:
         given = getattr(settings, name)

@@ -9,11 +9,9 @@ from typing import Annotated, Literal
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.fields import Positive, Whole, Within
-from slipangle.identify.linear.estimator import LinearEstimator
+from slipangle.identify.linear.estimator import LinearEstimator, described
 from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.models.black_box.statespace import StateSpaceModel
-from slipangle.models.model import FitInfo
-from slipangle.models.provenance import provenance
 from slipangle.numerics.blas import one_blas_thread
 
 Focus = Literal["prediction", "simulation"]
@@ -76,18 +74,17 @@ class PEM(LinearEstimator[StateSpaceModel]):
         covariance, sigma = problem.covariance(point)
         names, values = problem.named(point)
         error = "one-step-ahead" if self.focus == "prediction" else "free-run"
-        info = FitInfo(
+        info = described(
+            data,
+            began,
             names=names,
             values=values,
             covariance=covariance,
             noise_std=sigma,
             n_samples=data.n_samples,
-            units=("-",) * len(names),
-            seconds=time.perf_counter() - began,
             method=f"{error} error, Levenberg-Marquardt with exact derivatives in data-driven local coordinates; "
             "covariance for white residuals, zero along changes of the state's basis",
             warnings=notes,
-            **provenance(data),
         )
         return replace(
             self.start,

@@ -15,14 +15,12 @@ from slipangle.errors import ParameterError
 from slipangle.fields import Count, Whole, Within
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.arx import per_input
-from slipangle.identify.linear.estimator import LinearEstimator
+from slipangle.identify.linear.estimator import LinearEstimator, channels, described
 from slipangle.identify.linear.lags import PerInput
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.polynomial_start import first_guess
 from slipangle.identify.linear.prediction import Point, PredictionCriterion, shrunk
 from slipangle.models.black_box.polynomial import PolynomialModel, realise
-from slipangle.models.model import FitInfo
-from slipangle.models.provenance import provenance
 from slipangle.numerics.blas import one_blas_thread
 
 
@@ -82,18 +80,17 @@ class Polynomial(LinearEstimator[PolynomialModel]):
         found = problem.theta_of(point)
         covariance, sigma = problem.covariance(point)
         names = layout.names(data) + ((f"y_offset[{data.outputs[0]}]",) if self.offset else ())
-        info = FitInfo(
+        info = described(
+            data,
+            began,
             names=names,
             values=np.concatenate([found, point.y_offset]) if self.offset else found,
             covariance=covariance,
             noise_std=sigma,
             n_samples=led.n_samples,
-            units=("-",) * len(names),
-            seconds=time.perf_counter() - began,
             method="one-step-ahead error, Levenberg-Marquardt with exact derivatives from a long ARX model; covariance "
             "for white residuals",
             warnings=notes,
-            **provenance(data),
         )
         return replace(layout.model(found, data, u0, float(point.y_offset[0])), fit_info=info)
 
@@ -192,9 +189,7 @@ class _Layout:
             nk=self.nk,
             u_offset=u0,
             y_offset=y0,
-            dt=data.dt,
-            inputs=data.inputs,
-            outputs=data.outputs,
+            **channels(data),
         )
 
 

@@ -145,10 +145,7 @@ class RecursiveRun:
     def parameter(self, name: str) -> np.ndarray:
         """One coefficient over time.
 
-        Raises
-        ------
-        ParameterError
-            If there is none of this name.
+        Raises ParameterError if there is none of this name.
         """
         if name not in self.names:
             raise ParameterError(f"there is no coefficient '{name}'; {nearest(name, self.names)}: use one of these")

@@ -221,45 +221,18 @@ class Recursion:
         Largest sum of the variances divided by `prior`.
     """
 
-    def __init__(
-        self,
-        *,
-        n: int,
-        ny: int,
-        nu: int,
-        na: int,
-        reach: int,
-        pick: np.ndarray,
-        memory: int,
-        forgetting: float,
-        threshold: float,
-        directional: bool,
-        prior: np.ndarray,
-        ceiling: float,
-    ) -> None:
+    def __init__(self, *, pick: np.ndarray, prior: np.ndarray, **numbers: float) -> None:
+        self.s = s = _Struct(**numbers, along=numbers["forgetting"] ** numbers["n"])
         self.pick = np.ascontiguousarray(pick, dtype=ctypes.c_long)
-        shapes = {"y": ny, "u": nu, "lags": na * ny + reach * nu + 1, "theta": (ny, n), "columns": (n, n)}
-        shapes |= {"error": ny, "noise": (ny, ny)}
-        self.arrays = {name: np.zeros(shapes.get(name, n)) for name in _ARRAYS}
+        shapes = {"y": s.ny, "u": s.nu, "lags": s.na * s.ny + s.reach * s.nu + 1, "theta": (s.ny, s.n)}
+        shapes |= {"columns": (s.n, s.n), "error": s.ny, "noise": (s.ny, s.ny)}
+        self.arrays = {name: np.zeros(shapes.get(name, s.n)) for name in _ARRAYS}
+        for name, array in (*self.arrays.items(), ("pick", self.pick)):
+            setattr(s, name, array.ctypes.data)
         self.y, self.u, self.theta = (self.arrays[k] for k in ("y", "u", "theta"))
         self.error, self.noise = self.arrays["error"], self.arrays["noise"]
         self.arrays["lags"][-1] = 1.0
         self.arrays["prior"][:] = prior
-        self.s = _Struct(
-            n=n,
-            ny=ny,
-            nu=nu,
-            na=na,
-            reach=reach,
-            memory=memory,
-            directional=directional,
-            forgetting=forgetting,
-            along=forgetting**n,
-            threshold=threshold,
-            ceiling=ceiling,
-            pick=self.pick.ctypes.data,
-            **{name: array.ctypes.data for name, array in self.arrays.items()},
-        )
         self.covariance = np.diag(prior)
         functions = _functions()
         if functions is None:

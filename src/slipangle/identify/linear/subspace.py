@@ -13,12 +13,10 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
 from slipangle.fields import Count, Within
 from slipangle.identify.excitation import require_identifiable
-from slipangle.identify.linear.estimator import LinearEstimator
+from slipangle.identify.linear.estimator import LinearEstimator, channels, described
 from slipangle.identify.linear.lags import Windows, triangle
 from slipangle.identify.linear.predictor import LinearFit
 from slipangle.models.black_box.statespace import StateSpaceModel
-from slipangle.models.model import FitInfo
-from slipangle.models.provenance import provenance
 from slipangle.numerics.blas import one_blas_thread
 
 Algorithm = Literal["n4sid", "moesp", "cva"]
@@ -71,23 +69,20 @@ class Subspace(LinearEstimator[StateSpaceModel]):
         K = projection.gain(order, A, C) if self.disturbance else np.zeros((order, len(C)))
         fitted = LinearFit(A=A, C=C, K=K, direct=self.direct, offset=self.offset, data=data).solve()
         strength = ", ".join(f"{s:.3g}" for s in projection.singular_values[: order + 3])
-        info = FitInfo(
+        info = described(
+            data,
+            began,
             **{name: getattr(fitted, name) for name in ("names", "values", "covariance", "noise_std")},
             n_samples=data.n_samples,
-            units=("-",) * len(fitted.names),
-            seconds=time.perf_counter() - began,
             method=f"subspace ({self.algorithm}), {projection.block_rows} block rows, {projection.solver}, singular "
             f"values {strength}, ...; B, D, x0 by least squares on the one-step-ahead error, covariance given A, C, K",
-            **provenance(data),
         )
         return StateSpaceModel(
             A=A,
             C=C,
             K=K,
             **{name: getattr(fitted, name) for name in ("B", "D", "x0", "u_offset", "y_offset")},
-            dt=data.dt,
-            inputs=data.inputs,
-            outputs=data.outputs,
+            **channels(data),
             fit_info=info,
         )
 

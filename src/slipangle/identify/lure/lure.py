@@ -19,14 +19,14 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import IdentifiabilityWarning, ParameterError, SlipangleError
 from slipangle.fields import Checked, Count, Within
 from slipangle.identify.excitation import require_identifiable
+from slipangle.identify.linear.estimator import described
 from slipangle.identify.linear.prediction import shrunk
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.lure.starts import Branches, drawn, unit_states
 from slipangle.identify.physics.free_run import FreeRun, FreeRunFit
 from slipangle.models.black_box.lure import Curve, LureModel, bend, far_out
 from slipangle.models.black_box.statespace import StateSpaceModel
-from slipangle.models.model import FitInfo, Model
-from slipangle.models.provenance import provenance
+from slipangle.models.model import Model
 from slipangle.numerics.blas import one_blas_thread
 
 _PARTS = ("A", "B", "C", "D", "W", "V", "E")
@@ -104,18 +104,17 @@ class Lure(Checked):
             )
         for note in notes:
             warnings.warn(note, IdentifiabilityWarning, stacklevel=2)
-        info = FitInfo(
+        info = described(
+            data,
+            began,
             names=problem.names,
             values=best.p,
             covariance=best.covariance,
             noise_std=best.rmse,
             n_samples=data.n_samples,
-            units=("-",) * len(best.p),
-            seconds=time.perf_counter() - began,
             method="free-run error and ridge, Levenberg-Marquardt with forward sensitivities; "
             f"{met} of {len(costs)} starts met in the minimum kept",
             warnings=notes,
-            **provenance(data),
         )
         return replace(problem.model(best.p), fit_info=info)
 

@@ -57,30 +57,18 @@ def train(
 ) -> Trained:
     """Train from every seed; keep the parameters with the smallest free-run error on the held-out part.
 
-    Parameters
-    ----------
-    initial : callable
-        Start parameters of a seed, NumPy arrays.
-    arrays : nest of arrays
-        The data that `Problem.loss` and `Problem.score` take.
-    starts : callable
-        Rows at which windows of a given horizon may start.
-    stages : sequence of Stage
-        Worked through in order, each from the best parameters so far.
-    precision : {"single", "double"}
-        Of the training; JAX's global setting stays as it is.
+    ``initial`` gives the start parameters of a seed, ``starts`` the rows at which windows of a horizon may begin. Each
+    stage goes on from the best parameters so far. JAX's global precision stays as it is.
 
     Raises
     ------
     ParameterError
-        If there is no stage or no seed, or the precision is unknown.
+        If there is no stage or no seed.
     TooShortError
         If no experiment is long enough for a window.
     """
     if not stages or not seeds:
         raise ParameterError(f"{len(stages)} stages and {len(seeds)} seeds; expected at least one of each")
-    if precision not in ("single", "double"):
-        raise ParameterError(f"the precision is '{precision}'; expected 'single' or 'double'")
     from slipangle.identify.networks import adam
 
     windows = [np.asarray(starts(stage.horizon)) for stage in stages]

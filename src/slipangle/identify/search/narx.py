@@ -43,6 +43,8 @@ class NarxObjective:
     score is the RMSE over the standard deviation of the measured output, mean over outputs, root mean square over
     folds; after each fold what is known so far is reported, so that a bad trial ends early.
 
+    Raises ParameterError if the shares are not at least two, rising, above 0 and at most 1.
+
     Parameters
     ----------
     data : Dataset
@@ -51,11 +53,6 @@ class NarxObjective:
         Training; ``learning_rate`` among the settings replaces theirs.
     shares : tuple of float
         Ends of the folds, rising to at most 1.
-
-    Raises
-    ------
-    ParameterError
-        If the shares are not at least two, rising, above 0 and at most 1.
     """
 
     data: Dataset

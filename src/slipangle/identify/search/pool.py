@@ -147,10 +147,7 @@ class Cluster:
     def work(self, objective: Objective, tasks: Sequence[Task]) -> Iterator[tuple[int, Done]]:
         """Yield results as they come.
 
-        Raises
-        ------
-        ConfigError
-            If the cluster is gone; finished trials are in the journal.
+        Raises ConfigError if the cluster is gone; finished trials are in the journal.
         """
         errors = self.ray.exceptions
         try:

@@ -25,17 +25,14 @@ from slipangle.identify.search.pool import PRUNED, Cluster, Local, Objective, Ta
 class Range:
     """Numbers from ``low`` to ``high``, both included.
 
+    Raises ParameterError if the ends are not in order, or not positive on a logarithmic scale.
+
     Parameters
     ----------
     low, high : int or float
         Ends; whole numbers give whole numbers.
     log : bool
         Draw evenly on a logarithmic scale.
-
-    Raises
-    ------
-    ParameterError
-        If the ends are not in order, or not positive on a logarithmic scale.
     """
 
     low: int | float
@@ -88,10 +85,7 @@ class SearchResult:
     def best(self) -> TrialResult:
         """The trial with the smallest score.
 
-        Raises
-        ------
-        ParameterError
-            If no trial succeeded; the first reason is given.
+        Raises ParameterError if no trial succeeded; the first reason is given.
         """
         good = [trial for trial in self.trials if not trial.failure]
         if not good:

@@ -54,10 +54,7 @@ def checked_samples(
 def require_both_signs(slip: np.ndarray, what: str = "slip") -> None:
     """Raise if a sweep runs on one side of zero only.
 
-    Raises
-    ------
-    ExcitationError
-        With its range.
+    Raises ExcitationError with its range.
     """
     low, high = float(np.min(slip)), float(np.max(slip))
     if low >= -0.05 * high or high <= -0.05 * low:

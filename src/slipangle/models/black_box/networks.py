@@ -132,15 +132,12 @@ def _column(values: Any, like: Any, *, below: bool = False) -> Any:
 class Scaling:
     """Affine map between SI values ``x`` and network coordinates ``z = (x - offset) / factor``.
 
+    Raises ParameterError, NotFiniteError if lengths differ, a factor is zero or a number is not finite.
+
     Parameters
     ----------
     offset, factor : array, shape (n,)
         Per channel, in the channel's unit; factors are not zero.
-
-    Raises
-    ------
-    ParameterError, NotFiniteError
-        If lengths differ, a factor is zero or a number is not finite.
 
     >>> Scaling.between([-10.0], [30.0]).apply(np.array([0.0, 30.0])[None])
     array([[-0.5,  1. ]])
@@ -231,6 +228,8 @@ class Network(abc.ABC):
     def __call__(self, x: Vector) -> Vector:
         """Outputs of inputs, both in SI units.
 
+        Raises ParameterError if the first axis is not as long as there are inputs.
+
         Parameters
         ----------
         x : vector, shape (n_inputs,) or (n_inputs, n_samples, ...)
@@ -239,11 +238,6 @@ class Network(abc.ABC):
         Returns
         -------
         vector, shape (n_outputs,) or (n_outputs, n_samples, ...)
-
-        Raises
-        ------
-        ParameterError
-            If the first axis is not as long as there are inputs.
         """
         if x.shape[0] != self.n_inputs:
             raise ParameterError(
@@ -277,17 +271,14 @@ class Network(abc.ABC):
 class MLP(Network):
     """Multilayer perceptron with linear output layer. [1]_ eq. 4-20
 
+    Raises ParameterError, NotFiniteError if the layers do not fit together or a number is not finite.
+
     Parameters
     ----------
     weights : sequence of array, shape (n_out, n_in) each
         One matrix per layer, the hidden ones first.
     biases : sequence of array, shape (n_out,) each
         One vector per layer.
-
-    Raises
-    ------
-    ParameterError, NotFiniteError
-        If the layers do not fit together or a number is not finite.
 
     >>> net = MLP.random((1, 2, 2, 1), activation="sigmoid", seed=0)
     >>> net.n_parameters, net.hidden, net(np.zeros((1, 5))).shape
@@ -388,6 +379,8 @@ class MLP(Network):
 class RBF(Network):
     """Radial basis function network without bias. [1]_ eq. 4-15
 
+    Raises ParameterError, NotFiniteError if the shapes do not fit together or a number is not finite.
+
     Parameters
     ----------
     centres : array, shape (n_neurons, n_inputs)
@@ -396,11 +389,6 @@ class RBF(Network):
         Widths ``sigma``, in scaled coordinates.
     weights : array, shape (n_outputs, n_neurons)
         Output weights ``W``.
-
-    Raises
-    ------
-    ParameterError, NotFiniteError
-        If the shapes do not fit together or a number is not finite.
 
     >>> net = RBF(centres=[[0.0]], widths=[4.0], weights=[[2.0]])
     >>> net(np.array([[0.0, 3.0]]))

@@ -27,6 +27,8 @@ class NeuralStateSpaceModel(NetworkModel):
     The state has no unit and no meaning of its own. A free run starts from what the encoder makes of the first
     `lags` samples; a measurement moves the state by ``gain`` times its innovation.
 
+    Raises ParameterError if the networks do not fit together.
+
     Parameters
     ----------
     transition : Network
@@ -42,11 +44,6 @@ class NeuralStateSpaceModel(NetworkModel):
         Whether the outputs depend on the inputs of the same sample.
     gain : array, shape (n_states, n_outputs), optional
         Innovation gain; by default zero, so that measurements after the start are not used.
-
-    Raises
-    ------
-    ParameterError
-        If the networks do not fit together.
 
     References
     ----------
