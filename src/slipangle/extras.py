@@ -9,16 +9,7 @@ from slipangle.errors import ConfigError
 
 
 def extra(module: str, bundle: str, job: str) -> Any:
-    """A module that an extra brings.
-
-    Parameters
-    ----------
-    module : str
-        Its name.
-    bundle : str
-        The extra's name in pyproject.toml, such as ``"neural"``.
-    job : str
-        What needs it, as the subject of a sentence.
+    """A module that an extra of pyproject.toml brings, such as ``"neural"``; ``job`` is what needs it.
 
     Raises
     ------

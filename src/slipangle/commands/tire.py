@@ -68,13 +68,9 @@ def _eval(options: argparse.Namespace) -> int:
 
     tire = read_tire(options.file, extrapolate=options.extrapolate)
     with _warnings_printed():
-        table = evaluate_table(
-            tire,
-            slip_ratio=options.slip_ratio,
-            slip_angle=[math.radians(a) for a in options.slip_angle],
-            load=options.load,
-            camber=[math.radians(c) for c in options.camber],
-        )
+        angle, camber = ([math.radians(a) for a in angles] for angles in (options.slip_angle, options.camber))
+        slips = {"slip_ratio": options.slip_ratio, "slip_angle": angle}
+        table = evaluate_table(tire, load=options.load, camber=camber, **slips)
     if options.json:
         heads = [f"{c.title} [{c.unit}]" for c in table.columns]
         print(json.dumps([dict(zip(heads, row.cells, strict=True)) for row in table.rows], indent=2))
@@ -95,11 +91,7 @@ def _fit(options: argparse.Namespace) -> int:
     for path in (options.out, options.page):
         if path:
             check_output(Path(path).parent)
-    if options.out and Path(options.out).suffix.lower() not in (".tir", ".json"):
-        raise FormatError(
-            f"'{options.out}' ends in neither .tir nor .json; expected one of them: name the tire's file so"
-        )
-    if options.out and Path(options.out).suffix.lower() == ".tir" and options.model != "mf61":
+    if options.out and _suffix(options.out) == ".tir" and options.model != "mf61":
         raise FormatError(f"a {options.model} tire has no place in a .tir file; expected .json, or --model mf61")
     with Bar(quiet=options.json) as bar:
         bar(0.05, "reading")
@@ -192,14 +184,18 @@ def read_tire(path: str | Path, *, extrapolate: bool = False) -> Tire:
     return found
 
 
+def _suffix(out: str) -> str:
+    suffix = Path(out).suffix.lower()
+    if suffix not in (".tir", ".json"):
+        raise FormatError(f"'{out}' ends in neither .tir nor .json; expected one of them: name the tire's file so")
+    return suffix
+
+
 def _write(tire: Any, out: str, save: Any) -> Path:
     from slipangle.identify.tires.magic_formula import confidence
 
-    suffix = Path(out).suffix.lower()
-    if suffix == ".json":
+    if _suffix(out) == ".json":
         return save(tire, out)
-    if suffix != ".tir":
-        raise FormatError(f"'{out}' ends in neither .tir nor .json; expected one of them: name the tire's file so")
     if tire.mirrored:
         raise FormatError("a mirrored tire has no place in a .tir file; expected .json as suffix, or no --mirror")
     comments = None if tire.fit_info is None or tire.mirrored is None else confidence(tire.fit_info)

@@ -78,15 +78,7 @@ REAR_DRIVE = Car(params=SOUSA_TABLE_6_10, settings=SOUSA_EQ_6_4, start_speed=24.
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LookUpTire(Tire):
-    """Friction coefficients interpolated in tables of slip; held beyond their ends.
-
-    Parameters
-    ----------
-    slip_ratio, slip_angle : array, shape (n,)
-        Places of the table [-] and [rad].
-    mu_x, mu_y : array, shape (n,)
-        Friction there.
-    """
+    """Friction coefficients interpolated in tables of slip ratio [-] and slip angle [rad]; held beyond their ends."""
 
     slip_ratio: np.ndarray
     mu_x: np.ndarray

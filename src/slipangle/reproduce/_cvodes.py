@@ -19,14 +19,9 @@ Car = TypeVar("Car", bound=OdeModel)
 
 @dataclass(frozen=True)
 class ByCvodes(Model, Generic[Car]):
-    """A car integrated by CVODES over its sample time; the outputs are the states.
+    """A car integrated by CVODES over its sample time, to a relative and absolute tolerance, inputs held.
 
-    Parameters
-    ----------
-    car : OdeModel
-        Its `derivative` counts, with inputs held.
-    tolerance : float
-        Relative and absolute.
+    The outputs are the states; the car's `derivative` counts.
     """
 
     car: Car

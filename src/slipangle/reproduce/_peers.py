@@ -22,16 +22,8 @@ def in_turn(
 ) -> tuple[dict[str, list[float]], dict[str, Any]]:
     """Amount per second of every run in every round, and what it gave last; peers sit out after three rounds.
 
-    Parameters
-    ----------
-    runs : dict of str to (callable, int)
-        What to run, and how much that is. Names of our own start with "slipangle".
-    progress : callable
-        Called with the share done and a sentence.
-    rounds : int
-        How often our own run; in turn with the others, so that a noisy moment hits all.
-    clock : callable
-        Seconds: `time.perf_counter`, or `time.process_time` where other programs share the processor.
+    ``runs`` are what to run and how much that is; names of our own start with "slipangle". All run in turn, so that a
+    noisy moment hits all. ``clock`` is `time.perf_counter`, or `time.process_time` where others share the processor.
     """
     rates: dict[str, list[float]] = {name: [] for name in runs}
     results: dict[str, Any] = {}

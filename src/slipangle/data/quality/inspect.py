@@ -155,12 +155,12 @@ class DataReport:
     spikes: tuple[Spike, ...]
     jumps: tuple[Jump, ...]
     delays: tuple[Delay, ...]
-    offsets: tuple[Offset, ...]
     dt: float
     samples: int
-    duration: float
+    offsets: tuple[Offset, ...]
     stretches: tuple[Stretch, ...]
     clippings: tuple[Clipping, ...]
+    duration: float
     resolutions: tuple[Resolution, ...]
     excitations: tuple[Excitation, ...]
     notes: tuple[str, ...]

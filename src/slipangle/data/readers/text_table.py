@@ -238,13 +238,7 @@ def _check_ragged(body: list[tuple[int, str]], delimiter: str | None, width: int
 
 
 def _check_decimal_commas(body: list[tuple[int, str]], delimiter: str | None, name: str) -> None:
-    """Raise unless every number has a decimal comma; points beside them, or groups of three digits only, do not tell.
-
-    Raises
-    ------
-    FormatError
-        With the lines that contradict each other, or with both meanings of the number.
-    """
+    """Raise unless every number has a decimal comma; points beside them, or groups of three digits, do not tell."""
     pointed: tuple[int, str] | None = None
     with_comma: tuple[int, str] | None = None
     proven = False  # a comma that cannot part thousands

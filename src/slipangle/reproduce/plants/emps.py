@@ -32,14 +32,8 @@ class EmpsParams(ParameterSet):
 class FrictionCurve:
     """Friction beside Coulomb's and the viscous one: smooth steps over the speed, ``sum w_i tanh((v - v_i) / width)``.
 
-    Parameters
-    ----------
-    centres : array, shape (n,)
-        Where the steps are. [m/s]
-    width : float
-        How wide each is. [m/s]
-    weights : array, shape (n,)
-        Half their heights. [N]
+    ``centres`` say where the steps are, shape (n,), ``width`` how wide each is [m/s], ``weights`` half their heights,
+    shape (n,) [N].
     """
 
     centres: np.ndarray

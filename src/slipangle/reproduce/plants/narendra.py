@@ -20,10 +20,7 @@ HOLD = 4  # samples of each window of the training input
 def respond(u: np.ndarray) -> np.ndarray:
     """Output of the system from rest, shape (n,): ``y(k) = F[y(k-1), y(k-2), y(k-3), u(k-1), u(k-2)]``. [1]_ A-1, A-2
 
-    Parameters
-    ----------
-    u : array, shape (n,)
-        Input, within -1 to 1. [-]
+    The input ``u``, shape (n,), lies within -1 to 1. [-]
 
     >>> respond(np.array([1.0, 0.0, 0.0])).tolist()
     [0.0, 1.0, 0.0]
@@ -37,19 +34,9 @@ def respond(u: np.ndarray) -> np.ndarray:
 
 
 def estimation(n: int = 800, *, seed: int = 0) -> Dataset:
-    """Training data: random signs held for 4 samples, each window times a number drawn from [0, 1].
+    """Training data: random signs held for 4 of ``n`` samples, each window times a number drawn from [0, 1].
 
-    Parameters
-    ----------
-    n : int
-        Samples.
-    seed : int
-        Of the input; [1]_ gives none.
-
-    Raises
-    ------
-    ParameterError
-        If ``n`` is below 1.
+    ``seed`` is that of the input; [1]_ gives none. A ParameterError says that ``n`` is below 1.
     """
     _require(n)
     rng = np.random.default_rng(seed)
@@ -59,13 +46,7 @@ def estimation(n: int = 800, *, seed: int = 0) -> Dataset:
 
 
 def validation(n: int = 800) -> Dataset:
-    """Test data: a sine, after 500 samples two. [1]_ eq. A-3
-
-    Raises
-    ------
-    ParameterError
-        If ``n`` is below 1.
-    """
+    """Test data: a sine, after 500 of ``n`` samples two; errors as of `estimation`. [1]_ eq. A-3"""
     _require(n)
     t = np.arange(1, n + 1)
     slow = np.sin(2 * np.pi * t / 250)
