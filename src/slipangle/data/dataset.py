@@ -1,6 +1,5 @@
 """`Dataset`: uniformly sampled recordings of named channels with units."""
 
-# Long: one class; what makes another data set of it stands beside what it holds.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,8 +10,8 @@ from math import isclose
 from typing import Self
 
 import numpy as np
-from scipy import interpolate, signal
 
+from slipangle.data.clock import at_rate
 from slipangle.errors import (
     MissingColumnError,
     NotFiniteError,
@@ -56,10 +55,8 @@ class Dataset:
 
     Raises
     ------
-    NotFiniteError
-        If a value is NaN or infinite.
-    MissingColumnError
-        If an input or output is not a channel.
+    NotFiniteError, MissingColumnError
+        If a value is NaN or infinite, or an input or output is not a channel.
     """
 
     values: np.ndarray
@@ -199,13 +196,7 @@ class Dataset:
         return self.values[:, found]
 
     def index(self, name: str) -> int:
-        """Column of a channel.
-
-        Raises
-        ------
-        MissingColumnError
-            If there is none of that name; the nearest names are given.
-        """
+        """Column of a channel; a MissingColumnError gives the nearest names where there is none."""
         try:
             return self.names.index(name)
         except ValueError:
@@ -242,19 +233,14 @@ class Dataset:
 
     def select(self, *, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> Self:
         """The same samples with other inputs and outputs."""
-        return replace(
-            self,
-            inputs=self.inputs if inputs is None else tuple(inputs),
-            outputs=self.outputs if outputs is None else tuple(outputs),
-        )
+        others = {"inputs": inputs, "outputs": outputs}
+        return replace(self, **{key: tuple(names) for key, names in others.items() if names is not None})
 
     def with_channel(self, name: str, values: np.ndarray, unit: str = "-") -> Self:
         """The data with one channel added or replaced."""
         column = np.asarray(values, dtype=float).reshape(-1, 1)
         if len(column) != self.n_samples:
-            raise ParameterError(
-                f"channel '{name}' has {len(column)} samples, the data have {self.n_samples}; expected the same"
-            )
+            raise ParameterError(f"channel '{name}' has {len(column)} samples; expected {self.n_samples}, as the data")
         if name in self:
             i = self.index(name)
             table = self.values.copy()
@@ -318,12 +304,10 @@ class Dataset:
         ``dt`` is the new sample time [s], ``cutoff`` the corner frequency of the low-pass [Hz]; by default 0.4 of the
         new sample rate when slowing down, else none.
 
-        Notes
-        -----
-        Fourth-order Butterworth run forwards and backwards, then interpolation to the new instants
-        (cubic after the low-pass, where the record is smooth; linear otherwise, which never
-        overshoots a step), inside each experiment. Forwards and backwards halve the amplitude at the
-        corner and keep the phase; a filtered record must not be used to measure causality.
+        Fourth-order Butterworth run forwards and backwards, then interpolation to the new instants (cubic after the
+        low-pass, where the record is smooth; linear otherwise, which never overshoots a step), inside each experiment.
+        Forwards and backwards halve the amplitude at the corner and keep the phase; a filtered record must not be used
+        to measure causality.
         """
         if not dt > 0:
             raise SampleTimeError(f"the new sample time is {dt} s; expected a positive number")
@@ -339,28 +323,19 @@ class Dataset:
                 f"resampling '{self.name}' from {self.dt:g} to {dt:g} s makes {rows:.3g} samples; expected at most "
                 f"{_MOST:.0e}: choose a longer sample time, and check the unit of the log's time"
             )
-        pieces, starts, row = [], [], 0
-        for part in self.experiments:
-            x = part.values
-            if corner is not None:
-                sos = signal.butter(4, corner, fs=1 / self.dt, output="sos")
-                pad = min(27, len(x) - 1)
-                x = signal.sosfiltfilt(sos, x, axis=0, padlen=pad)
-            n = int((part.n_samples - 1) * self.dt / dt + 1e-9) + 1
-            pieces.append(_at(x, np.arange(n) * dt / self.dt, smooth=corner is not None))
-            starts.append(row)
-            row += n
+        pieces = [at_rate(part.values, self.dt, dt, corner) for part in self.experiments]
+        starts = tuple(np.cumsum([0, *map(len, pieces[:-1])]).tolist())
         how = f"resampled from {1 / self.dt:g} to {1 / dt:g} Hz" + (
             f" after a zero-phase low-pass at {corner:g} Hz" if corner is not None else ""
         )
-        return replace(self, values=np.vstack(pieces), dt=dt, starts=tuple(starts), notes=(*self.notes, how))
+        return replace(self, values=np.vstack(pieces), dt=dt, starts=starts, notes=(*self.notes, how))
 
     def hold_mean(self) -> Self:
         """Each input as its mean over the interval to the next sample, instead of its value at the sample.
 
-        A `Model` holds its inputs for a sample; a logged input goes on moving meanwhile. Driving the model
-        with the sampled value makes it late by half a sample, which an identification takes for lag of the
-        vehicle. The mean of both ends removes that to second order. Not for inputs that a controller held.
+        A `Model` holds its inputs for a sample; a logged input goes on moving meanwhile. The sampled value makes the
+        model late by half a sample, which an identification takes for lag of the vehicle; the mean of both ends removes
+        that to second order. Not for inputs that a controller held.
         """
         table = self.values.copy()
         for a, b in zip(self.starts, self.stops, strict=True):
@@ -382,13 +357,7 @@ class Dataset:
         return replace(self, values=table), used
 
     def require_dt(self, dt: float, who: str = "the model") -> None:
-        """Raise unless the data have this sample time.
-
-        Raises
-        ------
-        SampleTimeError
-            If the sample times differ by more than 1e-6 of their value.
-        """
+        """Raise a SampleTimeError if the data's sample time differs by more than 1e-6 of its value."""
         if not isclose(self.dt, dt, rel_tol=1e-6):
             raise SampleTimeError(
                 f"'{self.name}' is sampled at {self.dt:g} s, {who} works at {dt:g} s; expected the same: "
@@ -396,24 +365,13 @@ class Dataset:
             )
 
 
-def _at(x: np.ndarray, position: np.ndarray, *, smooth: bool) -> np.ndarray:
-    """Rows of ``x`` at fractional row numbers."""
-    nearest_row = np.rint(position).astype(int)
-    if np.abs(position - nearest_row).max(initial=0.0) < 1e-6:
-        return x[np.minimum(nearest_row, len(x) - 1)]
-    order = 3 if smooth and len(x) > 3 else 1
-    return interpolate.make_interp_spline(np.arange(len(x)), x, k=order, axis=0)(position)
-
-
 def join(*parts: Dataset, name: str | None = None) -> Dataset:
     """Several data sets as experiments of one.
 
     Raises
     ------
-    ParameterError
-        If there is nothing to join.
-    SampleTimeError, MissingColumnError, UnitError
-        If the sample times, channels or units differ.
+    ParameterError, SampleTimeError, MissingColumnError, UnitError
+        If there is nothing to join, or the sample times, channels or units differ.
     """
     if not parts:
         raise ParameterError("join() got no data sets; expected at least one: pass them one after another")
