@@ -238,9 +238,9 @@ class Dataset:
 
     def with_channel(self, name: str, values: np.ndarray, unit: str = "-") -> Self:
         """The data with one channel added or replaced."""
-        column = np.asarray(values, dtype=float).reshape(-1, 1)
-        if len(column) != self.n_samples:
-            raise ParameterError(f"channel '{name}' has {len(column)} samples; expected {self.n_samples}, as the data")
+        column, n = np.asarray(values, dtype=float).reshape(-1, 1), self.n_samples
+        if len(column) != n:
+            raise ParameterError(f"channel '{name}' has {len(column)} samples, the data have {n}; expected the same")
         if name in self:
             i = self.index(name)
             table = self.values.copy()
