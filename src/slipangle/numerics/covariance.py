@@ -15,14 +15,8 @@ CONDITION = 300.0  # of the Jacobian with columns of one length, above which par
 def covariance(error: np.ndarray, jacobian: np.ndarray, n_outputs: int) -> tuple[np.ndarray, str]:
     """Covariance of the unknowns, allowing for coloured residuals when they are; and a few words on how.
 
-    Parameters
-    ----------
-    error : array, shape (n_rows * n_outputs,)
-        Residuals, of about the same size for every output.
-    jacobian : array, shape (n_rows * n_outputs, n)
-        Their derivatives.
-    n_outputs : int
-        Residuals per sample.
+    Residuals, shape (n_rows * n_outputs,), are of about the same size for every output; the Jacobian has their
+    derivatives, shape (n_rows * n_outputs, n).
     """
     dof = max(1, len(error) - jacobian.shape[1])
     lengths = np.linalg.norm(jacobian, axis=0)
@@ -40,11 +34,6 @@ def middle_of_sandwich(error: np.ndarray, jacobian: np.ndarray, n_outputs: int) 
 
     No lags where neighbouring residuals are independent; else as many as suit a first-order autoregression, up to a
     quarter of the samples: with fewer, the intervals of slow residuals come out too narrow.
-
-    Parameters
-    ----------
-    error, jacobian, n_outputs
-        As for `covariance`.
 
     References
     ----------
@@ -93,14 +82,8 @@ def notes(
 ) -> list[str]:
     """Sentences that name parameters which the data do not determine, cannot tell apart, or push to a bound.
 
-    Parameters
-    ----------
-    names, values, std, scale, metadata
-        One entry per parameter; ``scale`` is a typical size.
-    jacobian : array, shape (n, n_parameters)
-        Derivatives of the weighted errors.
-    better : mapping, optional
-        What to do about a parameter that the data do not determine, by name.
+    ``names`` to ``metadata`` have one entry per parameter, ``scale`` being a typical size; the Jacobian, shape (n,
+    n_parameters), is that of the weighted errors; ``better`` says what to do about a parameter, by name.
     """
     said, known = [], better or {}
     wide = undetermined(values, std, scale)

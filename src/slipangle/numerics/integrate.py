@@ -21,11 +21,9 @@ Method = Literal["euler", "rk4", "radau"]
 
 
 def euler(f: Derivative, dt: float, substeps: int = 1) -> Step:
-    """Explicit Euler (first order), the "Taylor" scheme of [1]_ eq. 5-2.
+    """Explicit Euler (first order), the thesis' "Taylor" scheme.
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eq. 5-2.
     """
     h = dt / substeps
 

@@ -76,16 +76,8 @@ class LTI:
     def respond(self, x0: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Outputs at every row of ``u`` and the state one sample after the last.
 
-        Parameters
-        ----------
-        x0 : array, shape (n_states,)
-            State at the first row.
-        u : array, shape (n_samples, n_inputs)
-
-        Returns
-        -------
-        y : array, shape (n_samples, n_outputs)
-        x : array, shape (n_states,)
+        From ``x0``, the state at the first row, shape (n_states,), and inputs, shape (n_samples, n_inputs); gives
+        shapes (n_samples, n_outputs) and (n_states,).
         """
         x = np.array(x0, dtype=float)
         n, ny, length = len(u), len(self.C), self.block

@@ -51,20 +51,9 @@ class Solution(NamedTuple):
 class Regression:
     """Residuals ``weight * (y(x_k, theta) - target_k)`` of all samples and their Jacobian over theta.
 
-    Parameters
-    ----------
-    y : casadi.SX, shape (n_outputs, 1)
-        Model outputs of one sample.
-    x : casadi.SX, shape (n_inputs, 1)
-        Its inputs.
-    theta : casadi.SX, shape (n_parameters, 1)
-        The parameters.
-    samples : array, shape (n_samples, n_inputs)
-        Inputs.
-    target : array, shape (n_samples, n_outputs)
-        Measured outputs.
-    weight : array, shape (n_samples, n_outputs) or broadcastable
-        One over the standard deviation of the noise; 0 leaves a sample out.
+    ``y``, ``x`` and ``theta`` are columns of symbols: outputs and inputs of one sample, and the parameters. Samples
+    have shape (n_samples, n_inputs), targets (n_samples, n_outputs); weights, one over the standard deviation of the
+    noise, are broadcast to the targets, and 0 leaves a sample out.
     """
 
     def __init__(
@@ -184,13 +173,6 @@ def multistart(
 
     Every start runs for a while, the best few go on, the very best is finished: most starts show early that they
     lead nowhere.
-
-    Parameters
-    ----------
-    lower, upper : array, shape (n_parameters,)
-        Bounds.
-    starts : array, shape (n_starts, n_parameters)
-        Where the runs begin.
     """
 
     def run(theta: np.ndarray, budget: int) -> Any:
@@ -312,19 +294,12 @@ def fixed_cost(
 def profile_interval(
     problem: Regression, solution: Solution, lower: np.ndarray, upper: np.ndarray, index: int, *, level: float = 0.95
 ) -> tuple[float, float]:
-    """Interval of one parameter by profile likelihood: where the cost of the best fit around it rises too far. [4]_
+    """Interval of one parameter by profile likelihood: where the cost of the best fit around it rises too far.
 
     Unlike the covariance it follows the curvature of the problem, so it keeps its level where parameters trade off
     against each other along a bent valley. An end that the bounds cut off is the bound.
 
-    Parameters
-    ----------
-    problem, solution, lower, upper
-        The regression, its solution and bounds.
-
-    References
-    ----------
-    .. [4] D. M. Bates, D. G. Watts, Nonlinear Regression Analysis and Its Applications, 1988, sec. 6.1.
+    Source: D. M. Bates, D. G. Watts, Nonlinear Regression Analysis and Its Applications, 1988, sec. 6.1.
     """
     freedom = max(1, problem.n * problem.m - problem.p)
     variance = max(solution.cost / freedom, 1e-300)

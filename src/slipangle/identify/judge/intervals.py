@@ -92,15 +92,7 @@ def effective_samples(values: np.ndarray) -> float:
     ``n / (1 + 2 sum rho_k)``, the sum over the autocorrelations of lags 1, 2, ... in pairs, none larger than the one
     before, up to the first that is not positive ([1]_, initial monotone sequence).
 
-    Parameters
-    ----------
-    values : array, shape (n,)
-        Numbers or truth values in the order of time.
-
-    Returns
-    -------
-    float
-        From 1 to n; n where all values are the same.
+    It is from 1 to n, and n where all of the values, in the order of time, are the same.
 
     References
     ----------
@@ -125,11 +117,6 @@ def coverage_error(level: float, tested: float, calibrated: float) -> float:
     """Standard error of the coverage of an interval, from independent samples tested and calibrated on.
 
     Both the coverage of new data and the quantile that sets the width scatter binomially.
-
-    Parameters
-    ----------
-    level : float
-        Coverage that the interval is made for.
     """
     return float(np.sqrt(level * (1.0 - level) * (1.0 / tested + 1.0 / calibrated)))
 

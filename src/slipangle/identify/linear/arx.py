@@ -22,7 +22,7 @@ _APART = 1e-3  # share of an input's RMS that the others do not make up, below w
 
 @dataclass(frozen=True, kw_only=True)
 class ARX(LinearEstimator[ARXModel]):
-    """Least-squares ARX estimator. [1]_ eqs. 4-5 to 4-9.
+    """Least-squares ARX estimator.
 
     The Gram matrix of the regressors is built from lag products, one per lag difference, with the products at both
     ends of each experiment taken off exactly; where it is ill-conditioned, or the residual is too small for it, a
@@ -39,9 +39,7 @@ class ARX(LinearEstimator[ARXModel]):
     offset : bool
         Estimate a constant too; for data whose mean was not removed.
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eqs. 4-5 to 4-9.
     """
 
     na: Count

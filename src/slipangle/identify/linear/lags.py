@@ -144,14 +144,8 @@ def triangle(windows: Windows, columns: Sequence[int], *, constant: bool = False
 
     Memory does not depend on the length of the record.
 
-    Parameters
-    ----------
-    columns : sequence of int
-        Entries of a window that make a row, in order.
-    constant : bool
-        A column of ones comes first.
-    scale : array, shape (n_columns,)
-        Every column is divided by its number.
+    ``columns`` are the entries of a window that make a row, in order, ``constant`` puts a column of ones first,
+    ``scale``, shape (n_columns,), divides each.
     """
     pick = np.asarray(columns)
     width = len(pick) + constant

@@ -26,7 +26,7 @@ from slipangle.numerics.blas import one_blas_thread
 
 @dataclass(frozen=True, kw_only=True)
 class Polynomial(LinearEstimator[PolynomialModel]):
-    """``A(z) y = sum_i B_i(z) / F_i(z) u_i + C(z) / D(z) e`` by the one-step-ahead error. [1]_ ch. 4, 7.
+    """``A(z) y = sum_i B_i(z) / F_i(z) u_i + C(z) / D(z) e`` by the one-step-ahead error.
 
     Starts from a long ARX model, then Levenberg-Marquardt with exact derivatives; the initial state of every
     experiment is estimated along. One output, any number of inputs.
@@ -44,9 +44,7 @@ class Polynomial(LinearEstimator[PolynomialModel]):
     max_radius : float, optional
         Largest modulus of the poles of system and disturbance, such as 1 for a stable model.
 
-    References
-    ----------
-    .. [1] L. Ljung, System Identification, 2nd ed., 1999.
+    Source: L. Ljung, System Identification, 2nd ed., 1999, ch. 4, 7.
     """
 
     na: Whole = 0

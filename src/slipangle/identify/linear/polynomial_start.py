@@ -25,14 +25,12 @@ def first_guess(
     u0: np.ndarray,
     y0: float,
 ) -> np.ndarray:
-    """Coefficients of a `Polynomial` of these settings in the order A, B, F, C, D. [1]_ sec. 10.4.
+    """Coefficients of a `Polynomial` of these settings in the order A, B, F, C, D.
 
     The long ARX model's response to each input is what B / F must give: output-error least squares with the
     prefilters of Steiglitz and McBride. Its residual stands for e in what C and D must give (Hannan and Rissanen).
 
-    References
-    ----------
-    .. [1] L. Ljung, System Identification, 2nd ed., 1999.
+    Source: L. Ljung, System Identification, 2nd ed., 1999, sec. 10.4.
     """
     parts = data.experiments
     u: list[Signals] = [[part.u[:, i] - u0[i] for part in parts] for i in range(len(nb))]

@@ -18,13 +18,8 @@ class Bank:
     These are the building blocks of all derivatives of a linear predictor. Whole blocks of samples are one matrix
     product. A record is fed in chunks, whole multiples of ``block`` except for the last.
 
-    Parameters
-    ----------
-    F : array, shape (n, n)
-    C : array, shape (n_outputs, n)
-    n_signals : int
-        How many signals; behind them comes one of zeros whose state starts at the unit matrix: the derivative with
-        respect to the initial state.
+    F has shape (n, n), C (n_outputs, n). Behind the ``n_signals`` signals comes one of zeros whose state starts at the
+    unit matrix: the derivative with respect to the initial state.
     """
 
     def __init__(self, F: np.ndarray, C: np.ndarray, n_signals: int, block: int = 16) -> None:

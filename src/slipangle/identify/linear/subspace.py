@@ -24,7 +24,7 @@ Algorithm = Literal["n4sid", "moesp", "cva"]
 
 @dataclass(frozen=True, kw_only=True)
 class Subspace(LinearEstimator[StateSpaceModel]):
-    """MOESP, N4SID or CVA, in the common frame of [1]_ ch. 4.
+    """MOESP, N4SID or CVA, in one common frame.
 
     The data enter through one triangular factor of the windows of ``2 block_rows`` samples, found from lag products
     or, where those would lose digits, by a QR factorisation made block by block: memory does not depend on the
@@ -46,9 +46,7 @@ class Subspace(LinearEstimator[StateSpaceModel]):
     disturbance : bool
         Estimate K; otherwise all disturbance is noise on the outputs.
 
-    References
-    ----------
-    .. [1] P. Van Overschee, B. De Moor, Subspace Identification for Linear Systems, 1996.
+    Source: P. Van Overschee, B. De Moor, Subspace Identification for Linear Systems, 1996, ch. 4.
     """
 
     order: Count | None = None
@@ -159,16 +157,11 @@ class Projection:
 
 
 def project(data: Dataset, *, algorithm: Algorithm, block_rows: int, offset: bool = False) -> Projection:
-    """Compress the record and project future outputs on the past along future inputs. [1]_ sec. 4.2.
+    """Compress the record and project future outputs on the past along future inputs.
 
-    Parameters
-    ----------
-    offset : bool
-        Subtract the channels' means first.
+    With ``offset`` the channels' means are subtracted first; for the rest see `Subspace`.
 
-    References
-    ----------
-    .. [1] P. Van Overschee, B. De Moor, Subspace Identification for Linear Systems, 1996.
+    Source: P. Van Overschee, B. De Moor, Subspace Identification for Linear Systems, 1996, sec. 4.2.
     """
     nu, ny, s = len(data.inputs), len(data.outputs), block_rows
     names = (*data.inputs, *data.outputs)

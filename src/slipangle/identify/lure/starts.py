@@ -35,14 +35,8 @@ def drawn(
     beside first-order changes of the linear model itself. A draw costs ``order`` filtered signals, a thousandth of a
     descent.
 
-    Parameters
-    ----------
-    start : StateSpaceModel
-        In the basis of `unit_states`.
-    curve, branches
-        See `LureModel`.
-    count : int
-        Draws; fewer on long records.
+    ``start`` is in the basis of `unit_states`, ``x0``, shape (n_experiments, order), are its initial states; of
+    ``count`` draws, long records get fewer.
     """
     n, nu = start.order, start.n_inputs
     u0, y0 = np.array(start.u_offset), np.array(start.y_offset)

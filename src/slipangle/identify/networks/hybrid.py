@@ -31,7 +31,7 @@ DISCREPANCY = NARX(
 
 @dataclass(frozen=True, kw_only=True)
 class Hybrid(Checked):
-    """Estimator of a `HybridModel`: the base model's free-run error, learned by a NARX network. [1]_ eq. 8-2
+    """Estimator of a `HybridModel`: the base model's free-run error, learned by a NARX network.
 
     The base model stays as it is. Whether the discrepancy helps is decided on parts of the training data that its
     network has not seen: in each of ``folds`` stretches, cut from the second half of the training data, a network
@@ -49,9 +49,7 @@ class Hybrid(Checked):
     worth : float
         Smallest relative reduction of the RMSE over all stretches.
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eq. 8-2.
     """
 
     base: Model

@@ -18,7 +18,7 @@ STAGES = (Stage(horizon=1, epochs=1000), Stage(horizon=20, epochs=2000))
 
 @dataclass(frozen=True, kw_only=True)
 class NARX(NetworkEstimator[NARXModel]):
-    """NARX estimator with a multilayer perceptron. [1]_ sec. 4.2
+    """NARX estimator with a multilayer perceptron.
 
     Parameters
     ----------
@@ -29,9 +29,7 @@ class NARX(NetworkEstimator[NARXModel]):
     hidden, activation, stages, holdout, seeds, precision
         See `NetworkEstimator`; by default the loss looks one step ahead, then 20.
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, sec. 4.2.
     """
 
     na: Count

@@ -20,7 +20,7 @@ GAIN_STAGES = (Stage(horizon=40, epochs=300, learning_rate=1e-2),)
 
 @dataclass(frozen=True, kw_only=True)
 class NeuralStateSpace(NetworkEstimator[NeuralStateSpaceModel]):
-    """Estimator of a neural state space. [1]_
+    """Estimator of a neural state space.
 
     The loss is the error of free runs over short windows, each started by the encoder. With the networks fixed, the
     innovation gain then minimises the one-step-ahead error.
@@ -41,10 +41,8 @@ class NeuralStateSpace(NetworkEstimator[NeuralStateSpaceModel]):
     hidden, activation, stages, holdout, seeds, precision
         See `NetworkEstimator`.
 
-    References
-    ----------
-    .. [1] G. Beintema, R. Toth, M. Schoukens, Nonlinear state-space identification using deep encoder networks,
-       Proc. 3rd Conference on Learning for Dynamics and Control, 2021.
+    Source: G. Beintema, R. Toth, M. Schoukens, Nonlinear state-space identification using deep encoder networks, Proc.
+    3rd Conference on Learning for Dynamics and Control, 2021.
     """
 
     order: Count

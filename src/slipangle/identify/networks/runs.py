@@ -29,18 +29,8 @@ def side_by_side(
 ) -> Runs:
     """One run over each experiment; its first ``lead`` samples, after which it must be on its way, do not count.
 
-    Parameters
-    ----------
-    data : Dataset
-        Experiments, each longer than ``memory + lead``.
-    memory : int
-        Samples that the model starts from.
-    weights : array, shape (n_outputs,)
-        Of the outputs' errors, not zero.
-    lead : int
-        Samples between the start and the first that counts; with 0 no start is thrown off.
-    away : array, shape (n_states,)
-        Largest error of each state at the start, either sign, drawn evenly (seed 0).
+    Experiments are longer than ``memory + lead``; ``weights``, shape (n_outputs,), none 0, are those of the outputs'
+    errors. With ``lead`` above 0 starts are thrown off by up to ``away``, shape (n_states,), drawn evenly (seed 0).
     """
     parts = data.experiments
     n = max(part.n_samples for part in parts) - memory

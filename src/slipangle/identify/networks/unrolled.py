@@ -19,15 +19,6 @@ from slipangle.models.black_box.networks import MLP, mlp_pass
 from slipangle.models.vehicles.neural_bicycle import NeuralBicycle
 
 
-def _shaped(theta: Any, shapes: Sequence[tuple[int, ...]]) -> list[Any]:
-    """Weights and biases of a network, in turn, from the vector that holds them one after the other."""
-    parts, at = [], 0
-    for shape in shapes:
-        parts.append(theta[at : at + int(np.prod(shape))].reshape(shape))
-        at += int(np.prod(shape))
-    return parts
-
-
 @dataclass(frozen=True, eq=False)
 class Unrolled:
     """Free runs of a `NeuralBicycle` over its free parameters, its network's weights, and offsets of the outputs.
@@ -50,22 +41,17 @@ class Unrolled:
             each = jax.vmap(getattr(self, f"_{name}"), (None, 0, 0))
             object.__setattr__(self, name, jax.jit(each))
 
-    @property
-    def _shapes(self) -> list[tuple[int, ...]]:
-        net: Any = self.model.network
-        return [s for w, b in zip(net.weights, net.biases, strict=True) for s in (w.shape, b.shape)]
-
     def _split(self, theta: Any) -> tuple[Any, Any, Any]:
         """Parameter set, network and offsets of a parameter vector."""
         n, ny = len(self.free), len(self.size)
         values = {name: theta[i] * self.scale[i] for i, name in enumerate(self.free)}
         params = replace(self.model.params, **values)
-        parts = _shaped(theta[n:], self._shapes)
         net: Any = self.model.network
+        weights, biases = net.unravel(theta[n : len(theta) - ny])
 
         def correction(x: Any) -> Any:
             z = (x - net.input_scaling.offset) / net.input_scaling.factor
-            z = mlp_pass(z, parts[0::2], parts[1::2], net.activation)
+            z = mlp_pass(z, weights, biases, net.activation)
             return z * net.output_scaling.factor + net.output_scaling.offset
 
         return params, correction, theta[len(theta) - ny :] * self.size
@@ -164,9 +150,7 @@ class UnrolledLags:
             object.__setattr__(self, name, jax.jit(getattr(self, f"_{name}")))
 
     def _next(self, theta: Any, past: Any, drive: Any) -> Any:
-        shapes = [s for w, b in zip(self.network.weights, self.network.biases, strict=True) for s in (w.shape, b.shape)]
-        parts = _shaped(theta, shapes)
-        return mlp_pass(jnp.concatenate([past, drive]), parts[0::2], parts[1::2], self.network.activation)
+        return mlp_pass(jnp.concatenate([past, drive]), *self.network.unravel(theta), self.network.activation)
 
     def _pasts(self, theta: Any, past: Any, drives: Any) -> tuple[Any, Any]:
         """Outputs of every step, (n, n_outputs), and the past outputs that each step saw."""

@@ -38,21 +38,10 @@ class ForwardRun:
 def forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
     """The free run of a parametrised model and its derivatives.
 
-    Parameters
-    ----------
-    model : Parametrised
-        Start values, integrator and outputs.
-    free : tuple of str
-        Parameters with respect to which derivatives are wanted.
-
-    Returns
-    -------
-    callable
-        ``run(x0, S0, rows, p)``: from the state ``x0``, shape (n_states,), and its derivatives ``S0``, shape
-        (n_states, m), the first ``len(free)`` columns with respect to the parameters, the others to anything, or none
-        at all (m = 0) where only outputs are wanted, in half the time; the drive's ``rows``, shape (n, n_w); values
-        ``p`` of the free parameters. It gives an array of shape (n, n_outputs, 1 + m): outputs, then their derivatives.
-
+    Gives ``run(x0, S0, rows, p)``: from the state ``x0``, shape (n_states,), and its derivatives ``S0``, shape
+    (n_states, m), the first ``len(free)`` columns with respect to the free parameters, the others to anything, or none
+    at all (m = 0) where only outputs are wanted, in half the time; the drive's ``rows``, shape (n, n_w); values ``p``
+    of the free parameters. It returns shape (n, n_outputs, 1 + m): outputs, then their derivatives.
     """
     try:
         hash(model)

@@ -44,22 +44,11 @@ class FreeRunFit:
 class FreeRun:
     """Squared free-run error of ``x(k+1) = step(x, u, p)``, ``y = output(x, u, p)`` and its derivatives.
 
-    Parameters
-    ----------
-    step, output : callable
-        ``(x, u, p)``, symbol-safe.
-    n_states, n_parameters : int
-        Lengths of x and p.
-    records : list of (array, array)
-        Inputs and outputs of each experiment, shapes (n, n_inputs) and (n, n_outputs).
-    error : array, shape (n_outputs,)
-        Typical error of each output, by which it is divided.
-    free_x0 : tuple of int
-        States whose initial value is estimated for each experiment; the others stay as given.
-    prior : (array, array), optional
-        Mean and standard deviation of each parameter, infinite where nothing is known beforehand.
-    inside : callable, optional
-        The nearest parameters that are allowed, of any, such as those of a stable model.
+    ``step`` and ``output`` are symbol-safe. Records are inputs and outputs of each experiment, shapes (n, n_inputs) and
+    (n, n_outputs); ``error``, shape (n_outputs,), is a typical error of each output, by which it is divided. Initial
+    values of the states ``free_x0`` are estimated for each experiment, the others stay as given. The prior has mean and
+    standard deviation of each parameter, infinite where nothing is known; ``inside`` gives the nearest parameters that
+    are allowed, such as those of a stable model.
     """
 
     def __init__(

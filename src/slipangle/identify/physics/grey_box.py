@@ -115,12 +115,8 @@ def finish(
 ) -> Any:
     """The fitted model of a solution, with its `FitInfo`; warns of what the data do not determine.
 
-    Parameters
-    ----------
-    how : str
-        Criterion and solver, for the report.
-    kept : array, shape (n_z, n_directions), optional
-        Directions in which the active constraints let the unknowns move; by default all.
+    ``how`` names criterion and solver, ``began`` is ``time.perf_counter()`` at the start, ``kept``, shape (n_z,
+    n_directions), the directions in which active constraints let the unknowns move, ``more`` are further warnings.
     """
     n_p, scale = problem.n_p, problem.scale[: problem.n_p]
     jacobian = found.jacobian if kept is None else found.jacobian @ kept

@@ -44,12 +44,8 @@ class FreeRunProblem:
     The unknowns are the shared parameters, then each parameter per experiment (all experiments of the first, all of
     the next), then the experiments' initial states where those are free.
 
-    Parameters
-    ----------
-    shared, own : tuple of str
-        Free parameters with one value for all experiments, and with one for each.
-    free_initial_state : bool
-        Estimate initial states instead of reading them from the first samples.
+    ``shared`` and ``own`` name the free parameters with one value for all experiments, and with one for each; initial
+    states are read from the first samples unless they are free.
     """
 
     def __init__(

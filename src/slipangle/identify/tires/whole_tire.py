@@ -32,7 +32,7 @@ _ROLLING = 0.01
 
 @dataclass(frozen=True, kw_only=True)
 class CurveTireFit(Checked):
-    """Tire of two friction curves, each fitted to the pure slip in its direction. [1]_ secs. 6.2.1, 6.3.1
+    """Tire of two friction curves, each fitted to the pure slip in its direction.
 
     Parameters
     ----------
@@ -45,9 +45,7 @@ class CurveTireFit(Checked):
     samples : int
         At most about so many samples per curve.
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, secs. 6.2.1, 6.3.1.
     """
 
     longitudinal: CurveFit | MagicCurve | NeuralCurve = field(default_factory=lambda: MLPCurveFit(hidden=(2, 2)))

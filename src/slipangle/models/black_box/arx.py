@@ -20,7 +20,7 @@ _LONG = 50_000  # samples from which compiling is worth it
 
 @dataclass(frozen=True, kw_only=True)
 class ARXModel(LaggedModel):
-    """``y(k) = -A_1 y(k-1) - ... - A_na y(k-na) + B_1 u(k-nk) + ... + B_nb u(k-nk-nb+1) + c``. [1]_ eq. 4-5.
+    """``y(k) = -A_1 y(k-1) - ... - A_na y(k-na) + B_1 u(k-nk) + ... + B_nb u(k-nk-nb+1) + c``.
 
     The state holds the lags, see `slipangle.models.black_box.lagged.LaggedModel`.
 
@@ -35,9 +35,7 @@ class ARXModel(LaggedModel):
     nk : int
         Samples from input to output; 0 where the output depends on the input at the same sample.
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023 (its eqs. 4-1, 4-2 print G, H and na, nb swapped).
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eq. 4-5 (its eqs. 4-1, 4-2 print G, H and na, nb swapped).
     """
 
     told_by_poles = True

@@ -113,20 +113,9 @@ def free_run(
 ) -> bool:
     """Write the free run to ``out``; false without a compiler.
 
-    Parameters
-    ----------
-    a : array, shape (n_outputs, na, n_outputs)
-        Coefficients of past outputs, on the left of the equation.
-    taps : array, shape (n_outputs, n_inputs, n_taps)
-        Coefficients of the present and past inputs.
-    c : array, shape (n_outputs,)
-        Constants.
-    past : (array, array)
-        Outputs and inputs before the first row, oldest first.
-    u : array, shape (n, n_inputs)
-        Inputs; any strides.
-    out : array, shape (n, n_outputs)
-        Outputs; rows of consecutive numbers.
+    Coefficients of past outputs, on the left of the equation, have shape (n_outputs, na, n_outputs), ``taps``, of the
+    present and past inputs, (n_outputs, n_inputs, n_taps), the constants (n_outputs,); ``past`` are outputs and inputs
+    before the first row, oldest first. Inputs may have any strides, rows of ``out`` are consecutive numbers.
     """
     loaded = library(source(), name="arx", flags=("-ffp-contract=fast",))
     if loaded is None:

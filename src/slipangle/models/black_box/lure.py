@@ -20,7 +20,7 @@ Curve = Literal["hardening", "saturation"]
 
 @dataclass(frozen=True, kw_only=True)
 class LureModel(BlackBoxModel):
-    """``x(k+1) = A x + B d + E phi(W x + V d)``, ``y = C x + D d + y_0``, ``d = u - u_0``. [1]_
+    """``x(k+1) = A x + B d + E phi(W x + V d)``, ``y = C x + D d + y_0``, ``d = u - u_0``.
 
     A few branches of one static curve turn the linear model into one with, say, a stiffening spring or friction.
     Both curves are a line far out, up to something bounded. So where ``radius`` is below 1 every bounded input gives a
@@ -43,10 +43,8 @@ class LureModel(BlackBoxModel):
     memory : int
         Samples from which `initial_state` estimates the state by least squares.
 
-    References
-    ----------
-    .. [1] M. Schoukens, K. Tiels, Automatica 85, 2017: block-oriented models, among them linear ones with nonlinear
-       feedback.
+    Source: M. Schoukens, K. Tiels, Automatica 85, 2017: block-oriented models, among them linear ones with nonlinear
+    feedback.
     """
 
     A: np.ndarray

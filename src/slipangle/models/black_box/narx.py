@@ -22,7 +22,7 @@ from slipangle.ops import Vector
 
 @dataclass(frozen=True, kw_only=True)
 class NARXModel(NetworkModel, LaggedModel):
-    """``y(k) = F[y(k-1), ..., y(k-na), u(k-nk), ..., u(k-nk-nb+1)]`` with a network F. [1]_ eq. 4-14
+    """``y(k) = F[y(k-1), ..., y(k-na), u(k-nk), ..., u(k-nk-nb+1)]`` with a network F.
 
     The network takes the lags newest first, all channels of one lag together, outputs before inputs; so does the
     state, see `slipangle.models.black_box.lagged.LaggedModel`.
@@ -41,9 +41,7 @@ class NARXModel(NetworkModel, LaggedModel):
     ParameterError
         If an order is below 1 or the network does not fit the lags.
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eq. 4-14.
     """
 
     network: Network

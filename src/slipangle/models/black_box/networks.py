@@ -82,14 +82,8 @@ def radial(square: Scalar, width: Any, kernel: Kernel) -> Scalar:
 def mlp_pass(x: Vector, weights: Sequence[Any], biases: Sequence[Any], activation: Activation) -> Vector:
     """Output of a perceptron with linear output layer, in scaled coordinates. [1]_ eq. 4-20
 
-    Parameters
-    ----------
-    x : vector, shape (n_inputs,) or (n_inputs, n_samples)
-        Scaled inputs.
-    weights : sequence of matrix, shape (n_out, n_in) each
-        One per layer; numbers, symbols or tracers.
-    biases : sequence of vector, shape (n_out,) each
-        One per layer.
+    Inputs, shape (n_inputs,) or (n_inputs, n_samples), are scaled; each layer has weights, shape (n_out, n_in), and
+    biases, shape (n_out,): numbers, symbols or tracers.
     """
     last = len(weights) - 1
     for k, (w, b) in enumerate(zip(weights, biases, strict=True)):
@@ -102,16 +96,8 @@ def mlp_pass(x: Vector, weights: Sequence[Any], biases: Sequence[Any], activatio
 def rbf_pass(x: Vector, centres: Any, widths: Any, weights: Any, kernel: Kernel) -> Vector:
     """Output of a radial basis function network, in scaled coordinates. [1]_ eq. 4-15
 
-    Parameters
-    ----------
-    x : vector, shape (n_inputs,) or (n_inputs, n_samples)
-        Scaled inputs.
-    centres : matrix, shape (n_neurons, n_inputs)
-        Centres ``c``.
-    widths : vector, shape (n_neurons,)
-        Widths ``sigma``.
-    weights : matrix, shape (n_outputs, n_neurons)
-        Output weights ``W``.
+    Inputs, shape (n_inputs,) or (n_inputs, n_samples), are scaled; centres ``c`` have shape (n_neurons, n_inputs),
+    widths ``sigma`` (n_neurons,), output weights ``W`` (n_outputs, n_neurons); for the kernels see `radial`.
     """
     square: Any = 0.0
     for j in range(centres.shape[1]):
@@ -370,9 +356,13 @@ class MLP(Network):
 
     def with_parameters(self, theta: Any) -> Self:
         """The same architecture with other weights, in the order of `parameters`."""
-        shapes = [s for w, b in zip(self.weights, self.biases, strict=True) for s in (w.shape, b.shape)]
-        parts = _unravel(theta, shapes)
-        return replace(self, weights=tuple(parts[0::2]), biases=tuple(parts[1::2]))
+        weights, biases = self.unravel(theta)
+        return replace(self, weights=weights, biases=biases)
+
+    def unravel(self, theta: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """Weights and biases, as they are, from a vector in the order of `parameters`; JAX arrays too."""
+        parts = _unravel(theta, [s for w, b in zip(self.weights, self.biases, strict=True) for s in (w.shape, b.shape)])
+        return tuple(parts[0::2]), tuple(parts[1::2])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -464,5 +454,5 @@ def _unravel(theta: Any, shapes: Sequence[tuple[int, ...]]) -> list[Any]:
         if is_symbolic(theta):
             parts.append(ca.reshape(piece, shape[1], shape[0]).T if len(shape) == 2 else piece)
         else:
-            parts.append(np.reshape(piece, shape))
+            parts.append(piece.reshape(shape))
     return parts

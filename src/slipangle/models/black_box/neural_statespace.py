@@ -22,7 +22,7 @@ from slipangle.ops import Vector, concatenate, matmul
 
 @dataclass(frozen=True, kw_only=True)
 class NeuralStateSpaceModel(NetworkModel):
-    """``x(k+1) = x(k) + f(x(k), u(k))``, ``y(k) = h(x(k))`` with networks f and h. [1]_
+    """``x(k+1) = x(k) + f(x(k), u(k))``, ``y(k) = h(x(k))`` with networks f and h.
 
     The state has no unit and no meaning of its own. A free run starts from what the encoder makes of the first
     `lags` samples; a measurement moves the state by ``gain`` times its innovation.
@@ -45,10 +45,8 @@ class NeuralStateSpaceModel(NetworkModel):
     gain : array, shape (n_states, n_outputs), optional
         Innovation gain; by default zero, so that measurements after the start are not used.
 
-    References
-    ----------
-    .. [1] G. Beintema, R. Toth, M. Schoukens, Nonlinear state-space identification using deep encoder networks,
-       Proc. 3rd Conference on Learning for Dynamics and Control, 2021.
+    Source: G. Beintema, R. Toth, M. Schoukens, Nonlinear state-space identification using deep encoder networks, Proc.
+    3rd Conference on Learning for Dynamics and Control, 2021.
     """
 
     transition: Network

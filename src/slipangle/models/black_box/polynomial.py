@@ -19,7 +19,7 @@ from slipangle.ops import Vector
 
 @dataclass(frozen=True, kw_only=True)
 class PolynomialModel(BlackBoxModel):
-    """``A(z) y = sum_i B_i(z) / F_i(z) (u_i - u_0i) + C(z) / D(z) e``, one output. [1]_ sec. 4.2.
+    """``A(z) y = sum_i B_i(z) / F_i(z) (u_i - u_0i) + C(z) / D(z) e``, one output.
 
     A, C, D and F start with a 1 that is not stored: ``A(z) = 1 + A[0] z^-1 + ...``;
     ``B_i(z) = z^-nk_i (B_i[0] + B_i[1] z^-1 + ...)``.
@@ -40,9 +40,7 @@ class PolynomialModel(BlackBoxModel):
     memory : int
         Samples from which `initial_state` estimates the state; by default ``3 order + 3``.
 
-    References
-    ----------
-    .. [1] L. Ljung, System Identification, 2nd ed., 1999.
+    Source: L. Ljung, System Identification, 2nd ed., 1999, sec. 4.2.
     """
 
     A: np.ndarray

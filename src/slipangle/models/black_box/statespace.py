@@ -19,7 +19,7 @@ from slipangle.ops import Vector, concatenate, matmul
 
 @dataclass(frozen=True, kw_only=True)
 class StateSpaceModel(BlackBoxModel):
-    """``x(k+1) = A x(k) + B (u - u_0) + K e(k)``, ``y(k) = C x(k) + D (u - u_0) + y_0 + e(k)``. [1]_ sec. 4.3.
+    """``x(k+1) = A x(k) + B (u - u_0) + K e(k)``, ``y(k) = C x(k) + D (u - u_0) + y_0 + e(k)``.
 
     The one-step-ahead predictor is ``x(k+1) = A x + B (u - u_0) + K (y - C x - D (u - u_0) - y_0)``, exactly. With an
     invertible A the state is x and measuring moves it by ``A^-1 K e``; otherwise the state holds e too.
@@ -42,9 +42,7 @@ class StateSpaceModel(BlackBoxModel):
     memory : int
         Samples from which `initial_state` estimates the state by least squares; by default ``3 order + 3``.
 
-    References
-    ----------
-    .. [1] L. Ljung, System Identification, 2nd ed., 1999.
+    Source: L. Ljung, System Identification, 2nd ed., 1999, sec. 4.3.
     """
 
     A: np.ndarray
