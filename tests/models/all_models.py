@@ -82,7 +82,7 @@ def neural_tire(**settings):
 
 def neural_bicycle(seed, outputs=("r",), kind=NeuralBicycle, **fields):
     sizes = Scaling(offset=[0.0, 0.0, 0.0, 0.0, 25.0, 0.0], factor=[1.0, 0.4, 0.05, 0.05, 15.0, 4.0])
-    n, _ = kind.network_outputs()
+    n, _ = kind.network_outputs
     network = MLP.random((6, 7, n), activation="tanh", seed=seed, input_scaling=sizes, output_scaling=small(n))
     return kind(params=LIMIT, network=network, dt=0.05, outputs=outputs, **fields)
 

@@ -14,17 +14,10 @@ def nonzeros(sparsity: ca.Sparsity) -> list[list[int]]:
 
 
 def elimination_code(pattern: list[set[int]], name: str) -> str:
-    """C source of the factors of a square matrix without pivoting, and of the solution of systems with them.
+    """C of ``NAME_factor(V *m)`` and ``NAME_solve(const V *m, V *b)``: factors of a square matrix without pivoting.
 
-    Only nonzeros and their fill are touched, so rows and columns that should be eliminated first, such as
-    those of stiff wheels, come first.
-
-    Parameters
-    ----------
-    pattern : list of set of int
-        Columns of the nonzeros of each row.
-    name : str
-        Stem of the two functions, ``name_factor(V *m)`` and ``name_solve(const V *m, V *b)``.
+    ``pattern`` has the columns of the nonzeros of each row. Only nonzeros and their fill are touched, so rows and
+    columns that should be eliminated first, such as those of stiff wheels, come first.
     """
     n = len(pattern)
     rows = [set(p) | {i} for i, p in enumerate(pattern)]

@@ -22,20 +22,8 @@ def astray(
 ) -> dict[str, str]:
     """For each output whose prediction leaves any plausible range, where and how far.
 
-    Parameters
-    ----------
-    y, measured : array, shape (n_samples, n_outputs)
-        Predicted and measured outputs.
-    outputs : sequence of str
-        Their names.
-    seen : tuple of array, shape (n_outputs,), optional
-        Smallest and largest values of the training data.
-    starts : sequence of int
-        First row of each experiment.
-    t : array, shape (n_samples,)
-        Time. [s]
-    what : str
-        ``"free run"`` or ``"k-step-ahead prediction"``.
+    ``y`` and ``measured`` have the shape (n_samples, n_outputs); ``seen`` are the smallest and largest outputs of the
+    training data, ``starts`` the first row of each experiment, ``what`` the name of the prediction.
     """
     low, high, far = measured.min(axis=0), measured.max(axis=0), FARTHER if seen is None else FAR
     if seen is not None:

@@ -75,15 +75,7 @@ class Overlap:
 
 
 def provenance(data: Dataset, outputs: Sequence[str] | None = None) -> dict[str, Any]:
-    """What a `FitInfo` keeps of the training data, as keywords.
-
-    Parameters
-    ----------
-    data : Dataset
-        Training data, as the user gave them.
-    outputs : sequence of str, optional
-        Outputs of the model; by default those of the data.
-    """
+    """What a `FitInfo` keeps of the training data, as keywords, of all outputs or the model's."""
     ends = [t0 + (b - a - 1) * data.dt for t0, a, b in zip(data.start_times, data.starts, data.stops, strict=True)]
     return {
         "train_name": data.name,
@@ -97,7 +89,7 @@ def fingerprint(data: Dataset, outputs: Sequence[str]) -> Fingerprint:
     y = data.columns(tuple(outputs))
     found = [_chosen(y, a, b) for a, b in zip(data.starts, data.stops, strict=True)]
     rows = np.concatenate([rows for rows, _ in found])
-    windows = y[rows[:, None] + np.arange(WINDOW)] if len(rows) else np.empty((0, WINDOW, len(outputs)))
+    numbers = [_rolling(y[a:b])[chosen - a] for (chosen, _), a, b in zip(found, data.starts, data.stops, strict=True)]
     return Fingerprint(
         outputs=tuple(outputs),
         dt=data.dt,
@@ -105,7 +97,7 @@ def fingerprint(data: Dataset, outputs: Sequence[str]) -> Fingerprint:
         start_times=tuple(map(float, data.start_times)),
         n_samples=data.n_samples,
         rows=rows,
-        marks=_numbers(np.moveaxis(windows, 1, 0)),
+        marks=np.concatenate(numbers),
         lively=np.concatenate([lively for _, lively in found]),
         low=y.min(axis=0, initial=np.inf),
         high=y.max(axis=0, initial=-np.inf),
@@ -131,14 +123,6 @@ def _chosen(y: np.ndarray, first: int, stop: int) -> tuple[np.ndarray, np.ndarra
     return rows[thinned], distinct[thinned] >= LIVELY
 
 
-def _numbers(samples: np.ndarray) -> np.ndarray:
-    """One number for every window; the samples of a window lie along the first axis, shape (WINDOW, ..., n_outputs)."""
-    total = np.zeros(samples.shape[1:-1], dtype=np.uint64)
-    for sample in samples:
-        total = total * np.uint64(0x9E3779B97F4A7C15) + _row_numbers(sample)
-    return (total >> np.uint64(1)).astype(np.int64)
-
-
 def _row_numbers(y: np.ndarray) -> np.ndarray:
     """One number for every sample, which mixes all bits of all channels."""
     with np.errstate(over="ignore"):
@@ -157,14 +141,8 @@ def _row_numbers(y: np.ndarray) -> np.ndarray:
 def overlap(seen: Fingerprint, data: Dataset) -> Overlap | None:
     """Samples of a record that are in another one's fingerprint; None where there are none.
 
-    Overlaps shorter than a window, or than the distance of two windows inside a long record, may go unseen.
-
-    Parameters
-    ----------
-    seen : Fingerprint
-        Of the training data.
-    data : Dataset
-        The record, under any name and at any time.
+    The record may have any name and time. Overlaps shorter than a window, or than the distance of two windows inside a
+    long record, may go unseen.
     """
     if not len(seen.marks) or any(o not in data for o in seen.outputs):
         return None
@@ -182,8 +160,8 @@ def overlap(seen: Fingerprint, data: Dataset) -> Overlap | None:
 
 
 def _rolling(y: np.ndarray) -> np.ndarray:
-    """`_numbers` of the window that starts at each row."""
-    rows, n = _row_numbers(y), len(y) - WINDOW + 1
+    """One number for the window that starts at each row."""
+    rows, n = _row_numbers(y), max(0, len(y) - WINDOW + 1)
     total = np.zeros(n, dtype=np.uint64)
     for j in range(WINDOW):
         total = total * np.uint64(0x9E3779B97F4A7C15) + rows[j : j + n]

@@ -150,7 +150,7 @@ def test_free_run_steps_lower_the_free_run_error():
 
 def plant(kind=NeuralBicycle):
     """The bicycle with forces, or tires, that the physics lacks."""
-    n, _ = kind.network_outputs()
+    n, _ = kind.network_outputs
     sizes = Scaling(offset=[0.0, 0.0, 0.0, 0.0, 25.0, 0.0], factor=[1.0, 0.3, 0.1, 0.1, 8.0, 4.0])
     network = MLP.random(
         (6, 5, n),

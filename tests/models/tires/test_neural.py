@@ -125,9 +125,12 @@ def test_jax_tracers():
     [
         (lambda: NeuralCurve(network=MLP.random((2, 2, 1))), "2 inputs and 1 outputs; expected 1 inputs"),
         (lambda: NeuralCurve(network=MLP.random((1, 2, 2))), "1 inputs and 2 outputs"),
-        (lambda: NeuralCurve(network=MLP.random((1, 1)), inputs=("speed",)), "no input 'speed'"),
+        (
+            lambda: NeuralCurve(network=MLP.random((1, 1)), inputs=("speed",)),
+            "'speed'.*there are 'camber', 'load', 'slip'",
+        ),
         (lambda: NeuralCurve(network=MLP.random((2, 1)), inputs=("load", "slip")), "expected 'slip' first"),
-        (lambda: NeuralCurve(network=MLP.random((1, 1)), outside="clip"), "expected 'hold' or 'extrapolate'"),
+        (lambda: NeuralCurve(network=MLP.random((1, 1)), outside="clip"), "there are 'extrapolate', 'hold'"),
         (lambda: neural_tire(combined="circle"), "combined is 'circle'"),
     ],
 )

@@ -238,7 +238,7 @@ class _Fit:
     def network(self, seed: int) -> MLP:
         """Random hidden layers, no output."""
         s, data = self.settings, self.inner
-        size = list(_REACH.values()) if s.corrects == "derivative" else [1.0] * self.kind.network_outputs()[0]
+        size = list(_REACH.values()) if s.corrects == "derivative" else [1.0] * self.kind.network_outputs[0]
         v_y = data["v_y"] if "v_y" in data else np.array([-1.5, 1.5])
         factor = [float(np.std(v_y)) + 0.1, float(np.std(data["r"])), float(np.std(data["delta"]))]
         offset = [0.0, 0.0, 0.0, 0.0, float(np.mean(data["v_x"])), 0.0]

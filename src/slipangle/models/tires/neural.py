@@ -10,12 +10,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Literal, get_args
+from typing import Any, ClassVar, Literal
 
 import casadi as ca
 import numpy as np
 
-from slipangle.errors import ParameterError, nearest
+from slipangle.errors import ParameterError
+from slipangle.fields import Checked
 from slipangle.models.black_box.networks import Network
 from slipangle.models.model import FitInfo
 from slipangle.models.tires.simple import KnownRange, Tire, TireForces
@@ -26,7 +27,7 @@ _AS_TANH = {"sigmoid": (0.5, 0.5, 0.5), "tanh": (1.0, 1.0, 0.0)}  # a, b, c in f
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NeuralCurve:
+class NeuralCurve(Checked):
     """Friction coefficient over slip, and over load and camber where the network has those inputs.
 
     Parameters
@@ -55,10 +56,7 @@ class NeuralCurve:
     fit_info: FitInfo | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        known = get_args(CurveInput)
-        for name in self.inputs:
-            if name not in known:
-                raise ParameterError(f"a friction curve has no input '{name}'; {nearest(name, known)}")
+        super().__post_init__()
         if self.inputs[:1] != ("slip",) or len(set(self.inputs)) != len(self.inputs):
             raise ParameterError(f"the inputs are {self.inputs}; expected 'slip' first and each at most once")
         if self.network.n_inputs != len(self.inputs) or self.network.n_outputs != 1:
@@ -66,8 +64,6 @@ class NeuralCurve:
                 f"the network has {self.network.n_inputs} inputs and {self.network.n_outputs} outputs; expected "
                 f"{len(self.inputs)} inputs ({', '.join(self.inputs)}) and 1 output, the friction coefficient"
             )
-        if self.outside not in ("hold", "extrapolate"):
-            raise ParameterError(f"outside is '{self.outside}'; expected 'hold' or 'extrapolate'")
 
     def __call__(self, slip: Scalar, load: Scalar = 0.0, camber: Scalar = 0.0) -> Scalar:
         """Friction coefficient at a slip ratio [-] or slip angle [rad], load [N] and camber [rad]."""
@@ -138,7 +134,7 @@ class NeuralCurve:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class NeuralTire(Tire):
+class NeuralTire(Checked, Tire):
     """Tire whose friction coefficients are networks.
 
     Parameters
@@ -153,10 +149,6 @@ class NeuralTire(Tire):
     longitudinal: NeuralCurve
     lateral: NeuralCurve
     combined: Literal["none", "ellipse"] = "none"
-
-    def __post_init__(self) -> None:
-        if self.combined not in ("none", "ellipse"):
-            raise ParameterError(f"combined is '{self.combined}'; expected 'none' or 'ellipse'")
 
     @property
     def known_range(self) -> KnownRange:

@@ -20,15 +20,7 @@ _TINY = 1e-6  # N, keeps directions defined at zero slip
 
 
 def tread_slip(slip_ratio: Scalar, slip_angle: Scalar) -> tuple[Scalar, Scalar]:
-    """Slip velocities over the speed of the tread, sigma_x and sigma_y.
-
-    Parameters
-    ----------
-    slip_ratio : scalar
-        Slip ratio s, positive drives. [-]
-    slip_angle : scalar
-        Slip angle, positive gives a force to the left. [rad]
-    """
+    """Slip velocities over the speed of the tread, sigma_x and sigma_y, from slips as of `Tire.forces`."""
     rolling = 1.0 + maximum(minimum(slip_ratio, 0.0), -_LOCKED)
     return slip_ratio / rolling, tan(slip_angle) * (1.0 - maximum(slip_ratio, 0.0)) / rolling
 

@@ -2,6 +2,11 @@
 
 Slip ratio ``s`` is positive when driving, slip angle ``alpha`` is positive when it gives a force to the
 left; both signs as in docs/nomenclature.md.
+
+References
+----------
+.. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023; B there is per percent or per degree in table 6.2.
+.. [2] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.2.
 """
 
 from __future__ import annotations
@@ -15,6 +20,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 from slipangle.data.readers.tir import TirFile
 from slipangle.errors import FormatError
+from slipangle.fields import Checked
 from slipangle.models.model import FitInfo
 from slipangle.models.parameters import ParameterSet
 from slipangle.ops import Scalar, atan, clip, sin, smooth_abs, speed_floor, sqrt
@@ -123,10 +129,6 @@ def slip_ratio(v_x: Scalar, wheel_speed: Scalar, radius: Scalar, *, v_low: float
     v_low : float
         Speed below which slip is softened. [m/s]
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
-
     >>> bool(slip_ratio(20.0, 22.0, 1.0) > 0)
     True
     """
@@ -150,12 +152,7 @@ def practical_slip(slip_ratio: Scalar) -> Scalar:
 
 @dataclass(frozen=True, kw_only=True)
 class LinearTire(ParameterSet, Tire):
-    """Forces proportional to slip, whatever the load. [1]_ eqs. 3-9, 3-10.
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
-    """
+    """Forces proportional to slip, whatever the load. [1]_ eqs. 3-9, 3-10."""
 
     C_alpha: Annotated[float, SI("N/rad", "cornering stiffness", 0.0, 5e6)]
     C_s: Annotated[float, SI("N", "longitudinal slip stiffness", 0.0, 5e6)] = 0.0
@@ -173,10 +170,6 @@ class MagicCurve(ParameterSet):
     """One curve of the simple Magic Formula, friction coefficient over slip. [1]_ eqs. 3-16, 3-17.
 
     ``mu = D sin(C atan(B phi)) + S_v`` with ``phi = (1 - E)(x + S_h) + (E / B) atan(B (x + S_h))``.
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023; B there is per percent or per degree in table 6.2.
     """
 
     slip_alone: ClassVar[bool] = True  # and not load or camber
@@ -206,7 +199,7 @@ class MagicCurve(ParameterSet):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimpleMagicFormula(Tire):
+class SimpleMagicFormula(Checked, Tire):
     """Magic Formula with constant coefficients; forces are proportional to load.
 
     Parameters
@@ -217,11 +210,6 @@ class SimpleMagicFormula(Tire):
         ``"none"``: the directions do not see each other, as in [1]_. ``"ellipse"``: pure-slip forces are
         evaluated at the common normalised slip and shared along its direction, so their resultant stays on
         the friction ellipse ([2]_, similarity method).
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023, eqs. 3-14 to 3-17.
-    .. [2] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.2.
     """
 
     longitudinal: MagicCurve

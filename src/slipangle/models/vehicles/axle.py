@@ -1,4 +1,9 @@
-"""What every vehicle on two axles shares: how its axles move, the slip angles, and where its forces push it."""
+"""What every vehicle on two axles shares: how its axles move, the slip angles, and where its forces push it.
+
+References
+----------
+.. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +12,7 @@ from slipangle.ops import Scalar, atan2, cos, sin, speed_floor
 
 
 def axle_velocities(v_y: Scalar, r: Scalar, p: ChassisParams) -> tuple[Scalar, Scalar]:
-    """Lateral velocities of the front and the rear axle. [m/s] [1]_ eqs. 3-11, 3-12
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
-    """
+    """Lateral velocities of the front and the rear axle. [m/s] [1]_ eqs. 3-11, 3-12"""
     return v_y + p.l_f * r, v_y - p.l_r * r
 
 
@@ -23,10 +23,6 @@ def slip_angles(
 
     They use atan2 of the axle's velocity and reduce to eqs. 3-11, 3-12 of [1]_ at small angles; alpha > 0 gives a
     force to the left. A wheel at rest that is turned feels no slip.
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
     """
     v_yf, v_yr = axle_velocities(v_y, r, p)
     v = speed_floor(v_x, v_low)

@@ -42,14 +42,9 @@ class Engine(ParameterSet):
         check_table("the engine's full-throttle torque", self.speeds, self.torques)
 
     def torque(self, throttle: Scalar, speed: Scalar) -> Scalar:
-        """Torque that the engine settles to. [N m]
+        """Torque [N m] that the engine settles to at its speed [rad/s], negative when the car rolls backwards.
 
-        Parameters
-        ----------
-        throttle : scalar
-            -1 to 1; below zero the car drives backwards.
-        speed : scalar
-            Engine speed, negative when the car rolls backwards. [rad/s]
+        A ``throttle`` of -1 to 1; below zero the car drives backwards.
         """
         throttle = clip(throttle, -1.0, 1.0)
         full = table(fabs(speed), self.speeds, self.torques)
@@ -74,12 +69,8 @@ class Differential(ParameterSet):
     def transfer(self, difference: Scalar, drive: Scalar) -> Scalar:
         """Torque taken from the first and given to the second side [N m], half of the locking torque.
 
-        Parameters
-        ----------
-        difference : scalar
-            Speed of the first minus that of the second side. [rad/s]
-        drive : scalar
-            Torque through the differential. [N m]
+        ``difference`` is the speed of the first minus that of the second side [rad/s], ``drive`` the torque through
+        the differential [N m].
         """
         if self.open:
             return 0.0
@@ -182,16 +173,8 @@ class Driveline(ParameterSet):
         """Angular accelerations of the wheels, which the engine's inertia couples. [rad/s2]
 
         With torque shares a, diagonal inertias D and the engine's inertia J seen through the ratio, the wheels obey
-        ``(D + J a a^T) spin' = torque``, solved by the Sherman-Morrison formula.
-
-        Parameters
-        ----------
-        torques : sequence of 4
-            Torque on each wheel. [N m]
-        freedom : sequence of 4
-            Inverse of each wheel's inertia, 0 for a locked wheel. [1/(kg m2)]
-        gear : scalar
-            Gear.
+        ``(D + J a a^T) spin' = torque``, solved by the Sherman-Morrison formula. ``freedom`` is the inverse of each
+        wheel's inertia, 0 for a locked wheel. [1/(kg m2)]
         """
         rates = [t * f for t, f in zip(torques, freedom, strict=True)]
         if not self.engine.inertia:
@@ -240,15 +223,7 @@ class Steering(ParameterSet):
         return clip(wanted, -self.rate, self.rate) if self.rate else wanted
 
     def wheels(self, delta: Scalar, track: Scalar, wheelbase: Scalar) -> tuple[tuple[Scalar, Scalar], ...]:
-        """Cosine and sine of the left and of the right road-wheel angle.
-
-        Parameters
-        ----------
-        delta : scalar
-            Mean road-wheel angle: cot(delta) is the mean of both cotangents. [rad]
-        track, wheelbase : scalar
-            Of the car. [m]
-        """
+        """Cosine and sine of the left and of the right road-wheel angle; cot(delta) is the mean of both cotangents."""
         slope = tan(delta)
         found = []
         for side in (1.0, -1.0):
@@ -266,14 +241,8 @@ class Steering(ParameterSet):
 def friction_torque(direction: Scalar, other: Scalar, most: Scalar) -> tuple[Scalar, Scalar]:
     """Coulomb friction of brakes and rolling on a wheel: the torque [N m], and 1 where it holds the wheel, else 0.
 
-    Parameters
-    ----------
-    direction : scalar
-        Sign of the spin at the start of the step.
-    other : scalar
-        All other torque on the wheel. [N m]
-    most : scalar
-        Largest friction torque. [N m]
+    ``direction`` is the sign of the spin at the start of the step, ``other`` all other torque on the wheel [N m], and
+    ``most`` the largest friction torque [N m].
     """
     turning = fabs(direction) > 0.5
     torque = where(turning, -direction * most, -clip(other, -most, most))
@@ -284,12 +253,7 @@ def friction_torque(direction: Scalar, other: Scalar, most: Scalar) -> tuple[Sca
 def stopped(before: Scalar, after: Scalar, change: Scalar) -> Scalar:
     """Spin after a step in which friction may have pushed past zero: then it is taken back, to zero at most.
 
-    Parameters
-    ----------
-    before, after : scalar
-        Spin before and after the step. [rad/s]
-    change : scalar
-        What friction alone changes in the step. [rad/s]
+    ``change`` is what friction alone changes in the step. [rad/s]
     """
     crossed = before * after < 0.0
     return where(crossed, sign(after) * maximum(fabs(after) - 2.0 * change, 0.0), after)

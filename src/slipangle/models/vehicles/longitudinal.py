@@ -1,4 +1,9 @@
-"""Speed from pedals: a straight law, and one with the limits of a real car."""
+"""Speed from pedals: a straight law, and one with the limits of a real car.
+
+References
+----------
+.. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +35,6 @@ def longitudinal(v_x: Scalar, pedal: Scalar, p: LongitudinalParams, v_low: float
 
     ``pedal`` is throttle minus brake, -1 to 1. Rolling resistance fades out below ``v_low`` so that the
     car can stand.
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
     """
     return (p.k_e * pedal - p.k_d * v_x) / p.mass - GRAVITY * p.k_r * tanh(v_x / v_low)
 
@@ -74,24 +75,9 @@ def driveline(
 ) -> Scalar:
     """Acceleration from the pedals. [m/s2] Extends [1]_ eq. 3-18 by limits of engine and brakes, drag, slope.
 
-    Parameters
-    ----------
-    v_x : scalar
-        Speed. [m/s]
-    throttle : scalar
-        0 to 1.
-    brake : scalar
-        Brake pressure. [Pa]
-    delta : scalar
-        Road-wheel angle: tires at a slip angle pull the car back. [rad]
-    p : DrivelineParams
-        The car. Full throttle gives the smaller of ``k_e`` and ``power / v_x``, smoothly.
-    v_low : float
-        Speed below which forces that oppose motion fade out. [m/s]
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    The throttle is 0 to 1, the brake a pressure [Pa]; full throttle gives the smaller of ``k_e`` and ``power / v_x``,
+    smoothly. Tires at a slip angle pull the car back, so the road-wheel angle ``delta`` [rad] counts too. Below
+    ``v_low`` [m/s] forces that oppose motion fade out.
     """
     v = maximum(v_x, v_low)
     full = p.k_e / sqrt(1.0 + (p.k_e * v / p.power) ** 2)

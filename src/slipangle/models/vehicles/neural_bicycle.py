@@ -16,54 +16,15 @@ from slipangle.models.vehicles.nonlinear_bicycle import (
     AxleCoefficients,
     NonlinearBicycle,
     NonlinearBicycleParams,
-    nonlinear_bicycle,
+    state_rates,
 )
 from slipangle.ops import Scalar, Vector, clip, concatenate, stack, tanh
 
 LONG = 2000  # samples from which a free run is worth compiled code
 
 
-def neural_bicycle(
-    x: Vector, u: Vector, p: NonlinearBicycleParams, correction: Callable[[Vector], Vector]
-) -> tuple[Scalar, Scalar, Scalar]:
-    """Rates of v_y [m/s2], r [rad/s2] and delta_w [rad/s]: physics plus what the correction adds to the first two.
-
-    Parameters
-    ----------
-    x : vector of 3
-        v_y [m/s], r [rad/s], delta_w [rad].
-    u : vector of 3
-        delta [rad], v_x [m/s], v_x_dot [m/s2].
-    p : NonlinearBicycleParams
-        The car.
-    correction : callable
-        From the six numbers of x and u to rates of v_y and r.
-    """
-    v_y_dot, r_dot, F_yf = nonlinear_bicycle(x[0], x[1], x[2], u[1], u[2], p)
-    more = correction(concatenate([x, u]))
-    wanted = p.road_wheel(u[0]) - p.compliance * F_yf
-    return v_y_dot + more[0], r_dot + more[1], (wanted - x[2]) / p.steering_lag
-
-
-def tire_network_bicycle(
-    x: Vector, u: Vector, p: NonlinearBicycleParams, correction: Callable[[Vector], Vector], reach: float
-) -> tuple[Scalar, Scalar, Scalar]:
-    """Rates as of `neural_bicycle`, from tire coefficients that the correction moves: ``C_f (1 + reach tanh z_1)``...
-
-    ``z`` are the four numbers that the correction makes of x and u; so C_f, C_r, mu_f and mu_r stay within ``1 -
-    reach`` to ``1 + reach`` times the parameters', whatever the network says. [1]_ bounds coefficients alike.
-
-    References
-    ----------
-    .. [1] J. Chrosniak, J. Ning, M. Behl, Deep Dynamics: vehicle dynamics modeling with a physics-constrained neural
-       network for autonomous racing, IEEE Robotics and Automation Letters 9, 2024.
-    """
-    z = correction(concatenate([x, u]))
-    names = AxleCoefficients._fields
-    tires = AxleCoefficients(*(getattr(p, name) * (1.0 + reach * tanh(z[i])) for i, name in enumerate(names)))
-    v_y_dot, r_dot, F_yf = nonlinear_bicycle(x[0], x[1], x[2], u[1], u[2], p, tires=tires)
-    wanted = p.road_wheel(u[0]) - p.compliance * F_yf
-    return v_y_dot, r_dot, (wanted - x[2]) / p.steering_lag
+Rates = tuple[Scalar, Scalar, Scalar]  # of v_y [m/s2], r [rad/s2], delta_w [rad/s]
+Correction = Callable[[Vector], Vector]  # of the six numbers of x and u
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,6 +41,7 @@ class NeuralBicycle(NonlinearBicycle):
         Largest lateral velocity [m/s] and yaw rate [rad/s] that the state takes, either sign.
     """
 
+    network_outputs: ClassVar[tuple[int, str]] = 2, "rates of v_y and r"  # how many, and what they are
     own_step: ClassVar[bool] = False  # its bounds are there for networks in training; a fit of parameters stays inside
 
     network: Network
@@ -88,7 +50,7 @@ class NeuralBicycle(NonlinearBicycle):
 
     def __post_init__(self) -> None:
         sizes = self.network.n_inputs, self.network.n_outputs
-        wanted, meaning = self.network_outputs()
+        wanted, meaning = self.network_outputs
         if sizes != (6, wanted):
             raise ParameterError(
                 f"the network has {sizes[0]} inputs and {sizes[1]} outputs; expected 6 (v_y, r, delta_w, delta, v_x, "
@@ -98,16 +60,10 @@ class NeuralBicycle(NonlinearBicycle):
             raise ParameterError(f"the bounds are {self.most_v_y} m/s and {self.most_r} rad/s; expected positive ones")
         super().__post_init__()
 
-    @classmethod
-    def network_outputs(cls) -> tuple[int, str]:
-        """How many outputs the network has, and what they are."""
-        return 2, "rates of v_y and r"
-
-    def rates(
-        self, x: Vector, u: Vector, p: NonlinearBicycleParams, network: Callable[[Vector], Vector]
-    ) -> tuple[Scalar, Scalar, Scalar]:
-        """Rates of the state with other parameters and another network; see `neural_bicycle`."""
-        return neural_bicycle(x, u, p, network)
+    def rates(self, x: Vector, u: Vector, p: NonlinearBicycleParams, network: Correction) -> Rates:
+        """Rates of the state with other parameters and another network, which adds to those of v_y and r."""
+        (v_y_dot, r_dot, turning), more = state_rates(x, u, p), network(concatenate([x, u]))
+        return v_y_dot + more[0], r_dot + more[1], turning
 
     def derivative(self, x: Vector, u: Vector) -> Vector:
         """See `rates`."""
@@ -132,15 +88,21 @@ class TireNetworkBicycle(NeuralBicycle):
     """The bicycle at the limit with tire coefficients from a network, each within bounds.
 
     Physics stays physics: forces saturate and loads shift as ever, and only how stiff the axles are and where they
-    saturate depends on what the car does.
+    saturate depends on what the car does. [1]_ bounds coefficients alike.
 
     Parameters
     ----------
     reach : float
         How far a coefficient may move, as a share of its parameter; the network's four outputs, through tanh, say
         how much of it C_f, C_r, mu_f and mu_r take.
+
+    References
+    ----------
+    .. [1] J. Chrosniak, J. Ning, M. Behl, Deep Dynamics: vehicle dynamics modeling with a physics-constrained neural
+       network for autonomous racing, IEEE Robotics and Automation Letters 9, 2024.
     """
 
+    network_outputs = 4, "moves of C_f, C_r, mu_f and mu_r"
     reach: float = 0.3
 
     def __post_init__(self) -> None:
@@ -148,13 +110,8 @@ class TireNetworkBicycle(NeuralBicycle):
             raise ParameterError(f"reach is {self.reach}; expected a share between 0 and 1, such as 0.3")
         super().__post_init__()
 
-    @classmethod
-    def network_outputs(cls) -> tuple[int, str]:
-        """How many outputs the network has, and what they are."""
-        return 4, "moves of C_f, C_r, mu_f and mu_r"
-
-    def rates(
-        self, x: Vector, u: Vector, p: NonlinearBicycleParams, network: Callable[[Vector], Vector]
-    ) -> tuple[Scalar, Scalar, Scalar]:
-        """See `tire_network_bicycle`."""
-        return tire_network_bicycle(x, u, p, network, self.reach)
+    def rates(self, x: Vector, u: Vector, p: NonlinearBicycleParams, network: Correction) -> Rates:
+        """Rates from tire coefficients that the network moves: ``C_f (1 + reach tanh z_1)`` and so on."""
+        z, names = network(concatenate([x, u])), AxleCoefficients._fields
+        moved = (getattr(p, name) * (1.0 + self.reach * tanh(z[i])) for i, name in enumerate(names))
+        return state_rates(x, u, p, AxleCoefficients(*moved))

@@ -114,6 +114,15 @@ def nonlinear_bicycle(
     return (F_yf + F_yr) / p.mass - v * r, (p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z, F_yf
 
 
+def state_rates(
+    x: Vector, u: Vector, p: NonlinearBicycleParams, tires: AxleCoefficients | None = None
+) -> tuple[Scalar, Scalar, Scalar]:
+    """Rates of v_y [m/s2], r [rad/s2] and delta_w [rad/s] from the state v_y, r, delta_w and delta, v_x, v_x_dot."""
+    v_y_dot, r_dot, F_yf = nonlinear_bicycle(x[0], x[1], x[2], u[1], u[2], p, tires=tires)
+    wanted = p.road_wheel(u[0]) - p.compliance * F_yf
+    return v_y_dot, r_dot, (wanted - x[2]) / p.steering_lag
+
+
 @dataclass(frozen=True, kw_only=True)
 class NonlinearBicycle(OdeModel):
     """Bicycle with Magic Formula axles, load transfer, combined slip, steering lag and compliance.
@@ -143,10 +152,7 @@ class NonlinearBicycle(OdeModel):
 
     def derivative(self, x: Vector, u: Vector) -> Vector:
         """See `nonlinear_bicycle`."""
-        p = self.params
-        v_y_dot, r_dot, F_yf = nonlinear_bicycle(x[0], x[1], x[2], u[1], u[2], p)
-        wanted = p.road_wheel(u[0]) - p.compliance * F_yf
-        return stack([v_y_dot, r_dot, (wanted - x[2]) / p.steering_lag])
+        return stack(state_rates(x, u, self.params))
 
     def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
         """Lateral acceleration of the centre of gravity."""

@@ -11,16 +11,7 @@ from slipangle.ops import Scalar, clip
 
 
 def table(x: Scalar, places: Sequence[float], values: Sequence[Scalar]) -> Scalar:
-    """Straight lines between points, constant beyond them, on numbers and symbols.
-
-    Parameters
-    ----------
-    x : scalar
-        Where to read.
-    places : sequence of float
-        Rising.
-    values : sequence of float
-        As many.
+    """Straight lines between values at rising places, constant beyond them, on numbers and symbols.
 
     >>> [float(table(x, (0.0, 1.0, 3.0), (5.0, 7.0, 3.0))) for x in (-1.0, 0.5, 2.0, 9.0)]
     [5.0, 6.0, 5.0, 3.0]
@@ -33,13 +24,7 @@ def table(x: Scalar, places: Sequence[float], values: Sequence[Scalar]) -> Scala
 
 
 def check_table(what: str, places: Sequence[float], values: Sequence[float]) -> None:
-    """Raise unless places rise and there are as many values.
-
-    Raises
-    ------
-    ParameterError
-        Naming the table.
-    """
+    """Raise a `ParameterError` unless places rise and there are as many values."""
     if len(places) != len(values):
         raise ParameterError(f"{what} has {len(places)} places and {len(values)} values; expected as many of each")
     if any(not b > a for a, b in pairwise(places)):

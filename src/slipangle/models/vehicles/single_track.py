@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,23 +19,10 @@ from slipangle.ops import Scalar, Vector, cos, sin, stack
 def single_track(x: Vector, u: Vector, p: SingleTrackParams, tire_f: Tire, tire_r: Tire, v_low: float = 0.5) -> Vector:
     """State rates of the single track with wheel spin. [1]_ eqs. 3-1 to 3-8, slip sign corrected.
 
-    Parameters
-    ----------
-    x : vector of 8
-        v_x, v_y [m/s], r [rad/s], omega_f, omega_r [rad/s], X, Y [m], psi [rad].
-    u : vector of 3
-        Road-wheel angle [rad], drive torque on the front and on the rear axle [N m].
-    p : SingleTrackParams
-        The car.
-    tire_f, tire_r : Tire
-        One front and one rear tire; an axle has two.
-    v_low : float
-        Speed below which slip is softened. [m/s]
-
-    Notes
-    -----
-    Slip angles use atan2 of the axle's velocity, and the front slip ratio the speed along the wheel's
-    own plane; both reduce to eqs. 3-11 to 3-13 at small angles.
+    The state is v_x, v_y [m/s], r [rad/s], omega_f, omega_r [rad/s], X, Y [m], psi [rad]; inputs are the road-wheel
+    angle [rad] and the drive torque on the front and on the rear axle [N m]. The tires are one of the two of an axle;
+    below ``v_low`` [m/s] slip is softened. Slip angles use atan2 of the axle's velocity, and the front slip ratio the
+    speed along the wheel's own plane; both reduce to eqs. 3-11 to 3-13 at small angles.
 
     References
     ----------
@@ -62,8 +50,26 @@ def single_track(x: Vector, u: Vector, p: SingleTrackParams, tire_f: Tire, tire_
     )
 
 
+class StartsRolling(OdeModel):
+    """A model whose states that nobody measured start as in straight driving at the first speed."""
+
+    @abc.abstractmethod
+    def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
+        """State of straight driving at speed ``v_x`` [m/s] with rolling wheels."""
+
+    def _start(self, name: str, data: Dataset) -> float:
+        if name in data:
+            return float(data[name][0])
+        if "v_x" not in data:
+            raise MissingColumnError(
+                f"'{data.name}' has no channel 'v_x', which the car starts from; {nearest('v_x', data.names)}: add the "
+                "speed"
+            )
+        return float(self.straight(float(data["v_x"][0]))[self.states.index(name)])
+
+
 @dataclass(frozen=True, kw_only=True)
-class SingleTrack(OdeModel):
+class SingleTrack(StartsRolling):
     """Single track with wheel spin on any tires.
 
     States v_x, v_y [m/s], r, omega_f, omega_r [rad/s], X, Y [m], psi [rad]; inputs delta [rad], T_f, T_r
@@ -98,15 +104,3 @@ class SingleTrack(OdeModel):
         """State of straight driving at speed ``v_x`` [m/s] with rolling wheels."""
         omega = v_x / self.params.radius
         return np.array([v_x, 0.0, 0.0, omega, omega, X, Y, psi])
-
-    def _start(self, name: str, data: Dataset) -> float:
-        if name in data:
-            return float(data[name][0])
-        if name == "v_x":
-            raise MissingColumnError(
-                f"'{data.name}' has no channel 'v_x', which the single track starts from; {nearest(name, data.names)}: "
-                "add the speed"
-            )
-        if name in ("omega_f", "omega_r"):
-            return float(data["v_x"][0]) / self.params.radius
-        return 0.0

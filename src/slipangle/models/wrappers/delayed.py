@@ -26,13 +26,7 @@ def interpolation(position: Scalar, count: int) -> list[Scalar]:
 
     Cubic convolution [1]_: exact at the samples and for straight lines, once differentiable in ``position`` everywhere.
     The sample after the newest, which is not known yet, is extrapolated from the last two.
-
-    Parameters
-    ----------
-    position : scalar
-        From 0 to ``count - 2``; may be a symbol. [samples]
-    count : int
-        Samples kept, at least 3.
+    ``position`` is from 0 to ``count - 2`` [samples], with at least 3 samples kept.
 
     References
     ----------

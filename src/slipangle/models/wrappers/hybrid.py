@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import MissingColumnError, ParameterError, nearest
+from slipangle.fields import Checked, Within
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.model import FitInfo, Model, derived, taken
 from slipangle.models.wrappers.wrapper import Wrapper
@@ -30,7 +31,7 @@ class Corrected(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class HybridModel(Model):
+class HybridModel(Checked, Model):
     """``y(k) = y_m(k) + g F[y_e(k-1), ..., u(k-1), ...]``, where F feeds back its own prediction only. [1]_ eq. 8-2
 
     The base model runs free on the inputs; no measurement enters it after the start. Measuring the output moves the
@@ -57,13 +58,14 @@ class HybridModel(Model):
 
     base: Model
     discrepancy: NARXModel
-    gain: float = 1.0
+    gain: Annotated[float, Within(0, 1)] = 1.0
     fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
     dt = taken("base.dt")
     outputs = taken("base.outputs")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.base.outputs != self.discrepancy.outputs:
             raise ParameterError(
                 f"the discrepancy has the outputs {self.discrepancy.outputs}, the base model {self.base.outputs}; "
@@ -74,8 +76,6 @@ class HybridModel(Model):
                 f"the discrepancy works at {self.discrepancy.dt:g} s, the base model at {self.base.dt:g} s; expected "
                 "the same: fit both to the same data"
             )
-        if not 0 <= self.gain <= 1:
-            raise ParameterError(f"the gain is {self.gain}; expected 0 (discrepancy off) to 1")
 
     @derived
     def inputs(self) -> tuple[str, ...]:

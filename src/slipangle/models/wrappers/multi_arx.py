@@ -1,4 +1,9 @@
-"""ARX models identified at several speeds, blended by weights of speed that sum to 1."""
+"""ARX models identified at several speeds, blended by weights of speed that sum to 1.
+
+References
+----------
+.. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +18,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
+from slipangle.fields import Checked
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.model import Model, derived
 from slipangle.ops import Scalar, Vector, clip, concatenate, matmul
@@ -48,7 +54,7 @@ def speed_weights(v_x: Scalar, speeds: Sequence[float], shape: Shape = "triangul
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpeedBlend(Model):
+class SpeedBlend(Checked, Model):
     """What both kinds of blending share: the models, their speeds, their coefficients with equal numbers of lags.
 
     Parameters
@@ -76,14 +82,13 @@ class SpeedBlend(Model):
     outputs = derived(lambda self: self.models[0].outputs)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if len(self.models) != len(self.speeds) or not self.models:
             raise ParameterError(
                 f"there are {len(self.models)} models for {len(self.speeds)} speeds; expected one for each"
             )
         if any(not b > a for a, b in pairwise(self.speeds)) or not np.isfinite(self.speeds).all():
             raise ParameterError(f"the models' speeds are {self.speeds}; expected rising ones")
-        if self.shape not in ("triangular", "smooth"):
-            raise ParameterError(f"the weights' shape is {self.shape!r}; expected 'triangular' or 'smooth'")
         first = self.models[0]
         if len(first.inputs) != 1:
             raise ParameterError(f"the models have inputs {list(first.inputs)}; expected one, the steering angle")
@@ -225,10 +230,6 @@ class ParallelARX(SpeedBlend):
 
     This is the prediction in the cost of MARX-MPC. The state holds every model's lagged outputs, then past inputs;
     `correct` gives all models the measured outputs.
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
     """
 
     one_prediction = False

@@ -15,6 +15,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from slipangle.fields import Checked
 from slipangle.models.tires.magic_formula.coefficients import MagicCoefficients
 from slipangle.ops import Scalar, atan, clip, cos, fabs, is_symbolic, minimum, sin, sqrt, tan, where
 
@@ -22,7 +23,7 @@ _TINY = 1e-6  # N, keeps quotients of forces finite at zero load; changes them b
 
 
 @dataclass(frozen=True, kw_only=True)
-class Conventions:
+class Conventions(Checked):
     """Choices on which codes of the Magic Formula differ; the defaults follow the book [1]_.
 
     Parameters
@@ -251,20 +252,10 @@ def induced_lateral(c: MagicCoefficients, s: Slip, gamma: Scalar, peak: Scalar) 
 
 
 def ellipse(s: Slip, x: LongitudinalForce, y: Lateral) -> tuple[Scalar, Scalar]:
-    """Shares of the pure-slip forces that are left on the friction ellipse, for tires without combined-slip data.
+    """G_x and G_y: shares of the pure forces that are left on the friction ellipse, without combined-slip data.
 
-    Parameters
-    ----------
-    s : Slip
-        Slip.
-    x, y : LongitudinalForce, Lateral
-        Pure forces.
-
-    Returns
-    -------
-    tuple
-        G_x and G_y. With t = |sin(alpha_c) / kappa_c|, slips counted from where the force vanishes, and mu the
-        friction used: G_x = 1 / sqrt(1 + (t mu_x / mu_y,max)^2) and G_y = 1 / sqrt(1 + (mu_y / (t mu_x,max))^2).
+    With t = |sin(alpha_c) / kappa_c|, slips counted from where the force vanishes, and mu the friction used:
+    G_x = 1 / sqrt(1 + (t mu_x / mu_y,max)^2) and G_y = 1 / sqrt(1 + (mu_y / (t mu_x,max))^2).
     """
     kappa = s.kappa + x.S_h + ratio(x.S_v, x.K)
     alpha = s.cosine * (s.tangent + y.S_h + ratio(y.S_v, y.K))

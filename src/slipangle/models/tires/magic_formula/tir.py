@@ -42,30 +42,25 @@ _LIMITS: dict[str, tuple[str, str]] = {
     "camber": ("CAMMIN", "CAMMAX"),
     "pressure": ("PRESMIN", "PRESMAX"),
 }
-_SECTIONS: tuple[tuple[str, str], ...] = (  # first match by prefix or name decides where a new key goes
-    ("FZM", "VERTICAL_FORCE_RANGE"),
-    ("KPUM", "LONG_SLIP_RANGE"),
-    ("ALPM", "SLIP_ANGLE_RANGE"),
-    ("CAMM", "INCLINATION_ANGLE_RANGE"),
-    ("PRESM", "INFLATION_PRESSURE_RANGE"),
-    ("INFLPRES", "OPERATING_CONDITIONS"),
-    ("NOMPRES", "OPERATING_CONDITIONS"),
-    *((name, "MODEL") for name in ("LONGVL", "VXLOW")),
-    *((name, "DIMENSION") for name in ("UNLOADED_RADIUS", "WIDTH", "RIM_RADIUS")),
-    *((name, "STRUCTURAL") for name in ("LONGITUDINAL_STIFFNESS", "LATERAL_STIFFNESS", "PCF")),
-    *((name, "VERTICAL") for name in ("FNOMIN", "VERTICAL_STIFFNESS", "BREFF", "DREFF", "FREFF", "Q_", "PFZ")),
-    *((name, "TURNSLIP_COEFFICIENTS") for name in ("PDXP", "PKYP", "PDYP", "PHYP", "PECP", "QDTP", "QCRP", "QBRP")),
-    ("QDRP", "TURNSLIP_COEFFICIENTS"),
-    ("PPMX", "OVERTURNING_COEFFICIENTS"),
-    ("QSX", "OVERTURNING_COEFFICIENTS"),
-    ("QSY", "ROLLING_COEFFICIENTS"),
-    *((name, "ALIGNING_COEFFICIENTS") for name in ("QBZ", "QCZ", "QDZ", "QEZ", "QHZ", "PPZ", "SSZ")),
-    *((name, "LONGITUDINAL_COEFFICIENTS") for name in ("PCX", "PDX", "PEX", "PKX", "PHX", "PVX", "PPX", "PTX")),
-    *((name, "LONGITUDINAL_COEFFICIENTS") for name in ("RBX", "RCX", "REX", "RHX")),
-    *((name, "LATERAL_COEFFICIENTS") for name in ("PCY", "PDY", "PEY", "PKY", "PHY", "PVY", "PPY", "PTY")),
-    *((name, "LATERAL_COEFFICIENTS") for name in ("RBY", "RCY", "REY", "RHY", "RVY")),
-    ("L", "SCALING_COEFFICIENTS"),
-)
+_SECTIONS = {  # of a new key, by what its name begins with; the first that fits
+    "VERTICAL_FORCE_RANGE": "FZM",
+    "LONG_SLIP_RANGE": "KPUM",
+    "SLIP_ANGLE_RANGE": "ALPM",
+    "INCLINATION_ANGLE_RANGE": "CAMM",
+    "INFLATION_PRESSURE_RANGE": "PRESM",
+    "OPERATING_CONDITIONS": "INFLPRES NOMPRES",
+    "MODEL": "LONGVL VXLOW",
+    "DIMENSION": "UNLOADED_RADIUS WIDTH RIM_RADIUS",
+    "STRUCTURAL": "LONGITUDINAL_STIFFNESS LATERAL_STIFFNESS PCF",
+    "VERTICAL": "FNOMIN VERTICAL_STIFFNESS BREFF DREFF FREFF Q_ PFZ",
+    "TURNSLIP_COEFFICIENTS": "PDXP PKYP PDYP PHYP PECP QDTP QCRP QBRP QDRP",
+    "OVERTURNING_COEFFICIENTS": "PPMX QSX",
+    "ROLLING_COEFFICIENTS": "QSY",
+    "ALIGNING_COEFFICIENTS": "QBZ QCZ QDZ QEZ QHZ PPZ SSZ",
+    "LONGITUDINAL_COEFFICIENTS": "PCX PDX PEX PKX PHX PVX PPX PTX RBX RCX REX RHX",
+    "LATERAL_COEFFICIENTS": "PCY PDY PEY PKY PHY PVY PPY PTY RBY RCY REY RHY RVY",
+    "SCALING_COEFFICIENTS": "L",
+}
 
 
 def version_of(tir: TirFile) -> type[MagicCoefficients]:
@@ -263,42 +258,47 @@ def file_from(
         if name in comments:
             notes[written or name] = comments[name]
             changed.setdefault(written or name, value)
-    changed |= _changed_limits(source, limits)
+    for key, value in _finite(limits).items():
+        if source.number(key) != value and not (key == "FZMIN" and value == 0.0):
+            changed[key] = value
     new = source.with_values(changed, comments=notes, section={name: _section(name) for name in changed})
     return _with_switches(new, switches)
 
 
-def _changed_limits(source: TirFile, limits: ValidRange) -> dict[str, float]:
-    return {
-        key: value
-        for name, keys in _LIMITS.items()
-        for key, value in zip(keys, getattr(limits, name), strict=True)
-        if math.isfinite(value) and source.number(key) != value and not (key == "FZMIN" and value == 0.0)
+def _finite(limits: ValidRange) -> dict[str, float]:
+    """Limits by key of a file, where there are some."""
+    ends = {
+        key: value for name, keys in _LIMITS.items() for key, value in zip(keys, getattr(limits, name), strict=True)
     }
+    return {key: value for key, value in ends.items() if math.isfinite(value)}
 
 
 def _section(name: str) -> str:
-    return next((section for prefix, section in _SECTIONS if name.startswith(prefix)), "MODEL")
+    return next((section for section, starts in _SECTIONS.items() if name.startswith(tuple(starts.split()))), "MODEL")
+
+
+_HEADER = """\
+[MDI_HEADER]
+FILE_TYPE                = 'tir'
+FILE_VERSION             = 3.0
+FILE_FORMAT              = 'ASCII'
+[UNITS]
+LENGTH                   = 'meter'
+FORCE                    = 'newton'
+ANGLE                    = 'radians'
+MASS                     = 'kg'
+TIME                     = 'second'
+[MODEL]
+FITTYP                   = {}
+TYRESIDE                 = 'UNKNOWN'
+"""
 
 
 def _new_file(c: MF61Coefficients | MF52Coefficients, limits: ValidRange, comments: Mapping[str, str]) -> TirFile:
-    extra = {
-        key: value
-        for name, keys in _LIMITS.items()
-        for key, value in zip(keys, getattr(limits, name), strict=True)
-        if math.isfinite(value)
-    }
-    grouped: dict[str, dict[str, float]] = {}
-    for key, value in {**{n: getattr(c, n) for n in c.metadata()}, **extra}.items():
-        grouped.setdefault(_section(key), {})[key] = value
-    lines = ["[MDI_HEADER]", "FILE_TYPE                = 'tir'", "FILE_VERSION             = 3.0"]
-    lines += ["FILE_FORMAT              = 'ASCII'", "[UNITS]"]
-    units = (("LENGTH", "meter"), ("FORCE", "newton"), ("ANGLE", "radians"), ("MASS", "kg"), ("TIME", "second"))
-    lines += [f"{key:<24} = '{unit}'" for key, unit in units]
-    lines += ["[MODEL]", f"{'FITTYP':<24} = {c.fit_type}"]
-    lines += [f"{'TYRESIDE':<24} = 'UNKNOWN'"]
     meta = c.metadata()
-    tir = parse_tir("\n".join(lines) + "\n", name="new tire")
-    values = {key: value for group in grouped.values() for key, value in group.items()}
-    notes = {key: comments.get(key) or (meta[key].doc if key in meta else "") for key in values}
-    return tir.with_values(values, comments=notes, section={key: _section(key) for key in values})
+    values = {name: getattr(c, name) for name in meta} | _finite(limits)
+    section = {key: _section(key) for key in values}
+    first = list(dict.fromkeys(section.values()))  # keys of a section stand together
+    ordered = {key: values[key] for key in sorted(values, key=lambda key: first.index(section[key]))}
+    notes = {key: comments.get(key) or (meta[key].doc if key in meta else "") for key in ordered}
+    return parse_tir(_HEADER.format(c.fit_type), name="new tire").with_values(ordered, comments=notes, section=section)

@@ -4,13 +4,13 @@ The equations are in ``mf61`` and ``mf52``, the coefficients in ``coefficients``
 `Conventions`. This module converts axes, checks ranges, mirrors, and links tires to files.
 """
 
-# Long: one class; half of it says what arguments mean and in which axes.
 from __future__ import annotations
 
 import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Self
 
@@ -18,6 +18,7 @@ import numpy as np
 
 from slipangle.data.readers.tir import TirFile, read_tir
 from slipangle.errors import ModelWarning, ParameterError, nearest
+from slipangle.fields import Checked
 from slipangle.models.model import FitInfo
 from slipangle.models.tires.magic_formula.coefficients import MF52Coefficients, MF61Coefficients
 from slipangle.models.tires.magic_formula.mf52 import MF52
@@ -26,7 +27,7 @@ from slipangle.models.tires.magic_formula.terms import Conventions, MagicForces,
 from slipangle.models.tires.magic_formula.tir import Switches, coefficients_from, file_from, limits_from, switches_from
 from slipangle.models.tires.magic_formula.validity import ValidRange
 from slipangle.models.tires.simple import KnownRange, Tire, TireForces, practical_slip
-from slipangle.ops import Scalar, is_symbolic
+from slipangle.ops import Scalar, is_symbolic, is_traced
 
 AxisSystem = Literal["ISO-W", "SAE", "adapted SAE"]
 Side = Literal["LEFT", "RIGHT"]
@@ -38,6 +39,7 @@ _AXES: dict[str, tuple[float, float]] = {
     "slipangle": (-1.0, 1.0),
 }
 _EQUATIONS = {"5.2": MF52(), "6": MF61()}
+_INPUTS = ("kappa", "alpha", "load", "camber", "friction", "pressure", "speed", "turn_slip")
 _CHUNK = 4096  # samples that pass through the equations at a time: their temporaries stay in the cache
 # Coefficients of conicity, ply steer and other differences between left and right.
 _ASYMMETRIC = (
@@ -54,7 +56,7 @@ class RelaxationLengths(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MagicFormulaTire(Tire):
+class MagicFormulaTire(Checked, Tire):
     """Magic Formula tire. [1]_, [2]_
 
     Parameters
@@ -106,51 +108,32 @@ class MagicFormulaTire(Tire):
     source: TirFile | None = field(default=None, repr=False, compare=False)
     fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        for name, value, known in (
-            ("outside", self.outside, ("error", "extrapolate")),
-            ("combined", self.combined, ("weighting", "ellipse", "none")),
-            ("axes", self.axes, ("ISO-W", "SAE", "adapted SAE")),
-            ("side", self.side, ("LEFT", "RIGHT", "")),
-        ):
-            if value not in known:
-                raise ParameterError(f"{name} is {value!r}; {nearest(str(value), known)}: use one of these")
-
     # ---- evaluate ----------------------------------------------------------------------------------------------
 
     def forces(
-        self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0
-    ) -> TireForces:
-        """Forces in ISO 8855 axes with a positive slip angle giving a force to the left.
-
-        At the pressure of the file and its reference speed, without turn slip; `evaluate` has them all. Slip ratio
-        is that of `slipangle.models.tires.simple.slip_ratio`, converted to the one of tire files (`practical_slip`).
-        """
-        return self.forces_at(slip_ratio, slip_angle, load, camber=camber, friction=friction)
-
-    def forces_at(
         self,
         slip_ratio: Scalar,
         slip_angle: Scalar,
         load: Scalar,
         *,
-        camber: Scalar,
-        pressure: Scalar | None = None,
+        camber: Scalar = 0.0,
         friction: Scalar = 1.0,
+        pressure: Scalar | None = None,
+    ) -> TireForces:
+        """Forces in ISO 8855 axes with a positive slip angle giving a force to the left.
+
+        At the reference speed of the file and, unless given, its pressure [Pa], without turn slip; `evaluate` has them
+        all. Slip ratio is that of `slipangle.models.tires.simple.slip_ratio`, converted to the one of tire files
+        (`practical_slip`).
+        """
+        kappa = practical_slip(slip_ratio if not isinstance(slip_ratio, (list, tuple)) else np.asarray(slip_ratio))
+        return TireForces(*self._run("slipangle", kappa, slip_angle, load, camber, friction, pressure)[:5])
+
+    def forces_at(
+        self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar, pressure: Scalar | None
     ) -> TireForces:
         """`forces` at an inflation pressure [Pa]; None is that of the file."""
-        found = self._run(
-            "slipangle",
-            kappa=practical_slip(slip_ratio if not isinstance(slip_ratio, (list, tuple)) else np.asarray(slip_ratio)),
-            alpha=slip_angle,
-            load=load,
-            camber=camber,
-            friction=friction,
-            pressure=pressure,
-            speed=None,
-            turn_slip=None,
-        )
-        return TireForces(*found[:5])
+        return self.forces(slip_ratio, slip_angle, load, camber=camber, pressure=pressure)
 
     def evaluate(
         self,
@@ -199,20 +182,11 @@ class MagicFormulaTire(Tire):
         if axes not in _AXES or axes == "slipangle":
             names = ("ISO-W", "SAE", "adapted SAE")
             raise ParameterError(f"axes is {axes!r}; {nearest(str(axes), names)}: use one of these")
-        return self._run(
-            axes,
-            kappa=slip_ratio,
-            alpha=slip_angle,
-            load=load,
-            camber=camber,
-            friction=friction,
-            pressure=pressure,
-            speed=speed,
-            turn_slip=turn_slip,
-        )
+        return self._run(axes, slip_ratio, slip_angle, load, camber, friction, pressure, speed, turn_slip)
 
-    def _run(self, axes: str, **inputs: Any) -> MagicForces:
-        """Axes at the door, checks, chunks."""
+    def _run(self, axes: str, *given: Any) -> MagicForces:
+        """Axes at the door, checks, chunks; what is not given is None."""
+        inputs: dict[str, Any] = dict(zip_longest(_INPUTS, given))
         c = self.coefficients
         if inputs["pressure"] is None:
             inputs["pressure"] = c.INFLPRES if not is_zero(c.INFLPRES) else c.NOMPRES
@@ -226,23 +200,18 @@ class MagicFormulaTire(Tire):
         if hand < 0:
             inputs["camber"] = -inputs["camber"]
             inputs["turn_slip"] = None if inputs["turn_slip"] is None else -inputs["turn_slip"]
-        if not any(_is_traced(v) for v in inputs.values()):
+        if is_symbolic(*inputs.values()) or is_traced(*inputs.values()):  # no numbers to check yet
+            found = self._equations(**inputs)
+        else:
             self._check(inputs)
             found = self._chunked(inputs)
-        else:
-            found = self._equations(**inputs)
         # the equations give M_y about the axis to the left, whatever the axes of the coefficients
         spin_sign = _AXES[axes][1]
         lateral = side_sign * hand
+        signs = dict.fromkeys(("F_y", "M_z", "F_y0", "M_zr", "arm"), lateral)
+        signs |= {"M_x": hand, "M_y": spin_sign, "K_y": side_sign * slip_sign}
         return found._replace(
-            F_y=_signed(found.F_y, lateral),
-            M_x=_signed(found.M_x, hand),
-            M_y=_signed(found.M_y, spin_sign),
-            M_z=_signed(found.M_z, lateral),
-            F_y0=_signed(found.F_y0, lateral),
-            K_y=_signed(found.K_y, side_sign * slip_sign),
-            M_zr=_signed(found.M_zr, lateral),
-            arm=_signed(found.arm, lateral),
+            **{name: getattr(found, name) if s > 0 else -getattr(found, name) for name, s in signs.items()}
         )
 
     def _equations(self, **inputs: Any) -> MagicForces:
@@ -275,26 +244,15 @@ class MagicFormulaTire(Tire):
     def relaxation_lengths(
         self, load: Scalar, *, camber: Scalar = 0.0, pressure: Scalar | None = None
     ) -> RelaxationLengths:
-        """Relaxation lengths at small slip. [m]
-
-        Parameters
-        ----------
-        load : scalar or array
-            Vertical load, positive. [N]
-        camber : scalar or array
-            Inclination. [rad]
-        pressure : scalar or array, optional
-            Inflation pressure; that of the file by default. [Pa]
+        """Relaxation lengths at small slip [m], at a load [N], camber [rad] and pressure [Pa], by default the file's.
 
         Raises
         ------
         ParameterError
             If the carcass stiffness that version 6 needs is missing.
         """
-        c = self.coefficients
-        dpi = self._pressure_change(pressure)
-        fz0 = c.LFZO * c.FNOMIN
-        dfz = (load - fz0) / fz0
+        c, dpi = self.coefficients, self._pressure_change(pressure)
+        dfz = (load - c.LFZO * c.FNOMIN) / (c.LFZO * c.FNOMIN)
         return RelaxationLengths(*self._version.relaxation_lengths(c, load, dfz, dpi, camber))
 
     def rolling_radius(self, load: Scalar, *, speed: Scalar = 0.0, pressure: Scalar | None = None) -> Scalar:
@@ -386,28 +344,16 @@ class MagicFormulaTire(Tire):
         """
         tir = file if isinstance(file, TirFile) else read_tir(file)
         o = conventions or Conventions()
-        found = switches_from(tir)
-        return cls(
-            coefficients=coefficients_from(tir, o),
-            conventions=o,
-            limits=limits_from(tir),
-            outside=outside,
-            combined=combined or found.combined,
-            axes=axes or found.axes,
-            side=found.side if side is None else side,
-            mirrored=found.mirrored,
-            source=tir,
-        )
+        given: dict[str, Any] = {"combined": combined, "axes": axes, "side": side}
+        switches = switches_from(tir)._asdict() | {key: value for key, value in given.items() if value is not None}
+        coefficients, limits = coefficients_from(tir, o), limits_from(tir)
+        return cls(coefficients=coefficients, conventions=o, limits=limits, outside=outside, source=tir, **switches)
 
     def to_tir(self, *, comments: Mapping[str, str] | None = None) -> TirFile:
         """The tire as a file: the one that it came from with what changed, or a new one.
 
-        Conventions are not part of a file; pass them again when you read it.
-
-        Parameters
-        ----------
-        comments : mapping, optional
-            New comments by coefficient, such as its confidence interval.
+        Conventions are not part of a file; pass them again when you read it. ``comments`` are new ones by coefficient,
+        such as its confidence interval.
 
         Raises
         ------
@@ -446,12 +392,3 @@ class MagicFormulaTire(Tire):
                 f"turn slip needs {', '.join(missing)}, which the tire does not have; expected the section "
                 "[TURNSLIP_COEFFICIENTS]: leave turn_slip out, or add them with with_coefficients"
             )
-
-
-def _is_traced(value: Any) -> bool:
-    """Whether a value is a symbol or a tracer, which has no number to check."""
-    return is_symbolic(value) or type(value).__module__.startswith("jax")
-
-
-def _signed(value: Scalar, sign: float) -> Scalar:
-    return value if sign > 0 else -value

@@ -18,10 +18,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
-from slipangle.errors import MissingColumnError, ParameterError, nearest
+from slipangle.errors import ParameterError
 from slipangle.models.fast import evaluate
-from slipangle.models.ode import OdeModel
 from slipangle.models.tires.simple import Tire
 from slipangle.models.vehicles.car import DualTrackParams
 from slipangle.models.vehicles.driveline import friction_torque, stopped
@@ -29,6 +27,7 @@ from slipangle.models.vehicles.dual_track.contact import Contact, Patch, contact
 from slipangle.models.vehicles.dual_track.kernel import Kernel
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.vehicles.road import Road
+from slipangle.models.vehicles.single_track import StartsRolling
 from slipangle.numerics.integrate import Step, discretise
 from slipangle.ops import Scalar, Vector, atan, atan2, clip, cos, fabs, is_symbolic, maximum, sign, sin, sqrt, stack
 
@@ -50,7 +49,7 @@ def _mounted(tire: Tire, side: Literal["LEFT", "RIGHT"]) -> Tire:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DualTrack(OdeModel):
+class DualTrack(StartsRolling):
     """The car as a plant: throttle, brake and steering in, motion of everything out.
 
     States, see docs/nomenclature.md: planar motion, wheel spins, relaxed slips, pose, roll and pitch, lagged
@@ -370,13 +369,3 @@ class DualTrack(OdeModel):
         omega = v_x / self.params.radius
         known = {"v_x": v_x, "X": X, "Y": Y, "psi": psi, "gear": float(self.params.driveline.gear_at(omega))}
         return np.array([omega if n.startswith("omega_") else known.get(n, 0.0) for n in STATES])
-
-    def _start(self, name: str, data: Dataset) -> float:
-        if name in data:
-            return float(data[name][0])
-        if "v_x" not in data:
-            raise MissingColumnError(
-                f"'{data.name}' has no channel 'v_x', which the car starts from; {nearest('v_x', data.names)}: "
-                "add the speed"
-            )
-        return float(self.straight(float(data["v_x"][0]))[_AT[name]])

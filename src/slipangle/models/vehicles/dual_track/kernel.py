@@ -183,34 +183,19 @@ def _constants(name: str, kind: str, table: np.ndarray) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Kernel:
-    """Compiled steps of one model; `build` makes it.
-
-    Parameters
-    ----------
-    library : CDLL
-        The compiled code.
-    n_states, n_inputs : int
-        Lengths of x and of the inputs with the varied parameters.
-    varied : tuple of str
-        Parameters that come after the inputs, one value per car and row.
-    """
+    """Compiled steps of one model; `build` makes it."""
 
     library: ctypes.CDLL = field(repr=False)
     n_states: int
-    n_inputs: int
-    varied: tuple[str, ...] = ()
+    n_inputs: int  # with the varied parameters
+    varied: tuple[str, ...] = ()  # parameters that come after the inputs, one value per car and row
 
     @classmethod
     def build(cls, model: _Car, *, varied: Sequence[str] = ()) -> Self | None:
-        """Compile a model, once per content; None without a compiler.
+        """Compile a `DualTrack`, once per content; None without a compiler.
 
-        Parameters
-        ----------
-        model : DualTrack
-            What to run; "rk4" or "euler".
-        varied : sequence of str, optional
-            Parameters of the car that differ between cars or over time, such as ``"mass"``; ``"mu_fl"``, ``"mu_fr"``,
-            ``"mu_rl"``, ``"mu_rr"`` are the friction under each wheel.
+        ``varied`` are parameters that differ between cars or over time, such as ``"mass"``; ``"mu_fl"``, ``"mu_fr"``,
+        ``"mu_rl"``, ``"mu_rr"`` are the friction under each wheel.
 
         Raises
         ------
@@ -228,14 +213,7 @@ class Kernel:
     def run(self, x: np.ndarray, u: np.ndarray, *, hold: int = 1) -> np.ndarray:
         """States of one car, shape (n + 1, n_states), the first being ``x``.
 
-        Parameters
-        ----------
-        x : array, shape (n_states,)
-            Where it starts.
-        u : array, shape (n, n_inputs)
-            Inputs, then the varied parameters; each row is held for ``hold`` samples.
-        hold : int
-            Samples per row.
+        Each row of ``u``, shape (n, n_inputs), inputs and then the varied parameters, is held for ``hold`` samples.
         """
         u = np.ascontiguousarray(u, dtype=float)
         if u.ndim != 2 or u.shape[1] != self.n_inputs or np.shape(x) != (self.n_states,) or hold < 1:
@@ -254,16 +232,8 @@ class Kernel:
     ) -> np.ndarray:
         """States of many cars, shape (n + 1, n_cars, n_states), or the last, shape (n_cars, n_states).
 
-        Parameters
-        ----------
-        x : array, shape (n_cars, n_states)
-            Where each starts.
-        u : array, shape (n, n_cars, n_inputs)
-            Inputs of each, then the varied parameters; each row is held for ``hold`` samples.
-        hold, threads : int
-            Samples per row; threads to share the cars out to.
-        last_only : bool
-            Keep the last state only.
+        ``x`` has the shape (n_cars, n_states), ``u`` (n, n_cars, n_inputs), and is held as in `run`; ``threads``
+        share the cars.
         """
         x, u = np.asarray(x, dtype=float), np.asarray(u, dtype=float)
         cars, rows = len(x), len(u)
