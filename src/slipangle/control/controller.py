@@ -1,17 +1,19 @@
-"""`Controller`: what every controller is asked; `Led`: one that takes over the problem of another object."""
+"""`Controller`: what every one is asked; `Steering`: those that steer at a given speed; `Led`: those around another."""
 
 from __future__ import annotations
 
 import abc
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from slipangle.models.model import without_caches
+from slipangle.optimal.arrays import array
+from slipangle.optimal.checks import require_reference
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Plan
+from slipangle.optimal.terms import require_names
 from slipangle.paths.preview import Preview
 
 Ahead = Reference | Preview  # what is wanted over the horizon, or a look along a path
@@ -79,20 +81,58 @@ class Controller(abc.ABC):
         """
 
 
-def along(preview: Preview, times: np.ndarray, columns: Sequence[str], v_x: np.ndarray | float | None) -> Reference:
-    """Columns of a preview, and the speed alone from outside: the preview's unless given.
+class Steering(Controller):
+    """A controller that decides steering at equal steps, from columns of a preview and the speed, which is given.
 
-    Raises
-    ------
-    ParameterError
-        If the preview is not at these times.
+    Attributes
+    ----------
+    columns : tuple of str
+        Those of a preview that it reads, and of ``Reference.tracked``.
+    horizon : int
+        Steps ahead.
     """
-    preview.require_times(times)
-    speed = np.asarray(preview.v_x[:-1] if v_x is None else v_x, dtype=float)
-    return Reference(
-        tracked=np.column_stack([getattr(preview, n) for n in columns]),
-        exogenous=np.broadcast_to(speed, (len(times) - 1,))[:, None],
-    )
+
+    exogenous = ("v_x",)
+    columns: Any
+    horizon: Any
+
+    @cached_property
+    def times(self) -> np.ndarray:
+        """Instants of the plan's states, shape (horizon + 1,). [s]"""
+        return self.dt * np.arange(self.horizon + 1)
+
+    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
+        """`Reference` from a look along a path: its columns, and its speed unless ``v_x`` is given.
+
+        Raises
+        ------
+        ParameterError
+            If the preview is not at `times`, or another input than the speed is given.
+        """
+        preview.require_times(self.times)
+        require_names(exogenous, self.exogenous, "reference()", "only the speed is given from outside")
+        speed = np.asarray(exogenous.get("v_x", preview.v_x[:-1]), dtype=float)
+        return Reference(
+            tracked=np.column_stack([getattr(preview, n) for n in self.columns]),
+            exogenous=np.broadcast_to(speed, (self.horizon,))[:, None],
+        )
+
+    def check_reference(self, reference: Reference) -> Reference:
+        """The reference as arrays of numbers in the shapes of this problem; the same one where it has them.
+
+        Raises
+        ------
+        ParameterError
+            With the array, its shape and the one expected.
+        """
+        require_reference(reference)
+        tracked = array(reference.tracked, (self.horizon + 1, len(self.columns)), self.columns, "reference.tracked")
+        speed = reference.exogenous  # perhaps with a row for the end, which counts nowhere here
+        speed = speed[: self.horizon] if np.ndim(speed) == 2 and len(speed) == self.horizon + 1 else speed
+        exogenous = array(speed, (self.horizon, 1), self.exogenous, "reference.exogenous")
+        if tracked is reference.tracked and exogenous is reference.exogenous:
+            return reference
+        return Reference(tracked=tracked, exogenous=exogenous)
 
 
 class Led(Controller):

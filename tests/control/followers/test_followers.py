@@ -195,7 +195,7 @@ def test_bad_input_says_what_to_do():
         Stanley(params=CAR, horizon=0)
     with pytest.raises(ParameterError, match="rising"):
         PreviewLQR(params=CAR, speeds=(5.0, 4.0))
-    with pytest.raises(ParameterError, match="weight_change is 0.0; expected a positive number"):
+    with pytest.raises(ParameterError, match=r"weight_change is 0\.0; expected a positive number"):
         PreviewLQR(params=CAR, weight_change=0.0)
     with pytest.raises(ParameterError, match="horizon \\+ 1"):
         FOLLOWERS["LQR"].reference(straight_path().ahead(0.0, 3, 0.05))

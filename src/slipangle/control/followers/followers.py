@@ -14,24 +14,20 @@ from time import perf_counter
 import numpy as np
 
 from slipangle.control.call import applied_before, given
-from slipangle.control.controller import Ahead, Controller, along
+from slipangle.control.controller import Ahead, Steering
 from slipangle.fields import Checked, Count, Positive
 from slipangle.models.model import Model
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.kinematic import Kinematic
 from slipangle.models.vehicles.parameters import BicycleParams, ChassisParams
 from slipangle.models.wrappers.on_ground import OnGround
-from slipangle.optimal.arrays import array
-from slipangle.optimal.checks import NUMBER, Judge, counted, health_of, require_reference
+from slipangle.optimal.checks import NUMBER, Judge, counted, health_of
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Plan, Status, within
-from slipangle.paths.preview import Preview
-
-_COLUMNS = ("X", "Y", "psi", "curvature", "v_x")
 
 
 @dataclass(frozen=True, kw_only=True)
-class PathFollower(Checked, Controller):
+class PathFollower(Checked, Steering):
     """A steering law; subclasses say from what model's state and how.
 
     Parameters
@@ -54,18 +50,13 @@ class PathFollower(Checked, Controller):
     """
 
     controls = ("delta",)
-    exogenous = ("v_x",)
+    columns = ("X", "Y", "psi", "curvature", "v_x")
 
     params: ChassisParams
     dt: Positive = 0.05
     horizon: Count = 20
     limit: Positive = 0.5
     rate: Positive = math.inf
-
-    @cached_property
-    def times(self) -> np.ndarray:
-        """Instants to look at, shape (horizon + 1,). [s]"""
-        return self.dt * np.arange(self.horizon + 1)
 
     @abc.abstractmethod
     def law(self, x: np.ndarray, ahead: np.ndarray, v_x: float, last: float) -> float:
@@ -82,16 +73,6 @@ class PathFollower(Checked, Controller):
         last : float
             Road-wheel angle applied before. [rad]
         """
-
-    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
-        """The path ahead as the law reads it.
-
-        Raises
-        ------
-        ParameterError
-            If the preview is not at `times`.
-        """
-        return along(preview, self.times, _COLUMNS, exogenous.get("v_x"))
 
     def plan(
         self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
@@ -134,20 +115,7 @@ class PathFollower(Checked, Controller):
     @cached_property
     def _judge(self) -> Judge:
         """What is plausible."""
-        return Judge(self.model.states, _COLUMNS, self.exogenous, self.horizon)
-
-    def check_reference(self, reference: Reference) -> Reference:
-        """The reference as arrays of numbers in the shapes of this horizon.
-
-        Raises
-        ------
-        ParameterError
-            With the array, its shape and the one expected.
-        """
-        require_reference(reference)
-        tracked = array(reference.tracked, (self.horizon + 1, len(_COLUMNS)), _COLUMNS, "reference.tracked")
-        exogenous = array(reference.exogenous, (self.horizon, 1), self.exogenous, "reference.exogenous")
-        return Reference(tracked=tracked, exogenous=exogenous)
+        return Judge(self.model.states, self.columns, self.exogenous, self.horizon)
 
 
 def pose_of(ahead: np.ndarray, k: int) -> tuple[float, float, float]:

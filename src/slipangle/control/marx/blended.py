@@ -10,7 +10,7 @@ from typing import Annotated
 
 import numpy as np
 
-from slipangle.control.controller import Controller, along
+from slipangle.control.controller import Steering
 from slipangle.control.marx.problem import Numbers, Problem, Solver
 from slipangle.control.marx.solver import build
 from slipangle.errors import ParameterError
@@ -18,18 +18,17 @@ from slipangle.fields import Checked, Count, Whole, Within
 from slipangle.models.wrappers.multi_arx import MultiARXModel, SpeedBlend
 from slipangle.models.wrappers.on_ground import POSE, OnGround
 from slipangle.numerics.per_thread import BUILDING
-from slipangle.optimal.arrays import array
-from slipangle.optimal.checks import Judge, require_reference
-from slipangle.optimal.ocp import Reference
+from slipangle.optimal.checks import Judge
 from slipangle.optimal.terms import Limits, Values, Weights, coerce, require_names
-from slipangle.paths.preview import Preview
 
 FASTEST = 1e3  # m/s, above which no steering angle is worth planning
 
 
 @dataclass(frozen=True, eq=False)
-class BlendedProblem(Checked, Controller):
+class BlendedProblem(Checked, Steering):
     """Settings of a `MultiARXMPC`, which says what they mean, and the solver built for them."""
+
+    columns = references = POSE
 
     model: MultiARXModel | OnGround
     _: KW_ONLY
@@ -100,29 +99,14 @@ class BlendedProblem(Checked, Controller):
         return self.model.dt
 
     @cached_property
-    def times(self) -> np.ndarray:
-        """Instants of the plan's states, shape (horizon + 1,). [s]"""
-        return self.dt * np.arange(self.horizon + 1)
-
-    @cached_property
     def controls(self) -> tuple[str, ...]:
         """The decided input."""
         return self.model.inputs[:1]
 
     @property
-    def exogenous(self) -> tuple[str, ...]:
-        """The speed."""
-        return ("v_x",)
-
-    @property
     def tracked(self) -> tuple[str, ...]:
         """What may have a weight in Q."""
         return ("e_y", "e_psi") if self._posed else ("Y",)
-
-    @property
-    def references(self) -> tuple[str, ...]:
-        """Columns of ``Reference.tracked``."""
-        return POSE
 
     def start(self, measured: Mapping[str, float]) -> np.ndarray:
         """State of the model for a vehicle that has been going straight on as it does now.
@@ -141,17 +125,6 @@ class BlendedProblem(Checked, Controller):
         past = np.full(base.reach - 1, measured.get(self.controls[0], 0.0))
         pose = [known[n] for n in POSE] if self._posed else []
         return np.concatenate([rows.ravel(), past, pose])
-
-    def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
-        """`Reference` from a look along a path: X, Y, psi and the speed.
-
-        Raises
-        ------
-        ParameterError
-            If the preview is not at `times`.
-        """
-        require_names(exogenous, self.exogenous, "reference()", "only the speed is given from outside")
-        return along(preview, self.times, POSE, exogenous.get("v_x"))
 
     def prepare(self) -> None:
         """Compile now, so that no plan counts that time as its own."""
@@ -217,27 +190,6 @@ class BlendedProblem(Checked, Controller):
     def is_plausible(self, x: np.ndarray, v_x: float) -> bool:
         """Whether a state and a speed [m/s] can be true."""
         return self._judge.states.holds(x) and abs(v_x) < FASTEST
-
-    def check_reference(self, reference: Reference) -> Reference:
-        """The reference as arrays of numbers in the shapes of this problem; the same one where it has them.
-
-        Raises
-        ------
-        ParameterError
-            With the array, its shape and the one expected.
-        """
-        require_reference(reference)
-        tracked = array(reference.tracked, self._shape, POSE, "reference.tracked")
-        speed = reference.exogenous  # perhaps with a row for the end, which counts nowhere here
-        speed = speed[: self.horizon] if np.ndim(speed) == 2 and len(speed) == self.horizon + 1 else speed
-        exogenous = array(speed, (self.horizon, 1), ("v_x",), "reference.exogenous")
-        if tracked is reference.tracked and exogenous is reference.exogenous:
-            return reference
-        return Reference(tracked=tracked, exogenous=exogenous)
-
-    @cached_property
-    def _shape(self) -> tuple[int, int]:
-        return self.horizon + 1, 3
 
     @cached_property
     def _lowest(self) -> float:
