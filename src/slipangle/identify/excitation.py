@@ -16,13 +16,8 @@ def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[
 
     Raises MissingColumnError, ExcitationError, TooShortError with the channel or the count at fault.
 
-    Parameters
-    ----------
-    n_parameters : int
-        Parameters to be estimated per output.
-    scheduling : tuple of str, optional
-        Given for physics: inputs, such as v_x, that need not move; then one moving other input is enough.
-        By default every input must move.
+    There are ``n_parameters`` per output. ``scheduling`` is given for physics: inputs, such as v_x, that need not move,
+    and one moving other input is enough. By default every input must move.
     """
     if not data.inputs or not data.outputs:
         missing = "inputs" if not data.inputs else "outputs"

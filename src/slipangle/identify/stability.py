@@ -25,10 +25,7 @@ def noted(model: Any, *sentences: str) -> Any:
 def judged(model: Any, data: Dataset) -> Any:
     """The model, with a warning in its ``fit_info`` if a free run over the longest training experiment would blow up.
 
-    Parameters
-    ----------
-    model : Model
-        Linear: it has ``poles``.
+    It is linear: it has ``poles``.
     """
     return noted(model, growth(model.poles, max(b - a for a, b in zip(data.starts, data.stops, strict=True))))
 

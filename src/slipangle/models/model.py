@@ -139,18 +139,10 @@ class FitInfo:
 
 @dataclass(frozen=True, kw_only=True)
 class ProfileInfo(FitInfo):
-    """`FitInfo` whose intervals at one level come from the profile likelihood, which keeps its level on bent valleys.
+    """`FitInfo` with intervals at one level from the profile likelihood, which keeps its level on bent valleys."""
 
-    Parameters
-    ----------
-    limits : array, shape (n_free, 2)
-        Interval of each estimate.
-    level : float
-        Their confidence level.
-    """
-
-    limits: np.ndarray
-    level: float = 0.95
+    limits: np.ndarray  # (n_free, 2), interval of each estimate
+    level: float = 0.95  # their confidence level
 
     def interval(self, level: float = 0.95) -> np.ndarray:
         """Confidence interval of each estimate; by the profile at its own level, else from the covariance."""

@@ -74,16 +74,7 @@ def radau_iia(f: Derivative, dt: float, n_states: int, n_inputs: int, substeps: 
     it may for wheels far past the peak of their tires, 16 shorter steps replace the one. Numbers and symbols go
     through the same CasADi function, so both give the same result.
 
-    Parameters
-    ----------
-    f : callable
-        State derivative.
-    dt : float
-        Sample time. [s]
-    n_states, n_inputs : int
-        Lengths of x and u.
-    substeps, iterations : int
-        Implicit steps per sample, and Newton steps in each.
+    ``dt`` is the sample time [s], ``substeps`` are implicit steps per sample, ``iterations`` Newton steps in each.
     """
     h = dt / substeps
     stages, finish, missed = _radau_parts(f, h, n_states, n_inputs, iterations)

@@ -53,30 +53,18 @@ class LevenbergMarquardt:
     """Minimise a sum of squares over points of any kind, in one go or step by step.
 
     The damping is relative to the squared column norms of the linearisation and is kept from step to step.
-
-    Parameters
-    ----------
-    cost : callable
-        Sum of squared errors at a point; infinite or NaN where it does not exist.
-    linearise : callable
-        ``(r, e, context)`` of a point: moving by ``eta`` changes the errors so that their squared norm is
-        ``|e - r eta|^2`` plus a constant; shapes (m, d), (m,). `triangle` and `cholesky` make such factors.
-    move : callable
-        The point moved by ``eta``, given the context of its linearisation.
-    room : callable, optional
-        Smallest and largest ``eta`` that bounds leave at a point, shapes (d,); by default any.
-    damping : float
-        Of the first step; `LEAST` where the problem is linear or nearly so.
-    steady : bool
-        Move the damping by fixed factors, whatever the linearisation promised: a gentler way down for networks, which
-        follow their training data too closely before they fit them best.
     """
 
-    cost: Callable[[Any], float]
+    cost: Callable[[Any], float]  # sum of squared errors at a point; infinite or NaN where it does not exist
+    # ``(r, e, context)`` of a point: moving by ``eta`` changes the errors so that their squared norm is ``|e - r
+    # eta|^2`` plus a constant; shapes (m, d), (m,). `triangle` and `cholesky` make such factors
     linearise: Callable[[Any], Factors]
-    move: Callable[[Any, Any, np.ndarray], Any]
+    move: Callable[[Any, Any, np.ndarray], Any]  # the point moved by ``eta``, given the context of its linearisation
+    # smallest and largest ``eta`` that bounds leave at a point, shapes (d,); by default any
     room: Callable[[Any], tuple[np.ndarray, np.ndarray]] | None = None
-    damping: float = 1e-3
+    damping: float = 1e-3  # of the first step; `LEAST` where the problem is linear or nearly so
+    # move the damping by fixed factors, whatever the linearisation promised: a gentler way down for networks, which
+    # follow their training data too closely before they fit them best
     steady: bool = False
     _growth: float = field(default=2.0, init=False)
 

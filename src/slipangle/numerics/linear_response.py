@@ -18,25 +18,14 @@ class LTI:
     `respond` cuts the record into blocks of ``block`` samples. Within a block the outputs are one product with
     the impulse response; from block to block the state obeys the same kind of equation with ``A**block``, which is
     solved by the same method. So the cost is that of matrix products, and sequential work is a small share.
-
-    Parameters
-    ----------
-    A : array, shape (n_states, n_states)
-    B : array, shape (n_states, n_inputs)
-    C : array, shape (n_outputs, n_states)
-    D : array, shape (n_outputs, n_inputs)
-    f : array, shape (n_states,), optional
-        Constant drive of the state.
-    g : array, shape (n_outputs,), optional
-        Constant part of the output.
     """
 
-    A: np.ndarray
-    B: np.ndarray
-    f: np.ndarray | None = None
-    C: np.ndarray
-    D: np.ndarray
-    g: np.ndarray | None = None
+    A: np.ndarray  # (n_states, n_states)
+    B: np.ndarray  # (n_states, n_inputs)
+    f: np.ndarray | None = None  # (n_states,), constant drive of the state
+    C: np.ndarray  # (n_outputs, n_states)
+    D: np.ndarray  # (n_outputs, n_inputs)
+    g: np.ndarray | None = None  # (n_outputs,), constant part of the output
 
     @property
     def block(self) -> int:
@@ -113,11 +102,7 @@ class LTI:
 def recurrence(A: np.ndarray, v: np.ndarray, x0: np.ndarray) -> np.ndarray:
     """States of ``x(k+1) = A x(k) + v(k)``, shape (..., n + 1, n_states), the first being ``x0``.
 
-    Parameters
-    ----------
-    A : array, shape (n_states, n_states)
-    v : array, shape (..., n, n_states)
-    x0 : array, shape (..., n_states)
+    A has shape (n_states, n_states), v (..., n, n_states), x0 (..., n_states).
 
     >>> recurrence(np.array([[0.5]]), np.ones((3, 1)), np.zeros(1)).ravel().tolist()
     [0.0, 1.0, 1.5, 1.75]

@@ -136,27 +136,14 @@ class Regression:
 
 @dataclass(frozen=True, kw_only=True)
 class Effort(Checked):
-    """How much a fit may cost.
-
-    Parameters
-    ----------
-    screen : int
-        Evaluations that every start gets before the promising ones are chosen.
-    carried : int
-        Starts that go on after the screening.
-    polish : int
-        Evaluations that each of these gets.
-    finish : int
-        Further evaluations for the best of them.
-    tolerance : float
-        Relative change of the cost, of the step and of the gradient below which a run has converged.
-    """
+    """How much a fit may cost."""
 
     starts: Count = 16
-    screen: Count = 40
-    carried: Count = 4
-    polish: Count = 200
-    finish: Count = 600
+    screen: Count = 40  # evaluations that every start gets before the promising ones are chosen
+    carried: Count = 4  # starts that go on after the screening
+    polish: Count = 200  # evaluations that each of these gets
+    finish: Count = 600  # further evaluations for the best of them
+    # relative change of the cost, of the step and of the gradient below which a run has converged
     tolerance: float = 1e-10
 
 

@@ -197,12 +197,8 @@ def horizon_errors(
 
     Raises ParameterError if no horizon fits into the data, one is below 1, or the data overlap training data.
 
-    Parameters
-    ----------
-    horizons : sequence of int
-        Steps ahead; those that no experiment is long enough for are left out.
-    on_training_data : bool
-        Allow data that overlap the training data.
+    Horizons are steps ahead; those that no experiment is long enough for are left out. ``on_training_data`` allows data
+    that overlap the training data.
     """
     if not on_training_data:
         require_unseen(model, data)

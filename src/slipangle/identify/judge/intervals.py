@@ -21,23 +21,14 @@ class Calibration:
     The width at a sample is the quantile of ``|error| / scale`` times ``scale``, and the scale is
     ``sqrt(floor^2 + spread^2 + (share |y|)^2)``: where members disagree or the output is large, errors are.
 
-    Parameters
-    ----------
-    scores : array, shape (n, n_outputs)
-        ``|error| / scale`` of every held-out sample, each column sorted.
-    floor : array, shape (n_outputs,)
-        Part of the scale that is always there, in the outputs' units.
-    share : float
-        Part of the scale that grows with the predicted output.
-
     References
     ----------
     .. [1] V. Vovk, A. Gammerman, G. Shafer, Algorithmic Learning in a Random World, 2005: split conformal prediction.
     """
 
-    scores: np.ndarray
-    floor: np.ndarray
-    share: float
+    scores: np.ndarray  # (n, n_outputs), ``|error| / scale`` of every held-out sample, each column sorted
+    floor: np.ndarray  # (n_outputs,), part of the scale that is always there, in the outputs' units
+    share: float  # part of the scale that grows with the predicted output
 
     def width(self, level: float) -> np.ndarray:
         """Half width per scale at a coverage level, shape (n_outputs,).
@@ -124,12 +115,8 @@ def coverage_error(level: float, tested: float, calibrated: float) -> float:
 def calibrate(pairs: Sequence[tuple[Model, Dataset]], *, share: float = 0.05) -> Calibration:
     """Pool the free-run errors of models on data that each was not fitted to.
 
-    Parameters
-    ----------
-    pairs : sequence of (Model, Dataset)
-        Such as the folds of `rolling_holdout`.
-    share : float
-        Part of the scale that grows with the predicted output.
+    The pairs are such as the folds of `rolling_holdout`; ``share`` is the part of the scale that grows with the
+    predicted output.
 
     Raises
     ------
@@ -154,10 +141,7 @@ def rolling_holdout(estimator: Estimator, data: Dataset, shares: Sequence[float]
 
     Raises ParameterError if the shares do not rise from above 0 to at most 1.
 
-    Parameters
-    ----------
-    shares : sequence of float
-        A model is fitted to the data up to each share but the last and paired with the data up to the next.
+    A model is fitted to the data up to each share but the last and paired with the data up to the next.
     """
     return [(estimator.fit(early), next_) for early, next_ in stretches(data, shares)]
 

@@ -75,14 +75,7 @@ def restarted(data: Dataset, seconds: float, memory: int) -> Dataset:
     Each predicts ``seconds`` (the last of a record what is left) from the ``memory`` samples before. So runs of it
     predict the same samples as one run over all the data, and what a single long run hides or shows is seen beside it.
 
-    Parameters
-    ----------
-    data : Dataset
-        One or more experiments; those not longer than ``memory`` are left out.
-    seconds : float
-        Length of each free run. [s]
-    memory : int
-        Samples that the model starts from (`Model.memory`).
+    Experiments not longer than ``memory`` are left out. [s]
 
     Raises
     ------

@@ -107,12 +107,7 @@ def per_input(value: PerInput, name: str, data: Dataset) -> tuple[int, ...]:
 
     Raises ParameterError if there is another count of numbers than of inputs.
 
-    Parameters
-    ----------
-    value : int or tuple of int
-        For all inputs, or one per input.
-    name : str
-        What it is, for the sentence.
+    ``name`` says what it is, for the sentence.
     """
     given = (value,) * len(data.inputs) if isinstance(value, int) else tuple(value)
     if len(given) != len(data.inputs):
@@ -170,10 +165,7 @@ class _Regression:
     def confused(self, theta: np.ndarray, variance: np.ndarray) -> tuple[str, ...]:
         """A sentence for each input that the others nearly make up, where none of its coefficients is determined.
 
-        Parameters
-        ----------
-        theta, variance : array, shape (n_regressors, n_outputs)
-            Coefficients and their variances.
+        Coefficients and their variances have shape (n_regressors, n_outputs).
         """
         first = self.na * self.ny
         of = np.array([i for _, i in self.used])

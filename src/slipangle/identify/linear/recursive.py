@@ -86,12 +86,7 @@ class RLS(LinearEstimator[ARXModel]):
     def start(self, *, inputs: Sequence[str], outputs: Sequence[str], dt: float) -> RecursiveARX:
         """An estimate of zero that is as uncertain as `prior` says.
 
-        Parameters
-        ----------
-        inputs, outputs : sequence of str
-            Channel names; they set how many there are.
-        dt : float
-            Sample time. [s]
+        ``inputs`` and ``outputs`` are channel names, ``dt`` is the sample time. [s]
         """
         inputs = (inputs,) if isinstance(inputs, str) else tuple(inputs)
         outputs = (outputs,) if isinstance(outputs, str) else tuple(outputs)
@@ -156,14 +151,6 @@ class RecursiveARX:
     """An ARX estimate that takes one sample at a time; made by `RLS.start` or `RLS.follow`.
 
     `update` allocates nothing: C works on arrays that are made here, or NumPy where there is no compiler.
-
-    Parameters
-    ----------
-    settings : RLS
-    inputs, outputs : tuple of str
-        Channel names.
-    dt : float
-        Sample time. [s]
     """
 
     def __init__(self, settings: RLS, inputs: tuple[str, ...], outputs: tuple[str, ...], dt: float) -> None:

@@ -200,25 +200,12 @@ class _Struct(ctypes.Structure):
 class Recursion:
     """State of one recursion and its arithmetic. A sample: fill `y` and `u`, then call `advance`.
 
-    Parameters
-    ----------
-    n, ny, nu : int
-        Regressors, outputs, inputs.
-    na, reach : int
-        Samples of the outputs and of the inputs (the present one included) that are kept.
-    pick : array of int, shape (n,)
-        Where each regressor is among the kept outputs, then inputs, newest sample first; the entry behind them is 1.
-    memory : int
-        Samples before the first regression.
-    forgetting, threshold : float
-        Forgetting factor; variance of the prediction, in that of the noise, below which a sample is left out.
-    directional : bool
-        Forget along the regressors only, ``P^-1 - (1 - forgetting^n) phi phi' / (phi' P phi)``; else
-        ``forgetting P^-1``.
-    prior : array, shape (n,)
-        Variances that the trace is measured in.
-    ceiling : float
-        Largest sum of the variances divided by `prior`.
+    ``n`` regressors, ``ny`` outputs, ``nu`` inputs; ``na`` and ``reach`` samples of the outputs and of the inputs (the
+    present one included) are kept. ``pick``, shape (n,), says where each regressor is among the kept outputs, then
+    inputs, newest sample first; the entry behind them is 1. ``memory`` samples go before the first regression. A sample
+    is left out where the variance of its prediction, in that of the noise, is below ``threshold``. ``directional``
+    forgets along the regressors only, ``P^-1 - (1 - forgetting^n) phi phi' / (phi' P phi)``, else ``forgetting P^-1``.
+    The sum of the variances divided by ``prior``, shape (n,), does not pass ``ceiling``.
     """
 
     def __init__(self, *, pick: np.ndarray, prior: np.ndarray, **numbers: float) -> None:

@@ -44,18 +44,10 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         Number of states, or candidates of which cross-validation chooses one.
     focus : {"prediction", "simulation"}
         What is minimised: the one-step-ahead error with K free, or the free-run error with K = 0.
-    algorithm : {"cva", "moesp", "n4sid"}
-        Weighting of the subspace start.
-    block_rows : int, optional
-        Past and future samples of its windows.
-    direct : bool
-        Estimate D.
-    offsets : {"none", "output", "input", "both"}
-        Which levels at rest to estimate.
-    weights : {"residual", "output"} or tuple of float
-        How errors of several outputs are weighed, see `PEM`.
-    max_radius : float, optional
-        Largest modulus of the poles; 1 asks for a stable model.
+    algorithm, block_rows, direct
+        See `Subspace`.
+    offsets, weights, max_radius, max_iterations
+        See `PEM`.
     memory : int
         Samples from which the model reads its initial state; 0 for ``3 order + 3``.
     holdout : float

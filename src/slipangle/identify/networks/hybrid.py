@@ -142,21 +142,11 @@ def _without_heads(data: Dataset, n: int) -> Dataset:
 
 @dataclass(frozen=True, kw_only=True)
 class Adapt:
-    """Sensor offsets of a session from its first seconds, by Gauss-Newton on the free run.
+    """Sensor offsets of a session from its first seconds, by Gauss-Newton on the free run."""
 
-    Parameters
-    ----------
-    inputs : tuple of str
-        Inputs whose reading at zero is estimated, such as the steering angle.
-    outputs : tuple of str
-        Outputs whose reading at zero is estimated.
-    seconds : float
-        How much of the session is used. [s]
-    """
-
-    inputs: tuple[str, ...] = ("delta",)
-    outputs: tuple[str, ...] = ()
-    seconds: float = 30.0
+    inputs: tuple[str, ...] = ("delta",)  # inputs whose reading at zero is estimated, such as the steering angle
+    outputs: tuple[str, ...] = ()  # outputs whose reading at zero is estimated
+    seconds: float = 30.0  # how much of the session is used [s]
     max_iterations: int = 6
 
     def fit(self, model: Model, data: Dataset) -> OffsetModel:

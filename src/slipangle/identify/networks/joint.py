@@ -201,12 +201,12 @@ class _Fit:
         self.judge = self.fitted if self.held is None else side_by_side(self.held, memory, self.weights)
         start = self.unrolled.pack(self.network(0))
         n = len(s.free)
-        metadata = [params.si(name) for name in s.free]
-        self.lower = np.concatenate(
-            [np.array([m.lower for m in metadata]) / self.scale, np.full(len(start) - n, -np.inf)]
+        ranges = (
+            np.array([(params.si(name).lower, params.si(name).upper) for name in s.free]).reshape(-1, 2).T / self.scale
         )
-        self.upper = np.concatenate(
-            [np.array([m.upper for m in metadata]) / self.scale, np.full(len(start) - n, np.inf)]
+        self.lower, self.upper = (
+            np.concatenate([ends, np.full(len(start) - n, none)])
+            for ends, none in zip(ranges, (-np.inf, np.inf), strict=True)
         )
         if "steering_lag" in s.free:
             i = s.free.index("steering_lag")

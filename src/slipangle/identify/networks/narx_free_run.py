@@ -24,17 +24,11 @@ class FreeRunNARX(Checked):
 
     For networks of up to a few hundred weights. The derivatives of the whole free run are exact, so a few dozen steps
     do what thousands of epochs on short windows do not.
-
-    Parameters
-    ----------
-    start : NARX
-        Lags, architecture, seeds and the training that the weights start from.
-    weight_prior : float
-        Precision of the prior per sample and per unit of scaled weight, relative to the mean squared error that the
-        weights start from.
     """
 
-    start: NARX
+    start: NARX  # lags, architecture, seeds and the training that the weights start from
+    # precision of the prior per sample and per unit of scaled weight, relative to the mean squared error that the
+    # weights start from
     weight_prior: Positive = 6e-3
     max_iterations: Count = 50
 

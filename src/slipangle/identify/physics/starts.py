@@ -23,10 +23,7 @@ def best_start(problem: FreeRunProblem, starts: int, seed: int) -> np.ndarray:
     steps there, the best two of these 6 more. On all data 14 steps lead on from the given start, and from the best
     random one where that is better by then. It never returns a start that is worse than the given one.
 
-    Parameters
-    ----------
-    starts : int
-        How many are tried, the given one included.
+    ``starts`` counts the given one.
     """
     part = _part(problem)
     tried = sorted(draw(problem, starts - 1, seed), key=part.cost)

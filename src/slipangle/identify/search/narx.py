@@ -44,20 +44,11 @@ class NarxObjective:
     folds; after each fold what is known so far is reported, so that a bad trial ends early.
 
     Raises ParameterError if the shares are not at least two, rising, above 0 and at most 1.
-
-    Parameters
-    ----------
-    data : Dataset
-        Training data; test data have no place here.
-    stages : tuple of Stage
-        Training; ``learning_rate`` among the settings replaces theirs.
-    shares : tuple of float
-        Ends of the folds, rising to at most 1.
     """
 
-    data: Dataset
-    stages: tuple[Stage, ...] = STAGES
-    shares: tuple[float, ...] = (0.6, 0.8, 1.0)
+    data: Dataset  # training data; test data have no place here
+    stages: tuple[Stage, ...] = STAGES  # training; ``learning_rate`` among the settings replaces theirs
+    shares: tuple[float, ...] = (0.6, 0.8, 1.0)  # ends of the folds, rising to at most 1
 
     def __post_init__(self) -> None:
         stretches(self.data, self.shares)

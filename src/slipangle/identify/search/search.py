@@ -26,18 +26,11 @@ class Range:
     """Numbers from ``low`` to ``high``, both included.
 
     Raises ParameterError if the ends are not in order, or not positive on a logarithmic scale.
-
-    Parameters
-    ----------
-    low, high : int or float
-        Ends; whole numbers give whole numbers.
-    log : bool
-        Draw evenly on a logarithmic scale.
     """
 
-    low: int | float
+    low: int | float  # whole ends give whole numbers
     high: int | float
-    log: bool = False
+    log: bool = False  # draw evenly on a logarithmic scale
 
     def __post_init__(self) -> None:
         if not self.low < self.high or (self.log and self.low <= 0):

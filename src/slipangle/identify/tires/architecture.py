@@ -36,21 +36,12 @@ class ArchitectureSearch(Checked):
 
     The error is measured by cross-validation: each fold of every ``folds``-th sample is predicted by a network fitted
     to the others.
-
-    Parameters
-    ----------
-    tolerance : float
-        How much larger than the best the error may be, as a share of it.
-    enough : float
-        An error that is good enough however small the best is. [-]
-    folds : int
-        Parts of the data that take turns.
     """
 
     candidates: tuple[NetworkCurveFit, ...]
-    tolerance: float = 0.02
-    enough: float = 0.0
-    folds: Annotated[int, Within(2)] = 4
+    tolerance: float = 0.02  # how much larger than the best the error may be, as a share of it
+    enough: float = 0.0  # an error that is good enough however small the best is [-]
+    folds: Annotated[int, Within(2)] = 4  # parts of the data that take turns
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -224,21 +224,11 @@ class NetworkCurveFit(CurveFit[NeuralCurve]):
 
 @dataclass(frozen=True, kw_only=True)
 class RBFCurveFit(NetworkCurveFit):
-    """Radial basis functions: centres, widths and weights are free. [1]_ eqs. 4-15 to 4-19
-
-    Parameters
-    ----------
-    neurons : int
-        Neurons of the hidden layer.
-    kernel : {"gaussian", "cubic", "thin plate", "multiquadric"}
-        Basis function.
-    centre, width, weight : tuple of float
-        Bounds in scaled coordinates; table 6.3 by default.
-    """
+    """Radial basis functions: centres, widths and weights are free. [1]_ eqs. 4-15 to 4-19"""
 
     neurons: Count
     kernel: Kernel = "multiquadric"
-    centre: Range = (-1.0, 1.0)
+    centre: Range = (-1.0, 1.0)  # bounds in scaled coordinates, those of table 6.3
     width: Range = (0.01, 7.0)
     weight: Range = (-80.0, 80.0)
 

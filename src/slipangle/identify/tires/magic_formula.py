@@ -44,10 +44,7 @@ _SMALL_ANGLE = np.deg2rad(0.6)  # slip angle that counts as straight
 def typical(data: TireData, *, radius: float) -> MagicFormulaTire:
     """A tire to start from: nominal load and pressure from the data, coefficients of an ordinary tire.
 
-    Parameters
-    ----------
-    radius : float
-        Unloaded radius, the length that moments are made dimensionless with. [m]
+    ``radius`` is the unloaded one, the length that moments are made dimensionless with. [m]
     """
     pressure = 0.0 if data.pressure is None else float(np.median(data.pressure))
     return MagicFormulaTire(
