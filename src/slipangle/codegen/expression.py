@@ -78,13 +78,10 @@ _NATIVE = """\
 
 @cache
 def preamble(*kinds: str) -> str:
-    """C of the functions that `emit` uses.
+    """C of the functions that `emit` uses for types of numbers.
 
-    Parameters
-    ----------
-    kinds : str
-        ``"double"``; ``"v4"``, ``"v8"`` and so on for vectors of that width; ``"V"`` for vectors of ``LANES``
-        numbers, by default what the processor has.
+    They are ``"double"``; ``"v4"``, ``"v8"`` and so on for vectors of that width; ``"V"`` for vectors of ``LANES``
+    numbers, by default what the processor has.
     """
     text = (files("slipangle.codegen") / "vector_math.h").read_text(encoding="utf-8")
     parts = []
@@ -195,19 +192,9 @@ def emit(function: ca.Function, name: str, kind: str = "double", *, lanes: Seque
     """C of ``static void NAME(const T *i0, ..., T *o0, ...)``.
 
     Inputs are read nonzero after nonzero. Outputs are dense and stored by row; only their structural nonzeros are
-    written, so the caller's memory must hold zeros elsewhere.
-
-    Parameters
-    ----------
-    function : Function
-        Of scalar expressions (SX), see `scalar_code`.
-    name : str
-        Of the C function.
-    kind : str
-        Type of the numbers, one of those of `preamble`.
-    lanes : sequence of Function, optional
-        Functions of the same shape whose other constants, see `differing_constants`, are read from a last argument,
-        ``const T *lane``.
+    written, so the caller's memory must hold zeros elsewhere. The function is one of scalar expressions (SX), see
+    `scalar_code`; ``kind`` is the type T, one of those of `preamble`; ``lanes`` are functions of the same shape whose
+    other constants, see `differing_constants`, are read from a last argument, ``const T *lane``.
 
     Raises
     ------

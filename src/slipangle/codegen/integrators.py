@@ -22,18 +22,8 @@ _RK4 = """\
 def explicit_step(method: Literal["euler", "rk4"], rates: str, *, n: int | str, h: float | str, out: str) -> str:
     """C statements of one step from ``x`` to ``out``, which may be ``x``; ``y``, ``k`` and ``sum`` are to work in.
 
-    Parameters
-    ----------
-    method : {"euler", "rk4"}
-        As `slipangle.numerics.integrate` names them.
-    rates : str
-        Call that evaluates the rates, with ``{x}`` for where it reads the state and ``{k}`` for where it writes.
-    n : int or str
-        Numbers in each array, or the C expression of how many.
-    h : float or str
-        Length of the step [s], or the C expression of it.
-    out : str
-        Array of the result.
+    ``rates`` is the call that evaluates the rates, with ``{x}`` for where it reads the state and ``{k}`` for where it
+    writes; ``n`` numbers in each array, and the length ``h`` of the step [s], are numbers or C expressions.
     """
     lengths = (h, f"0.5 * {h}", f"{h} / 6.0") if isinstance(h, str) else (float.hex(v) for v in (h, h / 2, h / 6))
     first, later = rates.format(x="x", k="sum"), rates.format(x="y", k="k")

@@ -38,14 +38,8 @@ def _blocks(n_out: int) -> list[int]:
 def emit_forward(sizes: Sequence[int], activation: Activation, *, name: str = "forward") -> str:
     """C of ``static void NAME(const double *w, const double *z, double *out)``; put ``preamble("v4")`` before it.
 
-    Parameters
-    ----------
-    sizes : sequence of int
-        Inputs, neurons of each hidden layer, outputs.
-    activation : {"sigmoid", "tanh", "elu"}
-        Of the hidden layers.
-    name : str
-        Of the C function. ``w`` is `packed`, 32-byte aligned; ``z`` and ``out`` are in SI units.
+    ``sizes`` are inputs, neurons of each hidden layer, outputs; ``w`` is `packed`, 32-byte aligned; ``z`` and ``out``
+    are in SI units.
     """
     body: list[str] = []
     source = "z"

@@ -27,17 +27,6 @@ Signals = Callable[[Vector, Vector, Any], Mapping[str, Scalar]]  # (x, u, p) -> 
 class NamedParams(ParameterSet):
     """Parameters that are named when the program runs, instead of by a class; each is an attribute too.
 
-    Parameters
-    ----------
-    names : tuple of str
-        What they are called.
-    values : tuple of float
-        Their values, SI units.
-    units, docs : tuple of str
-        Unit and meaning of each.
-    lower, upper : tuple of float
-        Range of each.
-
     >>> p = NamedParams.of({"stiffness": (2e4, SI("N/m", "spring", 1.0, 1e6)), "damping": (1e3, 0.0, 1e5)})
     >>> p.damping, p.si("stiffness").unit
     (1000.0, 'N/m')

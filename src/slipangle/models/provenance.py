@@ -23,55 +23,26 @@ class Fingerprint:
 
     Inputs are left out, so that replaying one input gives new data and preparing an input otherwise does not.
     Values count to single precision: a conversion of units that differs in the last bit changes nothing.
-
-    Parameters
-    ----------
-    outputs : tuple of str
-        Channels that the windows are of.
-    dt : float
-        Sample time. [s]
-    starts : tuple of int
-        First row of each experiment.
-    start_times : tuple of float
-        Time of each experiment's first sample. [s]
-    n_samples : int
-        Rows of all experiments together.
-    rows : array of int, shape (n_marks,)
-        Where each window starts.
-    marks : array of int, shape (n_marks,)
-        Its number.
-    lively : array of bool, shape (n_marks,)
-        Whether it is unlikely to occur twice, unlike a stretch at rest.
-    low, high : array, shape (n_outputs,)
-        Smallest and largest value of each output.
     """
 
-    outputs: tuple[str, ...]
-    dt: float
-    starts: tuple[int, ...]
-    start_times: tuple[float, ...]
-    n_samples: int
-    rows: np.ndarray
-    marks: np.ndarray
-    lively: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
+    outputs: tuple[str, ...]  # channels that the windows are of
+    dt: float  # s
+    starts: tuple[int, ...]  # first row of each experiment
+    start_times: tuple[float, ...]  # of its first sample [s]
+    n_samples: int  # rows of all experiments together
+    rows: np.ndarray  # where each window starts, shape (n_marks,)
+    marks: np.ndarray  # its number
+    lively: np.ndarray  # whether it is unlikely to occur twice, unlike a stretch at rest
+    low: np.ndarray  # smallest value of each output
+    high: np.ndarray  # largest
 
 
 @dataclass(frozen=True, kw_only=True)
 class Overlap:
-    """Samples of a record that were used before.
+    """Samples of a record that were used before."""
 
-    Parameters
-    ----------
-    rows : array of bool, shape (n_samples,)
-        Which they are.
-    earlier : float
-        Time that the first of them had then. [s]
-    """
-
-    rows: np.ndarray
-    earlier: float
+    rows: np.ndarray  # which they are, shape (n_samples,)
+    earlier: float  # time that the first of them had then [s]
 
 
 def provenance(data: Dataset, outputs: Sequence[str] | None = None) -> dict[str, Any]:

@@ -118,16 +118,8 @@ def slip_ratio(v_x: Scalar, wheel_speed: Scalar, radius: Scalar, *, v_low: float
     (see `slipangle.ops.speed_floor`) and the larger taken smoothly, so that slip stays defined and
     differentiable at standstill.
 
-    Parameters
-    ----------
-    v_x : scalar
-        Longitudinal speed of the wheel centre. [m/s]
-    wheel_speed : scalar
-        Spin of the wheel, positive forward. [rad/s]
-    radius : scalar
-        Rolling radius. [m]
-    v_low : float
-        Speed below which slip is softened. [m/s]
+    From the longitudinal speed of the wheel centre [m/s], the spin of the wheel, positive forward [rad/s], and the
+    rolling radius [m]; below ``v_low`` [m/s] slip is softened.
 
     >>> bool(slip_ratio(20.0, 22.0, 1.0) > 0)
     True

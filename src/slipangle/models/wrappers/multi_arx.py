@@ -27,16 +27,10 @@ Shape = Literal["triangular", "smooth"]
 
 
 def speed_weights(v_x: Scalar, speeds: Sequence[float], shape: Shape = "triangular") -> list[Scalar]:
-    """Weight of each model at a speed; they sum to 1, at most two differ from 0. [1]_ fig. 7.3
+    """Weight of each model at a speed [m/s]; they sum to 1, at most two differ from 0. [1]_ fig. 7.3
 
-    Parameters
-    ----------
-    v_x : scalar
-        Speed [m/s]; below the first and above the last of ``speeds`` the nearest model has all the weight.
-    speeds : sequence of float
-        Where the models were identified, rising. [m/s]
-    shape : {"triangular", "smooth"}
-        Straight lines between the speeds, or ``3 t^2 - 2 t^3`` with a continuous slope.
+    Below the first and above the last of the rising ``speeds`` the nearest model has all the weight; between them run
+    straight lines, or, "smooth", ``3 t^2 - 2 t^3`` with a continuous slope.
 
     References
     ----------

@@ -27,14 +27,8 @@ def pure_longitudinal(
 ) -> LongitudinalForce:
     """F_x0 and its factors. [1]_ eqs. 4.E9 to 4.E18
 
-    Parameters
-    ----------
-    c, o, s, z
-        Coefficients, conventions, slip, and spin where turn slip counts.
-    gamma : scalar
-        Camber as the version counts it: the angle in 6.1, gamma* times LGAX in 5.2. [rad]
-    mu_shift : scalar
-        Friction scaling of the vertical shift: lambda_mux' in 6.1, lambda_mux* in 5.2. [-]
+    ``gamma`` [rad] is camber as the version counts it: the angle in 6.1, gamma* times LGAX in 5.2; ``mu_shift`` the
+    friction scaling of the vertical shift: lambda_mux' in 6.1, lambda_mux* in 5.2; ``z`` spin, where turn slip counts.
     """
     C = c.PCX1 * c.LCX  # 4.E11
     pressure = 1.0 + (c.PPX3 + c.PPX4 * s.dpi) * s.dpi

@@ -139,18 +139,9 @@ class MF61:
         return fabs(K_x) / c_x, fabs(K_y) / c_y
 
     def forces(self, c: Any, o: Conventions, s: Slip, *, combined: str = "weighting") -> MagicForces:
-        """Forces and moments; 6.2 adds terms to M_x that are zero in files of the others.
+        """Forces and moments; ``combined`` is "weighting", "ellipse" or "none".
 
-        Parameters
-        ----------
-        c : MagicCoefficients
-            Coefficients.
-        o : Conventions
-            Where codes differ.
-        s : Slip
-            Slip and operating conditions, from `slipangle.models.tires.magic_formula.terms.prepare`.
-        combined : {"weighting", "ellipse", "none"}
-            Weighting functions of the file, friction ellipse, or no influence of one slip on the other force.
+        6.2 adds terms to M_x that are zero in files of the others.
         """
         z = None if s.turn is None else spin(c, s, s.turn, self.rolling_radius(c, s.load, s.dpi, s.speed))
         gamma, mu_shift = self.longitudinal_lean(c, s)

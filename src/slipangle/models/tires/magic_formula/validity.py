@@ -17,28 +17,15 @@ _OPEN: Range = (-math.inf, math.inf)
 class ValidRange:
     """Lowest and highest valid value of each input, in the axes of the coefficients.
 
-    Parameters
-    ----------
-    load : tuple of float
-        FZMIN, FZMAX. [N]
-    slip_ratio : tuple of float
-        KPUMIN, KPUMAX. [-]
-    slip_angle : tuple of float
-        ALPMIN, ALPMAX. [rad]
-    camber : tuple of float
-        CAMMIN, CAMMAX. [rad]
-    pressure : tuple of float
-        PRESMIN, PRESMAX. [Pa]
-
     >>> ValidRange(load=(100.0, 9000.0)).violations({"load": 50.0})
     ['load is 50 N; expected 100 to 9000 N (FZMIN, FZMAX)']
     """
 
-    load: Range = (0.0, math.inf)
-    slip_ratio: Range = _OPEN
-    slip_angle: Range = _OPEN
-    camber: Range = _OPEN
-    pressure: Range = _OPEN
+    load: Range = (0.0, math.inf)  # N; FZMIN, FZMAX
+    slip_ratio: Range = _OPEN  # -; KPUMIN, KPUMAX
+    slip_angle: Range = _OPEN  # rad; ALPMIN, ALPMAX
+    camber: Range = _OPEN  # rad; CAMMIN, CAMMAX
+    pressure: Range = _OPEN  # Pa; PRESMIN, PRESMAX
 
     def violations(self, inputs: Mapping[str, Any]) -> list[str]:
         """One sentence part per input that leaves its range or is not finite; inputs as the equations name them."""
