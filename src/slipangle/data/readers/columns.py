@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, Protocol, TypedDict
+from typing import Any, Literal, Protocol, TypedDict
 
 import numpy as np
 
@@ -290,6 +290,40 @@ def _cut_missing(
     return whole, f"{seen}: {int((~whole).sum())} rows cut, each run a gap"
 
 
+def _on_grids(
+    table: Table,
+    stamps: np.ndarray,
+    values: np.ndarray,
+    parts: Sequence[np.ndarray],
+    dt: float | None,
+    jitter: float,
+    shortest: int,
+) -> dict[str, Any]:
+    """Values, starts, start times and sample time of a data set, and notes, from the rows of each experiment."""
+    tables, starts, times, notes, count = [], [], [], [], 0
+    for part in parts:
+        if len(part) == 1 and dt is not None and shortest <= 1:
+            piece, begins, clock = values[part], (0,), (float(stamps[part[0]]),)
+        else:
+
+            def row_name(k: int, part: np.ndarray = part) -> str:
+                return table.row_name(int(part[k]))
+
+            where, how = {"row_name": row_name, "what": table.name}, {"jitter": jitter, "shortest": shortest}
+            grid = find_grid(stamps[part], dt=dt, **how, **where)
+            dt = dt or grid.dt
+            piece, begins = grid.onto(stamps[part], values[part])
+            clock = grid.start_times
+            notes += grid.notes
+        tables.append(piece)
+        starts += [count + s for s in begins]
+        times += clock
+        count += len(piece)
+    if dt is None or count < max(shortest, 1):
+        raise TooShortError(f"{table.name} holds {count} samples; expected at least {shortest}: record longer")
+    return {"values": np.vstack(tables), "starts": starts, "start_times": times, "dt": dt, "notes": notes}
+
+
 def assemble(
     table: Table,
     columns: Mapping[str, Column | str] | Sequence[str] | None = None,
@@ -316,7 +350,6 @@ def assemble(
     SlipangleError
         One of its kinds per kind of bad input; see `read_csv`.
     """
-    # Long: what is wrong with a table is looked for in the order in which a person would repair it.
     if nan not in ("error", "gap"):
         raise ParameterError(f"nan is {nan!r}; expected 'error' or 'gap': choose one")
     said: list[str] = list(notes)
@@ -338,7 +371,6 @@ def assemble(
     if assumed:
         said.append(f"no unit named for {', '.join(assumed)}: taken as SI")
     values = np.column_stack([v for v, _ in found.values()])
-    clocked = t is not None
     stamps = t if t is not None else (dt or 1.0) * np.arange(len(values))
     whole, note = _cut_missing(table, list(found), values, stamps, nan)
     said += [note] if note else []
@@ -346,48 +378,19 @@ def assemble(
     borders = [0, len(rows)]
     if label is not None:
         borders = [0, *(np.flatnonzero(np.diff(table.numbers(label)[rows]) != 0) + 1).tolist(), len(rows)]
-    tables, starts, times, count, step = [], [], [], 0, dt
-    for a, b in pairwise(borders):
-        part = rows[a:b]
-        if len(part) == 1 and step is not None and shortest <= 1:
-            piece, begins, clock = values[part], (0,), (float(stamps[part[0]]),)
-        else:
-
-            def row_name(k: int, part: np.ndarray = part) -> str:
-                return table.row_name(int(part[k]))
-
-            most, what = (jitter if clocked else 0.0), table.name
-            grid = find_grid(stamps[part], dt=step, jitter=most, shortest=shortest, row_name=row_name, what=what)
-            step = step or grid.dt
-            piece, begins = grid.onto(stamps[part], values[part])
-            clock = grid.start_times
-            said += grid.notes
-        tables.append(piece)
-        starts += [count + s for s in begins]
-        times += clock
-        count += len(piece)
-    if step is None or count < max(shortest, 1):
-        raise TooShortError(f"{table.name} holds {count} samples; expected at least {shortest}: record longer")
+    parts = [rows[a:b] for a, b in pairwise(borders)]
+    uniform = _on_grids(table, stamps, values, parts, dt, jitter if t is not None else 0.0, shortest)
     return Dataset(
-        values=np.vstack(tables),
         channels=tuple(Channel(n, unit) for n, (_, unit) in found.items()),
-        dt=step,
         inputs=tuple((inputs,) if isinstance(inputs, str) else inputs),
         outputs=tuple((outputs,) if isinstance(outputs, str) else outputs),
-        starts=tuple(starts),
-        start_times=tuple(times),
         name=name,
-        notes=tuple(said),
+        notes=(*said, *uniform.pop("notes")),
+        **uniform,
     )
 
 
 def check_dt(dt: float | None) -> None:
-    """Raise unless ``dt`` is None or positive.
-
-    Raises
-    ------
-    SampleTimeError
-        If it is not.
-    """
+    """Raise a SampleTimeError unless ``dt`` is None or positive."""
     if dt is not None and not (np.isfinite(dt) and dt > 0):
         raise SampleTimeError(f"the sample time dt is {dt} s; expected a positive number, such as 0.01: correct it")
