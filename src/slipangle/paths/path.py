@@ -199,16 +199,8 @@ class Path:
         y = hermite(self.Y, np.sin(self.psi), i, t, h) + beyond * np.sin(psi)
         k = np.where(beyond == 0, (1 - t) * self.curvature[i] + t * self.curvature[i + 1], 0.0)
         v = np.full_like(s, np.nan) if self.v_x is None else (1 - t) * self.v_x[i] + t * self.v_x[i + 1]
-        return Preview(
-            s=s,
-            X=x,
-            Y=y,
-            psi=psi,
-            curvature=k,
-            v_x=v,
-            right=edge_between(self.right, i, t),
-            left=edge_between(self.left, i, t),
-        )
+        lane = {"right": edge_between(self.right, i, t), "left": edge_between(self.left, i, t)}
+        return Preview(s=s, X=x, Y=y, psi=psi, curvature=k, v_x=v, **lane)
 
     def ahead(
         self, s: float, steps: int | Sequence[float] | np.ndarray, dt: float = math.nan, *, v_x: float | None = None
