@@ -75,7 +75,7 @@ def restarted(data: Dataset, seconds: float, memory: int) -> Dataset:
     Each predicts ``seconds`` (the last of a record what is left) from the ``memory`` samples before. So runs of it
     predict the same samples as one run over all the data, and what a single long run hides or shows is seen beside it.
 
-    Experiments not longer than ``memory`` are left out. [s]
+    Lengths are in seconds [s]; experiments not longer than ``memory`` samples are left out.
 
     Raises
     ------

@@ -113,7 +113,6 @@ class Projection:
     n_u: int
     n_y: int
     block_rows: int
-    algorithm: Algorithm
     solver: str
     singular_values: np.ndarray
     left: np.ndarray
@@ -185,16 +184,14 @@ def project(data: Dataset, *, algorithm: Algorithm, block_rows: int, offset: boo
         _, size, vector = np.linalg.svd(free, full_matrices=False)
         weight = (vector.T / np.maximum(size, 1e-8 * size[0])) @ vector
     _, singular, right = np.linalg.svd(target @ weight, full_matrices=False)
-    left = np.linalg.solve(weight, right.T) if algorithm == "cva" else right.T
     return Projection(
         r=r,
         n_u=nu,
         n_y=ny,
+        left=np.linalg.solve(weight, right.T) if algorithm == "cva" else right.T,
         block_rows=s,
-        algorithm=algorithm,
         solver=solver,
         singular_values=singular,
-        left=left,
         oblique=oblique,
     )
 

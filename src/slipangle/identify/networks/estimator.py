@@ -57,11 +57,7 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
     precision: Precision = "single"
 
     _what: ClassVar[str]  # is fitted
-
-    @property
-    @abc.abstractmethod
-    def _memory(self) -> int:
-        """Samples that a free run starts from."""
+    _memory: ClassVar[Any]  # samples that a free run starts from
 
     @abc.abstractmethod
     def _n_seen(self, ny: int, nu: int) -> int:

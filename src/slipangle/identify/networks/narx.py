@@ -12,6 +12,7 @@ from slipangle.identify.networks.problem import Stage
 from slipangle.identify.networks.windows import Recurrence, beside, layers, network
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.networks import MLP, Activation, Scaling, mlp_pass
+from slipangle.models.model import derived
 
 STAGES = (Stage(horizon=1, epochs=1000), Stage(horizon=20, epochs=2000))
 
@@ -45,9 +46,7 @@ class NARX(NetworkEstimator[NARXModel]):
         same_for_all(self, "nb", "nk")
         super().__post_init__()
 
-    @property
-    def _memory(self) -> int:
-        return max(self.na, self.nb + self.nk - 1)
+    _memory = derived(lambda self: max(self.na, self.nb + self.nk - 1))
 
     def _n_seen(self, ny: int, nu: int) -> int:
         return self.na * ny + self.nb * nu
@@ -73,10 +72,7 @@ class LagNetwork(Recurrence):
     nk: int
     activation: Activation
 
-    @property
-    def memory(self) -> int:
-        """Samples that the lags reach back."""
-        return max(self.na, self.nb + self.nk - 1)
+    memory = derived(lambda self: max(self.na, self.nb + self.nk - 1))
 
     def start(self, params: Any, u: Any, y: Any) -> Any:
         """Measured past outputs."""

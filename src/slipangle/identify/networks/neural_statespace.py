@@ -13,6 +13,7 @@ from slipangle.identify.networks.problem import Stage
 from slipangle.identify.networks.windows import Recurrence, beside, layers, network
 from slipangle.models.black_box.networks import MLP, Activation, Scaling, mlp_pass
 from slipangle.models.black_box.neural_statespace import NeuralStateSpaceModel
+from slipangle.models.model import derived
 
 STAGES = (Stage(horizon=10, epochs=1500), Stage(horizon=40, epochs=1500))
 GAIN_STAGES = (Stage(horizon=40, epochs=300, learning_rate=1e-2),)
@@ -61,9 +62,7 @@ class NeuralStateSpace(NetworkEstimator[NeuralStateSpaceModel]):
         if self.lags == 0:
             object.__setattr__(self, "lags", 2 * self.order + 1)
 
-    @property
-    def _memory(self) -> int:
-        return self.lags
+    _memory = derived(lambda self: self.lags)
 
     def _n_seen(self, ny: int, nu: int) -> int:
         return self.lags * (ny + nu)
@@ -110,10 +109,7 @@ class StateNetwork(Recurrence):
     activation: Activation
     feedthrough: bool
 
-    @property
-    def memory(self) -> int:
-        """Samples that the encoder reads."""
-        return self.lags
+    memory = derived(lambda self: self.lags)
 
     def start(self, params: Any, u: Any, y: Any) -> Any:
         """State at the newest of the lagged samples."""
@@ -140,10 +136,7 @@ class GainOfNetwork(Recurrence):
 
     states: StateNetwork
 
-    @property
-    def memory(self) -> int:
-        """Samples that the encoder reads."""
-        return self.states.lags
+    memory = derived(lambda self: self.states.lags)
 
     def start(self, params: Any, u: Any, y: Any) -> Any:
         """What the encoder says."""

@@ -88,10 +88,7 @@ class Recurrence(abc.ABC):
     ``u(k)`` and ``y(k)`` give inputs and outputs ``k`` samples after the first predicted one, one column per window.
     """
 
-    @property
-    @abc.abstractmethod
-    def memory(self) -> int:
-        """Samples before the first predicted one."""
+    memory: int  # samples before the first predicted one
 
     @abc.abstractmethod
     def start(self, params: Any, u: Any, y: Any) -> Any:

@@ -75,10 +75,7 @@ class NeuralStateSpaceModel(NetworkModel):
             f"outputs={self.outputs}, {weights} weights)"
         )
 
-    @derived
-    def memory(self) -> int:
-        """Samples a free run starts from."""
-        return self.lags
+    memory = derived(lambda self: self.lags)
 
     @derived
     def states(self) -> tuple[str, ...]:

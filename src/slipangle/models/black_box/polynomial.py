@@ -5,16 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.models.black_box.model import BlackBoxModel
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import derived
 from slipangle.models.parameters import require_few_lags
-from slipangle.ops import Vector
+
+
+def _realised(name: str) -> Any:
+    """The method of that name of the realisation."""
+
+    def method(self: PolynomialModel, *arguments: Any) -> Any:
+        return getattr(self.realisation, name)(*arguments)
+
+    method.__doc__ = f"`StateSpaceModel.{name}` of the realisation."
+    return method
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,35 +109,15 @@ class PolynomialModel(BlackBoxModel):
             outputs=self.outputs,
         )
 
-    @derived
-    def states(self) -> tuple[str, ...]:
-        """Those of the realisation."""
-        return self.realisation.states
+    states = derived(lambda self: self.realisation.states)
 
     @property
     def poles(self) -> np.ndarray:
         """Poles from the inputs to the output, input by input."""
         return np.concatenate([np.roots(np.convolve(one(self.A), one(f))) for f in self.F])
 
-    def step(self, x: Vector, u: Vector) -> Vector:
-        """State one sample later."""
-        return self.realisation.step(x, u)
-
-    def output(self, x: Vector, u: Vector) -> Vector:
-        """The output at the same sample."""
-        return self.realisation.output(x, u)
-
-    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
-        """State after measuring the output."""
-        return self.realisation.correct(x, u, y)
-
-    def initial_state(self, data: Dataset) -> np.ndarray:
-        """State at the last sample of ``data``, by least squares on the one-step-ahead errors."""
-        return self.realisation.initial_state(data)
-
-    def free_run(self, x0: np.ndarray, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """That of the state space."""
-        return self.realisation.free_run(x0, u, out)
+    step, output, correct = _realised("step"), _realised("output"), _realised("correct")
+    initial_state, free_run = _realised("initial_state"), _realised("free_run")
 
 
 def one(coefficients: np.ndarray) -> np.ndarray:
