@@ -260,6 +260,11 @@ class Model(FastPaths, abc.ABC):
         """State after measuring ``y`` at the same sample; by default nothing is corrected."""
         return x
 
+    def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
+        """State of straight driving at a speed [m/s] and pose [m, m, rad]; by default all other states are zero."""
+        known = {"v_x": v_x, "X": X, "Y": Y, "psi": psi}
+        return np.array([known.get(name, 0.0) for name in self.states])
+
     @property
     def off_ground(self) -> Model:
         """The model without the position and heading that `OnGround` adds."""

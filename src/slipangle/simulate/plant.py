@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
-from typing import Annotated, Protocol, runtime_checkable
+from typing import Annotated
 
 import casadi as ca
 import numpy as np
@@ -15,15 +15,6 @@ from slipangle.models.fast import evaluate
 from slipangle.models.model import Model
 from slipangle.optimal.terms import Values, require_names
 from slipangle.simulate.sensors import Sensors, Stream
-
-
-@runtime_checkable
-class RollsStraight(Protocol):
-    """A model that knows its state of straight driving."""
-
-    def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
-        """State at a speed [m/s] and pose [m, m, rad]."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -83,10 +74,7 @@ class Plant(Checked):
 
     def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
         """State of straight driving at speed ``v_x`` [m/s] from a pose [m, m, rad]."""
-        if isinstance(self.model, RollsStraight):
-            return np.asarray(self.model.straight(v_x, X=X, Y=Y, psi=psi), dtype=float)
-        known = {"v_x": v_x, "X": X, "Y": Y, "psi": psi}
-        return np.array([known.get(name, 0.0) for name in self.model.states])
+        return np.asarray(self.model.straight(v_x, X=X, Y=Y, psi=psi), dtype=float)
 
     def start(self, x: np.ndarray, inputs: np.ndarray) -> Simulation:
         """A drive from state ``x``, with ``inputs`` held until now."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from slipangle.errors import ParameterError
 from slipangle.models.ode import OdeModel
 from slipangle.models.tires.simple import Tire
@@ -84,7 +82,3 @@ class QuasiSteadySingleTrack(OdeModel):
                 r,
             ]
         )
-
-    def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
-        """State of straight driving at speed ``v_x`` [m/s]."""
-        return np.array([v_x, 0.0, 0.0, X, Y, psi])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import abc
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,10 +51,6 @@ def single_track(x: Vector, u: Vector, p: SingleTrackParams, tire_f: Tire, tire_
 
 class StartsRolling(OdeModel):
     """A model whose states that nobody measured start as in straight driving at the first speed."""
-
-    @abc.abstractmethod
-    def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
-        """State of straight driving at speed ``v_x`` [m/s] with rolling wheels."""
 
     def _start(self, name: str, data: Dataset) -> float:
         if name in data:
