@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,7 +60,6 @@ def fingerprint(data: Dataset, outputs: Sequence[str]) -> Fingerprint:
     y = data.columns(tuple(outputs))
     found = [_chosen(y, a, b) for a, b in zip(data.starts, data.stops, strict=True)]
     rows = np.concatenate([rows for rows, _ in found])
-    numbers = [_rolling(y[a:b])[chosen - a] for (chosen, _), a, b in zip(found, data.starts, data.stops, strict=True)]
     return Fingerprint(
         outputs=tuple(outputs),
         dt=data.dt,
@@ -68,7 +67,7 @@ def fingerprint(data: Dataset, outputs: Sequence[str]) -> Fingerprint:
         start_times=tuple(map(float, data.start_times)),
         n_samples=data.n_samples,
         rows=rows,
-        marks=np.concatenate(numbers),
+        marks=_folded(_row_numbers(y[rows[:, None] + np.arange(WINDOW)]).T),
         lively=np.concatenate([lively for _, lively in found]),
         low=y.min(axis=0, initial=np.inf),
         high=y.max(axis=0, initial=-np.inf),
@@ -133,9 +132,14 @@ def overlap(seen: Fingerprint, data: Dataset) -> Overlap | None:
 def _rolling(y: np.ndarray) -> np.ndarray:
     """One number for the window that starts at each row."""
     rows, n = _row_numbers(y), max(0, len(y) - WINDOW + 1)
-    total = np.zeros(n, dtype=np.uint64)
-    for j in range(WINDOW):
-        total = total * np.uint64(0x9E3779B97F4A7C15) + rows[j : j + n]
+    return _folded(rows[j : j + n] for j in range(WINDOW))
+
+
+def _folded(samples: Iterable[np.ndarray]) -> np.ndarray:
+    """One number for each window from the numbers of its samples, the first of all windows first."""
+    total = np.zeros(1, dtype=np.uint64)
+    for sample in samples:
+        total = total * np.uint64(0x9E3779B97F4A7C15) + sample
     return (total >> np.uint64(1)).astype(np.int64)
 
 
