@@ -35,8 +35,8 @@ from typing import Any
 def _modules() -> dict[str, str]:
     """Where each public name lives, as ``__init__.pyi`` has it, which type checkers read too."""
     stub = ast.parse(resources.files(__name__).joinpath("__init__.pyi").read_text(encoding="utf-8"))
-    found = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
-    return {name.name: str(node.module) for node in found for name in node.names}
+    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
+    return {name.name: str(node.module) for node in imports for name in node.names}
 
 
 _MODULE = _modules()  # a name is imported on first use, so that `import slipangle` is quick

@@ -55,10 +55,10 @@ def canonical(unit: str) -> str:
     if text in _UNITS:
         return text
     lower = text.lower()
-    found = _ALIASES.get(lower) or next((u for u in _UNITS if u.lower() == lower), None)
-    if found is None:
+    name = _ALIASES.get(lower) or next((u for u in _UNITS if u.lower() == lower), None)
+    if name is None:
         raise UnitError(f"the unit {shown(unit)} is not known; {nearest(unit, _UNITS)}")
-    return found
+    return name
 
 
 def known(unit: str) -> bool:

@@ -46,9 +46,9 @@ def _compiler(named: str) -> tuple[str, ...] | None:
     if named.strip():
         command = _words(named, "SLIPANGLE_CC")
         return command if shutil.which(command[0]) else None
-    found = shutil.which("cc")
-    if found:
-        return (found,)
+    path = shutil.which("cc")
+    if path:
+        return (path,)
     if importlib.util.find_spec("ziglang"):
         return (sys.executable, "-m", "ziglang", "cc", "-fno-sanitize=undefined")
     return None
@@ -133,11 +133,11 @@ def _library(
                 "XDG_CACHE_HOME to a folder of your own"
             )
         try:
-            found = code_cache.find(folder, name, identity, suffix)
-            if found is None:
+            path = code_cache.find(folder, name, identity, suffix)
+            if path is None:
                 code_cache.sweep(folder)
-                found = _compile(source, (command, levels), folder, name, identity, suffix)
-            return _typed(ctypes.CDLL(str(found)), source)
+                path = _compile(source, (command, levels), folder, name, identity, suffix)
+            return _typed(ctypes.CDLL(str(path)), source)
         except _RejectedError as error:
             complaint = str(error)
             break

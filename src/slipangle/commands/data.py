@@ -45,11 +45,11 @@ def _data_get(options: argparse.Namespace) -> int:
 
     with Bar(quiet=options.json) as bar:
         places = {name: registry.fetch(name, progress=lambda what: bar(0.5, what)) for name in options.names}
-    found = {name: {file: str(place) for file, place in files.items()} for name, files in places.items()}
+    known = {name: {file: str(place) for file, place in files.items()} for name, files in places.items()}
     if options.json:
-        print(json.dumps(found, indent=2))
+        print(json.dumps(known, indent=2))
     else:
-        for name, files in found.items():
+        for name, files in known.items():
             print(f"{name}:", *files.values(), sep="\n  ")
     return 0
 
@@ -60,11 +60,11 @@ def _data_check(options: argparse.Namespace) -> int:
     states = {name: registry.check(name) for name in options.names}
     if options.json:
         rows = {
-            name: [{"file": s.file.path, "here": s.place is not None, "as_published": s.good} for s in found]
-            for name, found in states.items()
+            name: [{"file": s.file.path, "here": s.place is not None, "as_published": s.good} for s in state]
+            for name, state in states.items()
         }
         print(json.dumps(rows, indent=2))
     else:
-        for name, found in states.items():
-            print(f"{name}:", *(s.sentence for s in found), sep="\n  ")
-    return 0 if all(s.good for found in states.values() for s in found) else 1
+        for name, state in states.items():
+            print(f"{name}:", *(s.sentence for s in state), sep="\n  ")
+    return 0 if all(s.good for state in states.values() for s in state) else 1

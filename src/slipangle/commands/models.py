@@ -54,16 +54,16 @@ def _identify(options: argparse.Namespace) -> int:
             bar(i / len(settings.model), f"identifying {wanted.name}")
             return identify(wanted, train)
 
-        found, failures = each_model(settings, fit)
-    paths = {name: save(model, Path(options.out) / f"{_slug(name)}.json") for name, model in found.items()}
-    warned = {name: list(m.fit_info.warnings) if m.fit_info else [] for name, m in found.items()}
+        models, failures = each_model(settings, fit)
+    paths = {name: save(model, Path(options.out) / f"{_slug(name)}.json") for name, model in models.items()}
+    warned = {name: list(m.fit_info.warnings) if m.fit_info else [] for name, m in models.items()}
     if options.json:
         listed: dict[str, dict] = {n: {"file": str(p), "warnings": warned[n]} for n, p in paths.items()}
         print(json.dumps(listed | {n: {"failure": why} for n, why in failures.items()}, indent=2))
         return 1 if failures else 0
     for name, path in paths.items():
         print(f"{name}: {path}")
-        info = found[name].fit_info
+        info = models[name].fit_info
         if info is not None and 1 < len(info.names) <= 14 and info.confounding:
             print(f"  {info.confounding}")
         for sentence in warned[name]:
@@ -88,11 +88,11 @@ def _validate(options: argparse.Namespace) -> int:
     ]
     said = [s for tests in verdict.residuals.values() for s in tests.sentences]
     if options.json:
-        found: dict[str, dict] = {"free_run": {}, "one_step_ahead": {}}
+        runs: dict[str, dict] = {"free_run": {}, "one_step_ahead": {}}
         for kind, output, s in rows:
             entry = {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse, "r2": s.r2}
-            found[kind.replace(" ", "_").replace("-", "_")][output] = entry
-        print(json.dumps(found | {"residuals": said}, indent=2))
+            runs[kind.replace(" ", "_").replace("-", "_")][output] = entry
+        print(json.dumps(runs | {"residuals": said}, indent=2))
         return 0
     for kind, output, s in rows:
         print(f"{kind:16} {output:8} fit {s.fit:7.2f} %   VAF {s.vaf:7.2f} %   RMSE {s.rmse:.4g}   R2 {s.r2:.4f}")
@@ -152,7 +152,7 @@ def _models(files: list[str]) -> dict[str, Model]:
     from slipangle.models.model import Model
     from slipangle.models.storage import load
 
-    found: dict[str, Model] = {}
+    models: dict[str, Model] = {}
     for file in files:
         record = load(file)
         if not isinstance(record, Model):
@@ -160,8 +160,8 @@ def _models(files: list[str]) -> dict[str, Model]:
                 f"'{file}' holds a {type(record).__name__}; expected a model: name a file that 'slipangle identify' "
                 "wrote"
             )
-        found[Path(file).stem] = record
-    return found
+        models[Path(file).stem] = record
+    return models
 
 
 def _slug(name: str) -> str:

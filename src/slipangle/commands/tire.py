@@ -178,10 +178,10 @@ def read_tire(path: str | Path, *, extrapolate: bool = False) -> Tire:
             return MagicFormulaTire.from_tir(path, outside=outside)
     if suffix != ".json":
         raise FormatError(f"'{path}' ends in '{suffix}'; expected {_FILES}")
-    found = load(path)
-    if not isinstance(found, Tire):
-        raise FormatError(f"'{path}' holds a {type(found).__name__}; expected a tire")
-    return found
+    tire = load(path)
+    if not isinstance(tire, Tire):
+        raise FormatError(f"'{path}' holds a {type(tire).__name__}; expected a tire")
+    return tire
 
 
 def _suffix(out: str) -> str:

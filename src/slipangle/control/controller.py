@@ -1,4 +1,4 @@
-"""`Controller`: what every one is asked; `Steering`: those that steer at a given speed; `Led`: those around another."""
+"""`Controller` is what each one is; `SteeringController` steers at a given speed, `Led` is around another one."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Controller(abc.ABC):
         """
 
 
-class Steering(Controller):
+class SteeringController(Controller):
     """A controller that decides steering at equal steps, from columns of a preview and the speed, which is given.
 
     Attributes

@@ -20,7 +20,7 @@ from slipangle.numerics.per_thread import BUILDING
 from slipangle.optimal.checks import MOST, Judge, counted, health_of, is_numbers
 from slipangle.optimal.engine import Backend, Engine, Followed
 from slipangle.optimal.ipopt import Ipopt
-from slipangle.optimal.ocp import OCP, Reference, Settings
+from slipangle.optimal.ocp import OCP, ProblemSettings, Reference
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.solution import (
     Health,
@@ -72,7 +72,7 @@ class Fallbacks(Checked, Led):
         fallback: int = 5,
         safe: Values | Mapping[str, float] | None = None,
         plausible: Limits | Mapping[str, Any] | None = None,
-        **problem: Unpack[Settings],
+        **problem: Unpack[ProblemSettings],
     ) -> None:
         posed: dict[str, Any] = {**problem} if model is None else {"model": model, **problem}
         if ocp is None:
@@ -201,8 +201,8 @@ class Fallbacks(Checked, Led):
         if self.deadline is not None:
             engine.allow(self._left(begin))
         source = self._source(previous)
-        found = self._rescued(previous, None, before, reference, source)
-        return None if found is None else self._fallen(begin, health, found, Status.NOT_FINITE, source)
+        way = self._rescued(previous, None, before, reference, source)
+        return None if way is None else self._fallen(begin, health, way, Status.NOT_FINITE, source)
 
     def _fallback(
         self, call: Call, status: Status, iterations: int = 0, detail: str = "", unfinished: Any = None
@@ -213,11 +213,11 @@ class Fallbacks(Checked, Led):
         known = call.x if call.sound or self._judge.states.holds(call.x) else None
         if self.deadline is not None:
             self._engine.allow(self._left(call.begin))
-        found = self._rescued(previous, known, call.before, call.wanted, source) or self._predict(call, known, source)
+        way = self._rescued(previous, known, call.before, call.wanted, source) or self._predict(call, known, source)
         if self.deadline is not None:
             needed = min(perf_counter() - begun, 2.0 * self._pace[0])  # not what another program took away
             self._pace[0] = min(0.8 * self._pace[0] + 0.2 * needed, 0.5 * self.deadline)
-        return self._fallen(call.begin, health_of(previous), found, status, source, iterations, detail, unfinished)
+        return self._fallen(call.begin, health_of(previous), way, status, source, iterations, detail, unfinished)
 
     def _source(self, previous: Plan | None) -> Source:
         """Which fallback in a row this is, and what it follows; None for the stop law."""
@@ -229,7 +229,7 @@ class Fallbacks(Checked, Led):
         self,
         begin: float,
         health: Health,
-        found: tuple[np.ndarray, np.ndarray],
+        way: tuple[np.ndarray, np.ndarray],
         status: Status,
         source: Source,
         iterations: int = 0,
@@ -240,8 +240,8 @@ class Fallbacks(Checked, Led):
         age, kept = source
         seconds = perf_counter() - begin
         values = {
-            "u": found[0],
-            "x": found[1],
+            "u": way[0],
+            "x": way[1],
             "status": status,
             "seconds": seconds,
             "cost": nan,

@@ -88,11 +88,11 @@ class MPC(Fallbacks):
         _ = self._engine
         begin = perf_counter()
         if type(previous) is Plan and type(reference) is Reference:
-            found = self._again(x, reference, previous, applied, begin)
-            if found is None:
-                found = self._lost(x, reference, previous, applied, begin)
-            if found is not None:
-                return found
+            planned = self._again(x, reference, previous, applied, begin)
+            if planned is None:
+                planned = self._lost(x, reference, previous, applied, begin)
+            if planned is not None:
+                return planned
         x, wanted = given(self, x, reference, previous)
         before = self._before(previous, applied)
         wrong = self._judge.status(x, wanted.tracked, wanted.exogenous)
@@ -120,17 +120,17 @@ class MPC(Fallbacks):
         if type(health) is not Health:
             return None
         left = None if self.deadline is None else self._left(begin) - self._pace[0]
-        found = self._engine.again(x, reference, previous, applied, left)
-        if found is None:
+        answer = self._engine.again(x, reference, previous, applied, left)
+        if answer is None:
             return None
-        if not found["status"].solved:
+        if not answer["status"].solved:
             call = Call(x=x, wanted=reference, previous=previous, before=self._before(previous, applied), begin=begin)
-            return self._ended(call, Solution(**found))
-        del found["kept"]
-        found["controls"], found["times"] = self.controls, self.times
-        found["seconds"] = seconds = perf_counter() - begin
-        found["health"] = health.after(False, self.deadline is not None and seconds > self.deadline)
-        return quick(Plan, found)
+            return self._ended(call, Solution(**answer))
+        del answer["kept"]
+        answer["controls"], answer["times"] = self.controls, self.times
+        answer["seconds"] = seconds = perf_counter() - begin
+        answer["health"] = health.after(False, self.deadline is not None and seconds > self.deadline)
+        return quick(Plan, answer)
 
     def _ended(self, call: Call, solution: Solution) -> Plan:
         """The plan of a solution, or a fallback where it is none."""

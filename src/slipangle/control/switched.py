@@ -215,8 +215,8 @@ class SwitchedMPC(Led):
         seen = previous.x[:, -1] if previous is not None and np.ndim(previous.x) == 2 and np.size(previous.x) else None
         if is_numbers(seen, (self.horizon + 1,)):
             needed.append(float((np.abs(np.diff(seen)) / self.dt * v).max()))
-        found = float(np.max(needed)) / (self.friction * GRAVITY)
-        return found if np.isfinite(found) else np.inf
+        share = float(np.max(needed)) / (self.friction * GRAVITY)
+        return share if np.isfinite(share) else np.inf
 
     def _yaw_rate(self, x: np.ndarray) -> float:
         states = self.model.states
@@ -239,7 +239,7 @@ class SwitchedMPC(Led):
             active = 0
         chosen = (self.calm, self.limit)[active]
         part = self.model.split(x)[active]
-        found = chosen.plan(part, wanted, previous, applied=applied)
-        values = {f.name: getattr(found, f.name) for f in fields(Plan)}
+        planned = chosen.plan(part, wanted, previous, applied=applied)
+        values = {f.name: getattr(planned, f.name) for f in fields(Plan)}
         values["seconds"] = perf_counter() - begin
         return SwitchedPlan(**values, active=active, demand=demand, calm_steps=calm_steps)

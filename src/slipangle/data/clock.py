@@ -15,7 +15,7 @@ _SUSTAINED = 5  # this many steps in a row at another rate are another rate, not
 
 
 @dataclass(frozen=True, kw_only=True)
-class Grid:
+class TimeGrid:
     """Uniform instants found in time stamps: sample time [s], rows (start, stop) of each uninterrupted stretch.
 
     ``start_times`` are those of each stretch's first sample [s]; ``exact`` says whether the stamps lie on the grid (up
@@ -58,7 +58,7 @@ def find_grid(
     shortest: int = 2,
     row_name: Callable[[int], str] = lambda row: f"sample {row}",
     what: str = "the log",
-) -> Grid:
+) -> TimeGrid:
     """Find the uniform grid behind time stamps.
 
     Parameters
@@ -119,7 +119,7 @@ def find_grid(
     exact = worst <= max(0.02 * dt, 1.01 * _resolution(t, dt))
     if not exact:
         notes += _jitter_note(t, steps, dt, jitter, gap, row_name, what)
-    return Grid(dt=dt, pieces=pieces, start_times=tuple(float(t[a]) for a, _ in pieces), exact=exact, notes=notes)
+    return TimeGrid(dt=dt, pieces=pieces, start_times=tuple(float(t[a]) for a, _ in pieces), exact=exact, notes=notes)
 
 
 def _rising_steps(t: np.ndarray, row_name: Callable[[int], str], what: str) -> np.ndarray:

@@ -190,10 +190,10 @@ class Dataset:
 
     def columns(self, names: Sequence[str]) -> np.ndarray:
         """Samples of some channels, shape (n_samples, n_names); a view to be read only where they are neighbours."""
-        found = [self.index(n) for n in names]
-        if found and found == list(range(found[0], found[0] + len(found))):
-            return self.values[:, found[0] : found[0] + len(found)]
-        return self.values[:, found]
+        indices = [self.index(n) for n in names]
+        if indices and indices == list(range(indices[0], indices[0] + len(indices))):
+            return self.values[:, indices[0] : indices[0] + len(indices)]
+        return self.values[:, indices]
 
     def index(self, name: str) -> int:
         """Column of a channel; a MissingColumnError gives the nearest names where there is none."""

@@ -80,15 +80,15 @@ def lap_starts(data: Dataset, *, gate: tuple[float, float], heading: float, widt
     """
     if not width > 0:
         raise ParameterError(f"the gate is {width} m wide; expected a positive width")
-    found, offset = [], 0
+    crossings, offset = [], 0
     for part in data.experiments:
         dx, dy = part["X"] - gate[0], part["Y"] - gate[1]
         along = dx * np.cos(heading) + dy * np.sin(heading)
         across = -dx * np.sin(heading) + dy * np.cos(heading)
         crossed = (along[:-1] < 0) & (along[1:] >= 0) & (np.abs(across[1:]) <= 0.5 * width)
-        found.append(offset + 1 + np.flatnonzero(crossed))
+        crossings.append(offset + 1 + np.flatnonzero(crossed))
         offset += part.n_samples
-    return np.concatenate(found).astype(int)
+    return np.concatenate(crossings).astype(int)
 
 
 def laps(data: Dataset, starts: np.ndarray) -> Dataset:
@@ -141,7 +141,7 @@ def corners(data: Dataset, *, a_y: float = 3.0, shortest: float = 1.0, smooth: f
     """
     if not a_y > 0:
         raise ParameterError(f"a_y is {a_y} m/s2; expected a positive threshold, such as 3")
-    found, offset = [], 0
+    bends, offset = [], 0
     for part in data.experiments:
         size = max(1, round(smooth / part.dt))
         lateral = ndimage.uniform_filter1d(part["v_x"] * part["r"], size, mode="nearest")
@@ -151,9 +151,9 @@ def corners(data: Dataset, *, a_y: float = 3.0, shortest: float = 1.0, smooth: f
                 a, b = rows[0].start, rows[0].stop
                 if (b - a) * part.dt >= shortest:
                     apex = a + int(np.argmax(np.abs(lateral[a:b])))
-                    found.append(Corner(start=offset + a, stop=offset + b, apex=offset + apex, left=sign > 0))
+                    bends.append(Corner(start=offset + a, stop=offset + b, apex=offset + apex, left=sign > 0))
         offset += part.n_samples
-    return tuple(sorted(found, key=lambda corner: corner.start))
+    return tuple(sorted(bends, key=lambda corner: corner.start))
 
 
 def rmse_by_phase(error: np.ndarray, found: tuple[Corner, ...]) -> dict[str, float]:

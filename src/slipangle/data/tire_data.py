@@ -171,7 +171,7 @@ class TireData:
         groups = [levels(self.load, t.load), levels(self.gamma, t.camber)]
         if self.pressure is not None:
             groups.append(levels(self.pressure, t.pressure))
-        found = []
+        parts = []
         index = np.column_stack([g[1] for g in groups])
         for key in sorted({tuple(row) for row in index[(index >= 0).all(axis=1)]}):
             rows = np.flatnonzero((index == key).all(axis=1))
@@ -180,8 +180,8 @@ class TireData:
             part = self.rows(rows)
             pressure = None if part.pressure is None else float(part.pressure.mean())
             level = float(part.load.mean()), float(part.gamma.mean()), pressure
-            found.append(Sweep(*level, rows, _span(part.slip_ratio), _span(part.slip_angle)))
-        return tuple(found)
+            parts.append(Sweep(*level, rows, _span(part.slip_ratio), _span(part.slip_angle)))
+        return tuple(parts)
 
 
 class Sweep(NamedTuple):

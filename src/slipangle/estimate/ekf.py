@@ -85,9 +85,9 @@ class EKF(Checked, Generic[M]):
 
     def start_at(self, x0: np.ndarray | None = None) -> RecursiveVehicle:
         """A filter before its first sample; ``x0``, shape (n_states,), is the state expected there, by default zero."""
-        found = RecursiveVehicle(self)
-        found.restart(x0)
-        return found
+        tracker = RecursiveVehicle(self)
+        tracker.restart(x0)
+        return tracker
 
     def fit(self, data: Dataset) -> M:
         """The model with the parameters after the last sample of ``data``, their covariance in its ``fit_info``.

@@ -157,5 +157,5 @@ class Recorded:
                 values.append(np.float64(rest[0]))
             else:
                 values.append({"x": x, "u": u}[word][int(rest[0])])
-        found = [values[r] for r in self.results]
-        return dict(zip(self.names, found, strict=True)) if self.names else found
+        results = [values[r] for r in self.results]
+        return dict(zip(self.names, results, strict=True)) if self.names else results

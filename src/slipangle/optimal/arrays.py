@@ -39,16 +39,16 @@ def array(given: Any, shape: tuple[int, ...], names: Sequence[str], what: str) -
     try:
         if np.iscomplexobj(given):
             raise TypeError
-        found = np.asarray(given, dtype=float)
+        numbers = np.asarray(given, dtype=float)
     except (TypeError, ValueError):
         raise ParameterError(
             f"{what} is {short(given)}; expected real numbers of shape {shape}: {list(names)}"
         ) from None
-    if len(shape) == found.ndim == 1 and found.shape != shape:
-        raise ParameterError(f"{what} has {len(found)} entries; expected {shape[0]}: {list(names)}")
-    if found.shape != shape:
-        raise ParameterError(f"{what} has shape {found.shape}; expected {shape}: {list(names)}")
-    return found
+    if len(shape) == numbers.ndim == 1 and numbers.shape != shape:
+        raise ParameterError(f"{what} has {len(numbers)} entries; expected {shape[0]}: {list(names)}")
+    if numbers.shape != shape:
+        raise ParameterError(f"{what} has shape {numbers.shape}; expected {shape}: {list(names)}")
+    return numbers
 
 
 def applied_input(given: Any, controls: Sequence[str]) -> np.ndarray:

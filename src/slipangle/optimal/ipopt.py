@@ -128,12 +128,12 @@ def _layout(ocp: OCP, n_inner: int) -> _Layout:
         model += list((height + np.arange(length * n_model)).reshape(length, n_model))
         limits.append(height + length * n_model + np.arange(high))
         height += length * n_model + high
-    found = [np.array(part, dtype=int) for part in (u, x, slack, inner, ends, model, limits)]
+    places = [np.array(part, dtype=int) for part in (u, x, slack, inner, ends, model, limits)]
     first_slack = size + np.arange(len(soft_now))
     first = height + np.arange(len(hard_now) + 2 * len(soft_now))
     later, later_rows = np.arange(size + len(first_slack)), np.arange(height + len(first))
     after = ocp.stage_of[np.minimum(ocp.nodes[:-1] + 1, ocp.nodes[-1] - 1)]
-    for where, stage, step in ((later, found[:3], found[3:5]), (later_rows, found[6:], found[5:6])):
+    for where, stage, step in ((later, places[:3], places[3:5]), (later_rows, places[6:], places[5:6])):
         for part in stage:
             where[part] = part[after]
         for part in step:
@@ -144,14 +144,14 @@ def _layout(ocp: OCP, n_inner: int) -> _Layout:
         hard_now=hard_now,
         soft_now=soft_now,
         rated=rated,
-        u=found[0],
-        x=found[1],
-        slack=found[2],
-        inner=found[3],
-        ends=found[4],
+        u=places[0],
+        x=places[1],
+        slack=places[2],
+        inner=places[3],
+        ends=places[4],
         first_slack=first_slack,
         size=len(later),
-        limits=found[6],
+        limits=places[6],
         first=first,
         height=len(later_rows),
         later=later,

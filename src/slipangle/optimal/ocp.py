@@ -50,7 +50,7 @@ class Reference:
     corridor: np.ndarray | None = None
 
 
-class Settings(TypedDict, total=False):
+class ProblemSettings(TypedDict, total=False):
     """What an `OCP` is built from besides its model."""
 
     horizon: int
@@ -470,9 +470,9 @@ class OCP(Checked):
             if given is not None or key in ("tracked", "exogenous"):
                 if key == "exogenous" and _height(given) == self.horizon:
                     shape = self.horizon, shape[1]
-                found = array(given, shape, names, f"reference.{key}")
-                if found is not given:
-                    changed[key] = found
+                checked = array(given, shape, names, f"reference.{key}")
+                if checked is not given:
+                    changed[key] = checked
         if self.corridor is not None and reference.corridor is None:
             raise ParameterError(
                 "the reference has no corridor; expected one for this problem: use mpc.reference(preview)"

@@ -102,14 +102,14 @@ def horizon_curves(curves: Mapping[str, HorizonErrors], channel: Channel) -> go.
     if not curves:
         raise ParameterError("there is no curve to draw; got an empty mapping, expected at least one model: add one")
     figure = new_figure(360, hovermode="x unified")
-    shown = sorted({float(f"{k * found.dt:.3g}") for found in curves.values() for k in found.horizons})
-    for i, (name, found) in enumerate(curves.items()):
-        column = found.outputs.index(channel.name)
+    shown = sorted({float(f"{k * curve.dt:.3g}") for curve in curves.values() for k in curve.horizons})
+    for i, (name, curve) in enumerate(curves.items()):
+        column = curve.outputs.index(channel.name)
         colour, _ = series_style(i)
-        seconds = found.horizons * found.dt
-        line(figure, seconds, found.rmse[:, column], colour, 2, name=escape(name), legendgroup=name, hovertemplate=None)
+        seconds = curve.horizons * curve.dt
+        line(figure, seconds, curve.rmse[:, column], colour, 2, name=escape(name), legendgroup=name, hovertemplate=None)
         figure.data[-1].update(mode="lines+markers")
-        level = np.full(2, found.free_run[column])
+        level = np.full(2, curve.free_run[column])
         line(figure, seconds[[0, -1]], level, colour, 1, dash="dash", legendgroup=name, showlegend=False)
     figure.update_layout(
         xaxis={

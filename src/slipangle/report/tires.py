@@ -40,8 +40,8 @@ def evaluate_table(
     """Forces and moments at every combination of the given conditions [-, rad, N, rad], one row each."""
     grid = np.meshgrid(*(np.atleast_1d(np.asarray(v, dtype=float)) for v in (load, camber, slip_angle, slip_ratio)))
     weight, gamma, angle, ratio = (g.transpose(1, 0, 2, 3).ravel() for g in grid)
-    found = tire.forces(ratio, angle, weight, camber=gamma)
-    columns = [np.broadcast_to(np.asarray(v, dtype=float), ratio.shape) for v in found]
+    at_rows = tire.forces(ratio, angle, weight, camber=gamma)
+    columns = [np.broadcast_to(np.asarray(v, dtype=float), ratio.shape) for v in at_rows]
     given = weight, np.degrees(gamma), np.degrees(angle), ratio
     rows = tuple(Row(tuple(map(float, cells))) for cells in zip(*given, *columns, strict=True))
     heads = (("load", "N"), ("camber", "deg"), ("slip angle", "deg"), ("slip ratio", "-"), ("F_x", "N"), ("F_y", "N"))
@@ -107,10 +107,10 @@ def _curves(tire: Tire, loads: Sequence[float], camber: float) -> Section:
 def fit_errors(tire: Tire, data: TireData) -> Table:
     """RMSE of each measured output, the spread of the data and R2; F_x where the wheel is driven or braked."""
     rows = []
-    found = predicted(tire, data)
+    fitted = predicted(tire, data)
     for quantity in _measured(data):
         measured = getattr(data, quantity)
-        error = measured - np.broadcast_to(getattr(found, quantity), measured.shape)
+        error = measured - np.broadcast_to(getattr(fitted, quantity), measured.shape)
         if quantity == "F_x":  # rolling resistance is no part of slip forces
             driven = np.abs(data.slip_ratio) > 0.005
             if not driven.any():

@@ -90,8 +90,8 @@ class LookUpTire(Tire):
         if name not in self._tables:
             self._tables[name] = ca.interpolant(name, "bspline", [place.tolist()], value.tolist())
         inside = clip(slip, float(place[0]), float(place[-1]))
-        found = self._tables[name](inside)
-        return found if is_symbolic(slip) else np.asarray(found).ravel()[0]
+        force = self._tables[name](inside)
+        return force if is_symbolic(slip) else np.asarray(force).ravel()[0]
 
     def forces(
         self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0

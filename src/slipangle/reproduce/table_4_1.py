@@ -82,12 +82,12 @@ def candidates() -> dict[str, Estimator]:
     def linear(order: int) -> StateSpace:
         return StateSpace(order=order, focus="simulation", direct=True, max_radius=1.0, block_rows=20, memory=MEMORY)
 
-    found: dict[str, Estimator] = {f"linear, order {order}": linear(order) for order in (4, 6, 8)}
+    estimators: dict[str, Estimator] = {f"linear, order {order}": linear(order) for order in (4, 6, 8)}
     shapes: tuple[tuple[Curve, int], ...] = (("hardening", 1), ("hardening", 2), ("saturation", 1))
     for curve, branches in shapes:
         name = f"order 6, {branches} {curve} branch{'es' if branches > 1 else ''}"
-        found[name] = Lure(linear=linear(6), branches=branches, curve=curve, memory=MEMORY)
-    return found
+        estimators[name] = Lure(linear=linear(6), branches=branches, curve=curve, memory=MEMORY)
+    return estimators
 
 
 def _entries(

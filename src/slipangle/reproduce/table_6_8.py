@@ -91,12 +91,12 @@ def _rates(name: str, progress: Callable[[float], None]) -> np.ndarray:
         progress(k / len(RATE_SEEDS))
         slip, friction, _ = stand_in(name, seed=seed)
         problem = magic_regression(slip[:, None], friction[:, None])
-        found = _quietly(fit, slip, friction).values
-        best = float(np.sum(problem.residual(found) ** 2))
+        values = _quietly(fit, slip, friction).values
+        best = float(np.sum(problem.residual(values) ** 2))
         freedom = len(slip) - len(NAMES)
         limit = student.ppf(0.975, freedom) ** 2 * best / freedom
         for j, value in enumerate(truth(name)):
-            inside[j] += fixed_cost(problem, found, lower, upper, j, float(value))[0] - best <= limit
+            inside[j] += fixed_cost(problem, values, lower, upper, j, float(value))[0] - best <= limit
     return inside
 
 

@@ -30,7 +30,7 @@ PRINTED = {10.0: (0.9998, 0.638), 15.0: (0.999, 0.959), 20.0: (0.994, 1.231)}  #
 SHARES = (0.10, 0.15, 0.20, 0.30, 0.40, 0.50)
 
 
-class Found(NamedTuple):
+class LagTrial(NamedTuple):
     """One fit of the search."""
 
     model: ARXModel
@@ -40,9 +40,9 @@ class Found(NamedTuple):
     validation: Score
 
 
-def search(data: Dataset) -> list[Found]:
+def search(data: Dataset) -> list[LagTrial]:
     """Every fit whose free run stays finite, the best validation RMSE first."""
-    found = []
+    trials = []
     for share in SHARES:
         train, validation = data.split(share)
         for na in (2, 3, 4):
@@ -55,11 +55,11 @@ def search(data: Dataset) -> list[Found]:
                             scores = [score(model.simulate(part), "Y") for part in (train, validation)]
                     except SlipangleError:  # too little data for the order, or an unstable free run
                         continue
-                    found.append(Found(model, share, kind, *scores))
-    return sorted(found, key=lambda f: f.validation.rmse)
+                    trials.append(LagTrial(model, share, kind, *scores))
+    return sorted(trials, key=lambda f: f.validation.rmse)
 
 
-def choose(found: list[Found]) -> Found:
+def choose(found: list[LagTrial]) -> LagTrial:
     """The simplest good fit."""
     good = [f for f in found if f.validation.r2 >= 0.9999] or found[:1]
     return min(good, key=lambda f: (f.model.na + f.model.nb, f.validation.rmse))
@@ -77,11 +77,11 @@ def reproduce(progress: Progress) -> Reproduction:
     for k, v in enumerate(SPEEDS):
         progress(k / len(SPEEDS), f"{v:g} m/s")
         data = sine_log(v)
-        found = search(data)
-        best, plain = choose(found), next(f for f in found if f.kind == "plain")
+        trials = search(data)
+        best, plain = choose(trials), next(f for f in trials if f.kind == "plain")
         r2, rmse = PRINTED[v]
         row, train = f"{v:g} m/s", f"na = {best.model.na}, nb = {best.model.nb}, {best.share:.0%} training"
-        note = f"{train}, {best.kind}; {len(found)} fits"
+        note = f"{train}, {best.kind}; {len(trials)} fits"
         unseen = score(best.model.simulate(second_log(v)), "Y")
         A, B = (", ".join(f"{c:.4f}" for c in matrix.ravel()) for matrix in (best.model.A, best.model.B))
         here, plain_here = best.validation, plain.validation

@@ -168,7 +168,7 @@ def _bounded(name: str, segment: str, error: dict[str, dict[str, float]]) -> Rec
 
 def figures(done: dict[str, Driven]) -> tuple[Any, ...]:
     """Figures 7.8 to 7.10: path, error, slip angles, steering, speed and weights of each controller."""
-    found = []
+    plots = []
     for name in DRAWN:
         run = done[name].run
         felt = CAR.signals(run.states.T, run.inputs.T)
@@ -192,5 +192,5 @@ def figures(done: dict[str, Driven]) -> tuple[Any, ...]:
                 Signal(channel=Channel(f"weight at {v:g} m/s", "-"), values=weights[index, j])
                 for j, v in enumerate(MORE_SPEEDS)
             ]
-        found.append(signals(run.t, rows, spans=spans))
-    return tuple(found)
+        plots.append(signals(run.t, rows, spans=spans))
+    return tuple(plots)

@@ -86,7 +86,7 @@ def thesis_way(name: str, done: dict[str, Driven]) -> dict[str, float]:
         controller = MPC(model, solver=solver, controls=("delta",), **settings)
     else:
         controller = general(ByCvodes(linear_model() if name == "LMPC" else magic_model()), solver)
-    found = {}
+    times = {}
     for s, (low, high) in SEGMENTS.items():
         X = np.interp(run.t_plan, run.t, run["X"])
         inside = np.flatnonzero((X >= low) & (X < min(high, 860.0)))
@@ -100,8 +100,8 @@ def thesis_way(name: str, done: dict[str, Driven]) -> dict[str, float]:
                 plan = controller.plan(x, reference, plan, applied=before)
                 if i > k:
                     spent.append(time.process_time() - began)
-        found[s] = float(np.median(spent))
-    return found
+        times[s] = float(np.median(spent))
+    return times
 
 
 def _moment(run: Run, k: int, controller: MPC) -> tuple[np.ndarray, Reference]:

@@ -124,7 +124,7 @@ def reproduce(progress: Progress) -> Reproduction:
     train, test = ferrari()
     progress(0.02, "fitting M1 with nonlinear tires")
     base = nonlinear_bicycle(train)
-    found: list[Record] = []
+    made: list[Record] = []
     fitted: dict[str, list[Model]] = {}
     planned = rows(train, base)
     for i, row in enumerate(planned):
@@ -136,7 +136,7 @@ def reproduce(progress: Progress) -> Reproduction:
             model = row.fit(train, seed)
             verdicts.append(judge(model, test, timer.read()))
             fitted.setdefault(row.name, []).append(model)
-        found += records(
+        made += records(
             row.name,
             verdicts,
             printed=row.printed,
@@ -151,13 +151,13 @@ def reproduce(progress: Progress) -> Reproduction:
     timer = Timer()
     ensemble = joint(base, SEEDS).fit_ensemble(train, progress=lambda share, what: progress(0.7 + 0.2 * share, what))
     mixed = EnsembleModel(members=(*ensemble.members, *fitted["M1-H"]))
-    found += joint_records(ensemble, mixed, test, timer.read(len(SEEDS)))
+    made += joint_records(ensemble, mixed, test, timer.read(len(SEEDS)))
     shown = {name: models[0] for name, models in fitted.items()} | {"joint": ensemble.members[0], "ensemble": mixed}
     progress(0.9, "another session, intervals")
-    found += session_records(ensemble, joint(base, SEEDS[:3]), train, test)
+    made += session_records(ensemble, joint(base, SEEDS[:3]), train, test)
     progress(0.98, "where on the track")
     more, figures = along_the_track(shown, test)
-    return Reproduction.told(__doc__, [*found, *more], list(figures.values()), list(figures))
+    return Reproduction.told(__doc__, [*made, *more], list(figures.values()), list(figures))
 
 
 def joint_records(
@@ -166,10 +166,10 @@ def joint_records(
     """Single models, every seed; their ensemble, alone and together with the hybrids M1-H."""
     singles = [judge(member, test, spent) for member in ensemble.members]
     row, seeds = "physics with a network, joint", SEEDS[: len(singles)]
-    found = records(row, singles, printed=None, fit=94.0, vaf=99.6, slowest=120.0, apart_at_most=APART, seeds=seeds)
+    made = records(row, singles, printed=None, fit=94.0, vaf=99.6, slowest=120.0, apart_at_most=APART, seeds=seeds)
     for name, model in (("ensemble of them", ensemble), ("ensemble of them and M1-H", mixed)):
-        found += ensemble_records(name, model, test, singles)
-    return found
+        made += ensemble_records(name, model, test, singles)
+    return made
 
 
 def ensemble_records(row: str, ensemble: EnsembleModel, test: Dataset, members: Sequence[Judged]) -> list[Record]:
@@ -183,12 +183,12 @@ def along_the_track(models: dict[str, Model], test: Dataset) -> tuple[list[Recor
     channel = test.channels[test.index("r")]
     runs = {name: model.simulate(test) for name, model in models.items()}
     errors = {name: np.where(run.predicted, run.error[:, 0], np.nan) for name, run in runs.items()}
-    found = corners(test)
+    bends = corners(test)
     few = {name: errors[name] for name in ("M1, bicycle", "M1, nonlinear tires, load transfer", "M1-H", "ensemble")}
     data = [
         Record(name, f"RMSE of r, {phase} [rad/s]", None, value)
         for name, error in few.items()
-        for phase, value in rmse_by_phase(error, found).items()
+        for phase, value in rmse_by_phase(error, bends).items()
     ]
     a_y = test["v_x"] * test["r"]
     edges = np.linspace(0.0, np.ceil(np.abs(a_y).max()), 9)
@@ -199,7 +199,7 @@ def along_the_track(models: dict[str, Model], test: Dataset) -> tuple[list[Recor
         ),
         "Errors": rainclouds(clouds, channel=channel),
         **correlations({name: runs[name] for name in (*HYBRIDS.values(), *HYBRIDS, "ensemble")}, channel),
-        "Error by phase of the corner": error_by_phase(few, found, channel=channel),
+        "Error by phase of the corner": error_by_phase(few, bends, channel=channel),
         "Error by lateral acceleration": error_by_level(
             few, a_y, edges, channel=channel, sorted_by=Channel("a_y", "m/s2")
         ),

@@ -43,7 +43,7 @@ def late(data: Dataset, samples: int) -> Dataset:
 def reproduce(progress: Progress) -> Reproduction:
     """Estimates, intervals and what the steering's delay does to them."""
     train, test = (part.hold_mean() for part in ferrari())
-    found: list[Record] = []
+    records: list[Record] = []
     inertia, fits = [], []
     for samples in (0, 1, 2):
         progress(0.1 + 0.2 * samples, f"bicycle, steering late by {50 * samples} ms")
@@ -51,18 +51,18 @@ def reproduce(progress: Progress) -> Reproduction:
         fits.append(score(model.simulate(late(test, samples)), "r").fit)
         inertia.append(model.params.inertia_z)
         if samples == 0:
-            found += _parameters("bicycle", model)
+            records += _parameters("bicycle", model)
     ratio, masses = max(inertia) / min(inertia), ", ".join(f"{i:.0f}" for i in inertia)
     note = f"Iz {masses} kg m2 at fits of {', '.join(f'{f:.1f}' for f in fits)} %: not identifiable without the delay"
     what = "Iz over delays of 0, 50, 100 ms, largest over smallest [-]"
-    found.append(Record("bicycle", what, None, ratio, "> 1.5", ratio > 1.5, note))
+    records.append(Record("bicycle", what, None, ratio, "> 1.5", ratio > 1.5, note))
     progress(0.7, "longitudinal")
     data = public("iac-putnam").select(inputs=("pedal",), outputs=("v_x",))
     fast = data.rows(int(np.searchsorted(data.t, FAST)), data.n_samples).split(0.7)[0]
     start = Longitudinal(params=LongitudinalParams(mass=790.0, k_e=6000.0, k_d=60.0, k_r=0.02), dt=fast.dt)
     settings = GreyBox(start=start, free=("k_e", "k_d", "k_r"))
-    found += _parameters("longitudinal, another car", quietly(settings, restarted(fast, RESTART, start.memory)))
-    return Reproduction.told(__doc__, found)
+    records += _parameters("longitudinal, another car", quietly(settings, restarted(fast, RESTART, start.memory)))
+    return Reproduction.told(__doc__, records)
 
 
 def _parameters(row: str, model: Bicycle | Longitudinal) -> list[Record]:

@@ -68,7 +68,7 @@ class Outcome:
             for v in self.validations
         }
         first = self.validations[0]
-        found: dict[str, Any] = {
+        record: dict[str, Any] = {
             "title": self.settings.title,
             "data": {"name": self.data.name, "dt": self.data.dt}
             | {"n_train": self.train.n_samples, "n_test": self.test.n_samples},
@@ -78,10 +78,10 @@ class Outcome:
             "warnings": {v.name: list(v.model.fit_info.warnings) for v in self.validations if v.model.fit_info},
         }
         if self.failures:
-            found["failures"] = self.failures
+            record["failures"] = self.failures
         if self.run is not None:
             seconds = self.run.seconds
-            found["closed_loop"] = {
+            record["closed_loop"] = {
                 "rmse_y": self.run.rmse("y"),
                 "max_y": self.run.max("y"),
                 "inside_lane": self.run.inside,
@@ -90,7 +90,7 @@ class Outcome:
                 "solver_seconds_median": float(np.median(seconds)),
                 "solver_seconds_p99": float(np.percentile(seconds, 99)),
             }
-        return found
+        return record
 
     def to_json(self) -> str:
         """`metrics` as text."""
@@ -239,8 +239,8 @@ def delay_check(settings: Settings, quality: DataReport, train: Dataset) -> tupl
     wanted = next((m for m in settings.model if m.kind == "bicycle"), None)
     if wanted is None or "delta" not in train.inputs:
         return ()
-    found = next((d for d in quality.delays if d.input == "delta" and d.output in ("r", "a_y")), None)
-    if found is None or abs(found.seconds) < 0.5 * train.dt:
+    delay = next((d for d in quality.delays if d.input == "delta" and d.output in ("r", "a_y")), None)
+    if delay is None or abs(delay.seconds) < 0.5 * train.dt:
         return ()
     fits = []
     shifts = (0.0, 0.5 * train.dt, train.dt)
@@ -255,7 +255,7 @@ def delay_check(settings: Settings, quality: DataReport, train: Dataset) -> tupl
     except SlipangleError as error:  # a check is worth no lost job
         return (f"what the steering delay does to the parameters cannot be told: {error}",)
     said = [
-        f"{found.output} follows delta by {1000 * found.seconds:.0f} ms; what of that is delay of actuator or logger "
+        f"{delay.output} follows delta by {1000 * delay.seconds:.0f} ms; what of that is delay of actuator or logger "
         "and not lag of the car ends up in the parameters"
     ]
     agree = max(f for _, f in fits) - min(f for _, f in fits)  # %: fits this close cannot choose the delay

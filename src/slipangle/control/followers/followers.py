@@ -14,7 +14,7 @@ from time import perf_counter
 import numpy as np
 
 from slipangle.control.call import applied_before, given
-from slipangle.control.controller import Ahead, Steering
+from slipangle.control.controller import Ahead, SteeringController
 from slipangle.fields import Checked, Count, Positive
 from slipangle.models.model import Model
 from slipangle.models.vehicles.bicycle import Bicycle
@@ -27,7 +27,7 @@ from slipangle.optimal.solution import Plan, Status, within
 
 
 @dataclass(frozen=True, kw_only=True)
-class PathFollower(Checked, Steering):
+class PathFollower(Checked, SteeringController):
     """A steering law; subclasses say from what model's state and how.
 
     Parameters
@@ -181,7 +181,7 @@ class Stanley(PathFollower):
     softening : float
         Speed that keeps the gain finite at standstill. [m/s]
     damping : float
-        Steering angle per yaw rate beyond the path's. [s]
+        SteeringController angle per yaw rate beyond the path's. [s]
 
     The others are those of `PathFollower`.
 

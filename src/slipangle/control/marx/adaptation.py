@@ -161,10 +161,10 @@ class AdaptiveMultiARXMPC(Checked, Led):
         x, wanted = given(self, x, reference, previous)
         known = previous.memory if previous is not None and self._ours(previous.memory) else self._first
         learned = self.learn(known, x, float(wanted.exogenous[0, 0]))
-        found = self.base.plan_with(learned.numbers, x, wanted, previous, applied)
-        true = found.status not in (Status.NOT_FINITE, Status.IMPLAUSIBLE)
-        memory = learned._replace(x=x.copy() if true else None, u=float(found.u[0, 0]))
-        values: dict[str, Any] = {name: getattr(found, name) for name in found.__dataclass_fields__}
+        planned = self.base.plan_with(learned.numbers, x, wanted, previous, applied)
+        true = planned.status not in (Status.NOT_FINITE, Status.IMPLAUSIBLE)
+        memory = learned._replace(x=x.copy() if true else None, u=float(planned.u[0, 0]))
+        values: dict[str, Any] = {name: getattr(planned, name) for name in planned.__dataclass_fields__}
         values["memory"] = memory
         return AdaptivePlan(**values, verdict=learned.verdict, samples=learned.samples)
 

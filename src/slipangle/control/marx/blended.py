@@ -10,8 +10,8 @@ from typing import Annotated
 
 import numpy as np
 
-from slipangle.control.controller import Steering
-from slipangle.control.marx.problem import Numbers, Problem, Solver
+from slipangle.control.controller import SteeringController
+from slipangle.control.marx.problem import MarxProgram, Numbers, Solver
 from slipangle.control.marx.solver import build
 from slipangle.errors import ParameterError
 from slipangle.fields import Checked, Count, Whole, Within
@@ -25,7 +25,7 @@ FASTEST = 1e3  # m/s, above which no steering angle is worth planning
 
 
 @dataclass(frozen=True, eq=False)
-class BlendedProblem(Checked, Steering):
+class BlendedProblem(Checked, SteeringController):
     """Settings of a `MultiARXMPC`, which says what they mean, and the solver built for them."""
 
     columns = references = POSE
@@ -131,13 +131,13 @@ class BlendedProblem(Checked, Steering):
         _ = self.solver
 
     @cached_property
-    def problem(self) -> Problem:
+    def problem(self) -> MarxProgram:
         """Sizes, weights and limits for the solver."""
         base, name = self.blended, self.controls[0]
         end = self.Q if self.terminal is None else self.terminal
         low, high = self.limits.get(name, (-np.inf, np.inf))
         slow, fast = self.rates.get(name, (-np.inf, np.inf))
-        return Problem(
+        return MarxProgram(
             horizon=self.horizon,
             knots=tuple(self.knots or range(self.horizon)),
             dt=self.dt,

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.marx.problem import Answer, Numbers, Offset, Problem, Solver
+from slipangle.control.marx.problem import Answer, MarxProgram, Numbers, Offset, Solver
 from slipangle.optimal.solution import Status, within
 
 
 class Interpreted(Solver):
     """The same with NumPy, the quadratic program by DAQP."""
 
-    def __init__(self, problem: Problem, numbers: Numbers) -> None:
+    def __init__(self, problem: MarxProgram, numbers: Numbers) -> None:
         self._problem, self._numbers = problem, numbers
 
     def solve(

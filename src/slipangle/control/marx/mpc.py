@@ -120,9 +120,9 @@ class MultiARXMPC(BlendedProblem):
         solver = self.solver
         begin = perf_counter()
         if type(reference) is Reference and not self.integral:
-            found = self._again(numbers, x, reference, previous, applied, memory, begin)
-            if found is not None:
-                return found
+            answer = self._again(numbers, x, reference, previous, applied, memory, begin)
+            if answer is not None:
+                return answer
         x, wanted = given(self, x, reference, previous)
         before = applied_before(previous, applied, self.controls, np.zeros(1), *self._range).item()
         v_x, path = wanted.exogenous, wanted.tracked
@@ -136,24 +136,24 @@ class MultiARXMPC(BlendedProblem):
             return self._fallback(call, Status.FAILED, STANDING, standing=True)
         offset = self._offset(x, previous) if self.integral and previous is not None else 0.0
         try:
-            found = solver.solve(x, path, v_x, before, numbers, offset)
+            answer = solver.solve(x, path, v_x, before, numbers, offset)
         except Exception as error:
             return self._fallback(call, Status.FAILED, str(error).partition("\n")[0] or type(error).__name__)
-        if found.status is not Status.SOLVED or not finite(found.u, found.x):
-            return self._fallback(call, Status.FAILED if found.status is Status.SOLVED else found.status)
+        if answer.status is not Status.SOLVED or not finite(answer.u, answer.x):
+            return self._fallback(call, Status.FAILED if answer.status is Status.SOLVED else answer.status)
         values = {
-            "u": found.u,
-            "x": found.x,
+            "u": answer.u,
+            "x": answer.x,
             "status": Status.SOLVED,
             "seconds": perf_counter() - begin,
-            "cost": found.cost,
-            "iterations": found.iterations,
+            "cost": answer.cost,
+            "iterations": answer.iterations,
             "controls": self.controls,
-            "residual": found.residual,
+            "residual": answer.residual,
             "memory": memory,
             "times": self.times,
             "health": health_of(previous).after(False, False),
-            "weights": found.weights,
+            "weights": answer.weights,
             "outside": not self._lowest <= speed <= self._highest,
             "offset": offset,
         }
@@ -189,14 +189,14 @@ class MultiARXMPC(BlendedProblem):
         v_x = speed if len(speed) == self.horizon else speed[: self.horizon]
         if not v_x.size or not (now := v_x.item(0)) >= SLOWEST:
             return None
-        found = solver.again(x, reference.tracked, v_x, before, numbers)
-        if found is None:
+        answer = solver.again(x, reference.tracked, v_x, before, numbers)
+        if answer is None:
             return None
-        found["controls"], found["times"], found["memory"] = self.controls, self.times, memory
-        found["outside"] = not self._lowest <= now <= self._highest
-        found["health"] = health.after(False, False)
-        found["seconds"] = perf_counter() - begin
-        return quick(MultiARXPlan, found)
+        answer["controls"], answer["times"], answer["memory"] = self.controls, self.times, memory
+        answer["outside"] = not self._lowest <= now <= self._highest
+        answer["health"] = health.after(False, False)
+        answer["seconds"] = perf_counter() - begin
+        return quick(MultiARXPlan, answer)
 
     def _offset(self, x: np.ndarray, previous: Plan) -> np.ndarray | float:
         """Sum of the believed prediction errors, from a fresh plan one step ago; zero after anything else."""

@@ -15,7 +15,7 @@ Offset = np.ndarray | float  # of the models' outputs
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Problem:
+class MarxProgram:
     """Sizes, weights and limits; see `MultiARXMPC`. ``steps`` limits the change per step."""
 
     horizon: int
@@ -79,7 +79,7 @@ class Answer(NamedTuple):
 
 
 class Solver(abc.ABC):
-    """A solver for one `Problem`."""
+    """A solver for one `MarxProgram`."""
 
     @abc.abstractmethod
     def solve(

@@ -11,7 +11,7 @@ import numpy as np
 from slipangle.codegen.compiler import library
 from slipangle.codegen.expression import preamble
 from slipangle.control.marx.interpreted import Interpreted
-from slipangle.control.marx.problem import Answer, Numbers, Offset, Problem, Solver
+from slipangle.control.marx.problem import Answer, MarxProgram, Numbers, Offset, Solver
 from slipangle.numerics.per_thread import OfThreads, of_thread
 from slipangle.optimal.arrays import DOUBLE
 from slipangle.optimal.checks import ANY
@@ -25,7 +25,7 @@ FLAGS = ("-fno-math-errno", "-fno-trapping-math")
 OUTCOMES = (Status.SOLVED, Status.NOT_FINITE, Status.FAILED, Status.INFEASIBLE)
 
 
-def source(problem: Problem) -> str:
+def source(problem: MarxProgram) -> str:
     """The problem as one C source."""
     names = list(problem.outputs)
     sizes = {
@@ -56,7 +56,7 @@ def source(problem: Problem) -> str:
     return "\n".join([head, *text, _shares(problem), own, reach])
 
 
-def _shares(problem: Problem) -> str:
+def _shares(problem: MarxProgram) -> str:
     """The decided inputs' part in each step's input as C arrays; rows are padded to whole vectors."""
     shares, changes = problem.shares, problem.changes
     first = (shares != 0).argmax(axis=0)
@@ -70,16 +70,16 @@ def _shares(problem: Problem) -> str:
     return "\n".join(lines)
 
 
-def build(problem: Problem, numbers: Numbers) -> Solver:
+def build(problem: MarxProgram, numbers: Numbers) -> Solver:
     """Compile the problem, or take it from the cache, or fall back on NumPy."""
-    found = library(source(problem), name="marx", flags=FLAGS)
-    return Compiled(problem, numbers, found) if found is not None else Interpreted(problem, numbers)
+    loaded = library(source(problem), name="marx", flags=FLAGS)
+    return Compiled(problem, numbers, loaded) if loaded is not None else Interpreted(problem, numbers)
 
 
 class WorkArea(Solver):
     """One thread's memory of the compiled solver."""
 
-    def __init__(self, problem: Problem, numbers: Numbers, found: ctypes.CDLL) -> None:
+    def __init__(self, problem: MarxProgram, numbers: Numbers, found: ctypes.CDLL) -> None:
         self._library = found
         self._work = found.marx_new()
         if not self._work:
@@ -198,7 +198,7 @@ class Compiled(OfThreads, Solver):
 
     solve, again = of_thread("solve"), of_thread("again")
 
-    def __init__(self, problem: Problem, numbers: Numbers, found: ctypes.CDLL) -> None:
+    def __init__(self, problem: MarxProgram, numbers: Numbers, found: ctypes.CDLL) -> None:
         super().__init__(lambda: WorkArea(problem, numbers, found))
 
     @property

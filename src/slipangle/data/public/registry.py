@@ -215,10 +215,10 @@ def fetch(name: str, *wanted: str, progress: Callable[[str], None] = lambda sent
 def _fetch_file(public: PublicSet, file: PublicFile, progress: Callable[[str], None]) -> Path:
     for place in _places(file):
         if place.is_file():
-            found = _digest(place)
-            if found != file.sha256:
+            digest = _digest(place)
+            if digest != file.sha256:
                 raise HashError(
-                    f"'{place}' has sha256 {found}; expected {file.sha256}, the published {file.path} of "
+                    f"'{place}' has sha256 {digest}; expected {file.sha256}, the published {file.path} of "
                     f"'{public.name}': delete the file and fetch it again"
                 )
             return place
@@ -241,9 +241,9 @@ def _fetch_file(public: PublicSet, file: PublicFile, progress: Callable[[str], N
         if len(raw) > _LARGEST:
             reasons.append(f"{url}: more than {_LARGEST / 1e6:g} MB")
             continue
-        found = hashlib.sha256(raw).hexdigest()
-        if found != file.sha256:
-            wrong = wrong or f"{url} has sha256 {found}"
+        digest = hashlib.sha256(raw).hexdigest()
+        if digest != file.sha256:
+            wrong = wrong or f"{url} has sha256 {digest}"
             continue
         return write_atomic(target, raw)
     if wrong:

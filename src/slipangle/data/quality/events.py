@@ -114,7 +114,7 @@ def find_spikes(data: Dataset, channel: str, *, width: int = 5, threshold: float
     limit = threshold * max(_spread(residual), floor)
     size = np.abs(residual)
     stands_out = np.asarray(size > limit)
-    found, t = [], data.t
+    spikes, t = [], data.t
     edges = np.flatnonzero(np.diff(np.concatenate([[0], stands_out.astype(int), [0]])))
     for start, stop in edges.reshape(-1, 2).tolist():
         peak = start + int(np.argmax(size[start:stop]))
@@ -122,8 +122,8 @@ def find_spikes(data: Dataset, channel: str, *, width: int = 5, threshold: float
         samples = int(tall[-1] - tall[0]) + 1
         if samples <= width // 2:
             at = {"row": peak, "t": float(t[peak]), "size": float(residual[peak])}
-            found.append(Spike(channel=channel, samples=samples, unit=unit, **at))
-    return tuple(found)
+            spikes.append(Spike(channel=channel, samples=samples, unit=unit, **at))
+    return tuple(spikes)
 
 
 def despike(data: Dataset, channel: str, width: int = 5, threshold: float = 12.0) -> tuple[Dataset, list[Spike]]:
@@ -177,7 +177,7 @@ def find_jumps(
     unit = data.unit(channel)
     limit = fastest if fastest is not None else FASTEST.get(_quantity(unit))
     near_spikes = {row for s in skip for row in range(s.row - s.samples, s.row + s.samples + 2)}
-    found, offset = [], 0
+    jumps, offset = [], 0
     for part in data.experiments:
         x = part[channel]
         if len(x) > 8:
@@ -186,13 +186,13 @@ def find_jumps(
             else:  # noise is no jump: 4.5 standard deviations of all steps are always believable
                 steps = np.diff(x)
                 rows = _rows_above(x, max(limit * data.dt, 4.5 * _spread(steps - np.median(steps))))
-            found += [
+            jumps += [
                 Jump(channel=channel, row=offset + k, t=float(part.t[k]), size=float(x[k] - x[k - 1]), unit=unit)
                 for k in rows
                 if offset + k not in near_spikes
             ]
         offset += len(x)
-    return tuple(found)
+    return tuple(jumps)
 
 
 def _quantity(unit: str) -> str:

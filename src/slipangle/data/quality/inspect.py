@@ -216,10 +216,10 @@ def inspect(data: Dataset, *, width: int = 5, threshold: float = 12.0) -> DataRe
     """
     spikes, jumps, clean = [], [], data
     for name in data.names:
-        found = find_spikes(data, name, width=width, threshold=threshold)
-        spikes += found
-        jumps += find_jumps(data, name, threshold=threshold, skip=found)
-        clean = despike(clean, name, width, threshold)[0] if found else clean
+        marked = find_spikes(data, name, width=width, threshold=threshold)
+        spikes += marked
+        jumps += find_jumps(data, name, threshold=threshold, skip=marked)
+        clean = despike(clean, name, width, threshold)[0] if marked else clean
     ends = [t0 + (b - a) * data.dt for t0, a, b in zip(data.start_times, data.starts, data.stops, strict=True)]
     return DataReport(
         name=data.name,
@@ -244,14 +244,14 @@ def _moves(x: np.ndarray) -> bool:
 
 
 def _delays(data: Dataset) -> tuple[Delay, ...]:
-    found = []
+    delays = []
     for i in data.inputs:
         for o in data.outputs:
             try:
-                found.append(estimate_delay(data, i, o))
+                delays.append(estimate_delay(data, i, o))
             except (TooShortError, ExcitationError):
                 continue  # told by the length of the recording, or by its excitation
-    return tuple(found)
+    return tuple(delays)
 
 
 def _offsets(data: Dataset) -> tuple[Offset, ...]:
@@ -265,25 +265,25 @@ def _offsets(data: Dataset) -> tuple[Offset, ...]:
     if straight.sum() < max(20, round(1 / data.dt)):
         return ()
     runs = 1 + int((np.diff(np.flatnonzero(straight)) > 1).sum())  # samples side by side tell the same
-    found = []
+    offsets = []
     for name in ("delta", "delta_sw", "v_y", "beta", "steering"):
         if name in data and _moves(data[name]):
             x = data[name][straight]
             value, error = float(np.median(x)), float(x.std() / np.sqrt(runs))
             samples = int(straight.sum())
-            found.append(Offset(channel=name, value=value, error=error, samples=samples, unit=data.unit(name)))
-    return tuple(found)
+            offsets.append(Offset(channel=name, value=value, error=error, samples=samples, unit=data.unit(name)))
+    return tuple(offsets)
 
 
 def _rests(data: Dataset, name: str) -> list[tuple[int, int]]:
     """Rows (start, stop) over which a channel does not change, at least two samples long."""
-    found, offset = [], 0
+    rests, offset = [], 0
     for part in data.experiments:
         still = np.concatenate([[0], (np.diff(part[name]) == 0).astype(int), [0]])
         edges = np.flatnonzero(np.diff(still))
-        found += [(offset + a, offset + b + 1) for a, b in edges.reshape(-1, 2).tolist()]
+        rests += [(offset + a, offset + b + 1) for a, b in edges.reshape(-1, 2).tolist()]
         offset += len(part)
-    return found
+    return rests
 
 
 def _stretch(data: Dataset, name: str) -> Stretch | None:
@@ -301,14 +301,14 @@ def _clippings(data: Dataset, name: str) -> list[Clipping]:
     x = data[name]
     if len(np.unique(x)) <= _FEW_LEVELS:
         return []
-    found = []
+    clippings = []
     rests = [(a, b) for a, b in _rests(data, name) if b - a >= 5]
     for value in (float(x.max()), float(x.min())):
         rows = sum(b - a for a, b in rests if x[a] == value)
         visits = sum(1 for a, _ in rests if x[a] == value)
         if value != 0.0 and visits >= 3 and rows > 1e-3 * len(x):
-            found.append(Clipping(channel=name, value=value, share=rows / len(x)))
-    return found
+            clippings.append(Clipping(channel=name, value=value, share=rows / len(x)))
+    return clippings
 
 
 def _resolution(data: Dataset, name: str) -> Resolution:

@@ -8,12 +8,23 @@ from pathlib import Path
 from typing import Any
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.readers.columns import ArrayTable, Column, Header, Table, assemble
+from slipangle.data.readers.columns import ArrayTable, ChannelTable, Column, Header, assemble
 from slipangle.data.readers.csv import read_csv, write_csv
 from slipangle.errors import FormatError, MissingFileError
 from slipangle.registry import Registry
 
-__all__ = ["READERS", "ArrayTable", "Column", "Header", "Reader", "Table", "read", "read_csv", "reader", "write_csv"]
+__all__ = [
+    "READERS",
+    "ArrayTable",
+    "ChannelTable",
+    "Column",
+    "Header",
+    "Reader",
+    "read",
+    "read_csv",
+    "reader",
+    "write_csv",
+]
 
 _HEAD = 4096  # bytes from a file's beginning by which its format is known
 
@@ -39,7 +50,7 @@ READERS.register("text table")(Reader(read=read_csv, suffixes=(".csv", ".txt", "
 
 def reader(
     name: str, *, recognises: Callable[[bytes], bool] | None = None, suffixes: tuple[str, ...] = ()
-) -> Callable[[Callable[[Path], Table]], Callable[[Path], Table]]:
+) -> Callable[[Callable[[Path], ChannelTable]], Callable[[Path], ChannelTable]]:
     """A decorator that adds a format to `READERS`: above a function from a path to the file's columns.
 
     Units, time stamps, gaps and missing numbers are then settled as for any log; see `Reader` for the settings.
@@ -50,7 +61,7 @@ def reader(
         If another reader has this name.
     """
 
-    def add(columns_of: Callable[[Path], Table]) -> Callable[[Path], Table]:
+    def add(columns_of: Callable[[Path], ChannelTable]) -> Callable[[Path], ChannelTable]:
         def read(path: str | Path, columns: Any = None, **settings: Any) -> Dataset:
             settings.setdefault("name", Path(path).stem)
             return assemble(columns_of(Path(path)), columns, **settings)

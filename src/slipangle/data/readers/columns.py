@@ -78,7 +78,7 @@ class Header:
     unit: str | None = None
 
 
-class Table(Protocol):
+class ChannelTable(Protocol):
     """What a reader knows of a file before units and time are settled."""
 
     @property
@@ -107,7 +107,7 @@ class Table(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class ArrayTable:
-    """A `Table` of numbers that a reader has already, shape (n_rows, n_columns), NaN where one is missing."""
+    """A `ChannelTable` of numbers that a reader has already, shape (n_rows, n_columns), NaN where one is missing."""
 
     name: str
     headers: tuple[Header, ...]
@@ -123,7 +123,7 @@ class ArrayTable:
         return f"row {row + 1}"
 
 
-def find_column(table: Table, source: str | int, channel: str) -> int:
+def find_column(table: ChannelTable, source: str | int, channel: str) -> int:
     """Position of a column.
 
     Raises
@@ -142,13 +142,13 @@ def find_column(table: Table, source: str | int, channel: str) -> int:
             "count from 0"
         )
     for key in ("text", "name"):
-        found = [i for i, h in enumerate(table.headers) if getattr(h, key) == source]
-        if len(found) == 1:
-            return found[0]
-        if found:
+        matches = [i for i, h in enumerate(table.headers) if getattr(h, key) == source]
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
             raise ParameterError(
-                f"{table.name} has {len(found)} columns named '{source}'; expected one: choose by position, "
-                f"such as Column({found[0]})"
+                f"{table.name} has {len(matches)} columns named '{source}'; expected one: choose by position, "
+                f"such as Column({matches[0]})"
             )
     if not table.named:
         raise MissingColumnError(
@@ -161,7 +161,7 @@ def find_column(table: Table, source: str | int, channel: str) -> int:
     )
 
 
-def _column(table: Table, name: str, column: Column, assumed: list[str]) -> tuple[np.ndarray, str]:
+def _column(table: ChannelTable, name: str, column: Column, assumed: list[str]) -> tuple[np.ndarray, str]:
     """Numbers of one column in SI, and their unit; names without any unit are added to ``assumed``."""
     i = find_column(table, column.source, name)
     header, standard = table.headers[i], STANDARD.get(name)
@@ -195,7 +195,7 @@ def _column(table: Table, name: str, column: Column, assumed: list[str]) -> tupl
 
 
 def as_columns(
-    table: Table, columns: Mapping[str, Column | str] | Sequence[str] | None, exclude: set[int]
+    table: ChannelTable, columns: Mapping[str, Column | str] | Sequence[str] | None, exclude: set[int]
 ) -> dict[str, Column]:
     """Channel names and where they come from; by default every column under its own name."""
     if columns is None:
@@ -215,21 +215,21 @@ def as_columns(
 
 
 def _time(
-    table: Table, time: Column | str | None, dt: float | None, names: Iterable[str], epoch: bool, said: list[str]
+    table: ChannelTable, time: Column | str | None, dt: float | None, names: Iterable[str], epoch: bool, said: list[str]
 ) -> tuple[np.ndarray | None, int | None]:
     """Time stamps [s] of channels of these names, and the position of their column."""
     column = Column(time) if isinstance(time, str) else time
     if column is None:
-        found = [i for i, h in enumerate(table.headers) if h.name.lower() in _TIME_NAMES]
-        if not found and dt is None:
+        matches = [i for i, h in enumerate(table.headers) if h.name.lower() in _TIME_NAMES]
+        if not matches and dt is None:
             known = ", ".join(repr(h.name) for h in table.headers[:12])
             raise TimeError(
                 f"{table.name} has no time column that is known by its name and no sample time is given (columns: "
                 f"{known}); expected a column such as 't' or 'time': name it with time=, or give dt="
             )
-        if not found:
+        if not matches:
             return None, None
-        column = Column(found[0])
+        column = Column(matches[0])
     i = find_column(table, column.source, "t")
     header = table.headers[i]
     what = f"the time column '{header.name}' of {table.name}"
@@ -268,7 +268,7 @@ def _plausible_seconds(t: np.ndarray, header: Header, what: str, *, driven: bool
 
 
 def _cut_missing(
-    table: Table, names: Sequence[str], values: np.ndarray, t: np.ndarray, nan: Literal["error", "gap"]
+    table: ChannelTable, names: Sequence[str], values: np.ndarray, t: np.ndarray, nan: Literal["error", "gap"]
 ) -> tuple[np.ndarray, str]:
     """Rows that are complete (bool), and a note; raise if rows are not and must be."""
     missing = ~np.isfinite(values)
@@ -291,7 +291,7 @@ def _cut_missing(
 
 
 def _on_grids(
-    table: Table,
+    table: ChannelTable,
     stamps: np.ndarray,
     values: np.ndarray,
     parts: Sequence[np.ndarray],
@@ -325,7 +325,7 @@ def _on_grids(
 
 
 def assemble(
-    table: Table,
+    table: ChannelTable,
     columns: Mapping[str, Column | str] | Sequence[str] | None = None,
     *,
     time: Column | str | None = None,
@@ -360,19 +360,19 @@ def assemble(
     chosen = as_columns(table, columns, {i for i in (time_column, label) if i is not None})
     if not chosen:
         raise MissingColumnError(f"no column of {table.name} was chosen; expected at least one channel: name some")
-    found = {n: _column(table, n, c, assumed) for n, c in chosen.items()}
+    picked = {n: _column(table, n, c, assumed) for n, c in chosen.items()}
     for kind, wanted in (("input", inputs), ("output", outputs)):
         for n in (wanted,) if isinstance(wanted, str) else wanted:
-            if n not in found:
+            if n not in picked:
                 raise MissingColumnError(
-                    f"the {kind} '{n}' is not among the channels read from {table.name}; {nearest(n, found)}: use one "
+                    f"the {kind} '{n}' is not among the channels read from {table.name}; {nearest(n, picked)}: use one "
                     "of these, or add it to columns"
                 )
     if assumed:
         said.append(f"no unit named for {', '.join(assumed)}: taken as SI")
-    values = np.column_stack([v for v, _ in found.values()])
+    values = np.column_stack([v for v, _ in picked.values()])
     stamps = t if t is not None else (dt or 1.0) * np.arange(len(values))
-    whole, note = _cut_missing(table, list(found), values, stamps, nan)
+    whole, note = _cut_missing(table, list(picked), values, stamps, nan)
     said += [note] if note else []
     rows = np.flatnonzero(whole)
     borders = [0, len(rows)]
@@ -381,7 +381,7 @@ def assemble(
     parts = [rows[a:b] for a, b in pairwise(borders)]
     uniform = _on_grids(table, stamps, values, parts, dt, jitter if t is not None else 0.0, shortest)
     return Dataset(
-        channels=tuple(Channel(n, unit) for n, (_, unit) in found.items()),
+        channels=tuple(Channel(n, unit) for n, (_, unit) in picked.items()),
         inputs=tuple((inputs,) if isinstance(inputs, str) else inputs),
         outputs=tuple((outputs,) if isinstance(outputs, str) else outputs),
         name=name,

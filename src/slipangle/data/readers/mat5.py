@@ -58,7 +58,7 @@ def read_mat5(path: str | Path) -> dict[str, Any]:
         raise FormatError(
             f"'{path}' is not a MATLAB file of version 5 to 7; expected one: save it in MATLAB with save(..., '-v7')"
         )
-    found: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     at = 128
     try:
         while at + 8 <= len(raw):
@@ -70,13 +70,13 @@ def read_mat5(path: str | Path) -> dict[str, Any]:
             if element.kind == _MATRIX:
                 name, value = _matrix(element.data, order, 0)
                 if value is not None:
-                    found[name] = value
+                    variables[name] = value
     except (_Bad, zlib.error, UnicodeDecodeError, ValueError, IndexError, OverflowError, MemoryError) as error:
         raise FormatError(
-            f"'{path}' is damaged after {len(found)} variables ({str(error).splitlines()[0]}); expected a whole MATLAB "
-            "file: copy or save it again"
+            f"'{path}' is damaged after {len(variables)} variables ({str(error).splitlines()[0]}); expected a whole "
+            "MATLAB file: copy or save it again"
         ) from None
-    return found
+    return variables
 
 
 def _inflated(data: memoryview) -> memoryview:

@@ -266,10 +266,10 @@ def _check_decimal_commas(body: list[tuple[int, str]], delimiter: str | None, na
 
 def _meta(text: str, name: str, number: int) -> dict[str, Any]:
     try:
-        found = json.loads(text)
+        meta = json.loads(text)
     except json.JSONDecodeError as error:
         raise FormatError(
             f"{name}, line {number} should hold what write_csv noted but is not JSON ({error}); expected the line as "
             "written: restore or delete it"
         ) from None
-    return found if isinstance(found, dict) else {}
+    return meta if isinstance(meta, dict) else {}

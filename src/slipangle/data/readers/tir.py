@@ -51,11 +51,11 @@ class TirFile:
     @cached_property
     def entries(self) -> dict[str, TirLine]:
         """Entries by key, headings that describe the file ([UNITS], [MDI_HEADER]) left out; the first one counts."""
-        found: dict[str, TirLine] = {}
+        lines: dict[str, TirLine] = {}
         for line in self.lines:
-            if line.key and line.section not in _DESCRIPTIVE and (line.key not in found):
-                found[line.key] = line
-        return found
+            if line.key and line.section not in _DESCRIPTIVE and (line.key not in lines):
+                lines[line.key] = line
+        return lines
 
     @property
     def sections(self) -> tuple[str, ...]:
@@ -93,11 +93,11 @@ class TirFile:
     @cached_property
     def numbers(self) -> dict[str, float]:
         """Every number of the file, SI units, by key."""
-        found: dict[str, float] = {}
+        values: dict[str, float] = {}
         for key, line in self.entries.items():
             if isinstance(line.value, float):
-                found[key] = line.value * self.units.factor(key)
-        return found
+                values[key] = line.value * self.units.factor(key)
+        return values
 
     @cached_property
     def tables(self) -> dict[str, np.ndarray]:

@@ -85,9 +85,9 @@ def _parse_value(value: str, key: str, number: int, name: str) -> float | str | 
         if len(value) > 1 and value.endswith(value[0]):
             return value[1:-1].strip()
     else:
-        found = _to_float(value)
-        if math.isfinite(found):
-            return found
+        parsed = _to_float(value)
+        if math.isfinite(parsed):
+            return parsed
         if _WORD.match(value) and value.lower() not in ("nan", "inf", "infinity"):
             return value
     hint = " (a point, not a comma, separates decimals)" if "," in value else ""

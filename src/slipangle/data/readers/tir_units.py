@@ -138,17 +138,17 @@ def read_units(entries: Sequence[tuple[str, str, int]], name: str) -> Units:
         known = _NAMES.get(key)
         if known is None:
             continue
-        found = known.get(value.strip().upper())
-        if found is None:
+        unit = known.get(value.strip().upper())
+        if unit is None:
             raise UnitError(
                 f"line {number} of '{name}' gives {key} in {shown(value)}; {nearest(value, known)}: use one of these"
             )
-        if key in chosen and chosen[key][1] != found[0]:
+        if key in chosen and chosen[key][1] != unit[0]:
             raise UnitError(
                 f"[UNITS] of '{name}' gives {key} twice, {chosen[key][0]!r} and {value!r}; expected one unit: "
                 "delete one of the lines"
             )
-        chosen[key] = (value, *found)
+        chosen[key] = (value, *unit)
     systems = {system: f"{key} in {text!r}" for key, (text, _, system) in chosen.items() if system}
     if len(systems) > 1:
         mixed = " and ".join(systems[s] for s in sorted(systems))

@@ -285,9 +285,9 @@ def _read_mat(file: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
         names, texts = (_words(channel[key]) for key in ("name", "units"))
         units = dict(zip(names, texts, strict=False))
     if not columns:
-        found = list(raw)
+        items = list(raw)
         raise MissingColumnError(
-            f"'{file}' has none of the channels SA, FX, FY, FZ; it holds {', '.join(found[:8]) or 'nothing'}: expected "
+            f"'{file}' has none of the channels SA, FX, FY, FZ; it holds {', '.join(items[:8]) or 'nothing'}: expected "
             "one variable per channel"
         )
     return columns, units
@@ -295,10 +295,10 @@ def _read_mat(file: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
 
 def _words(value: Any) -> list[str]:
     """Texts of a struct's field, whether it is one cell of texts or one text per element."""
-    found: list[str] = []
+    words: list[str] = []
     for item in np.atleast_1d(value):
-        found += [str(v).strip() for v in item] if isinstance(item, np.ndarray) else [str(item).strip()]
-    return found
+        words += [str(v).strip() for v in item] if isinstance(item, np.ndarray) else [str(item).strip()]
+    return words
 
 
 def _read_dat(file: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:

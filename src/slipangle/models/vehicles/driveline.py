@@ -128,10 +128,10 @@ class Driveline(ParameterSet):
 
     def ratio(self, gear: Scalar) -> Scalar:
         """Engine speed over axle speed in a gear, 1 being the first."""
-        found = self.ratios[0]
+        chosen = self.ratios[0]
         for k in range(1, len(self.ratios)):
-            found = where(gear > k + 0.5, self.ratios[k], found)
-        return found * self.final
+            chosen = where(gear > k + 0.5, self.ratios[k], chosen)
+        return chosen * self.final
 
     def engine_speed(self, spins: Sequence[Scalar], gear: Scalar) -> Scalar:
         """Engine speed from the spins of the four wheels. [rad/s]"""
@@ -225,14 +225,14 @@ class Steering(ParameterSet):
     def wheels(self, delta: Scalar, track: Scalar, wheelbase: Scalar) -> tuple[tuple[Scalar, Scalar], ...]:
         """Cosine and sine of the left and of the right road-wheel angle; cot(delta) is the mean of both cotangents."""
         slope = tan(delta)
-        found = []
+        torques = []
         for side in (1.0, -1.0):
             t = slope / (1.0 - (side * 0.5 * self.ackermann) * track / wheelbase * slope) if self.ackermann else slope
             cosine = 1.0 / sqrt(1.0 + t * t)
-            found.append((cosine, t * cosine))
+            torques.append((cosine, t * cosine))
             if not self.ackermann:
-                return found[0], found[0]
-        return tuple(found)
+                return torques[0], torques[0]
+        return tuple(torques)
 
 
 # ---- friction that opposes spin ------------------------------------------------------------------------------------

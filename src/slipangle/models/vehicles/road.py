@@ -16,11 +16,11 @@ def table(x: Scalar, places: Sequence[float], values: Sequence[Scalar]) -> Scala
     >>> [float(table(x, (0.0, 1.0, 3.0), (5.0, 7.0, 3.0))) for x in (-1.0, 0.5, 2.0, 9.0)]
     [5.0, 6.0, 5.0, 3.0]
     """
-    found = values[0]
+    value = values[0]
     for i in range(len(places) - 1):
         share = clip((x - places[i]) / (places[i + 1] - places[i]), 0.0, 1.0)
-        found = found + (values[i + 1] - values[i]) * share
-    return found
+        value = value + (values[i + 1] - values[i]) * share
+    return value
 
 
 def check_table(what: str, places: Sequence[float], values: Sequence[float]) -> None:

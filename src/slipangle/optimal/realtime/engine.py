@@ -259,16 +259,16 @@ class WorkArea(Engine):
         good = self._call_fallback(self._pointer, later if later < self._most else self._most, stopping, x is not None)
         if not good:
             return None
-        found = self._way.copy()
-        return found[self._head].reshape(self._shape_u), found[self._rest].reshape(self._shape_way)
+        way = self._way.copy()
+        return way[self._head].reshape(self._shape_u), way[self._rest].reshape(self._shape_way)
 
     def follow(
         self, x: np.ndarray, applied: np.ndarray, reference: Reference, u: np.ndarray, guess: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Inputs within limits and rates, and where they lead; near the guess where the model has no answer."""
         planned = Followed(np.array(u, dtype=float), np.array(guess, dtype=float), 0, False)
-        found = self.rescue(x, applied, reference, planned)
-        return (u, np.full_like(guess, np.nan)) if found is None else found
+        way = self.rescue(x, applied, reference, planned)
+        return (u, np.full_like(guess, np.nan)) if way is None else way
 
     def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:
         """Linearise and condense around a plan, shifted, before the state is known.
@@ -342,18 +342,18 @@ class WorkArea(Engine):
     def _answer(self, status: Status, attempts: int) -> dict[str, Any]:
         """A `Solution` as a dictionary."""
         self._serial = serial = self._serial + 1
-        found = self._found.copy()
-        states = found[self._split].reshape(self._shape_x)
+        plan = self._found.copy()
+        states = plan[self._split].reshape(self._shape_x)
         cost, violation, residual = self._numbers.tolist()
         return {
-            "u": found[self._head].reshape(self._shape_u),
+            "u": plan[self._head].reshape(self._shape_u),
             "x": states if self._nodes is None else states[self._nodes],
             "status": status,
             "cost": cost,
             "iterations": self._iterations.item(),
             "violation": violation,
             "residual": residual,
-            "memory": Memory(serial, self._owner, found, self._area, attempts + 1 if status.resumes else 0),
+            "memory": Memory(serial, self._owner, plan, self._area, attempts + 1 if status.resumes else 0),
             "kept": True,
         }
 

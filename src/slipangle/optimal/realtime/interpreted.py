@@ -59,7 +59,7 @@ class Memory:
 
 
 @dataclass(eq=False, slots=True)
-class Found:
+class Iterate:
     """How iterations ended, and what is known of the iterate."""
 
     status: Status
@@ -248,12 +248,12 @@ class WorkArea(Engine):
         n = len(step.u) - 2
         self._k[:] = step.before
         if status not in (Status.REAL_TIME, Status.TIME_OUT) or not count:
-            return self._solution(step.u[1:-1].copy(), step.x[1:].copy(), Found(status, count))
+            return self._solution(step.u[1:-1].copy(), step.x[1:].copy(), Iterate(status, count))
         u, x, good = step.u[:n].copy(), step.x[:-1].copy(), step.truth[2] <= self._settings.accept
-        found = self._finish(u, x, status, count, step.truth, step.k.copy() if good else None)
+        solution = self._finish(u, x, status, count, step.truth, step.k.copy() if good else None)
         if good:
-            step.holds(found.memory)
-        return found
+            step.holds(solution.memory)
+        return solution
 
     def _run(self, u: np.ndarray, states: np.ndarray, warm: bool, unfinished: int = 0) -> Solution:
         if warm and not unfinished:
@@ -264,11 +264,11 @@ class WorkArea(Engine):
         self, u: np.ndarray, x: np.ndarray, status: Status, count: int, truth: Truth, k: np.ndarray | None = None
     ) -> Solution:
         """Full steps that did not end at an acceptable plan are followed by some with a line search."""
-        found = Found(Status.REAL_TIME, count, *truth)
-        if found.residual <= self._settings.accept:
-            return self._solution(u, x, found, k=k)
+        iterate = Iterate(Status.REAL_TIME, count, *truth)
+        if iterate.residual <= self._settings.accept:
+            return self._solution(u, x, iterate, k=k)
         if status is Status.TIME_OUT or perf_counter() > self._until:
-            return self._solution(u, x, replace(found, status=Status.TIME_OUT))
+            return self._solution(u, x, replace(iterate, status=Status.TIME_OUT))
         return self._solution(*self._converge(u, x, MORE, loose=True, before=count))
 
     def _true(self, u: np.ndarray, x: np.ndarray, promise: Promise) -> Truth:
@@ -277,20 +277,20 @@ class WorkArea(Engine):
         return self._judge(Linear.values(later, e, limited), u, x, promise)
 
     def _solution(
-        self, u: np.ndarray, x: np.ndarray, found: Found, unfinished: int = 0, k: np.ndarray | None = None
+        self, u: np.ndarray, x: np.ndarray, iterate: Iterate, unfinished: int = 0, k: np.ndarray | None = None
     ) -> Solution:
         if k is None:
             k = np.vstack([self._k, self._k[-1:]])
             u = within(u, self._applied, self.ocp.input_bounds, self.ocp.step_bounds)
-        attempts = unfinished + 1 if found.status.resumes else 0
+        attempts = unfinished + 1 if iterate.status.resumes else 0
         return Solution(
             u=u,
             x=x[self._nodes],
-            status=found.status,
-            cost=found.cost,
-            iterations=found.iterations,
-            violation=found.violation,
-            residual=found.residual,
+            status=iterate.status,
+            cost=iterate.cost,
+            iterations=iterate.iterations,
+            violation=iterate.violation,
+            residual=iterate.residual,
             memory=Memory(x=x, k=k, owner=self.ocp.identity, u=u, unfinished=attempts),
             kept=True,
         )
@@ -351,8 +351,8 @@ class WorkArea(Engine):
     def _retry(self, steps: np.ndarray) -> None:
         """Take the steps whose stages were not found as the model itself does, which then makes them shorter."""
         for j in steps:
-            found = self._model(*(rows[j] for rows in self._node_in[:3]))
-            for rows, values in zip(self._node_out, found, strict=False):
+            results = self._model(*(rows[j] for rows in self._node_in[:3]))
+            for rows, values in zip(self._node_out, results, strict=False):
                 rows[j] = values.full().ravel("F")
         self._k[steps] = 0.0
 
@@ -398,11 +398,11 @@ class WorkArea(Engine):
                 return self._finish(u, x, Status.TIME_OUT, count - 1, self._true(u, x, promise))
             m = self._linearise(u, x, exact=False)
             if not m.finite:
-                return self._solution(u, x, Found(Status.NOT_FINITE, count - 1))
+                return self._solution(u, x, Iterate(Status.NOT_FINITE, count - 1))
             H, g, G, L = self._condense(m, x, u)
             status, step, multipliers = self._qp.solve(H, g, L, u, self._applied, self._bounds)
             if status is not Status.SOLVED:
-                return self._solution(u, x, Found(status, count - 1))
+                return self._solution(u, x, Iterate(status, count - 1))
             du, dx, _, promise = self._expand(m, x, G, L, step, multipliers)
             u, x = u + du, x + dx
             took = perf_counter() - begin
@@ -455,7 +455,7 @@ class WorkArea(Engine):
 
     def _converge(
         self, u: np.ndarray, x: np.ndarray, most: int, *, loose: bool = False, before: int = 0
-    ) -> tuple[np.ndarray, np.ndarray, Found]:
+    ) -> tuple[np.ndarray, np.ndarray, Iterate]:
         """Steps with a line search on an exact penalty function, corrected along remembered steps.
 
         If ``loose``, until the iterate can be accepted. An unfinished iterate is left where it is.
@@ -466,15 +466,15 @@ class WorkArea(Engine):
         pairs: list[tuple[np.ndarray, np.ndarray]] = []
         old: tuple[np.ndarray, np.ndarray] | None = None
         damp, calm = 0.0, 0
-        multipliers, found, took = np.zeros(len(self._plain)), Found(Status.ITERATION_LIMIT, before), 0.0
+        multipliers, iterate, took = np.zeros(len(self._plain)), Iterate(Status.ITERATION_LIMIT, before), 0.0
         accept, tolerance = self._settings.accept, self._settings.tolerance
         m = self._linearise(u, x, exact=True)
         if not m.finite:
-            return u, x, replace(found, status=Status.NOT_FINITE)
+            return u, x, replace(iterate, status=Status.NOT_FINITE)
         for count in range(1, most + 1):
             begin = perf_counter()
             if begin + took > self._until:
-                return u, x, replace(found, status=Status.TIME_OUT)
+                return u, x, replace(iterate, status=Status.TIME_OUT)
             H, g, G, L = self._condense(m, x, u)
             slope = g + multipliers @ L[:, :-1]
             if old is not None and calm >= CALM:
@@ -484,7 +484,7 @@ class WorkArea(Engine):
             H[np.diag_indices_from(H)] *= 1 + damp
             done, step, multipliers = self._qp.solve(H, g, L, u, self._applied, self._bounds)
             if done is not Status.SOLVED:
-                return u, x, replace(found, status=done)
+                return u, x, replace(iterate, status=done)
             old = (u.ravel().copy(), g + multipliers @ L[:, :-1])
             du, dx, e_after, promise = self._expand(m, x, G, L, step, multipliers)
             least = 1.5 * np.abs(promise.pi)
@@ -513,22 +513,22 @@ class WorkArea(Engine):
                 t *= 0.5
                 self._k[:] = k
             if not np.isfinite(there):
-                return u, x, replace(found, status=Status.NOT_FINITE)
+                return u, x, replace(iterate, status=Status.NOT_FINITE)
             u, x, took = trial_u, trial_x, perf_counter() - begin
             residual = size if last else self._judge(m, u, x, promise)[2] if t == 1.0 else np.inf
-            found = Found(Status.ITERATION_LIMIT, before + count, 2 * half, violation, residual)
+            iterate = Iterate(Status.ITERATION_LIMIT, before + count, 2 * half, violation, residual)
             if last or t < 1e-6:
-                return u, x, replace(found, status=Status.SOLVED if last else Status.STALLED)
+                return u, x, replace(iterate, status=Status.SOLVED if last else Status.STALLED)
             if residual <= accept and (loose or late or count == most):
-                return u, x, replace(found, status=Status.REAL_TIME)
+                return u, x, replace(iterate, status=Status.REAL_TIME)
             if late:
-                return u, x, replace(found, status=Status.TIME_OUT)
+                return u, x, replace(iterate, status=Status.TIME_OUT)
             calm += 1
             if t == 1.0:
                 damp = 0.2 * damp if damp > 1e-4 else 0.0
             elif t <= 0.25 and size > FAR:  # where the model of the step does not hold, nor remembered steps
                 damp, calm, pairs = max(4 * damp, 1e-3), 0, []
-        return u, x, found
+        return u, x, iterate
 
     def _merit(
         self, m: Linear, u: np.ndarray, x: np.ndarray, penalty: np.ndarray, hard_penalty: float

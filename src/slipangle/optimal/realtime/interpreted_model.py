@@ -128,8 +128,8 @@ def only(function: ca.Function, results: Sequence[int]) -> ca.Function:
     """The function with some of its results."""
     kind: Any = ca.SX if function.is_a("SXFunction") else ca.MX
     given = [kind.sym(function.name_in(i), *function.size_in(i)) for i in range(function.n_in())]
-    found = function.call(given)
-    return ca.Function(function.name(), given, [found[i] for i in results])
+    values = function.call(given)
+    return ca.Function(function.name(), given, [values[i] for i in results])
 
 
 def dense(function: ca.Function) -> ca.Function:

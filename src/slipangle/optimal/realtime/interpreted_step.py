@@ -238,17 +238,17 @@ def _augmented(node: ca.Function, scale: np.ndarray) -> ca.Function:
     """``(x, u, w, k, slopes, after) -> [A, next - after, B scaled; 0, 1, 0], Z scaled, k``, first two stored by row."""
     kind: Any = ca.SX if node.is_a("SXFunction") else ca.MX
     given = [kind.sym(node.name_in(i), *node.size_in(i)) for i in range(node.n_in())]
-    found = node.call(given)
+    results_at = node.call(given)
     after = kind.sym("after", node.size1_in(0))
     nx, nu = node.size1_in(0), node.size1_in(1)
     unit = ca.diag(ca.DM(scale))
-    top = ca.horzcat(found[1], found[0] - after, ca.mtimes(found[2], unit))
+    top = ca.horzcat(results_at[1], results_at[0] - after, ca.mtimes(results_at[2], unit))
     last = ca.horzcat(kind.zeros(1, nx), kind.ones(1, 1), kind.zeros(1, nu))
     results = [ca.densify(ca.vertcat(top, last)).T, kind(0, 1), kind(0, 1)]
-    if len(found) > 3:
-        nc = found[4].shape[1] - nu
-        Z = ca.horzcat(found[4][:, :nc], ca.mtimes(found[4][:, nc:], unit))
-        results[1:] = ca.densify(Z).T, found[3]
+    if len(results_at) > 3:
+        nc = results_at[4].shape[1] - nu
+        Z = ca.horzcat(results_at[4][:, :nc], ca.mtimes(results_at[4][:, nc:], unit))
+        results[1:] = ca.densify(Z).T, results_at[3]
     return ca.Function("augmented", [*given, after], results)
 
 
@@ -256,9 +256,9 @@ def _errors(stage: ca.Function, scale: np.ndarray) -> ca.Function:
     """``(x, u, w, p, root) -> [derivative by x, error, derivative by the scaled u]`` times root, stored by row."""
     kind: Any = ca.SX if stage.is_a("SXFunction") else ca.MX
     given = [kind.sym(name, stage.size1_in(i)) for i, name in enumerate("xuwp")]
-    found = stage.call(given)
-    root = kind.sym("root", found[0].shape[0])
-    rows = ca.horzcat(found[2], found[0], ca.mtimes(found[3], ca.diag(ca.DM(scale))))
+    derivatives = stage.call(given)
+    root = kind.sym("root", derivatives[0].shape[0])
+    rows = ca.horzcat(derivatives[2], derivatives[0], ca.mtimes(derivatives[3], ca.diag(ca.DM(scale))))
     return ca.Function("errors", [*given, root], [ca.densify(ca.mtimes(ca.diag(root), rows)).T])
 
 

@@ -100,9 +100,9 @@ class FrictionFit(Checked):
                 prior=(mean, std),
             )
             x0 = [self.start.initial_state(part.head(1)) for part in chosen.experiments]
-            found = problem.fit(mean, np.array(x0), max_iterations=self.max_iterations)
+            optimum = problem.fit(mean, np.array(x0), max_iterations=self.max_iterations)
         notes: tuple[str, ...] = ()
-        if not found.converged:
+        if not optimum.converged:
             notes = (
                 f"the fit stopped at its limit of {self.max_iterations} steps; expected convergence: raise "
                 "max_iterations",
@@ -111,9 +111,9 @@ class FrictionFit(Checked):
         k = len(self.free)
         info = FitInfo(
             names=(*self.free, *(f"weight at {1e3 * c:.0f} mm/s" for c in centres)),
-            values=found.p,
-            covariance=found.covariance,
-            noise_std=found.rmse,
+            values=optimum.p,
+            covariance=optimum.covariance,
+            noise_std=optimum.rmse,
             n_samples=data.n_samples,
             units=(*(self.start.params.si(n).unit for n in self.free), *("N" for _ in centres)),
             seconds=time.perf_counter() - began,
@@ -124,8 +124,8 @@ class FrictionFit(Checked):
         )
         return replace(
             self.start,
-            params=self.start.params.with_values(**dict(zip(self.free, map(float, found.p[:k]), strict=True))),
-            friction=FrictionCurve(centres=centres, width=self.spacing / 2, weights=found.p[k:]),
+            params=self.start.params.with_values(**dict(zip(self.free, map(float, optimum.p[:k]), strict=True))),
+            friction=FrictionCurve(centres=centres, width=self.spacing / 2, weights=optimum.p[k:]),
             fit_info=info,
         )
 

@@ -201,17 +201,17 @@ class MagicFormulaTire(Checked, Tire):
             inputs["camber"] = -inputs["camber"]
             inputs["turn_slip"] = None if inputs["turn_slip"] is None else -inputs["turn_slip"]
         if is_symbolic(*inputs.values()) or is_traced(*inputs.values()):  # no numbers to check yet
-            found = self._equations(**inputs)
+            forces = self._equations(**inputs)
         else:
             self._check(inputs)
-            found = self._chunked(inputs)
+            forces = self._chunked(inputs)
         # the equations give M_y about the axis to the left, whatever the axes of the coefficients
         spin_sign = _AXES[axes][1]
         lateral = side_sign * hand
         signs = dict.fromkeys(("F_y", "M_z", "F_y0", "M_zr", "arm"), lateral)
         signs |= {"M_x": hand, "M_y": spin_sign, "K_y": side_sign * slip_sign}
-        return found._replace(
-            **{name: getattr(found, name) if s > 0 else -getattr(found, name) for name, s in signs.items()}
+        return forces._replace(
+            **{name: getattr(forces, name) if s > 0 else -getattr(forces, name) for name, s in signs.items()}
         )
 
     def _equations(self, **inputs: Any) -> MagicForces:
@@ -234,8 +234,8 @@ class MagicFormulaTire(Checked, Tire):
         outputs = [np.empty(n) for _ in MagicForces._fields]
         for start in range(0, n, _CHUNK):
             part = slice(start, start + _CHUNK)
-            found = self._equations(**fixed, **{k: v[part] for k, v in flat.items()})
-            for out, value in zip(outputs, found, strict=True):
+            forces = self._equations(**fixed, **{k: v[part] for k, v in flat.items()})
+            for out, value in zip(outputs, forces, strict=True):
                 out[part] = value
         return MagicForces(*(out.reshape(shape) for out in outputs))
 

@@ -29,7 +29,7 @@ class ValidRange:
 
     def violations(self, inputs: Mapping[str, Any]) -> list[str]:
         """One sentence part per input that leaves its range or is not finite; inputs as the equations name them."""
-        found: list[str] = []
+        sentences: list[str] = []
         for key, label, unit, (lower, upper), names in (
             ("load", "load", "N", self.load, "FZMIN, FZMAX"),
             ("kappa", "slip ratio kappa", "", self.slip_ratio, "KPUMIN, KPUMAX"),
@@ -47,5 +47,5 @@ class ValidRange:
             worst = high if low >= lower else low
             range_ = f"{lower:g} to {upper:g}" if math.isfinite(lower) or math.isfinite(upper) else "a finite number"
             unit = f" {unit}" if unit else ""
-            found.append(f"{label} is {worst:g}{unit}; expected {range_}{unit} ({names})")
-        return found
+            sentences.append(f"{label} is {worst:g}{unit}; expected {range_}{unit} ({names})")
+        return sentences

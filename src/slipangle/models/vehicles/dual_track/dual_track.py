@@ -117,7 +117,7 @@ class DualTrack(StartsRolling):
         dive = p.pitch_stiffness * x[_AT["theta"]] + p.pitch_damping * x[_AT["theta_rate"]]
         dive = (dive - unsprung * p.radius * x[_AT["a_x_lag"]]) / p.wheelbase
         phi, p_roll, a_y = x[_AT["phi"]], x[_AT["phi_rate"]], x[_AT["a_y_lag"]]
-        found = []
+        wheel_loads = []
         for arm, sense, axle in ((p.l_r, 1.0, "f"), (p.l_f, -1.0, "r")):
             area, stiffness, damping, centre, mass, track = (
                 getattr(p, f"{name}_{axle}")
@@ -126,8 +126,8 @@ class DualTrack(StartsRolling):
             half = 0.5 * (weight * (arm / p.wheelbase) + air * area + sense * dive)
             links = p.mass_sprung * arm / p.wheelbase * centre + mass * p.radius
             lean = (stiffness * phi + damping * p_roll + links * a_y) / track
-            found += [maximum(half - lean, 0.0), maximum(half + lean, 0.0)]
-        return found
+            wheel_loads += [maximum(half - lean, 0.0), maximum(half + lean, 0.0)]
+        return wheel_loads
 
     def patches(self, x: Vector, u: Vector) -> tuple[list[Patch], list[Scalar]]:
         """Every wheel's motion and load, and cosine and sine of the left and right road-wheel angle."""
@@ -140,7 +140,7 @@ class DualTrack(StartsRolling):
         (cos_l, sin_l), (cos_r, sin_r) = p.steering.wheels(steered, p.track_f, p.wheelbase)
         v_x, v_y, r, place, phi = x[a["v_x"]], x[a["v_y"]], x[a["r"]], x[a["distance"]], x[a["phi"]]
         loads = self.loads(x)
-        found = []
+        places = []
         for i in range(4):
             front, left = i < 2, i % 2 == 0
             track, arm = (p.track_f, p.l_f) if front else (p.track_r, -p.l_r)
@@ -150,7 +150,7 @@ class DualTrack(StartsRolling):
                 along, across = along * c + across * s, across * c - along * s
             static, roll = (p.camber_f, p.camber_roll_f) if front else (p.camber_r, p.camber_roll_r)
             camber = (-static if left else static) + roll * phi if static or roll else 0.0
-            found.append(
+            places.append(
                 Patch(
                     v_x=along,
                     v_y=across,
@@ -162,7 +162,7 @@ class DualTrack(StartsRolling):
                     camber=camber,
                 )
             )
-        return found, [cos_l, sin_l, cos_r, sin_r]
+        return places, [cos_l, sin_l, cos_r, sin_r]
 
     def contact(self, wheel: int, patch: Patch) -> Contact:
         """Forces and slip rates of one wheel, see `contact`."""
@@ -352,7 +352,7 @@ class DualTrack(StartsRolling):
         p = self.params
         drag = 0.5 * p.air_density * p.drag_area * x[0] * fabs(x[0])
         spins = [x[_AT["omega_fl"] + i] for i in range(4)]
-        found = {
+        channels = {
             "a_x": (F_x - drag) / p.mass,
             "a_y": F_y / p.mass,
             "beta": atan2(x[1], x[0]),
@@ -360,9 +360,9 @@ class DualTrack(StartsRolling):
         }
         for w, patch, tire in zip(WHEELS, patches, contacts, strict=True):
             side = clip(patch.side, -0.99995, 0.99995)
-            found |= {f"F_x_{w}": tire.F_x, f"F_y_{w}": tire.F_y, f"F_z_{w}": patch.load}
-            found[f"alpha_{w}"] = atan(side / sqrt(1.0 - side * side))
-        return found
+            channels |= {f"F_x_{w}": tire.F_x, f"F_y_{w}": tire.F_y, f"F_z_{w}": patch.load}
+            channels[f"alpha_{w}"] = atan(side / sqrt(1.0 - side * side))
+        return channels
 
     def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
         """State of straight driving at speed ``v_x`` [m/s] with rolling wheels, in the gear of that speed."""

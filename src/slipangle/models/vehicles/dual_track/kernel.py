@@ -205,10 +205,10 @@ class Kernel:
         for name in varied:
             if name not in _FRICTION:
                 model.params.si(name)
-        found = library(source(model, varied), name="dual_track", flags=FLAGS)
-        if found is None:
+        loaded = library(source(model, varied), name="dual_track", flags=FLAGS)
+        if loaded is None:
             return None
-        return cls(found, model.n_states, model.n_inputs + len(varied), tuple(varied))
+        return cls(loaded, model.n_states, model.n_inputs + len(varied), tuple(varied))
 
     def run(self, x: np.ndarray, u: np.ndarray, *, hold: int = 1) -> np.ndarray:
         """States of one car, shape (n + 1, n_states), the first being ``x``.
