@@ -271,6 +271,17 @@ def test_every_named_experiment_and_benchmark_can_run():
         assert callable(experiments.find_benchmark(name).bench), name
 
 
+def test_a_table_that_is_done_says_so(monkeypatch, capsys):
+    from slipangle.commands import reproduce
+    from slipangle.reproduce import Reproduction, table_8_2
+
+    told = []
+    monkeypatch.setattr(reproduce.Bar, "__call__", lambda self, share, what: told.append(share))
+    monkeypatch.setattr(table_8_2, "reproduce", lambda progress: Reproduction(title="t", records=(), protocol="p"))
+    assert main(["reproduce", "table-8.2", "--json"]) == 0
+    assert told[-1] == 1.0
+
+
 def test_a_broken_bound_is_exit_code_1(monkeypatch, capsys):
     from slipangle.report.records import Record
     from slipangle.reproduce import Reproduction, table_8_2

@@ -58,14 +58,14 @@ class ParameterSet:
     def metadata(cls) -> dict[str, SI]:
         """`SI` of every field, in order."""
         hints = get_type_hints(cls, include_extras=True)
-        found: dict[str, SI] = {}
+        units: dict[str, SI] = {}
         for f in fields(cls):
             hint = hints[f.name]
             if get_origin(hint) is Annotated:
                 for meta in get_args(hint)[1:]:
                     if isinstance(meta, SI):
-                        found[f.name] = meta
-        return found
+                        units[f.name] = meta
+        return units
 
     @classmethod
     def si(cls, name: str) -> SI:

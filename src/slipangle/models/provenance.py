@@ -58,8 +58,8 @@ def provenance(data: Dataset, outputs: Sequence[str] | None = None) -> dict[str,
 def fingerprint(data: Dataset, outputs: Sequence[str]) -> Fingerprint:
     """`Fingerprint` of the outputs of a record."""
     y = data.columns(tuple(outputs))
-    found = [_chosen(y, a, b) for a, b in zip(data.starts, data.stops, strict=True)]
-    rows = np.concatenate([rows for rows, _ in found])
+    samples = [_chosen(y, a, b) for a, b in zip(data.starts, data.stops, strict=True)]
+    rows = np.concatenate([rows for rows, _ in samples])
     return Fingerprint(
         outputs=tuple(outputs),
         dt=data.dt,
@@ -68,7 +68,7 @@ def fingerprint(data: Dataset, outputs: Sequence[str]) -> Fingerprint:
         n_samples=data.n_samples,
         rows=rows,
         marks=_folded(_row_numbers(y[rows[:, None] + np.arange(WINDOW)]).T),
-        lively=np.concatenate([lively for _, lively in found]),
+        lively=np.concatenate([lively for _, lively in samples]),
         low=y.min(axis=0, initial=np.inf),
         high=y.max(axis=0, initial=-np.inf),
     )
@@ -151,7 +151,7 @@ def _again(seen: Fingerprint, order: np.ndarray, numbers: np.ndarray, n: int, t0
     if not len(here):
         return []
     shifts = here - seen.rows[order[place[here]]]
-    found = []
+    repeats = []
     values, counts = np.unique(shifts, return_counts=True)
     stops = (*seen.starts[1:], seen.n_samples)
     for shift in values[np.argsort(-counts, kind="stable")][:_TRIED]:
@@ -171,8 +171,8 @@ def _again(seen: Fingerprint, order: np.ndarray, numbers: np.ndarray, n: int, t0
                 continue
             if b - a < len(inside):  # only a part of what both could share
                 low, high = int(at[inside[a]]), int(at[inside[b - 1]]) + WINDOW
-            found.append((slice(low, high), then + (low - shift - first) * seen.dt))
-    return found
+            repeats.append((slice(low, high), then + (low - shift - first) * seen.dt))
+    return repeats
 
 
 def _longest(flags: np.ndarray) -> tuple[int, int]:

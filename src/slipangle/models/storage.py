@@ -122,14 +122,14 @@ def _known(extra: tuple[type, ...]) -> dict[str, type]:
 
 @cache
 def _built_in() -> dict[str, type]:
-    found: dict[str, type] = {}
+    classes: dict[str, type] = {}
     package = importlib.import_module("slipangle.models")
     names = [module.name for module in pkgutil.walk_packages(package.__path__, "slipangle.models.")]
     for name in (*names, *_MODULES):
         for value in vars(importlib.import_module(name)).values():
             if isinstance(value, type) and is_dataclass(value) and value.__module__ == name:
-                found[value.__name__] = value
-    return {n: c for n, c in found.items() if not isabstract(c)}
+                classes[value.__name__] = value
+    return {n: c for n, c in classes.items() if not isabstract(c)}
 
 
 def _kept(cls: type) -> Iterator[Any]:

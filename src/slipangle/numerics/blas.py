@@ -46,7 +46,7 @@ def one_blas_thread() -> Iterator[None]:
 @cache
 def _libraries() -> tuple[_Library, ...]:
     """The OpenBLAS libraries that came with NumPy and SciPy."""
-    found = []
+    libraries = []
     for package in (np, scipy):
         root = Path(str(package.__file__)).parent
         for folder in (root.parent / f"{root.name}.libs", root / ".dylibs"):
@@ -57,8 +57,8 @@ def _libraries() -> tuple[_Library, ...]:
                     continue
                 for name in _NAMES:
                     if hasattr(library, name.format("set")) and hasattr(library, name.format("get")):
-                        found.append(
+                        libraries.append(
                             _Library(getattr(library, name.format("get")), getattr(library, name.format("set")))
                         )
                         break
-    return tuple(found)
+    return tuple(libraries)

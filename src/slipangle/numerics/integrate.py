@@ -89,8 +89,8 @@ def radau_iia(f: Derivative, dt: float, n_states: int, n_inputs: int, substeps: 
     now = x0
     for _ in range(substeps):
         k = stages(now, u0)
-        found = missed(k, now, u0) <= MISSED**2
-        now = finish(found, k, now, u0)
+        converged = missed(k, now, u0) <= MISSED**2
+        now = finish(converged, k, now, u0)
     advance = ca.Function("radau_iia", [x0, u0], [now])
 
     def step(x: Any, u: Any) -> Any:

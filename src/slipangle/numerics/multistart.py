@@ -31,7 +31,7 @@ from slipangle.numerics.blas import one_blas_thread
 _CLIP = 1e8  # residuals beyond this are as bad as any
 
 
-class Solution(NamedTuple):
+class Optimum(NamedTuple):
     """Best point found.
 
     theta, shape (n_parameters,); residual, shape (n_samples * n_outputs,), weighted; jacobian of the residual;
@@ -155,7 +155,7 @@ def draw(lower: np.ndarray, upper: np.ndarray, n: int, rng: np.random.Generator,
 
 def multistart(
     problem: Regression, lower: np.ndarray, upper: np.ndarray, starts: np.ndarray, effort: Effort
-) -> Solution:
+) -> Optimum:
     """Best of several bounded least-squares runs.
 
     Every start runs for a while, the best few go on, the very best is finished: most starts show early that they
@@ -186,10 +186,10 @@ def multistart(
     return _solution(problem, best.x, costs, converged=best.status > 0)
 
 
-def _solution(problem: Regression, theta: np.ndarray, costs: np.ndarray, *, converged: bool) -> Solution:
+def _solution(problem: Regression, theta: np.ndarray, costs: np.ndarray, *, converged: bool) -> Optimum:
     """The solution that the first of the costs belongs to."""
     cost = float(costs[0])
-    return Solution(
+    return Optimum(
         theta=theta,
         residual=problem.residual(theta),
         jacobian=problem.jacobian(theta),
@@ -200,7 +200,7 @@ def _solution(problem: Regression, theta: np.ndarray, costs: np.ndarray, *, conv
     )
 
 
-def ipopt(problem: Regression, lower: np.ndarray, upper: np.ndarray, starts: np.ndarray, effort: Effort) -> Solution:
+def ipopt(problem: Regression, lower: np.ndarray, upper: np.ndarray, starts: np.ndarray, effort: Effort) -> Optimum:
     """The same problem by Ipopt with exact Hessian, from every start; parameters as for `multistart`.
 
     The thesis' solver; slower than `multistart`, since it does not use that the cost is a sum of squares.
@@ -221,17 +221,17 @@ def ipopt(problem: Regression, lower: np.ndarray, upper: np.ndarray, starts: np.
         "error_on_fail": False,
     }
     solver = ca.nlpsol("fit", "ipopt", {"x": all_theta, "f": ca.sumsqr(error)}, options)
-    found = []
+    optima = []
     for start in starts:
         result = solver(x0=_inside(start, lower, upper), lbx=lower, ubx=upper)
         point = np.clip(np.asarray(result["x"]).ravel(), lower, upper)
         residual = problem.residual(point)
-        found.append((float(residual @ residual), point, bool(solver.stats()["success"])))
-    found.sort(key=lambda item: item[0])
-    return _solution(problem, found[0][1], np.array([cost for cost, _, _ in found]), converged=found[0][2])
+        optima.append((float(residual @ residual), point, bool(solver.stats()["success"])))
+    optima.sort(key=lambda item: item[0])
+    return _solution(problem, optima[0][1], np.array([cost for cost, _, _ in optima]), converged=optima[0][2])
 
 
-def covariance(solution: Solution) -> np.ndarray:
+def covariance(solution: Optimum) -> np.ndarray:
     """Covariance of the parameters for white residuals: variance of the residuals times inverse of J'J.
 
     Directions in which the residual does not move get a huge variance, not a small one.
@@ -279,7 +279,7 @@ def fixed_cost(
 
 
 def profile_interval(
-    problem: Regression, solution: Solution, lower: np.ndarray, upper: np.ndarray, index: int, *, level: float = 0.95
+    problem: Regression, solution: Optimum, lower: np.ndarray, upper: np.ndarray, index: int, *, level: float = 0.95
 ) -> tuple[float, float]:
     """Interval of one parameter by profile likelihood: where the cost of the best fit around it rises too far.
 
@@ -307,7 +307,7 @@ def profile_interval(
         for _ in range(60):
             distance = inner[0] + step if outer is None else _between(inner, outer, limit)
             distance = min(distance, reach)
-            statistic, found = along(distance, side, point)
+            statistic, optimum = along(distance, side, point)
             if abs(statistic - limit) < 0.01 * limit:
                 inner = (distance, statistic)
                 break
@@ -315,7 +315,7 @@ def profile_interval(
                 outer = (distance, statistic)
             else:
                 step = 2 * step if statistic - inner[1] < 0.25 * limit else step
-                inner, point = (distance, statistic), found
+                inner, point = (distance, statistic), optimum
                 if distance >= reach:
                     break
             if outer is not None and outer[0] - inner[0] < 1e-4 * outer[0]:

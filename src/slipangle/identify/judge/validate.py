@@ -157,17 +157,17 @@ def require_unseen(model: Model, data: Dataset) -> None:
     """
     for info in _fits(model):
         seen = info.fingerprint
-        found = overlap(seen, data) if seen is not None else _same_name_and_time(info, data)
-        if found is None:
+        shared = overlap(seen, data) if seen is not None else _same_name_and_time(info, data)
+        if shared is None:
             continue
-        first = float(data.t[np.argmax(found.rows)])
-        moved = abs(first - found.earlier) > 0.5 * data.dt
+        first = float(data.t[np.argmax(shared.rows)])
+        moved = abs(first - shared.earlier) > 0.5 * data.dt
         other = [f"under the name '{info.train_name}'"] if info.train_name != data.name else []
-        other += [f"at t = {found.earlier:g} s"] if moved else []
+        other += [f"at t = {shared.earlier:g} s"] if moved else []
         raise ParameterError(
-            f"{int(found.rows.sum())} of {data.n_samples} samples of '{data.name}' (from t = {first:g} s) were used to "
-            f"fit the model{', ' + ' '.join(other) if other else ''}; expected other data: validate on the test part, "
-            "or pass on_training_data=True for a training score"
+            f"{int(shared.rows.sum())} of {data.n_samples} samples of '{data.name}' (from t = {first:g} s) were used "
+            f"to fit the model{', ' + ' '.join(other) if other else ''}; expected other data: validate on the test "
+            "part, or pass on_training_data=True for a training score"
         )
 
 

@@ -157,9 +157,9 @@ class _Regression:
         scale = np.sqrt(np.diag(gram))
         scale[scale == 0] = 1.0
         self.gram = gram / np.outer(scale, scale)
-        found = self._from_gram(self.gram, scale)
-        if found is not None:
-            return (*found, "Gram matrix of lag products")
+        theta = self._from_gram(self.gram, scale)
+        if theta is not None:
+            return (*theta, "Gram matrix of lag products")
         return (*self._from_triangle(scale, labels), "blocked QR")
 
     def confused(self, theta: np.ndarray, variance: np.ndarray) -> tuple[str, ...]:

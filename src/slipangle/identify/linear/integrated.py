@@ -92,5 +92,5 @@ class IntegratedARX(Checked):
             y, u = piece[name], piece.select(outputs=(name,)).u
             rows += [np.hstack([u[k - self.nk - j] for j in range(self.nb)]) for k in range(reach, len(y))]
             targets += [y[k] for k in range(reach, len(y))]
-        found, *_ = np.linalg.lstsq(np.array(rows), np.array(targets), rcond=None)
-        return np.zeros(0), found.reshape(self.nb, 1, -1), None
+        slopes, *_ = np.linalg.lstsq(np.array(rows), np.array(targets), rcond=None)
+        return np.zeros(0), slopes.reshape(self.nb, 1, -1), None

@@ -50,10 +50,10 @@ class Windows:
 
     @property
     def _columns(self) -> list[int] | slice:
-        found = [self.data.index(n) for n in self.names]
-        if found == list(range(found[0], found[0] + len(found))):
-            return slice(found[0], found[0] + len(found))
-        return found
+        indices = [self.data.index(n) for n in self.names]
+        if indices == list(range(indices[0], indices[0] + len(indices))):
+            return slice(indices[0], indices[0] + len(indices))
+        return indices
 
     def spans(self) -> tuple[tuple[int, int], ...]:
         """First and last-but-one row of every experiment that holds a window."""

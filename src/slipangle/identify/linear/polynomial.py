@@ -75,14 +75,14 @@ class Polynomial(LinearEstimator[PolynomialModel]):
         theta = first_guess(self, later.nb, later.nf, later.nk, led, u0, y0)
         problem = _Structured(self, later, later.model(theta, led, u0, y0), theta, led)
         point, notes = problem.solve(self.max_iterations)
-        found = problem.theta_of(point)
+        coefficients = problem.theta_of(point)
         covariance, sigma = problem.covariance(point)
         names = layout.names(data) + ((f"y_offset[{data.outputs[0]}]",) if self.offset else ())
         info = described(
             data,
             began,
             names=names,
-            values=np.concatenate([found, point.y_offset]) if self.offset else found,
+            values=np.concatenate([coefficients, point.y_offset]) if self.offset else coefficients,
             covariance=covariance,
             noise_std=sigma,
             n_samples=led.n_samples,
@@ -90,7 +90,7 @@ class Polynomial(LinearEstimator[PolynomialModel]):
             "for white residuals",
             warnings=notes,
         )
-        return replace(layout.model(found, data, u0, float(point.y_offset[0])), fit_info=info)
+        return replace(layout.model(coefficients, data, u0, float(point.y_offset[0])), fit_info=info)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,11 +174,11 @@ class _Layout:
 
     def names(self, data: Dataset) -> tuple[str, ...]:
         """Such as ``a1``, ``b1[delta]``."""
-        found = [f"a{i + 1}" for i in range(self.na)]
+        labels = [f"a{i + 1}" for i in range(self.na)]
         for letter, counts, first in (("b", self.nb, self.nk), ("f", self.nf, (1,) * self.nu)):
             for name, count, start in zip(data.inputs, counts, first, strict=True):
-                found += [f"{letter}{i + start}[{name}]" for i in range(count)]
-        return (*found, *(f"c{i + 1}" for i in range(self.nc)), *(f"d{i + 1}" for i in range(self.nd)))
+                labels += [f"{letter}{i + start}[{name}]" for i in range(count)]
+        return (*labels, *(f"c{i + 1}" for i in range(self.nc)), *(f"d{i + 1}" for i in range(self.nd)))
 
     def model(self, theta: np.ndarray, data: Dataset, u0: np.ndarray, y0: float) -> PolynomialModel:
         """The model of a coefficient vector."""

@@ -311,10 +311,10 @@ class PredictionCriterion:
             r, e = work.shared[: self.n_theta, : self.n_theta], work.shared[: self.n_theta, self.n_theta]
             norms = np.maximum(np.linalg.norm(r, axis=0), 1e-300)
             eta = np.linalg.lstsq(r / norms, e, rcond=1e-12)[0] / norms
-            found = self.moved(point, moves @ eta, work.solve_locals(eta))
+            moved = self.moved(point, moves @ eta, work.solve_locals(eta))
         finally:
             self.free, self.n_theta = free, n_theta
-        return found if self.cost(found) < before else point
+        return moved if self.cost(moved) < before else point
 
     def _with_initial_states(self, point: Point) -> Point:
         work, moves = self.linearise(point)

@@ -101,8 +101,8 @@ class Triangles:
     def solve_locals(self, shared: np.ndarray) -> np.ndarray:
         """Local unknowns for given shared ones, shape (n_experiments, n_local)."""
         k = self.n_local
-        found = [np.linalg.lstsq(t[:, :k], t[:, -1] - t[:, k:-1] @ shared, rcond=1e-12)[0] for t in self.locals]
-        return np.array(found).reshape(len(self.locals), k)
+        locals_found = [np.linalg.lstsq(t[:, :k], t[:, -1] - t[:, k:-1] @ shared, rcond=1e-12)[0] for t in self.locals]
+        return np.array(locals_found).reshape(len(self.locals), k)
 
 
 def reduce_rows(rows: np.ndarray) -> np.ndarray:

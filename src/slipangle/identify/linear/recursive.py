@@ -113,9 +113,9 @@ class RLS(LinearEstimator[ARXModel]):
                 f"the model has na, nb, nk = {got}{' and a constant' if constant else ''}; expected "
                 f"{wanted}{' and' if self.offset else ' without'} a constant: make RLS with the model's lags"
             )
-        found = self.start(inputs=model.inputs, outputs=model.outputs, dt=model.dt)
-        found._take(model)
-        return found
+        tracker = self.start(inputs=model.inputs, outputs=model.outputs, dt=model.dt)
+        tracker._take(model)
+        return tracker
 
     def _fit(self, data: Dataset) -> ARXModel:
         require_identifiable(data, self.na * len(data.outputs) + self.nb * len(data.inputs) + self.offset)

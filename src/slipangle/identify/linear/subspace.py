@@ -103,7 +103,7 @@ class Subspace(LinearEstimator[StateSpaceModel]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Projection:
+class ObliqueProjection:
     """The oblique projection of future outputs on the past, compressed into small matrices.
 
     The columns of ``r`` have the inner products of the windows' entries, so they stand for the signals.
@@ -155,7 +155,7 @@ class Projection:
         return K if stable else np.zeros((order, self.n_y))
 
 
-def project(data: Dataset, *, algorithm: Algorithm, block_rows: int, offset: bool = False) -> Projection:
+def project(data: Dataset, *, algorithm: Algorithm, block_rows: int, offset: bool = False) -> ObliqueProjection:
     """Compress the record and project future outputs on the past along future inputs.
 
     With ``offset`` the channels' means are subtracted first; for the rest see `Subspace`.
@@ -184,7 +184,7 @@ def project(data: Dataset, *, algorithm: Algorithm, block_rows: int, offset: boo
         _, size, vector = np.linalg.svd(free, full_matrices=False)
         weight = (vector.T / np.maximum(size, 1e-8 * size[0])) @ vector
     _, singular, right = np.linalg.svd(target @ weight, full_matrices=False)
-    return Projection(
+    return ObliqueProjection(
         r=r,
         n_u=nu,
         n_y=ny,

@@ -180,7 +180,7 @@ class _Problem:
         settings = self.settings
         how: Any = {"count": settings.starts, "seed": settings.seed}
         branches = drawn(self.start, self.x0, self.data, curve=settings.curve, branches=settings.branches, **how)
-        found: list[tuple[float, FreeRunFit]] = []
+        fits: list[tuple[float, FreeRunFit]] = []
         for batch in range(3):
             begun = []
             for branch in branches[batch * settings.carried : (batch + 1) * settings.carried]:
@@ -189,15 +189,15 @@ class _Problem:
                 except SlipangleError:
                     continue
             for _, first in sorted(begun, key=lambda b: b[0]):
-                found = sorted([*found, self._finish(first)], key=lambda f: f[0])
-                if len(found) >= _AT_LEAST and found[1][0] - found[0][0] < _SAME * self.n_rows:
-                    return found[0][1], np.array([f[0] for f in found])
-        if not found:
+                fits = sorted([*fits, self._finish(first)], key=lambda f: f[0])
+                if len(fits) >= _AT_LEAST and fits[1][0] - fits[0][0] < _SAME * self.n_rows:
+                    return fits[0][1], np.array([f[0] for f in fits])
+        if not fits:
             raise ParameterError(
                 f"no start gave a finite free run within max_radius = {settings.max_radius:g}; expected one: use a "
                 "stable linear start, such as StateSpace(max_radius=0.999)"
             )
-        return found[0][1], np.array([f[0] for f in found])
+        return fits[0][1], np.array([f[0] for f in fits])
 
     def _begin(self, branches: Branches) -> tuple[float, FreeRunFit]:
         """Objective and fit after a few steps from given branches.

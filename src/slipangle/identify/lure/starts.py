@@ -48,7 +48,7 @@ def drawn(
     rng = np.random.default_rng(seed)
     count = max(40, min(count, _WORK // (clear.rows * n * branches)))
     u_size = np.maximum(np.std(data.u, axis=0), 1e-300)
-    found = []
+    draws = []
     batch = max(1, min(50, 4_000_000 // (clear.rows * n * branches)))
     for first in range(0, count, batch):
         shape = (min(batch, count - first), branches)
@@ -67,8 +67,8 @@ def drawn(
             gram = r.T @ r
             by = np.linalg.solve(gram + 1e-6 * np.trace(gram) * np.eye(len(gram)), r.T @ clear.error)
             left = float(np.sum((clear.error - r @ by) ** 2) / max(np.sum(clear.error**2), 1e-300))
-            found.append(Branches(W[i], V[i], by.reshape(n, branches), 1 - left))
-    return sorted(found, key=lambda b: -b.share)
+            draws.append(Branches(W[i], V[i], by.reshape(n, branches), 1 - left))
+    return sorted(draws, key=lambda b: -b.share)
 
 
 class _Clear:
@@ -97,16 +97,16 @@ class _Clear:
 
     def _respond(self, signals: np.ndarray) -> np.ndarray:
         """Outputs' responses, in their standard deviations, shape (samples * outputs, order, signals + 1)."""
-        found = Bank(np.array(self.start.A), np.array(self.start.C), signals.shape[1]).respond(signals)
-        found = found / self.size[:, None, None]
-        return found.reshape(-1, *found.shape[2:])
+        responses = Bank(np.array(self.start.A), np.array(self.start.C), signals.shape[1]).respond(signals)
+        responses = responses / self.size[:, None, None]
+        return responses.reshape(-1, *responses.shape[2:])
 
     def of(self, signals: list[np.ndarray]) -> np.ndarray:
         """Of the signals of each experiment: shape (all samples * outputs, order, signals)."""
         cleared = []
         for rows, local in zip(signals, self.local, strict=True):
-            found = self._respond(rows)[:, :, :-1]
-            cleared.append(_without(found.reshape(len(found), -1), local))
+            responses = self._respond(rows)[:, :, :-1]
+            cleared.append(_without(responses.reshape(len(responses), -1), local))
         return _without(np.vstack(cleared), self.shared).reshape(self.rows, self.start.order, -1)
 
 

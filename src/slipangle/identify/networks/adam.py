@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from slipangle.identify.networks.problem import Precision, Problem, Stage
+from slipangle.identify.networks.problem import Precision, Stage, TrainingProblem
 
 _CLIP = 1.0  # largest norm of a gradient through several steps
 
@@ -35,16 +35,16 @@ def to_numpy(values: Any) -> Any:
 
 
 @partial(jax.jit, static_argnums=0)
-def score(problem: Problem, params: Any, arrays: Any) -> jax.Array:
+def score(problem: TrainingProblem, params: Any, arrays: Any) -> jax.Array:
     """`Problem.score`, compiled."""
     return problem.score(params, arrays)
 
 
-class Steps:
+class AdamSteps:
     """Parameters on their way through one stage."""
 
     def __init__(
-        self, problem: Problem, stage: Stage, params: Any, arrays: Any, rows: np.ndarray, *, seed: Any
+        self, problem: TrainingProblem, stage: Stage, params: Any, arrays: Any, rows: np.ndarray, *, seed: Any
     ) -> None:
         self.problem, self.stage, self.arrays = problem, stage, arrays
         self.rows = jnp.asarray(rows, dtype=jnp.int32)
@@ -86,7 +86,7 @@ def optimiser(stage: Stage, batches: int) -> optax.GradientTransformation:
 
 @partial(jax.jit, static_argnums=(0, 1, 2, 3), donate_argnums=(5, 6))
 def _epochs(
-    problem: Problem,
+    problem: TrainingProblem,
     stage: Stage,
     batch: int,
     batches: int,

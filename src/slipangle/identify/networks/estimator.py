@@ -15,7 +15,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, TooShortError
 from slipangle.fields import Checked, Count
 from slipangle.identify.excitation import require_identifiable, require_independent
-from slipangle.identify.networks.problem import Precision, Problem, Stage
+from slipangle.identify.networks.problem import Precision, Stage, TrainingProblem
 from slipangle.identify.networks.training import Holdout, Progress, Trained, require_jax, train
 from slipangle.identify.networks.windows import scaled, window_starts
 from slipangle.models.black_box.model import NetworkModel
@@ -24,7 +24,7 @@ from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
 
 M = TypeVar("M", bound=NetworkModel)
-Again = Callable[[Problem, Any, tuple[Stage, ...]], Any]
+Again = Callable[[TrainingProblem, Any, tuple[Stage, ...]], Any]
 """Trains something beside what is found already: problem, start and stages to its parameters."""
 
 
@@ -64,7 +64,7 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         """Samples that one prediction depends on."""
 
     @abc.abstractmethod
-    def _problem(self) -> Problem:
+    def _problem(self) -> TrainingProblem:
         """What is trained."""
 
     @abc.abstractmethod
@@ -105,7 +105,7 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         def starts(horizon: int) -> np.ndarray:
             return window_starts(inner, self._memory, horizon)
 
-        def again(problem: Problem, start: Any, stages: tuple[Stage, ...]) -> Any:
+        def again(problem: TrainingProblem, start: Any, stages: tuple[Stage, ...]) -> Any:
             settings: Any = {"stages": stages, "seeds": (trained.best.seed,), "precision": self.precision}
             return train(problem, lambda seed: start, (arrays, trained.params), starts, **settings).params
 

@@ -15,7 +15,7 @@ from slipangle.errors import ModelWarning, ParameterError
 from slipangle.fields import Checked, Count, NotNegative, Positive
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.judge.validate import restarted
-from slipangle.identify.networks.runs import Runs, side_by_side
+from slipangle.identify.networks.runs import PaddedRuns, side_by_side
 from slipangle.identify.networks.training import Holdout, Progress, require_jax
 from slipangle.models.black_box.networks import MLP, Activation, Scaling
 from slipangle.models.model import FitInfo, Trial
@@ -254,11 +254,11 @@ class _Fit:
 
     # ---- free runs as a least-squares problem ------------------------------------------------------------------
 
-    def starts(self, theta: np.ndarray, runs: Runs) -> np.ndarray:
+    def starts(self, theta: np.ndarray, runs: PaddedRuns) -> np.ndarray:
         """States that the runs start from, thrown off by as much as the fit has come to."""
         return self.unrolled.starts(theta, runs.heads, self.settings.start.outputs) + self.share * runs.away
 
-    def error(self, theta: np.ndarray, runs: Runs) -> np.ndarray:
+    def error(self, theta: np.ndarray, runs: PaddedRuns) -> np.ndarray:
         """Weighted errors of every output, shape (n_runs, n, n_outputs), 0 where a sample does not count."""
         y = self.unrolled.outputs(theta, self.starts(theta, runs), runs.u)
         return (np.asarray(y) - runs.y) * runs.weight

@@ -44,15 +44,15 @@ class FreeRunNARX(Checked):
         from slipangle.identify.networks import adam
 
         began = time.perf_counter()
-        found: list[NARXModel] = []
+        models: list[NARXModel] = []
         for i, seed in enumerate(self.start.seeds):
             first = replace(self.start, seeds=(seed,)).fit(data)
             with adam.precision("double"):
-                found.append(_Polish(self, first, data).run(seed))
+                models.append(_Polish(self, first, data).run(seed))
             if progress is not None:
                 progress((i + 1) / len(self.start.seeds), f"free-run fit, seed {i + 1} of {len(self.start.seeds)}")
-        trials = tuple(t for m in found if m.fit_info for t in m.fit_info.trials)
-        best = min(found, key=lambda m: m.fit_info.trials[0].score if m.fit_info else np.inf)
+        trials = tuple(t for m in models if m.fit_info for t in m.fit_info.trials)
+        best = min(models, key=lambda m: m.fit_info.trials[0].score if m.fit_info else np.inf)
         if best.fit_info is None:
             raise AssertionError
         return replace(best, fit_info=replace(best.fit_info, trials=trials, seconds=time.perf_counter() - began))

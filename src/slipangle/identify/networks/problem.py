@@ -1,4 +1,4 @@
-"""What training is made of: the `Problem`, its `Stage` after stage, and the precision of the arithmetic."""
+"""What training is made of: the `TrainingProblem`, its `Stage` after stage, and the precision of the arithmetic."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Stage(Checked):
     weight_decay: NotNegative = 0.0
 
 
-class Problem(Protocol):
+class TrainingProblem(Protocol):
     """What can be trained: hashable, equal when its functions are, so that they are compiled once.
 
     Parameters are any nest of tuples of arrays, in scaled coordinates. ``arrays`` is handed through to `loss` and

@@ -9,7 +9,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 
 
-class Runs(NamedTuple):
+class PaddedRuns(NamedTuple):
     """Free runs, the shorter ones filled up with their last input."""
 
     heads: tuple[Dataset, ...]  # the samples that each starts from
@@ -26,7 +26,7 @@ class Runs(NamedTuple):
 
 def side_by_side(
     data: Dataset, memory: int, weights: np.ndarray, *, lead: int = 0, away: np.ndarray | float = 0.0
-) -> Runs:
+) -> PaddedRuns:
     """One run over each experiment; its first ``lead`` samples, after which it must be on its way, do not count.
 
     Experiments are longer than ``memory + lead``; ``weights``, shape (n_outputs,), none 0, are those of the outputs'
@@ -41,4 +41,4 @@ def side_by_side(
         u[i, : k + 1], u[i, k + 1 :] = part.u[memory - 1 :], part.u[-1]
         y[i, :k], weight[i, lead:k] = part.y[memory:], weights
     drawn = np.random.default_rng(0).uniform(-1.0, 1.0, (len(parts), np.size(away)))
-    return Runs(tuple(part.head(memory) for part in parts), drawn * away if lead else 0.0 * drawn, u, y, weight)
+    return PaddedRuns(tuple(part.head(memory) for part in parts), drawn * away if lead else 0.0 * drawn, u, y, weight)

@@ -1,7 +1,7 @@
 """Train a network: stages that look one step, then several steps ahead; early stopping; several seeds.
 
-What is trained is a `Problem`; how long and how far ahead, a sequence of `Stage`. The gradient steps themselves are
-in `slipangle.identify.networks.adam`, which needs JAX and is imported when training starts.
+What is trained is a `TrainingProblem`; how long and how far ahead, a sequence of `Stage`. The gradient steps themselves
+are in `slipangle.identify.networks.adam`, which needs JAX and is imported when training starts.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from slipangle.errors import ParameterError, TooShortError
 from slipangle.extras import extra
 from slipangle.fields import Within
-from slipangle.identify.networks.problem import Precision, Problem, Stage
+from slipangle.identify.networks.problem import Precision, Stage, TrainingProblem
 from slipangle.models.model import Trial
 
 Progress = Callable[[float, str], None]  # share done (0 to 1), what is being done
@@ -45,7 +45,7 @@ class Trained:
 
 
 def train(
-    problem: Problem,
+    problem: TrainingProblem,
     initial: Callable[[int], Any],
     arrays: Any,
     starts: Callable[[int], np.ndarray],
@@ -78,17 +78,17 @@ def train(
                 f"no experiment is long enough for a window of {stage.horizon} steps after its lags; expected longer "
                 "experiments: choose a smaller horizon or record without gaps"
             )
-    found: list[tuple[Trial, Any]] = []
+    trained: list[tuple[Trial, Any]] = []
     with adam.precision(precision):
         for i, seed in enumerate(seeds):
             run = _Run(problem, initial(seed), arrays, seed)
             for j, (stage, rows) in enumerate(zip(stages, windows, strict=True)):
                 run.stage(stage, rows, lambda share, i=i, j=j: _tell(progress, (i, j, share), len(seeds), len(stages)))
-            found.append((run.trial(), adam.to_numpy(run.best)))
-    trials = tuple(trial for trial, _ in found)
-    winner = min(range(len(found)), key=lambda i: trials[i].score)
+            trained.append((run.trial(), adam.to_numpy(run.best)))
+    trials = tuple(trial for trial, _ in trained)
+    winner = min(range(len(trained)), key=lambda i: trials[i].score)
     notes = [f"seed {trial.seed}: {trial.note}" for trial in trials if trial.note]
-    return Trained(params=found[winner][1], trials=trials, warnings=tuple(notes))
+    return Trained(params=trained[winner][1], trials=trials, warnings=tuple(notes))
 
 
 def _tell(progress: Progress | None, at: tuple[int, int, float], seeds: int, stages: int) -> None:
@@ -100,7 +100,7 @@ def _tell(progress: Progress | None, at: tuple[int, int, float], seeds: int, sta
 class _Run:
     """One training run: knows the best parameters so far and how it got there."""
 
-    def __init__(self, problem: Problem, start: Any, arrays: Any, seed: int) -> None:
+    def __init__(self, problem: TrainingProblem, start: Any, arrays: Any, seed: int) -> None:
         from slipangle.identify.networks import adam
 
         self.adam, self.problem, self.seed = adam, problem, seed

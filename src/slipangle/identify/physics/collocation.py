@@ -14,7 +14,7 @@ from slipangle.errors import ParameterError
 from slipangle.fields import Count, Positive, Whole
 from slipangle.identify.physics.grey_box import GreyBox, M, finish
 from slipangle.identify.physics.simulation_error import MOST_ROUNDS, FreeRunProblem, Minimum
-from slipangle.identify.physics.transcription import Constraint, Found, Transcription
+from slipangle.identify.physics.transcription import CollocationPoint, Constraint, Transcription
 
 _HOW = "free-run error, Radau collocation and Ipopt"
 _GROWTH = 100.0  # of a deviation within a piece of an unstable motion
@@ -98,47 +98,49 @@ class Collocation(GreyBox[M]):
             zero=self.zero,
             state_bounds=self.state_bounds,
         )
-        best, found, said = self._solve(problem, program)
+        best, solved, said = self._solve(problem, program)
         kept = None
-        if len(found.active):
-            _, s, vt = np.linalg.svd(found.active)
+        if len(solved.active):
+            _, s, vt = np.linalg.svd(solved.active)
             kept = vt[int((s > 1e-10 * s[0]).sum()) :].T
         return finish(problem, best, how=_HOW, began=began, kept=kept, more=said)
 
-    def _solve(self, problem: FreeRunProblem, program: Transcription) -> tuple[Minimum, Found, tuple[str, ...]]:
+    def _solve(
+        self, problem: FreeRunProblem, program: Transcription
+    ) -> tuple[Minimum, CollocationPoint, tuple[str, ...]]:
         """Errors and derivatives at the solution, of the free run where it follows the states; and why not."""
         constrained = self.at_most_zero or self.zero or self.state_bounds
-        found: Found | None = None
+        best: CollocationPoint | None = None
         for _ in range(MOST_ROUNDS):
-            before, found = found, self._once(program, found)
-            along = program.minimum(found)
+            before, best = best, self._once(program, best)
+            along = program.minimum(best)
             if not (constrained or problem.own_free_run_misses(along)):
-                return problem.minimise(along.z, GreyBox.max_iterations), found, ()
-            settled = found.converged and problem.weigh(along.error)
-            steady = not problem.moving or (before is not None and np.allclose(found.z, before.z, rtol=1e-8))
-            if (settled and steady) or not found.converged:
+                return problem.minimise(along.z, GreyBox.max_iterations), best, ()
+            settled = best.converged and problem.weigh(along.error)
+            steady = not problem.moving or (before is not None and np.allclose(best.z, before.z, rtol=1e-8))
+            if (settled and steady) or not best.converged:
                 break
-        if found is None:
+        if best is None:
             raise AssertionError
-        along = program.minimum(found)
+        along = program.minimum(best)
         if not problem.own_free_run_misses(along):
-            return problem.at(along.z, converged=found.converged), found, ()
-        if not found.converged:
+            return problem.at(along.z, converged=best.converged), best, ()
+        if not best.converged:
             said = "the collocation program has no solution yet; expected one: start nearer, or give state_bounds"
-            return problem.at(along.z, converged=False), found, (said,)
+            return problem.at(along.z, converged=False), best, (said,)
         said = (
             "a free run of the fitted model does not follow the data because the motion is unstable; expected a stable "
             "one: the parameters hold, their intervals are those of short pieces; simulate in short pieces too"
         )
-        return in_pieces(problem, found.states, along), found, (said,)
+        return in_pieces(problem, best.states, along), best, (said,)
 
-    def _once(self, program: Transcription, start: Found | None) -> Found:
+    def _once(self, program: Transcription, start: CollocationPoint | None) -> CollocationPoint:
         """One solution; with second derivatives where Gauss-Newton's matrix does not do."""
-        found = program.solve(start, self.max_iterations, self.tolerance)
-        if found.converged:
-            return found
+        solved = program.solve(start, self.max_iterations, self.tolerance)
+        if solved.converged:
+            return solved
         program.hessian = "exact"
-        return program.solve(found, self.max_iterations, self.tolerance)
+        return program.solve(solved, self.max_iterations, self.tolerance)
 
 
 def in_pieces(problem: FreeRunProblem, states: list[np.ndarray], along: Minimum) -> Minimum:

@@ -62,8 +62,8 @@ def _forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
         source, rest = _source(model, free)
     except (RuntimeError, NotImplementedError, TypeError, ParameterError):  # built on what has no scalar code
         source, rest = "", np.empty(0)
-    found = library(source, name="free_run") if source else None
-    return _interpreted(model, free) if found is None else _compiled(model, found, rest)
+    loaded = library(source, name="free_run") if source else None
+    return _interpreted(model, free) if loaded is None else _compiled(model, loaded, rest)
 
 
 # ---- compiled ------------------------------------------------------------------------------------------------------

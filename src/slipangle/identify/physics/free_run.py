@@ -71,9 +71,9 @@ class FreeRun:
         self.n_rows = sum(len(u) for u, _ in records) * self.ny
         x, u, p = ca.SX.sym("x", self.nx), ca.SX.sym("u", nu), ca.SX.sym("p", self.np)
         later, seen = (ca.densify(value) for value in (step(x, u, p), output(x, u, p)))
-        found = library(self._source(x, u, p, later, seen), name="sensitive_run")
+        loaded = library(self._source(x, u, p, later, seen), name="sensitive_run")
         # of (p, x0, u): outputs, shape (n, n_outputs); and their derivatives, (n, n_outputs, n_parameters + n_free)
-        self.run, self.sensitive = self._interpreted(x, u, p, later, seen) if found is None else self._linked(found)
+        self.run, self.sensitive = self._interpreted(x, u, p, later, seen) if loaded is None else self._linked(loaded)
 
     def _source(self, x: Any, u: Any, p: Any, later: Any, seen: Any) -> str:
         """C of the free run and its derivatives."""

@@ -96,8 +96,8 @@ class GreyBox(Checked, Generic[M]):
             with one_blas_thread():  # many small factorisations
                 problem = self.problem(data)
                 best = best_start(problem, starts, self.seed)
-                found = problem.minimise(best, self.max_iterations, tolerance=_FLAT)
-                return finish(problem, found, how=f"{_HOW}, best of {starts} starts", began=began)
+                optimum = problem.minimise(best, self.max_iterations, tolerance=_FLAT)
+                return finish(problem, optimum, how=f"{_HOW}, best of {starts} starts", began=began)
 
     def problem(self, data: Dataset) -> FreeRunProblem:
         """The least-squares problem that `fit` solves."""

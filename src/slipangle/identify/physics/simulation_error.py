@@ -106,7 +106,7 @@ class FreeRunProblem:
 
     def _parameters_of_the_start(self, start: np.ndarray) -> list[int]:
         """Free parameters on which the state at the first sample depends, such as a steering offset or a sensor's."""
-        found = []
+        names = []
         for j, name in enumerate(self.free):
             meta = self.model.si(name)
             for target in (start[j] * 1.01 + 1e-3, start[j] * 0.99 - 1e-3):
@@ -115,9 +115,9 @@ class FreeRunProblem:
                 if moved[j] != start[j] and any(
                     not np.array_equal(self._read_state(i, moved), self.fixed_x0[i]) for i in range(min(3, self.n_e))
                 ):
-                    found.append(j)
+                    names.append(j)
                     break
-        return found
+        return names
 
     def _read_state(self, i: int, p: np.ndarray) -> np.ndarray:
         varied = self.model.with_values(**dict(zip(self.free, map(float, p), strict=True)))

@@ -29,9 +29,9 @@ def best_start(problem: FreeRunProblem, starts: int, seed: int) -> np.ndarray:
     tried = sorted(draw(problem, starts - 1, seed), key=part.cost)
     for carried, steps in _ROUNDS:
         tried = sorted((_descent(part, z, steps) for z in tried[:carried]), key=part.cost)
-    found = min([problem.start, _descent(problem, problem.start, _FINAL)], key=problem.cost)
-    other = min([found, *tried], key=problem.cost)
-    return found if other is found else _descent(problem, other, _FINAL)
+    minima = min([problem.start, _descent(problem, problem.start, _FINAL)], key=problem.cost)
+    other = min([minima, *tried], key=problem.cost)
+    return minima if other is minima else _descent(problem, other, _FINAL)
 
 
 def draw(problem: FreeRunProblem, n: int, seed: int) -> np.ndarray:
@@ -43,9 +43,9 @@ def draw(problem: FreeRunProblem, n: int, seed: int) -> np.ndarray:
     positive |= (lower > 0) & (start > 0)
     moved = np.where(positive, start * _FACTOR**share, start + _SHARE * span * share)
     inside = 1e-6 * span
-    found = np.tile(problem.start, (n, 1))
-    found[:, : problem.n_p] = np.clip(moved, lower + inside, upper - inside)
-    return found
+    points = np.tile(problem.start, (n, 1))
+    points[:, : problem.n_p] = np.clip(moved, lower + inside, upper - inside)
+    return points
 
 
 def _part(problem: FreeRunProblem) -> FreeRunProblem:

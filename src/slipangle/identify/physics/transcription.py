@@ -21,7 +21,7 @@ Constraint = Callable[[Any], Any]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
+class CollocationPoint:
     """Solution of the program."""
 
     z: np.ndarray  # (n_z,), scaled unknowns, as in `FreeRunProblem`
@@ -189,8 +189,8 @@ class Transcription:
             scaled = x / self.size
             between = scaled[:-1, None] + share[:, None] * np.diff(scaled, axis=0)[:, None]
             parts += [scaled[0], between.ravel()]
-        found = np.concatenate(parts)
-        return np.clip(found, self.low, self.high)
+        guess = np.concatenate(parts)
+        return np.clip(guess, self.low, self.high)
 
     def numbers(self, z: np.ndarray) -> np.ndarray:
         """What the program is given at z: weights, and the initial states linear in the parameters."""
@@ -202,7 +202,7 @@ class Transcription:
             slopes.append(slope.T.ravel())
         return np.concatenate([problem.sigma, np.concatenate(starts), np.concatenate(slopes)])
 
-    def solve(self, warm: Found | None, max_iterations: int, tolerance: float) -> Found:
+    def solve(self, warm: CollocationPoint | None, max_iterations: int, tolerance: float) -> CollocationPoint:
         """Solve from the first guess, or from a solution."""
         options: dict[str, Any] = {
             "ipopt.print_level": 0,
@@ -264,16 +264,16 @@ class Transcription:
 
     def _states(self, variables: np.ndarray) -> list[tuple[int, np.ndarray]]:
         """Number and states at the samples of each experiment."""
-        at, found, nx, step = self.problem.n_p, [], self.problem.n_x, 3 * self.elements
+        at, states, nx, step = self.problem.n_p, [], self.problem.n_x, 3 * self.elements
         for i, y in enumerate(self.problem.measured):
             first = variables[at : at + nx]
             end = at + nx * (1 + step * (len(y) - 1))
             points = variables[at + nx : end].reshape(-1, nx)
-            found.append((i, np.vstack([first, points[step - 1 :: step]]) * self.size))
+            states.append((i, np.vstack([first, points[step - 1 :: step]]) * self.size))
             at = end
-        return found
+        return states
 
-    def _found(self, variables: np.ndarray, result: dict, status: str) -> Found:
+    def _found(self, variables: np.ndarray, result: dict, status: str) -> CollocationPoint:
         n_p = self.problem.n_p
         theta = variables[:n_p]
         value, slopes = (np.array(v) for v in self.user_jacobian(theta))
@@ -285,7 +285,7 @@ class Transcription:
         unit = np.eye(n_p)[(theta - self.low[:n_p] < 1e-7) | (self.high[:n_p] - theta < 1e-7)]
         active = np.vstack([slopes[tight], unit])
         z = self._z(variables)
-        return Found(
+        return CollocationPoint(
             z=z,
             states=[x for _, x in self._states(variables)],
             variables=variables,
@@ -296,7 +296,7 @@ class Transcription:
             status=status,
         )
 
-    def minimum(self, found: Found) -> Minimum:
+    def minimum(self, found: CollocationPoint) -> Minimum:
         """Errors and their derivatives on the collocated states, by the implicit function theorem.
 
         Unlike a free run this holds for motions that a free run cannot follow, because they are unstable.

@@ -237,15 +237,15 @@ class Search(Checked):
         return [dict(draft.ask(self._distributions(optuna)).params) for _ in range(begin, stop)]
 
     def _distributions(self, optuna: Any) -> dict[str, Any]:
-        found = {}
+        distributions = {}
         for name, what in self.space.items():
             if isinstance(what, Choice):
-                found[name] = optuna.distributions.CategoricalDistribution(what.values)
+                distributions[name] = optuna.distributions.CategoricalDistribution(what.values)
             elif isinstance(what.low, int) and isinstance(what.high, int):
-                found[name] = optuna.distributions.IntDistribution(what.low, what.high, log=what.log)
+                distributions[name] = optuna.distributions.IntDistribution(what.low, what.high, log=what.log)
             else:
-                found[name] = optuna.distributions.FloatDistribution(what.low, what.high, log=what.log)
-        return found
+                distributions[name] = optuna.distributions.FloatDistribution(what.low, what.high, log=what.log)
+        return distributions
 
     def _tell(self, optuna: Any, study: Any, trial: TrialResult) -> None:
         states = optuna.trial.TrialState
@@ -263,11 +263,11 @@ class Search(Checked):
 
     def _told(self, study: Any) -> list[TrialResult]:
         """Trials of the journal in the order of drawing, each number once."""
-        found = {}
+        chosen = {}
         for trial in study.get_trials(deepcopy=False):
             a = trial.user_attrs
-            if "number" in a and a["number"] not in found:
-                found[a["number"]] = TrialResult(
+            if "number" in a and a["number"] not in chosen:
+                chosen[a["number"]] = TrialResult(
                     number=a["number"],
                     settings=dict(trial.params),
                     score=math.inf if a["failure"] else float(trial.value),
@@ -275,7 +275,7 @@ class Search(Checked):
                     failure=a["failure"],
                     steps=tuple(v for _, v in sorted(trial.intermediate_values.items())),
                 )
-        return [found[number] for number in sorted(found)]
+        return [chosen[number] for number in sorted(chosen)]
 
 
 def columns(result: SearchResult) -> tuple[tuple[str, ...], Sequence[Sequence[Value]]]:

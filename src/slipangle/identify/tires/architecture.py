@@ -22,7 +22,7 @@ class Candidate(NamedTuple):
     rmse: float
 
 
-class SearchResult(NamedTuple):
+class ArchitectureResult(NamedTuple):
     """Curve of the chosen architecture, fitted to all samples, its candidate, and all of them by size."""
 
     curve: NeuralCurve
@@ -50,7 +50,7 @@ class ArchitectureSearch(Checked):
 
     def fit(
         self, slip: np.ndarray, friction: np.ndarray, *, load: Beside = None, camber: Beside = None
-    ) -> SearchResult:
+    ) -> ArchitectureResult:
         """Choose and fit; arguments and exceptions as for `NetworkCurveFit.fit`."""
         samples, _, inputs = checked_samples(slip, friction, load, camber, n_parameters=2 * self.folds)
         friction = np.asarray(friction, dtype=float)
@@ -70,4 +70,4 @@ class ArchitectureSearch(Checked):
         limit = max(min(c.rmse for c in scored) * (1 + self.tolerance), self.enough)
         ordered = tuple(sorted(scored, key=lambda c: (c.n_parameters, c.rmse)))
         chosen = next(c for c in ordered if c.rmse <= limit)
-        return SearchResult(chosen.fit.fit(slip, friction, load=load, camber=camber), chosen, ordered)
+        return ArchitectureResult(chosen.fit.fit(slip, friction, load=load, camber=camber), chosen, ordered)

@@ -29,8 +29,8 @@ from slipangle.models.tires.neural import CurveInput, NeuralCurve
 from slipangle.models.tires.simple import MagicCurve
 from slipangle.numerics.multistart import (
     Effort,
+    Optimum,
     Regression,
-    Solution,
     covariance,
     draw,
     ipopt,
@@ -107,11 +107,11 @@ class CurveFit(Checked, abc.ABC, Generic[C]):
     def _fit(self, samples: np.ndarray, target: np.ndarray, inputs: tuple[CurveInput, ...]) -> C:
         """Curve with its ``fit_info`` from checked samples."""
 
-    def _solve(self, problem: Regression, lower: np.ndarray, upper: np.ndarray, starts: np.ndarray) -> Solution:
+    def _solve(self, problem: Regression, lower: np.ndarray, upper: np.ndarray, starts: np.ndarray) -> Optimum:
         run = multistart if self.solver == "least squares" else ipopt
         return run(problem, lower, upper, starts, self.effort)
 
-    def _method(self, solution: Solution) -> str:
+    def _method(self, solution: Optimum) -> str:
         how = "trust-region reflective" if self.solver == "least squares" else "Ipopt"
         return (
             f"bounded least squares ({how}) from {len(solution.costs)} random starts, best cost reached by "
@@ -312,7 +312,7 @@ def _rising(**ranges: Range) -> None:
             raise ParameterError(f"the bounds of {name} are {low:g} and {high:g}; expected the lower one first")
 
 
-def _canonical(solution: Solution, lower: np.ndarray, upper: np.ndarray) -> Solution:
+def _canonical(solution: Optimum, lower: np.ndarray, upper: np.ndarray) -> Optimum:
     """The same curve with B and C not negative, where the bounds hold that copy."""
     theta, sign = solution.theta, np.ones(6)
     if theta[0] < 0:  # B and C, or B and D

@@ -184,14 +184,14 @@ class _Job:
 
     def _varying(self) -> str:
         d, c = self.data, self.settings.start.coefficients
-        found = ""
+        name = ""
         if np.std(d.load) > 0.05 * np.mean(d.load):
-            found += "f"
+            name += "f"
         if np.ptp(np.quantile(d.gamma, (0.02, 0.98))) > np.deg2rad(0.5):
-            found += "c"
+            name += "c"
         if c.NOMPRES > 0 and d.pressure is not None and np.std(d.pressure) > 0.02 * np.mean(d.pressure):
-            found += "p"
-        return found
+            name += "p"
+        return name
 
     def free(self, table: tuple[Free, ...]) -> tuple[Free, ...]:
         """Coefficients of a table whose conditions vary."""
@@ -240,8 +240,8 @@ class _Job:
         for output, tables in MOMENTS.items():
             if getattr(self.data, output) is None or not self.has_y:
                 continue
-            found = [self.pruned(*self.solve(tire, self.free(table), (output,), rows, few), rows) for table in tables]
-            tire, stage = min(found, key=lambda pair: criterion(pair[1]))
+            fitted = [self.pruned(*self.solve(tire, self.free(table), (output,), rows, few), rows) for table in tables]
+            tire, stage = min(fitted, key=lambda pair: criterion(pair[1]))
             stages.append(stage)
         return tire, stages
 
@@ -299,8 +299,8 @@ class _Job:
         x, z = ca.SX.sym("x", 5), ca.SX.sym("z", len(free))
         symbols: dict[str, Any] = {f.name: unscaled(f, z[k]) for k, f in enumerate(free)}
         camber: Any = x[3] if np.any(self.samples[:, 3] != 0) else 0.0
-        found = replace(tire, outside="extrapolate").with_coefficients(**symbols)
-        forces = found.evaluate(x[0], x[1], x[2], axes="ISO-W", camber=camber, pressure=x[4])
+        loose = replace(tire, outside="extrapolate").with_coefficients(**symbols)
+        forces = loose.evaluate(x[0], x[1], x[2], axes="ISO-W", camber=camber, pressure=x[4])
         y = ca.vertcat(*[getattr(forces, name) for name in outputs])
         samples = self.samples[rows]
         target = np.column_stack([getattr(self.data, name)[rows] for name in outputs])
@@ -313,8 +313,8 @@ class _Job:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
             loose = replace(tire, outside="extrapolate", limits=ValidRange())
-            found = loose.evaluate(s[:, 0], s[:, 1], s[:, 2], axes="ISO-W", camber=s[:, 3], pressure=s[:, 4])
-        error = (getattr(self.data, name) - getattr(found, name))[rows]
+            forces = loose.evaluate(s[:, 0], s[:, 1], s[:, 2], axes="ISO-W", camber=s[:, 3], pressure=s[:, 4])
+        error = (getattr(self.data, name) - getattr(forces, name))[rows]
         counts = self.driving[rows] if name == "F_x" and self.has_y else np.full(len(error), True)
         sigma = max(float(np.std(error[counts])), 1e-6 * float(np.std(getattr(self.data, name)[rows][counts])), 1e-9)
         return np.where(counts, 1.0 / sigma, 0.0)

@@ -13,7 +13,7 @@ import numpy as np
 
 from slipangle.identify.tires.magic_formula_coefficients import Free
 from slipangle.numerics.covariance import coloured, middle_of_sandwich
-from slipangle.numerics.multistart import Regression, Solution
+from slipangle.numerics.multistart import Optimum, Regression
 
 
 class FittedStage(NamedTuple):
@@ -21,7 +21,7 @@ class FittedStage(NamedTuple):
 
     free: tuple[Free, ...]
     outputs: tuple[str, ...]
-    solution: Solution
+    solution: Optimum
     problem: Regression
 
 

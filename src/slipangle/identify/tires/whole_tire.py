@@ -186,24 +186,24 @@ class TireFit(Checked, Generic[T]):
         return replace(self._record.with_values(**estimates), fit_info=replace(info, warnings=notes))
 
     def _outputs(self, data: TireData) -> tuple[Output, ...]:
-        found: tuple[Output, ...] = self.outputs
-        if not found:
+        names: tuple[Output, ...] = self.outputs
+        if not names:
             moves_x, moves_y = np.ptp(data.slip_ratio) > 0.02, np.ptp(data.slip_angle) > np.deg2rad(1.0)
-            found = (("F_x",) if moves_x else ()) + (("F_y",) if moves_y else ())  # type: ignore[assignment]
-        if not found:
+            names = (("F_x",) if moves_x else ()) + (("F_y",) if moves_y else ())  # type: ignore[assignment]
+        if not names:
             raise ExcitationError(
                 f"neither slip ratio nor slip angle of '{data.name}' moves; expected a sweep: join such a run"
             )
-        for name in found:
+        for name in names:
             if getattr(data, name) is None:
                 raise ParameterError(
                     f"'{data.name}' holds no {name}; expected outputs that were measured: leave it out"
                 )
-        if "F_y" in found:
+        if "F_y" in names:
             require_both_signs(data.slip_angle, f"the slip angle of '{data.name}'")
-        if "F_x" in found:
+        if "F_x" in names:
             require_both_signs(data.slip_ratio, f"the slip ratio of '{data.name}'")
-        return found
+        return names
 
     def _regression(self, data: TireData, outputs: tuple[Output, ...]) -> tuple[Regression, np.ndarray, np.ndarray]:
         x, z = ca.SX.sym("x", 4), ca.SX.sym("z", len(self.free))
