@@ -66,7 +66,7 @@ def test_one_step_stage_of_an_affine_network_reaches_least_squares():
     with adam.precision("double"):
         start = adam.to_device(windows.layers(MLP.random((8, 2), seed=0)))
         arrays = adam.to_device(scaled(train))
-        steps = adam.Steps(problem, stage, start, arrays, windows.window_starts(train, 3, 1), seed=0)
+        steps = adam.AdamSteps(problem, stage, start, arrays, windows.window_starts(train, 3, 1), seed=0)
         losses = [steps.advance(3000) for _ in range(3)]
     assert losses[0] >= losses[-1] >= best * (1 - 1e-9)
     assert losses[-1] == pytest.approx(best, rel=1e-4)

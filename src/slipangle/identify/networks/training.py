@@ -118,7 +118,7 @@ class _Run:
 
     def stage(self, stage: Stage, rows: np.ndarray, told: Callable[[float], None]) -> None:
         """Train until the stage is over, nothing improves any more, or the loss is no number."""
-        steps = self.adam.Steps(self.problem, stage, self.best, self.arrays, rows, seed=(self.seed, self.epoch))
+        steps = self.adam.AdamSteps(self.problem, stage, self.best, self.arrays, rows, seed=(self.seed, self.epoch))
         began, improved = self.epoch, self.epoch
         every = min(CHECK_EVERY, max(1, stage.epochs // 40))
         while self.epoch - began < stage.epochs and self.epoch - improved < stage.patience:
