@@ -35,7 +35,6 @@ def bench(progress: Progress) -> Reproduction:
     data = record(SAMPLES)
     records = fits(data, lambda share, what: progress(0.6 * share, what))
     records += free_runs(data, lambda share, what: progress(0.6 + 0.4 * share, what))
-    progress(1.0, "done")
     return Reproduction(
         title="ARX(10, 10), ten million samples",
         records=(*records, *absent(PEERS, "ARX")),

@@ -182,7 +182,6 @@ def bench(progress: Progress) -> Reproduction:
             note=f"p99 {1e6 * np.percentile(seconds, 99):.0f} us of {len(seconds)}" if seconds else "no C compiler",
         )
     )
-    progress(1.0, "done")
     return Reproduction(
         title="Predictive control with a hybrid of a mismatched plant",
         records=tuple(found),

@@ -83,7 +83,6 @@ def bench(progress: Progress) -> Reproduction:
                 holds=apart <= 1e-10,
             )
         )
-    progress(1.0, "done")
     return Reproduction(
         title="Free run of the bicycle with a network inside",
         records=tuple(found),

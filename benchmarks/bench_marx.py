@@ -151,7 +151,6 @@ def bench(progress: Progress) -> Reproduction:
             )
     base = float(np.median(process["MARX, models of Y"]))
     records += _peers(ours, situations["MARX, models of Y"], base, progress)
-    progress(1.0, "done")
     return Reproduction(
         title="MARX-MPC, time of one plan",
         records=tuple(records),

@@ -187,7 +187,6 @@ def bench(progress: Progress) -> Reproduction:
             continue
         record = _ratio(name, spent, ours, least)
         found.append(replace(record, note=f"{record.note}; first command differs by {far:.1e} of its range"))
-    progress(1.0, "done")
     return Reproduction(
         title="Predictive control, time of one plan",
         records=tuple(found),

@@ -54,7 +54,6 @@ def bench(progress: Progress) -> Reproduction:
         note = f"poles off by {distance(poles[name]):.1g}"
         records.append(median_record(name, quantity, [amount / r for r in rate], bound=bound, most=True, note=note))
     records.append(memory(data))
-    progress(1.0, "done")
     return Reproduction(
         title="N4SID, a million samples, 20 block rows",
         records=(*records, *absent(PEERS, "N4SID")),

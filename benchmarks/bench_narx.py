@@ -39,7 +39,6 @@ def bench(progress: Progress) -> Reproduction:
     with one_core():
         records = free_runs(lambda share, what: progress(0.5 * share, what))
         records += trainings(lambda share, what: progress(0.5 + 0.5 * share, what))
-    progress(1.0, "done")
     return Reproduction(
         title="NARX, 3 x 50 ELU: free run and training",
         records=tuple(records),

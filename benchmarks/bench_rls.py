@@ -53,7 +53,6 @@ def bench(progress: Progress) -> Reproduction:
         note = "over a record of 2000 samples, one run"
         row = f"sysidentpy, {2 * TYPICAL} coefficients"
         records.append(median_record(row, "us per update", [1e6 * seconds / 2_000], most=True, note=note))
-    progress(1.0, "done")
     return Reproduction(
         title="Recursive estimators, one update",
         records=(*records, *absent(("sysidentpy",), "RLS")),

@@ -40,8 +40,7 @@ def _reproduce(options: argparse.Namespace) -> int:
     results = []
     for name, module in modules:
         with Bar(quiet=options.json) as bar:
-            results.append((name, (module.bench if bench else module.reproduce)(bar)))
-            bar(1.0, "done")
+            results.append((name, experiments.run(module.bench if bench else module.reproduce, bar)))
     if options.out:
         _page(results, options)
     if options.json:

@@ -52,6 +52,13 @@ class Reproduction:
         return all(record.holds is not False for record in self.records)
 
 
+def run(experiment: Callable[[Progress], Reproduction], progress: Progress) -> Reproduction:
+    """What an experiment's ``reproduce``, or a benchmark's ``bench``, gives; that it is done is told here."""
+    outcome = experiment(progress)
+    progress(1.0, "done")
+    return outcome
+
+
 def names() -> list[str]:
     """Names for ``slipangle reproduce``.
 
