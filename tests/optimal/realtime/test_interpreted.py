@@ -1,7 +1,6 @@
 """Without a compiler the same controller runs, gives the same answers and says so once."""
 
 import warnings
-from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,15 @@ from slipangle.errors import ModelWarning
 from slipangle.optimal.realtime import RealTime, backend
 from slipangle.optimal.solution import Status
 from tests.models.all_models import ALL_MODELS
-from tests.optimal.realtime.test_realtime import CONVERGED, car, drive, past_the_peak, problem, situation
+from tests.optimal.realtime.test_realtime import (
+    CONVERGED,
+    car,
+    drive,
+    past_the_peak,
+    problem,
+    require_plans_of_their_arguments_alone,
+    situation,
+)
 
 
 @pytest.fixture
@@ -79,21 +86,7 @@ def test_wheels_far_past_the_peak_of_their_tires_are_planned_for(no_compiler):
 
 
 def test_a_plan_does_not_depend_on_what_the_work_area_remembers(no_compiler):
-    """The model found at a plan serves the next one; where another plan came in between, it is found again."""
-    mpc = car(solver=RealTime())
-    other, rng = deepcopy(mpc), np.random.default_rng(0)
-    for k, (x, reference, previous, plan) in enumerate(drive(mpc, steps=12)):
-        if previous is None:
-            continue
-        again = other.plan(x, reference, previous)  # never what `other` has at hand
-        assert (again.u == plan.u).all()
-        assert (again.x == plan.x).all()
-        assert (again.cost, again.violation, again.residual) == (plan.cost, plan.violation, plan.residual)
-        if k % 3 == 0:  # another state, near or far, and other exogenous inputs
-            off = x + 10.0 ** rng.uniform(-4, 0) * rng.normal(size=len(x))
-            torque = replace(reference, exogenous=reference.exogenous + 100.0)
-            for given in ((off, reference), (x, torque)):
-                assert (mpc.plan(*given, plan).u == other.plan(*given, plan).u).all()
+    require_plans_of_their_arguments_alone(car(solver=RealTime()), steps=12, every=3)
 
 
 def test_a_state_off_the_predicted_one_is_planned_for(no_compiler):
