@@ -381,7 +381,14 @@ def test_a_model_that_overflows_is_said():
 
 @pytest.mark.parametrize(
     "options",
-    [{"solver": "ipop"}, {"deadline": 0.0}, {"fallback": -1}, {"safe": Values(b=1.0)}],
+    [
+        {"solver": "ipop"},
+        {"deadline": 0.0},
+        {"fallback": -1},
+        {"safe": Values(b=1.0)},
+        {"safe": 0.0},
+        {"plausible": ()},
+    ],
 )
 def test_bad_settings(options):
     with pytest.raises(ParameterError):

@@ -10,7 +10,7 @@ from slipangle.errors import ParameterError, nearest
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.models.wrappers.on_ground import OnGround
-from slipangle.optimal.ocp import OCP, Reference
+from slipangle.optimal.ocp import OCP, ProblemSettings, Reference
 from slipangle.optimal.terms import Limits, Values, Weights
 from slipangle.paths.lane_change import double_lane_change
 from tests.optimal.linear import double_integrator, two_masses
@@ -69,6 +69,7 @@ def test_every_number_changes_the_plan(change):
 def test_every_argument_of_the_problem_is_covered():
     elsewhere = {"controls", "corridor"}  # the next two tests
     assert {f.name for f in fields(OCP) if f.init} == {*CHANGES, *elsewhere}
+    assert {"model", *ProblemSettings.__annotations__} == {*CHANGES, *elsewhere}
 
 
 def test_controls_choose_what_is_decided():

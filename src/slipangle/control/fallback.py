@@ -79,8 +79,10 @@ class Fallbacks(Checked, Led):
             ocp = OCP(**posed)
         elif posed:
             ocp = replace(ocp, **posed)
-        values = {"ocp": ocp, "solver": solver, "deadline": deadline, "fallback": fallback}
-        for name, value in {**values, "safe": safe or Values(), "plausible": plausible or Limits()}.items():
+        safe = Values() if safe is None else safe
+        plausible = Limits() if plausible is None else plausible
+        settings = {"ocp": ocp, "solver": solver, "deadline": deadline, "fallback": fallback}
+        for name, value in {**settings, "safe": safe, "plausible": plausible}.items():
             object.__setattr__(self, name, value)
         coerce(self, Values, "safe")
         coerce(self, Limits, "plausible")

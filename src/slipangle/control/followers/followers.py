@@ -181,7 +181,7 @@ class Stanley(PathFollower):
     softening : float
         Speed that keeps the gain finite at standstill. [m/s]
     damping : float
-        SteeringController angle per yaw rate beyond the path's. [s]
+        Steering angle per yaw rate beyond the path's. [s]
 
     The others are those of `PathFollower`.
 
