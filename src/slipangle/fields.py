@@ -50,7 +50,8 @@ class Within:
 
     def sentence(self, whole: bool) -> str:
         """What is expected, such as "a whole number of at least 1"."""
-        unit = f" {self.unit}" if self.unit else ""
+        bounded = self.low not in (-inf, 0) or self.high < inf or self.open not in ("low", "both")
+        unit = "" if not self.unit else f" {self.unit}" if bounded else f" [{self.unit}]"
         example = f", such as {self.example}" if self.example else ""
         kind = "a whole number" if whole else "a number"
         if self.low == -inf and self.high == inf:

@@ -13,7 +13,7 @@ import numpy as np
 
 from slipangle.control.call import applied_before
 from slipangle.control.controller import Led
-from slipangle.errors import ParameterError
+from slipangle.errors import ParameterError, shown
 from slipangle.fields import Checked, Whole, Within
 from slipangle.models.model import Model
 from slipangle.numerics.per_thread import BUILDING
@@ -77,6 +77,10 @@ class Fallbacks(Checked, Led):
         posed: dict[str, Any] = {**problem} if model is None else {"model": model, **problem}
         if ocp is None:
             ocp = OCP(**posed)
+        elif not isinstance(ocp, OCP):
+            raise ParameterError(
+                f"ocp is {shown(ocp)}; expected an OCP: say MPC(model, horizon=..., Q=...) without one"
+            )
         elif posed:
             ocp = replace(ocp, **posed)
         safe = Values() if safe is None else safe
@@ -86,7 +90,7 @@ class Fallbacks(Checked, Led):
             object.__setattr__(self, name, value)
         coerce(self, Values, "safe")
         coerce(self, Limits, "plausible")
-        if isinstance(solver, str) and solver not in ("ipopt", "realtime"):
+        if solver not in ("ipopt", "realtime") if isinstance(solver, str) else not hasattr(solver, "build"):
             raise ParameterError(
                 f'the solver is {solver!r}; expected "realtime" or "ipopt", or settings such as Ipopt()'
             )
