@@ -3,6 +3,7 @@
 import ast
 import re
 import tomllib
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
@@ -93,3 +94,14 @@ def test_what_is_long_says_why(path):
             inside = lines[node.lineno - 1 : node.end_lineno]
             short = len(inside) - said <= LONGEST_FUNCTION
             assert short or any(re.match(r"\s+# Long: \w+", line) for line in inside), node.name
+
+
+def test_a_wheel_has_every_file_of_the_package():
+    """The build takes the whole folder but for what .gitignore names, which is nothing that the package needs."""
+    build = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]
+    assert build == {"wheel": {"packages": ["src/slipangle"]}}
+    files = [p.relative_to(SOURCE) for p in SOURCE.rglob("*") if p.is_file() and p.parent.name != "__pycache__"]
+    assert {".c", ".h", ".toml", ".css", ".js", ".pyi"} <= {p.suffix for p in files}
+    assert Path("py.typed") in files
+    ignored = [line.strip("/") for line in (ROOT / ".gitignore").read_text().split()]
+    assert [p for p in files if any(fnmatch(part, name) for part in p.parts for name in ignored)] == []

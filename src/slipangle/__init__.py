@@ -27,19 +27,15 @@ simulate -> report
 Inside, everything is SI and radians, axes are those of ISO 8855 (docs/nomenclature.md).
 """
 
-import ast
-from importlib import import_module, resources
+from importlib import import_module
+from pathlib import Path
 from typing import Any
 
-
-def _modules() -> dict[str, str]:
-    """Where each public name lives, as ``__init__.pyi`` has it, which type checkers read too."""
-    stub = ast.parse(resources.files(__name__).joinpath("__init__.pyi").read_text(encoding="utf-8"))
-    imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]
-    return {name.name: str(node.module) for node in imports for name in node.names}
-
-
-_MODULE = _modules()  # a name is imported on first use, so that `import slipangle` is quick
+_STUB = Path(__file__).with_name(
+    "__init__.pyi"
+)  # where each name lives, one import a line, which type checkers read too
+_LINES = [line.split() for line in _STUB.read_text(encoding="utf-8").splitlines() if line.startswith("from ")]
+_MODULE = {name: module for _, module, _, name, *_ in _LINES}  # imported on first use: `import slipangle` is quick
 __all__ = sorted(_MODULE)  # pyright: ignore[reportUnsupportedDunderAll]
 
 
