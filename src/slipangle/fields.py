@@ -88,9 +88,9 @@ class Checked:
     """
 
     def __post_init__(self) -> None:
-        for name, hint in _hints(type(self)).items():
+        for name, hint, as_tuple in _plan(type(self)):
             value = getattr(self, name)
-            if _plain(hint) is tuple and not isinstance(value, tuple):
+            if as_tuple and not isinstance(value, tuple):
                 many = isinstance(value, Sequence) and not isinstance(value, str)
                 value = tuple(value) if many else (value,)
                 object.__setattr__(self, name, value)
@@ -101,9 +101,19 @@ class Checked:
 
 
 @cache
-def _hints(cls: type) -> dict[str, Any]:
+def _plan(cls: type) -> list[tuple[str, Any, bool]]:
+    """Names and hints of the fields that have something to check, and whether what is given becomes a tuple."""
     hints = get_type_hints(cls, include_extras=True)
-    return {f.name: hints[f.name] for f in fields(cls) if f.init}  # type: ignore[arg-type]  # a dataclass
+    names = [f.name for f in fields(cls) if f.init and _matters(hints[f.name])]  # type: ignore[arg-type]  # a dataclass
+    return [(name, hints[name], _plain(hints[name]) is tuple) for name in names]
+
+
+def _matters(hint: Any) -> bool:
+    """Whether not every value fits."""
+    kind = get_origin(hint)
+    if kind in (Union, UnionType, Mapping):
+        return any(map(_matters, get_args(hint)))
+    return hint in (int, float, tuple) or kind in (Annotated, Literal, tuple)
 
 
 def _entries(name: str, value: Any, hint: Any) -> list[tuple[str, Any, Any]]:

@@ -147,6 +147,19 @@ def scalar_code(function: ca.Function) -> ca.Function | None:
     return function if used <= known else None
 
 
+def arguments(function: ca.Function) -> list[Any]:
+    """A symbol for each input of a function, of its own kind."""
+    kind: Any = ca.SX if function.is_a("SXFunction") else ca.MX
+    return [kind.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
+
+
+def only(function: ca.Function, results: Sequence[int]) -> ca.Function:
+    """The function with some of its results."""
+    given = arguments(function)
+    values = function.call(given)
+    return ca.Function(function.name(), given, [values[i] for i in results])
+
+
 def fewer_divisions(function: ca.Function) -> ca.Function:
     """The function, of scalar instructions, with products by reciprocals in place of divisions.
 
@@ -161,7 +174,7 @@ def fewer_divisions(function: ca.Function) -> ca.Function:
 
 
 def _by_reciprocals(function: ca.Function) -> ca.Function:
-    given = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
+    given = arguments(function)
     results = [[ca.SX(0)] * function.nnz_out(i) for i in range(function.n_out())]
     work: dict[int, ca.SX] = {}
     inverse: dict[int, Any] = {}

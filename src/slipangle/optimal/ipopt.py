@@ -96,11 +96,9 @@ class _Layout(NamedTuple):
     slack: np.ndarray
     inner: np.ndarray
     ends: np.ndarray
-    first_slack: np.ndarray
-    size: int
     limits: np.ndarray
+    first_slack: np.ndarray
     first: np.ndarray
-    height: int
     later: np.ndarray
     later_rows: np.ndarray
 
@@ -128,35 +126,20 @@ def _layout(ocp: OCP, n_inner: int) -> _Layout:
         model += list((height + np.arange(length * n_model)).reshape(length, n_model))
         limits.append(height + length * n_model + np.arange(high))
         height += length * n_model + high
-    places = [np.array(part, dtype=int) for part in (u, x, slack, inner, ends, model, limits)]
+    u, x, slack, inner, ends, model, limits = (
+        np.array(part, dtype=int) for part in (u, x, slack, inner, ends, model, limits)
+    )
     first_slack = size + np.arange(len(soft_now))
     first = height + np.arange(len(hard_now) + 2 * len(soft_now))
     later, later_rows = np.arange(size + len(first_slack)), np.arange(height + len(first))
     after = ocp.stage_of[np.minimum(ocp.nodes[:-1] + 1, ocp.nodes[-1] - 1)]
-    for where, stage, step in ((later, places[:3], places[3:5]), (later_rows, places[6:], places[5:6])):
+    for where, stage, step in ((later, (u, x, slack), (inner, ends)), (later_rows, (limits,), (model,))):
         for part in stage:
             where[part] = part[after]
         for part in step:
             where[part[:-1]] = part[1:]
-    return _Layout(
-        hard=hard,
-        soft=soft,
-        hard_now=hard_now,
-        soft_now=soft_now,
-        rated=rated,
-        u=places[0],
-        x=places[1],
-        slack=places[2],
-        inner=places[3],
-        ends=places[4],
-        first_slack=first_slack,
-        size=len(later),
-        limits=places[6],
-        first=first,
-        height=len(later_rows),
-        later=later,
-        later_rows=later_rows,
-    )
+    places = u, x, slack, inner, ends, limits
+    return _Layout(hard, soft, hard_now, soft_now, rated, *places, first_slack, first, later, later_rows)
 
 
 class IpoptEngine(Engine):
@@ -217,7 +200,7 @@ class IpoptEngine(Engine):
         memory = start.memory if self._settings.warm and isinstance(start.memory, _Memory) else None
         if memory is not None and not (memory.owner == ocp.identity and finite(*memory[1:])):
             memory = None
-        lower_v, upper_v = np.full(at.size, -np.inf), np.full(at.size, np.inf)
+        lower_v, upper_v = np.full(len(at.later), -np.inf), np.full(len(at.later), np.inf)
         lower_v[at.u], upper_v[at.u] = ocp.input_bounds.T
         lower_v[at.slack] = lower_v[at.first_slack] = 0.0
         lower_g, upper_g = self._constraint_bounds(reference)
@@ -263,7 +246,7 @@ class IpoptEngine(Engine):
     def _guess(self, start: Start, memory: _Memory | None) -> np.ndarray:
         """Variables to start from: the guess, on straight lines within stages; inner stages as they were a step ago."""
         ocp, at = self.ocp, self._layout
-        guess = np.zeros(at.size)
+        guess = np.zeros(len(at.later))
         guess[at.u] = start.guess_u
         states = between(start.guess_x, ocp.nodes)
         guess[at.ends] = states[1:]
@@ -280,7 +263,7 @@ class IpoptEngine(Engine):
         bounds, steps = ocp.state_bounds(reference), ocp.step_bounds[:, at.rated]
         now, later = bounds[0], bounds[1:]
         free = np.full((ocp.horizon, len(at.soft)), np.inf)
-        lower, upper = np.zeros(at.height), np.zeros(at.height)
+        lower, upper = np.zeros(len(at.later_rows)), np.zeros(len(at.later_rows))
         lower[at.limits] = np.hstack([steps[..., 0], later[:, at.hard, 0], -free, later[:, at.soft, 0]])
         upper[at.limits] = np.hstack([steps[..., 1], later[:, at.hard, 1], later[:, at.soft, 1], free])
         none = np.full(len(at.soft_now), np.inf)
@@ -308,7 +291,7 @@ def _program(ocp: OCP, collocate: bool) -> tuple[_Layout, dict[str, Any], bool]:
     n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
     collocation = _collocation(ocp) if collocate else None
     at = _layout(ocp, 2 * nx if collocation is not None else 0)
-    v = ca.MX.sym("v", at.size)
+    v = ca.MX.sym("v", len(at.later))
     U, later, slack = (_take(v, rows) for rows in (at.u, at.x, at.slack))
     first_slack = _take(v, at.first_slack[:, None]).T
     x0, applied = ca.MX.sym("x0", nx), ca.MX.sym("applied", nu)

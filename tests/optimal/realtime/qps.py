@@ -2,18 +2,66 @@
 
 import ctypes
 from functools import cache
+from importlib.resources import files
 
 import numpy as np
 
 from slipangle.codegen import compiler as compiled
-from slipangle.optimal.realtime.program import qp_source
+from slipangle.codegen.expression import preamble
 
 SOLVED, INFEASIBLE = 0, 1
+MOST_INPUTS, MOST_ROWS = 40, 120
+HEAD = f"""\
+#define _POSIX_C_SOURCE 200809L
+#define QP_ANY_SIZE
+#define QN {MOST_INPUTS}
+#define QR 1
+#define QD {MOST_ROWS}
+#include <stdlib.h>
+#include <time.h>
+"""
+CALLS = """
+Qp *qp_new(void)
+{
+    void *at = NULL;
+    return posix_memalign(&at, 64, sizeof(Qp)) ? NULL : memset(at, 0, sizeof(Qp));
+}
+void qp_free(Qp *q)
+{
+    free(q);
+}
+/* H, A by row; limits, weights: inputs first, then rows of A. */
+int qp_run(Qp *q, int n, int m, const double *H, const double *g, const double *A, const double *lo, const double *hi,
+           const double *plain, const double *square, int warm, double *u, double *lambda, double *kkt)
+{
+    q->n = n, q->rates = 0, q->dense = m, q->until = INFINITY;
+    memset(q->H, 0, sizeof q->H);
+    memset(q->C, 0, sizeof q->C);
+    memset(q->g, 0, sizeof q->g);
+    for (int a = 0; a < n; a++) {
+        for (int b = a; b < n; b++)
+            ((double *)q->H)[a * QL + b] = H[a * n + b];
+        q->g[a] = g[a];
+    }
+    for (int i = 0; i < m; i++)
+        memcpy((double *)q->C + i * QL, A + i * n, sizeof(double) * (size_t)n);
+    memcpy(q->lo, lo, sizeof(double) * (size_t)(n + m));
+    memcpy(q->hi, hi, sizeof(double) * (size_t)(n + m));
+    memcpy(q->plain, plain, sizeof(double) * (size_t)(n + m));
+    memcpy(q->square, square, sizeof(double) * (size_t)(n + m));
+    int status = qp_factor(q) ? qp_solve(q, warm) : QP_NUMBER;
+    memcpy(u, q->u, sizeof(double) * (size_t)n);
+    memcpy(lambda, q->lambda, sizeof(double) * (size_t)(n + m));
+    *kkt = q->kkt;
+    return status;
+}
+"""
 
 
 @cache
 def library():
-    found = compiled.library(qp_source(40, 120), name="qp")
+    own = (files("slipangle.optimal.realtime") / "qp.c").read_text(encoding="utf-8")
+    found = compiled.library("\n".join([HEAD, preamble("V"), own, CALLS]), name="qp")
     found.qp_new.restype = ctypes.c_void_p
     found.qp_free.argtypes = [ctypes.c_void_p]
     return found

@@ -3,6 +3,7 @@
 # Long: one algorithm on one work area, in the order of its steps as in solver.c.
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from time import perf_counter
@@ -10,12 +11,13 @@ from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
 
+from slipangle.codegen.expression import only
 from slipangle.optimal.engine import Engine, EngineOfThreads, Start
 from slipangle.optimal.ocp import OCP, Reference
-from slipangle.optimal.realtime.interpreted_model import bind, columns, dense, newton_columns, newton_node, only
+from slipangle.optimal.realtime.interpreted_model import bind, columns, dense, inputs_of, newton_columns, newton_node
 from slipangle.optimal.realtime.interpreted_qp import LimitedStep, secant
 from slipangle.optimal.realtime.interpreted_step import InputStep
-from slipangle.optimal.realtime.interpreted_truth import Promise, StageValues, moves_on, reach_of, units
+from slipangle.optimal.realtime.interpreted_truth import Promise, moves_on, reach_of, units
 from slipangle.optimal.realtime.parts import (
     Implicit,
     dynamics_function,
@@ -83,12 +85,6 @@ class Linear:
     Lx: np.ndarray
     Lu: np.ndarray
 
-    @classmethod
-    def values(cls, later: np.ndarray, e: np.ndarray, limited: np.ndarray) -> Linear:
-        """Without derivatives."""
-        none = np.empty(0)
-        return cls(later, none, none, e, limited, none, none, none, none)
-
     @property
     def finite(self) -> bool:
         """Whether it can be used."""
@@ -100,22 +96,24 @@ class Functions(NamedTuple):
 
     parts: Implicit | None
     node: Any
+    node_values: Any
     stage: Any
-    values: tuple[Any, Any]
+    stage_values: Any
     quick: tuple[Any, Any, Any, Any] | None
 
     @classmethod
     def of(cls, ocp: OCP) -> Functions:
         """Build them."""
-        parts, steps = implicit(ocp), int(ocp.nodes[-1])
+        parts, steps, stages = implicit(ocp), int(ocp.nodes[-1]), ocp.horizon + 1
         one = newton_node(ocp, parts) if parts else dense(dynamics_function(ocp))
         stage = dense(stage_function(ocp))
         limited = len(ocp.limited) or np.isfinite(ocp.step_bounds[0]).any()
+        node, values = (
+            newton_columns(ocp, parts, only(one, results), steps)
+            for results in (([0, 1, 2, 3], [0, 3]) if parts else ([0, 1, 2], [0]))
+        )
         quick = None if limited else InputStep.functions(ocp, parts, one, stage)
-        values = StageValues.functions(ocp, parts, one, stage)
-        if parts:
-            one = only(one, range(4))
-        return cls(parts, newton_columns(ocp, parts, one, steps), columns(stage, ocp.horizon + 1), values, quick)
+        return cls(parts, node, values, columns(stage, stages), columns(only(stage, [0, 1]), stages), quick)
 
 
 class WorkArea(Engine):
@@ -128,13 +126,13 @@ class WorkArea(Engine):
         self.ocp, self._settings = ocp, settings
         self._limit = self._allowed = np.inf if deadline is None else deadline
         n, _, nu = self._sizes = ocp.horizon, ocp.model.n_states, len(ocp.controls)
-        self._parts, node, stage, values, quick = functions
+        self._parts, node, node_values, stage, stage_values, quick = functions
         self._nk = 3 * len(self._parts.core) if self._parts else 0
         self._steps = steps = int(ocp.nodes[-1])
         self._nodes, self._held = (ocp.nodes, ocp.stage_of) if steps > n else (slice(None), slice(None))
-        self._node_in, self._stage_in = _inputs(node, steps), _inputs(stage, n + 1)
-        self._node, self._node_out = bind(node, steps, self._node_in)
-        self._stage, self._stage_out = bind(stage, n + 1, self._stage_in)
+        self._node_in, self._stage_in = inputs_of(node, steps), inputs_of(stage, n + 1)
+        self._node, self._node_values = (bind(f, steps, self._node_in) for f in (node, node_values))
+        self._stage, self._stage_values = (bind(f, n + 1, self._stage_in) for f in (stage, stage_values))
         self._scale = input_scale(ocp)
         rows = limit_rows(ocp)
         self._limit_at = np.array([i for i, _ in rows], dtype=int), np.array([j for _, j in rows], dtype=int)
@@ -146,7 +144,6 @@ class WorkArea(Engine):
         inputs = change.T @ np.diag(self._s.ravel()) @ change + np.diag(self._r.ravel())
         self._quadratic = both[:, None] * inputs * both
         self._k = np.zeros((steps, self._nk))
-        self._values = StageValues(ocp, *values)
         self._quick = None if quick is None else InputStep(ocp, *quick)
 
     # ---- starts ------------------------------------------------------------------------------------------------
@@ -155,8 +152,6 @@ class WorkArea(Engine):
     def solve(self, start: Start) -> Solution:
         """Solve from a state and a guess, to convergence."""
         self._k[:] = 0.0
-        self._until = perf_counter() + self._allowed
-        self._allowed = self._limit
         self._begin(start.x, start.applied, start.reference)
         return self._run(start.guess_u, between(start.guess_x, self.ocp.nodes), False)
 
@@ -165,8 +160,6 @@ class WorkArea(Engine):
         """Solve from a state and the plan of the step before; without one, from nothing."""
         ocp, (n, _, nu) = self.ocp, self._sizes
         memory = previous.start if previous is not None else None
-        self._until = perf_counter() + self._allowed
-        self._allowed = self._limit
         self._begin(x, applied, reference)
         if self._ours(memory):
             if self._quick and self._settings.iterations and not memory.unfinished:
@@ -206,13 +199,10 @@ class WorkArea(Engine):
         self._k[:] = 0.0
         states = between(guess, self.ocp.nodes)
         for _ in range(2):
-            self._set_nodes(u, states)
-            self._node()
-            later, by = self._node_out[:2]
+            self._set(u, states)
+            later, by = self._newton(*self._node)[:2]
             if not finite(later, by):
                 return u, np.full(guess.shape, np.nan)
-            if self._parts:
-                self._k[:] = self._node_out[3]
             moved, dx = later - states[1:], x - states[0]
             for here, A in zip(moved, by.reshape(self._steps, len(x), len(x)), strict=True):
                 here += np.dot(dx, A)
@@ -273,8 +263,13 @@ class WorkArea(Engine):
 
     def _true(self, u: np.ndarray, x: np.ndarray, promise: Promise) -> Truth:
         """`_judge` of a full step, by the values there."""
-        later, e, limited = self._values(x, u, self._reference.exogenous, self._reference.tracked, self._k)
-        return self._judge(Linear.values(later, e, limited), u, x, promise)
+        self._set(u, x)
+        if self._parts:  # once more, as the slopes at hand belong to the iterate before
+            self._newton(*self._node_values)
+        later = self._newton(*self._node_values)[0]
+        stage, (e, limited) = self._stage_values
+        stage()
+        return self._judge(later, e, limited, u, x, promise)
 
     def _solution(
         self, u: np.ndarray, x: np.ndarray, iterate: Iterate, unfinished: int = 0, k: np.ndarray | None = None
@@ -296,6 +291,7 @@ class WorkArea(Engine):
         )
 
     def _begin(self, x: np.ndarray, applied: np.ndarray, reference: Reference) -> None:
+        self._until, self._allowed = perf_counter() + self._allowed, self._limit
         self._x0, self._applied, self._reference = x, applied, reference
         self._bounds = self.ocp.state_bounds(reference)[self._limit_at] if len(self.ocp.limited) else np.empty((0, 2))
         wanted = np.zeros(self._s.shape) if reference.inputs is None else reference.inputs
@@ -305,29 +301,15 @@ class WorkArea(Engine):
 
     def _linearise(self, u: np.ndarray, x: np.ndarray, *, exact: bool) -> Linear:
         n, nx, nu = self._sizes
-        w, end = self._reference.exogenous[:n], self._reference.exogenous[-1]
-        self._set_nodes(u, x)
-        if self._parts:
-            given, missing = self._node_in, np.arange(self._steps)
-            for _ in range(25 if exact else 1):
-                given[3][:] = self._k
-                self._node()
-                self._k[:] = self._node_out[3]
-                change = np.abs(self._k - given[3]).max(axis=1) * self.ocp.dt
-                missing = np.flatnonzero(~(change <= 10 * self._settings.newton))
-                if not missing.size:
-                    break
-            if exact:
-                self._retry(missing)
-        else:
-            self._node()
-        later, a, b = self._node_out[:3]
-        given = self._stage_in
-        given[0][:], given[3][:] = x[self._nodes], self._reference.tracked
-        given[1][:-1], given[1][-1] = u, u[-1]
-        given[2][:-1], given[2][-1] = w, end
-        self._stage()
-        out = self._stage_out
+        self._set(u, x)
+        later, a, b = self._newton(*self._node)[:3]
+        missing, rounds = self._missing() if exact and self._parts else np.empty(0, dtype=int), 1
+        while missing.size and rounds < 25:
+            self._newton(*self._node)
+            missing, rounds = self._missing(), rounds + 1
+        self._retry(missing)
+        stage, out = self._stage
+        stage()
         ne, nl = out[0].shape[1], out[1].shape[1]
         return Linear(
             next=later.copy(),
@@ -341,18 +323,35 @@ class WorkArea(Engine):
             Lu=out[5].reshape(n + 1, nu, nl).transpose(0, 2, 1) * self._scale,
         )
 
-    def _set_nodes(self, u: np.ndarray, x: np.ndarray) -> None:
-        """What the model is given next: these states and inputs, and the slopes at hand."""
-        given, w = self._node_in, self._reference.exogenous[: len(u)]
-        given[0][:], given[1][:], given[2][:] = x[:-1], u[self._held], w[self._held]
+    def _set(self, u: np.ndarray, x: np.ndarray) -> None:
+        """States and inputs that the model and the stages are given next."""
+        n, w = len(u), self._reference.exogenous
+        given = self._node_in
+        given[0][:], given[1][:], given[2][:] = x[:-1], u[self._held], w[:n][self._held]
+        given = self._stage_in
+        given[0][:], given[3][:] = x[self._nodes], self._reference.tracked
+        given[1][:-1], given[1][-1] = u, u[-1]
+        given[2][:-1], given[2][-1] = w[:n], w[-1]
+
+    def _newton(self, node: Callable[[], None], out: list[np.ndarray]) -> list[np.ndarray]:
+        """The model at all nodes; of an implicit one, a Newton step on from the slopes at hand, which it brings on."""
         if self._parts:
-            given[3][:] = self._k
+            self._node_in[3][:] = self._k
+        node()
+        if self._parts:
+            self._k[:] = out[-1]
+        return out
+
+    def _missing(self) -> np.ndarray:
+        """Steps of the model whose stages the last Newton step still moved."""
+        change = np.abs(self._k - self._node_in[3]).max(axis=1) * self.ocp.dt
+        return np.flatnonzero(~(change <= 10 * self._settings.newton))
 
     def _retry(self, steps: np.ndarray) -> None:
         """Take the steps whose stages were not found as the model itself does, which then makes them shorter."""
         for j in steps:
             results = self._model(*(rows[j] for rows in self._node_in[:3]))
-            for rows, values in zip(self._node_out, results, strict=False):
+            for rows, values in zip(self._node[1], results, strict=False):
                 rows[j] = values.full().ravel("F")
         self._k[steps] = 0.0
 
@@ -429,16 +428,18 @@ class WorkArea(Engine):
         )
         return du, dx, m.e + de, promise
 
-    def _judge(self, m: Linear, u: np.ndarray, x: np.ndarray, promise: Promise) -> Truth:
+    def _judge(
+        self, later: np.ndarray, e: np.ndarray, values: np.ndarray, u: np.ndarray, x: np.ndarray, promise: Promise
+    ) -> Truth:
         """Cost, largest violation and residual at an iterate after a full step."""
-        limited, defects = m.limited[self._limit_at], m.next - x[1:]
+        limited, defects = values[self._limit_at], later - x[1:]
         excess = self._excess(limited)
-        cost = 2 * (self._half_cost(m.e, u) + self._paid(excess))
+        cost = 2 * (self._half_cost(e, u) + self._paid(excess))
         miss = excess[~self._soft]
-        of_limits = units(m.limited)[self._limit_at[1]][~self._soft]
+        of_limits = units(values)[self._limit_at[1]][~self._soft]
         off = max(float((np.abs(defects) / units(x)).max()), float((miss / of_limits).max(initial=0.0)))
         violation = max(float(np.abs(defects).max()), float(miss.max(initial=0.0)))
-        residual = max(off, promise.left(np.sqrt(self._weight_rows) * m.e, limited, defects))
+        residual = max(off, promise.left(np.sqrt(self._weight_rows) * e, limited, defects))
         return (cost, violation, residual) if np.isfinite(cost + residual) else (cost, np.inf, np.inf)
 
     def _half_cost(self, e: np.ndarray, u: np.ndarray) -> float:
@@ -515,7 +516,7 @@ class WorkArea(Engine):
             if not np.isfinite(there):
                 return u, x, replace(iterate, status=Status.NOT_FINITE)
             u, x, took = trial_u, trial_x, perf_counter() - begin
-            residual = size if last else self._judge(m, u, x, promise)[2] if t == 1.0 else np.inf
+            residual = size if last else self._judge(m.next, m.e, m.limited, u, x, promise)[2] if t == 1.0 else np.inf
             iterate = Iterate(Status.ITERATION_LIMIT, before + count, 2 * half, violation, residual)
             if last or t < 1e-6:
                 return u, x, replace(iterate, status=Status.SOLVED if last else Status.STALLED)
@@ -559,7 +560,3 @@ class InterpretedEngine(EngineOfThreads):
     def __init__(self, ocp: OCP, settings: Any, deadline: float | None) -> None:
         functions = Functions.of(ocp)
         super().__init__(lambda: WorkArea(ocp, functions, settings, deadline))
-
-
-def _inputs(function: Any, times: int) -> list[np.ndarray]:
-    return [np.zeros((times, function.nnz_in(i) // times)) for i in range(function.n_in())]

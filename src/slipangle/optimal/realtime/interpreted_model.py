@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from slipangle.codegen.expression import fewer_divisions
+from slipangle.codegen.expression import arguments, fewer_divisions
 from slipangle.numerics.integrate import RADAU_A
 from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime.parts import Implicit, rest_after
@@ -124,19 +124,10 @@ def _eliminate(matrix: Any, right: Any) -> Any:
     return out
 
 
-def only(function: ca.Function, results: Sequence[int]) -> ca.Function:
-    """The function with some of its results."""
-    kind: Any = ca.SX if function.is_a("SXFunction") else ca.MX
-    given = [kind.sym(function.name_in(i), *function.size_in(i)) for i in range(function.n_in())]
-    values = function.call(given)
-    return ca.Function(function.name(), given, [values[i] for i in results])
-
-
 def dense(function: ca.Function) -> ca.Function:
     """The function with dense outputs."""
-    kind: Any = ca.SX if function.is_a("SXFunction") else ca.MX
-    inputs = [kind.sym(function.name_in(i), function.size1_in(i)) for i in range(function.n_in())]
-    return ca.Function(function.name(), inputs, [ca.densify(o) for o in function.call(inputs)])
+    given = arguments(function)
+    return ca.Function(function.name(), given, [ca.densify(o) for o in function.call(given)])
 
 
 def columns(function: ca.Function, times: int) -> ca.Function:
@@ -200,6 +191,11 @@ def _whole(function: ca.Function) -> ca.Function:
     """All nonzeros of the results as one column."""
     given = [ca.SX.sym(function.name_in(i), function.size1_in(i)) for i in range(function.n_in())]
     return ca.Function("whole", given, [ca.vertcat(*[v.nz[:] for v in function.call(given)])])
+
+
+def inputs_of(function: ca.Function, times: int) -> list[np.ndarray]:
+    """Arrays for the inputs of a function of ``times`` columns, by row."""
+    return [np.zeros((times, function.nnz_in(i) // times)) for i in range(function.n_in())]
 
 
 def bind(function: ca.Function, times: int, inputs: list[np.ndarray]) -> tuple[Callable[[], None], list[np.ndarray]]:

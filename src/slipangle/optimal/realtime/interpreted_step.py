@@ -11,8 +11,9 @@ import casadi as ca
 import daqp
 import numpy as np
 
+from slipangle.codegen.expression import arguments
 from slipangle.optimal.ocp import OCP, Reference
-from slipangle.optimal.realtime.interpreted_model import along, bind, columns, newton_columns, only
+from slipangle.optimal.realtime.interpreted_model import along, bind, columns, newton_columns
 from slipangle.optimal.realtime.interpreted_truth import units
 from slipangle.optimal.realtime.parts import Implicit, input_scale
 from slipangle.optimal.solution import Status, finite, inputs_later
@@ -236,11 +237,9 @@ class InputStep:
 
 def _augmented(node: ca.Function, scale: np.ndarray) -> ca.Function:
     """``(x, u, w, k, slopes, after) -> [A, next - after, B scaled; 0, 1, 0], Z scaled, k``, first two stored by row."""
-    kind: Any = ca.SX if node.is_a("SXFunction") else ca.MX
-    given = [kind.sym(node.name_in(i), *node.size_in(i)) for i in range(node.n_in())]
-    results_at = node.call(given)
-    after = kind.sym("after", node.size1_in(0))
-    nx, nu = node.size1_in(0), node.size1_in(1)
+    given = arguments(node)
+    kind, results_at, nx, nu = type(given[0]), node.call(given), node.size1_in(0), node.size1_in(1)
+    after = kind.sym("after", nx)
     unit = ca.diag(ca.DM(scale))
     top = ca.horzcat(results_at[1], results_at[0] - after, ca.mtimes(results_at[2], unit))
     last = ca.horzcat(kind.zeros(1, nx), kind.ones(1, 1), kind.zeros(1, nu))
@@ -254,21 +253,18 @@ def _augmented(node: ca.Function, scale: np.ndarray) -> ca.Function:
 
 def _errors(stage: ca.Function, scale: np.ndarray) -> ca.Function:
     """``(x, u, w, p, root) -> [derivative by x, error, derivative by the scaled u]`` times root, stored by row."""
-    kind: Any = ca.SX if stage.is_a("SXFunction") else ca.MX
-    given = [kind.sym(name, stage.size1_in(i)) for i, name in enumerate("xuwp")]
+    given = arguments(stage)
     derivatives = stage.call(given)
-    root = kind.sym("root", derivatives[0].shape[0])
+    root = type(given[0]).sym("root", stage.size1_out(0))
     rows = ca.horzcat(derivatives[2], derivatives[0], ca.mtimes(derivatives[3], ca.diag(ca.DM(scale))))
     return ca.Function("errors", [*given, root], [ca.densify(ca.mtimes(ca.diag(root), rows)).T])
 
 
 def _values(stage: ca.Function) -> ca.Function:
     """``(x, u, w, p, root) -> error times root``."""
-    stage = only(stage, [0])
-    kind: Any = ca.SX if stage.is_a("SXFunction") else ca.MX
-    given = [kind.sym(name, stage.size1_in(i)) for i, name in enumerate("xuwp")]
-    root = kind.sym("root", stage.size1_out(0))
-    return ca.Function("values", [*given, root], [root * stage(*given)])
+    given = arguments(stage)
+    root = type(given[0]).sym("root", stage.size1_out(0))
+    return ca.Function("values", [*given, root], [root * stage.call(given)[0]])
 
 
 def _input_rows(ocp: OCP) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen.elimination import elimination_code, nonzeros
-from slipangle.codegen.expression import emit, fewer_divisions, preamble, scalar_code
+from slipangle.codegen.expression import emit, fewer_divisions, only, preamble, scalar_code
 from slipangle.numerics.integrate import RADAU_A, RETRY
 from slipangle.optimal.checks import ANY
 from slipangle.optimal.ocp import OCP
@@ -52,14 +52,14 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
     if parts:
         code += _implicit_code(parts)
     elif plain is not None:
-        code += [_columns(plain, "explicit_dynamics"), _columns(_first(plain, 1), "explicit_values")]
+        code += [_columns(plain, "explicit_dynamics"), _columns(only(plain, [0]), "explicit_values")]
     else:
         dynamics = dynamics_function(ocp)
-        called += [_by_row(dynamics, "called_dynamics"), _by_row(_first(dynamics, 1), "called_values")]
+        called += [_by_row(dynamics, "called_dynamics"), _by_row(only(dynamics, [0]), "called_values")]
     if stage_lanes is not None:
-        code += [_columns(stage_lanes, "lanes_stage"), _columns(_first(stage_lanes, 2), "stage_values")]
+        code += [_columns(stage_lanes, "lanes_stage"), _columns(only(stage_lanes, [0, 1]), "stage_values")]
     else:
-        called += [_by_row(stage, "called_stage"), _by_row(_first(stage, 2), "called_stage_values")]
+        called += [_by_row(stage, "called_stage"), _by_row(only(stage, [0, 1]), "called_stage_values")]
     kinds = ["RADAU" if parts else "EXPLICIT" if plain is not None else "CALLED"]
     kinds.append("EXPLICIT" if stage_lanes is not None else "CALLED")
     head = [f"#define LANES {lanes}"] if lanes else []
@@ -104,20 +104,13 @@ def _implicit_code(parts: Implicit) -> list[str]:
     newton = [
         {3 * b + m for b in range(n) if pattern[a, b] or a == b for m in range(3)} for a in range(n) for _ in "123"
     ]
-    code = [_columns(parts.slopes, "core"), _columns(_first(parts.slopes, 1), "core_values")]
+    code = [_columns(parts.slopes, "core"), _columns(only(parts.slopes, [0]), "core_values")]
     code.append(elimination_code(newton, "newton"))
     if parts.rest:
         code.append(_columns(parts.quadrature, "quadrature"))
-        code.append(_columns(_first(parts.quadrature, 1), "quadrature_values"))
+        code.append(_columns(only(parts.quadrature, [0]), "quadrature_values"))
         code.append(_columns(parts.short_quadrature, "short_quadrature"))
     return code
-
-
-def _first(function: ca.Function, results: int) -> ca.Function:
-    """The function with its first results only, the values without derivatives."""
-    kind: Any = ca.SX if function.is_a("SXFunction") else ca.MX
-    given = [kind.sym(function.name_in(i), function.size1_in(i)) for i in range(function.n_in())]
-    return ca.Function("values", given, function.call(given)[:results])
 
 
 def _core_pattern(parts: Implicit) -> np.ndarray:
@@ -126,9 +119,9 @@ def _core_pattern(parts: Implicit) -> np.ndarray:
 
 def _by_row(function: ca.Function, name: str) -> ca.Function:
     """The function with dense outputs stored by row, by differentiating through CasADi's matrix code."""
-    inputs = [ca.MX.sym(function.name_in(i), function.size1_in(i)) for i in range(function.n_in())]
-    outputs = function.call(inputs)
-    return ca.Function(name, inputs, [ca.densify(o).T if o.shape[1] > 1 else ca.densify(o) for o in outputs])
+    given = [ca.MX.sym(function.name_in(i), function.size1_in(i)) for i in range(function.n_in())]
+    results = map(ca.densify, function.call(given))
+    return ca.Function(name, given, [r.T if r.shape[1] > 1 else r for r in results])
 
 
 def _casadi_code(functions: Iterable[ca.Function]) -> str:
@@ -268,52 +261,3 @@ def _fields() -> str:
     lines = ["void *rt_at(Work *s, int i)", "{", "    switch (i) {"]
     lines += [f"    case {i}: return &s->{name};" for i, name in enumerate(names)]
     return "\n".join([*lines, "    }", "    return NULL;", "}", ""])
-
-
-def qp_source(most_inputs: int, most_rows: int) -> str:
-    """C source of the quadratic program alone, for any size up to the given one; see ``qp_new`` in its last part."""
-    return "\n".join(
-        [
-            "#define _POSIX_C_SOURCE 200809L\n#define QP_ANY_SIZE",
-            f"#define QN {most_inputs}\n#define QR 1\n#define QD {most_rows}",
-            "#include <stdlib.h>\n#include <time.h>",
-            preamble("V"),
-            _text("qp.c"),
-            """
-Qp *qp_new(void)
-{
-    void *at = NULL;
-    return posix_memalign(&at, 64, sizeof(Qp)) ? NULL : memset(at, 0, sizeof(Qp));
-}
-void qp_free(Qp *q)
-{
-    free(q);
-}
-/* H, A by row; limits, weights: inputs first, then rows of A. */
-int qp_run(Qp *q, int n, int m, const double *H, const double *g, const double *A, const double *lo, const double *hi,
-           const double *plain, const double *square, int warm, double *u, double *lambda, double *kkt)
-{
-    q->n = n, q->rates = 0, q->dense = m, q->until = INFINITY;
-    memset(q->H, 0, sizeof q->H);
-    memset(q->C, 0, sizeof q->C);
-    memset(q->g, 0, sizeof q->g);
-    for (int a = 0; a < n; a++) {
-        for (int b = a; b < n; b++)
-            ((double *)q->H)[a * QL + b] = H[a * n + b];
-        q->g[a] = g[a];
-    }
-    for (int i = 0; i < m; i++)
-        memcpy((double *)q->C + i * QL, A + i * n, sizeof(double) * (size_t)n);
-    memcpy(q->lo, lo, sizeof(double) * (size_t)(n + m));
-    memcpy(q->hi, hi, sizeof(double) * (size_t)(n + m));
-    memcpy(q->plain, plain, sizeof(double) * (size_t)(n + m));
-    memcpy(q->square, square, sizeof(double) * (size_t)(n + m));
-    int status = qp_factor(q) ? qp_solve(q, warm) : QP_NUMBER;
-    memcpy(u, q->u, sizeof(double) * (size_t)n);
-    memcpy(lambda, q->lambda, sizeof(double) * (size_t)(n + m));
-    *kkt = q->kkt;
-    return status;
-}
-""",
-        ]
-    )
