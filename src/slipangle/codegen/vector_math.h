@@ -19,46 +19,16 @@ INLINE V v_all(double a)
     V z = {0};
     return z + a;
 }
-INLINE V v_pick(I mask, V a, V b)
-{
-    return (V)((mask & (I)a) | (~mask & (I)b));
-}
-INLINE V v_fabs(V a)
-{
-    return (V)((I)a & INT64_MAX);
-}
-INLINE V v_copysign(V a, V b)
-{
-    return (V)(((I)a & INT64_MAX) | ((I)b & INT64_MIN));
-}
-INLINE V v_true(I mask)
-{
-    return (V)(mask & (I)v_all(1.0));
-}
-INLINE V v_and(V a, V b)
-{
-    return v_true((a != 0.0) & (b != 0.0));
-}
-INLINE V v_or(V a, V b)
-{
-    return v_true((a != 0.0) | (b != 0.0));
-}
-INLINE V v_not(V a)
-{
-    return v_true(a == 0.0);
-}
-INLINE V v_if(V condition, V a)
-{
-    return (V)((condition != 0.0) & (I)a);
-}
-INLINE V v_sign(V a)
-{
-    return v_true(a > 0.0) - v_true(a < 0.0);
-}
-INLINE V v_nearest(V a)
-{
-    return (a + 0x1.8p52) - 0x1.8p52;
-}
+INLINE V v_pick(I mask, V a, V b) { return (V)((mask & (I)a) | (~mask & (I)b)); }
+INLINE V v_fabs(V a) { return (V)((I)a & INT64_MAX); }
+INLINE V v_copysign(V a, V b) { return (V)(((I)a & INT64_MAX) | ((I)b & INT64_MIN)); }
+INLINE V v_true(I mask) { return (V)(mask & (I)v_all(1.0)); }
+INLINE V v_and(V a, V b) { return v_true((a != 0.0) & (b != 0.0)); }
+INLINE V v_or(V a, V b) { return v_true((a != 0.0) | (b != 0.0)); }
+INLINE V v_not(V a) { return v_true(a == 0.0); }
+INLINE V v_if(V condition, V a) { return (V)((condition != 0.0) & (I)a); }
+INLINE V v_sign(V a) { return v_true(a > 0.0) - v_true(a < 0.0); }
+INLINE V v_nearest(V a) { return (a + 0x1.8p52) - 0x1.8p52; }
 
 #define LANE_BY_LANE(name, call)                       \
     static __attribute__((noinline, unused)) V v_##name(V a) \
@@ -111,14 +81,8 @@ INLINE V v_sqrt(V a)
         a[i] = __builtin_sqrt(a[i]);
     return a;
 }
-INLINE V v_fmin(V a, V b)
-{
-    return v_pick(a < b, a, b);
-}
-INLINE V v_fmax(V a, V b)
-{
-    return v_pick(a > b, a, b);
-}
+INLINE V v_fmin(V a, V b) { return v_pick(a < b, a, b); }
+INLINE V v_fmax(V a, V b) { return v_pick(a > b, a, b); }
 #endif
 
 INLINE int v_any(I mask)
@@ -201,10 +165,7 @@ INLINE V v_octant(V y, V x)
     V p = low + z4 * (next + z4 * high);
     return v_copysign(base + (t + t * z * p), y);
 }
-INLINE V v_atan(V x)
-{
-    return v_octant(x, v_all(1.0));
-}
+INLINE V v_atan(V x) { return v_octant(x, v_all(1.0)); }
 INLINE V v_atan2(V y, V x)
 {
     V a = v_octant(y, v_fabs(x));
@@ -212,14 +173,8 @@ INLINE V v_atan2(V y, V x)
     return v_pick((I)x < 0, v_copysign(v_all(3.141592653589793), y) - a, a);
 }
 
-INLINE V v_asin(V x)
-{
-    return v_octant(x, v_sqrt((1.0 - x) * (1.0 + x)));
-}
-INLINE V v_acos(V x)
-{
-    return v_atan2(v_sqrt((1.0 - x) * (1.0 + x)), x);
-}
+INLINE V v_asin(V x) { return v_octant(x, v_sqrt((1.0 - x) * (1.0 + x))); }
+INLINE V v_acos(V x) { return v_atan2(v_sqrt((1.0 - x) * (1.0 + x)), x); }
 
 /* Exponential: x = k ln 2 + r, e^x = s + s p with s = 2^k and p = e^r - 1, interpolated at Chebyshev's points on
    |r| <= ln(2)/2 and evaluated in pairs. */
@@ -237,10 +192,7 @@ INLINE V v_exp_parts(V x, V *s)
     return r + z * (low + y * high);
 }
 /* NaN stays NaN: the smaller and the larger of two are the second where they do not compare. */
-INLINE V v_within(V x, double low, double high)
-{
-    return v_fmin(v_all(high), v_fmax(v_all(low), x));
-}
+INLINE V v_within(V x, double low, double high) { return v_fmin(v_all(high), v_fmax(v_all(low), x)); }
 INLINE V v_exp(V x)
 {
     V s, p = v_exp_parts(v_within(x, -708.0, 709.0), &s);
@@ -286,10 +238,7 @@ INLINE V v_log(V x)
     V end = v_pick(x == 0.0, v_all(-INFINITY), v_pick(x < 0.0, v_all(NAN), x));
     return v_pick((x > 0.0) & (x < INFINITY), value, end);
 }
-INLINE V v_hypot(V a, V b)
-{
-    return v_sqrt(a * a + b * b);
-}
+INLINE V v_hypot(V a, V b) { return v_sqrt(a * a + b * b); }
 #undef NATIVE
 #undef LANE_BY_LANE
 #undef LANE_BY_LANE_2

@@ -10,7 +10,7 @@ import numpy as np
 
 from slipangle.models.model import without_caches
 from slipangle.optimal.arrays import array
-from slipangle.optimal.checks import require_reference
+from slipangle.optimal.checks import Judge, require_reference
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import require_names
@@ -28,10 +28,12 @@ class Controller(abc.ABC):
         Whose state `plan` is given, and whose outputs must be measured.
     dt : float
         Time between plans. [s]
+    horizon : int
+        Stages ahead.
     times : array, shape (horizon + 1,)
         Instants at which it wants to see the path, rising from 0. [s]
-    controls, exogenous : tuple of str
-        Inputs of the model that it decides, and those that it does not.
+    controls, exogenous, references : tuple of str
+        Inputs of the model that it decides, those that it does not, and columns of the reference.
     """
 
     def __getstate__(self) -> dict[str, Any]:
@@ -40,9 +42,24 @@ class Controller(abc.ABC):
 
     model: Any
     dt: Any
+    horizon: Any
     times: Any
     controls: Any
     exogenous: Any
+    references: Any
+
+    @cached_property
+    def _judge(self) -> Judge:
+        ranges = getattr(self, "plausible", None)
+        return Judge(self.model.states, self.references, self.exogenous, self.horizon, ranges)
+
+    @cached_property
+    def _shape_u(self) -> tuple[int, int]:
+        return self.horizon, len(self.controls)
+
+    @cached_property
+    def _shape_x(self) -> tuple[int, int]:
+        return self.horizon + 1, len(self.model.states)
 
     @abc.abstractmethod
     def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
@@ -88,13 +105,10 @@ class SteeringController(Controller):
     ----------
     columns : tuple of str
         Those of a preview that it reads, and of ``Reference.tracked``.
-    horizon : int
-        Steps ahead.
     """
 
     exogenous = ("v_x",)
     columns: Any
-    horizon: Any
 
     @cached_property
     def times(self) -> np.ndarray:
@@ -135,6 +149,10 @@ class SteeringController(Controller):
         return Reference(tracked=tracked, exogenous=exogenous)
 
 
+def _of_leader(name: str) -> Any:
+    return cached_property(lambda self: getattr(self.leader, name))
+
+
 class Led(Controller):
     """What a controller takes over from the one it is built around."""
 
@@ -143,35 +161,9 @@ class Led(Controller):
     def leader(self) -> Any:
         """The controller whose settings count."""
 
-    @cached_property
-    def dt(self) -> float:
-        """Step. [s]"""
-        return self.leader.dt
-
-    @cached_property
-    def horizon(self) -> int:
-        """Steps ahead."""
-        return self.leader.horizon
-
-    @cached_property
-    def times(self) -> np.ndarray:
-        """Instants of the plan's states, shape (horizon + 1,). [s]"""
-        return self.leader.times
-
-    @cached_property
-    def controls(self) -> tuple[str, ...]:
-        """Inputs that are decided."""
-        return self.leader.controls
-
-    @cached_property
-    def exogenous(self) -> tuple[str, ...]:
-        """Inputs that are not decided."""
-        return self.leader.exogenous
-
-    @cached_property
-    def references(self) -> tuple[str, ...]:
-        """Columns of the reference."""
-        return self.leader.references
+    dt, horizon, times, controls, exogenous, references = map(
+        _of_leader, ("dt", "horizon", "times", "controls", "exogenous", "references")
+    )
 
     def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
         """As the leader's."""

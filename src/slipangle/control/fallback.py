@@ -16,8 +16,8 @@ from slipangle.control.controller import Led
 from slipangle.errors import ParameterError, shown
 from slipangle.fields import Checked, Whole, Within
 from slipangle.models.model import Model
-from slipangle.numerics.per_thread import BUILDING
-from slipangle.optimal.checks import MOST, Judge, counted, health_of, is_numbers
+from slipangle.numerics.per_thread import built
+from slipangle.optimal.checks import MOST, counted, health_of, is_numbers
 from slipangle.optimal.engine import Backend, Engine, Followed
 from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.ocp import OCP, ProblemSettings, Reference
@@ -109,17 +109,14 @@ class Fallbacks(Checked, Led):
         """What predicts."""
         return self.ocp.model
 
-    @cached_property
+    @built
     def _engine(self) -> Engine:
         named: dict[str, Backend] = {"ipopt": Ipopt(), "realtime": RealTime()}
         backend = named[self.solver] if isinstance(self.solver, str) else self.solver
-        with BUILDING:
-            if "_engine" not in vars(self):
-                engine = backend.build(self.ocp, self.deadline)
-                engine.expect(*self._judge.ranges)
-                engine.relax(self._safe_input, self._relaxing.ravel())
-                vars(self)["_engine"] = engine
-            return vars(self)["_engine"]
+        engine = backend.build(self.ocp, self.deadline)
+        engine.expect(*self._judge.ranges)
+        engine.relax(self._safe_input, self._relaxing.ravel())
+        return engine
 
     @property
     def engine(self) -> Engine:
@@ -138,14 +135,6 @@ class Fallbacks(Checked, Led):
         return np.clip(np.zeros(len(self.controls)), self.ocp.input_bounds[:, 0], self.ocp.input_bounds[:, 1])
 
     @cached_property
-    def _states(self) -> tuple[str, ...]:
-        return tuple(self.model.states)
-
-    @cached_property
-    def _judge(self) -> Judge:
-        return Judge(self._states, self.references, self.exogenous, self.horizon, self.plausible)
-
-    @cached_property
     def _pace(self) -> list[float]:
         """What a fallback needs after a solve: a mean of those seen. [s]"""
         return [min(5e-5, 0.5 * (self.deadline or 0.0))]
@@ -158,14 +147,6 @@ class Fallbacks(Checked, Led):
     def _longest(self) -> int:
         """How many shifted plans in a row there can be."""
         return min(self.fallback, int(self.ocp.nodes[-1]) - 1)
-
-    @cached_property
-    def _shape_u(self) -> tuple[int, int]:
-        return self.horizon, len(self.controls)
-
-    @cached_property
-    def _shape_x(self) -> tuple[int, int]:
-        return self.horizon + 1, len(self._states)
 
     def _before(self, previous: Plan | None, applied: np.ndarray | None) -> np.ndarray:
         """Input applied before, within bounds."""

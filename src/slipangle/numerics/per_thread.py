@@ -4,11 +4,20 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
 
-BUILDING = threading.RLock()  # one thread builds a solver, others wait for it
+_BUILDING = threading.RLock()
+
+
+class built(cached_property[T]):  # reads as `cached_property` does
+    """A cached property such as a solver, which one thread builds while others wait for it."""
+
+    def __get__(self, instance: Any, owner: type | None = None) -> Any:
+        with _BUILDING:
+            return super().__get__(instance, owner)
 
 
 class PerThread(Generic[T]):

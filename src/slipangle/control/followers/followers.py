@@ -21,7 +21,7 @@ from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.kinematic import Kinematic
 from slipangle.models.vehicles.parameters import BicycleParams, ChassisParams
 from slipangle.models.wrappers.on_ground import OnGround
-from slipangle.optimal.checks import NUMBER, Judge, counted, health_of
+from slipangle.optimal.checks import NUMBER, counted, health_of
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Plan, Status, within
 
@@ -50,7 +50,7 @@ class PathFollower(Checked, SteeringController):
     """
 
     controls = ("delta",)
-    columns = ("X", "Y", "psi", "curvature", "v_x")
+    columns = references = ("X", "Y", "psi", "curvature", "v_x")
 
     params: ChassisParams
     dt: Positive = 0.05
@@ -111,11 +111,6 @@ class PathFollower(Checked, SteeringController):
         last = float(self.params.road_wheel(before))
         road = self.law(x, wanted.tracked, float(wanted.exogenous[0, 0]), last)
         return float(road / self.params.steering_gain + self.params.steering_offset)
-
-    @cached_property
-    def _judge(self) -> Judge:
-        """What is plausible."""
-        return Judge(self.model.states, self.columns, self.exogenous, self.horizon)
 
 
 def pose_of(ahead: np.ndarray, k: int) -> tuple[float, float, float]:

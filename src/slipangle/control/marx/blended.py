@@ -17,8 +17,7 @@ from slipangle.errors import ParameterError
 from slipangle.fields import Checked, Count, Whole, Within
 from slipangle.models.wrappers.multi_arx import MultiARXModel, SpeedBlend
 from slipangle.models.wrappers.on_ground import POSE, OnGround
-from slipangle.numerics.per_thread import BUILDING
-from slipangle.optimal.checks import Judge
+from slipangle.numerics.per_thread import built
 from slipangle.optimal.terms import Limits, Values, Weights, coerce, require_names
 
 FASTEST = 1e3  # m/s, above which no steering angle is worth planning
@@ -155,37 +154,18 @@ class BlendedProblem(Checked, SteeringController):
             steps=np.array([slow, fast]) * self.dt,
         )
 
-    @cached_property
+    @built
     def solver(self) -> Solver:
         """The compiled solver or, without a compiler, NumPy and DAQP."""
-        with BUILDING:
-            if "solver" not in vars(self):
-                solver = build(self.problem, self.numbers)
-                solver.expect(*self._judge.ranges)
-                vars(self)["solver"] = solver
-            return vars(self)["solver"]
+        solver = build(self.problem, self.numbers)
+        solver.expect(*self._judge.ranges)
+        return solver
 
     @cached_property
     def numbers(self) -> Numbers:
         """Coefficients of the models and their speeds."""
         A, B, c = self.blended.coefficients
         return Numbers(speeds=np.array(self.blended.speeds, dtype=float), A=A, B=B, c=c)
-
-    @cached_property
-    def _shape_u(self) -> tuple[int, int]:
-        return self.horizon, 1
-
-    @cached_property
-    def _shape_x(self) -> tuple[int, int]:
-        return self.horizon + 1, len(self._states)
-
-    @cached_property
-    def _states(self) -> tuple[str, ...]:
-        return tuple(self.model.states)
-
-    @cached_property
-    def _judge(self) -> Judge:
-        return Judge(self._states, POSE, self.exogenous, self.horizon, self.plausible)
 
     def is_plausible(self, x: np.ndarray, v_x: float) -> bool:
         """Whether a state and a speed [m/s] can be true."""

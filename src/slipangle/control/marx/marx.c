@@ -335,7 +335,4 @@ Work *marx_new(void)
     void *at = NULL;
     return posix_memalign(&at, 64, sizeof(Work)) ? NULL : memset(at, 0, sizeof(Work));
 }
-void marx_free(Work *s)
-{
-    free(s);
-}
+void marx_free(Work *s) { free(s); }

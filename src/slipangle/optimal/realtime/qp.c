@@ -55,10 +55,7 @@ INLINE double larger(double a, double b) /* b where a is no number */
 {
     return a > b ? a : b;
 }
-INLINE double smaller(double a, double b)
-{
-    return a < b ? a : b;
-}
+INLINE double smaller(double a, double b) { return a < b ? a : b; }
 INLINE double dot(const double *a, const double *b, int n)
 {
     V sum = {0}, x, y;
@@ -165,10 +162,7 @@ static const double *row_y(Qp *q, int i)
     return y;
 }
 
-INLINE double softness(const Qp *q, int a)
-{
-    return q->mode[q->row[a]] == PAID ? 1 / q->square[q->row[a]] : 0.0;
-}
+INLINE double softness(const Qp *q, int a) { return q->mode[q->row[a]] == PAID ? 1 / q->square[q->row[a]] : 0.0; }
 static void refactor(Qp *q, int from)
 {
     for (int a = from; a < q->k; a++)

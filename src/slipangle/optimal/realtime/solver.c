@@ -552,10 +552,7 @@ static void look_ahead(Work *s)
 }
 #endif
 
-static int accepted(const Work *s)
-{
-    return s->residual <= s->accept;
-}
+static int accepted(const Work *s) { return s->residual <= s->accept; }
 
 /* ---- time ----------------------------------------------------------------------------------------------------- */
 
@@ -996,7 +993,4 @@ Work *rt_new(void)
     s->accept = 1e-2;
     return s;
 }
-void rt_free(Work *s)
-{
-    free(s);
-}
+void rt_free(Work *s) { free(s); }
