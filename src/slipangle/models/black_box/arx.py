@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from slipangle.errors import ParameterError
 from slipangle.models.black_box import arx_code
 from slipangle.models.black_box.lagged import LaggedModel
+from slipangle.models.black_box.model import shifted
 from slipangle.models.model import derived
 from slipangle.models.parameters import require_few_lags
 from slipangle.ops import Vector, matmul
@@ -41,7 +42,7 @@ class ARXModel(LaggedModel):
     told_by_poles = True
     A: np.ndarray
     B: np.ndarray
-    c: np.ndarray | None = None
+    c: np.ndarray = field(default=None)  # type: ignore[assignment]
     nk: int = 1
 
     def __post_init__(self) -> None:
@@ -49,10 +50,7 @@ class ARXModel(LaggedModel):
         ny, nu = len(self.outputs), len(self.inputs)
         A, B = np.asarray(self.A, dtype=float), np.asarray(self.B, dtype=float)
         c = np.zeros(ny) if self.c is None else np.asarray(self.c, dtype=float).reshape(ny)
-        if A.ndim == 1:
-            A = A[:, None, None]
-        if B.ndim == 1:
-            B = B[:, None, None]
+        A, B = (value[:, None, None] if value.ndim == 1 else value for value in (A, B))
         if A.shape[1:] != (ny, ny) or B.shape[1:] != (ny, nu) or len(A) < 1 or len(B) < 1:
             raise ParameterError(
                 f"A has shape {A.shape} and B {B.shape}; expected (na, {ny}, {ny}) and (nb, {ny}, {nu}) for "
@@ -74,10 +72,7 @@ class ARXModel(LaggedModel):
 
     def newest(self, regressors: Vector) -> Vector:
         """Outputs from the lags."""
-        y = matmul(self._weights, regressors)
-        if self.c is None or not self.c.any():
-            return y
-        return (y.T + self.c).T if isinstance(y, np.ndarray) else y + self.c
+        return shifted(matmul(self._weights, regressors), self.c)
 
     @property
     def _taps(self) -> np.ndarray:
@@ -91,10 +86,9 @@ class ARXModel(LaggedModel):
         The filters are in transposed direct form; their states are set from the lags in ``x0``.
         """
         if len(u) >= _LONG:
-            c = np.zeros(len(self.outputs)) if self.c is None else self.c
             past_y, past_u, drive = self._histories(x0, u)
             y = np.empty((len(u) - 1, len(self.outputs))) if out is None else out
-            if arx_code.free_run(self.A.transpose(1, 0, 2), self._taps, c, (past_y, past_u), drive, y):
+            if arx_code.free_run(self.A.transpose(1, 0, 2), self._taps, self.c, (past_y, past_u), drive, y):
                 return y
         if len(self.outputs) > 1 or len(u) < 64:
             return super().free_run(x0, u, out)
@@ -104,9 +98,7 @@ class ARXModel(LaggedModel):
         still = np.array([-denominator[i + 1 :] @ past_y[: self.na - i] for i in range(self.na)])
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable model; `simulate` says where
             driven = sum(_filtered(taps, past_u[:, j], drive[:, j]) for j, taps in enumerate(self._taps[0]))
-            if self.c is not None:
-                driven = driven + self.c[0]
-            return np.asarray(lfilter([1.0], denominator, driven, zi=still)[0])[:, None]
+            return np.asarray(lfilter([1.0], denominator, driven + self.c[0], zi=still)[0])[:, None]
 
     @property
     def poles(self) -> np.ndarray:

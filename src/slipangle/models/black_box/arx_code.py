@@ -104,12 +104,7 @@ def source() -> str:
 
 
 def free_run(
-    a: np.ndarray,
-    taps: np.ndarray,
-    c: np.ndarray,
-    past: tuple[np.ndarray, np.ndarray],
-    u: np.ndarray,
-    out: np.ndarray,
+    a: np.ndarray, taps: np.ndarray, c: np.ndarray, past: tuple[np.ndarray, np.ndarray], u: np.ndarray, out: np.ndarray
 ) -> bool:
     """Write the free run to ``out``; false without a compiler.
 

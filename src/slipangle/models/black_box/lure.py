@@ -11,9 +11,9 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.fields import Count
-from slipangle.models.black_box.model import BlackBoxModel
+from slipangle.models.black_box.model import BlackBoxModel, numbered, shifted
 from slipangle.models.model import derived
-from slipangle.ops import Vector, is_symbolic, matmul, tanh
+from slipangle.ops import Vector, matmul, tanh
 
 Curve = Literal["hardening", "saturation"]
 
@@ -67,20 +67,13 @@ class LureModel(BlackBoxModel):
         shapes |= {"u_offset": (nu,), "y_offset": (ny,)}
         self._freeze(shapes, f"{n} states, {nu} inputs, {ny} outputs and {h} branches")
 
-    @property
-    def order(self) -> int:
-        """Length of x."""
-        return len(self.A)
+    order = derived(lambda self: len(self.A))
+    states = derived(lambda self: numbered(self.order))
 
     @property
     def radius(self) -> float:
         """Spectral radius of the dynamics far from rest; below 1, no bounded input makes the free run diverge."""
         return float(np.abs(np.linalg.eigvals(far_out(self.curve, self.A, self.E, self.W))).max())
-
-    @derived
-    def states(self) -> tuple[str, ...]:
-        """``x0``, ``x1``, ..."""
-        return tuple(f"x{i}" for i in range(self.order))
 
     def step(self, x: Vector, u: Vector) -> Vector:
         """State one sample later."""
@@ -137,11 +130,6 @@ class LureModel(BlackBoxModel):
             ca.Function("advance", [x, u], [nxt, ca.densify(ca.jacobian(nxt, x))]),
             ca.Function("see", [x, u], [seen, ca.densify(ca.jacobian(seen, x))]),
         )
-
-
-def shifted(vector: Vector, by: np.ndarray) -> Vector:
-    """A vector, or a batch of them side by side, plus a constant."""
-    return vector + by if is_symbolic(vector) else (vector.T + by).T
 
 
 def bend(curve: Curve, z: Vector) -> Vector:

@@ -13,6 +13,7 @@ from slipangle.errors import ModelWarning, ParameterError
 from slipangle.fields import Checked
 from slipangle.models.black_box.networks import Network
 from slipangle.models.model import FitInfo, Model
+from slipangle.ops import Vector
 
 _BLOCK = 4096  # samples per matrix product; keeps the layers in the cache
 _LONG = 200_000  # samples from which running without compiled code is worth a word
@@ -46,6 +47,18 @@ class BlackBoxModel(Checked, Model):
                 raise ParameterError(f"{key} has shape {value.shape}; expected {shape} for {sizes}")
             value.setflags(write=False)
             object.__setattr__(self, key, value)
+
+
+def numbered(count: int) -> tuple[str, ...]:
+    """Names of states without a meaning: ``x0``, ``x1``, ..."""
+    return tuple(f"x{i}" for i in range(count))
+
+
+def shifted(vector: Vector, by: np.ndarray) -> Vector:
+    """A vector, or a batch of them side by side, plus a constant."""
+    if not by.any():
+        return vector
+    return (vector.T + by).T if isinstance(vector, np.ndarray) else vector + by
 
 
 class NetworkModel(BlackBoxModel):

@@ -74,8 +74,7 @@ class NARXModel(NetworkModel, LaggedModel):
         if run is None:
             return super().free_run(x0, u, out)
         past_y, past_u, _ = self._histories(x0, u)
-        drive = np.ascontiguousarray(np.vstack([past_u, u]), dtype=float)
-        n = len(u) - 1
+        drive, n = np.ascontiguousarray(np.vstack([past_u, u]), dtype=float), len(u) - 1
         y = np.empty((self.na + n, len(self.outputs)))
         y[: self.na] = past_y
         run(weights.ctypes.data, drive.ctypes.data, n, y.ctypes.data)
@@ -108,27 +107,20 @@ class NARXModel(NetworkModel, LaggedModel):
         net = self.network.perceptron
         if net is None:
             raise ParameterError(f"the network is of type {type(self.network).__name__}; expected an MLP for C source")
-        ny, nu = len(self.outputs), len(self.inputs)
-        sizes = (net.n_inputs, *net.hidden, net.n_outputs)
-        return "\n".join(
-            [
-                preamble("v4"),
-                emit_forward(sizes, net.activation),
-                "void free_run(const double *w, const double *u, long n, double *y)",
-                "{",
-                f"    double z[{net.n_inputs}];",
-                "    for (long k = 0; k < n; k++) {",
-                f"        const double *past_y = y + (k + {self.na}) * {ny};",
-                f"        const double *past_u = u + (k + {self.nb}) * {nu};",
-                f"        for (int i = 0; i < {self.na}; i++)",
-                f"            for (int j = 0; j < {ny}; j++)",
-                f"                z[i * {ny} + j] = past_y[j - (i + 1) * {ny}];",
-                f"        for (int i = 0; i < {self.nb}; i++)",
-                f"            for (int j = 0; j < {nu}; j++)",
-                f"                z[{self.na * ny} + i * {nu} + j] = past_u[j - (i + 1) * {nu}];",
-                f"        forward(w, z, y + (k + {self.na}) * {ny});",
-                "    }",
-                "}",
-                "",
-            ]
-        )
+        na, nb, ny, nu = self.na, self.nb, len(self.outputs), len(self.inputs)
+        return f"""\
+{preamble("v4")}
+{emit_forward((net.n_inputs, *net.hidden, net.n_outputs), net.activation)}
+void free_run(const double *w, const double *u, long n, double *y)
+{{
+    double z[{net.n_inputs}];
+    for (long k = 0; k < n; k++) {{
+        const double *past_y = y + (k + {na}) * {ny}, *past_u = u + (k + {nb}) * {nu};
+        for (int i = 0; i < {na}; i++)
+            for (int j = 0; j < {ny}; j++) z[i * {ny} + j] = past_y[j - (i + 1) * {ny}];
+        for (int i = 0; i < {nb}; i++)
+            for (int j = 0; j < {nu}; j++) z[{na * ny} + i * {nu} + j] = past_u[j - (i + 1) * {nu}];
+        forward(w, z, y + (k + {na}) * {ny});
+    }}
+}}
+"""

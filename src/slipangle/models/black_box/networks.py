@@ -34,14 +34,9 @@ _TINY = 1e-30  # keeps roots and logarithms differentiable at a centre; far belo
 
 
 def activate(z: Scalar, activation: Activation) -> Scalar:
-    """Activation of a hidden layer, elementwise.
+    """Activation of a hidden layer of the weighted sum ``z`` of its inputs, elementwise.
 
-    Parameters
-    ----------
-    z : scalar or vector
-        Weighted sum of the layer's inputs.
-    activation : {"sigmoid", "tanh", "elu"}
-        ``1 / (1 + exp(-z))``, ``tanh(z)``, or ``z`` above and ``exp(z) - 1`` below zero.
+    "sigmoid" is ``1 / (1 + exp(-z))``, "tanh" ``tanh(z)``, "elu" ``z`` above and ``exp(z) - 1`` below zero.
 
     >>> float(activate(0.0, "sigmoid")), float(activate(2.0, "elu"))
     (0.5, 2.0)
@@ -56,16 +51,9 @@ def activate(z: Scalar, activation: Activation) -> Scalar:
 def radial(square: Scalar, width: Any, kernel: Kernel) -> Scalar:
     """Radial basis function of the squared distance to the centre. [1]_ eqs. 4-16 to 4-19, [2]_
 
-    The Gaussian is ``exp(-l^2 / sigma^2)``: eq. 4-16 prints it without the minus sign.
-
-    Parameters
-    ----------
-    square : scalar or vector
-        Squared distance ``l^2``.
-    width : scalar or vector
-        Width ``sigma``; the cubic has none.
-    kernel : {"gaussian", "cubic", "thin plate", "multiquadric"}
-        ``exp(-l^2 / sigma^2)``, ``l^3``, ``l^2 / sigma log(l / sigma)``, ``sqrt(l^2 + sigma^2)``.
+    With the squared distance ``l^2`` and the width ``sigma`` the kernels are "gaussian" ``exp(-l^2 / sigma^2)``, which
+    eq. 4-16 prints without the minus sign, "cubic" ``l^3``, "thin plate" ``l^2 / sigma log(l / sigma)`` and
+    "multiquadric" ``sqrt(l^2 + sigma^2)``.
 
     >>> float(radial(9.0, 4.0, "multiquadric")), float(radial(4.0, 1.0, "cubic"))
     (5.0, 8.0)
@@ -136,15 +124,11 @@ class Scaling:
         for key in ("offset", "factor"):
             object.__setattr__(self, key, _frozen(getattr(self, key), f"scaling {key}", 1))
         if self.offset.shape != self.factor.shape:
-            raise ParameterError(
-                f"the scaling has {len(self.offset)} offsets and {len(self.factor)} factors; expected one of each per "
-                "channel"
-            )
+            counts = f"{len(self.offset)} offsets and {len(self.factor)} factors"
+            raise ParameterError(f"the scaling has {counts}; expected one of each per channel")
         if np.any(self.factor == 0):
-            raise ParameterError(
-                f"scaling factor {int(np.argmin(np.abs(self.factor)))} is 0; expected another number: leave out a "
-                "channel that is constant"
-            )
+            zero = f"scaling factor {int(np.argmin(np.abs(self.factor)))} is 0"
+            raise ParameterError(f"{zero}; expected another number: leave out a channel that is constant")
 
     @classmethod
     def none(cls, n: int) -> Self:
@@ -177,7 +161,8 @@ class Scaling:
 class Network(abc.ABC):
     """A static map from inputs to outputs: `MLP` or `RBF`, called with SI values.
 
-    Its numbers are also one vector, `parameters`, so that a fit can move them all.
+    Its numbers are also one vector, `parameters`, so that a fit can move them all. Subclasses give the number of inputs
+    and outputs to `_set_scaling`.
 
     Parameters
     ----------
@@ -194,36 +179,18 @@ class Network(abc.ABC):
 
     @property
     @abc.abstractmethod
-    def parameters(self) -> np.ndarray:
-        """Every weight as one vector, shape (n_parameters,)."""
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """What `parameters` is made of, in that order."""
 
     @abc.abstractmethod
     def with_parameters(self, theta: Any) -> Self:
-        """The same architecture with other weights (numbers, or one CasADi column)."""
-
-    @property
-    @abc.abstractmethod
-    def n_inputs(self) -> int:
-        """Length of the input vector."""
-
-    @property
-    @abc.abstractmethod
-    def n_outputs(self) -> int:
-        """Length of the output vector."""
+        """The same architecture with other weights (numbers, or one CasADi column), in the order of `parameters`."""
 
     def __call__(self, x: Vector) -> Vector:
-        """Outputs of inputs, both in SI units.
+        """Outputs of inputs, both in SI units: numbers, a CasADi column, or a JAX array.
 
-        Raises ParameterError if the first axis is not as long as there are inputs.
-
-        Parameters
-        ----------
-        x : vector, shape (n_inputs,) or (n_inputs, n_samples, ...)
-            Numbers, a CasADi column, or a JAX array.
-
-        Returns
-        -------
-        vector, shape (n_outputs,) or (n_outputs, n_samples, ...)
+        From shape (n_inputs,) or (n_inputs, n_samples, ...) to (n_outputs,) or (n_outputs, n_samples, ...). Raises
+        ParameterError if the first axis is not as long as there are inputs.
         """
         if x.shape[0] != self.n_inputs:
             raise ParameterError(
@@ -240,17 +207,48 @@ class Network(abc.ABC):
         return None
 
     @property
+    def n_inputs(self) -> int:
+        """Length of the input vector."""
+        return len(self.input_scaling.offset)
+
+    @property
+    def n_outputs(self) -> int:
+        """Length of the output vector."""
+        return len(self.output_scaling.offset)
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """Every weight as one vector, row by row, shape (n_parameters,)."""
+        return np.concatenate([array.ravel() for array in self.arrays])
+
+    @property
     def n_parameters(self) -> int:
         """Length of `parameters`."""
         return len(self.parameters)
 
-    def _check_scaling(self) -> None:
-        for name, n in (("input_scaling", self.n_inputs), ("output_scaling", self.n_outputs)):
+    def _set_scaling(self, n_inputs: int, n_outputs: int) -> None:
+        for name, n in (("input_scaling", n_inputs), ("output_scaling", n_outputs)):
             given = getattr(self, name)
             if given is None:
                 object.__setattr__(self, name, Scaling.none(n))
             elif len(given.offset) != n:
                 raise ParameterError(f"{name} has {len(given.offset)} channels; expected {n}, as many as the network")
+
+    def _unravel(self, theta: Any) -> list[Any]:
+        """One vector cut into arrays like `arrays`, row by row; a CasADi column gives CasADi matrices."""
+        shapes = [array.shape for array in self.arrays]
+        total = sum(prod(s) for s in shapes)
+        if theta.shape[0] != total:
+            raise ParameterError(f"{theta.shape[0]} parameters; expected {total}, one per weight of the network")
+        parts, at = [], 0
+        for shape in shapes:
+            piece = theta[at : at + prod(shape)]
+            at += prod(shape)
+            if is_symbolic(theta):
+                parts.append(ca.reshape(piece, shape[1], shape[0]).T if len(shape) == 2 else piece)
+            else:
+                parts.append(piece.reshape(shape))
+        return parts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -280,9 +278,8 @@ class MLP(Network):
         weights = tuple(_frozen(w, f"weights of layer {k}", 2) for k, w in enumerate(self.weights))
         biases = tuple(_frozen(b, f"biases of layer {k}", 1) for k, b in enumerate(self.biases))
         if not weights or len(weights) != len(biases):
-            raise ParameterError(
-                f"{len(weights)} weight matrices and {len(biases)} bias vectors; expected one per layer"
-            )
+            counts = f"{len(weights)} weight matrices and {len(biases)} bias vectors"
+            raise ParameterError(f"{counts}; expected one per layer")
         for k, (w, b) in enumerate(zip(weights, biases, strict=True)):
             columns = weights[k - 1].shape[0] if k else w.shape[1]
             if w.shape != (b.shape[0], columns):
@@ -292,7 +289,7 @@ class MLP(Network):
                 )
         object.__setattr__(self, "weights", weights)
         object.__setattr__(self, "biases", biases)
-        self._check_scaling()
+        self._set_scaling(weights[0].shape[1], weights[-1].shape[0])
 
     @property
     def perceptron(self) -> Self:
@@ -316,12 +313,7 @@ class MLP(Network):
     ) -> Self:
         """Random weights, uniform after [3]_, zero biases.
 
-        Parameters
-        ----------
-        sizes : sequence of int
-            Inputs, neurons of each hidden layer, outputs.
-        **scalings
-            ``input_scaling`` and ``output_scaling`` as for the class.
+        ``sizes`` are inputs, neurons of each hidden layer, outputs; ``scalings`` are as for the class.
         """
         if len(sizes) < 2 or min(sizes) < 1:
             raise ParameterError(f"the layer sizes are {tuple(sizes)}; expected at least inputs and outputs, each >= 1")
@@ -335,33 +327,23 @@ class MLP(Network):
         return mlp_pass(z, self.weights, self.biases, self.activation)
 
     @property
-    def n_inputs(self) -> int:
-        """Length of the input vector."""
-        return self.weights[0].shape[1]
-
-    @property
-    def n_outputs(self) -> int:
-        """Length of the output vector."""
-        return self.weights[-1].shape[0]
-
-    @property
     def hidden(self) -> tuple[int, ...]:
         """Neurons of each hidden layer."""
         return tuple(w.shape[0] for w in self.weights[:-1])
 
     @property
-    def parameters(self) -> np.ndarray:
-        """Weights, row by row, then biases, layer after layer; shape (n_parameters,)."""
-        return np.concatenate([a.ravel() for pair in zip(self.weights, self.biases, strict=True) for a in pair])
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """Weights, then biases, layer after layer."""
+        return tuple(a for pair in zip(self.weights, self.biases, strict=True) for a in pair)
 
     def with_parameters(self, theta: Any) -> Self:
-        """The same architecture with other weights, in the order of `parameters`."""
+        """The same architecture with other weights and biases."""
         weights, biases = self.unravel(theta)
         return replace(self, weights=weights, biases=biases)
 
     def unravel(self, theta: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """Weights and biases, as they are, from a vector in the order of `parameters`; JAX arrays too."""
-        parts = _unravel(theta, [s for w, b in zip(self.weights, self.biases, strict=True) for s in (w.shape, b.shape)])
+        parts = self._unravel(theta)
         return tuple(parts[0::2]), tuple(parts[1::2])
 
 
@@ -396,36 +378,24 @@ class RBF(Network):
             object.__setattr__(self, key, _frozen(getattr(self, key), key, dimensions))
         n = self.centres.shape[0]
         if self.widths.shape[0] != n or self.weights.shape[1] != n:
-            raise ParameterError(
-                f"{n} centres, {self.widths.shape[0]} widths and weights for {self.weights.shape[1]} neurons; expected "
-                "as many of each"
-            )
+            counts = f"{n} centres, {self.widths.shape[0]} widths and weights for {self.weights.shape[1]} neurons"
+            raise ParameterError(f"{counts}; expected as many of each")
         if not is_symbolic(self.widths) and np.any(self.widths <= 0):
             raise ParameterError(f"a width is {float(self.widths.min()):g}; expected positive widths")
-        self._check_scaling()
+        self._set_scaling(self.centres.shape[1], self.weights.shape[0])
 
     def pass_scaled(self, z: Vector) -> Vector:
         """Scaled outputs of scaled inputs; see `rbf_pass`."""
         return rbf_pass(z, self.centres, self.widths, self.weights, self.kernel)
 
     @property
-    def n_inputs(self) -> int:
-        """Length of the input vector."""
-        return self.centres.shape[1]
-
-    @property
-    def n_outputs(self) -> int:
-        """Length of the output vector."""
-        return self.weights.shape[0]
-
-    @property
-    def parameters(self) -> np.ndarray:
-        """Centres, widths, weights; shape (n_parameters,)."""
-        return np.concatenate([self.centres.ravel(), self.widths, self.weights.ravel()])
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """Centres, widths, weights."""
+        return self.centres, self.widths, self.weights
 
     def with_parameters(self, theta: Any) -> Self:
-        """The same architecture with other centres, widths and weights, in the order of `parameters`."""
-        centres, widths, weights = _unravel(theta, [self.centres.shape, self.widths.shape, self.weights.shape])
+        """The same architecture with other centres, widths and weights."""
+        centres, widths, weights = self._unravel(theta)
         return replace(self, centres=centres, widths=widths, weights=weights)
 
 
@@ -440,19 +410,3 @@ def _frozen(value: Any, what: str, dimensions: int) -> Any:
         raise NotFiniteError(f"the {what} hold NaN or infinity; expected finite numbers: the fit diverged")
     array.setflags(write=False)
     return array
-
-
-def _unravel(theta: Any, shapes: Sequence[tuple[int, ...]]) -> list[Any]:
-    """One vector cut into arrays, row by row; a CasADi column gives CasADi matrices."""
-    total = sum(prod(s) for s in shapes)
-    if theta.shape[0] != total:
-        raise ParameterError(f"{theta.shape[0]} parameters; expected {total}, one per weight of the network")
-    parts, at = [], 0
-    for shape in shapes:
-        piece = theta[at : at + prod(shape)]
-        at += prod(shape)
-        if is_symbolic(theta):
-            parts.append(ca.reshape(piece, shape[1], shape[0]).T if len(shape) == 2 else piece)
-        else:
-            parts.append(piece.reshape(shape))
-    return parts

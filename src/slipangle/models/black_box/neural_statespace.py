@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +14,7 @@ from slipangle.codegen.network import aligned, emit_forward, packed
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.fields import Count
-from slipangle.models.black_box.model import NetworkModel
+from slipangle.models.black_box.model import NetworkModel, numbered
 from slipangle.models.black_box.networks import Network
 from slipangle.models.model import derived
 from slipangle.ops import Vector, concatenate, matmul
@@ -54,7 +54,7 @@ class NeuralStateSpaceModel(NetworkModel):
     encoder: Network
     lags: Count
     feedthrough: bool = False
-    gain: np.ndarray | None = None
+    gain: np.ndarray = field(default=None)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -76,11 +76,7 @@ class NeuralStateSpaceModel(NetworkModel):
         )
 
     memory = derived(lambda self: self.lags)
-
-    @derived
-    def states(self) -> tuple[str, ...]:
-        """``x0``, ``x1``, ...."""
-        return tuple(f"x{i}" for i in range(self.transition.n_outputs))
+    states = derived(lambda self: numbered(self.transition.n_outputs))
 
     def step(self, x: Vector, u: Vector) -> Vector:
         """State one sample later."""
@@ -92,8 +88,7 @@ class NeuralStateSpaceModel(NetworkModel):
 
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
         """The state moved by the gain times measured minus expected outputs."""
-        gain = np.asarray(self.gain)
-        return x + matmul(gain, y - self.output(x, u)) if gain.any() else x
+        return x + matmul(self.gain, y - self.output(x, u)) if self.gain.any() else x
 
     def initial_state(self, data: Dataset) -> np.ndarray:
         """What the encoder makes of the first `lags` samples: the state at the last of them."""
@@ -109,10 +104,8 @@ class NeuralStateSpaceModel(NetworkModel):
         run, weights, second = self._compiled
         if run is None:
             return super().free_run(x0, u, out)
-        x = np.array(x0, dtype=float)
-        drive = np.ascontiguousarray(u, dtype=float)
-        y = np.empty((len(u) - 1, len(self.outputs)))
-        start = weights.ctypes.data
+        x, drive = np.array(x0, dtype=float), np.ascontiguousarray(u, dtype=float)
+        y, start = np.empty((len(u) - 1, len(self.outputs))), weights.ctypes.data
         run(start, start + second, x.ctypes.data, drive.ctypes.data, len(y), y.ctypes.data)
         return y
 
@@ -132,27 +125,22 @@ class NeuralStateSpaceModel(NetworkModel):
         if f is None or h is None:
             raise ParameterError("the networks are not all of type MLP; expected that for C source")
         n, nu, ny = self.n_states, self.n_inputs, self.n_outputs
-        return "\n".join(
-            [
-                preamble("v4"),
-                emit_forward((n + nu, *f.hidden, n), f.activation, name="transition"),
-                emit_forward((h.n_inputs, *h.hidden, ny), h.activation, name="emission"),
-                "void free_run(const double *wf, const double *wh, double *x, const double *u, long n, double *y)",
-                "{",
-                f"    double z[{n + nu}], change[{n}];",
-                "    for (long k = 0; k < n; k++) {",
-                f"        for (int i = 0; i < {n}; i++)",
-                "            z[i] = x[i];",
-                f"        for (int i = 0; i < {nu}; i++)",
-                f"            z[{n} + i] = u[k * {nu} + i];",
-                "        transition(wf, z, change);",
-                f"        for (int i = 0; i < {n}; i++)",
-                "            z[i] = x[i] += change[i];",
-                f"        for (int i = 0; i < {nu}; i++)",
-                f"            z[{n} + i] = u[(k + 1) * {nu} + i];",
-                f"        emission(wh, z, y + k * {ny});",
-                "    }",
-                "}",
-                "",
-            ]
-        )
+        transition = emit_forward((n + nu, *f.hidden, n), f.activation, name="transition")
+        emission = emit_forward((h.n_inputs, *h.hidden, ny), h.activation, name="emission")
+        return f"""\
+{preamble("v4")}
+{transition}
+{emission}
+void free_run(const double *wf, const double *wh, double *x, const double *u, long n, double *y)
+{{
+    double z[{n + nu}], change[{n}];
+    for (long k = 0; k < n; k++) {{
+        for (int i = 0; i < {n}; i++) z[i] = x[i];
+        for (int i = 0; i < {nu}; i++) z[{n} + i] = u[k * {nu} + i];
+        transition(wf, z, change);
+        for (int i = 0; i < {n}; i++) z[i] = x[i] += change[i];
+        for (int i = 0; i < {nu}; i++) z[{n} + i] = u[(k + 1) * {nu} + i];
+        emission(wh, z, y + k * {ny});
+    }}
+}}
+"""

@@ -77,14 +77,11 @@ class PolynomialModel(BlackBoxModel):
                 "of each per input, numerators not empty, delays of 0 or more"
             )
         require_few_lags(max(len(b) + k for b, k in zip(self.B, nk, strict=True)), "the polynomial model")
-        object.__setattr__(self, "nk", nk)
-        for key in ("A", "C", "D"):
-            object.__setattr__(self, key, _frozen(getattr(self, key)))
-        for key in ("B", "F"):
-            object.__setattr__(self, key, tuple(_frozen(v) for v in getattr(self, key)))
-        object.__setattr__(self, "u_offset", _frozen(np.zeros(nu) if self.u_offset is None else self.u_offset))
-        if self.memory == 0:
-            object.__setattr__(self, "memory", self.realisation.memory)
+        own = vars(self)
+        own.update({key: _frozen(own[key]) for key in ("A", "C", "D")}, nk=nk)
+        own.update({key: tuple(map(_frozen, own[key])) for key in ("B", "F")})
+        own["u_offset"] = _frozen(np.zeros(nu) if self.u_offset is None else self.u_offset)
+        own["memory"] = self.memory or self.realisation.memory
 
     @cached_property
     def realisation(self) -> StateSpaceModel:
@@ -95,18 +92,16 @@ class PolynomialModel(BlackBoxModel):
         """
         A, B, C, K = realise(self.A, self.B, self.C, self.D, self.F, tuple(max(k, 1) for k in self.nk))
         direct = np.array(self.nk) == 0
+        matrices: dict[str, Any] = {
+            "A": A,
+            "B": np.where(direct, A @ B, B),
+            "C": C,
+            "D": np.where(direct, C @ B, 0.0),
+            "K": K,
+        }
+        offsets: dict[str, Any] = {"u_offset": self.u_offset, "y_offset": np.array([self.y_offset])}
         return StateSpaceModel(
-            A=A,
-            B=np.where(direct, A @ B, B),
-            C=C,
-            D=np.where(direct, C @ B, 0.0),
-            K=K,
-            u_offset=self.u_offset,
-            y_offset=np.array([self.y_offset]),
-            memory=self.memory,
-            dt=self.dt,
-            inputs=self.inputs,
-            outputs=self.outputs,
+            **matrices, **offsets, memory=self.memory, dt=self.dt, inputs=self.inputs, outputs=self.outputs
         )
 
     states = derived(lambda self: self.realisation.states)
@@ -126,12 +121,7 @@ def one(coefficients: np.ndarray) -> np.ndarray:
 
 
 def realise(
-    A: np.ndarray,
-    B: Sequence[np.ndarray],
-    C: np.ndarray,
-    D: np.ndarray,
-    F: Sequence[np.ndarray],
-    nk: tuple[int, ...],
+    A: np.ndarray, B: Sequence[np.ndarray], C: np.ndarray, D: np.ndarray, F: Sequence[np.ndarray], nk: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Innovation form (A, B, C, K) in observer canonical blocks; all but C are affine in the coefficients.
 
@@ -144,9 +134,8 @@ def realise(
     nu = len(B)
     if len(D) == 0 and all(len(f) == 0 for f in F):
         n = max(len(A), len(C), *reach)
-        a, c = _padded(A, n), _padded(C, n)
-        shift = np.eye(n, k=1)
-        state = shift.copy()
+        a, c = _delayed(A, 1, n), _delayed(C, 1, n)
+        state = np.eye(n, k=1)
         state[:, 0] -= a
         gain_u = np.column_stack([_delayed(b, k, n) for b, k in zip(B, nk, strict=True)])
         return state, gain_u, np.eye(1, n), (c - a)[:, None]
@@ -161,20 +150,16 @@ def realise(
         see[0, edges[i]] = 1.0
         state[at, at] = np.eye(size, k=1)
         if i < nu:
-            state[at, edges[i]] -= _padded(F[i], size)
+            state[at, edges[i]] -= _delayed(F[i], 1, size)
             gain_u[at, i] = _delayed(B[i], nk[i], size)
         elif i == nu:
-            d = _padded(D, size)
+            d = _delayed(D, 1, size)
             state[at, edges[i]] -= d
-            K[at, 0] = _padded(C, size) - d
+            K[at, 0] = _delayed(C, 1, size) - d
     last = slice(edges[-2], edges[-1])
     state[last] -= np.outer(A, see[0])
     K[last, 0] -= A
     return state, gain_u, see, K
-
-
-def _padded(values: np.ndarray, n: int) -> np.ndarray:
-    return np.concatenate([values, np.zeros(n - len(values))])
 
 
 def _delayed(b: np.ndarray, nk: int, n: int) -> np.ndarray:

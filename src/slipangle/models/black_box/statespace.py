@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
 
@@ -11,7 +11,7 @@ from scipy import linalg
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
-from slipangle.models.black_box.model import BlackBoxModel
+from slipangle.models.black_box.model import BlackBoxModel, numbered, shifted
 from slipangle.models.model import derived
 from slipangle.numerics.linear_response import LTI
 from slipangle.ops import Vector, concatenate, matmul
@@ -48,12 +48,12 @@ class StateSpaceModel(BlackBoxModel):
     A: np.ndarray
     B: np.ndarray
     C: np.ndarray
-    D: np.ndarray | None = None
-    K: np.ndarray | None = None
+    D: np.ndarray = field(default=None)  # type: ignore[assignment]
+    K: np.ndarray = field(default=None)  # type: ignore[assignment]
     memory: int = 0
     x0: np.ndarray | None = None
-    u_offset: np.ndarray | None = None
-    y_offset: np.ndarray | None = None
+    u_offset: np.ndarray = field(default=None)  # type: ignore[assignment]
+    y_offset: np.ndarray = field(default=None)  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,29 +69,20 @@ class StateSpaceModel(BlackBoxModel):
         if self.memory == 0:
             object.__setattr__(self, "memory", 3 * n + 3)
 
-    def _array(self, name: str) -> np.ndarray:
-        return getattr(self, name)
-
-    @property
-    def order(self) -> int:
-        """Length of x."""
-        return len(self.A)
+    order = derived(lambda self: len(self.A))
 
     @derived
     def states(self) -> tuple[str, ...]:
         """``x0``, ``x1``, ...; then the innovations ``e_<output>`` where A is singular."""
-        own = tuple(f"x{i}" for i in range(self.order))
+        own = numbered(self.order)
         return own if self._gain is not None else (*own, *(f"e_{o}" for o in self.outputs))
 
     @cached_property
     def _gain(self) -> np.ndarray | None:
         """How far a unit innovation moves the state at its own sample, or None where A cannot be inverted."""
-        K = self._array("K")
-        if not K.any():
-            return np.zeros_like(K)
-        if np.linalg.cond(self.A) > 1e7:
-            return None
-        return np.linalg.solve(self.A, K)
+        if not self.K.any():
+            return np.zeros_like(self.K)
+        return None if np.linalg.cond(self.A) > 1e7 else np.linalg.solve(self.A, self.K)
 
     @property
     def poles(self) -> np.ndarray:
@@ -103,18 +94,17 @@ class StateSpaceModel(BlackBoxModel):
     def step(self, x: Vector, u: Vector) -> Vector:
         """State one sample later."""
         n = self.order
-        nxt = matmul(self.A, x[:n]) + matmul(self.B, _minus(u, self._array("u_offset")))
+        nxt = matmul(self.A, x[:n]) + matmul(self.B, shifted(u, -self.u_offset))
         if self._gain is not None:
             return nxt
-        nxt = nxt + matmul(self._array("K"), x[n:])
-        return concatenate([nxt, 0.0 * x[n:]])
+        return concatenate([nxt + matmul(self.K, x[n:]), 0.0 * x[n:]])
 
     def output(self, x: Vector, u: Vector) -> Vector:
         """Outputs at the same sample."""
         y = matmul(self.C, x[: self.order])
-        if self._array("D").any():
-            y = y + matmul(self._array("D"), _minus(u, self._array("u_offset")))
-        return _minus(y, -self._array("y_offset"))
+        if self.D.any():
+            y = y + matmul(self.D, shifted(u, -self.u_offset))
+        return shifted(y, self.y_offset)
 
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
         """State after measuring ``y``: with `step` it makes the one-step-ahead predictor."""
@@ -125,21 +115,17 @@ class StateSpaceModel(BlackBoxModel):
     @cached_property
     def predictor(self) -> LTI:
         """One-step-ahead prediction: a system from ``[u - u_0, y - y_0]`` to ``y_hat - y_0``."""
-        K, D = self._array("K"), self._array("D")
-        return LTI(
-            A=self.A - K @ self.C,
-            B=np.hstack([self.B - K @ D, K]),
-            C=self.C,
-            D=np.hstack([D, np.zeros((len(D), len(D)))]),
-        )
+        K, D = self.K, self.D
+        B = np.hstack([self.B - K @ D, K])
+        return LTI(A=self.A - K @ self.C, B=B, C=self.C, D=np.hstack([D, np.zeros((len(D), len(D)))]))
 
     def initial_state(self, data: Dataset) -> np.ndarray:
         """State at the last sample of ``data``: least squares on the one-step-ahead errors over all of them.
 
         Where the samples do not determine the state, the smallest one that explains them is taken.
         """
-        u = data.select(inputs=self.inputs).u - self._array("u_offset")
-        y = data.select(outputs=self.outputs).y - self._array("y_offset")
+        u = data.select(inputs=self.inputs).u - self.u_offset
+        y = data.select(outputs=self.outputs).y - self.y_offset
         predictor, n = self.predictor, self.order
         n_samples, ny = y.shape
         forced, last = np.zeros(n), np.zeros((n_samples, ny))
@@ -153,20 +139,13 @@ class StateSpaceModel(BlackBoxModel):
                 free = predictor.A @ free
         first: Any = np.linalg.lstsq(rows.reshape(-1, n), last.ravel(), rcond=1e-10)[0]
         x = forced + free @ first
-        e = y[-1] - self.C @ x - self._array("D") @ u[-1]
+        e = y[-1] - self.C @ x - self.D @ u[-1]
         return x + self._gain @ e if self._gain is not None else np.concatenate([x, e])
 
     @cached_property
     def _system(self) -> LTI:
-        B, u0 = self.B, self._array("u_offset")
-        return LTI(
-            A=self.A,
-            B=B,
-            C=self.C,
-            D=self._array("D"),
-            f=-B @ u0,
-            g=self._array("y_offset") - self._array("D") @ u0,
-        )
+        B, D, u0 = self.B, self.D, self.u_offset
+        return LTI(A=self.A, B=B, C=self.C, D=D, f=-B @ u0, g=self.y_offset - D @ u0)
 
     def free_run(self, x0: np.ndarray, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Whole blocks of samples at once."""
@@ -178,18 +157,5 @@ class StateSpaceModel(BlackBoxModel):
     def transformed(self, T: np.ndarray) -> Self:
         """The same model with the state ``T x``."""
         inverse: Any = linalg.inv(T)
-        return replace(
-            self,
-            A=T @ self.A @ inverse,
-            B=T @ self.B,
-            C=self.C @ inverse,
-            K=T @ self._array("K"),
-            x0=None if self.x0 is None else self.x0 @ T.T,
-        )
-
-
-def _minus(vector: Vector, offset: np.ndarray) -> Vector:
-    """A vector, or a batch of them side by side, minus a constant."""
-    if not offset.any():
-        return vector
-    return (vector.T - offset).T if isinstance(vector, np.ndarray) else vector - offset
+        x0 = None if self.x0 is None else self.x0 @ T.T
+        return replace(self, A=T @ self.A @ inverse, B=T @ self.B, C=self.C @ inverse, K=T @ self.K, x0=x0)

@@ -35,21 +35,15 @@ _Bicycle = Any  # a NeuralBicycle, whose file needs this one
 def numbers(model: _Bicycle) -> np.ndarray:
     """What the compiled loop reads: parameters, then every layer's weights by row and its biases."""
     params = [float(getattr(model.params, name)) for name in model.params.metadata()]
-    return np.concatenate(
-        [params, *(part.ravel() for layer in zip(*model.network.layers, strict=True) for part in layer)]
-    )
+    layers = zip(*model.network.layers, strict=True)
+    return np.concatenate([params, *(part.ravel() for layer in layers for part in layer)])
 
 
 def source(model: _Bicycle) -> str:
     """C of ``free_run(w, most, x, u, n, h, out)``; ``w`` is what `numbers` says."""
     names = tuple(model.params.metadata())
     w, at = ca.SX.sym("w", len(numbers(model))), len(names)
-    weights, biases = [], []
-    for matrix in model.network.weights:
-        rows, columns = matrix.shape
-        weights.append(ca.reshape(w[at : at + rows * columns], columns, rows).T)
-        biases.append(w[at + rows * columns : at + rows * (columns + 1)])
-        at += rows * (columns + 1)
+    weights, biases = model.network.unravel(w[at:])
 
     def network(z: Any) -> Any:
         return mlp_pass(z, weights, biases, model.network.activation)
@@ -70,9 +64,7 @@ def run(model: _Bicycle, x0: np.ndarray, u: np.ndarray) -> np.ndarray | None:
     loaded = library(source(model), name="neural_bicycle", flags=FLAGS)
     if loaded is None:
         return None
-    w, most = numbers(model), np.array([model.most_v_y, model.most_r])
-    x, u = np.array(x0, dtype=float), np.ascontiguousarray(u, dtype=float)
-    out = np.empty((len(u), 3))
-    h = model.dt / model.substeps
+    w, most, h = numbers(model), np.array([model.most_v_y, model.most_r]), model.dt / model.substeps
+    x, u, out = np.array(x0, dtype=float), np.ascontiguousarray(u, dtype=float), np.empty((len(u), 3))
     loaded.free_run(w.ctypes.data, most.ctypes.data, x.ctypes.data, u.ctypes.data, len(u), h, out.ctypes.data)
     return out

@@ -20,6 +20,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.fields import Checked
 from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.black_box.model import shifted
 from slipangle.models.model import Model, derived
 from slipangle.ops import Scalar, Vector, clip, concatenate, matmul
 
@@ -191,10 +192,7 @@ class SpeedBlend(Checked, Model):
     def _own_next(self, j: int, lags: Vector, inputs: Vector) -> Vector:
         """Next outputs of model ``j`` from lagged outputs and u(k), u(k-1), ..."""
         A, B, c = self.coefficients
-        y = matmul(np.hstack(list(-A[j])), lags) + matmul(B[j].T, inputs)
-        if not c[j].any():
-            return y
-        return (y.T + c[j]).T if isinstance(y, np.ndarray) else y + c[j]
+        return shifted(matmul(np.hstack(list(-A[j])), lags) + matmul(B[j].T, inputs), c[j])
 
 
 @dataclass(frozen=True, kw_only=True)
