@@ -82,12 +82,8 @@ MUTANTS = [
         BLACK_BOX,
         [
             ("state space: predictor forgets D", "[self.B - K @ D, K]", "[self.B, K]"),
-            ("state space: gain of the sample after", "return np.linalg.solve(self.A, K)", "return K"),
-            (
-                "state space: output offset taken off",
-                'return _minus(y, -self._array("y_offset"))',
-                'return _minus(y, self._array("y_offset"))',
-            ),
+            ("state space: gain of the sample after", "np.linalg.solve(self.A, self.K)", "self.K"),
+            ("state space: output offset taken off", "shifted(y, self.y_offset)", "shifted(y, -self.y_offset)"),
         ],
     ),
     *mistakes(
@@ -95,7 +91,7 @@ MUTANTS = [
         BLACK_BOX,
         [
             ("ARMAX: sign of the innovation", "(c - a)[:, None]", "(a - c)[:, None]"),
-            ("polynomial: direct input a sample late", "B=np.where(direct, A @ B, B)", "B=np.where(direct, B, B)"),
+            ("polynomial: direct input a sample late", "np.where(direct, A @ B, B)", "np.where(direct, B, B)"),
             ("Box-Jenkins: A counted as C", "K[last, 0] -= A", "K[last, 0] += A"),
         ],
     ),

@@ -79,7 +79,6 @@ MUTANTS = [
             ("6.1: sign of RBY3", "(s.tangent - c.RBY3)", "(s.tangent + c.RBY3)"),
             ("6.1: load over the load itself", "dfz=(load - fz0) / fz0", "dfz=(load - fz0) / load"),
             ("6.1: combined slip without its norm", "/ cos(c.RCX1 * curved(B * c.RHX1, E))", "/ 1.0"),
-            ("6.1: trail ahead of the wheel", "M_zr - t * trailing", "M_zr + t * trailing"),
             ("6.1: overturning by side force", "c.QSX3 / c.FNOMIN * F_y -", "-c.QSX3 / c.FNOMIN * F_y -"),
         ],
     ),
@@ -87,6 +86,8 @@ MUTANTS = [
         "models/tires/magic_formula/mf61.py",
         ORACLE,
         [
+            ("6.1: trail ahead of the wheel", "M_zr - t * trailing", "M_zr + t * trailing"),
+            ("6.1: exponent of slip stiffness", "exp(c.PKX3 * dfz)", "exp(-c.PKX3 * dfz)"),
             ("6.1: shift by camber", "K) * gamma - S_vg, K)", "K) * gamma + S_vg, K)"),
             ("curvature's sign by camber", "(c.PEY3 + c.PEY4 * gamma)", "(c.PEY3 - c.PEY4 * gamma)"),
             (
@@ -95,11 +96,6 @@ MUTANTS = [
                 "(1.0 + c.PDY3 * gamma * gamma) * s.mu_y",
             ),
         ],
-    ),
-    *mistakes(
-        "models/tires/magic_formula/longitudinal.py",
-        ORACLE,
-        [("6.1: exponent of slip stiffness", "exp(c.PKX3 * dfz)", "exp(-c.PKX3 * dfz)")],
     ),
     *mistakes(
         "models/tires/magic_formula/mf52.py",

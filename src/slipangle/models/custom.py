@@ -15,7 +15,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, nearest
 from slipangle.models.equations import Recorded
 from slipangle.models.ode import OdeModel
-from slipangle.models.parameters import ParameterSet
+from slipangle.models.parameters import ParameterSet, require_in_range
 from slipangle.ops import Scalar, Vector, is_symbolic, is_traced, stack
 from slipangle.units import SI
 
@@ -47,11 +47,7 @@ class NamedParams(ParameterSet):
             if not name.isidentifier() or hasattr(type(self), name) or name in lengths:
                 raise ParameterError(f"{name!r} cannot name a parameter; expected a word such as 'stiffness'")
         for name, value, meta in zip(self.names, self.values, self.metadata().values(), strict=True):
-            if not (is_symbolic(value) or is_traced(value)) and not meta.lower <= value <= meta.upper:
-                raise ParameterError(
-                    f"{name} is {value:g} {meta.unit}; expected {meta.lower:g} to {meta.upper:g} {meta.unit}: check "
-                    "the value and its unit"
-                )
+            require_in_range(name, value, meta)
 
     @classmethod
     def of(cls, given: Mapping[str, Any]) -> Self:
@@ -71,14 +67,9 @@ class NamedParams(ParameterSet):
                 )
             values.append(float(value))
             metas.append(meta)
-        return cls(
-            names=tuple(given),
-            values=tuple(values),
-            units=tuple(m.unit for m in metas),
-            docs=tuple(m.doc for m in metas),
-            lower=tuple(m.lower for m in metas),
-            upper=tuple(m.upper for m in metas),
-        )
+        columns = {"units": "unit", "docs": "doc", "lower": "lower", "upper": "upper"}
+        about = {name: tuple(getattr(meta, of) for meta in metas) for name, of in columns.items()}
+        return cls(names=tuple(given), values=tuple(values), **about)
 
     def __getattr__(self, name: str) -> Any:
         names = self.__dict__.get("names", ())
@@ -110,6 +101,8 @@ class NamedParams(ParameterSet):
 class Ode(OdeModel):
     """A model from equations of your own: simulated, fitted, controlled with and compiled like the built-in ones.
 
+    Raises ParameterError if ``f`` gives another number of rates, or cannot work on symbols.
+
     Parameters
     ----------
     f : callable
@@ -131,11 +124,6 @@ class Ode(OdeModel):
         Initial value of states that the data have no channel for; by default 0.
     method, substeps
         As for every `OdeModel`; explicit steps are at most 10 ms long unless ``substeps`` says otherwise.
-
-    Raises
-    ------
-    ParameterError
-        If ``f`` gives another number of rates, or cannot work on symbols.
 
     Notes
     -----
@@ -217,10 +205,7 @@ class Ode(OdeModel):
     def recorded(self) -> Self:
         """The same model with its equations written down operation by operation, which `save` can keep.
 
-        Raises
-        ------
-        ParameterError
-            If they hold an operation that cannot be written down.
+        Raises ParameterError if they hold an operation that cannot be written down.
         """
         sizes = self.n_states, self.n_inputs, self.params
         more = None if self.more is None else Recorded.of(self.more, *sizes)

@@ -56,6 +56,8 @@ _NAME_OF = {code: name for name, (code, _, _) in _OPERATIONS.items()}
 class Recorded:
     """Functions of states, inputs and parameters, one elementary operation a line.
 
+    Raises ParameterError if a line is none of those below, with its number.
+
     Parameters
     ----------
     lines : tuple of str
@@ -65,11 +67,6 @@ class Recorded:
         Lines whose values are the results.
     names : tuple of str
         Names of the results; empty for rates, which need none.
-
-    Raises
-    ------
-    ParameterError
-        If a line is none of these, with its number.
     """
 
     lines: tuple[str, ...]
@@ -105,10 +102,7 @@ class Recorded:
     def of(cls, f: Any, n_states: int, n_inputs: int, params: Any) -> Self:
         """Record ``f(x, u, p)``, which gives a vector, or values by name.
 
-        Raises
-        ------
-        ParameterError
-            If it has an operation that cannot be recorded.
+        Raises ParameterError if it has an operation that cannot be recorded.
         """
         names = tuple(params.metadata())
         x, u, p = ca.SX.sym("x", n_states), ca.SX.sym("u", n_inputs), ca.SX.sym("p", len(names))

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 from operator import attrgetter
 from typing import Any, ClassVar, NoReturn, final
 
@@ -119,13 +120,9 @@ class FitInfo:
 
     def correlated(self, least: float = 0.9) -> tuple[tuple[str, str, float], ...]:
         """Pairs of parameters whose estimates correlate by at least ``least`` in size, the strongest first."""
-        pairs = [
-            (a, b, float(self.correlation[i, j]))
-            for i, a in enumerate(self.names)
-            for j, b in enumerate(self.names)
-            if i < j and abs(self.correlation[i, j]) >= least
-        ]
-        return tuple(sorted(pairs, key=lambda pair: -abs(pair[2])))
+        rho = self.correlation
+        pairs = ((self.names[i], self.names[j], float(rho[i, j])) for i, j in combinations(range(len(self.names)), 2))
+        return tuple(sorted((p for p in pairs if abs(p[2]) >= least), key=lambda pair: -abs(pair[2])))
 
     @property
     def confounding(self) -> str:
@@ -303,16 +300,12 @@ class Model(FastPaths, abc.ABC):
         """`step`, `output` and `correct` as CasADi functions ``(x, u)``, ``(x, u)``, ``(x, u, y)``."""
 
         def build(kind: Any) -> tuple[ca.Function, ca.Function, ca.Function]:
-            x, u, y = (
-                kind.sym("x", self.n_states),
-                kind.sym("u", self.n_inputs),
-                kind.sym("y", self.n_outputs),
-            )
-            return (
-                ca.Function("step", [x, u], [ca.densify(self.step(x, u))]),
-                ca.Function("output", [x, u], [ca.densify(self.output(x, u))]),
-                ca.Function("correct", [x, u, y], [ca.densify(self.correct(x, u, y))]),
-            )
+            x, u, y = kind.sym("x", self.n_states), kind.sym("u", self.n_inputs), kind.sym("y", self.n_outputs)
+
+            def function(name: str, *given: Any) -> ca.Function:
+                return ca.Function(name, [*given], [ca.densify(getattr(self, name)(*given))])
+
+            return function("step", x, u), function("output", x, u), function("correct", x, u, y)
 
         try:  # scalar expressions evaluate faster; models built on other CasADi functions may need matrices
             return build(ca.SX)
@@ -322,10 +315,7 @@ class Model(FastPaths, abc.ABC):
     def check(self, data: Dataset) -> None:
         """Raise unless the data have this model's sample time, inputs and outputs and enough samples.
 
-        Raises
-        ------
-        SampleTimeError, MissingColumnError, TooShortError
-            With what to do about it.
+        That is a SampleTimeError, MissingColumnError or TooShortError, with what to do about it.
         """
         data.require_dt(self.dt)
         for name in (*self.inputs, *self.outputs):
@@ -371,12 +361,9 @@ class Model(FastPaths, abc.ABC):
         y, mask = np.empty((data.n_samples, self.n_outputs)), np.ones(data.n_samples, dtype=bool)
         chosen = data.select(inputs=self.inputs, outputs=self.outputs)
         for i, (a, b) in enumerate(zip(data.starts, data.stops, strict=True)):
-            if start is None:
-                alone = {"starts": (0,), "start_times": (data.start_times[i],)}
-                head = replace(chosen, values=data.values[a : a + m], **alone)
-                x0 = np.asarray(self.initial_state(head), dtype=float)
-            else:
-                x0 = np.asarray(start[i], dtype=float)
+            alone = {"values": data.values[a : a + m], "starts": (0,), "start_times": (data.start_times[i],)}
+            given = self.initial_state(replace(chosen, **alone)) if start is None else start[i]
+            x0 = np.asarray(given, dtype=float)
             y[a : a + m], mask[a : a + m] = measured[a : a + m], False
             free = y[a + m : b]
             run = self.free_run(x0, u[a + m - 1 : b], free)
@@ -421,18 +408,15 @@ class Model(FastPaths, abc.ABC):
             raise ParameterError(f"steps is {steps}; expected a whole number of at least 1")
         self.check(data)
         data = data.select(inputs=self.inputs, outputs=self.outputs)
-        output = self.functions[1]
         kind = "one-step-ahead" if steps == 1 else f"{steps}-step-ahead"
-        pieces, mask = [], []
+        pieces, mask, m = [], [], self.memory
+        first = m + steps - 1
         for i, part in enumerate(data.experiments):
-            m = self.memory
-            x0 = np.asarray(self.initial_state(part.head(m)), dtype=float)
-            u = part.u
+            x0, u = np.asarray(self.initial_state(part.head(m)), dtype=float), part.u
             states = self.track(x0, u[m - 1 :], part.y[m - 1 :])
             for k in range(steps - 1):
                 states = self.advance(states[:-1], u[m + k : m + k + len(states) - 1])
-            first = m + steps - 1
-            predicted = evaluate(output, states, u[first:])
+            predicted = evaluate(self.functions[1], states, u[first:])
             bad = ~np.isfinite(predicted).all(axis=1)
             if bad.any():
                 k = int(np.argmax(bad))
@@ -444,26 +428,12 @@ class Model(FastPaths, abc.ABC):
     def _trajectory(
         self, data: Dataset, y: np.ndarray, measured: np.ndarray, mask: np.ndarray, kind: str
     ) -> Trajectory:
-        seen = self.fit_info.fingerprint if self.fit_info is not None else None
-        said = astray(
-            y,
-            measured,
-            outputs=self.outputs,
-            seen=(seen.low, seen.high) if seen is not None and seen.outputs == self.outputs else None,
-            starts=data.starts,
-            t=data.t,
-            what=kind if kind == "free run" else f"{kind} prediction",
-        )
-        return Trajectory(
-            t=data.t,
-            y=y,
-            measured=measured,
-            predicted=mask,
-            outputs=self.outputs,
-            kind=kind,
-            starts=data.starts,
-            astray=said,
-        )
+        known = self.fit_info.fingerprint if self.fit_info is not None else None
+        seen = (known.low, known.high) if known is not None and known.outputs == self.outputs else None
+        what = kind if kind == "free run" else f"{kind} prediction"
+        same: dict[str, Any] = {"t": data.t, "outputs": self.outputs, "starts": data.starts}
+        said = astray(y, measured, seen=seen, what=what, **same)
+        return Trajectory(y=y, measured=measured, predicted=mask, kind=kind, astray=said, **same)
 
 
 def _announced(run: Trajectory) -> Trajectory:

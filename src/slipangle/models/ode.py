@@ -41,10 +41,7 @@ class Parametrised:
     def si(self, name: str) -> SI:
         """Unit, meaning and range of one parameter.
 
-        Raises
-        ------
-        ParameterError
-            If there is no such parameter; the nearest names are given.
+        Raises ParameterError if there is no such parameter; the nearest names are given.
         """
         return self.params.si(name)
 
@@ -73,15 +70,12 @@ class Parametrised:
     def for_experiment(self, index: int) -> Self:
         """The model with the parameters that were fitted for one experiment of the training data.
 
+        Raises ParameterError if no parameter was fitted per experiment, or there was no such experiment.
+
         Parameters
         ----------
         index : int
             Place of the experiment in the training data, from 0.
-
-        Raises
-        ------
-        ParameterError
-            If no parameter was fitted per experiment, or there was no such experiment.
         """
         info = self.fit_info
         fitted = {} if info is None else dict(zip(info.names, map(float, info.values), strict=True))

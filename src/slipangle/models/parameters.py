@@ -16,13 +16,7 @@ MOST_LAGS = 5000  # past samples that a model keeps as states, per signal
 
 
 def require_few_lags(samples: float, what: str) -> None:
-    """Raise if a model would keep more than `MOST_LAGS` past samples of a signal.
-
-    Raises
-    ------
-    ParameterError
-        With how many it would keep.
-    """
+    """Raise a `ParameterError` if a model would keep more than `MOST_LAGS` past samples of a signal."""
     if not samples <= MOST_LAGS:
         raise ParameterError(
             f"{what} reaches {samples:.6g} samples back; expected at most {MOST_LAGS}: choose a smaller delay or fewer "
@@ -30,52 +24,38 @@ def require_few_lags(samples: float, what: str) -> None:
         )
 
 
+def require_in_range(what: str, value: Any, meta: SI) -> None:
+    """Raise a `ParameterError` if a number is outside its range; symbols and tracers are not checked."""
+    if not (is_symbolic(value) or is_traced(value)) and not meta.lower <= value <= meta.upper:
+        raise ParameterError(
+            f"{what} is {value:g} {meta.unit}; expected {meta.lower:g} to {meta.upper:g} {meta.unit}: check the value "
+            "and its unit"
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
 class ParameterSet:
     """Base of parameter records; every field is ``Annotated[float, SI(unit, doc, lower, upper)]``.
 
-    One record feeds the range check, the bounds of identification and the report.
-
-    Raises
-    ------
-    ParameterError
-        If a value is outside its range; symbols and tracers are not checked.
+    One record feeds the range check, the bounds of identification and the report. Raises ParameterError if a value is
+    outside its range; symbols and tracers are not checked.
     """
 
     def __post_init__(self) -> None:
         for name, meta in self.metadata().items():
-            value = getattr(self, name)
-            if is_symbolic(value) or is_traced(value):
-                continue
-            if not meta.lower <= value <= meta.upper:
-                raise ParameterError(
-                    f"{type(self).__name__}.{name} ({meta.doc}) is {value:g} {meta.unit}; expected "
-                    f"{meta.lower:g} to {meta.upper:g} {meta.unit}: check the value and its unit"
-                )
+            require_in_range(f"{type(self).__name__}.{name} ({meta.doc})", getattr(self, name), meta)
 
     @classmethod
     @cache
     def metadata(cls) -> dict[str, SI]:
         """`SI` of every field, in order."""
         hints = get_type_hints(cls, include_extras=True)
-        units: dict[str, SI] = {}
-        for f in fields(cls):
-            hint = hints[f.name]
-            if get_origin(hint) is Annotated:
-                for meta in get_args(hint)[1:]:
-                    if isinstance(meta, SI):
-                        units[f.name] = meta
-        return units
+        extras = {f.name: get_args(hints[f.name])[1:] for f in fields(cls) if get_origin(hints[f.name]) is Annotated}
+        return {name: meta for name, metas in extras.items() for meta in metas if isinstance(meta, SI)}
 
     @classmethod
     def si(cls, name: str) -> SI:
-        """`SI` of one field.
-
-        Raises
-        ------
-        ParameterError
-            If there is no such parameter; the nearest names are given.
-        """
+        """`SI` of one field; raises ParameterError if there is no such parameter; the nearest names are given."""
         known = cls.metadata()
         if name not in known:
             raise ParameterError(

@@ -13,7 +13,7 @@ import json
 import math
 import pkgutil
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from functools import cache
 from inspect import isabstract
@@ -132,23 +132,20 @@ def _built_in() -> dict[str, type]:
     return {n: c for n, c in classes.items() if not isabstract(c)}
 
 
-def _kept(cls: type) -> Iterator[Any]:
-    """Fields that the constructor takes."""
-    return (f for f in fields(cls) if f.init)
+def _kept(cls: type) -> dict[str, Any]:
+    """Fields that the constructor takes, by name."""
+    return {f.name: f for f in fields(cls) if f.init}
 
 
 # ---- from objects to JSON -----------------------------------------------------------------------------------------
 
 
 def _encode(value: Any, where: str, known: Mapping[str, type]) -> Any:
-    if value is None or isinstance(value, (bool, str)):
-        return value
-    if isinstance(value, (int, np.integer)):
-        return int(value)
     if isinstance(value, (float, np.floating)):
         return float(value) if math.isfinite(value) else {"float": _word(float(value))}
-    if isinstance(value, np.bool_):
-        return bool(value)
+    value = value.item() if isinstance(value, np.generic) else value
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
     if isinstance(value, np.ndarray):
         return _encode_array(value, where)
     if is_dataclass(value) and not isinstance(value, type):
@@ -158,7 +155,7 @@ def _encode(value: Any, where: str, known: Mapping[str, type]) -> Any:
                 f"{where} is of class {name}, which is not slipangle's own; expected it in classes=[...] of both "
                 "save and load, or registered in slipangle.models.storage.RECORDS"
             )
-        content = {f.name: _encode(getattr(value, f.name), f"{where}.{f.name}", known) for f in _kept(type(value))}
+        content = {key: _encode(getattr(value, key), f"{where}.{key}", known) for key in _kept(type(value))}
         return {"class": name, "fields": content}
     if isinstance(value, (tuple, list)) and not hasattr(value, "_fields"):
         return [_encode(v, f"{where}[{i}]", known) for i, v in enumerate(value)]
@@ -232,62 +229,50 @@ class _Reader:
             return _WORDS[value["float"]]
         if set(value) == {"map"} and isinstance(value["map"], dict):
             return {k: self.decode(v, f"{where}[{k!r}]") for k, v in value["map"].items()}
-        raise FormatError(
-            f"{where} in '{self.file}' has the keys {shown(sorted(value)[:6])}; expected 'class' or 'array'"
-        )
+        raise self._wrong(where, f"has the keys {shown(sorted(value)[:6])}; expected 'class' or 'array'")
+
+    def _wrong(self, what: str, said: str) -> FormatError:
+        return FormatError(f"{what} in '{self.file}' {said}")
 
     def _record(self, value: dict, where: str) -> Any:
         name, given = value["class"], value.get("fields")
         cls = self.known.get(name) if isinstance(name, str) else None
         if cls is None:
-            raise FormatError(
-                f"{where} in '{self.file}' is of unknown class {shown(name)}; {nearest(str(name), self.known)}: update "
-                "slipangle, or name a class of your own in classes=[...]"
-            )
+            own = f"{nearest(str(name), self.known)}: update slipangle, or name a class of your own in classes=[...]"
+            raise self._wrong(where, f"is of unknown class {shown(name)}; {own}")
         if not isinstance(given, dict):
-            raise FormatError(f"{name} in '{self.file}' has no fields; expected \"fields\": {{...}}")
-        expected = {f.name: f for f in _kept(cls)}
+            raise self._wrong(name, 'has no fields; expected "fields": {...}')
+        expected, other = _kept(cls), "the file is of another slipangle, or was changed"
         for key in given:
             if key not in expected:
-                raise FormatError(
-                    f"{name} in '{self.file}' has an unknown field '{key}'; {nearest(key, expected)}: the file is of "
-                    "another slipangle, or was changed"
-                )
+                raise self._wrong(name, f"has an unknown field '{key}'; {nearest(key, expected)}: {other}")
         missing = [k for k, f in expected.items() if k not in given and "may be missing in a file" not in f.metadata]
         if missing:
-            raise FormatError(
-                f"{name} in '{self.file}' lacks the field '{missing[0]}'; expected every field of the class: the file "
-                "is of another slipangle, or was changed"
-            )
+            raise self._wrong(name, f"lacks the field '{missing[0]}'; expected every field of the class: {other}")
         hints = get_type_hints(cls, include_extras=False)
         content = {key: self.decode(v, f"{name}.{key}") for key, v in given.items()}
         for key, v in content.items():
             if not fits(v, hints[key]) and not (v is None and expected[key].default is None):
-                raise FormatError(
-                    f"{name}.{key} in '{self.file}' is {shown(v)}; expected {_named(hints[key])}: the file was changed"
-                )
+                said = f"is {shown(v)}; expected {_named(hints[key])}: the file was changed"
+                raise self._wrong(f"{name}.{key}", said)
         try:
             return cls(**content)
         except SlipangleError as error:
             raise type(error)(f"{name} in '{self.file}': {error}") from None
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-            raise FormatError(
-                f"{name} in '{self.file}' cannot be made of its fields ({error}); expected fields that fit together: "
-                "the file was changed"
-            ) from None
+            said = f"cannot be made of its fields ({error}); expected fields that fit together: the file was changed"
+            raise self._wrong(name, said) from None
 
     def _array(self, value: dict, where: str) -> np.ndarray:
         dtype = value.get("dtype", "float64")
         if not isinstance(dtype, str) or dtype not in _DTYPES:
-            raise FormatError(f"{where} in '{self.file}' is an array of {shown(dtype)}; expected {', '.join(_DTYPES)}")
+            raise self._wrong(where, f"is an array of {shown(dtype)}; expected {', '.join(_DTYPES)}")
         try:
             array = _parsed(value["array"], dtype)
             return array.reshape(value["shape"]) if "shape" in value else array
         except (TypeError, ValueError, OverflowError):
-            raise FormatError(
-                f"{where} in '{self.file}' is not an array of numbers with rows of one length; expected one: the file "
-                "was changed"
-            ) from None
+            said = "is not an array of numbers with rows of one length; expected one: the file was changed"
+            raise self._wrong(where, said) from None
 
 
 def _parsed(rows: Any, dtype: str) -> np.ndarray:
@@ -299,7 +284,7 @@ def _parsed(rows: Any, dtype: str) -> np.ndarray:
                 return _WORDS[v] if v in _WORDS else float("no number")
             if isinstance(v, (int, float)) and not isinstance(v, bool):
                 return float(v)
-        elif isinstance(v, bool if dtype == "bool" else int) and (dtype == "bool" or not isinstance(v, bool)):
+        elif type(v) is (bool if dtype == "bool" else int):
             return v
         raise TypeError(v)
 

@@ -24,8 +24,9 @@ from slipangle.ops import Vector
 class NARXModel(NetworkModel, LaggedModel):
     """``y(k) = F[y(k-1), ..., y(k-na), u(k-nk), ..., u(k-nk-nb+1)]`` with a network F.
 
-    The network takes the lags newest first, all channels of one lag together, outputs before inputs; so does the
-    state, see `slipangle.models.black_box.lagged.LaggedModel`.
+    The network takes the lags newest first, all channels of one lag together, outputs before inputs; so does the state,
+    see `slipangle.models.black_box.lagged.LaggedModel`. Raises ParameterError if an order is below 1 or the network
+    does not fit the lags.
 
     Parameters
     ----------
@@ -35,11 +36,6 @@ class NARXModel(NetworkModel, LaggedModel):
         Past outputs and past inputs used; at least 1.
     nk : int
         Samples from input to output, at least 1.
-
-    Raises
-    ------
-    ParameterError
-        If an order is below 1 or the network does not fit the lags.
 
     Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eq. 4-14.
     """

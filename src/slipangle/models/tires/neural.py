@@ -30,6 +30,8 @@ _AS_TANH = {"sigmoid": (0.5, 0.5, 0.5), "tanh": (1.0, 1.0, 0.0)}  # a, b, c in f
 class NeuralCurve(Checked):
     """Friction coefficient over slip, and over load and camber where the network has those inputs.
 
+    Raises ParameterError if inputs and network do not fit together.
+
     Parameters
     ----------
     network : Network
@@ -41,11 +43,6 @@ class NeuralCurve(Checked):
         friction stays what it is at the border, or the network is evaluated all the same.
     fit_info : FitInfo, optional
         How the network was fitted.
-
-    Raises
-    ------
-    ParameterError
-        If inputs and network do not fit together.
     """
 
     slip_alone: ClassVar[bool] = False

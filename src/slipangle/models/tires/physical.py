@@ -43,15 +43,13 @@ class _ContactPatch(ParameterSet, Tire):
 
 @dataclass(frozen=True, kw_only=True)
 class BrushTire(_ContactPatch):
-    """Brush model with parabolic pressure: tread elements stick, then slide. [1]_ eqs. 3.19 to 3.42
+    """Brush model with parabolic pressure: tread elements stick, then slide.
 
     With ``rho = |(C_s sigma_x, C_alpha sigma_y)| / (3 mu F_z)`` the force is ``mu F_z (3 rho - 3 rho^2 + rho^3)`` in
     the direction of that vector, and ``mu F_z`` once the whole patch slides (rho = 1). The lateral part acts behind
     the middle of the patch by ``a (1 - rho)^3 / (3 - 3 rho + rho^2)``.
 
-    References
-    ----------
-    .. [1] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 3.2.
+    Source: H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 3.2, eqs. 3.19 to 3.42.
     """
 
     half_length: Annotated[float, SI("m", "half length a of the contact patch", 0.0, 1.0)] = 0.0
@@ -72,15 +70,13 @@ class BrushTire(_ContactPatch):
 
 @dataclass(frozen=True, kw_only=True)
 class DugoffTire(_ContactPatch):
-    """Dugoff's model: uniform pressure, so that sliding starts as soon as half the grip is used. [1]_
+    """Dugoff's model: uniform pressure, so that sliding starts as soon as half the grip is used.
 
     With ``lambda = mu F_z / (2 |(C_s sigma_x, C_alpha sigma_y)|)`` the force is that of a linear tire, times
     ``lambda (2 - lambda)`` where lambda is below 1. It approaches ``mu F_z`` and never decreases with slip.
 
-    References
-    ----------
-    .. [1] H. Dugoff, P. S. Fancher, L. Segel, An analysis of tire traction properties and their influence on vehicle
-       dynamic performance, SAE 700377, 1970; driving counted like braking, on the speed of the tread.
+    Source: H. Dugoff, P. S. Fancher, L. Segel, An analysis of tire traction properties and their influence on vehicle
+    dynamic performance, SAE 700377, 1970; driving counted like braking, on the speed of the tread.
     """
 
     def forces(

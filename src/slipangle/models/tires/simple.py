@@ -101,13 +101,7 @@ class Tire(abc.ABC):
         return KnownRange()
 
     def write_tir(self, path: str | Path, *, comments: Mapping[str, str] | None = None) -> Path:
-        """Write the tire as a ``.tir`` file.
-
-        Raises
-        ------
-        FormatError
-            If it has no place in one.
-        """
+        """Write the tire as a ``.tir`` file; raises FormatError if it has no place in one."""
         raise FormatError(f"a {type(self).__name__} has no place in a .tir file; expected .json as suffix")
 
 

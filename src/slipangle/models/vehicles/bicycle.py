@@ -11,15 +11,13 @@ from slipangle.ops import Scalar, Vector, maximum, stack
 
 
 def bicycle(v_y: Scalar, r: Scalar, delta: Scalar, v_x: Scalar, p: BicycleParams, v_low: float = 1.0) -> Vector:
-    """Rates of v_y [m/s2] and r [rad/s2] of the linear bicycle. [1]_ eqs. 3-19, 3-20, yaw damping corrected.
+    """Rates of v_y [m/s2] and r [rad/s2] of the linear bicycle.
 
     ``delta`` is the road-wheel angle [rad], ``v_x`` the speed [m/s], which may vary. Below ``v_low`` the
     speed in the slip denominators stays at ``v_low``, so the model remains defined at standstill.
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023; eq. 3-20 prints the yaw damping with C_r l_r^2
-       subtracted and a spurious v_x.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eqs. 3-19, 3-20, yaw damping corrected: eq. 3-20 prints it with
+    C_r l_r^2 subtracted and a spurious v_x.
     """
     v = maximum(v_x, v_low)
     alpha_f, alpha_r = small_slip_angles(v, v_y, r, delta, p)

@@ -54,12 +54,8 @@ class DualTrackParams(ChassisParams):
     load_lag: Annotated[float, SI("s", "time constant of load through links and unsprung masses", 1e-3, 1.0)] = 0.02
     # air
     drag_area: Annotated[float, SI("m2", "drag coefficient times frontal area", 0.0, 100.0)] = 0.0
-    downforce_f: Annotated[float, SI("m2", "front lift coefficient times area, positive presses down", -10.0, 50.0)] = (
-        0.0
-    )
-    downforce_r: Annotated[float, SI("m2", "rear lift coefficient times area, positive presses down", -10.0, 50.0)] = (
-        0.0
-    )
+    downforce_f: Annotated[float, SI("m2", "front lift coefficient times area, positive is down", -10.0, 50.0)] = 0.0
+    downforce_r: Annotated[float, SI("m2", "rear lift coefficient times area, positive is down", -10.0, 50.0)] = 0.0
     air_density: Annotated[float, SI("kg/m3", "air density", 0.0, 5.0)] = 1.2
     steering: Steering = field(default_factory=Steering)
     brakes: Brakes = field(default_factory=Brakes)

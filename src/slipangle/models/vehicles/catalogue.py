@@ -86,10 +86,7 @@ SOUSA_CAR_7 = DualTrackParams(
             **dict(drag=30.0, drag_slope=0.05, inertia=0.2, lag=0.1),
         ),
         ratios=(3.6, 2.1, 1.4, 1.0, 0.8),
-        final=3.7,
-        shift_up=560.0,
-        shift_down=250.0,
-        front_share=1.0,
+        **dict[str, Any](final=3.7, shift_up=560.0, shift_down=250.0, front_share=1.0),
     ),
 )
 
@@ -150,10 +147,7 @@ BMW_320I = _commonroad(
     driveline=Driveline(
         engine=Engine(torques=(150.0, 170.0, 185.0, 150.0, 0.0), drag=15.0, drag_slope=0.03, inertia=0.15, lag=0.08),
         ratios=(3.72, 2.02, 1.32, 1.0, 0.8),
-        final=3.64,
-        shift_up=600.0,
-        shift_down=250.0,
-        front_share=0.0,
+        **dict[str, Any](final=3.64, shift_up=600.0, shift_down=250.0, front_share=0.0),
         rear=Differential(preload=30.0, locking=0.25),
     ),
 )
@@ -167,9 +161,6 @@ VW_VANAGON = _commonroad(
             **dict(drag=15.0, drag_slope=0.03, inertia=0.15, lag=0.08),
         ),
         ratios=(3.78, 2.06, 1.26, 0.85),
-        final=4.57,
-        shift_up=450.0,
-        shift_down=180.0,
-        front_share=0.0,
+        **dict[str, Any](final=4.57, shift_up=450.0, shift_down=180.0, front_share=0.0),
     ),
 )

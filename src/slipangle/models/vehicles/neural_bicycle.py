@@ -88,7 +88,7 @@ class TireNetworkBicycle(NeuralBicycle):
     """The bicycle at the limit with tire coefficients from a network, each within bounds.
 
     Physics stays physics: forces saturate and loads shift as ever, and only how stiff the axles are and where they
-    saturate depends on what the car does. [1]_ bounds coefficients alike.
+    saturate depends on what the car does. The source bounds coefficients alike.
 
     Parameters
     ----------
@@ -96,10 +96,8 @@ class TireNetworkBicycle(NeuralBicycle):
         How far a coefficient may move, as a share of its parameter; the network's four outputs, through tanh, say
         how much of it C_f, C_r, mu_f and mu_r take.
 
-    References
-    ----------
-    .. [1] J. Chrosniak, J. Ning, M. Behl, Deep Dynamics: vehicle dynamics modeling with a physics-constrained neural
-       network for autonomous racing, IEEE Robotics and Automation Letters 9, 2024.
+    Source: J. Chrosniak, J. Ning, M. Behl, Deep Dynamics: vehicle dynamics modeling with a physics-constrained neural
+    network for autonomous racing, IEEE Robotics and Automation Letters 9, 2024.
     """
 
     network_outputs = 4, "moves of C_f, C_r, mu_f and mu_r"

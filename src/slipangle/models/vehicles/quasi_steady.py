@@ -14,13 +14,13 @@ from slipangle.ops import Vector, clip, cos, sin, stack
 
 @dataclass(frozen=True, kw_only=True)
 class QuasiSteadySingleTrack(OdeModel):
-    """Single track with quasi-steady wheels, for prediction. [1]_ eqs. 3-1 to 3-8 with 3-4, 3-5 at rest.
+    """Single track with quasi-steady wheels, for prediction.
 
-    The slip of a wheel settles within about a millisecond, so the longitudinal force is what the torque leaves
-    after turning the wheel along with the car, ``F_x radius = T - inertia v_x' / radius``, at most ``grip``
-    times the load. States v_x, v_y [m/s], r [rad/s], X, Y [m], psi [rad]; inputs delta [rad], T_f, T_r
-    [N m] per axle. Lateral forces are those of wheels that roll without longitudinal slip, so the tires' directions
-    must not see each other.
+    The slip of a wheel settles within about a millisecond, so the longitudinal force is what the torque leaves after
+    turning the wheel along with the car, ``F_x radius = T - inertia v_x' / radius``, at most ``grip`` times the load.
+    States v_x, v_y [m/s], r [rad/s], X, Y [m], psi [rad]; inputs delta [rad], T_f, T_r [N m] per axle. Lateral forces
+    are those of wheels that roll without longitudinal slip, so the tires' directions must not see each other. Raises
+    ParameterError if the tires share their friction between the directions.
 
     Parameters
     ----------
@@ -31,14 +31,7 @@ class QuasiSteadySingleTrack(OdeModel):
     v_low : float
         Speed below which slip is softened. [m/s]
 
-    Raises
-    ------
-    ParameterError
-        If the tires share their friction between the directions.
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eqs. 3-1 to 3-8 with 3-4, 3-5 at rest.
     """
 
     states = ("v_x", "v_y", "r", "X", "Y", "psi")

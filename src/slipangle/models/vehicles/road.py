@@ -35,6 +35,8 @@ def check_table(what: str, places: Sequence[float], values: Sequence[float]) -> 
 class Road:
     """The road under the car; by default level, dry and the same everywhere.
 
+    Raises ParameterError if a profile does not fit the places, or a friction is negative.
+
     Parameters
     ----------
     friction : tuple of 4 float
@@ -49,11 +51,6 @@ class Road:
         Slope of the road, positive uphill. [rad]
     bank : tuple of float
         Cross slope, positive where the left edge is the higher one. [rad]
-
-    Raises
-    ------
-    ParameterError
-        If a profile does not fit the places, or a friction is negative.
 
     >>> wet_patch = Road(distance=(50.0, 50.1, 70.0, 70.1), left=(1.0, 0.5, 0.5, 1.0), right=(1.0, 0.5, 0.5, 1.0))
     >>> float(wet_patch.friction_at(0, 60.0))

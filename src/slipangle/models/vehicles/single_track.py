@@ -16,16 +16,14 @@ from slipangle.ops import Scalar, Vector, cos, sin, stack
 
 
 def single_track(x: Vector, u: Vector, p: SingleTrackParams, tire_f: Tire, tire_r: Tire, v_low: float = 0.5) -> Vector:
-    """State rates of the single track with wheel spin. [1]_ eqs. 3-1 to 3-8, slip sign corrected.
+    """State rates of the single track with wheel spin.
 
     The state is v_x, v_y [m/s], r [rad/s], omega_f, omega_r [rad/s], X, Y [m], psi [rad]; inputs are the road-wheel
     angle [rad] and the drive torque on the front and on the rear axle [N m]. The tires are one of the two of an axle;
     below ``v_low`` [m/s] slip is softened. Slip angles use atan2 of the axle's velocity, and the front slip ratio the
     speed along the wheel's own plane; both reduce to eqs. 3-11 to 3-13 at small angles.
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eqs. 3-1 to 3-8, slip sign corrected.
     """
     v_x, v_y, r, omega_f, omega_r, psi = x[0], x[1], x[2], x[3], x[4], x[7]
     delta, T_f, T_r = u[0], u[1], u[2]

@@ -24,14 +24,12 @@ _PREFIX = "delay_"
 def interpolation(position: Scalar, count: int) -> list[Scalar]:
     """Weights of samples 0, 1, ..., ``count - 1`` back in time for the value ``position`` samples back.
 
-    Cubic convolution [1]_: exact at the samples and for straight lines, once differentiable in ``position`` everywhere.
-    The sample after the newest, which is not known yet, is extrapolated from the last two.
-    ``position`` is from 0 to ``count - 2`` [samples], with at least 3 samples kept.
+    Cubic convolution: exact at the samples and for straight lines, once differentiable in ``position`` everywhere. The
+    sample after the newest, which is not known yet, is extrapolated from the last two. ``position`` is from 0 to
+    ``count - 2`` [samples], with at least 3 samples kept.
 
-    References
-    ----------
-    .. [1] R. G. Keys, "Cubic convolution interpolation for digital image processing", IEEE Trans. Acoustics, Speech,
-       and Signal Processing 29(6), 1981, 1153-1160, with a = -1/2.
+    Source: R. G. Keys, "Cubic convolution interpolation for digital image processing", IEEE Trans. Acoustics, Speech,
+    and Signal Processing 29(6), 1981, 1153-1160, with a = -1/2.
 
     >>> [float(w) for w in interpolation(1.0, 4)]
     [0.0, 1.0, 0.0, 0.0]
@@ -57,7 +55,7 @@ class Delayed(Parametrised, Wrapper):
     samples (see `interpolation`) and, like every input, held for a sample. Its past values are states, so this is a
     model like any other: free run, MPC, C code. A fit varies ``delay_delta`` (for the input ``delta``) like any
     parameter. A delay that comes with logged, moving inputs: use `Dataset.hold_mean` first, or half a sample of it is
-    the hold.
+    the hold. Raises ParameterError if no input is named, one is unknown, or a delay is outside 0 to ``longest``.
 
     Parameters
     ----------
@@ -68,14 +66,7 @@ class Delayed(Parametrised, Wrapper):
     longest : float
         Largest delay; its samples are kept as states. [s]
 
-    Raises
-    ------
-    ParameterError
-        If no input is named, one is unknown, or a delay is outside 0 to ``longest``.
-
-    Examples
-    --------
-    ``Delayed(bicycle, delays={"delta": 0.05})``, then ``GreyBox(start=..., free=("C_f", "C_r", "delay_delta"))``.
+    For example ``Delayed(bicycle, delays={"delta": 0.05})``, then ``GreyBox(start=..., free=("C_f", "delay_delta"))``.
     """
 
     model: OdeModel
@@ -131,7 +122,7 @@ class Delayed(Parametrised, Wrapper):
     def step(self, x: Vector, u: Vector) -> Vector:
         """State one sample later."""
         n, k = self.model.n_states, self.n_past
-        later = [self.model.step(x[:n], self._late(x, u))]
+        later = [self.model.step(x[:n], self._late(u, x[n:]))]
         for i, name in enumerate(self.delays):
             past = x[n + i * k : n + (i + 1) * k]
             later += [stack([u[self.inputs.index(name)]]), past[: k - 1]]
@@ -139,28 +130,23 @@ class Delayed(Parametrised, Wrapper):
 
     def output(self, x: Vector, u: Vector) -> Vector:
         """Outputs of the ODE at the late inputs."""
-        return self.model.output(x[: self.model.n_states], self._late(x, u))
+        n = self.model.n_states
+        return self.model.output(x[:n], self._late(u, x[n:]))
 
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
         """The ODE's correction."""
         n = self.model.n_states
-        return concatenate([self.model.correct(x[:n], self._late(x, u), y), x[n:]])
+        return concatenate([self.model.correct(x[:n], self._late(u, x[n:]), y), x[n:]])
 
-    def _late(self, x: Vector, u: Vector) -> Vector:
-        """Inputs as they act, from the state."""
-        return self._mixed(u, x[self.model.n_states :])
-
-    def _mixed(self, u: Vector, past: Vector) -> Vector:
+    def _late(self, u: Vector, past: Vector) -> Vector:
         """Inputs as they act, from the newest and the past of each delayed one, one after the other."""
         pieces, k = [u[i] for i in range(self.n_inputs)], self.n_past
         for i, name in enumerate(self.delays):
             j = self.inputs.index(name)
-            pieces[j] = self._at(name, [u[j], *(past[i * k + m] for m in range(k))])
+            samples = [u[j], *(past[i * k + m] for m in range(k))]
+            weights = interpolation(self.delays[name] / self.dt, len(samples))
+            pieces[j] = sum(w * s for w, s in zip(weights, samples, strict=True))
         return stack(pieces)
-
-    def _at(self, name: str, samples: list[Scalar]) -> Scalar:
-        weights = interpolation(self.delays[name] / self.dt, len(samples))
-        return sum(w * s for w, s in zip(weights, samples, strict=True))
 
     # ---- what a fit needs --------------------------------------------------------------------------------------
 
@@ -207,4 +193,4 @@ class Delayed(Parametrised, Wrapper):
 
     def drive(self, row: Vector) -> Vector:
         """Late inputs from one row of `drive_rows`."""
-        return self._mixed(row[: self.n_inputs], row[self.n_inputs :])
+        return self._late(row[: self.n_inputs], row[self.n_inputs :])

@@ -21,17 +21,12 @@ class EnsembleModel(Model):
     """Models of the same outputs side by side; the output is the mean of theirs.
 
     Each member keeps a state of its own and takes the inputs that it knows. A measurement shifts every member by the
-    error of the mean, so their disagreement survives it.
+    error of the mean, so their disagreement survives it. Raises ParameterError if there is none, or they differ.
 
     Parameters
     ----------
     members : tuple of Model
         At least one; outputs and sample time alike.
-
-    Raises
-    ------
-    ParameterError
-        If there is none, or they differ.
     """
 
     members: tuple[Model, ...]
@@ -85,18 +80,14 @@ class EnsembleModel(Model):
 
     def output(self, x: Vector, u: Vector) -> Vector:
         """Mean of the members' outputs."""
-        outputs = [member.output(piece, own) for member, piece, own in self._pieces(x, u)]
-        total = outputs[0]
-        for y in outputs[1:]:
-            total = total + y
-        return total / len(outputs)
+        first, *others = (member.output(piece, own) for member, piece, own in self._pieces(x, u))
+        return sum(others, first) / len(self.members)
 
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
         """Every member corrected by the error of the mean."""
         error = y - self.output(x, u)
-        return concatenate(
-            [m.correct(piece, own, m.output(piece, own) + error) for m, piece, own in self._pieces(x, u)]
-        )
+        pieces = self._pieces(x, u)
+        return concatenate([m.correct(piece, own, m.output(piece, own) + error) for m, piece, own in pieces])
 
     def initial_state(self, data: Dataset) -> np.ndarray:
         """Every member's, run up to the last sample."""

@@ -32,10 +32,11 @@ class Corrected(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class HybridModel(Checked, Model):
-    """``y(k) = y_m(k) + g F[y_e(k-1), ..., u(k-1), ...]``, where F feeds back its own prediction only. [1]_ eq. 8-2
+    """``y(k) = y_m(k) + g F[y_e(k-1), ..., u(k-1), ...]``, where F feeds back its own prediction only.
 
     The base model runs free on the inputs; no measurement enters it after the start. Measuring the output moves the
-    discrepancy alone: ``y_e = (y - y_m) / g``.
+    discrepancy alone: ``y_e = (y - y_m) / g``. Raises ParameterError if outputs or sample times differ, or the gain is
+    outside 0 to 1.
 
     Parameters
     ----------
@@ -46,14 +47,7 @@ class HybridModel(Checked, Model):
     gain : float
         Share ``g`` of the discrepancy that is added, 0 to 1; 0 switches it off.
 
-    Raises
-    ------
-    ParameterError
-        If outputs or sample times differ, or the gain is outside 0 to 1.
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eq. 8-2.
     """
 
     base: Model
@@ -136,7 +130,7 @@ class HybridModel(Checked, Model):
     def contribution(self, data: Dataset) -> np.ndarray:
         """What the discrepancy adds in a free run, shape (n_samples, n_outputs); zero at the samples it starts from.
 
-        Figures 8.6 and 8.9 of [1]_ show its share along the track.
+        Figures 8.6 and 8.9 of the source show its share along the track.
         """
         run, base = self.simulate(data), self.base.simulate(data)
         return np.where(run.predicted[:, None], run.y - base.y, 0.0)
@@ -173,17 +167,14 @@ def run_up(model: Model, data: Dataset) -> tuple[np.ndarray, np.ndarray]:
 class OffsetModel(Wrapper):
     """A model behind sensors with offsets: it sees ``u - u_0`` and its outputs are read as ``y + y_0``.
 
+    Raises MissingColumnError if the model has no such channel.
+
     Parameters
     ----------
     model : Model
         The model.
     inputs_at_zero, outputs_at_zero : mapping of str to float
         What a sensor reads where the model means zero, by channel, SI units.
-
-    Raises
-    ------
-    MissingColumnError
-        If the model has no such channel.
     """
 
     model: Model

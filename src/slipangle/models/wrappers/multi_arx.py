@@ -33,10 +33,6 @@ def speed_weights(v_x: Scalar, speeds: Sequence[float], shape: Shape = "triangul
     Below the first and above the last of the rising ``speeds`` the nearest model has all the weight; between them run
     straight lines, or, "smooth", ``3 t^2 - 2 t^3`` with a continuous slope.
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
-
     >>> [round(float(w), 6) for w in speed_weights(12.0, (10.0, 15.0, 20.0))]
     [0.6, 0.4, 0.0]
     """
@@ -52,6 +48,8 @@ def speed_weights(v_x: Scalar, speeds: Sequence[float], shape: Shape = "triangul
 class SpeedBlend(Checked, Model):
     """What both kinds of blending share: the models, their speeds, their coefficients with equal numbers of lags.
 
+    Raises ParameterError if the models do not fit each other or the speeds.
+
     Parameters
     ----------
     models : tuple of ARXModel
@@ -60,11 +58,6 @@ class SpeedBlend(Checked, Model):
         Where they were identified, rising. [m/s]
     shape : {"triangular", "smooth"}
         See `speed_weights`.
-
-    Raises
-    ------
-    ParameterError
-        If the models do not fit each other or the speeds.
     """
 
     one_prediction: ClassVar[bool]  # of a model with blended coefficients, or one of each model

@@ -19,13 +19,14 @@ POSE = ("X", "Y", "psi")
 
 @dataclass(frozen=True)
 class OnGround(Wrapper):
-    """A model of lateral motion plus X, Y [m] and psi [rad]. [1]_ eqs. 3-7, 3-8.
+    """A model of lateral motion plus X, Y [m] and psi [rad].
 
-    ``psi' = r``, ``X' = v_x cos(psi) - v_y sin(psi)``, ``Y' = v_x sin(psi) + v_y cos(psi)``: the
-    velocities and the yaw rate are taken linear in time between samples (second order), the inputs held,
-    and the position follows by Simpson's rule, so a steady circle is exact to fourth order. A model like
-    any other: the base model's states and outputs come first, X, Y and psi last; `correct` takes the
-    measured X, Y and psi as they are and leaves the rest to the base model.
+    ``psi' = r``, ``X' = v_x cos(psi) - v_y sin(psi)``, ``Y' = v_x sin(psi) + v_y cos(psi)``: the velocities and the yaw
+    rate are taken linear in time between samples (second order), the inputs held, and the position follows by Simpson's
+    rule, so a steady circle is exact to fourth order. A model like any other: the base model's states and outputs come
+    first, X, Y and psi last; `correct` takes the measured X, Y and psi as they are and leaves the rest to the base
+    model. Raises ParameterError if the model is on the ground already, has no yaw rate, or no lateral velocity and no
+    option.
 
     Parameters
     ----------
@@ -39,14 +40,7 @@ class OnGround(Wrapper):
         at low lateral acceleration; ``l_r - mass l_f v_x^2 / (wheelbase C_r)`` in steady cornering, which may be
         negative). By default such a model is an error: better identify ``v_y`` as an output too.
 
-    Raises
-    ------
-    ParameterError
-        If the model is on the ground already, has no yaw rate, or no lateral velocity and no option.
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eqs. 3-7, 3-8.
     """
 
     model: Model

@@ -30,9 +30,7 @@ RIM_RADIUS rim radius [m, 0 to 5]
 INFLPRES inflation pressure [Pa, 0 to 1e7]
 NOMPRES nominal inflation pressure p_i0; 0: pressure has no influence [Pa, 0 to 1e7]
 VERTICAL_STIFFNESS vertical stiffness c_z0 [N/m, 0 to 1e8]
-BREFF rolling radius, slope at low load
-DREFF rolling radius, peak
-FREFF rolling radius, slope at high load
+BREFF rolling radius, : slope at low load | DREFF peak | FREFF slope at high load
 # scaling
 LFZO scaling of the : nominal load | LCX shape factor of F_x | LMUX peak friction of F_x | LEX curvature of F_x
 LKX scaling of the : slip stiffness | LHX horizontal shift of F_x | LVX vertical shift of F_x
@@ -51,10 +49,8 @@ PHX1 horizontal shift : at nominal load | with load
 PVX1 vertical shift : over load, at nominal load | with load
 PPX1 slip stiffness with pressure : | squared
 PPX3 peak friction with pressure : | squared
-RBX1 combined slip, slope : | with slip ratio
-RCX1 combined slip, shape factor
-REX1 combined slip, curvature : | with load
-RHX1 combined slip, shift
+RBX1 combined slip, : slope | slope with slip ratio | RCX1 shape factor
+REX1 combined slip, : curvature | curvature with load | RHX1 shift
 # lateral force
 PCY1* shape factor of F_y [-, 0 to 10]
 PDY1* peak friction : at nominal load | with load | with camber squared [1/rad2]
@@ -64,27 +60,20 @@ PKY2* load of the largest cornering stiffness over nominal load
 PKY3 cornering stiffness with camber [1/rad]
 PHY1 horizontal shift : at nominal load [rad] | with load [rad]
 PVY1 vertical shift : over load, at nominal load | with load | with camber [1/rad] | with camber and load [1/rad]
-PPY1 cornering stiffness with pressure
-PPY2 load of the largest cornering stiffness with pressure
+PPY1 cornering stiffness with pressure | load of the largest cornering stiffness with pressure
 PPY3 peak friction with pressure : | squared
-RBY1 combined slip, : slope | slope with slip angle | slip angle of the largest slope
-RCY1 combined slip, shape factor
-REY1 combined slip, curvature : | with load
-RHY1 combined slip, shift : | with load
+RBY1 combined slip, : slope | slope with slip angle | slip angle of the largest slope | RCY1 shape factor
+REY1 combined slip, : curvature | curvature with load | RHY1 shift | shift with load
 RVY1 side force induced by slip ratio, : at nominal load | with load | with camber [1/rad]
 RVY4 side force induced by slip ratio, : with slip angle | shape | slope
 # overturning moment
-QSX1 offset
-QSX2 with : camber [1/rad] | side force
-QSX4 amplitude of the load-dependent part
-QSX5 shape of the load-dependent part
-QSX6 slope of the load-dependent part
+QSX1 offset | with camber [1/rad] | with side force
+QSX4 amplitude of the load-dependent part | shape of the load-dependent part | slope of the load-dependent part
 QSX7 load-dependent part with : camber | side force, shape | side force, slope
 QSX10 camber with load, : amplitude [1/rad] | slope
 PPMX1 camber with pressure
 # rolling resistance
-QSY1 rolling resistance
-QSY2 with : longitudinal force | speed | the fourth power of speed
+QSY1 rolling resistance | with longitudinal force | with speed | with the fourth power of speed
 QSY5 with : camber squared [1/rad2] | load and camber squared [1/rad2]
 QSY7 exponent of : load | pressure
 # aligning moment
@@ -96,8 +85,7 @@ QDZ1 trail peak : at nominal load | with load | with camber [1/rad] | with cambe
 QDZ6 residual moment : at nominal load | with load | with camber [1/rad] | with camber and load [1/rad]
 QEZ1 trail curvature : at nominal load | with load | with load squared | , left against right | with camber [1/rad]
 QHZ1 trail shift : at nominal load [rad] | with load [rad] | with camber | with camber and load
-PPZ1 trail with pressure
-PPZ2 residual moment with pressure
+PPZ1 trail with pressure | residual moment with pressure
 SSZ1 moment arm of F_x : at nominal load | with side force | with camber [1/rad] | with camber and load [1/rad]
 # turn slip
 PDXP1 peak of F_x with spin : | and load | and slip ratio
@@ -157,11 +145,7 @@ def _entries(table: str) -> Iterator[tuple[str, SI, float | None]]:
             usual, span = (1.0, (0.0, 100.0)) if meaning.startswith("scaling") else (0.0, (-inf, inf))
             name, _, default = label.rstrip("*").partition("=")
             lower, upper = span if low is None else (float(low), float(high))
-            yield (
-                name,
-                SI(unit or "-", meaning, lower, upper),
-                None if label != label.rstrip("*") else float(default or usual),
-            )
+            yield name, SI(unit or "-", meaning, lower, upper), None if "*" in label else float(default or usual)
 
 
 def _with(table: str) -> Callable[[T], T]:
@@ -220,11 +204,9 @@ class MF61Coefficients(MagicCoefficients):
 
 @_with(_ONLY_5)
 class MF52Coefficients(MagicCoefficients):
-    """Coefficients of Magic Formula 5.0 to 5.2 and PAC2002 (FITTYP 5, 6, 21, 52 or absent). [1]_
+    """Coefficients of Magic Formula 5.0 to 5.2 and PAC2002 (FITTYP 5, 6, 21, 52 or absent).
 
-    References
-    ----------
-    .. [1] H. B. Pacejka, Tyre and Vehicle Dynamics, 2nd ed., 2006, sec. 4.3.2 and appendix.
+    Source: H. B. Pacejka, Tyre and Vehicle Dynamics, 2nd ed., 2006, sec. 4.3.2 and appendix.
     """
 
     version: ClassVar[str] = "5.2"

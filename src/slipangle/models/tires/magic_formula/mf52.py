@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from slipangle.models.tires.magic_formula.coefficients import MF52Coefficients
 from slipangle.models.tires.magic_formula.mf61 import MF61, AligningLean, SideLean
-from slipangle.models.tires.magic_formula.terms import Conventions, Lateral, Slip, is_zero
+from slipangle.models.tires.magic_formula.terms import Conventions, PureForce, Slip, is_zero
 from slipangle.models.tires.magic_formula.turn_slip import Spin
 from slipangle.ops import Scalar, atan, exp, fabs, sin
 
@@ -47,7 +47,7 @@ class MF52(MF61):
         """A coefficient of its own."""
         return c.PHY3 * c.LKYG * gamma
 
-    def upright(self, c: MF52Coefficients, o: Conventions, s: Slip, z: Spin | None, y: Lateral) -> Lateral:
+    def upright(self, c: MF52Coefficients, o: Conventions, s: Slip, z: Spin | None, y: PureForce) -> PureForce:
         """The whole side force."""
         return y
 

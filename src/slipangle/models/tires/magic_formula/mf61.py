@@ -16,11 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slipangle.errors import ParameterError
-from slipangle.models.tires.magic_formula.longitudinal import longitudinal_stiffness, pure_longitudinal
 from slipangle.models.tires.magic_formula.terms import (
     Conventions,
-    Lateral,
     MagicForces,
+    PureForce,
     Slip,
     cos_atan,
     curved,
@@ -32,12 +31,12 @@ from slipangle.models.tires.magic_formula.terms import (
     limited,
     overturning,
     ratio,
-    together,
+    rolling_resistance,
     weight_lateral,
     weight_longitudinal,
 )
 from slipangle.models.tires.magic_formula.turn_slip import Spin, lateral_shift, spin, turning_moment
-from slipangle.ops import Scalar, atan, cos, fabs, sign, sin
+from slipangle.ops import Scalar, atan, cos, exp, fabs, sign, sin
 
 
 class SideLean(NamedTuple):
@@ -89,6 +88,11 @@ class MF61:
             turned=1.0,
         )
 
+    def longitudinal_stiffness(self, c: Any, load: Scalar, dfz: Scalar, dpi: Scalar) -> Scalar:
+        """K_xkappa, eq. 4.E15. [N]"""
+        pressure = (1.0 + (c.PPX1 + c.PPX2 * dpi) * dpi) * c.LKX
+        return load * (c.PKX1 + c.PKX2 * dfz) * exp(c.PKX3 * dfz) * pressure
+
     def cornering_stiffness(self, c: Any, load: Scalar, dpi: Scalar, gamma: Scalar) -> Scalar:
         """K_yalpha, eq. 4.E25, without turn slip; negative in ISO-W axes. [N/rad]"""
         fz0 = c.LFZO * c.FNOMIN
@@ -107,7 +111,7 @@ class MF61:
         """What camber adds to the horizontal shift, eq. 4.E27. [rad]"""
         return ratio(self.camber_stiffness(c, s, K) * gamma - S_vg, K)
 
-    def upright(self, c: Any, o: Conventions, s: Slip, z: Spin | None, y: Lateral) -> Lateral:
+    def upright(self, c: Any, o: Conventions, s: Slip, z: Spin | None, y: PureForce) -> PureForce:
         """Side force on which the trail acts: that without camber and spin, 4.E32 and 4.E74."""
         if is_zero(s.gamma) and z is None:
             return y
@@ -135,18 +139,13 @@ class MF61:
                 )
         c_x = c.LONGITUDINAL_STIFFNESS * (1.0 + (c.PCFX1 + c.PCFX2 * dfz) * dfz) * (1.0 + c.PCFX3 * dpi)
         c_y = c.LATERAL_STIFFNESS * (1.0 + (c.PCFY1 + c.PCFY2 * dfz) * dfz) * (1.0 + c.PCFY3 * dpi)
-        K_x, K_y = longitudinal_stiffness(c, load, dfz, dpi), self.cornering_stiffness(c, load, dpi, gamma)
+        K_x, K_y = self.longitudinal_stiffness(c, load, dfz, dpi), self.cornering_stiffness(c, load, dpi, gamma)
         return fabs(K_x) / c_x, fabs(K_y) / c_y
 
     def forces(self, c: Any, o: Conventions, s: Slip, *, combined: str = "weighting") -> MagicForces:
-        """Forces and moments; ``combined`` is "weighting", "ellipse" or "none".
-
-        6.2 adds terms to M_x that are zero in files of the others.
-        """
+        """Forces and moments; ``combined`` is "weighting", "ellipse" or "none"."""
         z = None if s.turn is None else spin(c, s, s.turn, self.rolling_radius(c, s.load, s.dpi, s.speed))
-        gamma, mu_shift = self.longitudinal_lean(c, s)
-        x = pure_longitudinal(c, o, s, z, gamma=gamma, mu_shift=mu_shift)
-        y = self.pure_lateral(c, o, s, z, self.side_lean(c, s))
+        x, y = self.pure_longitudinal(c, o, s, z), self.pure_lateral(c, o, s, z, self.side_lean(c, s))
         upright = self.upright(c, o, s, z, y)
 
         G_x, G_y, G_y_upright, S_vyk = 1.0, 1.0, 1.0, 0.0
@@ -160,17 +159,31 @@ class MF61:
         elif combined == "ellipse":
             G_x, G_y = ellipse(s, x, y)
             G_y_upright = G_y
-        F_y = G_y * y.F + S_vyk  # 4.E58
+        F_x, F_y = G_x * x.F, G_y * y.F + S_vyk  # 4.E50, 4.E58
+        t, M_zr, arm = self._moments(c, o, s, z, x, y, F_y, G_y)
+        trailing = G_y_upright * upright.F  # side force that acts behind the centre
+        M_z = arm * F_x + M_zr - t * trailing  # 4.E71 to 4.E74
+        M_x, M_y = overturning(c, o, s, F_y), rolling_resistance(c, o, s, F_x)
+        return MagicForces(F_x, F_y, M_x, M_y, M_z, x.F, y.F, x.mu, y.mu, x.K, y.K, G_x, G_y, t, M_zr, arm)
 
-        moments = self._moments(c, o, s, z, lateral=y, K_x=x.K, F_y=F_y, G_y=G_y)
-        M_x = overturning(c, o, s, F_y)
-        if not (is_zero(c.QSX12) and is_zero(c.QSX13) and is_zero(c.QSX14)):  # 6.2
-            size = fabs(s.gamma)
-            extra = F_y * (c.QSX13 + c.QSX14 * size) - c.QSX12 * s.load * s.gamma * size
-            M_x = M_x + (c.UNLOADED_RADIUS * c.LMX) * extra
-        return together(c, o, s, x, y, moments, G_x=G_x, G_y=G_y, F_y=F_y, trailing=G_y_upright * upright.F, M_x=M_x)
+    def pure_longitudinal(self, c: Any, o: Conventions, s: Slip, z: Spin | None) -> PureForce:
+        """F_x0 and its factors, eqs. 4.E9 to 4.E18."""
+        gamma, mu_shift = self.longitudinal_lean(c, s)
+        C = c.PCX1 * c.LCX  # 4.E11
+        pressure = 1.0 + (c.PPX3 + c.PPX4 * s.dpi) * s.dpi
+        mu = (c.PDX1 + c.PDX2 * s.dfz) * (pressure * (1.0 - c.PDX3 * gamma * gamma) * s.mu_x)  # 4.E13
+        D = mu * s.load if z is None else mu * s.load * z.zeta_1  # 4.E12
+        K = self.longitudinal_stiffness(c, s.load, s.dfz, s.dpi)
+        S_h = faded((c.PHX1 + c.PHX2 * s.dfz) * c.LHX, s)  # 4.E17
+        S_v = faded(s.load * (c.PVX1 + c.PVX2 * s.dfz) * (c.LVX * mu_shift), s)  # 4.E18
+        S_v = S_v if z is None else S_v * z.zeta_1
+        kappa = s.kappa + S_h  # 4.E10
+        E = (c.PEX1 + (c.PEX2 + c.PEX3 * s.dfz) * s.dfz) * c.LEX
+        E = limited(E if is_zero(c.PEX4) else E * (1.0 - c.PEX4 * sign(kappa)), o)  # 4.E14
+        B = ratio(K, C * D)  # 4.E16
+        return PureForce(D * sin(C * curved(B * kappa, E)) + S_v, mu, K, B, C, D, S_h, S_v)  # 4.E9
 
-    def pure_lateral(self, c: Any, o: Conventions, s: Slip, z: Spin | None, lean: SideLean) -> Lateral:
+    def pure_lateral(self, c: Any, o: Conventions, s: Slip, z: Spin | None, lean: SideLean) -> PureForce:
         """F_y0 and its factors, eqs. 4.E19 to 4.E30."""
         gamma = lean.gamma
         C = c.PCY1 * c.LCY  # 4.E21
@@ -200,24 +213,15 @@ class MF61:
             asymmetry = 1.0 + c.PEY5 * gamma * gamma - (c.PEY3 + c.PEY4 * gamma) * sgn
         E = limited((c.PEY1 + c.PEY2 * s.dfz) * c.LEY * asymmetry, o)  # 4.E24
         B = ratio(K, C * D)  # 4.E26
-        return Lateral(D * sin(C * curved(B * alpha, E)) + S_v, mu, K, B, C, D, S_h, S_v)  # 4.E19
+        return PureForce(D * sin(C * curved(B * alpha, E)) + S_v, mu, K, B, C, D, S_h, S_v)  # 4.E19
 
     def _moments(
-        self,
-        c: Any,
-        o: Conventions,
-        s: Slip,
-        z: Spin | None,
-        *,
-        lateral: Lateral,
-        K_x: Scalar,
-        F_y: Scalar,
-        G_y: Scalar,
+        self, c: Any, o: Conventions, s: Slip, z: Spin | None, x: PureForce, y: PureForce, F_y: Scalar, G_y: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
         """Pneumatic trail, residual moment and moment arm of F_x, eqs. 4.E33 to 4.E47 and 4.E73 to 4.E78."""
         k, R = self.aligning_lean(c, o, s), c.UNLOADED_RADIUS
         grip = c.LKY / s.mu_y
-        kappa2 = ratio(K_x, lateral.K) * s.kappa
+        kappa2 = ratio(x.K, y.K) * s.kappa
         kappa2 = kappa2 * kappa2
 
         alpha_t = s.tangent + (c.QHZ1 + c.QHZ2 * s.dfz) + (c.QHZ3 + c.QHZ4 * s.dfz) * k.gamma  # 4.E34, 4.E35
@@ -230,22 +234,22 @@ class MF61:
         E_t = E_t * (1.0 + (c.QEZ4 + c.QEZ5 * k.gamma) * (2.0 / np.pi) * atan(B_t * c.QCZ1 * alpha_t))
         E_t = limited(E_t, o)  # 4.E44
         D_t = D_t if z is None else D_t * z.zeta_5
-        x = B_t * equivalent(alpha_t, kappa2, tangents=k.tangents)
-        t = faded(D_t * cos(c.QCZ1 * curved(x, E_t)) * s.cosine, s)  # 4.E73
+        inside = B_t * equivalent(alpha_t, kappa2, tangents=k.tangents)
+        t = faded(D_t * cos(c.QCZ1 * curved(inside, E_t)) * s.cosine, s)  # 4.E73
 
-        alpha_r = s.tangent + lateral.S_h + ratio(lateral.S_v, lateral.K)  # 4.E37, 4.E38
-        B_r = c.QBZ9 * grip + c.QBZ10 * lateral.B * lateral.C  # 4.E45
+        alpha_r = s.tangent + y.S_h + ratio(y.S_v, y.K)  # 4.E37, 4.E38
+        B_r = c.QBZ9 * grip + c.QBZ10 * y.B * y.C  # 4.E45
         B_r = B_r if z is None else B_r * z.zeta_6
-        x = B_r * equivalent(alpha_r, kappa2, tangents=k.tangents)
+        inside = B_r * equivalent(alpha_r, kappa2, tangents=k.tangents)
         offset = (c.QDZ6 + c.QDZ7 * s.dfz) * c.LRES
         straight, bent = c.QDZ8 + c.QDZ9 * s.dfz, (c.QDZ10 + c.QDZ11 * s.dfz) * fabs(k.gamma)
         scale = R * s.load * s.mu_y * s.cosine
         if z is None:
             D_r = scale * (offset + (straight * (1.0 + c.PPZ2 * s.dpi) + bent) * (k.gamma * c.LKZC))  # 4.E47
-            M_zr = faded(D_r * cos_atan(x), s)  # 4.E75, C_r = 1
+            M_zr = faded(D_r * cos_atan(inside), s)  # 4.E75, C_r = 1
         else:  # zeta_0 = 0: camber acts through spin, 4.99
             of_camber = s.load * R * (straight + bent) * c.LKZC
-            D_phi, zeta_7 = turning_moment(c, s, z, mu_y=lateral.mu, G_y=G_y, camber_moment=of_camber)
-            M_zr = (faded(scale * offset * z.zeta_2, s) + D_phi * k.turned) * cos(zeta_7 * atan(x))
+            D_phi, zeta_7 = turning_moment(c, s, z, mu_y=y.mu, G_y=G_y, camber_moment=of_camber)
+            M_zr = (faded(scale * offset * z.zeta_2, s) + D_phi * k.turned) * cos(zeta_7 * atan(inside))
         arm = (R * c.LS) * ((c.SSZ1 + c.SSZ2 / k.arm_load * F_y) + (c.SSZ3 + c.SSZ4 * s.dfz) * k.arm)  # 4.E76
         return t, M_zr, arm

@@ -116,19 +116,8 @@ class Slip(NamedTuple):
     turn: Scalar | None  # turn slip phi_t [1/m]; None: not considered
 
 
-class LongitudinalForce(NamedTuple):
-    """Pure longitudinal force and its factors."""
-
-    F: Scalar
-    mu: Scalar
-    K: Scalar
-    D: Scalar
-    S_h: Scalar
-    S_v: Scalar
-
-
-class Lateral(NamedTuple):
-    """Pure side force and its factors."""
+class PureForce(NamedTuple):
+    """Force of one direction without slip in the other, and its factors."""
 
     F: Scalar
     mu: Scalar
@@ -251,7 +240,7 @@ def induced_lateral(c: MagicCoefficients, s: Slip, gamma: Scalar, peak: Scalar) 
     return faded(D * sin(c.RVY5 * atan(c.RVY6 * s.kappa)) * c.LVYKA, s)
 
 
-def ellipse(s: Slip, x: LongitudinalForce, y: Lateral) -> tuple[Scalar, Scalar]:
+def ellipse(s: Slip, x: PureForce, y: PureForce) -> tuple[Scalar, Scalar]:
     """G_x and G_y: shares of the pure forces that are left on the friction ellipse, without combined-slip data.
 
     With t = |sin(alpha_c) / kappa_c|, slips counted from where the force vanishes, and mu the friction used:
@@ -278,7 +267,7 @@ def equivalent(angle: Scalar, kappa_squared: Scalar, *, tangents: bool) -> Scala
 
 
 def overturning(c: MagicCoefficients, o: Conventions, s: Slip, F_y: Scalar) -> Scalar:
-    """M_x, eq. 4.E69."""
+    """M_x, eq. 4.E69, with the terms that 6.2 adds, which are zero in files of the others."""
     gamma = s.gamma
     inner = (c.QSX1 * c.LVMX) + c.QSX3 / c.FNOMIN * F_y - (c.QSX2 * (1.0 + c.PPMX1 * s.dpi)) * gamma
     if not is_zero(c.QSX4):
@@ -288,7 +277,11 @@ def overturning(c: MagicCoefficients, o: Conventions, s: Slip, F_y: Scalar) -> S
         inner = inner + c.QSX4 * cos(c.QSX5 * load_term) * sin(angle)
     if not is_zero(c.QSX10):
         inner = inner + c.QSX10 * atan(c.QSX11 / c.FNOMIN * s.load) * gamma
-    return (c.UNLOADED_RADIUS * c.LMX) * s.load * inner
+    M_x = (c.UNLOADED_RADIUS * c.LMX) * s.load * inner
+    if is_zero(c.QSX12) and is_zero(c.QSX13) and is_zero(c.QSX14):
+        return M_x
+    size = fabs(gamma)
+    return M_x + (c.UNLOADED_RADIUS * c.LMX) * (F_y * (c.QSX13 + c.QSX14 * size) - c.QSX12 * s.load * gamma * size)
 
 
 def rolling_resistance(c: MagicCoefficients, o: Conventions, s: Slip, F_x: Scalar) -> Scalar:
@@ -306,28 +299,3 @@ def rolling_resistance(c: MagicCoefficients, o: Conventions, s: Slip, F_x: Scala
     if not is_zero(c.QSY8):
         size = size * s.pressure_ratio**c.QSY8
     return faded(-size * s.direction, s)
-
-
-def together(
-    c: MagicCoefficients,
-    o: Conventions,
-    s: Slip,
-    x: LongitudinalForce,
-    y: Lateral,
-    moments: tuple[Scalar, Scalar, Scalar],
-    *,
-    G_x: Scalar,
-    G_y: Scalar,
-    F_y: Scalar,
-    trailing: Scalar,
-    M_x: Scalar,
-) -> MagicForces:
-    """All of them: F_x of eq. 4.E50, M_z of 4.E71 to 4.E74 with the side force that acts behind the centre.
-
-    ``moments`` are the pneumatic trail [m], the residual moment [N m] and the moment arm of F_x [m].
-    """
-    t, M_zr, arm = moments
-    F_x = G_x * x.F
-    M_z = arm * F_x + M_zr - t * trailing
-    M_y = rolling_resistance(c, o, s, F_x)
-    return MagicForces(F_x, F_y, M_x, M_y, M_z, x.F, y.F, x.mu, y.mu, x.K, y.K, G_x, G_y, t, M_zr, arm)

@@ -22,26 +22,14 @@ _VERSIONS: dict[int, type[MagicCoefficients]] = {
 _ONLY_61 = ("PKY4", "PKY6", "PKY7", "PEY5", "PPY5", "QDZ10", "RBX3", "RBY4", "LKYC")
 # Spellings of the same coefficient: name here -> names in the field.
 _SPELLINGS: dict[str, tuple[str, ...]] = {
-    "LFZO": ("LFZ0",),
-    "INFLPRES": ("IP",),
-    "NOMPRES": ("IP_NOM",),
-    "LKYG": ("LKG", "LGYG"),
-    "PPZ1": ("QPZ1",),
-    "PPZ2": ("QPZ2",),
-    "PPMX1": ("QPX1",),
-    "Q_V1": ("QV1",),
-    "PFZ1": ("QPFZ1",),
+    **{"LFZO": ("LFZ0",), "INFLPRES": ("IP",), "NOMPRES": ("IP_NOM",), "LKYG": ("LKG", "LGYG")},
+    **{"PPZ1": ("QPZ1",), "PPZ2": ("QPZ2",), "PPMX1": ("QPX1",), "Q_V1": ("QV1",), "PFZ1": ("QPFZ1",)},
 }
 # Coefficients of what is not a steady-state slip force: gyroscopic couple, damping at low speed, vertical and belt
 # dynamics. They are kept in the file.
 _ELSEWHERE = ("QTZ1", "MBELT", "PTX4", "PTY3", "LGYR", "LIP", "LCZ", "LSGKP", "LSGAL", "LGAX", "LGAY", "LGAZ", "LKG")
-_LIMITS: dict[str, tuple[str, str]] = {
-    "load": ("FZMIN", "FZMAX"),
-    "slip_ratio": ("KPUMIN", "KPUMAX"),
-    "slip_angle": ("ALPMIN", "ALPMAX"),
-    "camber": ("CAMMIN", "CAMMAX"),
-    "pressure": ("PRESMIN", "PRESMAX"),
-}
+_STEMS = {"load": "FZ", "slip_ratio": "KPU", "slip_angle": "ALP", "camber": "CAM", "pressure": "PRES"}
+_LIMITS = {name: (f"{stem}MIN", f"{stem}MAX") for name, stem in _STEMS.items()}
 _SECTIONS = {  # of a new key, by what its name begins with; the first that fits
     "VERTICAL_FORCE_RANGE": "FZM",
     "LONG_SLIP_RANGE": "KPUM",
@@ -66,10 +54,7 @@ _SECTIONS = {  # of a new key, by what its name begins with; the first that fits
 def version_of(tir: TirFile) -> type[MagicCoefficients]:
     """Coefficient record of the file's version: by FITTYP; where that is absent by its format or its coefficients.
 
-    Raises
-    ------
-    FormatError
-        If FITTYP is not one of the Magic Formula.
+    Raises FormatError if FITTYP is not one of the Magic Formula.
     """
     fit_type = tir.fit_type
     if fit_type is None:
@@ -87,13 +72,8 @@ def version_of(tir: TirFile) -> type[MagicCoefficients]:
 def coefficients_from(tir: TirFile, o: Conventions) -> MF61Coefficients | MF52Coefficients:
     """Coefficients of a file.
 
-    Blank and absent coefficients take the defaults of the record; nonzero ones that no equation here knows are
-    named in a `ModelWarning`.
-
-    Raises
-    ------
-    FormatError
-        If a coefficient without default is missing, or a value is a word.
+    Blank and absent coefficients take the defaults of the record; nonzero ones that no equation here knows are named in
+    a `ModelWarning`. Raises FormatError if a coefficient without default is missing, or a value is a word.
     """
     kind = version_of(tir)
     values: dict[str, float] = {}
@@ -134,12 +114,8 @@ def switches_from(tir: TirFile) -> Switches:
 
     ``FE_METHOD = 'YES'`` asks for the friction ellipse, a USE_MODE that ends in 3 for no combined slip; without
     coefficients of combined slip the ellipse stands in. A negative USE_MODE mirrors. ``AXIS_SYSTEM``, a key of ours,
-    names the axes of the coefficients; without it they are ISO-W, or adapted SAE where PKY1 is positive.
-
-    Raises
-    ------
-    FormatError
-        If AXIS_SYSTEM is unknown.
+    names the axes of the coefficients; without it they are ISO-W, or adapted SAE where PKY1 is positive. Raises
+    FormatError if AXIS_SYSTEM is unknown.
     """
     mode = int(tir.number("USE_MODE") or 0)
     weights = any(tir.number(name) for name in ("RBX1", "RBY1", "RCX1", "RCY1"))
@@ -202,13 +178,7 @@ def _warn_unknown(tir: TirFile, kind: type[MagicCoefficients]) -> None:
 
 
 def limits_from(tir: TirFile) -> ValidRange:
-    """Valid ranges of a file; open where it says nothing.
-
-    Raises
-    ------
-    FormatError
-        If a range is empty.
-    """
+    """Valid ranges of a file; open where it says nothing; raises FormatError if a range is empty."""
     ranges: dict[str, tuple[float, float]] = {}
     for name, (low, high) in _LIMITS.items():
         a, b = tir.number(low), tir.number(high)
@@ -234,10 +204,7 @@ def file_from(
 ) -> TirFile:
     """A file with the given coefficients: the source with what changed, or a new one with every coefficient.
 
-    Raises
-    ------
-    ParameterError
-        If a coefficient is a symbol.
+    Raises ParameterError if a coefficient is a symbol.
     """
     symbols = [name for name in c.metadata() if is_symbolic(getattr(c, name))]
     if symbols:
@@ -267,10 +234,8 @@ def file_from(
 
 def _finite(limits: ValidRange) -> dict[str, float]:
     """Limits by key of a file, where there are some."""
-    ends = {
-        key: value for name, keys in _LIMITS.items() for key, value in zip(keys, getattr(limits, name), strict=True)
-    }
-    return {key: value for key, value in ends.items() if math.isfinite(value)}
+    ends = [pair for name, keys in _LIMITS.items() for pair in zip(keys, getattr(limits, name), strict=True)]
+    return {key: value for key, value in ends if math.isfinite(value)}
 
 
 def _section(name: str) -> str:

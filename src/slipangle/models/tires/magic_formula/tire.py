@@ -150,6 +150,9 @@ class MagicFormulaTire(Checked, Tire):
     ) -> MagicForces:
         """Forces, moments and what they are made of, in the axis system that you name.
 
+        Raises ParameterError if a number is outside the limits of the tire, or the file has no coefficients for turn
+        slip.
+
         Parameters
         ----------
         slip_ratio : scalar or array
@@ -173,11 +176,6 @@ class MagicFormulaTire(Checked, Tire):
             turn slip is not considered and camber acts as in eqs. 4.E27 and 4.E47 of the book. [1/m]
         friction : scalar or array
             Road friction relative to the road of the test; scales LMUX and LMUY. [-]
-
-        Raises
-        ------
-        ParameterError
-            If a number is outside the limits of the tire, or the file has no coefficients for turn slip.
         """
         if axes not in _AXES or axes == "slipangle":
             names = ("ISO-W", "SAE", "adapted SAE")
@@ -246,10 +244,7 @@ class MagicFormulaTire(Checked, Tire):
     ) -> RelaxationLengths:
         """Relaxation lengths at small slip [m], at a load [N], camber [rad] and pressure [Pa], by default the file's.
 
-        Raises
-        ------
-        ParameterError
-            If the carcass stiffness that version 6 needs is missing.
+        Raises ParameterError if the carcass stiffness that version 6 needs is missing.
         """
         c, dpi = self.coefficients, self._pressure_change(pressure)
         dfz = (load - c.LFZO * c.FNOMIN) / (c.LFZO * c.FNOMIN)
@@ -274,10 +269,7 @@ class MagicFormulaTire(Checked, Tire):
     def mounted(self, side: Side) -> Self:
         """The tire on the given side of the vehicle: mirrored if its coefficients describe the other side.
 
-        Raises
-        ------
-        ParameterError
-            If the coefficients do not say which side they describe.
+        Raises ParameterError if the coefficients do not say which side they describe.
         """
         if side not in ("LEFT", "RIGHT"):
             raise ParameterError(f"side is {side!r}; expected 'LEFT' or 'RIGHT'")
@@ -326,6 +318,9 @@ class MagicFormulaTire(Checked, Tire):
     ) -> Self:
         """Tire of a ``.tir`` file.
 
+        Raises MissingFileError, FormatError, UnitError if the file cannot be read, has a bad line, mixes units or lacks
+        a coefficient.
+
         Parameters
         ----------
         file : path or TirFile
@@ -336,11 +331,6 @@ class MagicFormulaTire(Checked, Tire):
             As in the class; by default what the file says (FE_METHOD, USE_MODE, AXIS_SYSTEM, TYRESIDE). Without
             coefficients of combined slip that is the ellipse; without axes ISO-W, or adapted SAE where PKY1 is
             positive.
-
-        Raises
-        ------
-        MissingFileError, FormatError, UnitError
-            If the file cannot be read, has a bad line, mixes units or lacks a coefficient.
         """
         tir = file if isinstance(file, TirFile) else read_tir(file)
         o = conventions or Conventions()
@@ -353,12 +343,7 @@ class MagicFormulaTire(Checked, Tire):
         """The tire as a file: the one that it came from with what changed, or a new one.
 
         Conventions are not part of a file; pass them again when you read it. ``comments`` are new ones by coefficient,
-        such as its confidence interval.
-
-        Raises
-        ------
-        ParameterError
-            If a coefficient is a symbol.
+        such as its confidence interval. Raises ParameterError if a coefficient is a symbol.
         """
         switches = Switches(self.combined, self.axes, self.side, bool(self.mirrored))
         return file_from(
@@ -366,13 +351,7 @@ class MagicFormulaTire(Checked, Tire):
         )
 
     def write_tir(self, path: str | Path, *, comments: Mapping[str, str] | None = None) -> Path:
-        """Write `to_tir` to a file.
-
-        Raises
-        ------
-        WriteError
-            If the place cannot be written.
-        """
+        """Write `to_tir` to a file; raises WriteError if the place cannot be written."""
         return self.to_tir(comments=comments).write(path)
 
     # ---- checks ------------------------------------------------------------------------------------------------

@@ -40,14 +40,12 @@ def contact(patch: Patch, tire: Tire, relaxation_x: float, relaxation_y: float, 
     """Forces of one tire whose slip follows the wheel's motion over the relaxation lengths.
 
     The slips are ``slip = (omega r - v_x) / max(|v_x|, |omega r|)`` and ``side = sin(alpha)`` once settled, either way
-    the wheel rolls; both obey ``sigma slip' = slip velocity - speed slip`` ([1]_ sec. 7.2), so that at standstill
+    the wheel rolls; both obey ``sigma slip' = slip velocity - speed slip`` (sec. 7.2), so that at standstill
     the tire is a spring and nothing is divided by the speed. A sliding tread stores no more deflection: sigma falls
     with slip as ``1 / (1 + (slip^2 + side^2) / 0.05^2)``, about as the slope of the force does, so that a car that
-    skids to a stop is not thrown back. Below 2.5 m/s the tread is damped as well ([1]_ sec. 8.6).
+    skids to a stop is not thrown back. Below 2.5 m/s the tread is damped as well (sec. 8.6).
 
-    References
-    ----------
-    .. [1] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012.
+    Source: H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012.
     """
     rolling = patch.omega * radius
     speed_x = maximum(fabs(patch.v_x), fabs(rolling))

@@ -12,7 +12,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar, Literal
 
@@ -58,7 +58,8 @@ class DualTrack(StartsRolling):
 
     The brakes and rolling resistance are Coulomb friction: their direction is fixed over a step, a wheel that would be
     pushed past zero stops, and stays until a larger torque moves it. Body roll and pitch follow the accelerations and
-    move loads and camber; they do not act back on the planar motion, and there is no heave.
+    move loads and camber; they do not act back on the planar motion, and there is no heave. Raises ParameterError if an
+    output is not known or the method is implicit.
 
     Parameters
     ----------
@@ -71,11 +72,6 @@ class DualTrack(StartsRolling):
         Friction per wheel, grade and bank.
     dt, outputs, method, substeps
         As for every `OdeModel`, explicit methods only. At a millisecond a step of "rk4" is accurate to 1e-5 or better.
-
-    Raises
-    ------
-    ParameterError
-        If an output is not known or the method is implicit.
     """
 
     states = STATES
@@ -315,10 +311,6 @@ class DualTrack(StartsRolling):
         return step
 
     # ---- the model ---------------------------------------------------------------------------------------------
-
-    def __getstate__(self) -> dict[str, object]:
-        """What a copy in another process needs: the fields, nothing compiled."""
-        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     @cached_property
     def kernel(self) -> Kernel | None:

@@ -195,12 +195,8 @@ class Kernel:
         """Compile a `DualTrack`, once per content; None without a compiler.
 
         ``varied`` are parameters that differ between cars or over time, such as ``"mass"``; ``"mu_fl"``, ``"mu_fr"``,
-        ``"mu_rl"``, ``"mu_rr"`` are the friction under each wheel.
-
-        Raises
-        ------
-        ParameterError
-            If a varied parameter is not known.
+        ``"mu_rl"``, ``"mu_rr"`` are the friction under each wheel. Raises ParameterError if a varied parameter is not
+        known.
         """
         for name in varied:
             if name not in _FRICTION:
