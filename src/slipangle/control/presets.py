@@ -33,5 +33,9 @@ SOUSA_TABLE_7_3: dict[str, Any] = {
 }
 """LMPC, NMPC and MARX-MPC at 0.05 s; the steering ratio of 10 is taken over from chapter 6."""
 
+SOUSA_TABLE_7_3_TIRES = {"LMPC": 0.8, "NMPC": 0.9}
+"""Share of the plant's slip stiffness that the tires inside each controller have: softer ones predict better, since the
+single track of eq. 7-1 lacks the relaxation that delays the plant's forces."""
+
 SOUSA_TABLE_7_5: dict[str, Any] = SOUSA_TABLE_7_3 | {"horizon": 20, "knots": (0, 2, 4, 6, 8, 10, 14, 19)}
 """MARX with heading: eight decisions, which fill a vector of any processor, over twice the horizon."""

@@ -11,10 +11,11 @@ import numpy as np
 
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
-from slipangle.control.presets import SOUSA_TABLE_7_3
+from slipangle.control.presets import SOUSA_TABLE_7_3, SOUSA_TABLE_7_3_TIRES
 from slipangle.control.speed.pedals import pedal_driver
 from slipangle.data.dataset import Dataset
 from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.presets import SOUSA_SEC_7_2
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.model import Model
 from slipangle.models.ode import OdeModel
@@ -84,9 +85,9 @@ def rich_log(v_x: float, *, a_y: float = 3.0, seed: int = 1, duration: float = 4
 # ---- models ----------------------------------------------------------------------------------------------------------
 
 
-def planar_arx(v_x: float, *, na: int = 1, nb: int = 2) -> ARXModel:
+def planar_arx(v_x: float, orders: ARX = SOUSA_SEC_7_2) -> ARXModel:
     """ARX of lateral velocity and yaw rate at one speed."""
-    return ARX(na=na, nb=nb).fit(rich_log(v_x).select(inputs=("delta",), outputs=("v_y", "r")))
+    return orders.fit(rich_log(v_x).select(inputs=("delta",), outputs=("v_y", "r")))
 
 
 @cache
@@ -146,7 +147,7 @@ class Softer(Tire):
         return self.tire.forces(slip_ratio, self.share * slip_angle, load, camber=camber, friction=friction)
 
 
-def linear_model(share: float = 0.8) -> Lateral:
+def linear_model(share: float = SOUSA_TABLE_7_3_TIRES["LMPC"]) -> Lateral:
     """Linear tires with a share of the plant's stiffness at static load.
 
     The relaxation that eq. 7-1 lacks delays the plant's forces, so somewhat softer tires predict better: of 1, 0.94,
@@ -159,7 +160,7 @@ def linear_model(share: float = 0.8) -> Lateral:
     return Lateral(params=SOUSA_TABLE_7_2, tire_f=front, tire_r=rear, dt=STEP, substeps=2)
 
 
-def magic_model(share: float = 0.9) -> Lateral:
+def magic_model(share: float = SOUSA_TABLE_7_3_TIRES["NMPC"]) -> Lateral:
     """The plant's own Magic Formula, softened as `linear_model`: of 1, 0.9 and 0.8 this is NMPC's best share."""
     tire = Softer(tire=CAR.tires[0], share=share)
     return Lateral(params=SOUSA_TABLE_7_2, tire_f=tire, tire_r=tire, dt=STEP, substeps=2)

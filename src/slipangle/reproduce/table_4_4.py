@@ -13,17 +13,13 @@ from __future__ import annotations
 import numpy as np
 
 from slipangle.identify.judge.metrics import r2, rmse
-from slipangle.identify.tires.curves import MLPCurveFit, NetworkCurveFit, RBFCurveFit
+from slipangle.identify.tires.presets import SOUSA_TABLE_4_3
 from slipangle.models.tires.simple import MagicCurve
 from slipangle.report.records import Record
 from slipangle.report.tire_fits import curve_figure
 from slipangle.reproduce import Progress, Reproduction
 
 PRINTED = {"RBF {3}": (0.9984, 0.0347), "MLP {2 2}": (0.9995, 0.0202)}
-SETTINGS: dict[str, NetworkCurveFit] = {  # bounds of table 4.3
-    "RBF {3}": RBFCurveFit(neurons=3, centre=(-1.0, 1.0), width=(0.01, 7.0), weight=(-20.0, 20.0)),
-    "MLP {2 2}": MLPCurveFit(hidden=(2, 2), weight=(-2.0, 2.0), bias=(-2.0, 2.0)),
-}
 # B puts the peak at 5 degrees for these C and E
 TRUTH = MagicCurve(B=21.14, C=1.4, D=1.0, E=-0.3, S_h=0.002, S_v=0.01)
 NOISE = 0.02
@@ -44,7 +40,7 @@ def reproduce(progress: Progress) -> Reproduction:
     shown = {}
     for k, (label, (printed_r2, printed_rmse)) in enumerate(PRINTED.items()):
         progress(k / len(PRINTED), f"{label} on the cornering force")
-        curve = SETTINGS[label].fit(angle, force)
+        curve = SOUSA_TABLE_4_3[label].fit(angle, force)
         shown[label] = curve
         here_r2, here_rmse = float(r2(force, curve(angle))), float(rmse(force, curve(angle)))
         limit = min(printed_rmse, 1.02 * floor)
