@@ -13,6 +13,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import NotFiniteError, ParameterError, SimulationError, nearest
 from slipangle.fields import Checked, Within
 from slipangle.identify.excitation import require_identifiable
+from slipangle.models.fast import bind
 from slipangle.models.model import FitInfo
 from slipangle.models.ode import OdeModel
 from slipangle.models.provenance import provenance
@@ -153,13 +154,8 @@ class RecursiveVehicle:
         self._finite_y, self._finite_u = np.zeros(ny, dtype=bool), np.zeros(nu, dtype=bool)
         self._finite_z = np.zeros(n, dtype=bool)
         arguments = [self._z, self._P, self._before, self._u, self._y, self._seen, self._dt]
-        self._function = _filter(settings, self._scales)
-        made: Any = self._function.buffer()
-        self._buffer, self._run = made
-        for i, array in enumerate(arguments):
-            self._buffer.set_arg(i, array.data)
-        for i, array in enumerate([self._z_new, self._P_new, self._error, self._variance]):
-            self._buffer.set_res(i, array.data)
+        results = self._z_new, self._P_new, self._error, self._variance
+        self._run = bind(_filter(settings, self._scales), arguments, *results)
         self._P[nx:, nx:] = np.diag(self._scales.prior**2)
         self.n_samples = 0
         self.restart()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, Protocol
 
@@ -79,7 +80,7 @@ def roll_out(step: ca.Function, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
     now = np.array(x0, dtype=float)
     inputs = np.empty((chunk, u.shape[1]))
     out = np.empty((chunk, len(x0)))
-    run = _bind(_repeated(step, chunk), [now, inputs], out)
+    run = bind(_repeated(step, chunk), [now, inputs], out)
     for done in range(0, len(u), chunk):
         n = min(chunk, len(u) - done)
         inputs[:n] = u[done : done + n]
@@ -96,7 +97,7 @@ def evaluate(function: ca.Function, x: np.ndarray, u: np.ndarray) -> np.ndarray:
     out = np.empty((n, function.size1_out(0)))
     if n:
         arguments = [np.ascontiguousarray(x, dtype=float), np.ascontiguousarray(u, dtype=float)]
-        _bind(_mapped(function, n), arguments, out)()
+        bind(_mapped(function, n), arguments, out)()
     return out
 
 
@@ -111,12 +112,13 @@ def _mapped(function: ca.Function, count: int) -> ca.Function:
     return function.map(count)
 
 
-def _bind(function: Any, arguments: list[np.ndarray], result: np.ndarray) -> Any:
-    """A call that reads the argument arrays and writes the result array in place (rows are samples)."""
+def bind(function: Any, arguments: Sequence[np.ndarray], *results: np.ndarray) -> Callable[[], None]:
+    """A call that reads the argument arrays and writes the result arrays in place (rows are samples)."""
     buffer, run = function.buffer()
     for i, array in enumerate(arguments):
         buffer.set_arg(i, array.data)
-    buffer.set_res(0, result.data)
+    for i, array in enumerate(results):
+        buffer.set_res(i, array.data)
 
     def call(keep: Any = (buffer, function)) -> None:  # they must outlive the call
         run()

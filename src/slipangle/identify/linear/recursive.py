@@ -1,6 +1,5 @@
 """ARX models estimated one sample at a time: recursive least squares with forgetting that does not wind up."""
 
-# Long: the algorithm, its settings and its two ways of running share every state.
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -150,7 +149,7 @@ class RecursiveRun:
 class RecursiveARX:
     """An ARX estimate that takes one sample at a time; made by `RLS.start` or `RLS.follow`.
 
-    `update` allocates nothing: C works on arrays that are made here, or NumPy where there is no compiler.
+    `update` allocates nothing: C, or CasADi's virtual machine without a compiler, works on arrays that are made here.
     """
 
     def __init__(self, settings: RLS, inputs: tuple[str, ...], outputs: tuple[str, ...], dt: float) -> None:
@@ -167,18 +166,13 @@ class RecursiveARX:
                 f"({', '.join(self._labels[:4])}, ...)"
             )
         self._recursion = Recursion(
-            n=len(pick),
-            ny=ny,
-            nu=nu,
-            na=s.na,
-            reach=reach,
-            pick=np.array(pick),
+            tuple(pick),
+            np.broadcast_to(prior, len(pick)),
+            (ny, nu, s.na, reach),
             memory=max(s.na, reach - 1),
             forgetting=s.forgetting,
             threshold=s.threshold * len(pick) * (1.0 - s.forgetting),
             directional=s.forget == "directional",
-            prior=np.broadcast_to(prior, len(pick)),
-            ceiling=len(pick) * (1 + 1e-9),
         )
         self._y, self._u, self._advance = self._recursion.y, self._recursion.u, self._recursion.advance
         self._error, self._single = self._recursion.error, ny == nu == 1
@@ -226,7 +220,7 @@ class RecursiveARX:
 
     def restart(self) -> None:
         """Forget the lags but not the estimate: after a gap the next samples fill the lags first."""
-        self._recursion.s.filled = 0
+        self._recursion.arrays["filled"][:] = 0
 
     def run(self, data: Dataset) -> RecursiveRun:
         """Take in all samples of a record, one experiment after the other, and say how the estimate went.
@@ -240,13 +234,11 @@ class RecursiveARX:
         for name in (*self.inputs, *self.outputs):
             data.index(name)
         chosen = data.select(inputs=self.inputs, outputs=self.outputs)
-        theta, error = (
-            np.empty((data.n_samples, self._recursion.theta.size)),
-            np.empty((data.n_samples, self.n_outputs)),
-        )
-        for part, start, stop in zip(chosen.experiments, data.starts, data.stops, strict=True):
+        parts = []
+        for part in chosen.experiments:
             self.restart()
-            self._recursion.advance_many(part.y, part.u, theta[start:stop], error[start:stop])
+            parts.append(self._recursion.advance_many(part.y, part.u))
+        error, theta = (np.concatenate(rows) for rows in zip(*parts, strict=True))
         return RecursiveRun(t=data.t, theta=theta, error=error, names=self.names)
 
     # ---- what is known now -------------------------------------------------------------------------------------
@@ -259,12 +251,12 @@ class RecursiveARX:
     @property
     def n_samples(self) -> int:
         """Samples that the estimate has learned from."""
-        return int(self._recursion.s.updates)
+        return int(self._recursion.arrays["updates"][0])
 
     @property
     def memory(self) -> int:
         """Samples that fill the lags before the first is learned from."""
-        return int(self._recursion.s.memory)
+        return self._recursion.memory
 
     @property
     def _labels(self) -> tuple[str, ...]:
@@ -326,7 +318,7 @@ class RecursiveARX:
 
     def _undetermined(self) -> tuple[str, ...]:
         """A sentence that names the coefficients whose variance has hardly shrunk."""
-        share = np.diag(self.gram_inverse) / self._recursion.arrays["prior"]
+        share = np.diag(self.gram_inverse) / self._recursion.prior
         open_ = [label for label, left in zip(self._labels, share, strict=True) if left > 1e-3]
         if not open_:
             return ()
@@ -348,4 +340,4 @@ class RecursiveARX:
         self._recursion.noise[:] = np.diag(info.noise_std**2)
         memory = info.n_samples - n
         s = self.settings
-        self._recursion.s.weight = min(memory, 1 / (1 - s.forgetting)) if s.forgetting < 1 else memory
+        self._recursion.arrays["weight"][:] = min(memory, 1 / (1 - s.forgetting)) if s.forgetting < 1 else memory

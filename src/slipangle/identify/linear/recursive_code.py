@@ -1,8 +1,8 @@
-"""The arithmetic of recursive least squares, one sample at a time: in C where there is a compiler, else in NumPy.
+"""The arithmetic of recursive least squares, one sample at a time: one expression, in C where there is a compiler.
 
-Both work in place on the same arrays, which are allocated once. The covariance is kept as ``P = U diag(d) U'``, so it
-stays symmetric and positive whatever the rounding ([1]_): U is unit upper triangular and stored by columns, the
-measurement update is Bierman's, the rank-one update of the forgetting that of Agee and Turner.
+The covariance is kept as ``P = U diag(d) U'``, so it stays symmetric and positive whatever the rounding ([1]_): U is
+unit upper triangular and stored by columns, the measurement update is Bierman's, the rank-one update of the forgetting
+that of Agee and Turner.
 
 References
 ----------
@@ -11,339 +11,205 @@ References
 
 from __future__ import annotations
 
-import ctypes
-from functools import cache
-from typing import Any
+from functools import cache, partial
 
+import casadi as ca
 import numpy as np
 
-from slipangle.codegen.compiler import compiler, library
+from slipangle.codegen.compiler import library
+from slipangle.codegen.expression import emit, preamble
+from slipangle.models.fast import bind
 
+MOST = 50  # regressors, above which the compiler would take too long
 DIFFUSE = 1e6  # variance of the prediction, in that of the noise, from which an error says nothing about the noise
 
-_SOURCE = (
-    f"#define DIFFUSE {DIFFUSE!r}\n"
-    + """\
-#include <math.h>
+_SOURCE = """
 #include <string.h>
 
-typedef struct {
-    long n, ny, nu, na, reach, memory, directional, filled, updates; /* reach: samples of the inputs that are kept */
-    double forgetting, along, threshold, ceiling, trace, weight; /* along: of the prediction's variance */
-    double *y, *u, *lags, *phi, *theta, *columns, *d, *f, *gain, *error, *noise, *prior;
-    const long *pick;
-} rls;
-
-static double project(rls *s) /* f = U' phi; returns phi' P phi */
+int rls_advance(double *state, const double *sample, const double *settings)
 {
-    const long n = s->n;
-    double r = 0.0;
-    for (long j = 0; j < n; j++) {
-        const double *c = s->columns + j * n;
-        double sum = s->phi[j];
-        for (long i = 0; i < j; i++) sum += c[i] * s->phi[i];
-        s->f[j] = sum;
-        r += s->d[j] * sum * sum;
-    }
-    return r;
-}
-
-/* Agee and Turner: P + share P phi phi' P, unless the trace would pass the ceiling; leaves the gain P phi */
-static int widen(rls *s, double share)
-{
-    const long n = s->n;
-    double *v = s->gain, *a = s->f, growth = 0.0;
-    for (long j = 0; j < n; j++) {
-        const double *c = s->columns + j * n, w = s->d[j] * s->f[j];
-        for (long i = 0; i < j; i++) v[i] += c[i] * w;
-        v[j] = w;
-    }
-    for (long j = 0; j < n; j++) growth += v[j] * v[j] / s->prior[j];
-    if (!(s->trace + share * growth <= s->ceiling)) return 0;
-    s->trace += share * growth;
-    memcpy(a, v, n * sizeof(double));
-    for (long j = n - 1; j >= 0; j--) {
-        double *c = s->columns + j * n;
-        const double now = a[j], fresh = s->d[j] + share * now * now, pull = share * now / fresh;
-        for (long i = 0; i < j; i++) {
-            a[i] -= now * c[i];
-            c[i] += pull * a[i];
-        }
-        share *= s->d[j] / fresh;
-        s->d[j] = fresh;
-    }
-    return 1;
-}
-
-static double forget_everywhere(rls *s, double r) /* returns the new phi' P phi */
-{
-    const long n = s->n;
-    double trace = 0.0; /* summed anew: an error of it would grow with every division */
-    for (long j = 0; j < n; j++) {
-        const double *c = s->columns + j * n;
-        double sum = 1.0 / s->prior[j];
-        for (long i = 0; i < j; i++) sum += c[i] * c[i] / s->prior[i];
-        trace += s->d[j] * sum;
-    }
-    s->trace = trace;
-    if (!(trace / s->forgetting <= s->ceiling)) return r;
-    s->trace /= s->forgetting;
-    for (long j = 0; j < n; j++) s->d[j] /= s->forgetting;
-    return r / s->forgetting;
-}
-
-/* Bierman: P - P phi phi' P / (noise + phi' P phi); leaves the gain P phi */
-static void narrow(rls *s, double noise)
-{
-    const long n = s->n;
-    double alpha = noise, less = 0.0;
-    for (long j = 0; j < n; j++) {
-        double *c = s->columns + j * n;
-        const double f = s->f[j], v = s->d[j] * f, back = -f / alpha, before = alpha;
-        alpha += f * v;
-        s->d[j] *= before / alpha;
-        for (long i = 0; i < j; i++) {
-            const double old = c[i];
-            c[i] = old + back * s->gain[i];
-            s->gain[i] += old * v;
-        }
-        s->gain[j] = v;
-    }
-    for (long j = 0; j < n; j++) less += s->gain[j] * s->gain[j] / s->prior[j];
-    s->trace -= less / alpha;
-}
-
-static void learn(rls *s)
-{
-    const long n = s->n, ny = s->ny;
-    for (long j = 0; j < n; j++) s->phi[j] = s->lags[s->pick[j]];
-    for (long o = 0; o < ny; o++) {
-        double sum = s->y[o];
-        for (long j = 0; j < n; j++) sum -= s->theta[o * n + j] * s->phi[j];
-        s->error[o] = sum;
-    }
-    double r = project(s), before = r, added = 1.0; /* what the sample adds to the information along phi */
-    if (s->forgetting < 1.0) {
-        if (r < s->threshold || r == 0.0) return;
-        if (s->directional) {
-            before = r / s->along;
-            added = 1.0 - (1.0 - s->along) / r;
-        } else {
-            before = r = forget_everywhere(s, r);
-        }
-    }
-    if (added <= 0.0 && !widen(s, -added / (1.0 + added * r))) {
-        before = r;
-        added = 1.0;
-    }
-    if (added > 0.0) narrow(s, 1.0 / added);
-    const double size = 1.0 + added * r;
-    for (long o = 0; o < ny; o++)
-        for (long j = 0; j < n; j++) s->theta[o * n + j] += s->gain[j] / size * s->error[o];
-    s->updates++;
-    if (before > DIFFUSE) return;
-    s->weight = s->forgetting * s->weight + 1.0;
-    for (long i = 0; i < ny; i++)
-        for (long j = 0; j < ny; j++) {
-            double *at = s->noise + i * ny + j;
-            *at += (s->error[i] * s->error[j] / (1.0 + before) - *at) / s->weight;
-        }
-}
-
-int rls_advance(rls *s)
-{
-    const long ny = s->ny, nu = s->nu, split = s->na * ny;
-    for (long i = 0; i < ny; i++) if (!isfinite(s->y[i])) return 1;
-    for (long i = 0; i < nu; i++) if (!isfinite(s->u[i])) return 1;
-    double *past = s->lags + split;
-    memcpy(past, s->u, nu * sizeof(double));
-    if (s->filled >= s->memory) learn(s);
-    else {
-        s->filled++;
-        memset(s->error, 0, ny * sizeof(double));
-    }
-    if (s->na > 1) memmove(s->lags + ny, s->lags, (split - ny) * sizeof(double));
-    if (s->na > 0) memcpy(s->lags, s->y, ny * sizeof(double));
-    if (s->reach > 1) memmove(past + nu, past, (s->reach - 1) * nu * sizeof(double));
+    double next[N_STATE];
+    for (int i = 0; i < N_SAMPLE; i++) if (!isfinite(sample[i])) return 1;
+    advance(state, sample, settings, next);
+    memcpy(state, next, sizeof next);
     return 0;
 }
 
-long rls_advance_many(rls *s, const double *y, const double *u, long count, double *theta, double *error)
+void rls_advance_many(double *state, const double *samples, const double *settings, long count, double *out)
 {
-    const long size = s->n * s->ny;
     for (long k = 0; k < count; k++) {
-        memcpy(s->y, y + k * s->ny, s->ny * sizeof(double));
-        memcpy(s->u, u + k * s->nu, s->nu * sizeof(double));
-        if (rls_advance(s)) return k;
-        memcpy(theta + k * size, s->theta, size * sizeof(double));
-        memcpy(error + k * s->ny, s->error, s->ny * sizeof(double));
+        if (rls_advance(state, samples + k * N_SAMPLE, settings)) return;
+        memcpy(out + k * N_OUT, state, N_OUT * sizeof(double));
     }
-    return count;
 }
 """
-)
-
-_LONGS = ("n", "ny", "nu", "na", "reach", "memory", "directional", "filled", "updates")
-_DOUBLES = ("forgetting", "along", "threshold", "ceiling", "trace", "weight")
-_ARRAYS = ("y", "u", "lags", "phi", "theta", "columns", "d", "f", "gain", "error", "noise", "prior")
-
-
-class _Struct(ctypes.Structure):
-    _fields_ = (
-        *((name, ctypes.c_long) for name in _LONGS),
-        *((name, ctypes.c_double) for name in _DOUBLES),
-        *((name, ctypes.c_void_p) for name in _ARRAYS),
-        ("pick", ctypes.c_void_p),
-    )
 
 
 class Recursion:
     """State of one recursion and its arithmetic. A sample: fill `y` and `u`, then call `advance`.
 
-    ``n`` regressors, ``ny`` outputs, ``nu`` inputs; ``na`` and ``reach`` samples of the outputs and of the inputs (the
-    present one included) are kept. ``pick``, shape (n,), says where each regressor is among the kept outputs, then
-    inputs, newest sample first; the entry behind them is 1. ``memory`` samples go before the first regression. A sample
-    is left out where the variance of its prediction, in that of the noise, is below ``threshold``. ``directional``
-    forgets along the regressors only, ``P^-1 - (1 - forgetting^n) phi phi' / (phi' P phi)``, else ``forgetting P^-1``.
-    The sum of the variances divided by ``prior``, shape (n,), does not pass ``ceiling``.
+    ``sizes`` are the numbers of outputs and inputs, and how many samples of each are kept, the present input included.
+    ``pick`` says where each regressor is among the kept outputs, then inputs, newest sample first; the entry behind
+    them is 1. ``memory`` samples go before the first regression. A sample is left out where the variance of its
+    prediction, in that of the noise, is below ``threshold``. ``directional`` forgets along the n regressors only,
+    ``P^-1 - (1 - forgetting^n) phi phi' / (phi' P phi)``, else ``forgetting P^-1``. The sum of the variances divided by
+    ``prior``, shape (n,), does not pass n.
     """
 
-    def __init__(self, *, pick: np.ndarray, prior: np.ndarray, **numbers: float) -> None:
-        self.s = s = _Struct(**numbers, along=numbers["forgetting"] ** numbers["n"])
-        self.pick = np.ascontiguousarray(pick, dtype=ctypes.c_long)
-        shapes = {"y": s.ny, "u": s.nu, "lags": s.na * s.ny + s.reach * s.nu + 1, "theta": (s.ny, s.n)}
-        shapes |= {"columns": (s.n, s.n), "error": s.ny, "noise": (s.ny, s.ny)}
-        self.arrays = {name: np.zeros(shapes.get(name, s.n)) for name in _ARRAYS}
-        for name, array in (*self.arrays.items(), ("pick", self.pick)):
-            setattr(s, name, array.ctypes.data)
-        self.y, self.u, self.theta = (self.arrays[k] for k in ("y", "u", "theta"))
-        self.error, self.noise = self.arrays["error"], self.arrays["noise"]
-        self.arrays["lags"][-1] = 1.0
-        self.arrays["prior"][:] = prior
+    def __init__(
+        self,
+        pick: tuple[int, ...],
+        prior: np.ndarray,
+        sizes: tuple[int, int, int, int],
+        *,
+        memory: int,
+        forgetting: float,
+        threshold: float,
+        directional: bool,
+    ) -> None:
+        (ny, nu, _, _), n = sizes, len(pick)
+        self.memory, ceiling = memory, n * (1 + 1e-9)
+        self.settings = np.concatenate([[memory, forgetting, forgetting**n, threshold, ceiling], prior])
+        shapes = _shapes(n, *sizes)
+        ends = np.cumsum([int(np.prod(shape)) for shape in shapes.values()])
+        self._state, self._sample = np.zeros(ends[-1]), np.zeros(ny + nu)
+        parts = np.split(self._state, ends[:-1])
+        self.arrays = {name: part.reshape(shapes[name]) for name, part in zip(shapes, parts, strict=True)}
+        self.y, self.u, self.theta = self._sample[:ny], self._sample[ny:], self.arrays["theta"]
+        self.error, self.noise, self.prior = self.arrays["error"], self.arrays["noise"], prior
         self.covariance = np.diag(prior)
-        functions = _functions()
-        if functions is None:
-            self.advance = self._advance
+        function = _sample(pick, sizes, directional)
+        loaded = library(_source(function, ny * (1 + n)), name="rls") if n <= MOST else None
+        self.compiled = loaded is not None
+        if loaded is not None:
+            pointers = [a.ctypes.data for a in (self._state, self._sample, self.settings)]
+            self.advance, self._many = partial(loaded.rls_advance, *pointers), loaded.rls_advance_many
         else:
-            run, self._many = functions
-            pointer = ctypes.c_void_p(ctypes.addressof(self.s))
-            self.advance = lambda: run(pointer)
-        self.compiled = functions is not None
+            self._next, self.advance = np.zeros_like(self._state), self._interpreted
+            self._run = bind(function, (self._state, self._sample, self.settings), self._next)
 
     @property
     def covariance(self) -> np.ndarray:
         """P, shape (n, n), in units of the noise variance."""
-        columns = self.arrays["columns"]
+        columns = np.eye(len(self.prior))
+        columns[np.tril_indices(len(columns), -1)] = self.arrays["columns"]
         return (columns.T * self.arrays["d"]) @ columns
 
     @covariance.setter
     def covariance(self, value: np.ndarray) -> None:
         lower = np.linalg.cholesky(np.asarray(value, dtype=float)[::-1, ::-1])  # of the order reversed: upper
         upper = lower[::-1, ::-1]
-        size = np.diag(upper).copy()
-        self.arrays["columns"][:] = (upper / size).T
+        size = np.diag(upper)
+        self.arrays["columns"][:] = (upper / size).T[np.tril_indices(len(size), -1)]
         self.arrays["d"][:] = size**2
-        self.s.trace = float(np.sum(np.diag(value) / self.arrays["prior"]))
+        self.arrays["trace"][:] = np.sum(np.diag(value) / self.prior)
 
-    def advance_many(self, y: np.ndarray, u: np.ndarray, theta: np.ndarray, error: np.ndarray) -> int:
-        """All rows in turn, estimates and errors written to ``theta`` and ``error``; how many rows were finite."""
+    def advance_many(self, y: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """All rows in turn: errors, shape (n_samples, ny), and estimates, (n_samples, ny n)."""
+        ny = len(self.y)
+        samples, out = np.ascontiguousarray(np.hstack([y, u])), np.zeros((len(y), ny + self.theta.size))
         if self.compiled:
-            y, u = np.ascontiguousarray(y), np.ascontiguousarray(u)
-            given, results = [a.ctypes.data for a in (y, u)], [a.ctypes.data for a in (theta, error)]
-            return self._many(ctypes.addressof(self.s), *given, len(y), *results)
-        for k in range(len(y)):
-            self.y[:], self.u[:] = y[k], u[k]
-            if self.advance():
-                return k
-            theta[k], error[k] = self.theta.ravel(), self.error
-        return len(y)
-
-    # ---- without a compiler ------------------------------------------------------------------------------------
-
-    def _advance(self) -> int:
-        s, lags = self.s, self.arrays["lags"]
-        if not (np.isfinite(self.y).all() and np.isfinite(self.u).all()):
-            return 1
-        split, last = s.na * s.ny, s.na * s.ny + s.reach * s.nu
-        lags[split : split + s.nu] = self.u
-        if s.filled >= s.memory:
-            self._learn()
+            pointers = self._state.ctypes.data, samples.ctypes.data, self.settings.ctypes.data
+            self._many(*pointers, len(y), out.ctypes.data)
         else:
-            s.filled += 1
-            self.error[:] = 0.0
-        if s.na:
-            lags[s.ny : split] = lags[: split - s.ny].copy()
-            lags[: s.ny] = self.y
-        if s.reach > 1:
-            lags[split + s.nu : last] = lags[split : last - s.nu].copy()
+            for sample, row in zip(samples, out, strict=True):
+                self._sample[:] = sample
+                self.advance()
+                row[:] = self._state[: len(row)]
+        return out[:, :ny], out[:, ny:]
+
+    def _interpreted(self) -> int:
+        """`advance` without a compiler."""
+        if not np.isfinite(self._sample).all():
+            return 1
+        self._run()
+        self._state[:] = self._next
         return 0
 
-    def _learn(self) -> None:
-        s, phi = self.s, self.arrays["phi"]
-        phi[:] = self.arrays["lags"][self.pick]
-        self.error[:] = self.y - self.theta @ phi
-        f = self.arrays["columns"] @ phi
-        r = before = float(self.arrays["d"] @ f**2)
-        added = 1.0
-        if s.forgetting < 1.0:
-            if r < s.threshold or r == 0.0:
-                return
-            if s.directional:
-                before, added = r / s.along, 1.0 - (1.0 - s.along) / r
-            else:
-                before = r = self._forget_everywhere(r)
-        gain = (self.arrays["d"] * f) @ self.arrays["columns"]
-        if added <= 0.0 and not self._widen(gain, -added / (1.0 + added * r)):
-            before, added = r, 1.0
-        if added > 0.0:
-            self._narrow(f, gain, 1.0 / added)
-        self.theta += np.outer(self.error, gain / (1.0 + added * r))
-        s.updates += 1
-        if before <= DIFFUSE:
-            s.weight = s.forgetting * s.weight + 1.0
-            self.noise += (np.outer(self.error, self.error) / (1.0 + before) - self.noise) / s.weight
 
-    def _narrow(self, f: np.ndarray, gain: np.ndarray, noise: float) -> None:
-        columns, d, alpha, found = self.arrays["columns"], self.arrays["d"], noise, np.zeros(self.s.n)
-        for j in range(self.s.n):
-            v, before, column = d[j] * f[j], alpha, columns[j, :j].copy()
-            alpha += f[j] * v
-            d[j] *= before / alpha
-            columns[j, :j] -= f[j] / before * found[:j]
-            found[:j] += column * v
-            found[j] = v
-        self.s.trace -= float(np.sum(gain**2 / self.arrays["prior"])) / alpha
+def _shapes(n: int, ny: int, nu: int, na: int, reach: int) -> dict[str, tuple[int, ...]]:
+    """Of what the state holds; U without its diagonal."""
+    shapes: dict[str, tuple[int, ...]] = {"error": (ny,), "theta": (ny, n), "noise": (ny, ny), "d": (n,)}
+    shapes |= {"columns": (n * (n - 1) // 2,), "past_y": (na * ny,), "past_u": ((reach - 1) * nu,)}
+    return shapes | {name: (1,) for name in ("filled", "updates", "trace", "weight")}
 
-    def _widen(self, gain: np.ndarray, share: float) -> bool:
-        columns, d, a = self.arrays["columns"], self.arrays["d"], gain.copy()
-        growth = share * float(np.sum(gain**2 / self.arrays["prior"]))
-        if self.s.trace + growth > self.s.ceiling:
-            return False
-        self.s.trace += growth
-        for j in reversed(range(self.s.n)):
-            fresh = d[j] + share * a[j] ** 2
-            a[:j] -= a[j] * columns[j, :j]
-            columns[j, :j] += share * a[j] / fresh * a[:j]
-            share *= d[j] / fresh
-            d[j] = fresh
-        return True
 
-    def _forget_everywhere(self, r: float) -> float:
-        s, d = self.s, self.arrays["d"]
-        s.trace = float(np.sum(d * (self.arrays["columns"] ** 2 @ (1 / self.arrays["prior"]))))
-        if s.trace / s.forgetting > s.ceiling:
-            return r
-        s.trace /= s.forgetting
-        d /= s.forgetting
-        return r / s.forgetting
+def _source(function: ca.Function, n_out: int) -> str:
+    sizes = {"N_STATE": function.size1_in(0), "N_SAMPLE": function.size1_in(1), "N_OUT": n_out}
+    defined = [f"#define {name} {size}" for name, size in sizes.items()]
+    return "\n".join([preamble("double"), emit(function, "advance"), *defined, _SOURCE])
 
 
 @cache
-def _load(source: str, command: Any) -> tuple[Any, Any] | None:
-    loaded = library(source, name="rls")
-    return None if loaded is None else (loaded.rls_advance, loaded.rls_advance_many)
+def _sample(pick: tuple[int, ...], sizes: tuple[int, int, int, int], directional: bool) -> ca.Function:
+    """``(state, [y, u], settings) -> state`` of one sample. Where nothing is learned, shares and gains are zero."""
+    n, (ny, nu, na, reach), shapes = len(pick), sizes, _shapes(len(pick), *sizes)
+    s = {name: ca.SX.sym(name, int(np.prod(shape))) for name, shape in shapes.items()}
+    y, u, settings = ca.SX.sym("y", ny), ca.SX.sym("u", nu), ca.SX.sym("settings", 5 + n)
+    memory, forgetting, along, threshold, ceiling = ca.vertsplit(settings[:5])
+    phi = ca.vertcat(s["past_y"], u, s["past_u"], 1)[list(pick)]
+    theta, trace, ready = ca.reshape(s["theta"], n, ny), s["trace"], s["filled"] >= memory
+    error = y - ca.mtimes(theta.T, phi)
+    columns = ca.vertsplit(s["columns"], [j * (j - 1) // 2 for j in range(n + 1)])
+    f = phi + ca.vertcat(*(ca.dot(c, phi[:j]) for j, c in enumerate(columns)))
+    r = before = ca.dot(s["d"], f**2)
+    go = ca.logic_and(ready, ca.logic_not(ca.logic_and(forgetting < 1, ca.logic_or(r < threshold, r == 0))))
+    added, d, prior = ca.SX(1), s["d"], settings[5:]  # added: to the information along phi, by the sample
+    if directional:
+        before, added = r / along, ca.if_else(forgetting < 1, 1 - (1 - along) / r, 1)
+    else:  # the trace is summed anew: an error of it would grow with every division
+        shares = [ca.dot(c**2, 1 / prior[:j]) + 1 / prior[j] for j, c in enumerate(columns)]
+        whole = ca.dot(d, ca.vertcat(*shares))
+        fading = ca.if_else(ca.logic_and(go, whole / forgetting <= ceiling), forgetting, 1)
+        trace, d, r = ca.if_else(go, whole / fading, trace), d / fading, r / fading
+        before = r
+    gain = d * f
+    for j, c in enumerate(columns):
+        gain[:j] += c * gain[j]
+    growth = ca.dot(gain**2, 1 / prior)
+    if directional:
+        share = -added / (1 + added * r)
+        fits, loses = trace + share * growth <= ceiling, added <= 0
+        share = ca.if_else(ca.logic_and(ca.logic_and(go, loses), fits), share, 0)
+        trace += share * growth
+        columns, d = _widened(columns, d, gain, share)
+        stays = ca.logic_and(loses, ca.logic_not(fits))
+        before, added = ca.if_else(stays, r, before), ca.if_else(stays, 1, added)
+    narrows = ca.logic_and(go, added > 0)
+    columns, d, alpha = _narrowed(columns, d, ca.if_else(narrows, f, 0), ca.if_else(narrows, 1 / added, 1))
+    trace -= ca.if_else(narrows, growth / alpha, 0)
+    theta += ca.if_else(go, gain / (1 + added * r), 0) @ error.T
+    tells = ca.logic_and(go, before <= DIFFUSE)
+    weight = ca.if_else(tells, forgetting * s["weight"] + 1, s["weight"])
+    news = ca.vec(error @ error.T) / (1 + before) - s["noise"]
+    new = {"error": ca.if_else(ready, error, 0), "theta": ca.vec(theta), "trace": trace, "weight": weight, "d": d}
+    new |= {"noise": s["noise"] + ca.if_else(tells, news / weight, 0), "columns": ca.vertcat(*columns)}
+    new |= {"past_y": ca.vertcat(y, s["past_y"])[: na * ny], "past_u": ca.vertcat(u, s["past_u"])[: (reach - 1) * nu]}
+    new |= {"filled": ca.fmin(s["filled"] + 1, memory), "updates": s["updates"] + go}
+    after = ca.densify(ca.vertcat(*(new[name] for name in shapes)))
+    return ca.Function("rls", [ca.vertcat(*s.values()), ca.vertcat(y, u), settings], [after], {"cse": True})
 
 
-def _functions() -> tuple[Any, Any] | None:
-    """The compiled functions, or None."""
-    return _load(_SOURCE, compiler())
+def _widened(columns: list[ca.SX], d: ca.SX, gain: ca.SX, share: ca.SX) -> tuple[list[ca.SX], ca.SX]:
+    """Agee and Turner: factors of ``P + share gain gain'``."""
+    columns, d, a = list(columns), ca.SX(d), ca.SX(gain)
+    for j in reversed(range(len(columns))):
+        now, before = a[j], d[j]
+        d[j] += share * now**2
+        a[:j] -= now * columns[j]
+        columns[j] = columns[j] + share * now / d[j] * a[:j]
+        share *= before / d[j]
+    return columns, d
+
+
+def _narrowed(columns: list[ca.SX], d: ca.SX, f: ca.SX, noise: ca.SX) -> tuple[list[ca.SX], ca.SX, ca.SX]:
+    """Bierman: factors of ``P - gain gain' / alpha`` with ``alpha = noise + phi' P phi``, and alpha."""
+    columns, d, alpha, gain = list(columns), ca.SX(d), noise, ca.SX.zeros(len(columns))
+    for j, column in enumerate(columns):
+        v, before = d[j] * f[j], alpha
+        alpha += f[j] * v
+        d[j] *= before / alpha
+        columns[j] = column - f[j] / before * gain[:j]
+        gain[:j] += column * v
+        gain[j] = v
+    return columns, d, alpha
