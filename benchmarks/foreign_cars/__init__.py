@@ -1,0 +1,1 @@
+"""Test bed for identification: made cars that nobody tuned on, a competitor by hand, and planted mistakes."""
