@@ -29,21 +29,10 @@ class FastPaths:
     functions: Any  # step(x, u), output(x, u), correct(x, u, y) of CasADi
 
     def free_run(self, x0: np.ndarray, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """Outputs of a free run.
+        """Outputs of a free run at every row of the inputs but the first, shape (n - 1, n_outputs).
 
-        Parameters
-        ----------
-        x0 : array, shape (n_states,)
-            State at the first row of ``u``.
-        u : array, shape (n, n_inputs)
-            Inputs.
-        out : array, shape (n - 1, n_outputs), optional
-            Where the result may be written, to save an array; it is the result then.
-
-        Returns
-        -------
-        array, shape (n - 1, n_outputs)
-            Outputs at every row but the first.
+        ``x0``, shape (n_states,), is the state at the first row of ``u``, shape (n, n_inputs). The result may be
+        written to ``out``, of its shape, to save an array; it is the result then.
         """
         step, output, _ = self.functions
         return evaluate(output, roll_out(step, x0, u[:-1])[1:], u[1:])

@@ -44,28 +44,22 @@ class FitInfo:
 
     Parameters
     ----------
-    names : tuple of str
-        The parameters that were free.
-    values : array, shape (n_free,)
-        Their estimates, SI units.
-    covariance : array, shape (n_free, n_free)
-        Covariance of the estimates.
+    names, units : tuple of str
+        The parameters that were free, and the unit of each.
+    values, covariance : array, shapes (n_free,), (n_free, n_free)
+        Their estimates, SI units, and the covariance of those.
     noise_std : array, shape (n_outputs,)
         Standard deviation of the residuals on the training data.
     n_samples : int
         Residuals per output.
-    units : tuple of str
-        Unit of each parameter.
     seconds : float
         Time that the fit took. [s]
     method : str
         One line for the report: criterion, solver, covariance.
     warnings : tuple of str
         Sentences, such as the names of parameters that the data do not determine.
-    train_name : str
-        Name of the training data.
-    train_span : tuple of float
-        First and last time of the training data. [s]
+    train_name, train_span : str, tuple of float
+        Name of the training data, and its first and last time. [s]
     trials : tuple of Trial
         Every training run, for models that are trained from random starts.
     fingerprint : Fingerprint or None
@@ -227,6 +221,12 @@ class Model(FastPaths, abc.ABC):
         measured output again.
     fit_info : FitInfo or None
         How the model was fitted, where it was.
+    n_states, n_inputs, n_outputs : int
+        Lengths of x, u and y.
+    off_ground : Model
+        The model without the position and heading that `OnGround` adds.
+    alternatives : tuple of Model
+        The models that this one is the mean of.
     """
 
     dt: float
@@ -235,6 +235,11 @@ class Model(FastPaths, abc.ABC):
     states: tuple[str, ...]
     memory: int = 1
     fit_info: FitInfo | None = None
+    off_ground: Model = derived(lambda self: self)
+    alternatives: tuple[Model, ...] = derived(lambda self: (self,))
+    n_states: int = derived(lambda self: len(self.states))
+    n_inputs: int = derived(lambda self: len(self.inputs))
+    n_outputs: int = derived(lambda self: len(self.outputs))
     told_by_poles: ClassVar[bool] = False  # better than by its coefficients, one by one
 
     def __getstate__(self) -> dict[str, Any]:
@@ -262,36 +267,11 @@ class Model(FastPaths, abc.ABC):
         known = {"v_x": v_x, "X": X, "Y": Y, "psi": psi}
         return np.array([known.get(name, 0.0) for name in self.states])
 
-    @property
-    def off_ground(self) -> Model:
-        """The model without the position and heading that `OnGround` adds."""
-        return self
-
-    @property
-    def alternatives(self) -> tuple[Model, ...]:
-        """The models that this one is the mean of."""
-        return (self,)
-
     def spread(self, data: Dataset) -> np.ndarray:
         """Standard deviation of the free runs of `alternatives`, shape (n_samples, n_outputs); zero for one alone."""
         if len(self.alternatives) == 1:
             return np.zeros((data.n_samples, self.n_outputs))
         return np.std([model.simulate(data).y for model in self.alternatives], axis=0, ddof=1)
-
-    @property
-    def n_states(self) -> int:
-        """Length of x."""
-        return len(self.states)
-
-    @property
-    def n_inputs(self) -> int:
-        """Length of u."""
-        return len(self.inputs)
-
-    @property
-    def n_outputs(self) -> int:
-        """Length of y."""
-        return len(self.outputs)
 
     # ---- the loops are final -----------------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, nearest
 from slipangle.models.fast import Steps
-from slipangle.models.model import FitInfo, Model
+from slipangle.models.model import FitInfo, Model, derived
 from slipangle.numerics.integrate import Method, Step, discretise
 from slipangle.ops import Scalar, Vector, stack
 from slipangle.units import SI
@@ -32,11 +32,7 @@ class Parametrised:
 
     params: Any
     fit_info: Any
-
-    @property
-    def ode(self) -> OdeModel:
-        """The ODE without what is wrapped around it."""
-        return self  # type: ignore[return-value]
+    ode: OdeModel = derived(lambda self: self)  # without what is wrapped around it
 
     def si(self, name: str) -> SI:
         """Unit, meaning and range of one parameter.
@@ -68,14 +64,9 @@ class Parametrised:
         return row
 
     def for_experiment(self, index: int) -> Self:
-        """The model with the parameters that were fitted for one experiment of the training data.
+        """The model with the parameters that were fitted for one experiment of the training data, counted from 0.
 
         Raises ParameterError if no parameter was fitted per experiment, or there was no such experiment.
-
-        Parameters
-        ----------
-        index : int
-            Place of the experiment in the training data, from 0.
         """
         info = self.fit_info
         fitted = {} if info is None else dict(zip(info.names, map(float, info.values), strict=True))

@@ -78,7 +78,7 @@ class ARX(LinearEstimator[ARXModel]):
         return ARXModel(
             A=A,
             B=B,
-            c=theta[-1] if self.offset else None,
+            c=theta[-1] if self.offset else np.zeros(ny),
             nk=first,
             **channels(data),
             fit_info=info,

@@ -308,7 +308,7 @@ class RecursiveARX:
         return ARXModel(
             A=-theta[:, :split].reshape(ny, s.na, ny).transpose(1, 0, 2),
             B=theta[:, split : split + s.nb * nu].reshape(ny, s.nb, nu).transpose(1, 0, 2),
-            c=theta[:, -1] if s.offset else None,
+            c=theta[:, -1] if s.offset else np.zeros(ny),
             nk=s.nk,
             dt=self.dt,
             inputs=self.inputs,

@@ -25,25 +25,21 @@ class LaggedModel(BlackBoxModel):
     ----------
     na, nb, nk : int
         Past outputs and inputs used; samples from input to output.
+    direct : bool
+        Whether the output depends on the input at the same sample.
     """
 
     na: int
     nb: int
     nk: int
+    direct: bool = derived(lambda self: self.nk == 0)
+    memory: int = derived(lambda self: max(self.na, self.nb + self.nk - 1) + self.direct)
+    _reach: int = derived(lambda self: self.nb + max(self.nk, 1) - 2)  # past inputs in the state
+    _split: int = derived(lambda self: self.na * len(self.outputs))  # entries of the state that are outputs
 
     @abc.abstractmethod
     def newest(self, regressors: Vector) -> Vector:
         """Outputs from what `regressors` returns."""
-
-    @property
-    def direct(self) -> bool:
-        """Whether the output depends on the input at the same sample."""
-        return self.nk == 0
-
-    @derived
-    def memory(self) -> int:
-        """Samples a free run starts from."""
-        return max(self.na, self.nb + self.nk - 1) + self.direct
 
     @derived
     def states(self) -> tuple[str, ...]:
@@ -52,16 +48,6 @@ class LaggedModel(BlackBoxModel):
         past_y = [_lag(n, i + first) for i in range(self.na) for n in self.outputs]
         past_u = [_lag(n, i) for i in range(1, self._reach + 1) for n in self.inputs]
         return (*past_y, *past_u, *(f"e_{n}" for n in self.outputs if self.direct))
-
-    @property
-    def _reach(self) -> int:
-        """Past inputs in the state."""
-        return self.nb + max(self.nk, 1) - 2
-
-    @property
-    def _split(self) -> int:
-        """Entries of the state that are outputs."""
-        return self.na * len(self.outputs)
 
     def _past_inputs(self, x: Vector) -> Vector:
         return x[self._split : self._split + self._reach * len(self.inputs)]

@@ -71,6 +71,11 @@ class StateSpaceModel(BlackBoxModel):
 
     order = derived(lambda self: len(self.A))
 
+    @property
+    def poles(self) -> np.ndarray:
+        """Eigenvalues of A."""
+        return np.linalg.eigvals(self.A)
+
     @derived
     def states(self) -> tuple[str, ...]:
         """``x0``, ``x1``, ...; then the innovations ``e_<output>`` where A is singular."""
@@ -83,13 +88,6 @@ class StateSpaceModel(BlackBoxModel):
         if not self.K.any():
             return np.zeros_like(self.K)
         return None if np.linalg.cond(self.A) > 1e7 else np.linalg.solve(self.A, self.K)
-
-    @property
-    def poles(self) -> np.ndarray:
-        """Eigenvalues of A."""
-        return np.linalg.eigvals(self.A)
-
-    # ---- the Model ---------------------------------------------------------------------------------------------
 
     def step(self, x: Vector, u: Vector) -> Vector:
         """State one sample later."""

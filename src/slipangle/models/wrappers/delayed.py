@@ -76,6 +76,9 @@ class Delayed(Parametrised, Wrapper):
     fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
     params = taken("model.params")
+    ode = taken("model")
+    n_past = derived(lambda self: math.ceil(self.longest / self.dt - 1e-9) + 1)  # samples kept of each delayed input
+    memory = derived(lambda self: self.n_past + 1)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "delays", dict(self.delays))
@@ -96,16 +99,6 @@ class Delayed(Parametrised, Wrapper):
         return hash((self.model, tuple(self.delays.items()), self.longest))
 
     # ---- what a Model has --------------------------------------------------------------------------------------
-
-    @property
-    def n_past(self) -> int:
-        """Past samples kept of each delayed input."""
-        return math.ceil(self.longest / self.dt - 1e-9) + 1
-
-    @derived
-    def memory(self) -> int:
-        """Samples that `initial_state` reads: the past of the inputs."""
-        return self.n_past + 1
 
     @derived
     def states(self) -> tuple[str, ...]:
@@ -149,11 +142,6 @@ class Delayed(Parametrised, Wrapper):
         return stack(pieces)
 
     # ---- what a fit needs --------------------------------------------------------------------------------------
-
-    @property
-    def ode(self) -> OdeModel:
-        """What the late inputs drive."""
-        return self.model
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
-from slipangle.models.model import FitInfo, Model, derived
+from slipangle.models.model import FitInfo, Model, derived, taken
 from slipangle.models.wrappers.hybrid import run_up
 from slipangle.ops import Vector, concatenate, stack
 
@@ -34,6 +34,8 @@ class EnsembleModel(Model):
 
     dt = derived(lambda self: self.members[0].dt)
     outputs = derived(lambda self: self.members[0].outputs)
+    memory = derived(lambda self: max(member.memory for member in self.members))
+    alternatives = taken("members")
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "members", tuple(self.members))
@@ -47,11 +49,6 @@ class EnsembleModel(Model):
                     f"{first.dt:g} s; expected the same of all: fit them to the same data"
                 )
 
-    @property
-    def alternatives(self) -> tuple[Model, ...]:
-        """The members."""
-        return self.members
-
     @derived
     def inputs(self) -> tuple[str, ...]:
         """Of every member, in the order they first occur."""
@@ -61,11 +58,6 @@ class EnsembleModel(Model):
     def states(self) -> tuple[str, ...]:
         """Every member's, numbered."""
         return tuple(f"{k}: {name}" for k, member in enumerate(self.members) for name in member.states)
-
-    @derived
-    def memory(self) -> int:
-        """The longest of the members'."""
-        return max(member.memory for member in self.members)
 
     def _pieces(self, x: Vector, u: Vector) -> Iterator[tuple[Model, Vector, Vector]]:
         """Every member with its state and its inputs."""

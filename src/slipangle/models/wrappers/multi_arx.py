@@ -61,6 +61,11 @@ class SpeedBlend(Checked, Model):
     """
 
     one_prediction: ClassVar[bool]  # of a model with blended coefficients, or one of each model
+    na = derived(lambda self: max(m.na for m in self.models))  # past outputs in the state, the most that a model uses
+    reach = derived(lambda self: max(m.nb + m.nk - 1 for m in self.models))  # samples that past inputs reach back
+    memory = derived(lambda self: max(self.na, self.reach))
+    inputs = derived(lambda self: (*self.models[0].inputs, "v_x"))
+    _copies = derived(lambda self: 1 if self.one_prediction else len(self.models))
 
     models: tuple[ARXModel, ...]
     speeds: tuple[float, ...]
@@ -89,26 +94,6 @@ class SpeedBlend(Checked, Model):
                     f"{first.outputs} and {other.outputs}; expected the same: identify all of them alike"
                 )
 
-    @derived
-    def inputs(self) -> tuple[str, ...]:
-        """Input of the models, then v_x."""
-        return (*self.models[0].inputs, "v_x")
-
-    @property
-    def na(self) -> int:
-        """Past outputs in the state, the most that a model uses."""
-        return max(m.na for m in self.models)
-
-    @property
-    def reach(self) -> int:
-        """Samples that past inputs reach back, the most that a model uses."""
-        return max(m.nb + m.nk - 1 for m in self.models)
-
-    @derived
-    def memory(self) -> int:
-        """Samples a free run starts from."""
-        return max(self.na, self.reach)
-
     @cached_property
     def coefficients(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A (n_models, na, ny, ny), B (n_models, reach, ny) and c (n_models, ny), absent lags being zero.
@@ -133,10 +118,6 @@ class SpeedBlend(Checked, Model):
         return not self.speeds[0] <= v_x <= self.speeds[-1]
 
     # ---- the state: lagged outputs once or of each model, newest first, then past inputs -----------------------------
-
-    @property
-    def _copies(self) -> int:
-        return 1 if self.one_prediction else len(self.models)
 
     @derived
     def states(self) -> tuple[str, ...]:

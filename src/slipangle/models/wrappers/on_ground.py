@@ -48,6 +48,9 @@ class OnGround(Wrapper):
     v_y: Literal["zero"] | float | None = None
 
     fit_info = taken("model.fit_info")
+    off_ground = taken("model")
+    states = derived(lambda self: (*self.model.states, *POSE))
+    outputs = derived(lambda self: (*self.model.outputs, *POSE))
 
     def __post_init__(self) -> None:
         base = self.model
@@ -68,13 +71,6 @@ class OnGround(Wrapper):
         if not (self.v_y is None or self.v_y == "zero" or (isinstance(self.v_y, int | float) and isfinite(self.v_y))):
             raise ParameterError(f'v_y is {self.v_y!r}; expected "zero", a distance in m, or nothing')
 
-    # ---- what a Model has --------------------------------------------------------------------------------------
-
-    @property
-    def off_ground(self) -> Model:
-        """The base model."""
-        return self.model
-
     @derived
     def inputs(self) -> tuple[str, ...]:
         """Inputs of the base model, and v_x where it has no speed."""
@@ -82,16 +78,6 @@ class OnGround(Wrapper):
         if "v_x" in (*base.states, *base.inputs, *base.outputs):
             return tuple(base.inputs)
         return (*base.inputs, "v_x")
-
-    @derived
-    def states(self) -> tuple[str, ...]:
-        """States of the base model, then X, Y, psi."""
-        return (*self.model.states, *POSE)
-
-    @derived
-    def outputs(self) -> tuple[str, ...]:
-        """Outputs of the base model, then X, Y, psi."""
-        return (*self.model.outputs, *POSE)
 
     def initial_state(self, data: Dataset) -> np.ndarray:
         """The base model's state and the pose at the last of the first `memory` samples."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from slipangle.models.model import Model, taken
+from slipangle.models.model import Model, derived, taken
 
 
 class Wrapper(Model):
@@ -18,7 +18,7 @@ class Wrapper(Model):
     states = taken("model.states")
     memory = taken("model.memory")
 
-    @property
+    @derived
     def alternatives(self) -> tuple[Model, ...]:
         """Those of the model, each as wrapped as that."""
         others = self.model.alternatives

@@ -13,7 +13,6 @@ from math import inf
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
 from slipangle.models.parameters import ParameterSet
-from slipangle.ops import Scalar
 from slipangle.units import SI
 
 # A line has a coefficient and its meaning; or the words that several meanings begin with, " : " and how they go on,
@@ -176,11 +175,6 @@ class MagicCoefficients(ParameterSet):
 
         def __getattr__(self, name: str) -> Any: ...
 
-    @property
-    def slip_decay(self) -> Scalar:
-        """LMUV, decay of friction with slip speed, which version 5.2 does not have. [-]"""
-        return 0.0
-
 
 @_with(_ONLY_6)
 class MF61Coefficients(MagicCoefficients):
@@ -196,11 +190,6 @@ class MF61Coefficients(MagicCoefficients):
     version: ClassVar[str] = "6"
     fit_type: ClassVar[int] = 61
 
-    @property
-    def slip_decay(self) -> Scalar:
-        """LMUV. [-]"""
-        return self.LMUV
-
 
 @_with(_ONLY_5)
 class MF52Coefficients(MagicCoefficients):
@@ -211,5 +200,5 @@ class MF52Coefficients(MagicCoefficients):
 
     version: ClassVar[str] = "5.2"
     fit_type: ClassVar[int] = 6
-    PEY5 = RBX3 = RBY4 = QDZ10 = QDZ11 = QSX12 = QSX13 = QSX14 = 0.0  # of version 6, without effect
+    LMUV = PEY5 = RBX3 = RBY4 = QDZ10 = QDZ11 = QSX12 = QSX13 = QSX14 = 0.0  # of version 6, without effect
     LKZC = 1.0

@@ -180,8 +180,8 @@ def prepare(
     load = 0.5 * (load + fabs(load))
     v_x = c.LONGVL if speed is None else speed
     mu_x, mu_y = c.LMUX * friction, c.LMUY * friction
-    if not is_zero(c.slip_decay):
-        decay = 1.0 + c.slip_decay * fabs(v_x) / c.LONGVL * sqrt(kappa * kappa + tangent * tangent)
+    if not is_zero(c.LMUV):
+        decay = 1.0 + c.LMUV * fabs(v_x) / c.LONGVL * sqrt(kappa * kappa + tangent * tangent)
         mu_x, mu_y = mu_x / decay, mu_y / decay
     a = o.digression
     fz0 = c.LFZO * c.FNOMIN
