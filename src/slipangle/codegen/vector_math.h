@@ -30,44 +30,35 @@ INLINE V v_if(V condition, V a) { return (V)((condition != 0.0) & (I)a); }
 INLINE V v_sign(V a) { return v_true(a > 0.0) - v_true(a < 0.0); }
 INLINE V v_nearest(V a) { return (a + 0x1.8p52) - 0x1.8p52; }
 
-#define LANE_BY_LANE(name, call)                       \
+#define LANE_BY_LANE(name)                             \
     static __attribute__((noinline, unused)) V v_##name(V a) \
     {                                                  \
         for (int i = 0; i < LANES; i++)                \
-            a[i] = call(a[i]);                         \
+            a[i] = name(a[i]);                         \
         return a;                                      \
     }
-#define LANE_BY_LANE_2(name, call)                          \
+#define LANE_BY_LANE_2(name)                                \
     static __attribute__((noinline, unused)) V v_##name(V a, V b) \
     {                                                       \
         for (int i = 0; i < LANES; i++)                     \
-            a[i] = call(a[i], b[i]);                        \
+            a[i] = name(a[i], b[i]);                        \
         return a;                                           \
     }
-LANE_BY_LANE(asinh, asinh)
-LANE_BY_LANE(acosh, acosh)
-LANE_BY_LANE(atanh, atanh)
-LANE_BY_LANE(log1p, log1p)
-LANE_BY_LANE(erf, erf)
-LANE_BY_LANE(floor, floor)
-LANE_BY_LANE(ceil, ceil)
-LANE_BY_LANE_2(pow, pow)
-LANE_BY_LANE_2(fmod, fmod)
-LANE_BY_LANE_2(remainder, remainder)
+LANE_BY_LANE(asinh)
+LANE_BY_LANE(acosh)
+LANE_BY_LANE(atanh)
+LANE_BY_LANE(log1p)
+LANE_BY_LANE(erf)
+LANE_BY_LANE(floor)
+LANE_BY_LANE(ceil)
+LANE_BY_LANE_2(pow)
+LANE_BY_LANE_2(fmod)
+LANE_BY_LANE_2(remainder)
 
-#define NATIVE(width)                                                        \
-    INLINE V v_sqrt(V a)                                                      \
-    {                                                                         \
-        return (V)_mm##width##_sqrt_pd((__m##width##d)a);                     \
-    }                                                                         \
-    INLINE V v_fmin(V a, V b)                                                 \
-    {                                                                         \
-        return (V)_mm##width##_min_pd((__m##width##d)a, (__m##width##d)b);    \
-    }                                                                         \
-    INLINE V v_fmax(V a, V b)                                                 \
-    {                                                                         \
-        return (V)_mm##width##_max_pd((__m##width##d)a, (__m##width##d)b);    \
-    }
+#define NATIVE(width)                                                                                       \
+    INLINE V v_sqrt(V a) { return (V)_mm##width##_sqrt_pd((__m##width##d)a); }                            \
+    INLINE V v_fmin(V a, V b) { return (V)_mm##width##_min_pd((__m##width##d)a, (__m##width##d)b); }      \
+    INLINE V v_fmax(V a, V b) { return (V)_mm##width##_max_pd((__m##width##d)a, (__m##width##d)b); }
 #if defined(__AVX512F__) && LANES == 8
 #include <immintrin.h>
 NATIVE(512)

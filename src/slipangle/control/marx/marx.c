@@ -30,14 +30,6 @@ typedef struct {
     Qp qp;
 } Work;
 
-static int numbers(const double *a, int n)
-{
-    double sum = 0;
-    for (int i = 0; i < n; i++)
-        sum += a[i] * 0.0;
-    return sum == 0.0;
-}
-
 static void speed_weights(Work *s)
 {
     for (int i = 0; i <= NH; i++) {
@@ -289,8 +281,8 @@ static void report(Work *s)
 int marx_plan(Work *s)
 {
     double begin = now();
-    if (!(numbers(s->x, NS) && numbers(s->path, (NH + 1) * 3) && numbers(s->v, NH) && numbers(s->applied, 1) &&
-          numbers(s->offset, NY)))
+    if (!(moderate(s->x, NS) && moderate(s->path, (NH + 1) * 3) && moderate(s->v, NH) && moderate(s->applied, 1) &&
+          moderate(s->offset, NY)))
         return NOT_FINITE;
     speed_weights(s);
     blend(s);
@@ -329,10 +321,3 @@ int marx_again(Work *s)
     int status = marx_plan(s);
     return status == DONE && !(moderate(s->u, NH) && moderate(s->states, (NH + 1) * NS)) ? NO_ANSWER : status;
 }
-
-Work *marx_new(void)
-{
-    void *at = NULL;
-    return posix_memalign(&at, 64, sizeof(Work)) ? NULL : memset(at, 0, sizeof(Work));
-}
-void marx_free(Work *s) { free(s); }

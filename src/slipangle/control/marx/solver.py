@@ -10,6 +10,7 @@ import numpy as np
 
 from slipangle.codegen.compiler import library
 from slipangle.codegen.expression import preamble
+from slipangle.codegen.struct import Struct, accessors
 from slipangle.control.marx.interpreted import Interpreted
 from slipangle.control.marx.problem import Answer, MarxProgram, Numbers, Offset, Solver
 from slipangle.numerics.per_thread import OfThreads, of_thread
@@ -49,11 +50,9 @@ def source(problem: MarxProgram) -> str:
     shared = [files("slipangle.optimal.realtime") / name for name in ("ranges.c", "qp.c")]
     text = [preamble("V"), *(file.read_text(encoding="utf-8") for file in shared)]
     own = (files("slipangle.control.marx") / "marx.c").read_text(encoding="utf-8")
-    cases = "\n".join(f"    case {i}: return s->{name};" for i, name in enumerate(FIELDS))
-    reach = f"void *marx_at(Work *s, int i)\n{{\n    switch (i) {{\n{cases}\n    }}\n    return NULL;\n}}\n"
     head = "#define _POSIX_C_SOURCE 200809L\n#include <stdlib.h>\n#include <time.h>\n"
     head += "\n".join(f"#define {k} {v}" for k, v in sizes.items())
-    return "\n".join([head, *text, _shares(problem), own, reach])
+    return "\n".join([head, *text, _shares(problem), own, accessors("marx", FIELDS)])
 
 
 def _shares(problem: MarxProgram) -> str:
@@ -80,11 +79,6 @@ class WorkArea(Solver):
     """One thread's memory of the compiled solver."""
 
     def __init__(self, problem: MarxProgram, numbers: Numbers, found: ctypes.CDLL) -> None:
-        self._library = found
-        self._work = found.marx_new()
-        if not self._work:
-            raise MemoryError("no memory for the solver")
-        self._pointer = ctypes.c_void_p(self._work)
         self._call, self._call_again = found.marx_plan, found.marx_again
         n, ny, tracked = problem.horizon, len(problem.outputs), len(problem.q)
         shapes: dict[str, tuple[int, ...]] = {
@@ -106,13 +100,8 @@ class WorkArea(Solver):
             "states": (n + 1, problem.n_states),
             "weights": (problem.n_models,),
         }
-        view: dict[str, np.ndarray] = {}
-        for i, name in enumerate(FIELDS):
-            shape = shapes.get(name, (1,))
-            kind: Any = ctypes.c_int64 if name == "iterations" else ctypes.c_double
-            block: Any = (kind * max(int(np.prod(shape)), 1)).from_address(found.marx_at(self._pointer, i))
-            dtype = np.int64 if name == "iterations" else float
-            view[name] = np.frombuffer(block, dtype=dtype)[: int(np.prod(shape))].reshape(shape)
+        self._struct = Struct(found, "marx", FIELDS, shapes, ["iterations"])
+        self._pointer, view = self._struct.pointer, self._struct.fields
         for name in ("q", "end", "bounds", "steps"):
             view[name][:] = getattr(problem, name)
         view["r"][0], view["s"][0] = problem.r, problem.s
@@ -124,11 +113,6 @@ class WorkArea(Solver):
         self._sizes = self._x.shape, self._path.shape, self._v.shape
         self._loaded: Numbers | None = None
         self._load(numbers)
-
-    def __del__(self) -> None:
-        work, self._work = getattr(self, "_work", None), None
-        if work:
-            self._library.marx_free(ctypes.c_void_p(work))
 
     @property
     def seconds(self) -> float:

@@ -12,6 +12,7 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
+from slipangle.codegen.struct import Struct
 from slipangle.optimal.arrays import DOUBLE
 from slipangle.optimal.engine import Engine, EngineOfThreads, Followed, Start
 from slipangle.optimal.ocp import OCP, Reference
@@ -19,16 +20,9 @@ from slipangle.optimal.realtime.parts import implicit, limit_rows, slack_of_rows
 from slipangle.optimal.realtime.program import COUNTS, FIELDS
 from slipangle.optimal.solution import MOST_ATTEMPTS, Plan, Solution, Status, between, finite, inputs_later
 
-OUTCOMES = (
-    Status.SOLVED,
-    Status.REAL_TIME,
-    Status.ITERATION_LIMIT,
-    Status.STALLED,
-    Status.TIME_OUT,
-    Status.INFEASIBLE,
-    Status.NOT_FINITE,
-    Status.FAILED,
-)
+OUTCOMES = [
+    Status[name] for name in "SOLVED REAL_TIME ITERATION_LIMIT STALLED TIME_OUT INFEASIBLE NOT_FINITE FAILED".split()
+]
 DOUBTFUL = len(OUTCOMES)
 CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME = range(5)
 
@@ -79,10 +73,6 @@ class WorkArea(Engine):
         # Long: every array of the C code is named and shaped once.
         self.ocp = ocp
         self._library = library
-        self._work = library.rt_new()
-        if not self._work:
-            raise MemoryError("no memory for the solver")
-        self._pointer = ctypes.c_void_p(self._work)
         self._call, self._call_again, self._call_fallback = library.rt_solve, library.rt_again, library.rt_fallback
         n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
         parts, steps, limits = implicit(ocp), int(ocp.nodes[-1]), len(limit_rows(ocp))
@@ -109,14 +99,10 @@ class WorkArea(Engine):
             "x": (steps + 1, nx),
             "k": (steps + 1, 3 * len(parts.core) if parts else 0),
         }
-        view: dict[str, np.ndarray] = {}
-        for i, name in enumerate((*FIELDS, *COUNTS)):
-            shape = shapes.get(name, (1,))
-            size = int(np.prod(shape))
-            kind = ctypes.c_int64 if name in COUNTS else ctypes.c_double
-            block: Any = (kind * max(size, 1)).from_address(library.rt_at(self._pointer, i))
-            view[name] = np.frombuffer(block, dtype=np.int64 if name in COUNTS else float)[:size].reshape(shape)
-        self._view = view
+        self._struct = Struct(library, "rt", (*FIELDS, *COUNTS), shapes, COUNTS)
+        self._pointer, self._view = self._struct.pointer, self._struct.fields
+        library.rt_begin(self._pointer)
+        view = self._view
         self._x0, self._applied, self._w, self._p, self._r = (view[n] for n in ("x0", "applied", "w", "p", "r"))
         self._u, self._x, self._corridor = (view[n] for n in ("u", "x", "corridor"))
         self._iterations, self._fresh = view["iterations"], view["fresh"]
@@ -134,10 +120,8 @@ class WorkArea(Engine):
         self._q, self._wr, self._ws = (view[name] for name in ("q", "wr", "ws"))
         self._q[:], self._wr[:], self._ws[:] = ocp.stage_weights
         view["plain"][:], view["square"][:] = slack_of_rows(ocp)
-        view["tolerance"][0] = settings.tolerance
-        view["newton"][0] = settings.newton
-        view["accept"][0] = settings.accept
-        view["max_iterations"][0] = settings.max_iterations
+        for name in ("tolerance", "newton", "accept", "max_iterations"):
+            view[name][0] = getattr(settings, name)
         view["fixed"][0] = settings.iterations
         self._limit = np.inf if deadline is None else deadline
         self._time = view["time_limit"]
@@ -150,11 +134,6 @@ class WorkArea(Engine):
         self._until: float | None = None
         self._settings = settings
         self._ready: Memory | None = None
-
-    def __del__(self) -> None:
-        work, self._work = getattr(self, "_work", None), None
-        if work:
-            self._library.rt_free(ctypes.c_void_p(work))
 
     def solve(self, start: Start) -> Solution:
         """Solve from a state and a guess; see `slipangle.optimal.solution.Start`."""

@@ -57,8 +57,8 @@ static int follow_inputs(Work *s, double until, double near)
             else
                 evaluate_ends(s, i);
         s->from = 0, before = most, most = 0;
-        close_gaps(s);
-        if (!all_finite(s->dx, (NS + 1) * NX))
+        move_states(s, 0);
+        if (!moderate(s->dx, (NS + 1) * NX))
             return 0;
         for (int i = 0; i < (NS + 1) * NX; i++) {
             s->x[i] += s->dx[i];

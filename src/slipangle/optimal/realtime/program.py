@@ -11,6 +11,7 @@ import numpy as np
 
 from slipangle.codegen.elimination import elimination_code, nonzeros
 from slipangle.codegen.expression import emit, fewer_divisions, only, preamble, scalar_code
+from slipangle.codegen.struct import accessors
 from slipangle.numerics.integrate import RADAU_A, RETRY
 from slipangle.optimal.checks import ANY
 from slipangle.optimal.ocp import OCP
@@ -76,14 +77,8 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
             _sizes(ocp, stage, parts, kinds),
             *code,
             _scratch(called, bool(parts)),
-            _text("qp.c"),
-            _text("work.c"),
-            _text("stages.c"),
-            _text("solver.c"),
-            _text("ranges.c"),
-            _text("fallback.c"),
-            _text("judge.c"),
-            _fields(),
+            *map(_text, ("ranges.c", "qp.c", "work.c", "stages.c", "solver.c", "fallback.c", "judge.c")),
+            accessors("rt", [*FIELDS, *COUNTS]),
         ]
     )
 
@@ -253,11 +248,3 @@ def _scratch(called: Sequence[ca.Function], is_implicit: bool) -> str:
         lines.append(f"    double work[{1 + max(f.sz_w() for f in called)}];")
         lines.append(f"    long long int iw[{1 + max(f.sz_iw() for f in called)}];")
     return "\n".join([*lines, "} Scratch;\n"])
-
-
-def _fields() -> str:
-    """Addresses for Python, in the order of FIELDS and COUNTS."""
-    names = [*FIELDS, *COUNTS]
-    lines = ["void *rt_at(Work *s, int i)", "{", "    switch (i) {"]
-    lines += [f"    case {i}: return &s->{name};" for i, name in enumerate(names)]
-    return "\n".join([*lines, "    }", "    return NULL;", "}", ""])

@@ -85,6 +85,15 @@ INLINE void add_rows(double *y, double a, const double *x, int from, int to)
         ((V *)y)[i] += a * ((const V *)x)[i];
 }
 
+/* The product of x and the symmetric matrix whose upper triangle H holds, times `sign`, added to z. */
+static void add_product(double *z, double sign, const double *H, const double *x, int n)
+{
+    for (int a = 0; a < n; a++) {
+        z[a] += sign * dot(H + a * QL + a, x + a, n - a);
+        add(z + a + 1, sign * x[a], H + a * QL + a + 1, n - a - 1);
+    }
+}
+
 /* U'y = c in place, c zero before `first`; U x = y in place. */
 static void forward(const Qp *q, double *c, int first)
 {
@@ -213,14 +222,10 @@ static void leave(Qp *q, int a, int mode)
 /* One step of iterative refinement of u and the multipliers of the working rows. */
 static void refine(Qp *q)
 {
-    const double *H = (const double *)q->H;
     double *z = q->xi;
     for (int a = 0; a < QL; a++)
         z[a] = a < Q_N ? -q->g[a] : 0;
-    for (int a = 0; a < Q_N; a++) {
-        z[a] -= dot(H + a * QL + a, q->u + a, Q_N - a);
-        add(z + a + 1, -q->u[a], H + a * QL + a + 1, Q_N - a - 1);
-    }
+    add_product(z, -1, (const double *)q->H, q->u, Q_N);
     for (int i = 0; i < QT; i++)
         if (q->mode[i] == SPENT)
             row_add(q, i, -q->lambda[i], z);
@@ -247,16 +252,13 @@ static void refine(Qp *q)
    and multipliers. Where tracking is exact the first is zero. */
 static double qp_residual(Qp *q)
 {
-    const double *H = (const double *)q->H;
     double *z = q->xi, *forces = q->cancel, size = 1e-300, worst = 0;
     for (int a = 0; a < QL; a++)
         z[a] = forces[a] = 0;
-    for (int a = 0; a < Q_N; a++) {
+    for (int a = 0; a < Q_N; a++)
         if (!(fabs(q->u[a]) < INFINITY && fabs(q->g[a]) < INFINITY))
             return INFINITY;
-        z[a] += dot(H + a * QL + a, q->u + a, Q_N - a);
-        add(z + a + 1, q->u[a], H + a * QL + a + 1, Q_N - a - 1);
-    }
+    add_product(z, 1, (const double *)q->H, q->u, Q_N);
     for (int i = 0; i < Q_N + Q_R + Q_D; i++)
         if (q->lambda[i] != 0)
             row_add(q, i, q->lambda[i], forces);

@@ -27,19 +27,6 @@ static void keep_between_edges(Work *s)
 
 /* ---- linearisation -------------------------------------------------------------------------------------------- */
 
-static int all_finite(const double *values, int n)
-{
-    V sum = {0}, v;
-    int i = 0, all = 1;
-    for (; i + LANES <= n; i += LANES) {
-        memcpy(&v, values + i, sizeof v);
-        sum += 0 * v;
-    }
-    for (; i < n; i++)
-        all &= 0 * values[i] == 0;
-    return all && !v_any(sum != 0.0);
-}
-
 #if AHEAD
 /* Whether LANES columns are those that the plan before ended with, which are linearised already. */
 static int at_hand(const Work *s, int first)
@@ -75,8 +62,8 @@ static int linearise(Work *s)
     s->open_end = 0;
     for (int i = 0; i <= N; i += LANES)
         evaluate_stage(s, i);
-    return all_finite(s->next, NS * NX) && all_finite(s->e, (N + 1) * NE) && all_finite(s->l, (N + 1) * NL) &&
-           all_finite(s->A, NS * NX * NX);
+    return moderate(s->next, NS * NX) && moderate(s->e, (N + 1) * NE) && moderate(s->l, (N + 1) * NL) &&
+           moderate(s->A, NS * NX * NX);
 }
 
 /* Correct H along a step by the change of the gradient seen there (BFGS, damped after Powell). */
@@ -84,10 +71,7 @@ static void secant(Work *s, double *H, const double *step, const double *change)
 {
     double *z = s->product, old, seen, keep = 1;
     memset(z, 0, sizeof s->product);
-    for (int a = 0; a < N * NU; a++) {
-        z[a] += dot(H + a * QL + a, step + a, N * NU - a);
-        add(z + a + 1, step[a], H + a * QL + a + 1, N * NU - a - 1);
-    }
+    add_product(z, 1, H, step, N * NU);
     old = dot(z, step, N * NU), seen = dot(change, step, N * NU);
     if (!(old > 0))
         return;
@@ -223,17 +207,20 @@ INLINE void carry_back(const double *restrict A, const double *restrict after, d
         before[c] = sum[c];
 }
 
-/* Where the states move in the linear model while the inputs stay: gaps closed, from s->x0 on. */
-static void close_gaps(Work *s)
+/* Where the states move in the linear model from s->x0 on: gaps closed, the inputs moved by du or, without `inputs`, not. */
+INLINE void move_states(Work *s, int inputs)
 {
     for (int a = 0; a < NX; a++)
         s->dx[a] = s->x0[a] - s->x[a];
     for (int m = 0; m < NS; m++) {
-        const double *A = s->A + m * NX * NX, *dx = s->dx + m * NX;
+        const double *A = s->A + m * NX * NX, *B = s->B + m * NX * NU, *du = s->du + STAGE_OF(m) * NU;
+        const double *dx = s->dx + m * NX;
         for (int a = 0; a < NX; a++) {
             double v = s->next[m * NX + a] - s->x[(m + 1) * NX + a];
             for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
                 v += A[a * NX + A_AT[c]] * dx[A_AT[c]];
+            for (int j = 0; inputs && j < NU; j++)
+                v += B[a * NU + j] * du[j];
             s->dx[(m + 1) * NX + a] = v;
         }
     }
@@ -243,7 +230,7 @@ static void close_gaps(Work *s)
 static void feed(Work *s)
 {
     Qp *q = &s->qp;
-    close_gaps(s);
+    move_states(s, 0);
     double *pi = s->pi;
     memset(pi, 0, sizeof s->pi);
     memset(q->g, 0, sizeof q->g);
@@ -298,27 +285,6 @@ static void feed(Work *s)
     }
 }
 
-/* Step in inputs and states from the solved QP; adjoints of the dynamics for the merit function. */
-static void expand(Work *s)
-{
-    const Qp *q = &s->qp;
-    for (int a = 0; a < N * NU; a++)
-        s->du[a] = SCALE[a % NU] * q->u[a];
-    for (int a = 0; a < NX; a++)
-        s->dx[a] = s->x0[a] - s->x[a];
-    for (int m = 0; m < NS; m++) {
-        const double *A = s->A + m * NX * NX, *B = s->B + m * NX * NU;
-        for (int a = 0; a < NX; a++) {
-            double v = s->next[m * NX + a] - s->x[(m + 1) * NX + a];
-            for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
-                v += A[a * NX + A_AT[c]] * s->dx[m * NX + A_AT[c]];
-            for (int j = 0; j < NU; j++)
-                v += B[a * NU + j] * s->du[STAGE_OF(m) * NU + j];
-            s->dx[(m + 1) * NX + a] = v;
-        }
-    }
-}
-
 /* ---- merit ---------------------------------------------------------------------------------------------------- */
 
 static double soft_cost(const Work *s, int row, double excess)
@@ -332,16 +298,23 @@ static double soft_cost(const Work *s, int row, double excess)
     return q->plain[i] * excess + 0.5 * q->square[i] * excess * excess;
 }
 
+/* Half the cost of these errors and inputs. */
+INLINE double half_cost(const Work *s, const double *e, const double *u)
+{
+    double sum = 0;
+    for (int i = 0; i < (N + 1) * NE; i++)
+        sum += 0.5 * s->q[i] * e[i] * e[i];
+    for (int a = 0; a < N * NU; a++) {
+        double miss = u[a] - s->r[a], change = u[a] - (a < NU ? s->applied[a] : u[a - NU]);
+        sum += 0.5 * (s->wr[a] * miss * miss + s->ws[a] * change * change);
+    }
+    return sum;
+}
+
 /* Half the cost plus penalties. */
 static double merit(const Work *s, double *cost, double *violation)
 {
-    double sum = 0, defects = 0, worst = 0, hard = 0;
-    for (int i = 0; i < (N + 1) * NE; i++)
-        sum += 0.5 * s->q[i] * s->e[i] * s->e[i];
-    for (int a = 0; a < N * NU; a++) {
-        double u = s->u[a], change = u - (a < NU ? s->applied[a] : s->u[a - NU]);
-        sum += 0.5 * (s->wr[a] * (u - s->r[a]) * (u - s->r[a]) + s->ws[a] * change * change);
-    }
+    double sum = half_cost(s, s->e, s->u), defects = 0, worst = 0, hard = 0;
     for (int row = 0; row < N_LIMITS; row++) {
         int i, k;
         const double *b = limit_of(s, row, &i, &k);
@@ -462,18 +435,12 @@ INLINE void units(const double *rows, int count, int wide, double *to)
 static void judge(Work *s, int ahead)
 {
     const Qp *q = &s->qp;
-    double half = 0, beyond = 0, worst = 0, off = 0, reach = s->step, of_x[NX], of_l[M1(NL)];
+    double half = half_cost(s, s->e, s->u), beyond = 0, worst = 0, off = 0, reach = s->step, of_x[NX], of_l[M1(NL)];
     units(s->x, NS + 1, NX, of_x);
     if (NL > 0)
         units(s->l, N + 1, NL, of_l);
-    for (int i = 0; i < (N + 1) * NE; i++) {
-        half += 0.5 * s->q[i] * s->e[i] * s->e[i];
+    for (int i = 0; i < (N + 1) * NE; i++)
         beyond += fabs(s->q[i] * s->e[i] * (s->e[i] - s->e_after[i]));
-    }
-    for (int a = 0; a < N * NU; a++) {
-        double u = s->u[a], change = u - (a < NU ? s->applied[a] : s->u[a - NU]);
-        half += 0.5 * (s->wr[a] * (u - s->r[a]) * (u - s->r[a]) + s->ws[a] * change * change);
-    }
     for (int row = 0; row < N_LIMITS; row++) {
         int i, k;
         const double *b = limit_of(s, row, &i, &k);
@@ -587,7 +554,7 @@ static void move(Work *s, double t)
 /* Inputs within bounds and rates, unless they are no numbers. */
 static void keep_inputs(Work *s)
 {
-    if (!all_finite(s->u, N * NU))
+    if (!moderate(s->u, N * NU))
         return;
     for (int i = 0; i < N; i++)
         for (int j = 0; j < NU; j++) {
@@ -669,7 +636,9 @@ static int solve_qp(Work *s, int warm)
     if (status == QP_NUMBER && s->qp.kkt <= 1e-6) /* wildly scaled, but good enough for a step; `residual` says it */
         status = QP_SOLVED;
     if (status == QP_SOLVED) {
-        expand(s);
+        for (int a = 0; a < N * NU; a++)
+            s->du[a] = SCALE[a % NU] * s->qp.u[a];
+        move_states(s, 1);
         promise(s);
         s->step = step_size(s);
         memcpy(s->u_from, s->u, sizeof s->u);
@@ -704,14 +673,10 @@ static int feedback(Work *s, int last)
 /* Half the cost, and soft excess, after the step by the linear model. */
 static double promised(const Work *s)
 {
-    double sum = 0;
-    for (int i = 0; i < (N + 1) * NE; i++)
-        sum += 0.5 * s->q[i] * s->e_after[i] * s->e_after[i];
-    for (int a = 0; a < N * NU; a++) {
-        double u = s->u_from[a] + s->du[a];
-        double change = u - (a < NU ? s->applied[a] : s->u_from[a - NU] + s->du[a - NU]);
-        sum += 0.5 * (s->wr[a] * (u - s->r[a]) * (u - s->r[a]) + s->ws[a] * change * change);
-    }
+    double u[N * NU];
+    for (int a = 0; a < N * NU; a++)
+        u[a] = s->u_from[a] + s->du[a];
+    double sum = half_cost(s, s->e_after, u);
     for (int row = 0; row < N_LIMITS; row++) {
         int i, k;
         const double *b = limit_of(s, row, &i, &k);
@@ -970,27 +935,15 @@ int rt_solve(Work *s)
 
 /* ---- life ----------------------------------------------------------------------------------------------------- */
 
-Work *rt_new(void)
+/* What stays as it is in all solves. */
+void rt_begin(Work *s)
 {
-    void *at = NULL;
-    if (posix_memalign(&at, 64, sizeof(Work)))
-        return NULL;
-    Work *s = at;
-    memset(s, 0, sizeof *s);
     Qp *q = &s->qp;
-    q->n = QN, q->rates = QR, q->dense = QD;
     for (int i = 0; i < QT; i++)
         q->plain[i] = INFINITY;
-    for (int k = 0, i = 0; i < N; i++)
-        for (int j = 0; j < NU; j++)
-            if (STEP_LOW[i * NU + j] > -INFINITY || STEP_HIGH[i * NU + j] < INFINITY) {
-                q->after[k] = i * NU + j;
-                q->before[k++] = i * NU + j - NU;
-            }
-    s->time_limit = INFINITY;
-    s->tolerance = 1e-9;
-    s->max_iterations = 50;
-    s->accept = 1e-2;
-    return s;
+    for (int k = 0, a = 0; a < N * NU; a++)
+        if (STEP_LOW[a] > -INFINITY || STEP_HIGH[a] < INFINITY) {
+            q->after[k] = a;
+            q->before[k++] = a - NU;
+        }
 }
-void rt_free(Work *s) { free(s); }

@@ -34,7 +34,20 @@ static void scatter(const V *from, double *to, int width, int first, int count, 
     }
 }
 
+/* A function of CasADi's own code on `in` and `out`; it keeps pointers of its own behind these. */
+#define CALL(function) \
+    (memcpy(c->in, in, sizeof in), memcpy(c->out, out, sizeof out), function(c->in, c->out, c->iw, c->work, 0))
+
 #if DYNAMICS == RADAU
+
+/* Core states at the stage j of a step; the last stage is its end. */
+INLINE void stage_states(const Scratch *c, const double *H, int j, V *to)
+{
+    for (int a = 0; a < NC; a++) {
+        const V *k = c->k + 3 * a;
+        to[CORE[a]] = c->x[CORE[a]] + (H[3 * j] * k[0] + H[3 * j + 1] * k[1] + H[3 * j + 2] * k[2]);
+    }
+}
 
 /* Stage slopes that carry the fast states to where they settle: short, growing, linearly implicit Euler steps. */
 static void settle_fast_states(Scratch *c, I which)
@@ -81,10 +94,7 @@ INLINE void find_stages(Scratch *c, const double *H, double step, double toleran
         unit[a] = step / (1.0 + v_fabs(c->x[CORE[a]]));
     for (int round = 0; round < 30; round++) {
         for (int j = 0; j < 3; j++) {
-            for (int a = 0; a < NC; a++) {
-                const V *k = c->k + 3 * a;
-                at[CORE[a]] = c->x[CORE[a]] + (H[3 * j] * k[0] + H[3 * j + 1] * k[1] + H[3 * j + 2] * k[2]);
-            }
+            stage_states(c, H, j, at);
             core(at, c->u, c->w, c->f + j * NC, c->fx + j * NC * NC, c->fu + j * NC * NU);
         }
         for (int a = 0; a < NC; a++)
@@ -143,9 +153,8 @@ INLINE void end_step(Scratch *c, const double *H, int whole)
                 s[3 * a + j] = b < NC ? c->fx[(j * NC + a) * NC + b] : c->fu[(j * NC + a) * NU + b - NC];
         newton_solve(c->m, s);
     }
-    for (int a = 0; a < NC; a++) {
-        const V *k = c->k + 3 * a;
-        c->next[CORE[a]] = c->x[CORE[a]] + (H[6] * k[0] + H[7] * k[1] + H[8] * k[2]);
+    stage_states(c, H, 2, c->next);
+    for (int a = 0; a < NC; a++)
         for (int b = 0; b < NC + NU; b++) {
             const V *s = c->s + b * NK + 3 * a;
             V slope = H[6] * s[0] + H[7] * s[1] + H[8] * s[2];
@@ -154,7 +163,6 @@ INLINE void end_step(Scratch *c, const double *H, int whole)
             else
                 c->B[CORE[a] * NU + b - NC] = slope;
         }
-    }
 #if NQ > 0
     if (whole)
         quadrature(c->k, c->x, c->u, c->w, c->q, c->qk, c->qx, c->qu);
@@ -262,15 +270,11 @@ INLINE V move_along(Scratch *c)
 /* Stage slopes corrected once with the factors at hand; by how much. */
 INLINE V correct(Scratch *c)
 {
-    const double *H = RADAU_H;
     V at[NX], off = {0};
     for (int a = 0; a < NX; a++)
         at[a] = c->x[a];
     for (int j = 0; j < 3; j++) {
-        for (int a = 0; a < NC; a++) {
-            const V *k = c->k + 3 * a;
-            at[CORE[a]] = c->x[CORE[a]] + (H[3 * j] * k[0] + H[3 * j + 1] * k[1] + H[3 * j + 2] * k[2]);
-        }
+        stage_states(c, RADAU_H, j, at);
         core_values(at, c->u, c->w, c->f + j * NC);
     }
     for (int a = 0; a < NC; a++)
@@ -288,13 +292,9 @@ INLINE V correct(Scratch *c)
    corrected once. */
 INLINE void follow(Scratch *c)
 {
-    const double *H = RADAU_H;
     move_along(c);
     V off = correct(c);
-    for (int a = 0; a < NC; a++) {
-        const V *k = c->k + 3 * a;
-        c->next[CORE[a]] = c->x[CORE[a]] + (H[6] * k[0] + H[7] * k[1] + H[8] * k[2]);
-    }
+    stage_states(c, RADAU_H, 2, c->next);
 #if NQ > 0
     quadrature_values(c->k, c->x, c->u, c->w, c->q);
     for (int a = 0; a < NQ; a++)
@@ -335,9 +335,7 @@ static void evaluate_dynamics(Work *s, int first, int count)
     for (int i = first; i < first + count && i < NS; i++) {
         const double *in[3] = {s->x + i * NX, s->u + STAGE_OF(i) * NU, s->w + STAGE_OF(i) * NW};
         double *out[3] = {s->next + i * NX, s->A + i * NX * NX, s->B + i * NX * NU};
-        memcpy(c->in, in, sizeof in); /* CasADi keeps pointers of its own behind the arguments */
-        memcpy(c->out, out, sizeof out);
-        called_dynamics(c->in, c->out, c->iw, c->work, 0);
+        CALL(called_dynamics);
     }
 #else
     gather(c->x, s->x, NX, first, count, NS - 1);
@@ -357,6 +355,16 @@ static void evaluate_dynamics(Work *s, int first, int count)
 #endif
 }
 
+#if STAGE != CALLED
+static void gather_stage(const Work *s, Scratch *c, int first)
+{
+    gather_nodes(c->x, s->x, NX, first, LANES, N);
+    gather(c->u, s->u, NU, first, LANES, N - 1);
+    gather(c->w, s->w, NW, first, LANES, N);
+    gather(c->p, s->p, NP, first, LANES, N);
+}
+#endif
+
 static void evaluate_stage(Work *s, int first)
 {
     Scratch *c = &s->scratch;
@@ -366,15 +374,10 @@ static void evaluate_stage(Work *s, int first)
         const double *in[4] = {s->x + NODE(i) * NX, s->u + at * NU, s->w + i * NW, s->p + i * NP};
         double *out[6] = {s->e + i * NE, s->l + i * NL, s->E + i * NE * NX, s->D + i * NE * NU,
                           s->LX + i * NL * NX, s->LU + i * NL * NU};
-        memcpy(c->in, in, sizeof in);
-        memcpy(c->out, out, sizeof out);
-        called_stage(c->in, c->out, c->iw, c->work, 0);
+        CALL(called_stage);
     }
 #else
-    gather_nodes(c->x, s->x, NX, first, LANES, N);
-    gather(c->u, s->u, NU, first, LANES, N - 1);
-    gather(c->w, s->w, NW, first, LANES, N);
-    gather(c->p, s->p, NP, first, LANES, N);
+    gather_stage(s, c, first);
     lanes_stage(c->x, c->u, c->w, c->p, c->e, c->l, c->E, c->D, c->LX, c->LU);
     scatter(c->e, s->e, NE, first, LANES, N);
     scatter(c->l, s->l, NL, first, LANES, N);
@@ -453,12 +456,10 @@ static int evaluate_later(Work *s, int first)
     for (int i = first; i < first + LANES && i <= NS; i++) {
         const double *in[3] = {s->x + LATER(i) * NX, s->u + HELD_LATER(i) * NU, s->w + LATER(i) * NW};
         double *out[3] = {s->next + i * NX, s->A + i * NX * NX, s->B + i * NX * NU};
-        memcpy(c->in, in, sizeof in);
-        memcpy(c->out, out, sizeof out);
         if (i < NS)
-            called_dynamics(c->in, c->out, c->iw, c->work, 0);
+            CALL(called_dynamics);
         else
-            called_values(c->in, c->out, c->iw, c->work, 0);
+            CALL(called_values);
     }
     return 1;
 #else
@@ -490,9 +491,7 @@ static void evaluate_ends(Work *s, int first)
     for (int i = first; i < first + LANES && i < NS; i++) {
         const double *in[3] = {s->x + i * NX, s->u + STAGE_OF(i) * NU, s->w + STAGE_OF(i) * NW};
         double *out[1] = {s->next + i * NX};
-        memcpy(c->in, in, sizeof in);
-        memcpy(c->out, out, sizeof out);
-        called_values(c->in, c->out, c->iw, c->work, 0);
+        CALL(called_values);
     }
 #else
 #if DYNAMICS == RADAU
@@ -532,15 +531,10 @@ static void evaluate_errors(Work *s, int first)
         int at = i < N ? i : N - 1;
         const double *in[4] = {s->x + NODE(i) * NX, s->u + at * NU, s->w + i * NW, s->p + i * NP};
         double *out[2] = {s->e + i * NE, s->l + i * NL};
-        memcpy(c->in, in, sizeof in);
-        memcpy(c->out, out, sizeof out);
-        called_stage_values(c->in, c->out, c->iw, c->work, 0);
+        CALL(called_stage_values);
     }
 #else
-    gather_nodes(c->x, s->x, NX, first, LANES, N);
-    gather(c->u, s->u, NU, first, LANES, N - 1);
-    gather(c->w, s->w, NW, first, LANES, N);
-    gather(c->p, s->p, NP, first, LANES, N);
+    gather_stage(s, c, first);
     stage_values(c->x, c->u, c->w, c->p, c->e, c->l);
     scatter(c->e, s->e, NE, first, LANES, N);
     scatter(c->l, s->l, NL, first, LANES, N);
