@@ -1,13 +1,11 @@
 """The command line: ``slipangle demo | run | list | data | reproduce | bench``."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys
 from collections.abc import Sequence
 
-from slipangle.commands import Commands, data, job, listing, models, reproduce, search, tire
+from slipangle.commands import Commands, data, job, listing, models, reproduce, run, search, tire
 from slipangle.errors import SlipangleError
 
 _STORY = """\
@@ -30,7 +28,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     options = _parser().parse_args(_joined(given))
     try:
-        return options.function(options)
+        return run(options)
     except SlipangleError as error:
         print(f"slipangle: {error}", file=sys.stderr)
         return 2

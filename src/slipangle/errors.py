@@ -1,7 +1,5 @@
 """One exception per kind of bad input; each message says what, got, expected, fix."""
 
-from __future__ import annotations
-
 import difflib
 import re
 from collections.abc import Callable, Iterable, Sequence

@@ -1,7 +1,5 @@
 """What the base install leaves out: parts that one job needs come as extras, asked for by name when it is done."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 
@@ -11,10 +9,7 @@ from slipangle.errors import ConfigError
 def extra(module: str, bundle: str, job: str) -> Any:
     """A module that an extra of pyproject.toml brings, such as ``"neural"``; ``job`` is what needs it.
 
-    Raises
-    ------
-    ConfigError
-        If it is not installed; the sentence says what to install.
+    Raises ConfigError if it is not installed; the sentence says what to install.
     """
     try:
         return importlib.import_module(module)

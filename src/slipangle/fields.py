@@ -9,8 +9,6 @@ Traceback (most recent call last):
 slipangle.errors.ParameterError: order is 0; expected a whole number from 1 to 9
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache

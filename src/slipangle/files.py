@@ -1,13 +1,11 @@
-"""Files are written to a temporary name beside the target, then renamed: never half a file."""
-
-from __future__ import annotations
+"""Files are read whole, and written to a temporary name beside the target, then renamed: never half a file."""
 
 import getpass
 import os
 import tempfile
 from pathlib import Path
 
-from slipangle.errors import WriteError
+from slipangle.errors import MissingFileError, WriteError
 
 
 def cache_folder() -> Path:
@@ -36,10 +34,7 @@ def private_folder() -> Path:
 def output_folder(path: str | Path) -> Path:
     """Create the folder if needed and make sure that it can be written.
 
-    Raises
-    ------
-    WriteError
-        If it cannot be created or written.
+    Raises WriteError if it cannot be created or written.
     """
     folder = Path(path)
     try:
@@ -58,10 +53,7 @@ def output_folder(path: str | Path) -> Path:
 def check_output(path: str | Path) -> Path:
     """Make sure that a folder could be written, without creating anything.
 
-    Raises
-    ------
-    WriteError
-        If it, or the nearest folder above it that exists, cannot be written.
+    Raises WriteError if it, or the nearest folder above it that exists, cannot be written.
     """
     folder = Path(path)
     existing = next(p for p in (folder, *folder.absolute().parents) if p.exists())
@@ -71,13 +63,20 @@ def check_output(path: str | Path) -> Path:
     return folder
 
 
+def read_bytes(path: str | Path, what: str, expected: str) -> bytes:
+    """Content of a file; a MissingFileError says that ``what`` cannot be read, what was ``expected`` and what to do."""
+    try:
+        return Path(path).read_bytes()
+    except OSError as error:
+        raise MissingFileError(
+            f"{what} '{path}' cannot be read ({error.strerror or error}); expected {expected}"
+        ) from None
+
+
 def write_atomic(path: str | Path, content: str | bytes) -> Path:
     """Write ``content`` to ``path`` whole or not at all.
 
-    Raises
-    ------
-    WriteError
-        If the place cannot be written.
+    Raises WriteError if the place cannot be written.
     """
     target = Path(path)
     raw = content.encode() if isinstance(content, str) else content

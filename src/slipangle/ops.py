@@ -5,8 +5,6 @@ NumPy, CasADi or ``jax.numpy``. A vector is indexed along its first axis (``x[0]
 array of shape ``(n, batch)`` runs a whole batch through the same equations.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 from typing import Any

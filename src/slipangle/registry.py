@@ -4,8 +4,6 @@ A package adds to it with the decorator `Registry.register`, or, so that nothing
 entry point of its own under the registry's group, such as ``[project.entry-points."slipangle.records"]``.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import entry_points

@@ -3,8 +3,6 @@
 `to_si` converts a column; `SI` is the metadata on the fields of a parameter set.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

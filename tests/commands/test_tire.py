@@ -6,8 +6,9 @@ import json
 import numpy as np
 import pytest
 
+from slipangle import commands
 from slipangle.cli import main
-from slipangle.commands import Commands, tire
+from slipangle.commands import tire
 from slipangle.commands.tire import read_tire
 from slipangle.errors import ConfigError, FormatError, MissingFileError, ParameterError, WriteError
 from slipangle.models.storage import save
@@ -19,9 +20,8 @@ from tests.rig import TIRE, channels, write_dat, write_mat
 
 def run(*arguments):
     parser = argparse.ArgumentParser()
-    tire.add(Commands(parser.add_subparsers()))
-    options = parser.parse_args(["tire", *map(str, arguments)])
-    return options.function(options)
+    tire.add(commands.Commands(parser.add_subparsers()))
+    return commands.run(parser.parse_args(["tire", *map(str, arguments)]))
 
 
 @pytest.fixture(scope="module")

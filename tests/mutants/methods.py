@@ -304,7 +304,7 @@ MUTANTS = [
                 "1.1 * width + 0.25, 1.2 * width + 0.25, 1.3 * width + 0.25",
                 "1.1 * width + 0.25, 1.3 * width + 0.25, 1.2 * width + 0.25",
             ),
-            ("ISO 3888-2: second lane not beside the first", "shift = widths[0] + 1.0", "shift = 1.0"),
+            ("ISO 3888-2: second lane not beside the first", "widths, widths[0] + 1.0, width", "widths, 1.0, width"),
             ("lane change: slope of the quintic", "30 * t**2 * (1 - t) ** 2", "30 * t**2 * (1 - t)"),
             (
                 "lane change: right edge on the left",

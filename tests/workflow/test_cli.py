@@ -282,6 +282,15 @@ def test_a_table_that_is_done_says_so(monkeypatch, capsys):
     assert told[-1] == 1.0
 
 
+def test_a_bound_broken_in_numpys_words_is_broken():
+    from slipangle.report.records import Record
+    from slipangle.reproduce import Reproduction
+
+    kept, asked, broken = (Record("x", "y", None, 2.0, holds=holds) for holds in (np.True_, None, np.False_))
+    assert Reproduction(title="t", records=(kept, asked), protocol="p").holds
+    assert not Reproduction(title="t", records=(kept, asked, broken), protocol="p").holds
+
+
 def test_a_broken_bound_is_exit_code_1(monkeypatch, capsys):
     from slipangle.report.records import Record
     from slipangle.reproduce import Reproduction, table_8_2

@@ -4,7 +4,24 @@ from __future__ import annotations
 
 import argparse
 import inspect
+import json
 from collections.abc import Callable
+from typing import Any, NamedTuple
+
+
+class Answer(NamedTuple):
+    """What a command found: for machines, the same in words, and the exit code."""
+
+    data: Any
+    words: str
+    code: int = 0
+
+
+def run(options: argparse.Namespace) -> int:
+    """Do what was asked for, print what came of it, and return the exit code."""
+    answer = options.function(options)
+    print(json.dumps(answer.data, indent=2) if options.json else answer.words)
+    return answer.code
 
 
 class Commands:
@@ -16,7 +33,7 @@ class Commands:
         self._json.add_argument("--json", action="store_true", help="print JSON on standard output, and nothing else")
 
     def add(
-        self, name: str, function: Callable[[argparse.Namespace], int], text: str, *, about: str = "", more: str = ""
+        self, name: str, function: Callable[[argparse.Namespace], Answer], text: str, *, about: str = "", more: str = ""
     ) -> argparse.ArgumentParser:
         """A command: its line in the list, what it does (by default the function's docstring), what else to know."""
         shared = {"parents": [self._json], "formatter_class": argparse.RawDescriptionHelpFormatter}

@@ -1,11 +1,8 @@
 """``slipangle data list | get | check``."""
 
-from __future__ import annotations
-
 import argparse
-import json
 
-from slipangle.commands import Commands
+from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
 
 
@@ -24,47 +21,34 @@ def add(commands: Commands) -> None:
         sub.add_argument("names", nargs="+", metavar="NAME", help="as in 'slipangle data list'")
 
 
-def _data_list(options: argparse.Namespace) -> int:
+def _data_list(options: argparse.Namespace) -> Answer:
     from slipangle.data.public import registry
 
     sets = registry.list_sets()
-    if options.json:
-        rows = [
-            {"name": s.name, "title": s.title, "licence": s.licence, "citation": s.citation, "files": len(s.files)}
-            for s in sets
-        ]
-        print(json.dumps(rows, indent=2))
-        return 0
-    for s in sets:
-        print(f"{s.name}\n  {s.title}: {s.description}\n  licence: {s.licence}\n")
-    return 0
+    rows = [
+        {"name": s.name, "title": s.title, "licence": s.licence, "citation": s.citation, "files": len(s.files)}
+        for s in sets
+    ]
+    words = (f"{s.name}\n  {s.title}: {s.description}\n  licence: {s.licence}\n" for s in sets)
+    return Answer(rows, "\n".join(words))
 
 
-def _data_get(options: argparse.Namespace) -> int:
+def _data_get(options: argparse.Namespace) -> Answer:
     from slipangle.data.public import registry
 
     with Bar(quiet=options.json) as bar:
         places = {name: registry.fetch(name, progress=lambda what: bar(0.5, what)) for name in options.names}
     known = {name: {file: str(place) for file, place in files.items()} for name, files in places.items()}
-    if options.json:
-        print(json.dumps(known, indent=2))
-    else:
-        for name, files in known.items():
-            print(f"{name}:", *files.values(), sep="\n  ")
-    return 0
+    return Answer(known, "\n".join("\n  ".join([f"{name}:", *files.values()]) for name, files in known.items()))
 
 
-def _data_check(options: argparse.Namespace) -> int:
+def _data_check(options: argparse.Namespace) -> Answer:
     from slipangle.data.public import registry
 
     states = {name: registry.check(name) for name in options.names}
-    if options.json:
-        rows = {
-            name: [{"file": s.file.path, "here": s.place is not None, "as_published": s.good} for s in state]
-            for name, state in states.items()
-        }
-        print(json.dumps(rows, indent=2))
-    else:
-        for name, state in states.items():
-            print(f"{name}:", *(s.sentence for s in state), sep="\n  ")
-    return 0 if all(s.good for state in states.values() for s in state) else 1
+    rows = {
+        name: [{"file": s.file.path, "here": s.place is not None, "as_published": s.good} for s in state]
+        for name, state in states.items()
+    }
+    words = ("\n  ".join([f"{name}:", *(s.sentence for s in state)]) for name, state in states.items())
+    return Answer(rows, "\n".join(words), 0 if all(s.good for state in states.values() for s in state) else 1)

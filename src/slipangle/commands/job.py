@@ -1,11 +1,10 @@
 """``slipangle demo`` and ``slipangle run``: the main job."""
 
-from __future__ import annotations
-
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
-from slipangle.commands import Commands
+from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
 from slipangle.files import check_output, write_atomic
 
@@ -21,7 +20,7 @@ def add(commands: Commands) -> None:
     run.add_argument("--out", help="folder for the results; overrides the file's 'out'")
 
 
-def _demo(options: argparse.Namespace) -> int:
+def _demo(options: argparse.Namespace) -> Answer:
     """Drive a built-in car through excitation manoeuvres, log it with sensor noise, identify two models from it.
 
     They are judged on data they have not seen; MPC on the identified bicycle tracks the ISO 3888-1 double lane change;
@@ -32,19 +31,19 @@ def _demo(options: argparse.Namespace) -> int:
     check_output(options.out)
     with Bar(quiet=options.json) as bar:
         settings = prepare_demo(options.out, progress=lambda share: bar(0.15 * share, "test drive of the built-in car"))
-        return _job(settings, options.out, options.json, bar.part(0.15, 1.0), bar, ["slipangle", "demo"])
+        return _job(settings, options.out, lambda share, what: bar(0.15 + 0.85 * share, what), ["slipangle", "demo"])
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> Answer:
     """Read a log, identify models, judge them on data they have not seen, control with one, and write a page.
 
     FILE.toml says which log, channels, units, models and manoeuvre; examples/ferrari_250lm.toml explains the entries.
     """
     with Bar(quiet=options.json) as bar:
-        return _job(Path(options.file), options.out, options.json, bar, bar, ["slipangle", "run", options.file])
+        return _job(Path(options.file), options.out, bar, ["slipangle", "run", options.file])
 
 
-def _job(file: Path, out: str | None, as_json: bool, progress: Bar, bar: Bar, command: list[str]) -> int:
+def _job(file: Path, out: str | None, progress: Callable[[float, str], None], command: list[str]) -> Answer:
     from slipangle.workflow.job import run_job
     from slipangle.workflow.page import build_page, summary
     from slipangle.workflow.settings import read_settings
@@ -54,14 +53,8 @@ def _job(file: Path, out: str | None, as_json: bool, progress: Bar, bar: Bar, co
     check_output(folder)
     outcome = run_job(settings, progress)
     progress(0.96, "writing the page")
-    html = build_page(outcome, command).to_html()
-    page = write_atomic(folder / "index.html", html)
+    page = build_page(outcome, command).write(folder / "index.html")
     write_atomic(folder / "metrics.json", outcome.to_json())
     progress(1.0, "done")
-    bar.close()
-    if as_json:
-        print(outcome.to_json(), end="")
-    else:
-        print(*summary(outcome), sep="\n")
-        print(f"\nThe page: {page.resolve()}")
-    return 1 if outcome.failures else 0
+    words = "\n".join([*summary(outcome), f"\nThe page: {page.resolve()}"])
+    return Answer(outcome.metrics(), words, 1 if outcome.failures else 0)

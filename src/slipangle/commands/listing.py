@@ -1,12 +1,9 @@
 """``slipangle list``: what can be asked for by name, from this package and from others."""
 
-from __future__ import annotations
-
 import argparse
-import json
 from importlib import import_module
 
-from slipangle.commands import Commands
+from slipangle.commands import Answer, Commands
 from slipangle.errors import ConfigError, nearest
 from slipangle.registry import Registry
 
@@ -27,23 +24,20 @@ def add(commands: Commands) -> None:
     sub.add_argument("what", nargs="*", metavar="WHAT", help=f"{', '.join(_REGISTRIES)}; by default all")
 
 
-def _list(options: argparse.Namespace) -> int:
+def _list(options: argparse.Namespace) -> Answer:
     """What a job or a call can ask for by name, each with the module that it comes from.
 
     Those of installed packages are among them.
     """
-    listed = {}
+    listed, words = {}, []
     for what in options.what or _REGISTRIES:
         if what not in _REGISTRIES:
             raise ConfigError(f"there is no list of '{what}'; {nearest(what, _REGISTRIES)}: use one of these names")
         module, _, name = _REGISTRIES[what].partition(":")
         registry: Registry = getattr(import_module(module), name)
         listed[what] = {key: _home(thing) for key, thing in registry.items()}
-        if not options.json:
-            print(f"{what} [{registry.group}]", *(f"{k:28} {v}" for k, v in listed[what].items()), sep="\n  ")
-    if options.json:
-        print(json.dumps(listed, indent=2))
-    return 0
+        words.append("\n  ".join([f"{what} [{registry.group}]", *(f"{k:28} {v}" for k, v in listed[what].items())]))
+    return Answer(listed, "\n".join(words))
 
 
 def _home(thing: object) -> str:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from slipangle.commands import Commands
+from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
 from slipangle.errors import ConfigError, ModelWarning
 from slipangle.files import check_output
@@ -37,7 +36,7 @@ def add(commands: Commands) -> None:
     sub.add_argument("--out", help="also write a page with the free runs and errors over the horizon there")
 
 
-def _identify(options: argparse.Namespace) -> int:
+def _identify(options: argparse.Namespace) -> Answer:
     """Read the log that FILE.toml names, fit its models to the training part, and write each to a JSON file.
 
     'validate', 'compare' and slipangle.models.storage.load read it.
@@ -47,7 +46,7 @@ def _identify(options: argparse.Namespace) -> int:
 
     check_output(options.out)
     with Bar(quiet=options.json) as bar:
-        settings, data = _data(options.file)
+        settings, data = read_job(options.file)
         train, _ = data.split(settings.data.train)
 
         def fit(i: int, wanted: ModelSettings) -> Model:
@@ -57,85 +56,64 @@ def _identify(options: argparse.Namespace) -> int:
         models, failures = each_model(settings, fit)
     paths = {name: save(model, Path(options.out) / f"{_slug(name)}.json") for name, model in models.items()}
     warned = {name: list(m.fit_info.warnings) if m.fit_info else [] for name, m in models.items()}
-    if options.json:
-        listed: dict[str, dict] = {n: {"file": str(p), "warnings": warned[n]} for n, p in paths.items()}
-        print(json.dumps(listed | {n: {"failure": why} for n, why in failures.items()}, indent=2))
-        return 1 if failures else 0
+    words = []
     for name, path in paths.items():
-        print(f"{name}: {path}")
         info = models[name].fit_info
-        if info is not None and 1 < len(info.names) <= 14 and info.confounding:
-            print(f"  {info.confounding}")
-        for sentence in warned[name]:
-            print(f"  {sentence}")
-    for name, why in failures.items():
-        print(f"{name}: failed. {why}")
-    return 1 if failures else 0
+        said = info.confounding if info is not None and 1 < len(info.names) <= 14 else ""
+        words += [f"{name}: {path}", *(f"  {sentence}" for sentence in (said, *warned[name]) if sentence)]
+    words += [f"{name}: failed. {why}" for name, why in failures.items()]
+    listed: dict[str, dict] = {n: {"file": str(p), "warnings": warned[n]} for n, p in paths.items()}
+    return Answer(listed | {n: {"failure": why} for n, why in failures.items()}, "\n".join(words), int(bool(failures)))
 
 
-def _validate(options: argparse.Namespace) -> int:
+def _validate(options: argparse.Namespace) -> Answer:
     from slipangle.identify.judge.validate import validate
+    from slipangle.workflow.job import plain
 
     models = _models(options.models)
     name, model = next(iter(models.items()))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)  # printed below
+    with warnings.catch_warnings(action="ignore", category=ModelWarning):  # printed below
         verdict = validate(model, _test(options), name=name)
-    rows = [
-        (kind, output, score)
-        for kind, scores in (("free run", verdict.free_run_scores), ("one-step-ahead", verdict.one_step_scores))
-        for output, score in scores.items()
-    ]
+    free, one_step = verdict.free_run_scores, verdict.one_step_scores
     said = [s for tests in verdict.residuals.values() for s in tests.sentences]
-    if options.json:
-        runs: dict[str, dict] = {"free_run": {}, "one_step_ahead": {}}
-        for kind, output, s in rows:
-            entry = {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse, "r2": s.r2}
-            runs[kind.replace(" ", "_").replace("-", "_")][output] = entry
-        print(json.dumps(runs | {"residuals": said}, indent=2))
-        return 0
-    for kind, output, s in rows:
-        print(f"{kind:16} {output:8} fit {s.fit:7.2f} %   VAF {s.vaf:7.2f} %   RMSE {s.rmse:.4g}   R2 {s.r2:.4f}")
-    print(*said, sep="\n")
-    return 0
+    words = [
+        f"{kind:16} {output:8} fit {s.fit:7.2f} %   VAF {s.vaf:7.2f} %   RMSE {s.rmse:.4g}   R2 {s.r2:.4f}"
+        for kind, scores in (("free run", free), ("one-step-ahead", one_step))
+        for output, s in scores.items()
+    ]
+    numbers = {"free_run": plain(free), "one_step_ahead": plain(one_step), "residuals": said}
+    return Answer(numbers, "\n".join([*words, *said]))
 
 
-def _compare(options: argparse.Namespace) -> int:
+def _compare(options: argparse.Namespace) -> Answer:
     from slipangle.identify.judge.compare import compare
     from slipangle.report.comparison import comparison_page
 
     if options.out:
         check_output(options.out)
     test = _test(options)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)  # printed below
+    with warnings.catch_warnings(action="ignore", category=ModelWarning):  # printed below
         result = compare(_models(options.models), test)
         page = None
         if options.out:
             command = f"slipangle compare {' '.join(options.models)} --data {options.data}"
             page = comparison_page(result, test, command=command).write(Path(options.out) / "comparison.html")
-    if options.json:
-        rows = [
-            {"model": e.name}
-            | {"free_run": {o: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse} for o, s in e.scores.items()}}
-            | ({"failure": e.failure} if e.failure else {})
-            | ({"warnings": list(e.warnings)} if e.warnings else {})
-            for e in result.entries
-        ]
-        print(json.dumps(rows, indent=2))
-        return 0
-    print(f"free run on {result.n_samples} samples of {result.data_name}, the best first")
+    rows = [
+        {"model": e.name}
+        | {"free_run": {o: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse} for o, s in e.scores.items()}}
+        | ({"failure": e.failure} if e.failure else {})
+        | ({"warnings": list(e.warnings)} if e.warnings else {})
+        for e in result.entries
+    ]
+    words = [f"free run on {result.n_samples} samples of {result.data_name}, the best first"]
     for entry in result.entries:
         scores = "   ".join(f"{o}: fit {s.fit:.2f} %, VAF {s.vaf:.2f} %" for o, s in entry.scores.items())
-        print(f"{entry.name:28} {scores or entry.failure}")
-        for sentence in entry.warnings:
-            print(f"  {sentence}")
-    if page is not None:
-        print(f"\nThe page: {page.resolve()}")
-    return 0
+        words += [f"{entry.name:28} {scores or entry.failure}", *(f"  {sentence}" for sentence in entry.warnings)]
+    return Answer(rows, "\n".join([*words, *([f"\nThe page: {page.resolve()}"] if page is not None else [])]))
 
 
-def _data(file: str) -> tuple[Settings, Dataset]:
+def read_job(file: str) -> tuple[Settings, Dataset]:
+    """Settings of a job and its log as it is identified from."""
     from slipangle.workflow.job import condition, load_data
     from slipangle.workflow.settings import read_settings
 
@@ -144,7 +122,7 @@ def _data(file: str) -> tuple[Settings, Dataset]:
 
 
 def _test(options: argparse.Namespace) -> Dataset:
-    settings, data = _data(options.data)
+    settings, data = read_job(options.data)
     return data if options.whole else data.split(settings.data.train)[1]
 
 

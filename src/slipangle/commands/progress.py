@@ -44,22 +44,9 @@ class Bar:
         if self._task is not None:
             self._shown.update(self._task, completed=share, description=what)
 
-    def part(self, start: float, stop: float) -> Bar:
-        """A bar whose 0 to 1 is this one's ``start`` to ``stop``."""
-        return _Part(self, start, stop)
-
     def close(self) -> None:
         """Remove the bar."""
         if self._shown is not None:
             self._shown.stop()
             self._shown, self._task = None, None
             self._quiet = True
-
-
-class _Part(Bar):
-    def __init__(self, whole: Bar, start: float, stop: float) -> None:
-        super().__init__(quiet=True)
-        self._whole, self._start, self._stop = whole, start, stop
-
-    def __call__(self, share: float, what: str) -> None:
-        self._whole(self._start + share * (self._stop - self._start), what)

@@ -1,12 +1,9 @@
 """``slipangle reproduce`` and ``slipangle bench``: numbers with their bounds."""
 
-from __future__ import annotations
-
 import argparse
-import json
 from pathlib import Path
 
-from slipangle.commands import Commands
+from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
 from slipangle.files import check_output
 
@@ -24,15 +21,14 @@ def add(commands: Commands) -> None:
         sub.add_argument("--out", help="also write a page with the tables and their figures into this folder")
 
 
-def _reproduce(options: argparse.Namespace) -> int:
+def _reproduce(options: argparse.Namespace) -> Answer:
     from slipangle import reproduce as experiments
     from slipangle.report.records import record_table
 
     bench = options.command == "bench"
     if not options.names:
         known = experiments.benchmark_names() if bench else experiments.names()
-        print(json.dumps(known) if options.json else "\n".join(known))
-        return 0
+        return Answer(known, "\n".join(known))
     find = experiments.find_benchmark if bench else experiments.find
     if options.out:
         check_output(options.out)
@@ -40,27 +36,22 @@ def _reproduce(options: argparse.Namespace) -> int:
     results = []
     for name, module in modules:
         with Bar(quiet=options.json) as bar:
-            results.append((name, experiments.run(module.bench if bench else module.reproduce, bar)))
+            result = experiments.run(module.bench if bench else module.reproduce, bar)
+        command = f"slipangle {options.command} {name}"
+        results.append((name, result, record_table(result.records, title=result.title, command=command)))
     if options.out:
         _page(results, options)
-    if options.json:
-        rows = [{"name": name, **record.to_dict()} for name, result in results for record in result.records]
-        print(json.dumps(rows, indent=2))
-    else:
-        for name, result in results:
-            command = f"slipangle {options.command} {name}"
-            print(record_table(result.records, title=result.title, command=command).to_text())
-            print(f"{result.protocol}\n")
-    return 0 if all(result.holds for _, result in results) else 1
+    rows = [{"name": name, **record.to_dict()} for name, result, _ in results for record in result.records]
+    words = (f"{table.to_text()}\n{result.protocol}\n" for _, result, table in results)
+    return Answer(rows, "\n".join(words), 0 if all(result.holds for _, result, _ in results) else 1)
 
 
 def _page(results: list, options: argparse.Namespace) -> None:
     """Every table with its figures, one section each."""
-    from slipangle.report import Figure, Page, Section, Text, record_table
+    from slipangle.report import Figure, Page, Section, Text
 
     sections = []
-    for name, result in results:
-        table = record_table(result.records, title=result.title, command=f"slipangle {options.command} {name}")
+    for name, result, table in results:
         titles = (*result.captions, *("" for _ in result.figures[len(result.captions) :]))
         shown = enumerate(zip(titles, result.figures, strict=True), start=1)
         figures = [Figure(title=title or f"Figure {k}", figure=figure) for k, (title, figure) in shown]

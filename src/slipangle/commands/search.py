@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from slipangle.commands import Commands
+from slipangle.commands import Answer, Commands
+from slipangle.commands.models import read_job
 from slipangle.commands.progress import Bar
-from slipangle.files import check_output, write_atomic
+from slipangle.files import check_output
 
 if TYPE_CHECKING:
     from slipangle.identify.search.search import SearchResult
@@ -47,16 +47,15 @@ def add(commands: Commands) -> None:
     sub.add_argument("--out", default="slipangle-out/search", help="folder for journal and page (default: %(default)s)")
 
 
-def _search(options: argparse.Namespace) -> int:
+def _search(options: argparse.Namespace) -> Answer:
     from slipangle.identify.search.narx import STAGES, THESIS, WIDER, NarxObjective
     from slipangle.identify.search.search import Search
-    from slipangle.workflow.job import condition, load_data
-    from slipangle.workflow.settings import read_settings
+    from slipangle.report.search import search_table
 
     check_output(options.out)
     folder = Path(options.out)
-    settings = read_settings(options.file)
-    train = condition(load_data(settings), settings).split(settings.data.train)[0]
+    settings, data = read_job(options.file)
+    train = data.split(settings.data.train)[0]
     folder.mkdir(parents=True, exist_ok=True)
     search = Search(
         space=THESIS if options.space == "thesis" else WIDER,
@@ -73,23 +72,17 @@ def _search(options: argparse.Namespace) -> int:
         result = search.run(objective, progress=bar)
     page = _page(result, options, train.name)
     best = result.best
-    if options.json:
-        rows = [
-            {k: getattr(t, k) for k in ("number", "settings", "score", "seconds", "failure")} for t in result.trials
-        ]
-        first = {"number": best.number, "settings": best.settings, "score": best.score}
-        print(json.dumps({"best": first, "trials": _finite(rows)}, indent=2))
-        return 0
-    from slipangle.report.search import search_table
-
-    print(search_table(result, rows=12).to_text())
-    print(f"The best: {objective.estimator(best.settings, options.seed + best.number)}")
-    print(f"\nThe page: {page.resolve()}")
-    return 0
-
-
-def _finite(rows: list[dict]) -> list[dict]:
-    return [{**row, "score": None if row["failure"] else row["score"]} for row in rows]
+    rows = [
+        {"number": t.number, "settings": t.settings, "score": None if t.failure else t.score}
+        | {"seconds": t.seconds, "failure": t.failure}
+        for t in result.trials
+    ]
+    first = {"number": best.number, "settings": best.settings, "score": best.score}
+    words = (
+        f"{search_table(result, rows=12).to_text()}\nThe best: "
+        f"{objective.estimator(best.settings, options.seed + best.number)}\n\nThe page: {page.resolve()}"
+    )
+    return Answer({"best": first, "trials": rows}, words)
 
 
 def _page(result: SearchResult, options: argparse.Namespace, name: str) -> Path:
@@ -109,4 +102,4 @@ def _page(result: SearchResult, options: argparse.Namespace, name: str) -> Path:
         sections=(Section(title="Trials", blocks=(figure, search_table(result))),),
         command=command,
     )
-    return write_atomic(Path(options.out) / "search.html", page.to_html())
+    return page.write(Path(options.out) / "search.html")

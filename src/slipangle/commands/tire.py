@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import re
 import sys
@@ -13,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from slipangle.commands import Commands
+from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
 from slipangle.errors import ConfigError, FormatError
 from slipangle.files import check_output
@@ -63,7 +62,7 @@ def _conditions(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--extrapolate", action="store_true", help="evaluate outside the file's range, with a warning")
 
 
-def _eval(options: argparse.Namespace) -> int:
+def _eval(options: argparse.Namespace) -> Answer:
     from slipangle.report.tires import evaluate_table
 
     tire = read_tire(options.file, extrapolate=options.extrapolate)
@@ -71,15 +70,11 @@ def _eval(options: argparse.Namespace) -> int:
         angle, camber = ([math.radians(a) for a in angles] for angles in (options.slip_angle, options.camber))
         slips = {"slip_ratio": options.slip_ratio, "slip_angle": angle}
         table = evaluate_table(tire, load=options.load, camber=camber, **slips)
-    if options.json:
-        heads = [f"{c.title} [{c.unit}]" for c in table.columns]
-        print(json.dumps([dict(zip(heads, row.cells, strict=True)) for row in table.rows], indent=2))
-    else:
-        print(table.to_text(), end="")
-    return 0
+    heads = [f"{c.title} [{c.unit}]" for c in table.columns]
+    return Answer([dict(zip(heads, row.cells, strict=True)) for row in table.rows], table.to_text().rstrip("\n"))
 
 
-def _fit(options: argparse.Namespace) -> int:
+def _fit(options: argparse.Namespace) -> Answer:
     from slipangle.data.readers.ttc import read_ttc
     from slipangle.data.tire_data import joined
     from slipangle.models.storage import save
@@ -107,24 +102,18 @@ def _fit(options: argparse.Namespace) -> int:
         tire_page(tire, title=data.name, data=data, facts=facts, command=command).write(options.page)
     errors = fit_errors(tire, data)
     tables = [parameter_table(info, title=f"Coefficients{name}") for name, info in informations(tire)]
-    if options.json:
-        content = {"samples": data.n_samples, "notes": list(data.notes), "errors": [list(r.cells) for r in errors.rows]}
-        content["coefficients"] = [
-            {"name": n, "value": float(v), "std": float(s)}
-            for _, info in informations(tire)
-            for n, v, s in zip(info.names, info.values, info.std, strict=True)
-        ]
-        content["written"] = [path for path in (options.out, options.page) if path]
-        print(json.dumps(content, indent=2))
-        return 0
-    print(*(f"{note}" for note in data.notes), sep="\n")
-    for table in (errors, *tables):
-        print(table.to_text())
-    print(*(f"wrote {path}" for path in (options.out, options.page) if path), sep="\n")
-    return 0
+    content = {"samples": data.n_samples, "notes": list(data.notes), "errors": [list(r.cells) for r in errors.rows]}
+    content["coefficients"] = [
+        {"name": n, "value": float(v), "std": float(s)}
+        for _, info in informations(tire)
+        for n, v, s in zip(info.names, info.values, info.std, strict=True)
+    ]
+    content["written"] = [path for path in (options.out, options.page) if path]
+    words = [*data.notes, *(table.to_text() for table in (errors, *tables))]
+    return Answer(content, "\n".join([*words, *(f"wrote {path}" for path in content["written"])]))
 
 
-def _plot(options: argparse.Namespace) -> int:
+def _plot(options: argparse.Namespace) -> Answer:
     from slipangle.report.tires import tire_page
 
     check_output(Path(options.out).parent)
@@ -136,12 +125,10 @@ def _plot(options: argparse.Namespace) -> int:
         camber=math.radians(options.camber),
         command=f"slipangle tire plot {options.file}",
     )
-    path = page.write(options.out)
-    print(json.dumps({"written": str(path)}) if options.json else f"wrote {path}")
-    return 0
+    return _written(page.write(options.out))
 
 
-def _convert(options: argparse.Namespace) -> int:
+def _convert(options: argparse.Namespace) -> Answer:
     from dataclasses import replace
 
     from slipangle.models.storage import save
@@ -154,18 +141,17 @@ def _convert(options: argparse.Namespace) -> int:
         tire = replace(tire, mirrored=not tire.mirrored)
     if tire.source is not None:
         tire = replace(tire, source=None)  # every coefficient anew, in SI units
-    path = _write(tire, options.out, save)
-    print(json.dumps({"written": str(path)}) if options.json else f"wrote {path}")
-    return 0
+    return _written(_write(tire, options.out, save))
+
+
+def _written(path: Path) -> Answer:
+    return Answer({"written": str(path)}, f"wrote {path}")
 
 
 def read_tire(path: str | Path, *, extrapolate: bool = False) -> Tire:
     """Tire of a ``.tir`` file or of a JSON file that slipangle saved.
 
-    Raises
-    ------
-    MissingFileError, FormatError
-        If there is no such file, or it is not one of a tire.
+    Raises MissingFileError or FormatError if there is no such file, or it is not one of a tire.
     """
     from slipangle.models.storage import load
     from slipangle.models.tires.magic_formula.tire import MagicFormulaTire

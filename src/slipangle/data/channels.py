@@ -1,7 +1,5 @@
 """The names that channels have everywhere in the toolbox, with unit, meaning and plausible size."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

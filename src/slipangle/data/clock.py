@@ -1,7 +1,5 @@
 """From time stamps to a uniform sample time: gaps, jitter, mixed rates, clocks that jump back; to another rate."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """`Dataset`: uniformly sampled recordings of named channels with units."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Text and numbers as files hold them, read strictly: what only Python takes for a number is none."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from slipangle.errors import FormatError, raises
@@ -10,10 +8,7 @@ from slipangle.errors import FormatError, raises
 def to_number(text: str) -> float:
     """The number in a cell, blanks around it allowed; "nan" and "inf" are numbers too.
 
-    Raises
-    ------
-    ValueError
-        If there is none.
+    Raises ValueError if there is none.
 
     >>> to_number(" 1.5e3 ")
     1500.0
@@ -34,10 +29,7 @@ def is_number(text: str) -> bool:
 def decoded(raw: bytes, path: str | Path, what: str) -> str:
     """The text of a file in whichever common encoding it has: UTF-8, UTF-16 with its mark, else Latin-1.
 
-    Raises
-    ------
-    FormatError
-        If it is no text.
+    Raises FormatError if it is no text.
     """
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return raw.decode("utf-16", errors="replace")

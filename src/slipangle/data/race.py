@@ -1,13 +1,11 @@
-"""What a race log needs beyond a log: metres from latitude and longitude, laps, corners with their phases."""
-
-from __future__ import annotations
+"""What a race log needs beyond a log: metres from degrees or from speeds, laps, corners with their phases."""
 
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from scipy import ndimage
+from scipy import integrate, ndimage
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, TooShortError
@@ -59,6 +57,25 @@ def with_position(data: Dataset, latitude: str = "latitude", longitude: str = "l
     """The data with X (east) and Y (north) [m] from channels in radians; see `equirectangular`."""
     x, y = equirectangular(data[latitude], data[longitude])
     return data.with_channel("X", x, "m").with_channel("Y", y, "m")
+
+
+def with_dead_reckoning(data: Dataset) -> Dataset:
+    """Add psi [rad], X and Y [m], integrated from ``r``, ``v_x`` and, if measured, ``v_y``; each experiment from 0.
+
+    Good for a map, not for measuring: errors add up.
+    """
+    columns = []
+    for part in data.experiments:
+        v_y = part["v_y"] if "v_y" in part else 0.0
+        psi = integrate.cumulative_trapezoid(part["r"], dx=part.dt, initial=0.0)
+        east = part["v_x"] * np.cos(psi) - v_y * np.sin(psi)
+        north = part["v_x"] * np.sin(psi) + v_y * np.cos(psi)
+        x, y = (integrate.cumulative_trapezoid(v, dx=part.dt, initial=0.0) for v in (east, north))
+        columns.append(np.column_stack([x, y, psi]))
+    table = np.vstack(columns)
+    for k, (name, unit) in enumerate((("X", "m"), ("Y", "m"), ("psi", "rad"))):
+        data = data.with_channel(name, table[:, k], unit)
+    return data.with_note("X, Y and psi are dead-reckoned from r, v_x and v_y: for maps only")
 
 
 def lap_starts(data: Dataset, *, gate: tuple[float, float], heading: float, width: float = 30.0) -> np.ndarray:

@@ -1,7 +1,5 @@
 """Numerics of centre lines: splines over arc length, interpolation between samples, speed under limits."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping
@@ -12,7 +10,8 @@ import numpy as np
 from scipy import interpolate
 
 from slipangle.data.numerals import decoded, to_number
-from slipangle.errors import FormatError, MissingFileError, NotFiniteError, ParameterError, TooShortError, shown
+from slipangle.errors import FormatError, NotFiniteError, ParameterError, TooShortError, shown
+from slipangle.files import read_bytes
 
 MOST_POINTS = 100_000  # of a track's line
 _FARTHEST = 1e8  # m, of a coordinate; maps of the whole Earth stay within a tenth of it
@@ -24,10 +23,7 @@ def sample_spline(
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Samples of a spline evenly over arc length, and the arc length at the given points.
 
-    Raises
-    ------
-    ParameterError
-        If there would be too many samples, or no smooth line goes through the points.
+    Raises ParameterError if there would be too many samples, or no smooth line goes through the points.
     """
     chord = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     _refuse_long(chord[-1], spacing)
@@ -123,12 +119,7 @@ def read_track(file: str | Path) -> np.ndarray:
         If a point has a coordinate that is NaN or infinite.
     """
     source = Path(file)
-    try:
-        raw = source.read_bytes()
-    except OSError as error:
-        raise MissingFileError(
-            f"the track '{source}' cannot be read ({error.strerror or error}); expected a CSV file: check the path"
-        ) from None
+    raw = read_bytes(source, "the track", "a CSV file: check the path")
     text = decoded(raw, source, "lines of numbers: export the track as CSV")
     rows: list[list[float]] = []
     for number, line in enumerate(text.splitlines(), start=1):

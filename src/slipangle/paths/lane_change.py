@@ -1,9 +1,8 @@
 """Paths of lane changes: ISO 3888-1, ISO 3888-2, any sequence."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -62,9 +61,8 @@ def double_lane_change(
     3.59
     """
     widths = 1.1 * width + 0.25, 1.2 * width + 0.25, 1.3 * width + 0.25
-    return _lanes(
-        v_x, (15.0, 30.0, 25.0, 25.0, 30.0), widths, 3.5, blend, run_in, run_out, width, "ISO 3888-1 double lane change"
-    )
+    name, lengths = "ISO 3888-1 double lane change", (15.0, 30.0, 25.0, 25.0, 30.0)
+    return _lanes(name, lengths, widths, 3.5, width, (blend, run_in, run_out)).with_speed(v_x)
 
 
 def obstacle_avoidance(
@@ -81,18 +79,8 @@ def obstacle_avoidance(
     .. [1] ISO 3888-2:2011, Passenger cars, Test track for a severe lane-change manoeuvre, part 2.
     """
     widths = 1.1 * width + 0.25, width + 1.0, max(1.3 * width + 0.25, 3.0)
-    shift = widths[0] + 1.0
-    return _lanes(
-        v_x,
-        (12.0, 13.5, 11.0, 12.5, 12.0),
-        widths,
-        shift,
-        blend,
-        run_in,
-        run_out,
-        width,
-        "ISO 3888-2 obstacle avoidance",
-    )
+    name, lengths = "ISO 3888-2 obstacle avoidance", (12.0, 13.5, 11.0, 12.5, 12.0)
+    return _lanes(name, lengths, widths, widths[0] + 1.0, width, (blend, run_in, run_out)).with_speed(v_x)
 
 
 def lane_changes(
@@ -118,17 +106,10 @@ def lane_changes(
 
 
 def _lanes(
-    v_x: float,
-    lengths: Sequence[float],
-    widths: Sequence[float],
-    shift: float,
-    blend: float,
-    run_in: float,
-    run_out: float,
-    width: float,
-    name: str,
+    name: str, lengths: Sequence[float], widths: Sequence[float], shift: float, width: float, ends: tuple[float, ...]
 ) -> Path:
-    """Three lanes and the centre line through them."""
+    """Three lanes and the centre line through them; ``ends`` are blend, run-in and run-out. [m]"""
+    blend, run_in, run_out = ends
     if not width > 0 or min(blend, run_in, run_out) < 0 or 2 * blend > min(lengths[2], lengths[0] + run_in):
         raise ParameterError(
             f"width is {width} m, blend {blend} m, run_in {run_in} m, run_out {run_out} m; expected a positive width, "
@@ -136,14 +117,9 @@ def _lanes(
         )
     x = np.concatenate([[0.0], np.cumsum(lengths)])
     base = -0.5 * widths[0]
-    lanes = [
-        Lane(x[i], x[i + 1], base + up, base + up + w)
-        for i, up, w in zip((0, 2, 4), (0.0, shift, 0.0), widths, strict=True)
-    ]
-    moves = [
-        (lanes[0].stop - blend, lanes[1].start + blend, lanes[1].middle),
-        (lanes[1].stop - blend, lanes[2].start + blend, lanes[2].middle),
-    ]
+    places = zip((0, 2, 4), (0.0, shift, 0.0), widths, strict=True)
+    lanes = [Lane(x[i], x[i + 1], base + up, base + up + w) for i, up, w in places]
+    moves = [(a.stop - blend, b.start + blend, b.middle) for a, b in pairwise(lanes)]
     path, along = _quintic_line(-run_in, x[-1] + run_out, 0.0, moves, name)
     right, left = np.full_like(along, np.inf), np.full_like(along, np.inf)
     for lane in lanes:
@@ -151,7 +127,7 @@ def _lanes(
         tilt = np.cos(path.psi[here])
         right[here] = (path.Y[here] - lane.right) / tilt
         left[here] = (lane.left - path.Y[here]) / tilt
-    return replace(path, right=right, left=left).with_speed(v_x)
+    return replace(path, right=right, left=left)
 
 
 def _quintic_line(

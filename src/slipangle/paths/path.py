@@ -5,8 +5,6 @@ known, a speed profile and the distance from the centre line to the lane's two e
 in `slipangle.paths.lane_change`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """What is seen of a path: the foot of a point, and the rows ahead that a controller tracks."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -69,10 +67,7 @@ class Preview:
 def strides_between(times: np.ndarray) -> list[tuple[int, float]]:
     """How many strides of which length lead from each instant to the next, none longer than the first interval.
 
-    Raises
-    ------
-    ParameterError
-        If the instants do not rise from 0.
+    Raises ParameterError if the instants do not rise from 0.
     """
     gaps = np.diff(np.atleast_1d(times))
     if not (len(gaps) and times[0] == 0 and (gaps > 0).all() and np.isfinite(times[-1])):

@@ -13,40 +13,9 @@ from slipangle.report.plots import correlation, measured_vs_simulated, raincloud
 from slipangle.report.records import Record, record_table
 from slipangle.report.tables import Heading, Row, ScoreRow, Table, correlation_table, parameter_table, score_table
 
-__all__ = [
-    "Body",
-    "Fact",
-    "Figure",
-    "Finding",
-    "Findings",
-    "Grid",
-    "Heading",
-    "Number",
-    "Page",
-    "Record",
-    "Row",
-    "ScoreRow",
-    "Section",
-    "Signal",
-    "Span",
-    "Table",
-    "Text",
-    "Verdict",
-    "comparison_page",
-    "correlation",
-    "correlation_table",
-    "correlogram",
-    "forest",
-    "horizon_curves",
-    "measured_vs_simulated",
-    "parameter_table",
-    "path_map",
-    "rainclouds",
-    "record_table",
-    "score_table",
-    "signals",
-    "solver_histogram",
-    "solver_time",
-    "track_map",
-    "trajectories",
-]
+__all__ = ["Fact", "Figure", "Finding", "Findings", "Grid", "Number", "Page", "Section", "Text", "Verdict"]
+__all__ += ["Heading", "Record", "Row", "ScoreRow", "Table"]
+__all__ += ["correlation_table", "parameter_table", "record_table", "score_table"]
+__all__ += ["Body", "Signal", "Span", "correlation", "correlogram", "forest", "horizon_curves", "measured_vs_simulated"]
+__all__ += ["path_map", "rainclouds", "signals", "solver_histogram", "solver_time", "track_map", "trajectories"]
+__all__ += ["comparison_page"]

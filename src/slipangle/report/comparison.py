@@ -1,7 +1,5 @@
 """`comparison_page`: what `slipangle.identify.judge.compare.compare` found, to look at."""
 
-from __future__ import annotations
-
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.identify.judge.compare import Comparison, horizon_errors
 from slipangle.report.diagnostics import horizon_curves

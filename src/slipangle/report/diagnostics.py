@@ -15,6 +15,7 @@ from slipangle.report.style import (
     INK,
     SLATE,
     VERMILION,
+    axes,
     axis_title,
     dots,
     escape,
@@ -25,8 +26,6 @@ from slipangle.report.style import (
     series_style,
     wrap,
 )
-
-__all__ = ["correlogram", "forest", "horizon_curves"]
 
 
 def correlogram(
@@ -72,16 +71,8 @@ def correlogram(
             dots(figure, x[mask], values[mask], shade, size + larger, hover=hover, name=name, marker=marker)
     top = max(1.15 * float(np.nanmax(values, initial=0.0)), 1.8 * band)
     bottom = min(1.15 * float(np.nanmin(values, initial=0.0)), -1.8 * band)
-    figure.update_layout(
-        xaxis={"title": {"text": f"lag [{'samples' if dt is None else 's'}]"}},
-        yaxis={
-            "title": {"text": f"{wrap(label, 24)} [-]"},
-            "range": [max(bottom, -1.1), min(top, 1.1)],
-            "zeroline": True,
-            "zerolinecolor": SLATE.light,
-        },
-    )
-    return figure
+    upright = {"range": [max(bottom, -1.1), min(top, 1.1)], "zeroline": True, "zerolinecolor": SLATE.light}
+    return axes(figure, f"lag [{'samples' if dt is None else 's'}]", f"{wrap(label, 24)} [-]", yaxis=upright)
 
 
 def horizon_curves(curves: Mapping[str, HorizonErrors], channel: Channel) -> go.Figure:
@@ -111,16 +102,9 @@ def horizon_curves(curves: Mapping[str, HorizonErrors], channel: Channel) -> go.
         figure.data[-1].update(mode="lines+markers")
         level = np.full(2, curve.free_run[column])
         line(figure, seconds[[0, -1]], level, colour, 1, dash="dash", legendgroup=name, showlegend=False)
-    figure.update_layout(
-        xaxis={
-            "title": {"text": "looking ahead [s]"},
-            "type": "log",
-            "tickvals": shown,
-            "ticktext": [*map("{:g}".format, shown)],
-        },
-        yaxis={"title": {"text": axis_title(channel, lines=2, prefix="RMSE of ")}, "rangemode": "tozero"},
-    )
-    return figure
+    ticks = {"type": "log", "tickvals": shown, "ticktext": [*map("{:g}".format, shown)]}
+    y = axis_title(channel, lines=2, prefix="RMSE of ")
+    return axes(figure, "looking ahead [s]", y, xaxis=ticks, yaxis={"rangemode": "tozero"})
 
 
 def forest(
@@ -170,21 +154,11 @@ def forest(
         said, open_ones = [f"{v:.5g}" for v in known.values()], {"symbol": "diamond-open", "line": {"width": 2}}
         more = {"name": "reference", "customdata": said, "marker": open_ones}
         dots(figure, x, y, series_style(0)[0], 11, hover="reference %{customdata}<extra></extra>", **more)
-    figure.update_layout(
-        xaxis={
-            "title": {"text": "difference from the estimate [%]"},
-            "range": [-1.06 * reach, 1.06 * reach],
-            "zeroline": True,
-            "zerolinecolor": SLATE.light,
-        },
-        yaxis={
-            "title": {"text": ""},
-            "tickvals": rows,
-            "ticktext": [escape(n) for n in fit.names],
-            "range": [-0.7, len(rows) - 0.3],
-            "showline": False,
-            "ticks": "",
-            "fixedrange": True,
-        },
+    ticks = {"tickvals": rows, "ticktext": [escape(n) for n in fit.names], "range": [-0.7, len(rows) - 0.3]}
+    return axes(
+        figure,
+        "difference from the estimate [%]",
+        "",
+        xaxis={"range": [-1.06 * reach, 1.06 * reach], "zeroline": True, "zerolinecolor": SLATE.light},
+        yaxis={**ticks, "showline": False, "ticks": "", "fixedrange": True},
     )
-    return figure

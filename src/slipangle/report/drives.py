@@ -16,6 +16,7 @@ from slipangle.report.style import (
     INK,
     SLATE,
     VERMILION,
+    axes,
     axis_title,
     dots,
     line,
@@ -26,7 +27,7 @@ from slipangle.report.style import (
     wrap,
 )
 
-__all__ = ["Signal", "Span", "signals", "solver_histogram", "solver_time"]
+_TIME = "time per step [ms]"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,11 +148,7 @@ def solver_time(
             dots(figure, bad, ms[bad], VERMILION, 9, hover=hover, name=name, marker=cross)
     limit = 1e3 * deadline
     line(figure, [0, max(len(ms) - 1, 1)], [limit] * 2, VERMILION, dash="dash", name=f"deadline {limit:g} ms")
-    figure.update_layout(
-        xaxis={"title": {"text": "control step [-]"}},
-        yaxis={"title": {"text": "time per step [ms]"}, "type": "log", **_decades(ms, 1e3 * deadline)},
-    )
-    return figure
+    return axes(figure, "control step [-]", _TIME, yaxis=_decades(ms, 1e3 * deadline))
 
 
 def solver_histogram(seconds: np.ndarray, *, deadline: float, bins: int = 40) -> go.Figure:
@@ -179,23 +176,20 @@ def solver_histogram(seconds: np.ndarray, *, deadline: float, bins: int = 40) ->
     ):
         dash, said = "dash" if colour is VERMILION else "dot", text + "<extra></extra>"
         line(figure, [value] * 2, [0, 1.08 * counts.max()], colour, dash=dash, name=text, hovertemplate=said)
-    figure.update_layout(
-        showlegend=True,
-        xaxis={"title": {"text": "time per step [ms]"}, "type": "log", **_decades(ms, 1e3 * deadline)},
-        yaxis={"title": {"text": "steps [-]"}, "rangemode": "tozero"},
-    )
     figure.data[0].update(showlegend=False)
-    return figure
+    across, upright = _decades(ms, 1e3 * deadline), {"rangemode": "tozero"}
+    return axes(figure, _TIME, "steps [-]", xaxis=across, yaxis=upright, showlegend=True)
 
 
 def _decades(ms: np.ndarray, deadline: float) -> dict[str, object]:
-    """Range over data and deadline with ticks at 1, 2, 5 of each decade, in plain numbers."""
+    """A logarithmic axis over data and deadline with ticks at 1, 2, 5 of each decade, in plain numbers."""
     positive = ms[np.isfinite(ms) & (ms > 0)]
     low, high = min([*positive, deadline]), max([*positive, deadline])
     ticks = [m * 10.0**p for p in range(-5, 7) for m in (1, 2, 5) if 0.5 * low <= m * 10.0**p <= 2 * high]
     if len(ticks) > 9:
         ticks = [v for v in ticks if f"{v:e}".startswith("1")]
     return {
+        "type": "log",
         "range": [float(np.log10(low)) - 0.15, float(np.log10(high)) + 0.15],
         "tickvals": ticks,
         "ticktext": [f"{v:g}" for v in ticks],

@@ -10,28 +10,7 @@ import plotly.graph_objects as go
 
 from slipangle.data.dataset import Channel
 from slipangle.errors import ParameterError
-from slipangle.report.style import (
-    BLUE,
-    INK,
-    RISING,
-    SIGNED,
-    SLATE,
-    VERMILION,
-    EqualScale,
-    axis_title,
-    colourscale,
-    compact,
-    dots,
-    largest,
-    line,
-    new_figure,
-    same_length,
-    thin,
-    unit_title,
-    with_gaps,
-)
-
-__all__ = ["Body", "path_map", "track_map"]
+from slipangle.report import style
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,30 +52,30 @@ def track_map(
         If the lengths differ or no value is finite.
     """
     X, Y, value = (np.asarray(a, dtype=float) for a in (X, Y, value))
-    same_length("X", len(X), Y=Y, value=value)
+    style.same_length("X", len(X), Y=Y, value=value)
     if not np.isfinite(value).any():
         raise ParameterError("no value is finite; expected an error per position: simulate the model first")
     shown = value if signed else np.abs(value)
-    rows = largest(shown, points)
+    rows = style.largest(shown, points)
     rows = rows[np.isfinite(shown[rows])]
     reach = float(np.nanmax(np.abs(shown))) or 1.0
     if label:
-        title = unit_title(label, channel.unit)
+        title = style.unit_title(label, channel.unit)
     else:
-        title = axis_title(channel, prefix="error of " if signed else "absolute error of ")
-    figure = new_figure(540, showlegend=False, hovermode="closest")
-    x, y = with_gaps(X, Y, starts)
-    thinned = np.unique(np.concatenate([thin(x, points), thin(y, points)]))
-    line(figure, compact(x[thinned]), y[thinned], SLATE, 1)
-    scale = {"colorscale": colourscale(SIGNED if signed else RISING), "cmin": -reach if signed else 0.0, "cmax": reach}
-    hover, scale = (
-        "X %{x:.1f} m, Y %{y:.1f} m<br>%{marker.color:.3g}<extra></extra>",
-        {**scale, "colorbar": _bar(title)},
-    )
-    dots(figure, compact(X[rows]), Y[rows], compact(shown[rows]), 6, hover=hover, marker=scale)
+        title = style.axis_title(channel, prefix="error of " if signed else "absolute error of ")
+    figure = style.new_figure(540, showlegend=False, hovermode="closest")
+    x, y = style.with_gaps(X, Y, starts)
+    thinned = np.unique(np.concatenate([style.thin(x, points), style.thin(y, points)]))
+    style.line(figure, style.compact(x[thinned]), y[thinned], style.SLATE, 1)
+    scale = {
+        "colorscale": style.colourscale(style.SIGNED if signed else style.RISING),
+        "cmin": -reach if signed else 0.0,
+        "cmax": reach,
+    }
+    hover, scale["colorbar"] = "X %{x:.1f} m, Y %{y:.1f} m<br>%{marker.color:.3g}<extra></extra>", _bar(title)
+    style.dots(figure, style.compact(X[rows]), Y[rows], style.compact(shown[rows]), 6, hover=hover, marker=scale)
     _start_arrow(figure, X, Y)
-    _equal_axes(figure, (float(np.ptp(X)), float(np.ptp(Y))), frame=130)
-    return figure
+    return _equal_axes(figure, float(np.ptp(X)), float(np.ptp(Y)), frame=130)
 
 
 def _bar(title: str) -> dict[str, object]:
@@ -113,19 +92,16 @@ def _start_arrow(figure: go.Figure, X: np.ndarray, Y: np.ndarray) -> None:
         return
     dx, dy = (X[ahead] - X[0]) / away[ahead], (Y[ahead] - Y[0]) / away[ahead]
     tip = {"x": X[0] + 0.05 * size * dx, "y": Y[0] + 0.05 * size * dy, "arrowhead": 2, "arrowwidth": 2.4}
-    tail = {"ax": X[0], "ay": Y[0], "axref": "x", "ayref": "y", "arrowcolor": INK.light}
+    tail = {"ax": X[0], "ay": Y[0], "axref": "x", "ayref": "y", "arrowcolor": style.INK.light}
     figure.add_annotation(text="", showarrow=True, **tip, **tail)
     figure.add_annotation(x=X[0], y=Y[0], text="start", showarrow=False, xshift=-24 * dy, yshift=24 * dx)
 
 
-def _equal_axes(figure: go.Figure, size: tuple[float, float], frame: float) -> None:
-    scale = EqualScale(ratio=1.05 * size[1] / max(size[0], 1e-9), frame=frame)
-    figure.update_layout(
-        height=scale.height(),
-        meta=scale.meta,
-        xaxis={"title": {"text": "X [m]"}, "constrain": "domain"},
-        yaxis={"title": {"text": "Y [m]"}, "scaleanchor": "x", "constrain": "domain"},
-    )
+def _equal_axes(figure: go.Figure, width: float, height: float, frame: float) -> go.Figure:
+    scale = style.EqualScale(ratio=1.05 * height / max(width, 1e-9), frame=frame)
+    inside = {"constrain": "domain"}
+    size = {"height": scale.height(), "meta": scale.meta}
+    return style.axes(figure, "X [m]", "Y [m]", xaxis=inside, yaxis={"scaleanchor": "x", **inside}, **size)
 
 
 def path_map(
@@ -152,32 +128,30 @@ def path_map(
     A course more than six times as long as wide is drawn with Y stretched, which the axis title says.
     """
     X, Y, psi = (np.asarray(a, dtype=float) for a in (X, Y, psi))
-    same_length("X", len(X), Y=Y, psi=psi)
-    figure = new_figure(440, hovermode="closest")
+    style.same_length("X", len(X), Y=Y, psi=psi)
+    figure = style.new_figure(440, hovermode="closest")
     bounds = [np.asarray(b, dtype=float) for b in (left, right) if b is not None]
     for k, side in enumerate(bounds):
         shared = {"name": "lane boundary", "legendgroup": "lane", "showlegend": k == 0}
-        line(figure, side[:, 0], side[:, 1], VERMILION, 2, **shared)
+        style.line(figure, side[:, 0], side[:, 1], style.VERMILION, 2, **shared)
     if reference is not None:
         reference = np.asarray(reference, dtype=float)
-        line(figure, reference[:, 0], reference[:, 1], SLATE, 2, dash="dash", name="reference")
+        style.line(figure, reference[:, 0], reference[:, 1], style.SLATE, 2, dash="dash", name="reference")
     if body is not None:
         x, y = _outlines(X, Y, psi, body, outlines)
-        line(figure, compact(x), y, BLUE, 1, fill="toself", fillcolor=BLUE.faded(0.12), name="vehicle")
-    rows = np.unique(np.concatenate([thin(X, points // 2), thin(Y, points // 2)]))
+        style.line(
+            figure, style.compact(x), y, style.BLUE, 1, fill="toself", fillcolor=style.BLUE.faded(0.12), name="vehicle"
+        )
+    rows = np.unique(np.concatenate([style.thin(X, points // 2), style.thin(Y, points // 2)]))
     hover = "X %{x:.1f} m, Y %{y:.2f} m<extra></extra>"
-    line(figure, compact(X[rows]), Y[rows], INK, 2, name="centre of gravity", hovertemplate=hover)
+    style.line(figure, style.compact(X[rows]), Y[rows], style.INK, 2, name="centre of gravity", hovertemplate=hover)
     edge = np.vstack([np.column_stack([X, Y]), *bounds, *([] if reference is None else [reference])])
     span = np.nanmax(edge, axis=0) - np.nanmin(edge, axis=0)
     if span[0] > 6 * span[1]:
         reach = np.nanmax(edge, axis=0)[0] + 0.03 * span[0]
-        figure.update_layout(
-            xaxis={"title": {"text": "X [m]"}, "range": [reach - 1.06 * span[0], reach]},
-            yaxis={"title": {"text": "Y [m]<br>(stretched)"}},
-        )
-    else:
-        _equal_axes(figure, (float(span[0]), float(span[1])), frame=110)
-    return figure
+        across = {"range": [reach - 1.06 * span[0], reach]}
+        return style.axes(figure, "X [m]", "Y [m]<br>(stretched)", xaxis=across)
+    return _equal_axes(figure, float(span[0]), float(span[1]), frame=110)
 
 
 def _outlines(X: np.ndarray, Y: np.ndarray, psi: np.ndarray, body: Body, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -21,8 +21,6 @@ from slipangle.files import write_atomic
 from slipangle.report.style import dark_map, pretty_unit, template
 from slipangle.report.tables import Cell, Table, Tone, command_html, number, published, typeset
 
-__all__ = ["Block", "Fact", "Figure", "Finding", "Findings", "Grid", "Number", "Page", "Section", "Text", "Verdict"]
-
 # Nothing is fetched: the browser itself refuses any request this page might make.
 _POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 

@@ -15,6 +15,7 @@ from slipangle.report.style import (
     INK,
     SLATE,
     EqualScale,
+    axes,
     axis_title,
     compact,
     dots,
@@ -29,8 +30,6 @@ from slipangle.report.style import (
     with_gaps,
     wrap,
 )
-
-__all__ = ["correlation", "measured_vs_simulated", "rainclouds", "trajectories"]
 
 
 def measured_vs_simulated(
@@ -82,13 +81,10 @@ def measured_vs_simulated(
         line(figure, x, values[rows], colour, 1.3, dash=dash, name=name, legendgroup=name)
         line(figure, x, error, colour, 1.3, dash=dash, name=f"error of {name}", legendgroup=name, **below)
     figure.update_traces(hoverinfo=None, hovertemplate="%{y:.4g}")
-    error_title = {"title": {"text": f"error<br>[{escape(pretty_unit(channel.unit))}]"}, "domain": [0.0, 0.3]}
-    figure.update_layout(
-        xaxis={"title": {"text": "time t [s]"}, "anchor": "y2", "hoverformat": ".2f"},
-        yaxis={"title": {"text": axis_title(channel, lines=2)}, "domain": [0.36, 1.0]},
-        yaxis2={**error_title, "zeroline": True, "zerolinecolor": SLATE.light},
-    )
-    return figure
+    below = {"title": {"text": f"error<br>[{escape(pretty_unit(channel.unit))}]"}, "domain": [0.0, 0.3]}
+    below |= {"zeroline": True, "zerolinecolor": SLATE.light}
+    across, upright = {"anchor": "y2", "hoverformat": ".2f"}, {"domain": [0.36, 1.0]}
+    return axes(figure, "time t [s]", axis_title(channel, lines=2), xaxis=across, yaxis=upright, yaxis2=below)
 
 
 def trajectories(models: Mapping[str, Trajectory], channel: Channel, *, points: int = 4000) -> go.Figure:
@@ -147,12 +143,9 @@ def rainclouds(errors: Mapping[str, np.ndarray], *, channel: Channel, points: in
         where = {"x": 0, "y": row + 0.43, "xref": "x domain", "xanchor": "left", "yanchor": "bottom", "align": "left"}
         figure.add_annotation(text=f"<b>{wrap(name, 44)}</b>{gap}{rmse}", showarrow=False, **where)
     title = {"text": axis_title(channel, prefix="error of ")}
-    figure.update_layout(
-        xaxis={"title": title, "zeroline": True, "zerolinecolor": SLATE.light},
-        yaxis={"visible": False, "range": [-0.4, len(errors) - 0.28], "fixedrange": True},
-        hovermode="closest",
-    )
-    return figure
+    hidden = {"visible": False, "range": [-0.4, len(errors) - 0.28], "fixedrange": True}
+    zero = {"title": title, "zeroline": True, "zerolinecolor": SLATE.light}
+    return figure.update_layout(xaxis=zero, yaxis=hidden, hovermode="closest")
 
 
 def _raincloud(
@@ -229,11 +222,8 @@ def correlation(
     where = {"x": 0.03, "y": 0.98, "xref": "x domain", "yref": "y domain", "xanchor": "left", "yanchor": "top"}
     figure.add_annotation(text=f"R² = {r2:.4f}", showarrow=False, font={"size": 15}, **where)
     axis = {"range": ends, "dtick": nice_step(ends[1] - ends[0]), "constrain": "domain"}
-    figure.update_layout(
-        xaxis={**axis, "title": {"text": axis_title(channel, prefix="measured ")}},
-        yaxis={**axis, "title": {"text": axis_title(channel, lines=2, prefix="simulated ")}, "scaleanchor": "x"},
-    )
-    return figure
+    x, y = axis_title(channel, prefix="measured "), axis_title(channel, lines=2, prefix="simulated ")
+    return axes(figure, x, y, xaxis=axis, yaxis={**axis, "scaleanchor": "x"})
 
 
 def _at_least_one(models: Mapping[str, object]) -> None:

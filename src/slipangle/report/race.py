@@ -13,8 +13,6 @@ from slipangle.errors import ParameterError
 from slipangle.report.maps import track_map
 from slipangle.report.style import compact, escape, new_figure, pretty_unit, series_style
 
-__all__ = ["error_by_level", "error_by_phase", "share_map"]
-
 
 def error_by_phase(errors: Mapping[str, np.ndarray], corners: tuple[Corner, ...], *, channel: Channel) -> go.Figure:
     """RMSE of each model on straights and in corner entries, middles and exits, as bars side by side.
@@ -33,8 +31,7 @@ def error_by_phase(errors: Mapping[str, np.ndarray], corners: tuple[Corner, ...]
             marker={"color": colour.light},
             hovertemplate="%{x}: %{y:.3g}<extra>" + escape(name) + "</extra>",
         )
-    figure.update_layout(barmode="group", xaxis={"title": {"text": "phase of the corner"}})
-    return figure
+    return figure.update_layout(barmode="group", xaxis={"title": {"text": "phase of the corner"}})
 
 
 def error_by_level(
@@ -60,8 +57,7 @@ def error_by_level(
             hovertemplate="%{x:.3g}: %{y:.3g}<extra>" + escape(name) + "</extra>",
         )
     words = {"a_y": "size of the lateral acceleration"}.get(sorted_by.name, f"size of {sorted_by.name}")
-    figure.update_layout(xaxis={"title": {"text": f"{words} [{pretty_unit(sorted_by.unit)}]"}})
-    return figure
+    return figure.update_layout(xaxis={"title": {"text": f"{words} [{pretty_unit(sorted_by.unit)}]"}})
 
 
 def share_map(X: np.ndarray, Y: np.ndarray, share: np.ndarray, *, starts: Sequence[int] = (0,)) -> go.Figure:
@@ -77,5 +73,4 @@ def _frame(errors: Mapping[str, np.ndarray], channel: Channel) -> go.Figure:
         raise ParameterError("there is no model; expected the errors of at least one")
     figure = new_figure(340, hovermode="closest")
     title = f"RMSE of {escape(channel.name)} [{escape(pretty_unit(channel.unit))}]"
-    figure.update_layout(yaxis={"title": {"text": title}, "rangemode": "tozero"})
-    return figure
+    return figure.update_layout(yaxis={"title": {"text": title}, "rangemode": "tozero"})

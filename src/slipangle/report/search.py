@@ -13,8 +13,6 @@ from slipangle.identify.search.search import SearchResult, columns
 from slipangle.report.style import BLUE, INK, MIDDLE, SLATE, compact, escape, new_figure, nice_step
 from slipangle.report.tables import Cell, Heading, Row, Table
 
-__all__ = ["parallel_coordinates", "search_table"]
-
 _WIDE = 1.5  # decades between lowest and highest, above which an axis is logarithmic
 
 
@@ -52,11 +50,8 @@ def parallel_coordinates(result: SearchResult, *, score: str = "score") -> go.Fi
         for place, text in axis.ticks:
             figure.add_annotation(text=escape(text), x=i, y=place, xshift=-4, xanchor="right", showarrow=False)
     hidden = {"visible": False, "fixedrange": True}
-    figure.update_layout(
-        xaxis={**hidden, "range": [-0.35, len(axes) - 0.75]},
-        yaxis={**hidden, "range": [-0.04, 1.06]},
-    )
-    return figure
+    across = {**hidden, "range": [-0.35, len(axes) - 0.75]}
+    return figure.update_layout(xaxis=across, yaxis={**hidden, "range": [-0.04, 1.06]})
 
 
 @dataclass(frozen=True)

@@ -126,40 +126,23 @@ def escape(text: str) -> str:
 
 def template() -> go.layout.Template:
     """The look of every figure, on light ground; `dark_map` turns it dark."""
-    axis = {
-        "gridcolor": GRID.light,
-        "linecolor": SLATE.light,
-        "zerolinecolor": GRID.light,
-        "tickcolor": SLATE.light,
-        "ticks": "outside",
-        "ticklen": 4,
-        "showline": True,
-        "automargin": True,
-        "title": {"standoff": 8, "font": {"size": 13}},
-    }
+    lines = {"gridcolor": GRID.light, "zerolinecolor": GRID.light, "linecolor": SLATE.light, "tickcolor": SLATE.light}
+    shape = {"ticks": "outside", "ticklen": 4, "showline": True, "automargin": True}
+    axis = {**lines, **shape, "title": {"standoff": 8, "font": {"size": 13}}}
+    place = {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.02, "yanchor": "bottom"}
+    clear = GROUND.faded(0)
+    text = {"family": FONT, "size": 13, "color": INK.light}
     layout = go.Layout(
-        font={"family": FONT, "size": 13, "color": INK.light},
+        font=text,
         colorway=[c.light for c in SERIES],
         paper_bgcolor=GROUND.light,
         plot_bgcolor=GROUND.light,
         xaxis=axis,
         yaxis=axis,
         margin={"l": 64, "r": 16, "t": 12, "b": 48},
-        legend={
-            "orientation": "h",
-            "x": 0,
-            "xanchor": "left",
-            "y": 1.02,
-            "yanchor": "bottom",
-            "bgcolor": GROUND.faded(0),
-            "font": {"size": 13},
-        },
-        hoverlabel={
-            "bgcolor": GROUND.light,
-            "bordercolor": SLATE.light,
-            "font": {"color": INK.light, "family": FONT, "size": 13},
-        },
-        modebar={"bgcolor": GROUND.faded(0), "color": SLATE.light, "activecolor": INK.light, "orientation": "h"},
+        legend={**place, "bgcolor": clear, "font": {"size": 13}},
+        hoverlabel={"bgcolor": GROUND.light, "bordercolor": SLATE.light, "font": text},
+        modebar={"bgcolor": clear, "color": SLATE.light, "activecolor": INK.light, "orientation": "h"},
     )
     return go.layout.Template(layout=layout)
 
@@ -186,6 +169,20 @@ def new_figure(height: int, **layout: Any) -> go.Figure:
     figure = go.Figure()
     figure.update_layout(template=template(), height=height, **layout)
     return figure
+
+
+def axes(
+    figure: go.Figure,
+    x: str,
+    y: str,
+    *,
+    xaxis: Mapping[str, Any] | None = None,
+    yaxis: Mapping[str, Any] | None = None,
+    **layout: Any,
+) -> go.Figure:
+    """The figure with titles on its axes, what else is to be known of each, and of the figure."""
+    titled = {"xaxis": {"title": {"text": x}, **(xaxis or {})}, "yaxis": {"title": {"text": y}, **(yaxis or {})}}
+    return figure.update_layout(**titled, **layout)
 
 
 def line(

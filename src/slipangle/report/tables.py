@@ -1,7 +1,5 @@
 """Tables once, shown twice: aligned text for the terminal, HTML for the page."""
 
-from __future__ import annotations
-
 import html
 import io
 import math
@@ -20,22 +18,8 @@ from slipangle.errors import ParameterError
 from slipangle.models.model import FitInfo
 from slipangle.report.style import pretty_unit
 
-__all__ = [
-    "Cell",
-    "Heading",
-    "Row",
-    "ScoreRow",
-    "Table",
-    "Tone",
-    "correlation_table",
-    "number",
-    "parameter_table",
-    "score_table",
-]
-
 Tone = Literal["good", "fair", "poor"]
 Cell = str | float | int | bool | None
-
 
 _UNIT = r"(?:%|°|[kmµ]?[msgNV]|Hz|rad|deg|km|kg|bar|rpm)(?:/(?:s|h|rad|deg)[²2]?|[ ]?m[²2])?"
 _BEFORE_UNIT = re.compile(rf"(\d) ({_UNIT})(?![\w/])")

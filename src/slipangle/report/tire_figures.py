@@ -13,9 +13,7 @@ import plotly.graph_objects as go
 
 from slipangle.errors import ModelWarning, ParameterError, nearest
 from slipangle.models.tires.simple import Tire, TireForces
-from slipangle.report.style import EqualScale, compact, escape, line, new_figure, series_style
-
-__all__ = ["OperatingRange", "combined_slip", "pure_slip"]
+from slipangle.report.style import EqualScale, axes, compact, escape, line, new_figure, series_style
 
 Quantity = Literal["F_x", "F_y", "M_x", "M_z"]
 QUANTITIES = {
@@ -75,12 +73,7 @@ def pure_slip(
         colour, dash = series_style(k)
         x, y = shown_slip(slip, along=along), np.broadcast_to(value, slip.shape)
         line(figure, x, y, colour, 1.8, dash=dash, name=force_text(load), hovertemplate="%{y:.4g}")
-    figure.update_layout(
-        xaxis={"title": {"text": slip_title(along=along)}},
-        yaxis={"title": {"text": quantity_title(quantity)}},
-        showlegend=True,
-    )
-    return figure
+    return axes(figure, slip_title(along=along), quantity_title(quantity), showlegend=True)
 
 
 def combined_slip(tire: Tire, *, load: float | None = None, camber: float = 0.0) -> go.Figure:
@@ -109,14 +102,9 @@ def combined_slip(tire: Tire, *, load: float | None = None, camber: float = 0.0)
     reach_x, reach_y = (1.06 * float(max(column)) for column in zip(*extent, strict=True))
     scale = EqualScale(ratio=reach_y / max(reach_x, 1e-9), frame=120.0)
     shared = {"zeroline": True, "constrain": "domain"}
-    figure.update_layout(
-        height=scale.height(),
-        meta=scale.meta,
-        xaxis={"title": {"text": quantity_title("F_x")}, "range": [-reach_x, reach_x], **shared},
-        yaxis={"title": {"text": quantity_title("F_y")}, "range": [-reach_y, reach_y], "scaleanchor": "x", **shared},
-        showlegend=True,
-    )
-    return figure
+    x, y = {"range": [-reach_x, reach_x], **shared}, {"range": [-reach_y, reach_y], "scaleanchor": "x", **shared}
+    size = {"height": scale.height(), "meta": scale.meta, "showlegend": True}
+    return axes(figure, quantity_title("F_x"), quantity_title("F_y"), xaxis=x, yaxis=y, **size)
 
 
 def forces(tire: Tire, ratio: Any, angle: Any, load: Any, camber: float) -> TireForces:

@@ -14,22 +14,13 @@ import plotly.graph_objects as go
 from slipangle.data.tire_data import TireData
 from slipangle.errors import ModelWarning, ParameterError
 from slipangle.models.tires.simple import Tire, TireForces
-from slipangle.report.style import SLATE, compact, dots, line, new_figure, series_style
-from slipangle.report.tire_figures import (
-    POINTS,
-    QUANTITIES,
-    Quantity,
-    force_text,
-    quantity_title,
-    require_quantity,
-    shown_slip,
-    slip_title,
-)
-
-__all__ = ["curve_figure", "fit_figure", "predicted", "residual_histogram"]
+from slipangle.report import tire_figures
+from slipangle.report.style import SLATE, axes, compact, dots, line, new_figure, series_style
 
 
-def fit_figure(tire: Tire, data: TireData, quantity: Quantity, *, sweeps: int = 6, points: int = 4000) -> go.Figure:
+def fit_figure(
+    tire: Tire, data: TireData, quantity: tire_figures.Quantity, *, sweeps: int = 6, points: int = 4000
+) -> go.Figure:
     """Measured samples and the fitted tire over slip, and what is left between them.
 
     F_x is drawn over slip ratio at small slip angles, the other quantities over slip angle at small slip ratios, for at
@@ -40,7 +31,7 @@ def fit_figure(tire: Tire, data: TireData, quantity: Quantity, *, sweeps: int = 
     ParameterError
         If the data hold no such quantity or no sweep of its slip.
     """
-    require_quantity(quantity)
+    tire_figures.require_quantity(quantity)
     if getattr(data, quantity) is None:
         raise ParameterError(f"'{data.name}' holds no {quantity}; expected a quantity that was measured")
     along = quantity == "F_x"
@@ -55,29 +46,23 @@ def fit_figure(tire: Tire, data: TireData, quantity: Quantity, *, sweeps: int = 
     for k, sweep in enumerate(_chosen(part, sweeps)):
         rows = part.rows(sweep.rows).thinned(max(points // sweeps, 50))
         slip = rows.slip_ratio if along else rows.slip_angle
-        x = shown_slip(slip, along=along)
+        x = tire_figures.shown_slip(slip, along=along)
         colour, dash = series_style(k)
         at_samples = np.broadcast_to(getattr(predicted(tire, rows), quantity), slip.shape)
-        name = force_text(sweep.load)
+        name = tire_figures.force_text(sweep.load)
         faint: dict[str, Any] = {"hover": "%{y:.4g}", "legendgroup": name, "showlegend": False}
         faint["marker"] = {"opacity": 0.45}
         dots(figure, compact(x), getattr(rows, quantity), colour, name=f"measured, {name}", **faint)
         order = np.argsort(slip)
-        level = np.linspace(slip.min(), slip.max(), POINTS)
+        level = np.linspace(slip.min(), slip.max(), tire_figures.POINTS)
         smooth = predicted(tire, _level(rows, level, along=along))
         fitted, shared = np.broadcast_to(getattr(smooth, quantity), level.shape), {"name": name, "legendgroup": name}
-        at = compact(shown_slip(level, along=along))
+        at = compact(tire_figures.shown_slip(level, along=along))
         line(figure, at, fitted, colour, 2, dash=dash, hovertemplate="%{y:.4g}", **shared)
         left = (getattr(rows, quantity) - at_samples)[order]
         dots(figure, compact(x[order]), left, colour, yaxis="y2", name=f"residual, {name}", **faint)
-    unit = QUANTITIES[quantity][1]
-    figure.update_layout(
-        xaxis={"title": {"text": slip_title(along=along)}, "anchor": "y2"},
-        yaxis={"title": {"text": quantity_title(quantity)}, "domain": [0.36, 1.0]},
-        yaxis2={"title": {"text": f"residual<br>[{unit}]"}, "domain": [0.0, 0.28], "zeroline": True},
-        showlegend=True,
-    )
-    return figure
+    unit = tire_figures.QUANTITIES[quantity][1]
+    return _two_panels(figure, tire_figures.quantity_title(quantity), f"residual<br>[{unit}]", along=along)
 
 
 def curve_figure(
@@ -93,11 +78,11 @@ def curve_figure(
     ``slip`` is a slip ratio [-] where ``along``, else a slip angle [rad], drawn in degrees; ``friction`` is force over
     load [-], shape (n,) both; ``curves`` are functions of slip by name.
     """
-    x = shown_slip(np.asarray(slip, dtype=float), along=along)
+    x = tire_figures.shown_slip(np.asarray(slip, dtype=float), along=along)
     figure = new_figure(520, hovermode="x unified")
     dots(figure, compact(x), friction, SLATE, hover="%{y:.4g}", name="data", marker={"opacity": 0.6})
     fine = np.linspace(np.min(slip), np.max(slip), 401)
-    at = compact(shown_slip(fine, along=along))
+    at = compact(tire_figures.shown_slip(fine, along=along))
     below: dict[str, Any] = {"hover": "%{y:.4g}", "yaxis": "y2", "showlegend": False}
     for k, (name, curve) in enumerate(curves.items()):
         colour, dash = series_style(k)
@@ -105,18 +90,18 @@ def curve_figure(
         line(figure, at, curve(fine), colour, 1.8, dash=dash, **shared)
         left = friction - curve(np.asarray(slip, dtype=float))
         dots(figure, compact(x), left, colour, 3, name=f"residual of {name}", legendgroup=name, **below)
-    figure.update_layout(
-        xaxis={"title": {"text": slip_title(along=along)}, "anchor": "y2"},
-        yaxis={"title": {"text": friction_title}, "domain": [0.36, 1.0]},
-        yaxis2={"title": {"text": "residual [-]"}, "domain": [0.0, 0.28], "zeroline": True},
-        showlegend=True,
-    )
-    return figure
+    return _two_panels(figure, friction_title, "residual [-]", along=along)
 
 
-def residual_histogram(tire: Tire, data: TireData, quantity: Quantity) -> go.Figure:
+def _two_panels(figure: go.Figure, above: str, below: str, *, along: bool) -> go.Figure:
+    lower = {"title": {"text": below}, "domain": [0.0, 0.28], "zeroline": True}
+    shape: dict[str, Any] = {"xaxis": {"anchor": "y2"}, "yaxis": {"domain": [0.36, 1.0]}, "yaxis2": lower}
+    return axes(figure, tire_figures.slip_title(along=along), above, showlegend=True, **shape)
+
+
+def residual_histogram(tire: Tire, data: TireData, quantity: tire_figures.Quantity) -> go.Figure:
     """How the residuals of all samples are distributed."""
-    require_quantity(quantity)
+    tire_figures.require_quantity(quantity)
     if getattr(data, quantity) is None:
         raise ParameterError(f"'{data.name}' holds no {quantity}; expected a quantity that was measured")
     error = getattr(data, quantity) - np.broadcast_to(getattr(predicted(tire, data), quantity), data.load.shape)
@@ -125,18 +110,12 @@ def residual_histogram(tire: Tire, data: TireData, quantity: Quantity) -> go.Fig
     colour, _ = series_style(0)
     figure = new_figure(300, bargap=0.05)
     figure.add_bar(x=(edges[1:] + edges[:-1]) / 2, y=count, marker={"color": colour.light}, name="samples")
-    figure.update_layout(
-        xaxis={"title": {"text": f"residual of {quantity_title(quantity)}"}},
-        yaxis={"title": {"text": "samples"}},
-        showlegend=False,
-    )
-    return figure
+    return axes(figure, f"residual of {tire_figures.quantity_title(quantity)}", "samples", showlegend=False)
 
 
 def predicted(tire: Tire, data: TireData) -> TireForces:
     """Forces at the conditions of the data, pressure included where the tire knows it."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ModelWarning)
+    with warnings.catch_warnings(action="ignore", category=ModelWarning):
         return tire.unlimited().forces_at(
             data.slip_ratio, data.slip_angle, data.load, camber=data.gamma, pressure=data.pressure
         )

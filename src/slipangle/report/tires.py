@@ -1,7 +1,5 @@
 """Tables and page of a tire: forces at given conditions, its curves, and how it follows its measurements."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Sequence
@@ -25,8 +23,6 @@ from slipangle.report.tire_figures import (
     pure_slip,
 )
 from slipangle.report.tire_fits import fit_figure, predicted, residual_histogram
-
-__all__ = ["evaluate_table", "fit_errors", "informations", "tire_page"]
 
 
 def evaluate_table(

@@ -49,7 +49,7 @@ class Reproduction:
     @property
     def holds(self) -> bool:
         """Whether every bound holds."""
-        return all(record.holds is not False for record in self.records)
+        return all(record.holds is None or record.holds for record in self.records)
 
 
 def run(experiment: Callable[[Progress], Reproduction], progress: Progress) -> Reproduction:
@@ -71,10 +71,7 @@ def names() -> list[str]:
 def find(name: str) -> ModuleType:
     """The module of an experiment.
 
-    Raises
-    ------
-    ConfigError
-        If there is none of that name; the nearest names are given.
+    Raises ConfigError if there is none of that name; the nearest names are given.
     """
     if name not in names():
         raise ConfigError(f"there is no experiment '{name}'; {nearest(name, names())}: use one of these names")
@@ -96,10 +93,7 @@ def benchmark_names() -> list[str]:
 def find_benchmark(name: str) -> ModuleType:
     """The module of a benchmark.
 
-    Raises
-    ------
-    ConfigError
-        If there is none of that name, or no checkout to take it from.
+    Raises ConfigError if there is none of that name, or no checkout to take it from.
     """
     folder = benchmark_folder()
     if folder is None:

@@ -1,7 +1,5 @@
 """What tables 6.5, 6.6, 6.11 and 6.12 share: the two cars, their controllers, the plant, the drive, the protocol."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -10,20 +8,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipangle.control.mpc import MPC
+from slipangle import MPC, Channel, Ipopt, Model, Path, RealTime, SingleTrack, SingleTrackParams, Tire
 from slipangle.control.presets import SOUSA_EQ_6_3, SOUSA_EQ_6_4
-from slipangle.data.dataset import Channel
-from slipangle.models.model import Model
-from slipangle.models.tires.simple import Tire, TireForces
+from slipangle.models.tires.simple import TireForces
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_10
-from slipangle.models.vehicles.parameters import SingleTrackParams
-from slipangle.models.vehicles.single_track import SingleTrack
 from slipangle.ops import Scalar, clip, is_symbolic
-from slipangle.optimal.ipopt import Ipopt
-from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.optimal.solution import Plan
-from slipangle.paths.path import Path
 from slipangle.report.drives import Signal, signals, solver_time
 from slipangle.report.maps import path_map
 from slipangle.report.records import Record

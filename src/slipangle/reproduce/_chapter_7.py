@@ -1,7 +1,5 @@
 """What tables 7.1, 7.4, 7.5 and 7.6 share: the car, its logs, the models, the controllers and the drives."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache

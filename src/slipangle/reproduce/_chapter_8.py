@@ -36,7 +36,9 @@ from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import FERRARI_250LM
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, with_speed_derivative
 from slipangle.models.wrappers.hybrid import Corrected
+from slipangle.report.maps import track_map
 from slipangle.report.plots import correlation
+from slipangle.report.race import share_map
 from slipangle.report.records import Record
 
 SEEDS = (0, 1, 2, 3, 4)
@@ -119,6 +121,16 @@ def correlations(runs: Mapping[str, Trajectory], channel: Channel) -> dict[str, 
         )
         for i, (name, run) in enumerate(runs.items())
     }
+
+
+def on_the_track(name: str, model: Model, error: np.ndarray, test: Dataset) -> dict[str, go.Figure]:
+    """Error of the output along the track, and the share of the discrepancy where the model has one."""
+    X, Y, channel = test["X"], test["Y"], test.channels[test.index(test.outputs[0])]
+    figures = {f"Error along the track, {name}": track_map(X, Y, error, channel=channel, starts=test.starts)}
+    if isinstance(model, Corrected):
+        share = share_map(X, Y, model.share(test)[:, 0], starts=test.starts)
+        figures[f"Share of the discrepancy, {name}"] = share
+    return figures
 
 
 def switched_off(models: Sequence[Model]) -> str:

@@ -1,7 +1,5 @@
 """Integration by CVODES, as the thesis does it in its plants and inside its predictions."""
 
-from __future__ import annotations
-
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from typing import Any, Generic, TypeVar
@@ -9,8 +7,7 @@ from typing import Any, Generic, TypeVar
 import casadi as ca
 import numpy as np
 
-from slipangle.data.dataset import Dataset
-from slipangle.models.model import Model
+from slipangle import Dataset, Model
 from slipangle.models.ode import OdeModel
 from slipangle.ops import Vector, is_symbolic
 

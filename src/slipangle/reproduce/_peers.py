@@ -1,7 +1,5 @@
 """What the benchmarks share: runs in turn, peers that may be missing."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import time

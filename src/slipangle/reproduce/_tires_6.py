@@ -1,7 +1,5 @@
 """Tires of the chapter 6 drives: in the plant, and by name in the prediction."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from slipangle.models.tires.neural import NeuralTire

@@ -9,22 +9,15 @@ measured without noise. Driven by real-time iterations, by converged plans, and 
 multiple shooting, of the same problem in the same run. Nothing is random.
 """
 
-from __future__ import annotations
-
 import time
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from slipangle.control.mpc import MPC
-from slipangle.data.dataset import Channel
+from slipangle import MPC, Channel, Ipopt, Limits, RealTime, Reference, Weights
 from slipangle.models.ode import OdeModel
-from slipangle.optimal.ipopt import Ipopt
-from slipangle.optimal.ocp import Reference
-from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.solution import Plan
-from slipangle.optimal.terms import Limits, Weights
 from slipangle.report.drives import Signal, signals
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction

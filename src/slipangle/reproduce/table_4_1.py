@@ -18,21 +18,14 @@ the validation part. Seed 0 draws the starts. The default weight of the ridge, 3
 blocks: one hardening branch gives 76.8, 76.8 and 75.4 x 1e-4 at 100, 300 and 1000; up to 100 few descents converge.
 """
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset, join
-from slipangle.data.public.sets import public
+from slipangle import ARX, Dataset, Lure, Model, StateSpace, join, public
 from slipangle.errors import IdentifiabilityWarning, SlipangleError
 from slipangle.identify.judge.validate import Score, score
-from slipangle.identify.linear.arx import ARX
-from slipangle.identify.linear.statespace import StateSpace
-from slipangle.identify.lure.lure import Lure
 from slipangle.models.black_box.lure import Curve
-from slipangle.models.model import Model
 from slipangle.report.plots import trajectories
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
@@ -126,8 +119,7 @@ def _compare(train: Dataset, progress: Progress) -> dict[str, float]:
 
 
 def _fit(estimator: Estimator, data: Dataset) -> Model:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", IdentifiabilityWarning)
+    with warnings.catch_warnings(action="ignore", category=IdentifiabilityWarning):
         return estimator.fit(data)
 
 

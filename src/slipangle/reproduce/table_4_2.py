@@ -7,16 +7,13 @@ training input and its own start weights, every one listed; 4000 epochs at most,
 15 % of the training data chooses one. The loss looks one step ahead: without noise a longer horizon has nothing to add.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
-from slipangle.data.dataset import Channel
-from slipangle.identify.judge.validate import Score, Validation, validate
-from slipangle.identify.networks.narx import NARX
+from slipangle import NARX, Channel, Validation, validate
+from slipangle.identify.judge.validate import Score
 from slipangle.identify.networks.presets import SOUSA_TABLE_4_2
 from slipangle.report.plots import rainclouds, trajectories
 from slipangle.report.records import Record

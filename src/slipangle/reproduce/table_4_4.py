@@ -8,8 +8,6 @@ MLP, 16 random starts each, seed 0. The numbers of thesis and stand-in are of di
 levels of accuracy, and ours also against the noise floor, the standard deviation of the noise that was added.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from slipangle.identify.judge.metrics import r2, rmse

@@ -15,20 +15,14 @@ mm. Nothing is random: no seeds. Both records move at the same three speeds both
 which the closed loop that made the data explains, so it says little about friction at other speeds.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import replace
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
-from slipangle.data.public.sets import public
+from slipangle import Dataset, GreyBox, Model, StateSpace, public
 from slipangle.errors import IdentifiabilityWarning
 from slipangle.identify.judge.validate import Score, score
-from slipangle.identify.linear.statespace import StateSpace
-from slipangle.identify.physics.grey_box import GreyBox
-from slipangle.models.model import Model
 from slipangle.report.plots import trajectories
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
@@ -100,8 +94,7 @@ def _watching(model: Emps) -> Emps:
 
 
 def _grey(data: Dataset, output: str) -> Emps:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", IdentifiabilityWarning)
+    with warnings.catch_warnings(action="ignore", category=IdentifiabilityWarning):
         return GreyBox(start=drive(data.dt, (output,)), free=PHYSICS).fit(data)
 
 
@@ -109,8 +102,7 @@ def _learn(data: Dataset, spacing: float, weight: float) -> Emps:
     estimator = FrictionFit(
         start=drive(data.dt, ("q",)), free=PHYSICS, spacing=spacing, weight_std=weight, max_iterations=100
     )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", IdentifiabilityWarning)
+    with warnings.catch_warnings(action="ignore", category=IdentifiabilityWarning):
         return estimator.fit(data)
 
 

@@ -5,11 +5,8 @@ The ranges of other authors are as the thesis prints them, on their own vehicles
 real-time iterations as described there, each judged against the thesis' range.
 """
 
-from __future__ import annotations
-
+from slipangle import RealTime, double_lane_change, lane_changes
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2, SOUSA_TABLE_6_8
-from slipangle.optimal.realtime import RealTime
-from slipangle.paths.lane_change import double_lane_change, lane_changes
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_6 import FRONT_DRIVE, HORIZONS, REAR_DRIVE, LookUpTire, drive

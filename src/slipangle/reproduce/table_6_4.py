@@ -10,8 +10,6 @@ starts from 16 random points inside the bounds, seed 0, and knows nothing of the
 A printed number is met when ours is as good to the digits that are printed: R2 of 1.000 stands for 0.9995 and more.
 """
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

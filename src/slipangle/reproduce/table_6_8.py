@@ -11,8 +11,6 @@ shown hold jointly for all twelve coefficients at 95 % (Bonferroni); the rates a
 interval, against a bound that a correct interval passes with 99.9 % probability.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable
 
@@ -20,10 +18,9 @@ import numpy as np
 from scipy.stats import binom
 from scipy.stats import t as student
 
+from slipangle import FitInfo, MagicCurve
 from slipangle.errors import IdentifiabilityWarning
 from slipangle.identify.tires.curves import SOUSA_TABLE_6_7, MagicCurveFit, magic_regression
-from slipangle.models.model import FitInfo
-from slipangle.models.tires.simple import MagicCurve
 from slipangle.numerics.multistart import Effort, fixed_cost
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
@@ -102,8 +99,7 @@ def _rates(name: str, progress: Callable[[float], None]) -> np.ndarray:
 
 def _quietly(fit: MagicCurveFit, slip: np.ndarray, friction: np.ndarray) -> FitInfo:
     """FitInfo of a fit whose warnings the intervals already tell."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", IdentifiabilityWarning)
+    with warnings.catch_warnings(action="ignore", category=IdentifiabilityWarning):
         info = fit.fit(slip, friction).fit_info
     if info is None:
         raise AssertionError

@@ -6,8 +6,6 @@ it where the thesis' RMSE is within 2 % of its own (0.124 and 0.063), else no fu
 ratio. One radial function is no tire: RBF {1} only has to beat the mean.
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 from typing import Any

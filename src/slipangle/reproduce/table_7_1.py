@@ -9,17 +9,13 @@ One sine says little about other steering: the chosen model also runs freely ove
 amplitude, which no fit and no choice has seen. The thesis' coefficients belong to its own plant.
 """
 
-from __future__ import annotations
-
 import warnings
 from typing import NamedTuple
 
-from slipangle.data.dataset import Dataset
+from slipangle import ARX, ARXModel, Dataset
 from slipangle.errors import ModelWarning, SlipangleError
 from slipangle.identify.judge.validate import Score, score
-from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.integrated import IntegratedARX
-from slipangle.models.black_box.arx import ARXModel
 from slipangle.report.plots import trajectories
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction

@@ -6,12 +6,9 @@ given: here the waves of segments 1 and 2 of sec. 7.2.2, at one speed. Errors ar
 the car's Y with the path's at the car's nearest point. Plans are solved by the compiled quadratic program.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
-from slipangle.data.dataset import Channel
-from slipangle.models.wrappers.multi_arx import MultiARXModel
+from slipangle import Channel, MultiARXModel
 from slipangle.report.drives import Signal, signals
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction

@@ -22,41 +22,21 @@ the number of speeds, the horizon, the knots and the orders of MARX. With S coun
 a matter of chance. Nothing is random but the multisine's phases (seed 1).
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from slipangle import Channel, MultiARXModel, RealTime, Run
 from slipangle.control.marx.mpc import MultiARXPlan
 from slipangle.control.marx.solver import Compiled
 from slipangle.control.presets import SOUSA_TABLE_7_5
-from slipangle.data.dataset import Channel
-from slipangle.models.wrappers.multi_arx import MultiARXModel
-from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.report.drives import Signal, Span, signals
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
-from slipangle.reproduce._chapter_7 import (
-    CAR,
-    LIMIT,
-    MORE_SPEEDS,
-    SEGMENTS,
-    SPEEDS,
-    blended,
-    drive,
-    general,
-    linear_model,
-    magic_model,
-    planar_model,
-    segment_rmse,
-    sine_log,
-    the_path,
-)
+from slipangle.reproduce import _chapter_7 as chapter
 from slipangle.reproduce.table_7_1 import choose, search
-from slipangle.simulate.run import Run
 
 BEST = "MARX with heading, 6 speeds, N = 20"
 
@@ -102,19 +82,21 @@ class Timed:
 @cache
 def thesis_model() -> MultiARXModel:
     """The three models of Y of table 7.1, triangular weights."""
-    return MultiARXModel(models=tuple(choose(search(sine_log(v))).model for v in SPEEDS), speeds=SPEEDS)
+    return MultiARXModel(
+        models=tuple(choose(search(chapter.sine_log(v))).model for v in chapter.SPEEDS), speeds=chapter.SPEEDS
+    )
 
 
 def controllers() -> dict[str, Any]:
     """Everything that is driven, by name."""
     converged = RealTime(iterations=0)
     return {
-        "LMPC": lambda: general(linear_model(), RealTime()),
-        "NMPC": lambda: general(magic_model(), converged),
-        "MARX as in the thesis": lambda: blended(thesis_model()),
-        "MARX with heading": lambda: blended(planar_model()),
-        BEST: lambda: blended(planar_model(MORE_SPEEDS, "smooth"), SOUSA_TABLE_7_5),
-        "LMPC, N = 20": lambda: general(linear_model(), RealTime(), SOUSA_TABLE_7_5["horizon"]),
+        "LMPC": lambda: chapter.general(chapter.linear_model(), RealTime()),
+        "NMPC": lambda: chapter.general(chapter.magic_model(), converged),
+        "MARX as in the thesis": lambda: chapter.blended(thesis_model()),
+        "MARX with heading": lambda: chapter.blended(chapter.planar_model()),
+        BEST: lambda: chapter.blended(chapter.planar_model(chapter.MORE_SPEEDS, "smooth"), SOUSA_TABLE_7_5),
+        "LMPC, N = 20": lambda: chapter.general(chapter.linear_model(), RealTime(), SOUSA_TABLE_7_5["horizon"]),
     }
 
 
@@ -129,7 +111,7 @@ def drives(progress: Progress) -> dict[str, Driven]:
         if name not in _DRIVEN:
             progress(0.9 * k / len(listed), name)
             timed = Timed(make())
-            run = drive(timed, the_path())
+            run = chapter.drive(timed, chapter.the_path())
             _DRIVEN[name] = Driven(run, np.array(timed.inside))
     return _DRIVEN
 
@@ -137,11 +119,11 @@ def drives(progress: Progress) -> dict[str, Driven]:
 def reproduce(progress: Progress) -> Reproduction:
     """Drive all controllers and compare their errors."""
     done = drives(progress)
-    error = {name: {s: segment_rmse(d.run, s) for s in SEGMENTS} for name, d in done.items()}
+    error = {name: {s: chapter.segment_rmse(d.run, s) for s in chapter.SEGMENTS} for name, d in done.items()}
     records = []
-    most = float(np.rad2deg(LIMIT))
+    most = float(np.rad2deg(chapter.LIMIT))
     for name, d in done.items():
-        records += [_bounded(name, s, error) for s in SEGMENTS]
+        records += [_bounded(name, s, error) for s in chapter.SEGMENTS]
         steered, note = float(np.rad2deg(np.abs(d.run.commands).max())), d.run.end.value
         what = "largest steering angle [deg]"
         records.append(Record(name, what, most, steered, f"<= {most:g}", steered <= most + 1e-10, note))
@@ -171,9 +153,9 @@ def figures(done: dict[str, Driven]) -> tuple[Any, ...]:
     plots = []
     for name in DRAWN:
         run = done[name].run
-        felt = CAR.signals(run.states.T, run.inputs.T)
+        felt = chapter.CAR.signals(run.states.T, run.inputs.T)
         spans = []
-        for s, (low, high) in SEGMENTS.items():
+        for s, (low, high) in chapter.SEGMENTS.items():
             t = run.t[(run["X"] >= low) & (run["X"] < high)]
             if len(t):
                 spans.append(Span(start=float(t[0]), end=float(t[-1]), label=f"{name.split()[0]}, {s}"))
@@ -182,7 +164,7 @@ def figures(done: dict[str, Driven]) -> tuple[Any, ...]:
             Signal(channel=Channel("e_y", "m"), values=run.e_y),
             Signal(channel=Channel("alpha_f", "rad"), values=0.5 * (felt["alpha_fl"] + felt["alpha_fr"])),
             Signal(channel=Channel("alpha_r", "rad"), values=0.5 * (felt["alpha_rl"] + felt["alpha_rr"])),
-            Signal(channel=Channel("delta", "rad"), values=run["delta"], lower=-LIMIT, upper=LIMIT),
+            Signal(channel=Channel("delta", "rad"), values=run["delta"], lower=-chapter.LIMIT, upper=chapter.LIMIT),
             Signal(channel=Channel("v_x", "m/s"), values=run.v_x, reference=run.reference[:, 3]),
         ]
         if name == BEST:
@@ -190,7 +172,7 @@ def figures(done: dict[str, Driven]) -> tuple[Any, ...]:
             index = np.clip(np.searchsorted(run.t_plan, run.t, side="right") - 1, 0, len(weights) - 1)
             rows += [
                 Signal(channel=Channel(f"weight at {v:g} m/s", "-"), values=weights[index, j])
-                for j, v in enumerate(MORE_SPEEDS)
+                for j, v in enumerate(chapter.MORE_SPEEDS)
             ]
         plots.append(signals(run.t, rows, spans=spans))
     return tuple(plots)

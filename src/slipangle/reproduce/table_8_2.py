@@ -17,56 +17,31 @@ The thesis says neither which part of which session it tested on nor how long it
 column and is not an RMSE of the yaw rate in all rows; fit and VAF are compared.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from slipangle.data.dataset import Channel, Dataset
+from slipangle import Channel, Dataset, Hybrid, Joint, Model, StateSpace
 from slipangle.data.race import corners, rmse_by_phase
 from slipangle.identify.judge.intervals import calibrate, coverage_error, rolling_holdout
 from slipangle.identify.judge.validate import score
-from slipangle.identify.linear.statespace import StateSpace
-from slipangle.identify.networks.hybrid import Adapt, Hybrid
-from slipangle.identify.networks.joint import Joint
+from slipangle.identify.networks.hybrid import Adapt
 from slipangle.models.black_box.statespace import StateSpaceModel
-from slipangle.models.model import Model
 from slipangle.models.wrappers.ensemble import EnsembleModel
-from slipangle.models.wrappers.hybrid import Corrected
-from slipangle.report.maps import track_map
 from slipangle.report.plots import rainclouds, trajectories
-from slipangle.report.race import error_by_level, error_by_phase, share_map
+from slipangle.report.race import error_by_level, error_by_phase
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
-from slipangle.reproduce._chapter_8 import (
-    LAGGED,
-    PRODUCT,
-    SEEDS,
-    Judged,
-    Timer,
-    bicycle,
-    correlations,
-    ferrari,
-    free_run_narx,
-    joint,
-    judge,
-    narx,
-    nonlinear_bicycle,
-    quietly,
-    records,
-    session,
-    switched_off,
-)
+from slipangle.reproduce import _chapter_8 as chapter
 
 APART = 0.5  # how much the fit may change when the free run starts anew every 10 s [%]
 LEVEL = 0.9  # of the intervals
 ELSEWHERE = "ensemble of joint models, another session"
 STIFFNESS = ("C_f", "C_r", "inertia_z")
 HYBRIDS = {"M1-H": "M1, nonlinear tires, load transfer", "M3-H": "M3 with delta v_x", "M4-H": "M4, NARX"}  # of what
-SEEN = (*LAGGED, "delta_v_x")  # inputs of the discrepancies
+SEEN = (*chapter.LAGGED, "delta_v_x")  # inputs of the discrepancies
 
 
 @dataclass(frozen=True)
@@ -90,27 +65,29 @@ def state_space(train: Dataset, inputs: tuple[str, ...]) -> StateSpaceModel:
     would do for M3; that a second is read owes to restarts of M3-H in the test part.
     """
     settings = StateSpace(order=2, focus="simulation", offsets="both", max_radius=0.96)
-    return replace(quietly(settings, train.select(inputs=inputs)), memory=round(1.0 / train.dt))
+    return replace(chapter.quietly(settings, train.select(inputs=inputs)), memory=round(1.0 / train.dt))
 
 
 def rows(train: Dataset, base: Model) -> list[Row]:
     """Every row but the joint model's, cheapest first; ``base`` is M1 with nonlinear tires, fitted once."""
     six = (*STIFFNESS, "steering_gain", "steering_offset", "l_f")
-    product = state_space(train, PRODUCT)
+    product = state_space(train, chapter.PRODUCT)
 
     def hybrid(data: Dataset, seed: int, onto: Model) -> Model:
-        return quietly(Hybrid(base=onto, discrepancy=narx(seed), inputs=SEEN), data)
+        return chapter.quietly(Hybrid(base=onto, discrepancy=chapter.narx(seed), inputs=SEEN), data)
 
     def black_box(data: Dataset, seed: int) -> Model:
-        return quietly(free_run_narx(seed), data)
+        return chapter.quietly(chapter.free_run_narx(seed), data)
 
-    seeded: dict[str, Any] = {"slowest": 60.0, "seeds": SEEDS}
+    seeded: dict[str, Any] = {"slowest": 60.0, "seeds": chapter.SEEDS}
     return [
-        Row("M1, bicycle", lambda data, _: bicycle(data, STIFFNESS), 79.0, (72.87, 93.21), least_vaf=95.5),
-        Row("M1, steering gain, offset, l_f", lambda data, _: bicycle(data, six), 81.5, slowest=None),
-        Row("M1, nonlinear tires, load transfer", lambda data, _: nonlinear_bicycle(data), 90.5, least_vaf=99.0),
+        Row("M1, bicycle", lambda data, _: chapter.bicycle(data, STIFFNESS), 79.0, (72.87, 93.21), least_vaf=95.5),
+        Row("M1, steering gain, offset, l_f", lambda data, _: chapter.bicycle(data, six), 81.5, slowest=None),
+        Row(
+            "M1, nonlinear tires, load transfer", lambda data, _: chapter.nonlinear_bicycle(data), 90.5, least_vaf=99.0
+        ),
         Row("M3, state space", lambda data, _: state_space(data, ("delta", "v_x")), 79.0, (80.34, 96.14)),
-        Row("M3 with delta v_x", lambda data, _: state_space(data, PRODUCT), 82.0),
+        Row("M3 with delta v_x", lambda data, _: state_space(data, chapter.PRODUCT), 82.0),
         Row("M4, NARX", black_box, 93.0, (88.53, 98.68), **seeded),
         Row("M1-H", lambda data, seed: hybrid(data, seed, base), 93.3, (85.15, 98.72), **seeded),
         Row("M3-H", lambda data, seed: hybrid(data, seed, product), 93.3, (89.14, 98.83), **seeded),
@@ -121,9 +98,9 @@ def rows(train: Dataset, base: Model) -> list[Row]:
 def reproduce(progress: Progress) -> Reproduction:
     """Every row of table 8.2, then physics with a network, its ensemble, and the other session."""
     progress(0.0, "reading the Ferrari run")
-    train, test = ferrari()
+    train, test = chapter.ferrari()
     progress(0.02, "fitting M1 with nonlinear tires")
-    base = nonlinear_bicycle(train)
+    base = chapter.nonlinear_bicycle(train)
     made: list[Record] = []
     fitted: dict[str, list[Model]] = {}
     planned = rows(train, base)
@@ -132,11 +109,11 @@ def reproduce(progress: Progress) -> Reproduction:
         for seed in row.seeds:
             share = (i + row.seeds.index(seed) / len(row.seeds)) / len(planned)
             progress(0.1 + 0.6 * share, f"{row.name}, seed {seed}")
-            timer = Timer()
+            timer = chapter.Timer()
             model = row.fit(train, seed)
-            verdicts.append(judge(model, test, timer.read()))
+            verdicts.append(chapter.judge(model, test, timer.read()))
             fitted.setdefault(row.name, []).append(model)
-        made += records(
+        made += chapter.records(
             row.name,
             verdicts,
             printed=row.printed,
@@ -145,16 +122,18 @@ def reproduce(progress: Progress) -> Reproduction:
             slowest=row.slowest,
             apart_at_most=APART,
             seeds=row.seeds if len(row.seeds) > 1 else (),
-            note=switched_off(fitted[row.name]),
+            note=chapter.switched_off(fitted[row.name]),
         )
     progress(0.7, "physics with a network on the state derivative")
-    timer = Timer()
-    ensemble = joint(base, SEEDS).fit_ensemble(train, progress=lambda share, what: progress(0.7 + 0.2 * share, what))
+    timer = chapter.Timer()
+    ensemble = chapter.joint(base, chapter.SEEDS).fit_ensemble(
+        train, progress=lambda share, what: progress(0.7 + 0.2 * share, what)
+    )
     mixed = EnsembleModel(members=(*ensemble.members, *fitted["M1-H"]))
-    made += joint_records(ensemble, mixed, test, timer.read(len(SEEDS)))
+    made += joint_records(ensemble, mixed, test, timer.read(len(chapter.SEEDS)))
     shown = {name: models[0] for name, models in fitted.items()} | {"joint": ensemble.members[0], "ensemble": mixed}
     progress(0.9, "another session, intervals")
-    made += session_records(ensemble, joint(base, SEEDS[:3]), train, test)
+    made += session_records(ensemble, chapter.joint(base, chapter.SEEDS[:3]), train, test)
     progress(0.98, "where on the track")
     more, figures = along_the_track(shown, test)
     return Reproduction.told(__doc__, [*made, *more], list(figures.values()), list(figures))
@@ -164,18 +143,24 @@ def joint_records(
     ensemble: EnsembleModel, mixed: EnsembleModel, test: Dataset, spent: tuple[float, float]
 ) -> list[Record]:
     """Single models, every seed; their ensemble, alone and together with the hybrids M1-H."""
-    singles = [judge(member, test, spent) for member in ensemble.members]
-    row, seeds = "physics with a network, joint", SEEDS[: len(singles)]
-    made = records(row, singles, printed=None, fit=94.0, vaf=99.6, slowest=120.0, apart_at_most=APART, seeds=seeds)
+    singles = [chapter.judge(member, test, spent) for member in ensemble.members]
+    row, seeds = "physics with a network, joint", chapter.SEEDS[: len(singles)]
+    made = chapter.records(
+        row, singles, printed=None, fit=94.0, vaf=99.6, slowest=120.0, apart_at_most=APART, seeds=seeds
+    )
     for name, model in (("ensemble of them", ensemble), ("ensemble of them and M1-H", mixed)):
         made += ensemble_records(name, model, test, singles)
     return made
 
 
-def ensemble_records(row: str, ensemble: EnsembleModel, test: Dataset, members: Sequence[Judged]) -> list[Record]:
+def ensemble_records(
+    row: str, ensemble: EnsembleModel, test: Dataset, members: Sequence[chapter.Judged]
+) -> list[Record]:
     """An ensemble beside the median of single models."""
     middle = float(np.median([v.free.fit for v in members]))
-    return records(row, [judge(ensemble, test)], printed=None, fit=max(94.0, middle), vaf=99.6, apart_at_most=APART)
+    return chapter.records(
+        row, [chapter.judge(ensemble, test)], printed=None, fit=max(94.0, middle), vaf=99.6, apart_at_most=APART
+    )
 
 
 def along_the_track(models: dict[str, Model], test: Dataset) -> tuple[list[Record], dict[str, Any]]:
@@ -198,7 +183,7 @@ def along_the_track(models: dict[str, Model], test: Dataset) -> tuple[list[Recor
             {name: runs[name] for name in ("M1, bicycle", "M4, NARX", "ensemble")}, channel
         ),
         "Errors": rainclouds(clouds, channel=channel),
-        **correlations({name: runs[name] for name in (*HYBRIDS.values(), *HYBRIDS, "ensemble")}, channel),
+        **chapter.correlations({name: runs[name] for name in (*HYBRIDS.values(), *HYBRIDS, "ensemble")}, channel),
         "Error by phase of the corner": error_by_phase(few, bends, channel=channel),
         "Error by lateral acceleration": error_by_level(
             few, a_y, edges, channel=channel, sorted_by=Channel("a_y", "m/s2")
@@ -206,20 +191,13 @@ def along_the_track(models: dict[str, Model], test: Dataset) -> tuple[list[Recor
     }
     for name, plain in HYBRIDS.items():
         for model in (plain, name):
-            figures[f"Error along the track, {model}"] = track_map(
-                test["X"], test["Y"], errors[model], channel=channel, starts=test.starts
-            )
-        hybrid = models[name]
-        if isinstance(hybrid, Corrected):
-            figures[f"Share of the discrepancy, {name}"] = share_map(
-                test["X"], test["Y"], hybrid.share(test)[:, 0], starts=test.starts
-            )
+            figures |= chapter.on_the_track(model, models[model], errors[model], test)
     return data, figures
 
 
 def session_records(ensemble: EnsembleModel, again: Joint, train: Dataset, test: Dataset) -> list[Record]:
     """The other session: offset from its first 30 s, fit of the whole session, coverage of 90 % intervals."""
-    other = session()
+    other = chapter.session()
     same = score(ensemble.simulate(test), "r").fit
     adapted = Adapt().fit(ensemble, other)
     there = score(adapted.simulate(other), "r").fit

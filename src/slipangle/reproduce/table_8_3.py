@@ -9,32 +9,22 @@ stays on is decided inside each split's training part. Nothing is comparable wit
 kind of task, and three minutes of one drive are little for a black box: M4 says little of the next.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
-from slipangle.data.public.sets import public
+from slipangle import Dataset, GreyBox, Hybrid, Model, NARXModel, StateSpace, public
 from slipangle.identify.judge.validate import Score, restarted, score
-from slipangle.identify.linear.statespace import StateSpace
-from slipangle.identify.networks.hybrid import Hybrid
 from slipangle.identify.networks.presets import SOUSA_TABLE_8_3, SOUSA_TABLE_8_3_DISCREPANCY
-from slipangle.identify.physics.grey_box import GreyBox
-from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.statespace import StateSpaceModel
-from slipangle.models.model import Model
 from slipangle.models.vehicles.longitudinal import DrivelineParams, PedalCar
 from slipangle.models.wrappers.hybrid import Corrected, HybridModel
-from slipangle.report.maps import track_map
 from slipangle.report.plots import rainclouds, trajectories
-from slipangle.report.race import share_map
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
-from slipangle.reproduce._chapter_8 import SEEDS, correlations, quietly, switched_off
+from slipangle.reproduce._chapter_8 import SEEDS, correlations, on_the_track, quietly, switched_off
 
 FAST = 202.0  # s
 SHARES = (0.5, 0.55, 0.6, 0.65, 0.7)
@@ -146,12 +136,5 @@ def along_the_track(models: Mapping[str, Model], test: Dataset) -> dict[str, Any
     }
     figures |= correlations({name: runs[name] for name in shown}, channel)
     for name in shown:
-        model = models[name]
-        figures[f"Error along the track, {name}"] = track_map(
-            test["X"], test["Y"], errors[name], channel=channel, starts=test.starts
-        )
-        if isinstance(model, Corrected):
-            figures[f"Share of the discrepancy, {name}"] = share_map(
-                test["X"], test["Y"], model.share(test)[:, 0], starts=test.starts
-            )
+        figures |= on_the_track(name, models[name], errors[name], test)
     return figures

@@ -6,14 +6,10 @@ depend on the basis of its state and are not compared; poles do not. The thesis'
 Subspace, then refinement of the free run with poles held within 0.999: unconstrained, it drifts to an integrator.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
-from slipangle.data.dataset import Dataset
-from slipangle.data.public.sets import public
+from slipangle import Dataset, StateSpace, public
 from slipangle.identify.judge.validate import score
-from slipangle.identify.linear.statespace import StateSpace
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.report.plots import trajectories
 from slipangle.report.records import Record

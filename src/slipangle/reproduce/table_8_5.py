@@ -7,17 +7,10 @@ first 70 % of its fast part, see table 8.3. The thesis prints no unit and no int
 of a racing tire; ours is per axle. Here every estimate has its 95 % interval, which allows for coloured residuals.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
-from slipangle.data.dataset import Dataset, join
-from slipangle.data.public.sets import public
+from slipangle import Bicycle, Dataset, FitInfo, GreyBox, Longitudinal, LongitudinalParams, join, public
 from slipangle.identify.judge.validate import restarted, score
-from slipangle.identify.physics.grey_box import GreyBox
-from slipangle.models.model import FitInfo
-from slipangle.models.vehicles.bicycle import Bicycle
-from slipangle.models.vehicles.longitudinal import Longitudinal, LongitudinalParams
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_8 import bicycle, ferrari, quietly

@@ -1,7 +1,5 @@
 """`closed_loop`: a plant, a controller and a path."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -240,19 +238,16 @@ class _Loop:
         """The drive so far."""
         model = self.plant.model
         table = np.array(self.rows).reshape(len(self.rows), 5 + model.n_states + model.n_inputs)
-        line = self.path.at(table[:, 1])
+        signals = dict(zip(("t", "s", "e_y", "e_psi", "v_x"), table.T, strict=False))
+        line = self.path.at(signals["s"])
         return Run(
-            t=table[:, 0],
+            **signals,
             states=table[:, 5 : 5 + model.n_states],
             inputs=table[:, 5 + model.n_states :],
             state_names=tuple(model.states),
             input_names=tuple(model.inputs),
             path=self.path,
-            s=table[:, 1],
             reference=np.column_stack([line.X, line.Y, line.psi, line.v_x]),
-            e_y=table[:, 2],
-            e_psi=table[:, 3],
-            v_x=table[:, 4],
             t_plan=np.array(self.times),
             plans=tuple(replace(p, memory=None) for p in self.plans),
             controls=tuple(self.controller.controls),

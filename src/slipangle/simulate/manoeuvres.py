@@ -3,8 +3,6 @@
 Lane changes of ISO 3888 are in `slipangle.paths.lane_change`, steering signals in `slipangle.data.signals.excitation`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """`Run`: what happened in a closed loop, ready to be judged."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import Enum
 

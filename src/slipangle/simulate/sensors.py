@@ -1,7 +1,5 @@
 """`Sensor`: what an instrument makes of a true signal: sampling, delay, noise, bias, quantisation, drop-outs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -75,10 +73,7 @@ class Sensor(Checked):
 class Stream:
     """A sensor at work: fed with the true signal, whose step is ``dt`` [s], read at any later step.
 
-    Raises
-    ------
-    SampleTimeError
-        If the sensor's interval is no multiple of ``dt``.
+    Raises SampleTimeError if the sensor's interval is no multiple of ``dt``.
     """
 
     def __init__(self, sensor: Sensor, dt: float, rng: np.random.Generator, first: float) -> None:

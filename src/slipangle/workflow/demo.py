@@ -4,20 +4,16 @@ The car is the single track of L. C. Sousa's thesis, table 6.1, on the Magic For
 wheel spin, at one millisecond; the job sees its noisy log only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from slipangle.control.speed.driver import DriverState, SpeedDriver
+from slipangle import Plant, SingleTrack, SpeedDriver, Values
+from slipangle.control.speed.driver import DriverState
 from slipangle.data.signals import excitation as excite
 from slipangle.files import write_atomic
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
-from slipangle.models.vehicles.single_track import SingleTrack
-from slipangle.optimal.terms import Values
-from slipangle.simulate.plant import Plant
 from slipangle.units import from_si
 
 LOG_DT = 0.01  # s
@@ -141,10 +137,7 @@ def _fade(signal: np.ndarray, samples: int = 50) -> np.ndarray:
 def prepare_demo(folder: str | Path, *, progress: Callable[[float], None] = lambda share: None) -> Path:
     """Write the log and the job's settings into a folder, and return the settings file.
 
-    Raises
-    ------
-    WriteError
-        If the folder cannot be written.
+    Raises WriteError if the folder cannot be written.
     """
     t, table = drive_log(progress=progress)
     headings = ["time [s]"] + [f"{heading} [{unit}]" for heading, unit in COLUMNS.values()]

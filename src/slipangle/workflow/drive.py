@@ -5,8 +5,6 @@ returns one, or by an entry point of the group ``slipangle.controllers``. Its fu
 ``[controller]``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -31,7 +29,7 @@ from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import Run
 from slipangle.units import deg
-from slipangle.workflow.entries import Seed, Weight, Within, arguments, record
+from slipangle.workflow.entries import Seed, Weight, Within, arguments, common
 
 _PLANTS = {
     "sousa-table-6.1": (catalogue.SOUSA_TABLE_6_1, catalogue.SOUSA_TABLE_6_2),
@@ -75,12 +73,10 @@ class ControllerSettings:
     @classmethod
     def from_table(cls, table: dict[str, Any], where: str) -> Self:
         """Entries of every controller, and those of its kind."""
-        common = {"model", "kind", "manoeuvre", "v_x", "dt", "width", "delta_max", "delta_rate_max"}
-        wanted = record(cls, {k: v for k, v in table.items() if k in common}, where)
+        wanted, own = common(cls, table, where)
         if wanted.kind not in CONTROLLERS:
             near = nearest(wanted.kind[:60], CONTROLLERS)
             raise ConfigError(f"{where}: kind is {shown(wanted.kind)}; {near}: use one of these")
-        own = {k: v for k, v in table.items() if k not in common}
         return replace(wanted, entries=arguments(CONTROLLERS[wanted.kind], own, where, skip=2))
 
 

@@ -1,7 +1,5 @@
 """Entries of a TOML table, checked against the names and types that a record or a function takes."""
 
-from __future__ import annotations
-
 import inspect
 import types
 import typing
@@ -17,7 +15,6 @@ T = TypeVar("T")
 _LARGEST = 10**15  # of the whole numbers in a job
 _MANY, _WIDE = 64, 1000  # entries that a list and a table of a job may have
 
-
 Lags = Annotated[int, Within(0, 1000, "samples")]
 Seed = Annotated[int, Within(0, 2**32 - 1)]
 Weight = Annotated[float, Within(0, 1e12)]
@@ -26,15 +23,19 @@ Weight = Annotated[float, Within(0, 1e12)]
 def record(cls: type[T], table: dict[str, Any], where: str) -> T:
     """A dataclass from a table.
 
-    Raises
-    ------
-    ConfigError
-        If an entry is unknown, missing or of the wrong type; the nearest names are given.
+    Raises ConfigError if an entry is unknown, missing or of the wrong type; the nearest names are given.
     """
     hints = typing.get_type_hints(cls, include_extras=True)
     known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
     needed = {n for n, f in known.items() if f.default is MISSING and f.default_factory is MISSING}
     return cls(**_checked(table, {n: hints[n] for n in known}, needed, where))
+
+
+def common(cls: type[T], table: dict[str, Any], where: str) -> tuple[T, dict[str, Any]]:
+    """A dataclass from those entries of a table that are its fields, but for ``entries``, and the other ones."""
+    own = {f.name for f in fields(cls)} - {"entries"}  # type: ignore[arg-type]
+    others = {key: value for key, value in table.items() if key not in own}
+    return record(cls, {key: table[key] for key in table if key in own}, where), others
 
 
 def arguments(call: Callable[..., Any], table: dict[str, Any], where: str, *, skip: int = 0) -> dict[str, Any]:

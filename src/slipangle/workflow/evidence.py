@@ -1,43 +1,13 @@
 """What the verdict of a job's page rests on: free runs, parameters, residuals, the data, the closed loop."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
 
-from slipangle.control.mpc import MPC
-from slipangle.data.dataset import Channel, Dataset
-from slipangle.identify.judge.validate import Validation
-from slipangle.models.model import Model
-from slipangle.report import (
-    Body,
-    Figure,
-    Finding,
-    Findings,
-    Grid,
-    ScoreRow,
-    Section,
-    Signal,
-    Span,
-    Text,
-    correlation,
-    correlation_table,
-    correlogram,
-    forest,
-    parameter_table,
-    path_map,
-    rainclouds,
-    score_table,
-    signals,
-    solver_histogram,
-    solver_time,
-    track_map,
-    trajectories,
-)
+from slipangle import MPC, Channel, Dataset, Model, Validation, deg, report
+from slipangle.data.race import with_dead_reckoning
 from slipangle.report.page import Block
 from slipangle.report.tables import number
-from slipangle.units import deg
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.verdict import SECTIONS, spoken
 
@@ -51,12 +21,12 @@ _SOLVER = {
 
 
 @SECTIONS.register("free run")
-def _fit_sections(outcome: Outcome, command: str) -> Iterator[Section]:
+def _fit_sections(outcome: Outcome, command: str) -> Iterator[report.Section]:
     for name in outcome.validations[0].model.outputs:
         yield _fit_section(outcome, name, command)
 
 
-def _fit_section(outcome: Outcome, name: str, command: str) -> Section:
+def _fit_section(outcome: Outcome, name: str, command: str) -> report.Section:
     channel = Channel(name, outcome.data.unit(name))
     judged = {v.name: v for v in outcome.validations if name in v.model.outputs}
     free = {label: v.free_run for label, v in judged.items()}
@@ -65,36 +35,36 @@ def _fit_section(outcome: Outcome, name: str, command: str) -> Section:
     scatter = []
     for i, (label, t) in enumerate(free.items()):
         both = t.measured[t.predicted, t.outputs.index(name)], t.channel(name)[t.predicted]
-        figure = correlation(*both, channel=channel, limits=(-extent, extent), index=i)
-        scatter.append(Figure(title=f"{label}: {name} measured and simulated", figure=figure))
+        figure = report.correlation(*both, channel=channel, limits=(-extent, extent), index=i)
+        scatter.append(report.Figure(title=f"{label}: {name} measured and simulated", figure=figure))
     first = next(iter(judged.values()))
     blocks: list[Block] = [
-        Figure(
+        report.Figure(
             title=f"{spoken(name)[4:].capitalize()}, measured and simulated",
-            figure=trajectories(free, channel),
+            figure=report.trajectories(free, channel),
             caption="One free run over the whole test part: after the first samples the models see inputs only. "
             "Drag to zoom, double-click to reset; click a name to hide it.",
             command=command,
         ),
-        score_table(
+        report.score_table(
             _score_rows(outcome, judged, name),
             caption="Training rows show what overfitting would; the verdict counts the test rows only.",
         ),
-        Figure(
+        report.Figure(
             title=f"Error of {spoken(name)}",
-            figure=rainclouds(errors, channel=channel),
+            figure=report.rainclouds(errors, channel=channel),
             caption="Density, quartiles and single samples of measured minus simulated.",
         ),
-        Grid(figures=tuple(scatter)),
+        report.Grid(figures=tuple(scatter)),
     ]
     place = _position(outcome.test)
     if place is not None:
         t = first.free_run
         value = np.where(t.predicted, t.error[:, t.outputs.index(name)], np.nan)
-        figure = track_map(*place, value, channel=channel, starts=t.starts)
+        figure = report.track_map(*place, value, channel=channel, starts=t.starts)
         caption = "Test part. Colour is the size of the free-run error."
-        blocks.append(Figure(title=f"Where on the track {first.name} errs", figure=figure, caption=caption))
-    return Section(title=f"Free run: {spoken(name)}", short=f"Free run: {name}", blocks=tuple(blocks))
+        blocks.append(report.Figure(title=f"Where on the track {first.name} errs", figure=figure, caption=caption))
+    return report.Section(title=f"Free run: {spoken(name)}", short=f"Free run: {name}", blocks=tuple(blocks))
 
 
 def _error(v: Validation, name: str) -> np.ndarray:
@@ -102,7 +72,7 @@ def _error(v: Validation, name: str) -> np.ndarray:
     return t.error[t.predicted, t.outputs.index(name)]
 
 
-def _score_rows(outcome: Outcome, judged: dict[str, Validation], name: str) -> list[ScoreRow]:
+def _score_rows(outcome: Outcome, judged: dict[str, Validation], name: str) -> list[report.ScoreRow]:
     shared, rows = {"channel": name, "unit": outcome.data.unit(name)}, []
     training = {v.name: v for v in outcome.training}
     published = {m.name: m.published for m in outcome.settings.model}
@@ -112,29 +82,25 @@ def _score_rows(outcome: Outcome, judged: dict[str, Validation], name: str) -> l
             ("one-step-ahead, test", v.one_step_scores[name]),
             ("free run, training", training[label].free_run_scores[name]),
         ):
-            rows.append(ScoreRow(model=label, kind=kind, **shared, **vars(score)))
+            rows.append(report.ScoreRow(model=label, kind=kind, **shared, **vars(score)))
         theirs = published[label]
         if theirs is not None:
             given = {"fit": theirs.fit, "vaf": theirs.vaf, "rmse": theirs.rmse, "r2": None, "note": "published"}
-            rows.append(ScoreRow(model=theirs.source, kind="free run, test", **shared, **given))
+            rows.append(report.ScoreRow(model=theirs.source, kind="free run, test", **shared, **given))
     return rows
 
 
 def _position(data: Dataset) -> tuple[np.ndarray, np.ndarray] | None:
     """X and Y where they were logged, else dead-reckoned from speed and yaw rate."""
-    if "X" in data and "Y" in data:
-        return data["X"], data["Y"]
-    if "v_x" not in data or "r" not in data:
-        return None
-    v_y = data["v_y"] if "v_y" in data else np.zeros(data.n_samples)
-    psi = np.cumsum(data["r"]) * data.dt
-    X = np.cumsum(data["v_x"] * np.cos(psi) - v_y * np.sin(psi)) * data.dt
-    Y = np.cumsum(data["v_x"] * np.sin(psi) + v_y * np.cos(psi)) * data.dt
-    return X, Y
+    if not ("X" in data and "Y" in data):
+        if "v_x" not in data or "r" not in data:
+            return None
+        data = with_dead_reckoning(data)
+    return data["X"], data["Y"]
 
 
 @SECTIONS.register("parameters")
-def _parameter_section(outcome: Outcome, command: str) -> Iterator[Section]:
+def _parameter_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
     blocks: list[Block] = []
     for v in outcome.validations:
         info = v.model.fit_info
@@ -143,21 +109,21 @@ def _parameter_section(outcome: Outcome, command: str) -> Iterator[Section]:
         if v.model.told_by_poles:
             blocks.append(_poles(v.name, v.model, len(info.names)))
             continue
-        blocks.append(parameter_table(info, title=f"Parameters of {v.name}", command=command))
+        blocks.append(report.parameter_table(info, title=f"Parameters of {v.name}", command=command))
         if 1 < len(info.names) <= 14:
-            blocks.append(correlation_table(info, title=f"How the estimates of {v.name} depend on each other"))
-        blocks.append(Figure(title=f"Confidence of {v.name}", figure=forest(info)))
+            blocks.append(report.correlation_table(info, title=f"How the estimates of {v.name} depend on each other"))
+        blocks.append(report.Figure(title=f"Confidence of {v.name}", figure=report.forest(info)))
     if outcome.delay_check:
-        items = tuple(Finding(sentence=s, tone="fair") for s in outcome.delay_check)
-        blocks.append(Findings(title="What the steering delay does to the parameters", items=items))
-    yield Section(
+        items = tuple(report.Finding(sentence=s, tone="fair") for s in outcome.delay_check)
+        blocks.append(report.Findings(title="What the steering delay does to the parameters", items=items))
+    yield report.Section(
         title="Parameters",
         lead="Estimates with 95 % confidence intervals. A warning names what the data do not determine.",
         blocks=tuple(blocks),
     )
 
 
-def _poles(name: str, model: Model, count: int) -> Findings:
+def _poles(name: str, model: Model, count: int) -> report.Findings:
     """What a linear model's coefficients mean; the coefficients themselves are in metrics.json."""
     said = [f"{count} coefficients with their intervals are in metrics.json; the poles say what they mean"]
     for pole in sorted(() if model.poles is None else model.poles, key=abs, reverse=True):
@@ -167,28 +133,32 @@ def _poles(name: str, model: Model, count: int) -> Findings:
         swing = f", {abs(rate.imag) / (2 * np.pi):.2g} Hz" if abs(rate.imag) > 1e-9 else ""
         stable = "decays" if rate.real < 0 else "grows: the model is unstable"
         said.append(f"a mode that {stable} with a time constant of {number(1 / abs(rate.real), 2)} s{swing}")
-    items = [Finding(sentence=s) for s in said]
+    items = [report.Finding(sentence=s) for s in said]
     warned = model.fit_info.warnings if model.fit_info is not None else ()
-    return Findings(title=f"Modes of {name}", items=(*items, *(Finding(sentence=s, tone="poor") for s in warned)))
+    return report.Findings(
+        title=f"Modes of {name}", items=(*items, *(report.Finding(sentence=s, tone="poor") for s in warned))
+    )
 
 
 @SECTIONS.register("residuals")
-def _residual_section(outcome: Outcome, command: str) -> Iterator[Section]:
+def _residual_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
     blocks: list[Block] = []
     for i, v in enumerate(outcome.validations):
         for name, tests in v.residuals.items():
             half = len(tests.lags) // 2
             shared = {"dt": outcome.data.dt, "index": i}
             own = tests.lags[half + 1 :], tests.autocorrelation[1:]
-            figure = correlogram(*own, band=tests.band, label="autocorrelation", **shared)
-            figures = [Figure(title=f"{v.name}: one-step-ahead residual of {name}", figure=figure)]
+            figure = report.correlogram(*own, band=tests.band, label="autocorrelation", **shared)
+            figures = [report.Figure(title=f"{v.name}: one-step-ahead residual of {name}", figure=figure)]
             for u, cross, band in zip(v.inputs, tests.cross, tests.cross_band, strict=True):
-                figure = correlogram(tests.lags, cross, band=float(band), label=f"correlation with {u}", **shared)
-                figures.append(Figure(title=f"{v.name}: free-run residual of {name} against {u}", figure=figure))
-            blocks.append(Grid(figures=tuple(figures)))
-            items = tuple(Finding(sentence=f"{v.name}, {name}: {s}") for s in tests.sentences)
-            blocks.append(Findings(title=f"{v.name}, {name}: what the residuals say", items=items))
-    yield Section(
+                figure = report.correlogram(
+                    tests.lags, cross, band=float(band), label=f"correlation with {u}", **shared
+                )
+                figures.append(report.Figure(title=f"{v.name}: free-run residual of {name} against {u}", figure=figure))
+            blocks.append(report.Grid(figures=tuple(figures)))
+            items = tuple(report.Finding(sentence=f"{v.name}, {name}: {s}") for s in tests.sentences)
+            blocks.append(report.Findings(title=f"{v.name}, {name}: what the residuals say", items=items))
+    yield report.Section(
         title="Residuals",
         lead="What a model leaves unexplained. A perfect model leaves white noise that does not depend on the inputs; "
         "the bands hold 99 % of the lags of such a model.",
@@ -200,80 +170,81 @@ def _residual_section(outcome: Outcome, command: str) -> Iterator[Section]:
 
 
 @SECTIONS.register("data")
-def _data_section(outcome: Outcome, command: str) -> Iterator[Section]:
+def _data_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
     q, data = outcome.quality, outcome.data
     used = {*data.inputs, *data.outputs}
     noticed = [f for f in (*q.spikes, *q.jumps, *q.clippings) if f.channel in used]
-    items = [Finding(sentence=q.clock_sentence)]
-    items += [Finding(sentence=f.sentence, tone="fair") for f in noticed]
+    items = [report.Finding(sentence=q.clock_sentence)]
+    items += [report.Finding(sentence=f.sentence, tone="fair") for f in noticed]
     plain = [f for f in (*q.stretches, *q.offsets, *q.excitations, *q.resolutions) if f.channel in used]
-    items += [Finding(sentence=f.sentence) for f in (*q.delays, *plain)]
+    items += [report.Finding(sentence=f.sentence) for f in (*q.delays, *plain)]
     others = sum(f.channel not in used for f in (*q.spikes, *q.jumps, *q.clippings, *q.stretches))
     if others:
-        items.append(Finding(sentence=f"{others} more spikes, jumps or stretches in channels not used here"))
-    blocks: list[Block] = [Findings(title="Seen in the log, before anything was changed", items=tuple(items))]
+        items.append(report.Finding(sentence=f"{others} more spikes, jumps or stretches in channels not used here"))
+    blocks: list[Block] = [report.Findings(title="Seen in the log, before anything was changed", items=tuple(items))]
     if data.notes:
-        done = tuple(Finding(sentence=note) for note in data.notes)
-        blocks.append(Findings(title="Done to the data", items=done))
-    rows = [Signal(channel=Channel(n, data.unit(n)), values=data[n]) for n in (*data.inputs, *data.outputs)]
+        done = tuple(report.Finding(sentence=note) for note in data.notes)
+        blocks.append(report.Findings(title="Done to the data", items=done))
+    rows = [report.Signal(channel=Channel(n, data.unit(n)), values=data[n]) for n in (*data.inputs, *data.outputs)]
     edge = float(outcome.test.t[0])
     spans = (
-        Span(start=float(data.t[0]), end=edge, label="training"),
-        Span(start=edge, end=float(data.t[-1]), label="test"),
+        report.Span(start=float(data.t[0]), end=edge, label="training"),
+        report.Span(start=edge, end=float(data.t[-1]), label="test"),
     )
-    figure = signals(data.t, rows, spans=spans, starts=data.starts)
+    figure = report.signals(data.t, rows, spans=spans, starts=data.starts)
     caption = "Models are fitted to the training part and judged on the test part."
-    blocks.append(Figure(title="The log as identified from", figure=figure, caption=caption))
-    yield Section(title="Data", blocks=tuple(blocks))
+    blocks.append(report.Figure(title="The log as identified from", figure=figure, caption=caption))
+    yield report.Section(title="Data", blocks=tuple(blocks))
 
 
 # ---- the controller ------------------------------------------------------------------------------------------------
 
 
 @SECTIONS.register("closed loop")
-def _drive_section(outcome: Outcome, command: str) -> Iterator[Section]:
+def _drive_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
     wanted, run = outcome.settings.controller, outcome.run
     if wanted is None or run is None:
         return
     right, left = run.path.boundaries()
     limit = deg(wanted.delta_max)
     rows = [
-        Signal(channel=Channel("delta", "rad"), values=run["delta"], lower=-limit, upper=limit, held=True),
-        Signal(channel=Channel("e_y", "m"), values=run.e_y),
-        Signal(channel=Channel("e_psi", "rad"), values=run.e_psi),
-        Signal(channel=Channel("v_x", "m/s"), values=run.v_x, reference=run.reference[:, 3]),
-        Signal(channel=Channel("r", "rad/s"), values=run["r"]),
+        report.Signal(channel=Channel("delta", "rad"), values=run["delta"], lower=-limit, upper=limit, held=True),
+        report.Signal(channel=Channel("e_y", "m"), values=run.e_y),
+        report.Signal(channel=Channel("e_psi", "rad"), values=run.e_psi),
+        report.Signal(channel=Channel("v_x", "m/s"), values=run.v_x, reference=run.reference[:, 3]),
+        report.Signal(channel=Channel("r", "rad/s"), values=run["r"]),
     ]
     failed = np.array([p.age > 0 for p in run.plans])
     line, seconds = np.column_stack([run.path.X, run.path.Y]), run.seconds[1:]
-    body = Body(width=wanted.width)
+    body = report.Body(width=wanted.width)
     blocks: list[Block] = [
-        Figure(
+        report.Figure(
             title="Driven path and lanes",
-            figure=path_map(run["X"], run["Y"], run["psi"], reference=line, left=left, right=right, body=body),
+            figure=report.path_map(run["X"], run["Y"], run["psi"], reference=line, left=left, right=right, body=body),
             caption="Lane edges as the standard sets them for the vehicle's width. The line to follow is ours: "
             "the standard prescribes lanes only.",
             command=command,
         ),
-        Figure(
+        report.Figure(
             title="Command, errors and motion",
-            figure=signals(run.t, rows),
+            figure=report.signals(run.t, rows),
             caption=f"Steering is limited to {wanted.delta_max:g} deg and {wanted.delta_rate_max:g} deg/s.",
         ),
-        Grid(
+        report.Grid(
             figures=(
-                Figure(
-                    title="Solver time of each step", figure=solver_time(seconds, deadline=wanted.dt, failed=failed[1:])
+                report.Figure(
+                    title="Solver time of each step",
+                    figure=report.solver_time(seconds, deadline=wanted.dt, failed=failed[1:]),
                 ),
-                Figure(title="Solver time, spread", figure=solver_histogram(seconds, deadline=wanted.dt)),
+                report.Figure(title="Solver time, spread", figure=report.solver_histogram(seconds, deadline=wanted.dt)),
             )
         ),
-        Text(
+        report.Text(
             text=f"{_controller(outcome)}; the first step, which starts cold, took {1000 * run.seconds[0]:.1f} ms and "
             f"is left out of the statistics. Plant: {outcome.plant}, stepped at 1 kHz, with sensor noise."
         ),
     ]
-    yield Section(title="Controller in closed loop", short="Closed loop", blocks=tuple(blocks))
+    yield report.Section(title="Controller in closed loop", short="Closed loop", blocks=tuple(blocks))
 
 
 def _controller(outcome: Outcome) -> str:

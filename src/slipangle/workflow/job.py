@@ -1,7 +1,5 @@
 """Run a job: read, inspect, identify, judge, control. `run_job` returns everything; `page.py` shows it."""
 
-from __future__ import annotations
-
 import json
 import math
 import warnings
@@ -11,18 +9,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from slipangle import Dataset, Model, Run, Validation, inspect, public, read, validate
 from slipangle.control.controller import Controller
-from slipangle.data.dataset import Dataset
-from slipangle.data.public.sets import public
-from slipangle.data.quality.inspect import DataReport, despike, inspect
-from slipangle.data.readers import read
+from slipangle.data.quality.events import despike
+from slipangle.data.quality.inspect import DataReport
 from slipangle.data.readers.csv import Column
 from slipangle.errors import ConfigError, IdentifiabilityWarning, ModelWarning, SlipangleError
-from slipangle.identify.judge.validate import Validation, validate
-from slipangle.models.model import Model
 from slipangle.models.vehicles.nonlinear_bicycle import with_speed_derivative
 from slipangle.report.tables import number
-from slipangle.simulate.run import Run
 from slipangle.workflow.drive import drive
 from slipangle.workflow.kinds import KINDS, fitted
 from slipangle.workflow.settings import ModelSettings, Settings
@@ -59,7 +53,7 @@ class Outcome:
     def metrics(self) -> dict[str, Any]:
         """Numbers for machines; ``free_run`` is the first model's."""
         models = {
-            v.name: {"free_run": _scores(v.free_run_scores), "one_step_ahead": _scores(v.one_step_scores)}
+            v.name: {"free_run": plain(v.free_run_scores), "one_step_ahead": plain(v.one_step_scores)}
             | {
                 "parameters": _parameters(v.model),
                 "condition": _condition(v.model),
@@ -73,7 +67,7 @@ class Outcome:
             "data": {"name": self.data.name, "dt": self.data.dt}
             | {"n_train": self.train.n_samples, "n_test": self.test.n_samples},
             "model": first.name,
-            "free_run": _scores(first.free_run_scores),
+            "free_run": plain(first.free_run_scores),
             "models": models,
             "warnings": {v.name: list(v.model.fit_info.warnings) for v in self.validations if v.model.fit_info},
         }
@@ -151,8 +145,7 @@ def _judged(
     def judge(i: int, wanted: ModelSettings) -> tuple[Validation, Validation]:
         progress(0.1 + 0.4 * i / len(settings.model), f"identifying {wanted.name}")
         model = identify(wanted, train)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ModelWarning)  # shown on the page
+        with warnings.catch_warnings(action="ignore", category=ModelWarning):  # shown on the page
             seen = validate(model, train, name=wanted.name, on_training_data=True)
             return validate(model, test, name=wanted.name), seen
 
@@ -162,10 +155,7 @@ def _judged(
 def each_model(settings: Settings, make: Callable[[int, ModelSettings], T]) -> tuple[dict[str, T], dict[str, str]]:
     """What is made of each model of a job, by its name, and why the others failed.
 
-    Raises
-    ------
-    SlipangleError
-        If all fail, or an entry of the job is wrong.
+    Raises SlipangleError if all fail, or an entry of the job is wrong.
     """
     made: dict[str, T] = {}
     failures: dict[str, str] = {}
@@ -247,8 +237,7 @@ def delay_check(settings: Settings, quality: DataReport, train: Dataset) -> tupl
     try:
         for shift in shifts:
             model = identify(wanted, _shifted(train, shift))
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ModelWarning)
+            with warnings.catch_warnings(action="ignore", category=ModelWarning):
                 score = validate(model, _shifted(train, shift), on_training_data=True)
             if model.fit_info is not None:
                 fits.append((model.fit_info, score.free_run_scores[model.outputs[0]].fit))
@@ -277,7 +266,8 @@ def _shifted(data: Dataset, delay: float) -> Dataset:
     return data.with_channel("delta", np.concatenate(parts), data.unit("delta"))
 
 
-def _scores(scores: dict) -> dict[str, dict[str, float]]:
+def plain(scores: dict) -> dict[str, dict[str, float]]:
+    """Scores of each output for machines."""
     return {k: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse, "r2": s.r2} for k, s in scores.items()}
 
 

@@ -5,8 +5,6 @@ class (or a function that returns one), or by an entry point of the group ``slip
 kind takes in a job's ``[[model]]`` are the arguments of what is registered.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
@@ -123,10 +121,7 @@ def _narx(
 def check_entries(kind: str, table: dict[str, Any], where: str) -> dict[str, Any]:
     """A model's entries beside those that every model has.
 
-    Raises
-    ------
-    ConfigError
-        If there is no such kind, or it has no such entry, or needs another one, or of another type.
+    Raises ConfigError if there is no such kind, or it has no such entry, or needs another one, or of another type.
     """
     if kind not in KINDS:
         raise ConfigError(f"{where}: kind is {shown(kind)}; {nearest(kind[:60], KINDS)}: use one of these")

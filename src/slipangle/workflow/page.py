@@ -1,7 +1,5 @@
 """The page of a job: verdict first, then what it rests on."""
 
-from __future__ import annotations
-
 import platform
 import shlex
 from collections.abc import Iterator

@@ -1,16 +1,15 @@
 """What a job is: a TOML file read into frozen records, every entry checked."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass, field, replace
 from os.path import normpath, sep
 from pathlib import Path, PurePath, PureWindowsPath
 from typing import Annotated, Any, Literal, Self
 
-from slipangle.errors import ConfigError, MissingFileError, nearest, shown
+from slipangle.errors import ConfigError, nearest, shown
+from slipangle.files import read_bytes
 from slipangle.workflow.drive import ControllerSettings, PlantSettings
-from slipangle.workflow.entries import Within, record
+from slipangle.workflow.entries import Within, common, record
 from slipangle.workflow.kinds import check_entries
 
 
@@ -73,11 +72,8 @@ class ModelSettings:
     @classmethod
     def from_table(cls, table: dict[str, Any], where: str) -> Self:
         """Entries of every model, and those of its kind."""
-        common = {"name", "kind", "inputs", "outputs", "published"}
-        model = record(cls, {k: v for k, v in table.items() if k in common}, where)
-        own = {k: v for k, v in table.items() if k not in common}
-        own = check_entries(model.kind, own, f"{where} {shown(model.name)}")
-        return replace(model, entries=own)
+        model, own = common(cls, table, where)
+        return replace(model, entries=check_entries(model.kind, own, f"{where} {shown(model.name)}"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,12 +106,7 @@ def read_settings(path: str | Path) -> Settings:
     """
     file = Path(path)
     try:
-        text = file.read_bytes().decode("utf-8")
-    except OSError as error:
-        raise MissingFileError(
-            f"the settings file '{file}' cannot be read ({error.strerror or error}); expected a TOML file: see "
-            "examples/ferrari_250lm.toml"
-        ) from None
+        text = read_bytes(file, "the settings file", "a TOML file: see examples/ferrari_250lm.toml").decode("utf-8")
     except UnicodeDecodeError:
         raise ConfigError(f"'{file}' is not text; expected a TOML file in UTF-8: see examples/") from None
     try:

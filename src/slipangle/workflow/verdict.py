@@ -1,17 +1,14 @@
 """The first section of a job's page: what each model and the closed loop are worth, in sentences."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
-from slipangle.identify.judge.validate import Validation
+from slipangle import Run, Validation
 from slipangle.registry import Registry
 from slipangle.report import Finding, Findings, Number, Section, Verdict
 from slipangle.report.page import Block
 from slipangle.report.tables import Tone, number
-from slipangle.simulate.run import Run
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.settings import PublishedSettings
 

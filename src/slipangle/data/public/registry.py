@@ -3,8 +3,6 @@
 The table itself is ``public.toml`` beside this file. None of the data is part of this package.
 """
 
-from __future__ import annotations
-
 import hashlib
 import http.client
 import os
@@ -19,7 +17,7 @@ from importlib import resources
 from pathlib import Path
 
 from slipangle.errors import HashError, MissingFileError, ParameterError, nearest
-from slipangle.files import cache_folder, write_atomic
+from slipangle.files import cache_folder, read_bytes, write_atomic
 
 RAW = "https://raw.githubusercontent.com/{repo}/{commit}/{path}"
 """Address of a file at its origin."""
@@ -59,13 +57,12 @@ class PublicSet:
         ParameterError
             If there is none of that name.
         """
-        for file in self.files:
-            if file.name == name:
-                return file
-        raise ParameterError(
-            f"the data set '{self.name}' has no file '{name}'; {nearest(name, [f.name for f in self.files])}: use one "
-            "of these"
-        )
+        files = {file.name: file for file in self.files}
+        if name not in files:
+            raise ParameterError(
+                f"the data set '{self.name}' has no file '{name}'; {nearest(name, files)}: use one of these"
+            )
+        return files[name]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,12 +137,10 @@ def find_set(name: str) -> PublicSet:
     ParameterError
         If there is none; the nearest names are given.
     """
-    for public in list_sets():
-        if public.name == name:
-            return public
-    raise ParameterError(
-        f"there is no public data set '{name}'; {nearest(name, [s.name for s in list_sets()])}: use one of these names"
-    )
+    sets = {public.name: public for public in list_sets()}
+    if name not in sets:
+        raise ParameterError(f"there is no public data set '{name}'; {nearest(name, sets)}: use one of these names")
+    return sets[name]
 
 
 def _places(file: PublicFile) -> Iterable[Path]:
@@ -156,13 +151,8 @@ def _places(file: PublicFile) -> Iterable[Path]:
 
 
 def _digest(path: Path) -> str:
-    try:
-        with path.open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise MissingFileError(
-            f"the data file '{path}' cannot be read ({error.strerror}); expected a readable file: check its permissions"
-        ) from None
+    raw = read_bytes(path, "the data file", "a readable file: check its permissions")
+    return hashlib.sha256(raw).hexdigest()
 
 
 def check(name: str) -> tuple[FileState, ...]:

@@ -1,34 +1,20 @@
 """Named public data sets as `Dataset`: `public("ferrari-250lm")`; licences and origins are in `registry`."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from scipy import integrate, io, signal
+from scipy import io, signal
 
 from slipangle.data.clock import find_grid
 from slipangle.data.dataset import Channel, Dataset, join
-from slipangle.data.public.registry import FileState, PublicFile, PublicSet, check, fetch, find_set, list_sets
+from slipangle.data.public.registry import fetch, list_sets
 from slipangle.data.quality.events import despike, find_jumps
+from slipangle.data.race import with_dead_reckoning
 from slipangle.data.readers import Column, read_csv
 from slipangle.data.readers.text_table import parse_heading
 from slipangle.errors import FormatError, ParameterError, SampleTimeError, nearest
-
-__all__ = [
-    "LOADERS",
-    "FileState",
-    "PublicFile",
-    "PublicSet",
-    "check",
-    "ferrari_250lm",
-    "fetch",
-    "find_set",
-    "list_sets",
-    "public",
-]
 
 
 def public(name: str) -> Dataset:
@@ -59,30 +45,21 @@ def _columns(**channels: str) -> dict[str, Column]:
     return {name: Column(heading.name, heading.unit) for name, heading in headings.items()}
 
 
+def _on_grid(
+    t: np.ndarray, values: np.ndarray, channels: Sequence[Channel], inputs: tuple[str, ...], output: str, name: str
+) -> Dataset:
+    """Recorded channels, stamped ``t`` [s], shape (n,) and (n, n_channels), as a data set."""
+    grid = find_grid(t, what=name)
+    table, starts = grid.onto(t, values)
+    clock = {"dt": grid.dt, "starts": starts, "start_times": grid.start_times, "notes": grid.notes}
+    return Dataset(values=table, channels=tuple(channels), inputs=inputs, outputs=(output,), name=name, **clock)
+
+
 # ---- Ferrari 250 LM --------------------------------------------------------------------------------------------------
 
 _FERRARI = _columns(delta="delta [rad]", v_x="vx [m/s]", r="yawRate [rad/s]", v_y="vy [m/s]", beta="beta_true [rad]")
 _FERRARI |= _columns(a_x="axCG [m/s2]", a_y="ayCG [m/s2]", r_dot="yawAngAcc [rad/s2]")
 _FERRARI |= _columns(delta_fl="deltaFL [rad]", delta_fr="deltaFR [rad]")
-
-
-def with_dead_reckoning(data: Dataset) -> Dataset:
-    """Add psi [rad], X and Y [m], integrated from ``r``, ``v_x`` and, if measured, ``v_y``; each experiment from 0.
-
-    Good for a map, not for measuring: errors add up.
-    """
-    columns = []
-    for part in data.experiments:
-        v_y = part["v_y"] if "v_y" in part else 0.0
-        psi = integrate.cumulative_trapezoid(part["r"], dx=part.dt, initial=0.0)
-        east = part["v_x"] * np.cos(psi) - v_y * np.sin(psi)
-        north = part["v_x"] * np.sin(psi) + v_y * np.cos(psi)
-        x, y = (integrate.cumulative_trapezoid(v, dx=part.dt, initial=0.0) for v in (east, north))
-        columns.append(np.column_stack([x, y, psi]))
-    table = np.vstack(columns)
-    for k, (name, unit) in enumerate((("X", "m"), ("Y", "m"), ("psi", "rad"))):
-        data = data.with_channel(name, table[:, k], unit)
-    return data.with_note("X, Y and psi are dead-reckoned from r, v_x and v_y: for maps only")
 
 
 def _ferrari_run() -> Dataset:
@@ -91,20 +68,10 @@ def _ferrari_run() -> Dataset:
     paths = fetch("ferrari-250lm", "t.txt", *files.values())
     t = np.loadtxt(paths["t.txt"])
     values = np.column_stack([np.loadtxt(paths[file]) for file in files.values()])
-    grid = find_grid(t, what="the Ferrari run")
-    table, starts = grid.onto(t, values)
-    data = Dataset(
-        values=table,
-        channels=tuple(Channel(name, column.unit or "-") for name, column in _FERRARI.items()),
-        dt=grid.dt,
-        inputs=("delta", "v_x"),
-        outputs=("r",),
-        starts=starts,
-        start_times=grid.start_times,
-        name="Ferrari 250 LM, Palm Beach",
-        notes=(*grid.notes, "delta is the road-wheel angle, beta = atan2(v_y, v_x); no pedals were recorded"),
-    )
-    return with_dead_reckoning(data)
+    channels = [Channel(name, column.unit or "-") for name, column in _FERRARI.items()]
+    data = _on_grid(t, values, channels, ("delta", "v_x"), "r", "Ferrari 250 LM, Palm Beach")
+    note = "delta is the road-wheel angle, beta = atan2(v_y, v_x); no pedals were recorded"
+    return with_dead_reckoning(data.with_note(note))
 
 
 def ferrari_250lm(rate: float = 20.0) -> Dataset:
@@ -205,19 +172,9 @@ def _emps(name: str, file: str, title: str) -> Dataset:
         raise FormatError(
             f"'{path}' is not the record it should be ({error}); expected t, vir, gtau, qm, qg: fetch it again"
         ) from None
-    grid = find_grid(t, what=title)
-    values, starts = grid.onto(t, np.column_stack([v for _, v in columns.values()]))
-    return Dataset(
-        values=values,
-        channels=tuple(Channel(n, u) for n, (u, _) in columns.items()),
-        dt=grid.dt,
-        inputs=("force",),
-        outputs=("q",),
-        starts=starts,
-        start_times=grid.start_times,
-        name=title,
-        notes=(*grid.notes, "recorded in closed loop; the velocity was not measured"),
-    )
+    channels = [Channel(n, unit) for n, (unit, _) in columns.items()]
+    data = _on_grid(t, np.column_stack([v for _, v in columns.values()]), channels, ("force",), "q", title)
+    return data.with_note("recorded in closed loop; the velocity was not measured")
 
 
 # ---- autonomous cars -------------------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """How long an output takes to follow an input: generalised cross-correlation with coherence weights."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Spikes and jumps in a recording: found, named with time and size, and removed only on request."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType

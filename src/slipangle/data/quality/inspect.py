@@ -1,7 +1,5 @@
 """What a recording is worth before anything is fitted to it: `inspect` reports, nothing is repaired or hidden."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,23 +10,6 @@ from slipangle.data.dataset import Dataset
 from slipangle.data.quality.delay import Delay, estimate_delay
 from slipangle.data.quality.events import Jump, Spike, despike, find_jumps, find_spikes, level_step
 from slipangle.errors import ExcitationError, TooShortError
-
-__all__ = [
-    "Clipping",
-    "DataReport",
-    "Delay",
-    "Excitation",
-    "Jump",
-    "Offset",
-    "Resolution",
-    "Spike",
-    "Stretch",
-    "despike",
-    "estimate_delay",
-    "find_jumps",
-    "find_spikes",
-    "inspect",
-]
 
 _STRAIGHT = {"r": 0.02, "a_y": 0.8}  # below these a car drives straight [rad/s, m/s2]
 _STANDING = 5.0  # [m/s]

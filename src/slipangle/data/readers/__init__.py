@@ -1,7 +1,5 @@
 """One file per log format; each reader returns a `Dataset`."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,18 +11,8 @@ from slipangle.data.readers.csv import read_csv, write_csv
 from slipangle.errors import FormatError, MissingFileError
 from slipangle.registry import Registry
 
-__all__ = [
-    "READERS",
-    "ArrayTable",
-    "ChannelTable",
-    "Column",
-    "Header",
-    "Reader",
-    "read",
-    "read_csv",
-    "reader",
-    "write_csv",
-]
+__all__ = ["READERS", "ArrayTable", "ChannelTable", "Column", "Header", "Reader", "reader"]
+__all__ += ["read", "read_csv", "write_csv"]
 
 _HEAD = 4096  # bytes from a file's beginning by which its format is known
 

@@ -245,10 +245,8 @@ def _time(
 def _plausible_seconds(t: np.ndarray, header: Header, what: str, *, driven: bool) -> list[str]:
     """A note on slow stamps without a unit.
 
-    Raises
-    ------
-    TimeError
-        If they cannot be seconds: hours from sample to sample, or whole numbers too slow for a drive (``driven``).
+    Raises TimeError if they cannot be seconds: hours from sample to sample, or whole numbers too slow for a drive
+    (``driven``).
     """
     steps = np.diff(t[np.isfinite(t)])
     step = float(np.median(steps)) if len(steps) else 0.0
@@ -305,12 +303,8 @@ def _on_grids(
         if len(part) == 1 and dt is not None and shortest <= 1:
             piece, begins, clock = values[part], (0,), (float(stamps[part[0]]),)
         else:
-
-            def row_name(k: int, part: np.ndarray = part) -> str:
-                return table.row_name(int(part[k]))
-
-            where, how = {"row_name": row_name, "what": table.name}, {"jitter": jitter, "shortest": shortest}
-            grid = find_grid(stamps[part], dt=dt, **how, **where)
+            how = {"jitter": jitter, "shortest": shortest, "what": table.name}
+            grid = find_grid(stamps[part], dt=dt, row_name=lambda k, part=part: table.row_name(int(part[k])), **how)
             dt = dt or grid.dt
             piece, begins = grid.onto(stamps[part], values[part])
             clock = grid.start_times

@@ -1,7 +1,5 @@
 """Text tables (CSV, TSV, blank-separated) to `Dataset` and back."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path

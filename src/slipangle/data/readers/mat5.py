@@ -8,8 +8,6 @@ References
 .. [1] The MathWorks, MAT-File Format, level 5.
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 from pathlib import Path
@@ -43,10 +41,7 @@ def read_mat5(path: str | Path) -> dict[str, Any]:
     Numeric variables become float arrays of their shape, text strings, cells object arrays, structs dictionaries of
     object arrays, one entry per element; other kinds are left out.
 
-    Raises
-    ------
-    FormatError
-        If it is no MATLAB file of version 5 to 7, or damaged.
+    Raises FormatError if it is no MATLAB file of version 5 to 7, or damaged.
     """
     raw = memoryview(Path(path).read_bytes())
     if bytes(raw[:8]) == b"\x89HDF\r\n\x1a\n" or (len(raw) > 520 and bytes(raw[512:520]) == b"\x89HDF\r\n\x1a\n"):
@@ -65,7 +60,6 @@ def read_mat5(path: str | Path) -> dict[str, Any]:
             element = _element(raw, at, order)
             at = element.end
             if element.kind == _COMPRESSED:
-                at = element.end
                 element = _element(_inflated(element.data), 0, order)
             if element.kind == _MATRIX:
                 name, value = _matrix(element.data, order, 0)

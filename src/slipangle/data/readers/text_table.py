@@ -1,7 +1,5 @@
 """Text tables of any separator: where the headings are, what is a number, what is a comment."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
@@ -17,6 +15,7 @@ from slipangle import units
 from slipangle.data.numerals import decoded, is_number, to_number
 from slipangle.data.readers.columns import Header
 from slipangle.errors import FormatError, MissingFileError, TooShortError, nearest, shown
+from slipangle.files import read_bytes
 
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "+inf", "-inf", "infinity"}
 OURS = "# slipangle: "  # begins the line that `write_csv` says its settings in
@@ -28,7 +27,7 @@ _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 
 @dataclass(frozen=True, kw_only=True)
 class TextTable:
-    """A text file cut into cells; see `slipangle.data.readers.columns.Table`."""
+    """A text file cut into cells; see `slipangle.data.readers.columns.ChannelTable`."""
 
     name: str
     headers: tuple[Header, ...]
@@ -46,10 +45,7 @@ class TextTable:
     def numbers(self, column: int) -> np.ndarray:
         """The numbers of one column, NaN where a cell is empty, shape (n_rows,).
 
-        Raises
-        ------
-        FormatError
-            If a cell is not a number; its line and column are given.
+        Raises FormatError if a cell is not a number; its line and column are given.
         """
         if self._table is not None:
             return self._table[:, column]
@@ -102,12 +98,7 @@ def _text(path: Path) -> str:
         others = [p.name for p in folder.iterdir() if p.is_file()] if folder.is_dir() else []
         near = f"in '{folder}' {nearest(path.name, others)}" if folder.is_dir() else f"there is no folder '{folder}'"
         raise MissingFileError(f"the log '{path}' {kind}; expected a file, {near}: correct the path")
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise MissingFileError(
-            f"the log '{path}' cannot be read ({error.strerror}); expected a readable file: check its permissions"
-        ) from None
+    raw = read_bytes(path, "the log", "a readable file: check its permissions")
     return decoded(raw, path, "comma-separated text: export the log as CSV")
 
 
@@ -163,10 +154,7 @@ def _headings(cells: list[str], unit_row: list[str] | None) -> tuple[Header, ...
 def read_table(path: str | Path, *, delimiter: str | None = None, skip_lines: int = 0) -> TextTable:
     """Cut a text file into headings and rows; no number is read yet.
 
-    Raises
-    ------
-    MissingFileError, FormatError, TooShortError
-        If the file is missing, not text, ragged or empty.
+    Raises MissingFileError, FormatError or TooShortError if the file is missing, not text, ragged or empty.
     """
     path = Path(path)
     name = f"'{path.name}'"

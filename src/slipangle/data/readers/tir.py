@@ -17,8 +17,8 @@ import numpy as np
 
 from slipangle.data.readers.tir_lines import TirLine, insert_line, new_line, parse_line, rewritten
 from slipangle.data.readers.tir_units import Units, read_units
-from slipangle.errors import FormatError, MissingFileError, ParameterError, nearest, shown
-from slipangle.files import write_atomic
+from slipangle.errors import FormatError, ParameterError, nearest, shown
+from slipangle.files import read_bytes, write_atomic
 
 # These headings hold words about the file; a key such as MASS there is a unit, not a number.
 _DESCRIPTIVE = ("UNITS", "MDI_HEADER")
@@ -43,7 +43,9 @@ class TirFile:
     units: Units = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "units", read_units(self._unit_entries(), self.name))
+        block = [line for line in self.lines if line.section == "UNITS" and line.key and line.value is not None]
+        units = read_units([(line.key, str(line.value), line.number) for line in block], self.name)
+        object.__setattr__(self, "units", units)
         self._refuse_contradictions()
 
     # ---- look up -----------------------------------------------------------------------------------------------
@@ -93,11 +95,8 @@ class TirFile:
     @cached_property
     def numbers(self) -> dict[str, float]:
         """Every number of the file, SI units, by key."""
-        values: dict[str, float] = {}
-        for key, line in self.entries.items():
-            if isinstance(line.value, float):
-                values[key] = line.value * self.units.factor(key)
-        return values
+        values = {key: line.value for key, line in self.entries.items() if isinstance(line.value, float)}
+        return {key: value * self.units.factor(key) for key, value in values.items()}
 
     @cached_property
     def tables(self) -> dict[str, np.ndarray]:
@@ -195,13 +194,6 @@ class TirFile:
 
     # ---- checks ------------------------------------------------------------------------------------------------
 
-    def _unit_entries(self) -> list[tuple[str, str, int]]:
-        return [
-            (line.key, str(line.value), line.number)
-            for line in self.lines
-            if line.section == "UNITS" and line.key and line.value is not None
-        ]
-
     def _refuse_contradictions(self) -> None:
         first: dict[str, TirLine] = {}
         for line in self.lines:
@@ -228,12 +220,7 @@ def read_tir(path: str | Path) -> TirFile:
     UnitError
         If [UNITS] names an unknown unit or mixes systems, or the numbers do not fit the units.
     """
-    try:
-        raw = Path(path).read_bytes()
-    except OSError as error:
-        raise MissingFileError(
-            f"the tire file '{path}' cannot be read ({error.strerror or error}); expected a .tir file: check the path"
-        ) from None
+    raw = read_bytes(path, "the tire file", "a .tir file: check the path")
     if b"\0" in raw:
         raise FormatError(f"'{path}' is a binary file; expected the text of a .tir file: choose another file")
     encoding = "utf-8-sig" if raw.startswith(b"\xef\xbb\xbf") else "utf-8"

@@ -1,7 +1,5 @@
 """Lines of a ``.tir`` file: what each says, and how one is written with another value."""
 
-from __future__ import annotations
-
 import math
 import re
 from dataclasses import dataclass, replace
@@ -34,10 +32,7 @@ class TirLine:
 def parse_line(text: str, number: int, section: str, name: str) -> TirLine:
     """What a line says, in the section before it unless it opens another.
 
-    Raises
-    ------
-    FormatError
-        If it cannot be read, with its number.
+    Raises FormatError if it cannot be read, with its number.
     """
     body, comment = _split_comment(text)
     body = body.strip()

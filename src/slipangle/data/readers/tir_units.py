@@ -1,7 +1,5 @@
 """The [UNITS] block of a tire property file, and which key carries which dimension."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -128,10 +126,7 @@ class Units:
 def read_units(entries: Sequence[tuple[str, str, int]], name: str) -> Units:
     """Factors from the entries ``(key, value, line number)`` of [UNITS]; SI where the block says nothing.
 
-    Raises
-    ------
-    UnitError
-        If a unit is unknown, given twice, or metric and imperial units are mixed.
+    Raises UnitError if a unit is unknown, given twice, or metric and imperial units are mixed.
     """
     chosen: dict[str, tuple[str, float, str]] = {}
     for key, value, number in entries:

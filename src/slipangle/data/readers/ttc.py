@@ -12,8 +12,6 @@ References
 .. [2] E. M. Kasprzak, D. Gentz, The Formula SAE Tire Test Consortium: tire testing and data handling, SAE 2006-01-3606.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping
@@ -23,19 +21,10 @@ from typing import Any
 
 import numpy as np
 
+from slipangle import errors
 from slipangle.data.numerals import is_number, to_number
 from slipangle.data.readers.mat5 import read_mat5
 from slipangle.data.tire_data import TireData
-from slipangle.errors import (
-    ExcitationError,
-    FormatError,
-    MissingColumnError,
-    MissingFileError,
-    TooShortError,
-    UnitError,
-    nearest,
-    shown,
-)
 from slipangle.units import known as unit_known
 from slipangle.units import quantity, to_si
 
@@ -93,14 +82,14 @@ def read_ttc(path: str | Path, *, name: str = "") -> TireData:
     """
     file = Path(path)
     if not file.is_file():
-        raise MissingFileError(f"'{file}' does not exist; expected a .mat or .dat file: check the path")
+        raise errors.MissingFileError(f"'{file}' does not exist; expected a .mat or .dat file: check the path")
     suffix = file.suffix.lower()
     if suffix == ".mat":
         columns, units = _read_mat(file)
     elif suffix in (".dat", ".txt"):
         columns, units = _read_dat(file)
     else:
-        raise FormatError(f"'{file}' ends in '{suffix}'; expected .mat or .dat: export the run in one of these")
+        raise errors.FormatError(f"'{file}' ends in '{suffix}'; expected .mat or .dat: export the run in one of these")
     return from_channels(columns, units, name=name or file.stem)
 
 
@@ -111,19 +100,19 @@ def from_channels(columns: Mapping[str, np.ndarray], units: Mapping[str, str], *
     """
     missing = [c for c in _NEEDED if c not in columns]
     if missing:
-        raise MissingColumnError(
-            f"'{name}' has no channel {missing[0]}; {nearest(missing[0], columns)}: expected SA, FX, FY and FZ"
+        raise errors.MissingColumnError(
+            f"'{name}' has no channel {missing[0]}; {errors.nearest(missing[0], columns)}: expected SA, FX, FY and FZ"
         )
     lengths = {len(columns[c]) for c in _CHANNELS if c in columns}
     if len(lengths) > 1:
-        raise FormatError(f"the channels of '{name}' have {sorted(lengths)} samples; expected as many in each")
+        raise errors.FormatError(f"the channels of '{name}' have {sorted(lengths)} samples; expected as many in each")
     si = _to_si(columns, units, name)
     finite = np.all([np.isfinite(v) for v in si.values()], axis=0)
     loaded = np.abs(si["FZ"]) > _UNLOADED * np.median(np.abs(si["FZ"][finite])) if finite.any() else finite
     upright = np.sign(si["FZ"]) == np.sign(np.median(si["FZ"][finite])) if finite.any() else finite
     keep = finite & loaded & upright
     if keep.sum() < 20:
-        raise TooShortError(f"'{name}' has {int(keep.sum())} loaded samples; expected at least 20: check FZ")
+        raise errors.TooShortError(f"'{name}' has {int(keep.sum())} loaded samples; expected at least 20: check FZ")
     slip = "SL" if "SL" in si else "SR" if "SR" in si else ""
     picked = {key: value[keep] for key, value in si.items()}
     system = detect_signs(picked, slip_ratio=slip, name=name)
@@ -159,16 +148,13 @@ def detect_signs(si: Mapping[str, np.ndarray], *, slip_ratio: str, name: str) ->
     The load's sign tells where z points; the correlation of SA and FY tells the slip angle, that of slip ratio and
     FX the slip ratio, that of MZ and FY at small slip angles the moment, which aligns in right-handed axes.
 
-    Raises
-    ------
-    ExcitationError
-        If no slip moves, or slip angle and side force do not go together.
+    Raises ExcitationError if no slip moves, or slip angle and side force do not go together.
     """
     angle, ratio = si["SA"], si.get(slip_ratio, np.zeros(len(si["SA"])))
     cornering = np.ptp(np.quantile(angle, (0.01, 0.99))) > math.radians(2.0)
     driving = np.ptp(np.quantile(ratio, (0.01, 0.99))) > 0.03
     if not cornering and not driving:
-        raise ExcitationError(
+        raise errors.ExcitationError(
             f"in '{name}' neither slip angle nor slip ratio moves; expected a sweep: choose a cornering or "
             "drive/brake run"
         )
@@ -179,7 +165,7 @@ def detect_signs(si: Mapping[str, np.ndarray], *, slip_ratio: str, name: str) ->
         if abs(link) > 0.3:
             opposes = link < 0
         elif cornering:
-            raise ExcitationError(
+            raise errors.ExcitationError(
                 f"slip angle and side force of '{name}' hardly go together (correlation {link:.2f}); expected at least "
                 "0.3 either way: check that SA and FY belong together"
             )
@@ -218,7 +204,7 @@ def _to_si(columns: Mapping[str, np.ndarray], units: Mapping[str, str], name: st
     force = {given[c] for c in ("FX", "FY", "FZ") if c in given}
     if len(force) > 1:
         which = ", ".join(f"{c} in {given[c]}" for c in ("FX", "FY", "FZ") if c in given)
-        raise UnitError(
+        raise errors.UnitError(
             f"'{name}' mixes units of force: {which}; expected one for all: correct the units or the columns"
         )
     pounds = force == {"lbf"}
@@ -241,13 +227,13 @@ def _check_magnitudes(si: Mapping[str, np.ndarray], name: str) -> None:
     for channel, values in si.items():
         largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
         if largest > _LARGEST:
-            raise UnitError(
+            raise errors.UnitError(
                 f"{channel} of '{name}' reaches {largest:.3g} in SI units; expected at most {_LARGEST:.0e}: repair or "
                 "delete those samples"
             )
     angle = np.nanmax(np.abs(si["SA"])) if np.isfinite(si["SA"]).any() else 0.0
     if 0 < angle < math.radians(0.5) and "SL" not in si and "SR" not in si:
-        raise UnitError(
+        raise errors.UnitError(
             f"SA of '{name}' reaches {np.rad2deg(angle):.2g} degrees only; expected a sweep of degrees: it may be in "
             "radians, then convert it or name its unit"
         )
@@ -255,7 +241,7 @@ def _check_magnitudes(si: Mapping[str, np.ndarray], name: str) -> None:
     for channel in ("FX", "FY"):
         typical = np.nanquantile(np.abs(si[channel]), 0.98) if np.isfinite(si[channel]).any() else 0.0
         if load > 0 and typical > 5.0 * load:
-            raise UnitError(
+            raise errors.UnitError(
                 f"{channel} of '{name}' reaches {typical / load:.3g} times the load; expected at most 5: FZ and "
                 f"{channel} seem to be in different units, newtons and pounds"
             )
@@ -265,7 +251,7 @@ def _unit(text: str, channel: str, name: str) -> str:
     plain = text.strip()
     unit = _SPELLINGS.get(plain.lower(), plain)
     if not unit_known(unit):
-        raise UnitError(
+        raise errors.UnitError(
             f"'{name}' gives {channel} in '{plain}', an unknown unit; expected such as "
             f"'{_CHANNELS[channel][0]}': correct the units of the file"
         )
@@ -286,7 +272,7 @@ def _read_mat(file: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
         units = dict(zip(names, texts, strict=False))
     if not columns:
         items = list(raw)
-        raise MissingColumnError(
+        raise errors.MissingColumnError(
             f"'{file}' has none of the channels SA, FX, FY, FZ; it holds {', '.join(items[:8]) or 'nothing'}: expected "
             "one variable per channel"
         )
@@ -305,7 +291,7 @@ def _read_dat(file: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
     head = next((k for k, line in enumerate(lines[:50]) if {"SA", "FY", "FZ"} <= set(_cells(line))), None)
     if head is None:
-        raise FormatError(
+        raise errors.FormatError(
             f"'{file}' has no line of channel names in its first 50 lines; expected one with SA, FX, FY and FZ: check "
             "that it is a run of the Tire Test Consortium"
         )
@@ -323,7 +309,7 @@ def _read_dat(file: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
         if not cells:
             continue
         if len(cells) != len(names):
-            raise FormatError(
+            raise errors.FormatError(
                 f"line {k + 1} of '{file}' has {len(cells)} values; expected {len(names)}, one per channel: repair or "
                 "delete that line"
             )
@@ -331,11 +317,11 @@ def _read_dat(file: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
             rows.append([to_number(c) for c in cells])
         except ValueError:
             bad = next(c for c in cells if not is_number(c))
-            raise FormatError(
-                f"line {k + 1} of '{file}' holds {shown(bad)}; expected a number: repair or delete that line"
+            raise errors.FormatError(
+                f"line {k + 1} of '{file}' holds {errors.shown(bad)}; expected a number: repair or delete that line"
             ) from None
     if not rows:
-        raise TooShortError(f"'{file}' has channel names but no line of numbers; expected a run")
+        raise errors.TooShortError(f"'{file}' has channel names but no line of numbers; expected a run")
     table = np.array(rows)
     return {n: table[:, k] for k, n in enumerate(names)}, units
 

@@ -1,7 +1,5 @@
 """Signals that excite a vehicle or a model."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -6,8 +6,6 @@ signal starts to the left. Every one raises ParameterError for a number out of i
 is below 1 or too small for the signal.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Literal

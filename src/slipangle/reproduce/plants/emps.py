@@ -1,7 +1,5 @@
 """Electro-mechanical positioning system: a carriage on a ball screw with friction."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 

@@ -1,7 +1,5 @@
 """A learned friction curve on top of the physics of a drive, from its free run."""
 
-from __future__ import annotations
-
 import time
 import warnings
 from dataclasses import dataclass, replace
@@ -9,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle import Dataset, FitInfo
 from slipangle.errors import IdentifiabilityWarning, ParameterError
 from slipangle.fields import Checked, Count, Positive
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.physics.free_run import FreeRun
-from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
 from slipangle.numerics.blas import one_blas_thread
 from slipangle.numerics.integrate import discretise

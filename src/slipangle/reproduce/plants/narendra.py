@@ -7,8 +7,6 @@ References
    IEEE Transactions on Neural Networks 1, 1990, example 4.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from slipangle.data.dataset import Dataset

@@ -1,7 +1,5 @@
 """Inverted pendulum on a cart."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 
