@@ -113,10 +113,7 @@ def nearest(name: str, known: Iterable[str]) -> str:
 def require_known(name: str, known: Sequence[str], what: str) -> None:
     """Raise unless a setting is one of the words it may be.
 
-    Raises
-    ------
-    ParameterError
-        With those words and the nearest of them.
+    Raises ParameterError with those words and the nearest of them.
     """
     if name not in known:
         raise ParameterError(f"the {what} is '{name}'; expected one of {', '.join(known)}: {nearest(name, known)}")

@@ -79,10 +79,7 @@ class Checked:
 
     A subclass that relates fields to each other does so in ``__post_init__`` after ``super().__post_init__()``.
 
-    Raises
-    ------
-    ParameterError
-        With the field, what it is and what was expected.
+    Raises ParameterError with the field, what it is and what was expected.
     """
 
     def __post_init__(self) -> None:

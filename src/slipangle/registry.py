@@ -34,10 +34,7 @@ class Registry(Mapping[str, T]):
     def register(self, name: str) -> Callable[[Thing], Thing]:
         """A decorator that adds what it stands above.
 
-        Raises
-        ------
-        ParameterError
-            If something else has this name.
+        Raises ParameterError if something else has this name.
         """
 
         def add(thing: Thing) -> Thing:
@@ -67,10 +64,7 @@ class Registry(Mapping[str, T]):
     def __getitem__(self, name: str) -> T:
         """The thing of that name.
 
-        Raises
-        ------
-        ParameterError
-            If there is none; the nearest names are given.
+        Raises ParameterError if there is none; the nearest names are given.
         """
         things = self._all()
         if name not in things:

@@ -44,10 +44,7 @@ _ALIASES = {
 def canonical(unit: str) -> str:
     """The table's spelling of a unit.
 
-    Raises
-    ------
-    UnitError
-        If the unit is unknown.
+    Raises UnitError if the unit is unknown.
     """
     text = unit.strip()
     if text in _UNITS:
@@ -89,6 +86,8 @@ def quantity(unit: str) -> str:
 def to_si(values: np.ndarray | float, unit: str, *, expected: str | None = None, what: str = "value") -> np.ndarray:
     """Convert to SI.
 
+    Raises UnitError if the unit is unknown or of another quantity than expected.
+
     Parameters
     ----------
     values : array or float
@@ -99,11 +98,6 @@ def to_si(values: np.ndarray | float, unit: str, *, expected: str | None = None,
         A unit of the quantity that is wanted; another quantity is an error.
     what : str
         Name of the values, for the message.
-
-    Raises
-    ------
-    UnitError
-        If the unit is unknown or of another quantity than expected.
 
     >>> round(float(to_si(36.0, "km/h")), 9)
     10.0

@@ -38,6 +38,8 @@ class Dataset:
     Experiments are stored one after another; `experiments` gives each as a data set of its own.
     A gap in a log ends one experiment and starts the next: nothing is interpolated across it.
 
+    Raises NotFiniteError or MissingColumnError if a value is NaN or infinite, or an input or output is not a channel.
+
     Parameters
     ----------
     values, channels
@@ -50,11 +52,6 @@ class Dataset:
         Row at which each experiment starts, the first being 0, and the time of that sample. [s]
     name, notes
         What the data are, what was done to them and what was seen in them; for reports.
-
-    Raises
-    ------
-    NotFiniteError, MissingColumnError
-        If a value is NaN or infinite, or an input or output is not a channel.
     """
 
     values: np.ndarray
@@ -366,10 +363,8 @@ class Dataset:
 def join(*parts: Dataset, name: str | None = None) -> Dataset:
     """Several data sets as experiments of one.
 
-    Raises
-    ------
-    ParameterError, SampleTimeError, MissingColumnError, UnitError
-        If there is nothing to join, or the sample times, channels or units differ.
+    Raises ParameterError, SampleTimeError, MissingColumnError or UnitError if there is nothing to join, or the sample
+    times, channels or units differ.
     """
     if not parts:
         raise ParameterError("join() got no data sets; expected at least one: pass them one after another")

@@ -22,17 +22,14 @@ def equirectangular(
 
     Good over a race track: the error grows with the square of the distance, about 0.1 m at 1 km and 45 degrees.
 
+    Raises ParameterError if a latitude is beyond a pole (such as degrees would be) or there is no sample.
+
     Parameters
     ----------
     latitude, longitude : array, shape (n,)
         North and east positive. [rad]
     origin : (float, float), optional
         Latitude and longitude of the origin [rad]; by default the first sample.
-
-    Raises
-    ------
-    ParameterError
-        If a latitude is beyond a pole (such as degrees would be) or there is no sample.
 
     References
     ----------
@@ -81,6 +78,8 @@ def with_dead_reckoning(data: Dataset) -> Dataset:
 def lap_starts(data: Dataset, *, gate: tuple[float, float], heading: float, width: float = 30.0) -> np.ndarray:
     """Rows, rising, of the first samples after crossing a gate in its direction; none where it is never crossed.
 
+    Raises ParameterError if the width is not positive.
+
     Parameters
     ----------
     data : Dataset
@@ -89,11 +88,6 @@ def lap_starts(data: Dataset, *, gate: tuple[float, float], heading: float, widt
         Middle of the gate and how wide it is. [m]
     heading : float
         Direction of travel through it, from the X axis. [rad]
-
-    Raises
-    ------
-    ParameterError
-        If the width is not positive.
     """
     if not width > 0:
         raise ParameterError(f"the gate is {width} m wide; expected a positive width")
@@ -111,10 +105,7 @@ def lap_starts(data: Dataset, *, gate: tuple[float, float], heading: float, widt
 def laps(data: Dataset, starts: np.ndarray) -> Dataset:
     """Complete laps as experiments; what lies before the first and after the last crossing is left out.
 
-    Raises
-    ------
-    TooShortError
-        If there are fewer than two crossings in every experiment.
+    Raises TooShortError if there are fewer than two crossings in every experiment.
     """
     parts = []
     for a, b in zip(data.starts, data.stops, strict=True):

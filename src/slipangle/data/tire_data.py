@@ -30,6 +30,9 @@ class Tolerance(NamedTuple):
 class TireData:
     """Samples from a tire rig: slip, operating conditions, forces. SI units.
 
+    Raises ParameterError, NotFiniteError, UnitError or TooShortError if lengths differ, a number is not finite, a load
+    is not positive, or units cannot be right.
+
     Parameters
     ----------
     slip_ratio, slip_angle : array, shape (n_samples,)
@@ -42,11 +45,6 @@ class TireData:
         Positive leans the top to the right, by default none [rad]; inflation pressure [Pa]; forward speed [m/s].
     name, notes
         What was measured, what was done to it and what was seen in it, such as the sign system.
-
-    Raises
-    ------
-    ParameterError, NotFiniteError, UnitError, TooShortError
-        If lengths differ, a number is not finite, a load is not positive, or units cannot be right.
     """
 
     slip_ratio: np.ndarray
@@ -247,10 +245,7 @@ def joined(parts: Sequence[TireData], *, name: str = "") -> TireData:
 
     Signals that only some of the records have are left out, with a note.
 
-    Raises
-    ------
-    TooShortError
-        If there is no record.
+    Raises TooShortError if there is no record.
     """
     if not parts:
         raise TooShortError("there is no record to join; expected at least one")

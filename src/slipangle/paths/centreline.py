@@ -109,14 +109,8 @@ def limit_rise(
 def read_track(file: str | Path) -> np.ndarray:
     """Numbers of a track file, shape (n, 2) or (n, 4): x, y and, if there, width to the right and left. [m]
 
-    Raises
-    ------
-    MissingFileError
-        If there is no such file.
-    FormatError
-        If a line does not hold two or four numbers, as many as the first.
-    NotFiniteError
-        If a point has a coordinate that is NaN or infinite.
+    Raises MissingFileError if there is no such file, FormatError if a line does not hold two or four numbers, as many
+    as the first, and NotFiniteError if a point has a coordinate that is NaN or infinite.
     """
     source = Path(file)
     raw = read_bytes(source, "the track", "a CSV file: check the path")
@@ -153,10 +147,7 @@ def points_of_line(
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     """Points without repeated ones, the first again at the end if closed, and the distances to the edges there. [m]
 
-    Raises
-    ------
-    TooShortError, NotFiniteError, ParameterError
-        See `slipangle.paths.path.Path.from_points`.
+    Raises TooShortError, NotFiniteError or ParameterError; see `slipangle.paths.path.Path.from_points`.
     """
     x, y = np.asarray(X, dtype=float).ravel(), np.asarray(Y, dtype=float).ravel()
     if x.shape != y.shape:

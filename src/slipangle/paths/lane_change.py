@@ -37,6 +37,8 @@ def double_lane_change(
     the first lane. The centre line joins the middles of the lanes with quintic polynomials; the standard
     prescribes lanes only, no line.
 
+    Raises ParameterError if a length is negative, the width not positive, or the blends of two changes meet.
+
     Parameters
     ----------
     v_x, width : float
@@ -46,11 +48,6 @@ def double_lane_change(
         by 40 % and leaves the middle of the lane by 0.06 m at the last cones. [m]
     run_in, run_out : float
         Straight before the first and after the last cones. [m]
-
-    Raises
-    ------
-    ParameterError
-        If a length is negative, the width not positive, or the blends of two changes meet.
 
     References
     ----------

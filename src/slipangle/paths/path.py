@@ -25,6 +25,9 @@ _FIELDS = ("s", "X", "Y", "psi", "curvature", "v_x", "right", "left")
 class Path:
     """Centre line over arc length ``s``, evenly spaced from zero [m]; all arrays have shape (n,).
 
+    Raises ParameterError if lengths differ or the arc length is not evenly spaced from zero, and NotFiniteError if a
+    value is NaN, or infinite where it must not be.
+
     Parameters
     ----------
     X, Y, psi, curvature
@@ -33,13 +36,6 @@ class Path:
         Speed profile [m/s]; distance from the centre line to the lane's edges, infinite where nothing marks them [m].
     closed, name
         Whether the last sample is the first one again; for reports.
-
-    Raises
-    ------
-    ParameterError
-        If lengths differ or the arc length is not evenly spaced from zero.
-    NotFiniteError
-        If a value is NaN, or infinite where it must not be.
     """
 
     s: np.ndarray
@@ -92,6 +88,10 @@ class Path:
     ) -> Self:
         """Smooth line through points: a quintic spline, so the curvature is smooth too.
 
+        Raises TooShortError if there are fewer than four different points, NotFiniteError if a coordinate is NaN or
+        infinite, and ParameterError if the line is too long or too far away to be in metres, or no smooth line goes
+        through the points.
+
         Parameters
         ----------
         X, Y : array, shape (n,)
@@ -102,15 +102,6 @@ class Path:
             Distance to the lane's edges at each point. [m]
         spacing : float
             Arc length between samples of the result, about. [m]
-
-        Raises
-        ------
-        TooShortError
-            If there are fewer than four different points.
-        NotFiniteError
-            If a coordinate is NaN or infinite.
-        ParameterError
-            If the line is too long or too far away to be in metres, or no smooth line goes through the points.
         """
         x, y, edges = points_of_line(X, Y, {"right": right, "left": left}, closed=closed, name=name)
         if not (0 <= smoothing < math.inf and 0 < spacing < math.inf):
@@ -130,12 +121,7 @@ class Path:
         Lines that start with ``#`` are comments. Whether the track is closed is seen from the distance
         between its ends unless said.
 
-        Raises
-        ------
-        MissingFileError
-            If there is no such file.
-        FormatError
-            If a line does not hold two or four numbers.
+        Raises MissingFileError if there is no such file and FormatError if a line does not hold two or four numbers.
         """
         table = read_track(file)
         if closed is None:
@@ -205,6 +191,8 @@ class Path:
     ) -> Preview:
         """The path at some instants, such as a controller's `times`, or now, now + dt, ..., now + steps dt.
 
+        Raises ParameterError if there is no speed profile and no speed is given, or the instants do not rise from 0.
+
         Parameters
         ----------
         s : float
@@ -216,11 +204,6 @@ class Path:
         v_x : float, optional
             Measured speed now: the preview starts at it and keeps its distance to the profile. By default
             the profile itself. [m/s]
-
-        Raises
-        ------
-        ParameterError
-            If the path has no speed profile and no speed is given, or the instants do not rise from 0.
         """
         if isinstance(steps, int | np.integer) and dt > 0:
             times, strides = dt * np.arange(steps + 1), [(1, dt)] * int(steps)
@@ -261,10 +244,7 @@ class Path:
         ``near_s`` is where the foot was a moment ago: the search stays within ``window`` of it, so a path that crosses
         itself is followed in order and laps add up. By default the nearest of all. [m]
 
-        Raises
-        ------
-        NotFiniteError
-            If the point is not finite.
+        Raises NotFiniteError if the point is not finite.
         """
         if not (math.isfinite(X) and math.isfinite(Y)):
             raise NotFiniteError(f"the point to project is ({X}, {Y}); expected finite coordinates")

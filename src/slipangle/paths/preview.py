@@ -43,10 +43,7 @@ class Preview:
     def require_times(self, times: np.ndarray) -> None:
         """Raise unless the rows are those of a controller's `times`, as far as the number and the last instant say.
 
-        Raises
-        ------
-        ParameterError
-            With what there is and what is expected.
+        Raises ParameterError with what there is and what is expected.
         """
         if len(self) != len(times):
             raise ParameterError(

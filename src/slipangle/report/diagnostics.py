@@ -45,10 +45,7 @@ def correlogram(
     correlated; with a sample time ``dt`` [s] the abscissa is in seconds. ``index`` is the model's colour, as in the
     other figures.
 
-    Raises
-    ------
-    ParameterError
-        If the lengths differ.
+    Raises ParameterError if the lengths differ.
     """
     lags, values = np.asarray(lags, dtype=float), np.asarray(values, dtype=float)
     same_length("lags", len(lags), values=values)
@@ -78,17 +75,14 @@ def correlogram(
 def horizon_curves(curves: Mapping[str, HorizonErrors], channel: Channel) -> go.Figure:
     """RMSE over how far each model looks ahead, its free run as a dashed line.
 
+    Raises ParameterError if there is no curve.
+
     Parameters
     ----------
     curves : mapping of str to HorizonErrors
         By model, from `slipangle.identify.judge.compare.horizon_errors`.
     channel : Channel
         Which output, and its unit.
-
-    Raises
-    ------
-    ParameterError
-        If there is no curve.
     """
     if not curves:
         raise ParameterError("there is no curve to draw; got an empty mapping, expected at least one model: add one")

@@ -67,10 +67,7 @@ def signals(
     ``t`` is the time of the samples, shape (n,) [s]; ``spans`` are shaded and named; for ``starts`` and ``points`` see
     `slipangle.report.plots.measured_vs_simulated`.
 
-    Raises
-    ------
-    ParameterError
-        If there is no signal or a length differs from that of ``t``.
+    Raises ParameterError if there is no signal or a length differs from that of ``t``.
     """
     if not rows:
         raise ParameterError("there is no signal to draw; got an empty sequence, expected at least one Signal: add one")

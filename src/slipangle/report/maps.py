@@ -35,6 +35,8 @@ def track_map(
 ) -> go.Figure:
     """The driven path seen from above, coloured by a value; axes of equal scale.
 
+    Raises ParameterError if the lengths differ or no value is finite.
+
     Parameters
     ----------
     X, Y, value : array, shape (n,)
@@ -45,11 +47,6 @@ def track_map(
         True colours by the value around zero, false by its absolute value.
     starts, points
         First row of each experiment; at most so many dots, of each stretch the one with the largest value.
-
-    Raises
-    ------
-    ParameterError
-        If the lengths differ or no value is finite.
     """
     X, Y, value = (np.asarray(a, dtype=float) for a in (X, Y, value))
     style.same_length("X", len(X), Y=Y, value=value)

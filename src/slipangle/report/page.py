@@ -128,10 +128,7 @@ class Page:
     def write(self, path: str | Path) -> Path:
         """Write the page whole or not at all, and return where it is.
 
-        Raises
-        ------
-        WriteError
-            If the place cannot be written.
+        Raises WriteError if the place cannot be written.
         """
         return write_atomic(path, self.to_html())
 

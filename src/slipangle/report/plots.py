@@ -43,6 +43,8 @@ def measured_vs_simulated(
 ) -> go.Figure:
     """Measured and simulated output over time, with the error below on the same time axis.
 
+    Raises ParameterError if the lengths differ or there is no model.
+
     Parameters
     ----------
     t, measured : array, shape (n,)
@@ -55,11 +57,6 @@ def measured_vs_simulated(
         First row of each experiment; no line joins two of them.
     points : int
         About how many points each line keeps: of a longer series the lowest and highest sample of each bin.
-
-    Raises
-    ------
-    ParameterError
-        If the lengths differ or there is no model.
     """
     t, measured = np.asarray(t, dtype=float), np.asarray(measured, dtype=float)
     same_length("t", len(t), measured=measured)
@@ -90,10 +87,7 @@ def measured_vs_simulated(
 def trajectories(models: Mapping[str, Trajectory], channel: Channel, *, points: int = 4000) -> go.Figure:
     """`measured_vs_simulated` for one output of several models on the same data.
 
-    Raises
-    ------
-    ParameterError
-        If the trajectories do not hold that output or are not of the same samples.
+    Raises ParameterError if the trajectories do not hold that output or are not of the same samples.
     """
     _at_least_one(models)
     first = next(iter(models.values()))
@@ -188,6 +182,8 @@ def correlation(
 ) -> go.Figure:
     """Simulated over measured output with the identity line and R2; axes of equal scale.
 
+    Raises ParameterError if the lengths differ or fewer than two samples are finite.
+
     Parameters
     ----------
     measured, simulated : array, shape (n,)
@@ -196,11 +192,6 @@ def correlation(
         Lowest and highest value of both axes, to set several models side by side; by default from the data.
     index, points : int
         Colour of the model, as in the other figures; about how many samples are drawn, evenly chosen. R2 is of all.
-
-    Raises
-    ------
-    ParameterError
-        If the lengths differ or fewer than two samples are finite.
     """
     y, y_hat = np.asarray(measured, dtype=float), np.asarray(simulated, dtype=float)
     same_length("measured", len(y), simulated=y_hat)

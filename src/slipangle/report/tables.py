@@ -87,10 +87,7 @@ class Table:
 
     ``warnings`` are sentences that a reader must not miss.
 
-    Raises
-    ------
-    ParameterError
-        If a row has another number of cells than there are columns.
+    Raises ParameterError if a row has another number of cells than there are columns.
     """
 
     title: str

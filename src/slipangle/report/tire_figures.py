@@ -56,10 +56,7 @@ def pure_slip(
     ``over`` is the slip that moves, the other being zero, by default the one that the quantity goes with; loads [N] are
     by default some inside the range of the tire; ``camber`` is in rad.
 
-    Raises
-    ------
-    ParameterError
-        If there is no such quantity.
+    Raises ParameterError if there is no such quantity.
     """
     require_quantity(quantity)
     along = (over or ("slip_ratio" if quantity == "F_x" else "slip_angle")) == "slip_ratio"

@@ -26,10 +26,7 @@ def fit_figure(
     F_x is drawn over slip ratio at small slip angles, the other quantities over slip angle at small slip ratios, for at
     most about so many loads as ``sweeps``, at the camber nearest to zero and one pressure, and so many ``points``.
 
-    Raises
-    ------
-    ParameterError
-        If the data hold no such quantity or no sweep of its slip.
+    Raises ParameterError if the data hold no such quantity or no sweep of its slip.
     """
     tire_figures.require_quantity(quantity)
     if getattr(data, quantity) is None:

@@ -49,6 +49,9 @@ def closed_loop(
     `Model.correct`; the preview starts at the measured speed. Inputs of the plant come, in this order, from
     the controller, from the driver, from ``held``, and ``v_x`` from the path's speed profile.
 
+    Raises ParameterError if a measurement or an input has no source, or the path has no speed profile, and
+    SampleTimeError if the sample times do not divide each other.
+
     Parameters
     ----------
     plant, controller, path
@@ -66,13 +69,6 @@ def closed_loop(
         Vehicle width, for `Run.inside` [m]; time between samples of the result and steps of the driver [s].
     progress : callable, optional
         Called with the fraction of the path that is done.
-
-    Raises
-    ------
-    ParameterError
-        If a measurement or an input has no source, or the path has no speed profile.
-    SampleTimeError
-        If the sample times do not divide each other.
     """
     loop = _Loop(plant, controller, path, driver, held or Values(), sample)
     limit = _time_limit(path) if duration is None else duration

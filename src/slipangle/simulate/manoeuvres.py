@@ -27,10 +27,7 @@ class Manoeuvre(Checked):
 
     From ``release`` [s] on the driver's foot is off the throttle for good and the brake pedal at ``brake``.
 
-    Raises
-    ------
-    ParameterError, NotFiniteError
-        If lengths differ, a number is out of its range, or a value is not finite.
+    Raises ParameterError or NotFiniteError if lengths differ, a number is out of its range, or a value is not finite.
     """
 
     delta: np.ndarray
@@ -163,14 +160,8 @@ def record(
     ``held`` are constant inputs that nobody else sets, ``x0`` is where it starts, by default straight ahead at the
     first speed.
 
-    Raises
-    ------
-    ParameterError
-        If the plant lacks a channel or an input, or nobody sets one.
-    SampleTimeError
-        If the manoeuvre's sample time is no multiple of the plant's.
-    SimulationError
-        If the plant leaves the finite numbers.
+    Raises ParameterError if the plant lacks a channel or an input, or nobody sets one, SampleTimeError if the
+    manoeuvre's sample time is no multiple of the plant's, and SimulationError if the plant leaves the finite numbers.
     """
     names, fixed = plant.model.inputs, held or Values()
     logged = tuple(channels) or tuple(n for n in plant.model.outputs if n not in names)
@@ -303,10 +294,7 @@ def lap(
 ) -> Path:
     """A lap on a track file (`Path.from_csv`) with the fastest speed within acceleration limits. [m/s, m/s2]
 
-    Raises
-    ------
-    MissingFileError, FormatError, ParameterError
-        See `Path.from_csv` and `Path.with_speed_limits`.
+    Raises MissingFileError, FormatError or ParameterError; see `Path.from_csv` and `Path.with_speed_limits`.
     """
     path = Path.from_csv(file, smoothing=smoothing)
     return path.with_speed_limits(v_max=v_max, a_y=a_y, a_x=a_x, a_brake=a_brake)

@@ -21,6 +21,8 @@ from slipangle.simulate.sensors import Sensors, Stream
 class Plant(Checked):
     """The vehicle: any `Model`, run at its own sample time (usually a millisecond).
 
+    Raises ParameterError if a name is not known or a number negative.
+
     Parameters
     ----------
     model : Model
@@ -37,11 +39,6 @@ class Plant(Checked):
         Instruments of channels that are not simply true plus `noise`: sampling, delay, bias, quantisation, drop-outs.
     seed : int
         Of the noise; every channel has its own stream, so noise on one does not change another's.
-
-    Raises
-    ------
-    ParameterError
-        If a name is not known or a number negative.
     """
 
     model: Model

@@ -59,10 +59,7 @@ class Run:
     def __getitem__(self, name: str) -> np.ndarray:
         """Samples of a state or input of the plant, or of a path error, shape (n,).
 
-        Raises
-        ------
-        ParameterError
-            If there is none of that name; the nearest names are given.
+        Raises ParameterError if there is none of that name; the nearest names are given.
         """
         if name in self.state_names:
             return self.states[:, self.state_names.index(name)]

@@ -41,6 +41,8 @@ def common(cls: type[T], table: dict[str, Any], where: str) -> tuple[T, dict[str
 def arguments(call: Callable[..., Any], table: dict[str, Any], where: str, *, skip: int = 0) -> dict[str, Any]:
     """A table as keyword arguments of a function or class, each checked against its annotation where it has one.
 
+    Raises ConfigError if an entry is unknown, missing or of the wrong type; the nearest names are given.
+
     Parameters
     ----------
     call : callable
@@ -51,11 +53,6 @@ def arguments(call: Callable[..., Any], table: dict[str, Any], where: str, *, sk
         Place of the table, for messages.
     skip : int
         How many leading parameters are given otherwise.
-
-    Raises
-    ------
-    ConfigError
-        If an entry is unknown, missing or of the wrong type; the nearest names are given.
     """
     try:
         hints = typing.get_type_hints(call if inspect.isfunction(call) else call.__init__, include_extras=True)

@@ -96,10 +96,7 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
 
     A model that cannot be fitted costs the others nothing: it is in `Outcome.failures`.
 
-    Raises
-    ------
-    SlipangleError
-        For every kind of bad input, before any later step begins; or if no model could be fitted.
+    Raises SlipangleError for every kind of bad input, before any later step begins; or if no model could be fitted.
     """
     progress(0.0, "reading the log")
     raw = load_data(settings)

@@ -97,12 +97,8 @@ class Settings:
 def read_settings(path: str | Path) -> Settings:
     """Read a job's TOML file.
 
-    Raises
-    ------
-    MissingFileError
-        If the file does not exist.
-    ConfigError
-        If an entry is unknown, missing or of the wrong type; the nearest names are given.
+    Raises MissingFileError if the file does not exist, and ConfigError if an entry is unknown, missing or of the wrong
+    type; the nearest names are given.
     """
     file = Path(path)
     try:

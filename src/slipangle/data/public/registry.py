@@ -52,10 +52,7 @@ class PublicSet:
     def file(self, name: str) -> PublicFile:
         """A file of the set.
 
-        Raises
-        ------
-        ParameterError
-            If there is none of that name.
+        Raises ParameterError if there is none of that name.
         """
         files = {file.name: file for file in self.files}
         if name not in files:
@@ -132,10 +129,7 @@ def list_sets() -> tuple[PublicSet, ...]:
 def find_set(name: str) -> PublicSet:
     """A public data set by name.
 
-    Raises
-    ------
-    ParameterError
-        If there is none; the nearest names are given.
+    Raises ParameterError if there is none; the nearest names are given.
     """
     sets = {public.name: public for public in list_sets()}
     if name not in sets:
@@ -158,10 +152,7 @@ def _digest(path: Path) -> str:
 def check(name: str) -> tuple[FileState, ...]:
     """Look for the files of a set and compare their hashes, one state each; nothing is downloaded.
 
-    Raises
-    ------
-    ParameterError
-        If there is no such set.
+    Raises ParameterError if there is no such set.
     """
     states = []
     for file in find_set(name).files:

@@ -22,12 +22,8 @@ def public(name: str) -> Dataset:
 
     Inputs and outputs are chosen; `Dataset.notes` says what is odd about the data.
 
-    Raises
-    ------
-    ParameterError
-        If there is no such set, or it is not a log.
-    MissingFileError, HashError
-        If its files cannot be had, or are not the published ones.
+    Raises ParameterError if there is no such set, or it is not a log, and MissingFileError or HashError if its files
+    cannot be had, or are not the published ones.
     """
     if name not in LOADERS:
         if any(s.name == name for s in list_sets()):
@@ -85,12 +81,8 @@ def ferrari_250lm(rate: float = 20.0) -> Dataset:
     Inputs are ``delta`` [rad] and ``v_x`` [m/s], the output is ``r`` [rad/s]; ``v_y``, ``beta``, ``a_x``, ``a_y``,
     ``r_dot`` and the dead-reckoned ``X``, ``Y``, ``psi`` ride along.
 
-    Raises
-    ------
-    SampleTimeError
-        If the rate is not between 0 and 100 Hz.
-    MissingFileError, HashError
-        If the files cannot be had, or are not the published ones.
+    Raises SampleTimeError if the rate is not between 0 and 100 Hz, and MissingFileError or HashError if the files
+    cannot be had, or are not the published ones.
     """
     if not 0 < rate <= 100:
         raise SampleTimeError(f"the rate is {rate} Hz; expected above 0 and at most 100 Hz, as recorded: lower it")

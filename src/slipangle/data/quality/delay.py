@@ -78,6 +78,9 @@ def estimate_delay(data: Dataset, input: str, output: str, *, longest: float = 1
     count as much as they tell; its inverse transform, evaluated between the samples too, peaks at the
     lag sought. What comes out is the pure delay plus the lag of the dynamics, not the pure delay alone.
 
+    Raises MissingColumnError or ParameterError if a channel does not exist, or ``longest`` or ``f_max`` is not
+    positive, and ExcitationError or TooShortError if a channel is constant, or no stretch lasts ``32 longest``.
+
     Parameters
     ----------
     data, input, output
@@ -91,13 +94,6 @@ def estimate_delay(data: Dataset, input: str, output: str, *, longest: float = 1
     -------
     Delay
         Look at `Delay.clear` before using it.
-
-    Raises
-    ------
-    MissingColumnError, ParameterError
-        If a channel does not exist, or ``longest`` or ``f_max`` is not positive.
-    ExcitationError, TooShortError
-        If a channel is constant, or no stretch is long enough: ``32 longest``.
 
     References
     ----------

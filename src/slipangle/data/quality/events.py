@@ -86,6 +86,8 @@ def find_spikes(data: Dataset, channel: str, *, width: int = 5, threshold: float
 
     At the very ends of a recording a spike cannot be told from a step and is not reported.
 
+    Raises MissingColumnError or ParameterError if there is no such channel, or the settings make no sense.
+
     Parameters
     ----------
     data, channel
@@ -99,11 +101,6 @@ def find_spikes(data: Dataset, channel: str, *, width: int = 5, threshold: float
     -------
     tuple of Spike
         In order of time; ``size`` is the distance from the running median.
-
-    Raises
-    ------
-    MissingColumnError, ParameterError
-        If there is no such channel, or the settings make no sense.
     """
     _checked(width, threshold)
     unit = data.unit(channel)

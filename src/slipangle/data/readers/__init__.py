@@ -43,10 +43,7 @@ def reader(
 
     Units, time stamps, gaps and missing numbers are then settled as for any log; see `Reader` for the settings.
 
-    Raises
-    ------
-    ParameterError
-        If another reader has this name.
+    Raises ParameterError if another reader has this name.
     """
 
     def add(columns_of: Callable[[Path], ChannelTable]) -> Callable[[Path], ChannelTable]:
@@ -65,12 +62,8 @@ def read(path: str | Path, *args: Any, **kwargs: Any) -> Dataset:
 
     What follows the path is passed to the reader; see `read_csv`.
 
-    Raises
-    ------
-    MissingFileError
-        If the file cannot be read.
-    FormatError
-        If no reader knows the file, or several recognise it; they are listed.
+    Raises MissingFileError if the file cannot be read, and FormatError if no reader knows the file, or several
+    recognise it, which are listed.
     """
     file = Path(path)
     known = [name for name, r in READERS.items() if r.recognises is not None]

@@ -126,12 +126,7 @@ class ArrayTable:
 def find_column(table: ChannelTable, source: str | int, channel: str) -> int:
     """Position of a column.
 
-    Raises
-    ------
-    MissingColumnError
-        If there is none; the nearest names are given.
-    ParameterError
-        If two columns have that name.
+    Raises MissingColumnError with the nearest names if there is none, and ParameterError if two have that name.
     """
     count = len(table.headers)
     if isinstance(source, int):
@@ -339,10 +334,7 @@ def assemble(
     Parameters are those of `slipangle.data.readers.csv.read_csv`; ``epoch`` keeps time stamps that count
     from 1970 as they are.
 
-    Raises
-    ------
-    SlipangleError
-        One of its kinds per kind of bad input; see `read_csv`.
+    Raises SlipangleError, one of its kinds per kind of bad input; see `read_csv`.
     """
     if nan not in ("error", "gap"):
         raise ParameterError(f"nan is {nan!r}; expected 'error' or 'gap': choose one")

@@ -91,12 +91,8 @@ def write_csv(data: Dataset, path: str | Path) -> Path:
     The first line is a comment with sample time, inputs, outputs and notes; headings are
     ``name [unit]``; numbers have 17 digits. Several experiments get a column ``experiment``.
 
-    Raises
-    ------
-    WriteError
-        If the place cannot be written; nothing is left half-written.
-    UnitError
-        If a channel's unit is not one that can be read back.
+    Raises WriteError if the place cannot be written, where nothing is left half-written, and UnitError if a channel's
+    unit is not one that can be read back.
     """
     meta = {
         "name": data.name,

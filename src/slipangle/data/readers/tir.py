@@ -72,10 +72,7 @@ class TirFile:
     def number(self, key: str) -> float | None:
         """Value in SI units; ``None`` where the key is absent or blank.
 
-        Raises
-        ------
-        FormatError
-            If the value is a word, with its line number.
+        Raises FormatError if the value is a word, with its line number.
         """
         line = self.entries.get(key.upper())
         if line is None or line.value is None:
@@ -102,10 +99,7 @@ class TirFile:
     def tables(self) -> dict[str, np.ndarray]:
         """Tables by heading, shape (n_rows, n_columns), in the units of the file.
 
-        Raises
-        ------
-        FormatError
-            If a row has another number of columns than the first of its table.
+        Raises FormatError if a row has another number of columns than the first of its table.
         """
         rows: dict[str, list[tuple[float, ...]]] = {}
         for line in self.lines:
@@ -136,6 +130,8 @@ class TirFile:
     ) -> TirFile:
         """A copy with some values replaced or added; everything else stays as it is.
 
+        Raises ParameterError if a key is new and no heading is given for it.
+
         Parameters
         ----------
         values : mapping
@@ -144,11 +140,6 @@ class TirFile:
             New comments by key.
         section : mapping, optional
             Heading for keys that the file does not have yet.
-
-        Raises
-        ------
-        ParameterError
-            If a key is new and no heading is given for it.
         """
         comments, section = comments or {}, section or {}
         pending = {key.upper(): value for key, value in values.items()}
@@ -185,10 +176,7 @@ class TirFile:
     def write(self, path: str | Path) -> Path:
         """Write the file, whole or not at all.
 
-        Raises
-        ------
-        WriteError
-            If the place cannot be written.
+        Raises WriteError if the place cannot be written.
         """
         return write_atomic(path, self.text.encode(self.encoding))
 
@@ -211,14 +199,8 @@ class TirFile:
 def read_tir(path: str | Path) -> TirFile:
     """Read a tire property file.
 
-    Raises
-    ------
-    MissingFileError
-        If the file does not exist or cannot be read.
-    FormatError
-        If a line cannot be read, with its number.
-    UnitError
-        If [UNITS] names an unknown unit or mixes systems, or the numbers do not fit the units.
+    Raises MissingFileError if the file does not exist or cannot be read, FormatError if a line cannot be read, with its
+    number, and UnitError if [UNITS] names an unknown unit or mixes systems, or the numbers do not fit the units.
     """
     raw = read_bytes(path, "the tire file", "a .tir file: check the path")
     if b"\0" in raw:

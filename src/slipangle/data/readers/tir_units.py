@@ -109,10 +109,7 @@ class Units:
     def check_plausible(self, numbers: Mapping[str, float], name: str) -> None:
         """Refuse numbers that cannot be in the units that the file names.
 
-        Raises
-        ------
-        UnitError
-            With the key, its value in SI units and the range of tires.
+        Raises UnitError with the key, its value in SI units and the range of tires.
         """
         for key, (lower, upper, unit) in _PLAUSIBLE.items():
             value = numbers.get(key)

@@ -75,10 +75,8 @@ def read_ttc(path: str | Path, *, name: str = "") -> TireData:
     The file is ``.mat`` (one variable per channel, MATLAB 7 or older) or ``.dat`` (a title, channel names, units,
     numbers). Notes say which sign system was found and what was left out.
 
-    Raises
-    ------
-    MissingFileError, FormatError, MissingColumnError, UnitError, ExcitationError, TooShortError
-        With the file, the line or channel, and what to do.
+    Raises MissingFileError, FormatError, MissingColumnError, UnitError, ExcitationError or TooShortError with the file,
+    the line or channel, and what to do.
     """
     file = Path(path)
     if not file.is_file():
