@@ -24,16 +24,14 @@ def equirectangular(
 
     Raises ParameterError if a latitude is beyond a pole (such as degrees would be) or there is no sample.
 
+    Source: J. P. Snyder, Map Projections: A Working Manual, USGS, 1987, sec. 12.
+
     Parameters
     ----------
     latitude, longitude : array, shape (n,)
         North and east positive. [rad]
     origin : (float, float), optional
         Latitude and longitude of the origin [rad]; by default the first sample.
-
-    References
-    ----------
-    .. [1] J. P. Snyder, Map Projections: A Working Manual, USGS, 1987, sec. 12.
 
     >>> x, y = equirectangular(np.array([0.0, 1e-4]), np.array([0.0, 0.0]))
     >>> round(float(y[1]), 2), float(x[1])

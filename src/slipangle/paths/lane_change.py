@@ -39,6 +39,8 @@ def double_lane_change(
 
     Raises ParameterError if a length is negative, the width not positive, or the blends of two changes meet.
 
+    Source: ISO 3888-1:2018, Passenger cars, Test track for a severe lane-change manoeuvre, part 1.
+
     Parameters
     ----------
     v_x, width : float
@@ -48,10 +50,6 @@ def double_lane_change(
         by 40 % and leaves the middle of the lane by 0.06 m at the last cones. [m]
     run_in, run_out : float
         Straight before the first and after the last cones. [m]
-
-    References
-    ----------
-    .. [1] ISO 3888-1:2018, Passenger cars, Test track for a severe lane-change manoeuvre, part 1.
 
     >>> path = double_lane_change(20.0, width=1.8)
     >>> round(float(path.Y.max()), 3)
@@ -71,9 +69,7 @@ def obstacle_avoidance(
     least 3 m) wide; the second lane begins 1 m left of the first one's left edge; the third has the first
     one's right edge. Parameters as in `double_lane_change`.
 
-    References
-    ----------
-    .. [1] ISO 3888-2:2011, Passenger cars, Test track for a severe lane-change manoeuvre, part 2.
+    Source: ISO 3888-2:2011, Passenger cars, Test track for a severe lane-change manoeuvre, part 2.
     """
     widths = 1.1 * width + 0.25, width + 1.0, max(1.3 * width + 0.25, 3.0)
     name, lengths = "ISO 3888-2 obstacle avoidance", (12.0, 13.5, 11.0, 12.5, 12.0)

@@ -109,16 +109,14 @@ def trajectories(models: Mapping[str, Trajectory], channel: Channel, *, points: 
 
 
 def rainclouds(errors: Mapping[str, np.ndarray], *, channel: Channel, points: int = 300, seed: int = 0) -> go.Figure:
-    """Raincloud of each model's error: density above, quartile box, single samples below [1]_.
+    """Raincloud of each model's error: density above, quartile box, single samples below.
 
     ``errors`` are measured minus simulated, in the channel's unit; NaN is left out, lengths may differ. At most so many
     ``points`` are drawn as rain, the two extremes always among them; ``seed`` is that of the draw and the jitter. A
     ParameterError says that there is no model, or that one has no finite error.
 
-    References
-    ----------
-    .. [1] M. Allen et al., Raincloud plots: a multi-platform tool for robust data visualization,
-       Wellcome Open Research 4:63, 2019.
+    Source: M. Allen et al., Raincloud plots: a multi-platform tool for robust data visualization, Wellcome Open
+    Research 4:63, 2019.
     """
     _at_least_one(errors)
     rng = np.random.default_rng(seed)

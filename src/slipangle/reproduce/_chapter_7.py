@@ -96,14 +96,12 @@ def planar_model(speeds: tuple[float, ...] = SPEEDS, shape: Shape = "triangular"
 
 @dataclass(frozen=True, kw_only=True)
 class Lateral(OdeModel):
-    """The single track at a given speed. [1]_ eq. 7-1
+    """The single track at a given speed.
 
     States v_y [m/s], r [rad/s], X, Y [m], psi [rad]; inputs delta [rad] and v_x [m/s]. The tires carry the static load;
     below 3 m/s slip angles are those at 3 m/s.
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eq. 7-1.
     """
 
     states = ("v_y", "r", "X", "Y", "psi")

@@ -187,11 +187,9 @@ def judge(model: Model, test: Dataset, spent: tuple[float, float] = (float("nan"
 
 
 def median_error(values: np.ndarray) -> float:
-    """Standard error of the median of few normal values ([1]_, 1.25 times that of the mean); 0 for a single one.
+    """Standard error of the median of few normal values (1.25 times that of the mean); 0 for a single one.
 
-    References
-    ----------
-    .. [1] M. G. Kendall, A. Stuart, The Advanced Theory of Statistics, vol. 1, 1977, sec. 10.
+    Source: M. G. Kendall, A. Stuart, The Advanced Theory of Statistics, vol. 1, 1977, sec. 10.
     """
     n = len(values)
     return float(np.sqrt(np.pi / 2 / n) * np.std(values, ddof=1)) if n > 1 else 0.0

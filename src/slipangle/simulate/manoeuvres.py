@@ -64,11 +64,9 @@ def _samples(duration: float, dt: float) -> int:
 def step_steer(
     v_x: float, amplitude: float, *, duration: float = 5.0, start: float = 1.0, rise: float = 0.1, dt: float = 0.01
 ) -> Manoeuvre:
-    """Steering angle that rises to ``amplitude`` [rad] within ``rise`` and stays. ISO 7401 [1]_.
+    """Steering angle that rises to ``amplitude`` [rad] within ``rise`` and stays.
 
-    References
-    ----------
-    .. [1] ISO 7401:2011, Road vehicles - Lateral transient response test methods.
+    Source: ISO 7401:2011, Road vehicles - Lateral transient response test methods.
     """
     n = _samples(duration, dt)
     delta = excite.step(n, dt, amplitude=amplitude, start=start, rise=rise)
@@ -78,11 +76,9 @@ def step_steer(
 def sine_steer(
     v_x: float, amplitude: float, frequency: float, *, periods: float = 5.0, start: float = 1.0, dt: float = 0.01
 ) -> Manoeuvre:
-    """Sine of the steering angle, to the left first: amplitude [rad], frequency [Hz]. [1]_ sec. 7.1.3
+    """Sine of the steering angle, to the left first: amplitude [rad], frequency [Hz].
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, sec. 7.1.3.
     """
     if not frequency > 0:
         raise ParameterError(f"the sine's frequency is {frequency} Hz; expected a positive number")
@@ -244,10 +240,12 @@ def three_segments(
     jump: float = 8.0,
     hold: float = 45.0,
 ) -> Path:
-    """Path of [1]_ sec. 7.2.2: wide slow waves, small fast waves, then abrupt jumps to the side.
+    """Path of wide slow waves, small fast waves, then abrupt jumps to the side.
 
     The source shows it in a figure without numbers, so the lengths here are our own. A jump of the reference is
     drawn over ``jump`` metres, which is faster than the car can follow.
+
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, sec. 7.2.2.
 
     Parameters
     ----------
@@ -257,10 +255,6 @@ def three_segments(
         Wave lengths of segments 1 and 2; two and a half, and three waves. [m]
     jump, hold : float
         Length of a jump and of the straight after it. [m]
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
 
     >>> path = three_segments()
     >>> bool(path.v_x.min() >= 10.0 and path.v_x.max() <= 20.0)

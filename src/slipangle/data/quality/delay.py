@@ -74,12 +74,15 @@ def _spectra(
 def estimate_delay(data: Dataset, input: str, output: str, *, longest: float = 1.0, f_max: float = _FASTEST) -> Delay:
     """Estimate how long ``output`` takes to follow ``input``.
 
-    The cross spectrum is whitened and weighted by ``coherence / (1 - coherence)`` [1]_, so frequencies
+    The cross spectrum is whitened and weighted by ``coherence / (1 - coherence)``, so frequencies
     count as much as they tell; its inverse transform, evaluated between the samples too, peaks at the
     lag sought. What comes out is the pure delay plus the lag of the dynamics, not the pure delay alone.
 
     Raises MissingColumnError or ParameterError if a channel does not exist, or ``longest`` or ``f_max`` is not
     positive, and ExcitationError or TooShortError if a channel is constant, or no stretch lasts ``32 longest``.
+
+    Source: C. Knapp, G. Carter, "The generalized correlation method for estimation of time delay", IEEE Trans.
+    Acoustics, Speech, and Signal Processing 24(4), 1976, 320-327 (Hannan-Thomson processor).
 
     Parameters
     ----------
@@ -94,11 +97,6 @@ def estimate_delay(data: Dataset, input: str, output: str, *, longest: float = 1
     -------
     Delay
         Look at `Delay.clear` before using it.
-
-    References
-    ----------
-    .. [1] C. Knapp, G. Carter, "The generalized correlation method for estimation of time delay", IEEE
-       Trans. Acoustics, Speech, and Signal Processing 24(4), 1976, 320-327 (Hannan-Thomson processor).
     """
     if not (longest > 0 and f_max > 0):
         raise ParameterError(f"longest is {longest} s and f_max is {f_max} Hz; expected positive numbers")

@@ -43,6 +43,8 @@ def time(n: int, dt: float) -> np.ndarray:
 def prbs(n: int, *, amplitude: float = 1.0, hold: int = 1, order: int | None = None, seed: int = 0) -> np.ndarray:
     """Pseudo-random binary sequence: ``+amplitude`` and ``-amplitude``, a maximum-length shift register.
 
+    Source: L. Ljung, System Identification: Theory for the User, 2nd ed., Prentice Hall, 1999, sec. 13.3.
+
     Parameters
     ----------
     n, amplitude
@@ -54,10 +56,6 @@ def prbs(n: int, *, amplitude: float = 1.0, hold: int = 1, order: int | None = N
         smallest that does not repeat within ``n``.
     seed : int
         Chooses the register's first state, that is where in its period the sequence starts.
-
-    References
-    ----------
-    .. [1] L. Ljung, System Identification: Theory for the User, 2nd ed., Prentice Hall, 1999, sec. 13.3.
 
     >>> prbs(6, order=3, seed=1).tolist() == prbs(13, order=3, seed=1)[7:].tolist()
     True
@@ -94,6 +92,9 @@ def multisine(
     One period is ``n`` samples: repeat it with `numpy.tile`, drop the transient, and its spectrum has
     lines at exactly these frequencies and nowhere else.
 
+    Source: M. R. Schroeder, "Synthesis of low-peak-factor signals and binary sequences with low autocorrelation", IEEE
+    Trans. Information Theory 16(1), 1970, 85-89.
+
     Parameters
     ----------
     n, dt, amplitude
@@ -102,11 +103,6 @@ def multisine(
         Lowest and highest frequency, at most half the sample rate. [Hz]
     phases : {"schroeder", "random"}
         Schroeder's phases keep the peak low for the power; random ones use ``seed``.
-
-    References
-    ----------
-    .. [1] M. R. Schroeder, "Synthesis of low-peak-factor signals and binary sequences with low
-       autocorrelation", IEEE Trans. Information Theory 16(1), 1970, 85-89.
     """
     _check(n, dt)
     _below_nyquist(f_max, dt, "f_max")
@@ -135,6 +131,8 @@ def swept_sine(
 ) -> np.ndarray:
     """Sine whose frequency runs from ``f_start`` to ``f_stop``; it starts at zero, rising.
 
+    Source: ISO 7401:2011, Road vehicles - Lateral transient response test methods, continuous sinusoidal input.
+
     Parameters
     ----------
     n, dt, amplitude
@@ -143,11 +141,6 @@ def swept_sine(
         First and last frequency, at most half the sample rate. [Hz]
     method : {"linear", "logarithmic"}
         Constant hertz, or constant octaves, per second.
-
-    References
-    ----------
-    .. [1] ISO 7401:2011, Road vehicles - Lateral transient response test methods, continuous
-       sinusoidal input.
     """
     _check(n, dt)
     for what, frequency in (("f_start", f_start), ("f_stop", f_stop)):

@@ -63,11 +63,9 @@ def smooth_steps(v: Scalar, centres: np.ndarray, width: float, weights: Vector) 
 
 
 def carriage(v: Scalar, force: Scalar, p: EmpsParams, learned: Scalar = 0.0) -> Vector:
-    """Rates of position [m/s] and speed [m/s2]; ``learned`` is friction beside that of ``p``. [N] [1]_ eq. A-4.
+    """Rates of position [m/s] and speed [m/s2]; ``learned`` is friction beside that of ``p``. [N]
 
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eq. A-4.
     """
     friction = p.viscous * v + p.coulomb * tanh(v / p.v_slip) + p.offset + learned
     return stack([v, (force - friction) / p.mass])
@@ -76,10 +74,13 @@ def carriage(v: Scalar, force: Scalar, p: EmpsParams, learned: Scalar = 0.0) -> 
 @RECORDS.register("Emps")
 @dataclass(frozen=True, kw_only=True)
 class Emps(OdeModel):
-    """``mass dv/dt = force - viscous v - coulomb sign(v) - offset``, ``dq/dt = v``. [1]_ eq. A-4.
+    """``mass dv/dt = force - viscous v - coulomb sign(v) - offset``, ``dq/dt = v``.
 
     The sign is smoothed over `EmpsParams.v_slip`. A free run starts from the first samples of the channels ``q`` and
     ``v``, at rest where there is no ``v``.
+
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eq. A-4; A. Janot, M. Gautier, M. Brunot, Workshop on Nonlinear
+    System Identification Benchmarks, 2019: data set and reference model.
 
     Parameters
     ----------
@@ -87,11 +88,6 @@ class Emps(OdeModel):
         Inertia and friction.
     friction : FrictionCurve, optional
         Learned friction on top.
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023; A. Janot, M. Gautier, M. Brunot, Workshop on Nonlinear System
-       Identification Benchmarks, 2019: data set and reference model.
     """
 
     states = ("q", "v")

@@ -25,6 +25,8 @@ class FrictionFit(Checked):
     The curve is a sum of smooth steps at evenly spaced speeds, with a normal prior on their heights: with a small
     ``weight_std`` little is left of it. Nothing is random.
 
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, appendix A.4: the drive.
+
     Parameters
     ----------
     start, free
@@ -39,10 +41,6 @@ class FrictionFit(Checked):
         Time after which free-run errors are taken as independent; sets how much the data weigh against the prior. [s]
     max_iterations : int
         Limit on steps.
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023, appendix A.4: the drive.
     """
 
     start: Emps

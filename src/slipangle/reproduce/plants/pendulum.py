@@ -13,16 +13,14 @@ from slipangle.units import SI
 @RECORDS.register("PendulumParams")
 @dataclass(frozen=True, kw_only=True)
 class PendulumParams(ParameterSet):
-    """Cart and pendulum; the defaults are those of the balance system in [1]_.
+    """Cart and pendulum; the defaults are those of the balance system of the source.
 
     Its equations are those of the thesis, letter by letter, and its numbers are M = 10 kg, m = 80 kg, J = 100 kg m2,
     l = 1 m, c = 0.1 N s/m, gamma = 0.01 N m s, g = 9.8 m/s2, with the state feedback K = [-15.3 1730 -50 443] on
     [p theta p' theta']. Public solutions to its exercises use the same set and gain, and the gain stabilises this
     model, which a test checks.
 
-    References
-    ----------
-    .. [1] K. J. Astrom, R. M. Murray, Feedback Systems, Princeton University Press, 2008, balance system.
+    Source: K. J. Astrom, R. M. Murray, Feedback Systems, Princeton University Press, 2008, balance system.
     """
 
     mass_cart: Annotated[float, SI("kg", "mass of the base", 1e-3, 1e5)] = 10.0
@@ -35,7 +33,9 @@ class PendulumParams(ParameterSet):
 
 
 def pendulum(x: Vector, F: Vector, p: PendulumParams) -> Vector:
-    """State rates of cart and pendulum. [1]_ eqs. A-6, A-7, solved for the accelerations.
+    """State rates of cart and pendulum.
+
+    Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eqs. A-6, A-7, solved for the accelerations.
 
     Parameters
     ----------
@@ -45,10 +45,6 @@ def pendulum(x: Vector, F: Vector, p: PendulumParams) -> Vector:
         Horizontal force on the base. [N]
     p : PendulumParams
         The parameters.
-
-    References
-    ----------
-    .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
     """
     theta, v, omega = x[1], x[2], x[3]
     ml = p.mass * p.length
