@@ -5,12 +5,12 @@ from __future__ import annotations
 import html
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
@@ -80,6 +80,11 @@ class Findings:
 
     title: str
     items: tuple[Finding, ...]
+
+    @classmethod
+    def of(cls, title: str, sentences: Iterable[str], tone: Tone | None = None) -> Self:
+        """Findings that are meant alike."""
+        return cls(title=title, items=tuple(Finding(sentence=s, tone=tone) for s in sentences))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from slipangle.data.tire_data import TireData
 from slipangle.errors import ParameterError
 from slipangle.models.model import FitInfo
 from slipangle.models.tires.simple import Tire
-from slipangle.report.page import Fact, Figure, Finding, Findings, Grid, Page, Section
+from slipangle.report.page import Fact, Figure, Findings, Grid, Page, Section
 from slipangle.report.tables import Heading, Row, Table, parameter_table
 from slipangle.report.tire_figures import (
     QUANTITIES,
@@ -127,7 +127,7 @@ def _measured(data: TireData) -> list[Quantity]:
 def _fit(tire: Tire, data: TireData) -> Section:
     blocks: list[Any] = [fit_errors(tire, data)]
     if data.notes:
-        blocks.append(Findings(title="What was seen in the data", items=tuple(Finding(sentence=n) for n in data.notes)))
+        blocks.append(Findings.of("What was seen in the data", data.notes))
     for quantity in _measured(data):
         try:
             figure = fit_figure(tire, data, quantity)

@@ -208,9 +208,8 @@ def records(
 
 def figures(car: Car, done: Drive, path: Path) -> tuple[Any, ...]:
     """Path, signals and solver time of one drive."""
-    line = path.ahead(0.0, 400, path.length / 400 / car.speed)
-    normal = np.column_stack([-np.sin(line.psi), np.cos(line.psi)])
-    centre = np.column_stack([line.X, line.Y])
+    right, left = path.boundaries()
+    centre = np.column_stack([path.X, path.Y])
     t = SAMPLE * np.arange(len(done.e_y))
     held = np.repeat([plan.command for plan in done.plans], round(STEP / SAMPLE), axis=0)[: len(t)]
     rows = [
@@ -221,12 +220,7 @@ def figures(car: Car, done: Drive, path: Path) -> tuple[Any, ...]:
         unit = "N m" if j else "rad"
         rows.append(Signal(channel=Channel(name, unit), values=held[:, j], lower=lower, upper=upper, held=True))
     return (
-        path_map(
-            *done.states[:, 5:8].T,
-            reference=centre,
-            left=centre + np.where(np.isfinite(line.left), line.left, np.nan)[:, None] * normal,
-            right=centre - np.where(np.isfinite(line.right), line.right, np.nan)[:, None] * normal,
-        ),
+        path_map(*done.states[:, 5:8].T, reference=centre, left=left, right=right),
         signals(t, rows),
         solver_time(done.inside, deadline=STEP),
     )

@@ -42,9 +42,9 @@ PRINTED = {
 }
 
 
-def fast_part() -> Dataset:
-    """The laps from 202 s on; inputs throttle, brake, delta, output v_x."""
-    data = public("iac-putnam").select(inputs=("throttle", "brake", "delta"), outputs=("v_x",))
+def fast_part(inputs: tuple[str, ...] = ("throttle", "brake", "delta"), outputs: tuple[str, ...] = ("v_x",)) -> Dataset:
+    """The laps from 202 s on."""
+    data = public("iac-putnam").select(inputs=inputs, outputs=outputs)
     return data.rows(int(np.searchsorted(data.t, FAST)), data.n_samples)
 
 

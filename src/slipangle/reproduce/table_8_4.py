@@ -8,14 +8,14 @@ Subspace, then refinement of the free run with poles held within 0.999: unconstr
 
 import numpy as np
 
-from slipangle import Dataset, StateSpace, public
+from slipangle import Dataset, StateSpace
 from slipangle.identify.judge.validate import score
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.report.plots import trajectories
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_8 import quietly
-from slipangle.reproduce.table_8_3 import FAST
+from slipangle.reproduce.table_8_3 import fast_part
 
 PRINTED_A = np.array([[0.282, 0.132], [-0.003, 0.995]])
 LARGEST = 0.999
@@ -23,8 +23,7 @@ LARGEST = 0.999
 
 def normalised() -> tuple[Dataset, Dataset]:
     """Training and test part; means and deviations are the training part's."""
-    data = public("iac-putnam").select(inputs=("pedal", "delta"), outputs=("v_x", "r"))
-    data = data.rows(int(np.searchsorted(data.t, FAST)), data.n_samples).resample(0.05, cutoff=8.0)
+    data = fast_part(("pedal", "delta"), ("v_x", "r")).resample(0.05, cutoff=8.0)
     train, test = data.split(0.7)
     size = {name: (float(train[name].mean()), float(train[name].std())) for name in (*data.inputs, *data.outputs)}
     for name, (mean, deviation) in size.items():

@@ -9,12 +9,12 @@ of a racing tire; ours is per axle. Here every estimate has its 95 % interval, w
 
 import numpy as np
 
-from slipangle import Bicycle, Dataset, FitInfo, GreyBox, Longitudinal, LongitudinalParams, join, public
+from slipangle import Bicycle, Dataset, FitInfo, GreyBox, Longitudinal, LongitudinalParams, join
 from slipangle.identify.judge.validate import restarted, score
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._chapter_8 import bicycle, ferrari, quietly
-from slipangle.reproduce.table_8_3 import FAST, RESTART
+from slipangle.reproduce.table_8_3 import RESTART, fast_part
 
 BICYCLE = ("inertia_z", "C_f", "C_r")
 PRINTED = {"inertia_z": 2558.0, "C_f": 3438.0, "C_r": 82424.0, "k_e": 61.647, "k_d": 115.872, "k_r": -0.231}
@@ -50,8 +50,7 @@ def reproduce(progress: Progress) -> Reproduction:
     what = "Iz over delays of 0, 50, 100 ms, largest over smallest [-]"
     records.append(Record("bicycle", what, None, ratio, "> 1.5", ratio > 1.5, note))
     progress(0.7, "longitudinal")
-    data = public("iac-putnam").select(inputs=("pedal",), outputs=("v_x",))
-    fast = data.rows(int(np.searchsorted(data.t, FAST)), data.n_samples).split(0.7)[0]
+    fast = fast_part(("pedal",)).split(0.7)[0]
     start = Longitudinal(params=LongitudinalParams(mass=790.0, k_e=6000.0, k_d=60.0, k_r=0.02), dt=fast.dt)
     settings = GreyBox(start=start, free=("k_e", "k_d", "k_r"))
     records += _parameters("longitudinal, another car", quietly(settings, restarted(fast, RESTART, start.memory)))

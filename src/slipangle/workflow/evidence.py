@@ -114,8 +114,8 @@ def _parameter_section(outcome: Outcome, command: str) -> Iterator[report.Sectio
             blocks.append(report.correlation_table(info, title=f"How the estimates of {v.name} depend on each other"))
         blocks.append(report.Figure(title=f"Confidence of {v.name}", figure=report.forest(info)))
     if outcome.delay_check:
-        items = tuple(report.Finding(sentence=s, tone="fair") for s in outcome.delay_check)
-        blocks.append(report.Findings(title="What the steering delay does to the parameters", items=items))
+        title = "What the steering delay does to the parameters"
+        blocks.append(report.Findings.of(title, outcome.delay_check, "fair"))
     yield report.Section(
         title="Parameters",
         lead="Estimates with 95 % confidence intervals. A warning names what the data do not determine.",
@@ -156,8 +156,8 @@ def _residual_section(outcome: Outcome, command: str) -> Iterator[report.Section
                 )
                 figures.append(report.Figure(title=f"{v.name}: free-run residual of {name} against {u}", figure=figure))
             blocks.append(report.Grid(figures=tuple(figures)))
-            items = tuple(report.Finding(sentence=f"{v.name}, {name}: {s}") for s in tests.sentences)
-            blocks.append(report.Findings(title=f"{v.name}, {name}: what the residuals say", items=items))
+            said = [f"{v.name}, {name}: {s}" for s in tests.sentences]
+            blocks.append(report.Findings.of(f"{v.name}, {name}: what the residuals say", said))
     yield report.Section(
         title="Residuals",
         lead="What a model leaves unexplained. A perfect model leaves white noise that does not depend on the inputs; "
@@ -183,8 +183,7 @@ def _data_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
         items.append(report.Finding(sentence=f"{others} more spikes, jumps or stretches in channels not used here"))
     blocks: list[Block] = [report.Findings(title="Seen in the log, before anything was changed", items=tuple(items))]
     if data.notes:
-        done = tuple(report.Finding(sentence=note) for note in data.notes)
-        blocks.append(report.Findings(title="Done to the data", items=done))
+        blocks.append(report.Findings.of("Done to the data", data.notes))
     rows = [report.Signal(channel=Channel(n, data.unit(n)), values=data[n]) for n in (*data.inputs, *data.outputs)]
     edge = float(outcome.test.t[0])
     spans = (

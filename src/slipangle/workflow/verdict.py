@@ -6,7 +6,7 @@ import numpy as np
 
 from slipangle import Run, Validation
 from slipangle.registry import Registry
-from slipangle.report import Finding, Findings, Number, Section, Verdict
+from slipangle.report import Findings, Number, Section, Verdict
 from slipangle.report.page import Block
 from slipangle.report.tables import Tone, number
 from slipangle.workflow.job import Outcome
@@ -22,8 +22,8 @@ GOOD, FAIR = 75.0, 50.0  # %, free-run fit from which a model is called good, fa
 def _verdict_section(outcome: Outcome, command: str) -> Iterator[Section]:
     blocks: list[Block] = list(verdicts(outcome, command))
     if outcome.failures:
-        items = tuple(Finding(sentence=f"{name}: {why}", tone="poor") for name, why in outcome.failures.items())
-        blocks.append(Findings(title="What could not be done", items=items))
+        said = [f"{name}: {why}" for name, why in outcome.failures.items()]
+        blocks.append(Findings.of("What could not be done", said, "poor"))
     yield Section(title="Verdict", blocks=tuple(blocks))
 
 

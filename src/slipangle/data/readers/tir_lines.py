@@ -36,28 +36,22 @@ def parse_line(text: str, number: int, section: str, name: str) -> TirLine:
     """
     body, comment = _split_comment(text)
     body = body.strip()
+    line = TirLine(text=text, number=number, section=section, comment=comment)
     if not body or body.startswith("{"):
-        return TirLine(text=text, number=number, section=section, comment=comment)
+        return line
     heading = SECTION.match(body)
     if heading:
-        return TirLine(text=text, number=number, section=heading[1].upper(), comment=comment)
+        return replace(line, section=heading[1].upper())
     key, equals, value = (part.strip() for part in body.partition("="))
     if equals and _KEY.match(key):
-        return TirLine(
-            text=text,
-            number=number,
-            section=section,
-            key=key.upper(),
-            value=_parse_value(value, key, number, name),
-            comment=comment,
-        )
+        return replace(line, key=key.upper(), value=_parse_value(value, key, number, name))
     row = tuple(_to_float(word) for word in body.split())
     if equals or not section or not all(math.isfinite(x) for x in row):
         raise FormatError(
             f"line {number} of '{name}' reads {text.strip()[:60]!r}; expected a [SECTION], a 'KEY = value' line, "
             "a row of numbers or a comment after '!' or '$': correct that line"
         )
-    return TirLine(text=text, number=number, section=section, comment=comment, row=row)
+    return replace(line, row=row)
 
 
 def _split_comment(text: str) -> tuple[str, str]:
@@ -98,9 +92,8 @@ def _to_float(word: str) -> float:
         return to_number(word)
     except ValueError:
         try:
-            return (
-                float(re.sub(r"[dD]", "e", word, count=1)) if re.fullmatch(r"[-+.\d]+[dD][-+]?\d+", word) else math.nan
-            )
+            fortran = re.fullmatch(r"([-+.\d]+)[dD]([-+]?\d+)", word)
+            return float(f"{fortran[1]}e{fortran[2]}") if fortran else math.nan
         except ValueError:
             return math.nan
 
