@@ -10,10 +10,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -96,8 +95,7 @@ def preamble(*kinds: str) -> str:
     return "\n".join([*parts, ""])
 
 
-@dataclass(frozen=True)
-class _Stream:
+class _Stream(NamedTuple):
     """A CasADi function as a list of instructions."""
 
     shape: tuple[tuple[int, tuple[int, ...], tuple[int, ...]], ...]
@@ -117,16 +115,10 @@ def _stream(function: ca.Function) -> _Stream:
 
 def lanes_alike(functions: Sequence[ca.Function]) -> list[list[int]]:
     """Which functions differ in constants only, and so can run side by side: lists of their numbers."""
-    groups: list[tuple[object, list[int]]] = []
+    groups: dict[object, list[int]] = {}
     for i, function in enumerate(functions):
-        shape = _stream(function).shape
-        for known, members in groups:
-            if known == shape:
-                members.append(i)
-                break
-        else:
-            groups.append((shape, [i]))
-    return [members for _, members in groups]
+        groups.setdefault(_stream(function).shape, []).append(i)
+    return list(groups.values())
 
 
 def differing_constants(functions: Sequence[ca.Function]) -> np.ndarray:

@@ -10,8 +10,8 @@ import numpy as np
 
 from slipangle.models.model import without_caches
 from slipangle.optimal.arrays import array
-from slipangle.optimal.checks import Judge, require_reference
-from slipangle.optimal.ocp import Reference
+from slipangle.optimal.checks import Judge
+from slipangle.optimal.ocp import Reference, require_reference
 from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import require_names
 from slipangle.paths.preview import Preview

@@ -202,25 +202,20 @@ class SwitchedMPC(Led):
                 parts.append(np.array([measured.get(n, 0.0) for n in controller.model.states]))
         return np.concatenate(parts)
 
+    @np.errstate(all="ignore")
     def demand(self, x: np.ndarray, reference: Reference, previous: Plan | None) -> float:
         """Share of grip that is needed, see the class; infinite if anything is not finite."""
-        with np.errstate(all="ignore"):
-            return self._demand(x, reference, previous)
-
-    def _demand(self, x: np.ndarray, reference: Reference, previous: Plan | None) -> float:
         v = np.abs(reference.exogenous[: len(reference.tracked) - 1, 0])
         step = np.maximum(np.hypot(*np.diff(reference.tracked[:, :2], axis=0).T), 1e-3)
         bend = np.abs(np.diff(reference.tracked[:, 2])) / step * v**2
-        needed = [float(bend.max()), float(v[0] * abs(self._yaw_rate(x)))]
+        states = self.model.states
+        yaw_rate = float(x[states.index("r")]) if "r" in states else 0.0
+        needed = [float(bend.max()), float(v[0] * abs(yaw_rate))]
         seen = previous.x[:, -1] if previous is not None and np.ndim(previous.x) == 2 and np.size(previous.x) else None
         if is_numbers(seen, (self.horizon + 1,)):
             needed.append(float((np.abs(np.diff(seen)) / self.dt * v).max()))
         share = float(np.max(needed)) / (self.friction * GRAVITY)
         return share if np.isfinite(share) else np.inf
-
-    def _yaw_rate(self, x: np.ndarray) -> float:
-        states = self.model.states
-        return float(x[states.index("r")]) if "r" in states else 0.0
 
     def plan(
         self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None

@@ -11,7 +11,6 @@ import numpy as np
 from slipangle.data.channels import STANDARD
 from slipangle.errors import ParameterError
 from slipangle.optimal.arrays import short
-from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import NEW, Health, Plan, Status
 
 MARGIN = 2.0  # a quantity may be this many times its largest plausible size before it is taken for a fault
@@ -131,10 +130,8 @@ class Judge:
 
     def fault(self, x: np.ndarray, tracked: np.ndarray, exogenous: np.ndarray) -> str:
         """Which value is out of its range."""
-        state = self.states.fault(x)
-        return f"of the state, {state}" if state else self._reference_fault(tracked, exogenous)
-
-    def _reference_fault(self, tracked: np.ndarray, exogenous: np.ndarray) -> str:
+        if state := self.states.fault(x):
+            return f"of the state, {state}"
         return f"of the reference, {self.tracked.fault(tracked) or self.exogenous.fault(exogenous)}"
 
 
@@ -148,20 +145,6 @@ def require_plan(previous: Any) -> None:
     """
     if previous is not None and not isinstance(previous, Plan):
         raise ParameterError(f"previous is {short(previous)}; expected the Plan of the step before, or None")
-
-
-def require_reference(reference: Any) -> None:
-    """Raise unless this is a `Reference`.
-
-    Raises
-    ------
-    ParameterError
-        With what it is.
-    """
-    if not isinstance(reference, Reference):
-        raise ParameterError(
-            f"the reference is {short(reference)}; expected a Reference, or a Preview: use path.ahead(s, mpc.times)"
-        )
 
 
 def last_input(previous: Plan | None, controls: tuple[str, ...]) -> np.ndarray | None:

@@ -158,16 +158,8 @@ class IpoptEngine(Engine):
         self._warm = self._warm_solver() if settings.warm else self._cold
 
     def _warm_solver(self) -> ca.Function:
-        push = dict.fromkeys(
-            (
-                "ipopt.warm_start_bound_push",
-                "ipopt.warm_start_bound_frac",
-                "ipopt.warm_start_slack_bound_push",
-                "ipopt.warm_start_slack_bound_frac",
-                "ipopt.warm_start_mult_bound_push",
-            ),
-            1e-6,
-        )
+        names = "bound_push bound_frac slack_bound_push slack_bound_frac mult_bound_push".split()
+        push = {f"ipopt.warm_start_{name}": 1e-6 for name in names}
         return self._solver({"ipopt.warm_start_init_point": "yes", "ipopt.mu_init": 1e-4, **push})
 
     def _solver(self, extra: dict[str, Any]) -> ca.Function:

@@ -19,7 +19,7 @@ from slipangle.errors import ParameterError
 from slipangle.fields import Checked, Count, Within
 from slipangle.models.model import Model, without_caches
 from slipangle.ops import Scalar, Vector, cos, sin, stack
-from slipangle.optimal.arrays import array
+from slipangle.optimal.arrays import array, short
 from slipangle.optimal.terms import Limits, Weights, coerce, require_names
 from slipangle.paths.preview import Preview
 
@@ -48,6 +48,20 @@ class Reference:
     exogenous: np.ndarray
     inputs: np.ndarray | None = None
     corridor: np.ndarray | None = None
+
+
+def require_reference(reference: Any) -> None:
+    """Raise unless this is a `Reference`.
+
+    Raises
+    ------
+    ParameterError
+        With what it is.
+    """
+    if not isinstance(reference, Reference):
+        raise ParameterError(
+            f"the reference is {short(reference)}; expected a Reference, or a Preview: use path.ahead(s, mpc.times)"
+        )
 
 
 class ProblemSettings(TypedDict, total=False):
@@ -302,15 +316,8 @@ class OCP(Checked):
 
     def symbols(self, kind: Any) -> tuple[Any, Any, Any, Any, Any]:
         """x, u, w, the model's input vector and p, as CasADi's ``SX`` or ``MX``."""
-        x, u, w, p = (
-            kind.sym(name, n)
-            for name, n in (
-                ("x", self.model.n_states),
-                ("u", len(self.controls)),
-                ("w", len(self.exogenous)),
-                ("p", len(self.references)),
-            )
-        )
+        sizes = self.model.n_states, len(self.controls), len(self.exogenous), len(self.references)
+        x, u, w, p = (kind.sym(name, n) for name, n in zip("xuwp", sizes, strict=True))
         return x, u, w, self.all_inputs(u, w), p
 
     def all_inputs(self, u: Any, w: Any) -> Any:
@@ -336,13 +343,8 @@ class OCP(Checked):
     @cached_property
     def weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Q and terminal over `tracked`, R and S over `controls`."""
-        end = self.Q if self.terminal is None else self.terminal
-        return (
-            _row(self.Q, self.tracked),
-            _row(end, self.tracked),
-            _row(self.R, self.controls),
-            _row(self.S, self.controls),
-        )
+        q, end = (_row(w, self.tracked) for w in (self.Q, self.Q if self.terminal is None else self.terminal))
+        return q, end, _row(self.R, self.controls), _row(self.S, self.controls)
 
     @cached_property
     def input_bounds(self) -> np.ndarray:
@@ -459,11 +461,7 @@ class OCP(Checked):
         ParameterError
             With the array, its shape and the one expected.
         """
-        if not isinstance(reference, Reference):
-            raise ParameterError(
-                f"the reference is a {type(reference).__name__}; expected a Reference, or a Preview: use "
-                "path.ahead(s, mpc.times)"
-            )
+        require_reference(reference)
         changed: dict[str, np.ndarray] = {}
         for key, (shape, names) in self._shapes.items():
             given = getattr(reference, key)

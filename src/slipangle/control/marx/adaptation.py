@@ -213,17 +213,13 @@ class AdaptiveMultiARXMPC(Checked, Led):
         """Before the first sample."""
         ny, count, past, each = self._sizes
         numbers = self.base.numbers
-        theta = np.zeros((count * each + 1, ny))
-        for j in range(count):
-            theta[j * each : j * each + past] = -np.hstack(list(numbers.A[j])).T
-            theta[j * each + past : (j + 1) * each] = numbers.B[j]
-        theta[-1] = numbers.c.mean(axis=0)
-        size = np.ones(count * each + 1)
-        for j in range(count):
-            size[j * each : j * each + past] = max(np.abs(theta[j * each : j * each + past]).max(), 1e-9)
-            size[j * each + past : (j + 1) * each] = max(np.abs(theta[j * each + past : (j + 1) * each]).max(), 1e-9)
-        size[-1] = self.noise / self.prior
-        P = np.diag((self.prior * size / self.noise) ** 2)
+        theta, size = np.zeros((count, each, ny)), np.ones((count, each))
+        theta[:, :past] = -numbers.A.transpose(0, 1, 3, 2).reshape(count, past, ny)
+        theta[:, past:] = numbers.B
+        for kind in (slice(past), slice(past, each)):
+            size[:, kind] = np.maximum(np.abs(theta[:, kind]).max(axis=(1, 2)), 1e-9)[:, None]
+        theta = np.vstack([theta.reshape(-1, ny), numbers.c.mean(axis=0)])
+        P = np.diag((self.prior * np.append(size, self.noise / self.prior) / self.noise) ** 2)
         spread = np.full(ny, self.noise**2)
         return Learned(numbers, theta, P, spread, None, 0.0, 0.0, Lesson.WAITING, 0)
 
@@ -270,12 +266,10 @@ class AdaptiveMultiARXMPC(Checked, Led):
     def _numbers(self, theta: np.ndarray) -> Numbers:
         """Coefficients as the solver reads them."""
         ny, count, past, each = self._sizes
-        base, start = self.base.blended, self.base.numbers
-        A, B = np.empty_like(start.A), np.empty_like(start.B)
-        for j in range(count):
-            A[j] = -theta[j * each : j * each + past].T.reshape(ny, base.na, ny).transpose(1, 0, 2)
-            B[j] = theta[j * each + past : (j + 1) * each]
-        return Numbers(speeds=start.speeds, A=A, B=B, c=np.tile(theta[-1], (count, 1)))
+        of_models = theta[:-1].reshape(count, each, ny)
+        A = -of_models[:, :past].reshape(count, -1, ny, ny).transpose(0, 1, 3, 2)
+        speeds, B = self.base.numbers.speeds, of_models[:, past:]
+        return Numbers(speeds=speeds, A=A, B=B, c=np.tile(theta[-1], (count, 1)))
 
     @cached_property
     def _start_response(self) -> np.ndarray:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import daqp
 import numpy as np
 
 from slipangle.control.marx.problem import Answer, MarxProgram, Numbers, Offset, Solver
+from slipangle.models.wrappers.multi_arx import speed_weights
 from slipangle.optimal.solution import Status, within
 
 
@@ -20,14 +22,13 @@ class Interpreted(Solver):
         self, x: np.ndarray, path: np.ndarray, v_x: np.ndarray, applied: float, numbers: Numbers | None, offset: Offset
     ) -> Answer:
         """See `Solver`."""
-        import daqp
-
         p, n = self._problem, len(self._problem.knots)
         given = numbers or self._numbers
         x, v = np.asarray(x, dtype=float), np.asarray(v_x, dtype=float).ravel()
         if not all(np.isfinite(a).all() for a in (x, path, v)):
             return self._nothing(Status.NOT_FINITE)
-        w = self._weights(np.append(v, v[-1]), given.speeds)
+        shape = "smooth" if p.smooth else "triangular"
+        w = np.column_stack(speed_weights(np.append(v, v[-1]), given.speeds.tolist(), shape))  # a row per step
         free, hit = self._blend(x, w, given, offset)
         hit = hit @ p.shares
         pose, turned = self._on_ground(free, hit, v, applied) if p.posed else (None, None)
@@ -69,12 +70,6 @@ class Interpreted(Solver):
         p = self._problem
         empty = np.zeros((p.horizon + 1, p.n_states))
         return Answer(status, np.zeros((p.horizon, 1)), empty, np.zeros(p.n_models), float("nan"), 0, float("nan"))
-
-    def _weights(self, v: np.ndarray, speeds: np.ndarray) -> np.ndarray:
-        """One row per step."""
-        from slipangle.models.wrappers.multi_arx import speed_weights
-
-        return np.column_stack(speed_weights(v, speeds.tolist(), "smooth" if self._problem.smooth else "triangular"))
 
     def _blend(
         self, x: np.ndarray, w: np.ndarray, given: Numbers, offset: np.ndarray | float

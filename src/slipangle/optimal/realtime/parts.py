@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from graphlib import TopologicalSorter
 from typing import Any
 
 import casadi as ca
@@ -48,16 +49,17 @@ def implicit(ocp: OCP) -> Implicit | None:
     derivative = ca.Function("derivative", [x, u, w], [ca.densify(rate)])
     pattern = np.array(ca.DM(ca.jacobian(rate, x).sparsity(), 1).full()) != 0
     core = _core(pattern)
-    rest = _order([a for a in range(len(pattern)) if a not in core], pattern)
-    if not core or rest is None:
+    if not core:
         return None
+    behind = [a for a in range(len(pattern)) if a not in core]  # which no cycle goes through
+    rest = tuple(TopologicalSorter({a: [b for b in behind if pattern[a, b]] for a in behind}).static_order())
     f = rate[list(core)]
     slopes = ca.Function("core", [x, u, w], [ca.densify(f), ca.jacobian(f, x[list(core)]), ca.jacobian(f, u)])
     quadrature, short = (
         _quadrature(name, derivative, core, rest, h) for name, h in (("whole", model.dt), ("short", model.dt / RETRY))
     )
     return Implicit(
-        core=core, rest=tuple(rest), derivative=derivative, slopes=slopes, quadrature=quadrature, short_quadrature=short
+        core=core, rest=rest, derivative=derivative, slopes=slopes, quadrature=quadrature, short_quadrature=short
     )
 
 
@@ -100,19 +102,6 @@ def _core(pattern: np.ndarray) -> tuple[int, ...]:
     inner = pattern[np.ix_(core, core)]
     degree = inner.sum(axis=0) + inner.sum(axis=1)
     return tuple(core[i] for i in np.argsort(degree, kind="stable"))
-
-
-def _order(states: list[int], pattern: np.ndarray) -> list[int] | None:
-    """States in an order in which each depends on earlier ones only."""
-    done: list[int] = []
-    left = list(states)
-    while left:
-        ready = [a for a in left if not any(pattern[a, b] for b in left)]
-        if not ready:
-            return None
-        done += ready
-        left = [a for a in left if a not in ready]
-    return done
 
 
 def stage_function(ocp: OCP) -> ca.Function:
