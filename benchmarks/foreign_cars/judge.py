@@ -7,6 +7,7 @@ import time
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from benchmarks.foreign_cars import fleet
@@ -32,6 +33,7 @@ class Case:
     fits: dict[str, float]  # of the free run on the test log [%]
     inside: dict[str, bool]  # by parameter, whether the truth is in its interval, or the method says it cannot tell
     half: dict[str, float]  # half width of its interval over the truth; infinite where it cannot tell [-]
+    error: dict[str, float]  # of the middle of its interval, over the truth [-]
     seconds: float
     failed: str = ""
 
@@ -61,6 +63,7 @@ def known_of(car: fleet.ForeignCar) -> Known:
 def case(name: str, seed: int, seen: str, method: str) -> Case:
     """A method fitted and judged; one that raises has no fit and no interval."""
     car, outputs = fleet.make(name), SEEN[seen]
+    at: dict[str, Any] = {"car": name, "seed": seed, "seen": seen, "method": method}
     train, test = (seen_of(log, outputs) for log in (car.train(seed), car.test(seed)))
     truth = {n: car.truth.values[n] for n in SHOWN}
     began = time.perf_counter()
@@ -71,19 +74,17 @@ def case(name: str, seed: int, seen: str, method: str) -> Case:
             seconds = time.perf_counter() - began
             fits = free_run_fits(test, outputs, found.simulate(test))
     except SlipangleError as error:
-        nothing = dict.fromkeys(outputs, -np.inf), dict.fromkeys(SHOWN, False), dict.fromkeys(SHOWN, np.inf)
-        return Case(car=name, seed=seed, seen=seen, method=method, **_parts(nothing), seconds=0.0, failed=str(error))
-    inside, half = {}, {}
+        nothing = dict.fromkeys(SHOWN, np.inf)
+        lost, out = dict.fromkeys(outputs, -np.inf), dict.fromkeys(SHOWN, False)
+        return Case(**at, fits=lost, inside=out, half=nothing, error=nothing, seconds=0.0, failed=str(error))
+    inside, half, off = {}, {}, {}
     for n, value in truth.items():
         low, high = found.intervals.get(n, (np.nan, np.nan))
         said = n in found.inseparable
         inside[n] = said or bool(low <= value <= high)
         half[n] = np.inf if said else 0.5 * (high - low) / value
-    return Case(car=name, seed=seed, seen=seen, method=method, fits=fits, inside=inside, half=half, seconds=seconds)
-
-
-def _parts(three: tuple[dict, dict, dict]) -> dict[str, dict]:
-    return dict(zip(("fits", "inside", "half"), three, strict=True))
+        off[n] = 0.5 * (high + low) / value - 1
+    return Case(**at, fits=fits, inside=inside, half=half, error=off, seconds=seconds)
 
 
 def cases(progress: Progress, cars: Sequence[str], seeds: Sequence[int]) -> Iterator[Case]:

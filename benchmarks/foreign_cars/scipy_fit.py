@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy import signal
 from scipy.optimize import least_squares
 
 from slipangle.data.dataset import Dataset
@@ -20,7 +21,6 @@ from slipangle.data.dataset import Dataset
 NAMES = ("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_gain", "steering_offset", "delay", "lag", "sensor_x")
 G = 9.81  # m/s2
 LONGEST = 0.3  # s, delay and lag
-Columns = tuple[np.ndarray, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,57 +62,53 @@ class Log:
 
 def run(known: Known, sets: np.ndarray, log: Log) -> tuple[np.ndarray, np.ndarray]:
     """v_y [m/s] and r [rad/s] of free runs, shape (n_samples, n_sets, n_experiments); a row of parameters per set."""
-    p = {n: column[:, None] for n, column in zip(NAMES, sets.T, strict=True)}
-    a, b = known.l_f, known.wheelbase - known.l_f
-    grip_f, grip_r = (p[n] * known.mass * G * arm / known.wheelbase for n, arm in (("mu_f", b), ("mu_r", a)))
     h, (n, experiments) = log.dt, log.delta.shape
-    angles = _road_wheel(p, log)
-    v_all = np.stack([log.speed, log.speed], axis=1)  # at the sample, and in the middle of the step
-    v_all[:-1, 1] = 0.5 * (log.speed[:-1] + log.speed[1:])
+    p = {name: np.repeat(column, experiments) for name, column in zip(NAMES, sets.T, strict=True)}
+    a, b = known.l_f, known.wheelbase - known.l_f
+    grip_f, grip_r = (p[mu] * known.mass * G * arm / known.wheelbase for mu, arm in (("mu_f", b), ("mu_r", a)))
+    slope = np.stack([p["C_f"] / grip_f, p["C_r"] / grip_r])
+    by_front = np.stack([grip_f / known.mass, a * grip_f / p["inertia_z"]])  # rates of v_y and r by a sliding axle
+    by_rear = np.stack([grip_r / known.mass, -b * grip_r / p["inertia_z"]])
+    motion = np.array([[-1.0, -a], [-1.0, b]])  # slip speeds of the axles by v_y and r
 
-    slope_f, slope_r = p["C_f"] / grip_f, p["C_r"] / grip_r
-    push_f, push_r = grip_f / known.mass, grip_r / known.mass
-    turn_f, turn_r = a * grip_f / p["inertia_z"], b * grip_r / p["inertia_z"]
+    def rate(x: np.ndarray, angle: np.ndarray, v: np.ndarray) -> np.ndarray:
+        alpha = motion @ x / v
+        alpha[0] += angle
+        used = np.tanh(alpha * slope)
+        change = by_front * used[0] + by_rear * used[1]
+        change[0] -= v * x[1]
+        return change
 
-    def rate(v_y: np.ndarray, r: np.ndarray, angle: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        front = np.tanh(slope_f * (angle - (v_y + a * r) / v))
-        rear = np.tanh(slope_r * ((b * r - v_y) / v))
-        return push_f * front + push_r * rear - v * r, turn_f * front - turn_r * rear
-
-    first = (np.nan_to_num(log.measured[o][0]) if o in log.measured else 0.0 for o in ("v_y", "r"))
-    v_y, r = (np.broadcast_to(x, (len(sets), experiments)) for x in first)
-    out = np.empty((2, n, len(sets), experiments))
-    for k in range(n):
-        out[0, k], out[1, k] = v_y + p["sensor_x"] * r, r
-        if k == n - 1:
-            break
-        d0, d2 = angles[k], angles[k + 1]
-        d1, v0, v1, v2 = 0.5 * (d0 + d2), v_all[k, 0], v_all[k, 1], v_all[k + 1, 0]
-        k1, q1 = rate(v_y, r, d0, v0)
-        k2, q2 = rate(v_y + 0.5 * h * k1, r + 0.5 * h * q1, d1, v1)
-        k3, q3 = rate(v_y + 0.5 * h * k2, r + 0.5 * h * q2, d1, v1)
-        k4, q4 = rate(v_y + h * k3, r + h * q3, d2, v2)
-        v_y = v_y + h / 6 * (k1 + 2 * (k2 + k3) + k4)
-        r = r + h / 6 * (q1 + 2 * (q2 + q3) + q4)
-    return out[0], out[1]
+    angles = _road_wheel(sets, log)
+    v = np.tile(log.speed, len(sets))
+    between = [0.5 * (y[:-1] + y[1:]) for y in (angles, v)]
+    first = (np.nan_to_num(log.measured[o][0]) if o in log.measured else np.zeros(experiments) for o in ("v_y", "r"))
+    x = np.tile(np.stack(list(first)), len(sets))
+    out = np.empty((n, 2, len(sets) * experiments))
+    out[0] = x
+    for k in range(n - 1):
+        k1 = rate(x, angles[k], v[k])
+        k2 = rate(x + 0.5 * h * k1, between[0][k], between[1][k])
+        k3 = rate(x + 0.5 * h * k2, between[0][k], between[1][k])
+        k4 = rate(x + h * k3, angles[k + 1], v[k + 1])
+        out[k + 1] = x = x + h / 6 * (k1 + 2 * (k2 + k3) + k4)
+    v_y, r = out[:, 0] + p["sensor_x"] * out[:, 1], out[:, 1]
+    return v_y.reshape(n, len(sets), experiments), r.reshape(n, len(sets), experiments)
 
 
-def _road_wheel(p: dict[str, np.ndarray], log: Log) -> np.ndarray:
-    """Angle at the wheels, shape (n_samples, n_sets, n_experiments): late, filtered, scaled."""
-    n, experiments = log.delta.shape
-    sets, at = len(p["delay"]), np.arange(n)
-    late = np.empty((n, sets, experiments))
-    for j in range(sets):
-        back = at - p["delay"][j, 0] / log.dt
-        late[:, j] = np.column_stack([np.interp(back, at, column) for column in log.delta.T])
-    lag = np.maximum(p["lag"], 1e-5)
-    decay = np.exp(-log.dt / lag)
-    rest = (1 - decay) * lag / log.dt
-    out = np.empty_like(late)
-    out[0] = late[0]
-    for k in range(1, n):  # exact for what is straight between samples
-        out[k] = decay * out[k - 1] + (rest - decay) * late[k - 1] + (1 - rest) * late[k]
-    return p["steering_gain"] * (out - p["steering_offset"])
+def _road_wheel(sets: np.ndarray, log: Log) -> np.ndarray:
+    """Angle at the wheels, shape (n_samples, n_sets * n_experiments): late, filtered, scaled."""
+    at, columns = np.arange(len(log.delta)), []
+    for one in sets:
+        p = dict(zip(NAMES, one, strict=True))
+        late = np.column_stack([np.interp(at - p["delay"] / log.dt, at, column) for column in log.delta.T])
+        lag = max(p["lag"], 1e-5)
+        decay = np.exp(-log.dt / lag)
+        rest = (1 - decay) * lag / log.dt  # exact for what is straight between samples
+        kept = rest * late[:1]  # as if the first angle had been held for ever
+        slow, _ = signal.lfilter([1 - rest, rest - decay], [1, -decay], late, axis=0, zi=kept)
+        columns.append(p["steering_gain"] * (slow - p["steering_offset"]))
+    return np.hstack(columns)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
