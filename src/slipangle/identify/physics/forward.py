@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -63,7 +63,9 @@ def _forward(model: Any, free: tuple[str, ...]) -> ForwardRun:
     except (RuntimeError, NotImplementedError, TypeError, ParameterError):  # built on what has no scalar code
         source, rest = "", np.empty(0)
     loaded = library(source, name="free_run") if source else None
-    return _interpreted(model, free) if loaded is None else _compiled(model, loaded, rest)
+    if loaded is None:
+        return _interpreted(model, free)
+    return _compiled(loaded, rest, model.n_outputs, model.ode.dt / model.ode.substeps, model.ode.substeps)
 
 
 # ---- compiled ------------------------------------------------------------------------------------------------------
@@ -95,7 +97,17 @@ def _source(model: Any, free: tuple[str, ...]) -> tuple[str, np.ndarray]:
     x, w, p = ca.SX.sym("x", ode.n_states), ca.SX.sym("w", _width(model)), ca.SX.sym("p", len(known))
     varied = model.with_values(**{name: p[i] for i, name in enumerate(known)})
     u = varied.drive(w)
-    f, y = ca.densify(varied.ode.derivative(x, u)), ca.densify(varied.ode.output(x, u))
+    text = _text((x, w, p), varied.ode.derivative(x, u), varied.ode.output(x, u), n_p, ode.method)
+    return text, np.array([model.value(n) for n in known[n_p:]])
+
+
+def _text(symbols: tuple[ca.SX, ca.SX, ca.SX], f: Any, y: Any, n_p: int, method: Any) -> str:
+    """C of the free run with rates ``f``, or with ``f`` as the next state where the method is "map".
+
+    The symbols are x, w and p, of whose entries the first ``n_p`` are free.
+    """
+    x, w, p = symbols
+    f, y = ca.densify(f), ca.densify(y)
 
     def with_slopes(name: str, value: Any) -> ca.Function:
         slopes = [ca.densify(ca.jacobian(value, x).T), ca.densify(ca.jacobian(value, p)[:, :n_p].T)]
@@ -106,48 +118,47 @@ def _source(model: Any, free: tuple[str, ...]) -> tuple[str, np.ndarray]:
         "outputs": with_slopes("ode_outputs", y),
         "slopes": ca.Function("ode_slopes", [x, w, p], [f]),
     }
-    sizes = {"NX": ode.n_states, "NW": w.shape[0], "NP": n_p, "NY": ode.n_outputs}
+    sizes = {"NX": x.shape[0], "NW": w.shape[0], "NP": n_p, "NY": y.shape[0]}
     parts = [preamble("double"), *(emit(function, name) for name, function in functions.items())]
-    if ode.method == "radau":
-        sizes |= {
-            "N_SHARES": len(SHORTENED),
-            "ITERATIONS": _ITERATIONS,
-            "MISSED": MISSED,
-            "RETRY": RETRY,
-            "IMPLICIT": 1,
-        }
+    if method == "radau":
+        sizes |= {"N_SHARES": len(SHORTENED), "ITERATIONS": _ITERATIONS, "MISSED": MISSED, "RETRY": RETRY}
         rows = ", ".join("{" + ", ".join(float.hex(float(a)) for a in row) + "}" for row in RADAU_A)
-        parts += [f"static const double RADAU[3][3] = {{{rows}}};"]
+        parts += ["#define IMPLICIT", f"static const double RADAU[3][3] = {{{rows}}};"]
         parts += [f"static const double SHARES[{len(SHORTENED)}] = {{{', '.join(map(str, SHORTENED))}}};"]
         step = "implicit_step(x, x + NX, w, p, h, m, 1);"
+    elif method == "map":
+        step = "all_rates(x, w, p, y, m); memcpy(x, y, n * sizeof(double));"
     else:
-        step = explicit_step(ode.method, "all_rates({x}, w, p, {k}, m)", n="n", h="h", out="x").strip()
-    text = (files("slipangle.identify.physics") / "forward.c").read_text(encoding="utf-8")
+        step = explicit_step(method, "all_rates({x}, w, p, {k}, m)", n="n", h="h", out="x").strip()
+    template = (files("slipangle.identify.physics") / "forward.c").read_text(encoding="utf-8")
     parts += [f"#define {name} {value}" for name, value in sizes.items()]
-    return "\n".join([*parts, text.replace("/* STEP */", step)]), np.array([model.value(n) for n in known[n_p:]])
+    return "\n".join([*parts, template.replace("/* STEP */", step)])
 
 
-def _compiled(model: Any, found: ctypes.CDLL, rest: np.ndarray) -> ForwardRun:
-    ode, ny = model.ode, model.n_outputs
-    h = ode.dt / ode.substeps
-
+def _compiled(loaded: ctypes.CDLL, rest: np.ndarray, ny: int, h: float = 1.0, substeps: int = 1) -> ForwardRun:
     def run(x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
         x, m = np.ascontiguousarray(np.vstack([x0, S0.T]), dtype=float), S0.shape[1]  # x, then S column after column
         rows, values = np.ascontiguousarray(rows, dtype=float), np.concatenate([p, rest])
         out, scratch = np.empty((len(rows), 1 + m, ny)), np.empty(3 * x.size)
         at = [a.ctypes.data for a in (x, rows, values)]
-        found.free_run(*at, len(rows), m, h, ode.substeps, out.ctypes.data, scratch.ctypes.data)
+        loaded.free_run(*at, len(rows), m, h, substeps, out.ctypes.data, scratch.ctypes.data)
         return out.transpose(0, 2, 1)
 
     return ForwardRun(run, compiled=True)
+
+
+def of_map(symbols: tuple[ca.SX, ca.SX, ca.SX], later: Any, y: Any) -> ForwardRun:
+    """The free run of ``x(k+1) = later``, with outputs ``y``, of the symbols x, w and p, all of them free."""
+    later, y = ca.densify(later), ca.densify(y)
+    loaded = library(_text(symbols, later, y, symbols[2].shape[0], "map"), name="free_run")
+    return _on_machine(symbols, later, y) if loaded is None else _compiled(loaded, np.empty(0), y.shape[0])
 
 
 # ---- without a compiler --------------------------------------------------------------------------------------------
 
 
 def _interpreted(model: Any, free: tuple[str, ...]) -> ForwardRun:
-    ode, n_p = model.ode, len(free)
-    nx, ny, nw = ode.n_states, ode.n_outputs, _width(model)
+    ode, nw, n_p = model.ode, _width(model), len(free)
     kind: Any = ca.MX if ode.method == "radau" else ca.SX
 
     def at(p: Any) -> Any:
@@ -157,26 +168,38 @@ def _interpreted(model: Any, free: tuple[str, ...]) -> ForwardRun:
         varied = at(drive[nw:])
         return varied.ode.derivative(state, varied.drive(drive[:nw]))
 
-    n = {"n_states": nx, "n_inputs": nw + n_p}
+    n = {"n_states": ode.n_states, "n_inputs": nw + n_p}
     step = discretise(rate, ode.dt, method=ode.method, substeps=ode.substeps, **n)
+    x, w, p = kind.sym("x", ode.n_states), kind.sym("w", nw), kind.sym("p", n_p)
+    varied = at(p)
+    return _on_machine((x, w, p), step(x, ca.vertcat(w, p)), varied.ode.output(x, varied.drive(w)))
 
-    def functions(m: int) -> tuple[ca.Function, ca.Function]:
-        x, w, p, s = kind.sym("x", nx), kind.sym("w", nw), kind.sym("p", n_p), kind.sym("s", nx, m)
-        drive = ca.vertcat(w, p)
-        varied = at(p)
-        later, y = step(x, drive), varied.ode.output(x, varied.drive(w))
-        if m == 0:
-            return ca.Function("step", [x, drive], [later]), ca.Function("output", [x, drive], [ca.densify(y)])
 
-        def slopes(value: Any) -> Any:
-            of_p = ca.horzcat(ca.jacobian(value, p), kind.zeros(value.shape[0], m - n_p))
-            return ca.mtimes(ca.jacobian(value, x), s) + of_p
+def _on_machine(symbols: tuple[Any, Any, Any], later: Any, y: Any) -> ForwardRun:
+    """A run on CasADi's virtual machine by step and output of ``[x; vec(S)]``, made for the columns of S."""
+    x, w, p = symbols
+    drive, n_p, ny = ca.vertcat(w, p), p.shape[0], y.shape[0]
+
+    @cache
+    def functions(m: int) -> list[ca.Function]:
+        s = type(x).sym("s", x.shape[0], m)
+
+        def with_slopes(value: Any) -> Any:
+            if m == 0:
+                return value
+            of_p = ca.horzcat(ca.jacobian(value, p), type(x).zeros(value.shape[0], m - n_p))
+            return ca.vertcat(value, ca.vec(ca.mtimes(ca.jacobian(value, x), s) + of_p))
 
         state = ca.vertcat(x, ca.vec(s))
-        parts = [ca.densify(ca.vertcat(v, ca.vec(slopes(v)))) for v in (later, y)]
-        return ca.Function("step", [state, drive], parts[:1]), ca.Function("output", [state, drive], parts[1:])
+        return [ca.Function("f", [state, drive], [ca.densify(with_slopes(value))]) for value in (later, y)]
 
-    return _on_machine(functions, n_p, ny)
+    def run(x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
+        advance, output = functions(S0.shape[1])
+        driven = np.hstack([rows, np.broadcast_to(p, (len(rows), n_p))])
+        states = roll_out(advance, np.concatenate([x0, S0.T.ravel()]), driven[:-1])
+        return evaluate(output, states, driven).reshape(len(rows), -1, ny).transpose(0, 2, 1)
+
+    return ForwardRun(run, compiled=False)
 
 
 def _stepped(model: Any, free: tuple[str, ...]) -> ForwardRun:
@@ -234,20 +257,3 @@ def _numeric(varied: Any, x0: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Outputs at every row of a model without symbols for its parameters."""
     u = np.array([np.asarray(varied.drive(row), dtype=float) for row in rows])
     return np.vstack([np.asarray(varied.ode.output(x0, u[0]), dtype=float).ravel(), varied.ode.free_run(x0, u)])
-
-
-def _on_machine(functions: Callable[[int], tuple[ca.Function, ca.Function]], n_p: int, ny: int) -> ForwardRun:
-    """A run on CasADi's virtual machine by step and output of ``[x; vec(S)]``, made for the columns of S."""
-    built: dict[int, tuple[ca.Function, ca.Function]] = {}
-
-    def run(x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
-        m = S0.shape[1]
-        if m not in built:
-            built[m] = functions(m)
-        advance, output = built[m]
-        drive = np.hstack([rows, np.broadcast_to(p, (len(rows), n_p))])
-        states = roll_out(advance, np.concatenate([x0, S0.T.ravel()]), drive[:-1])
-        full = evaluate(output, states, drive)
-        return full.reshape(len(rows), 1 + m, ny).transpose(0, 2, 1)
-
-    return ForwardRun(run, compiled=False)

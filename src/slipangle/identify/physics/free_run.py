@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from slipangle.codegen.compiler import library
-from slipangle.codegen.expression import emit, preamble
 from slipangle.identify.linear.predictor import Triangles, reduce_rows
-from slipangle.models.fast import evaluate, roll_out
+from slipangle.identify.physics.forward import of_map
 from slipangle.numerics.least_squares import Factors, LeastSquaresResult, LevenbergMarquardt
 
 Function = Callable[[Any, Any, Any], Any]  # (x, u, p)
-Run = Callable[[np.ndarray, np.ndarray, np.ndarray], Any]  # (p, x0, u)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,77 +64,19 @@ class FreeRun:
         self.nx, self.np = n_states, n_parameters
         nu, self.ny = records[0][0].shape[1], records[0][1].shape[1]
         self.n_rows = sum(len(u) for u, _ in records) * self.ny
-        x, u, p = ca.SX.sym("x", self.nx), ca.SX.sym("u", nu), ca.SX.sym("p", self.np)
-        later, seen = (ca.densify(value) for value in (step(x, u, p), output(x, u, p)))
-        loaded = library(self._source(x, u, p, later, seen), name="sensitive_run")
-        # of (p, x0, u): outputs, shape (n, n_outputs); and their derivatives, (n, n_outputs, n_parameters + n_free)
-        self.run, self.sensitive = self._interpreted(x, u, p, later, seen) if loaded is None else self._linked(loaded)
+        symbols = ca.SX.sym("x", self.nx), ca.SX.sym("u", nu), ca.SX.sym("p", self.np)
+        self._forward = of_map(symbols, step(*symbols), output(*symbols))
+        self._first_slope = np.zeros((self.nx, self.np + len(self.free_x0)))  # of the first state
+        self._first_slope[list(self.free_x0), self.np :] = np.eye(len(self.free_x0))
 
-    def _source(self, x: Any, u: Any, p: Any, later: Any, seen: Any) -> str:
-        """C of the free run and its derivatives."""
-        functions = {}
-        for name, value in (("step", later), ("output", seen)):
-            slopes = [ca.densify(ca.jacobian(value, by)) for by in (x, p)]
-            functions[f"plain_{name}"] = ca.Function("plain", [x, u, p], [value])
-            functions[f"sloped_{name}"] = ca.Function("sloped", [x, u, p], [value, *slopes], {"cse": True})
-        sizes = {"NX": self.nx, "NU": u.shape[0], "NP": self.np, "NY": self.ny, "M": self.np + len(self.free_x0)}
-        parts = [preamble("double"), *(f"#define {key} {value}" for key, value in sizes.items())]
-        parts += [emit(function, name) for name, function in functions.items()]
-        return "\n".join([*parts, (files("slipangle.identify.physics") / "free_run.c").read_text(encoding="utf-8")])
+    def run(self, p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Outputs, shape (n, n_outputs)."""
+        return self._forward(x0, self._first_slope[:, :0], u, p)[:, :, 0]
 
-    def _linked(self, found: ctypes.CDLL) -> tuple[Run, Run]:
-        slope = self._first_slope()
-
-        def plain(p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
-            arrays = [np.ascontiguousarray(a, dtype=float) for a in (x0, u, p)]
-            out = np.empty((len(u), self.ny))
-            found.plain_run(*(a.ctypes.data for a in arrays), len(u), out.ctypes.data)
-            return out
-
-        def sensitive(p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            arrays = [np.ascontiguousarray(a, dtype=float) for a in (x0, slope, u, p)]
-            out, by_all = np.empty((len(u), self.ny)), np.empty((len(u), self.ny, slope.shape[1]))
-            found.sensitive_run(*(a.ctypes.data for a in arrays), len(u), out.ctypes.data, by_all.ctypes.data)
-            return out, by_all
-
-        return plain, sensitive
-
-    def _first_slope(self) -> np.ndarray:
-        """Derivative of the first state, shape (n_states, n_parameters + n_free)."""
-        slope = np.zeros((self.nx, self.np + len(self.free_x0)))
-        slope[list(self.free_x0), self.np :] = np.eye(len(self.free_x0))
-        return slope
-
-    def _interpreted(self, x: Any, u: Any, p: Any, later: Any, seen: Any) -> tuple[Run, Run]:
-        """The same without a compiler."""
-        first = self._first_slope()
-        s, drive, m = ca.SX.sym("s", *first.shape), ca.vertcat(u, p), first.shape[1]
-        both = ca.vertcat(x, ca.vec(s))
-
-        def slopes(value: Any) -> Any:
-            by_x0 = ca.SX.zeros(value.shape[0], m - self.np)
-            return ca.mtimes(ca.jacobian(value, x), s) + ca.horzcat(ca.jacobian(value, p), by_x0)
-
-        def function(name: str, state: Any, value: Any) -> ca.Function:
-            return ca.Function(name, [state, drive], [ca.densify(value)])
-
-        step, output = function("step", x, later), function("output", x, seen)
-        steps = function("steps", both, ca.vertcat(later, ca.vec(slopes(later))))
-        outputs = function("outputs", both, ca.vertcat(seen, ca.vec(slopes(seen))))
-
-        def driven(u: np.ndarray, p: np.ndarray) -> np.ndarray:
-            return np.hstack([u, np.broadcast_to(p, (len(u), self.np))])
-
-        def plain(p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
-            rows = driven(u, p)
-            return evaluate(output, roll_out(step, x0, rows[:-1]), rows)
-
-        def sensitive(p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            rows = driven(u, p)
-            full = evaluate(outputs, roll_out(steps, np.concatenate([x0, first.T.ravel()]), rows[:-1]), rows)
-            return full[:, : self.ny], full[:, self.ny :].reshape(-1, m, self.ny).transpose(0, 2, 1)
-
-        return plain, sensitive
+    def sensitive(self, p: np.ndarray, x0: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Outputs and their derivatives, shape (n, n_outputs, n_parameters + n_free)."""
+        full = self._forward(x0, self._first_slope, u, p)
+        return full[:, :, 0], full[:, :, 1:]
 
     def cost(self, point: FreeRunPoint) -> float:
         """Weighted squared error, with the prior's share; infinite where the free run is."""
