@@ -6,19 +6,15 @@ import ctypes
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy
 
 _NAMES = ("scipy_openblas_{}_num_threads64_", "scipy_openblas_{}_num_threads", "openblas_{}_num_threads64_")
 _NAMES += ("openblas_{}_num_threads",)
-
-
-class _Library(NamedTuple):
-    get: Any
-    set: Any
 
 
 @contextmanager
@@ -33,19 +29,19 @@ def one_blas_thread() -> Iterator[None]:
     1.732051
     """
     libraries = _libraries()
-    before = [library.get() for library in libraries]
-    for library in libraries:
-        library.set(1)
+    before = [get() for get, _ in libraries]
+    for _, put in libraries:
+        put(1)
     try:
         yield
     finally:
-        for library, count in zip(libraries, before, strict=True):
-            library.set(count)
+        for (_, put), count in zip(libraries, before, strict=True):
+            put(count)
 
 
 @cache
-def _libraries() -> tuple[_Library, ...]:
-    """The OpenBLAS libraries that came with NumPy and SciPy."""
+def _libraries() -> tuple[tuple[Any, Any], ...]:
+    """How the OpenBLAS libraries that came with NumPy and SciPy tell and take their number of threads."""
     libraries = []
     for package in (np, scipy):
         root = Path(str(package.__file__)).parent
@@ -55,10 +51,7 @@ def _libraries() -> tuple[_Library, ...]:
                     library = ctypes.CDLL(str(path))
                 except OSError:
                     continue
-                for name in _NAMES:
-                    if hasattr(library, name.format("set")) and hasattr(library, name.format("get")):
-                        libraries.append(
-                            _Library(getattr(library, name.format("get")), getattr(library, name.format("set")))
-                        )
-                        break
+                known = (n for n in _NAMES if hasattr(library, n.format("set")) and hasattr(library, n.format("get")))
+                for name in islice(known, 1):
+                    libraries.append((getattr(library, name.format("get")), getattr(library, name.format("set"))))
     return tuple(libraries)

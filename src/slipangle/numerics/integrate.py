@@ -164,13 +164,7 @@ def radau_equations(f: Derivative, dt: float, n_states: int, n_inputs: int) -> c
 
 
 def discretise(
-    f: Derivative,
-    dt: float,
-    *,
-    n_states: int,
-    n_inputs: int,
-    method: Method = "rk4",
-    substeps: int = 1,
+    f: Derivative, dt: float, *, n_states: int, n_inputs: int, method: Method = "rk4", substeps: int = 1
 ) -> Step:
     """The step of the named method.
 

@@ -207,8 +207,7 @@ def ipopt(problem: Regression, lower: np.ndarray, upper: np.ndarray, starts: np.
     """
     x, theta = ca.MX.sym("x", problem.x.shape[0]), ca.MX.sym("theta", problem.p)
     model = ca.Function("model", [problem.x, problem.theta], [problem.y])
-    one = model(x, theta)
-    mapped = ca.Function("one", [x, theta], [one]).map(problem.n)
+    mapped = ca.Function("one", [x, theta], [model(x, theta)]).map(problem.n)
     all_theta = ca.MX.sym("theta", problem.p)
     outputs = mapped(ca.DM(problem.samples.T), ca.repmat(all_theta, 1, problem.n))
     error = (outputs - ca.DM(problem.target.T)) * ca.DM(problem.weight.T)

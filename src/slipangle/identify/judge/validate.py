@@ -61,12 +61,7 @@ def score(trajectory: Trajectory, output: str) -> Score:
     """Metrics of one output over the samples that were predicted."""
     i = trajectory.outputs.index(output)
     y, y_hat = trajectory.measured[trajectory.predicted, i], trajectory.y[trajectory.predicted, i]
-    return Score(
-        rmse=float(metrics.rmse(y, y_hat)),
-        r2=float(metrics.r2(y, y_hat)),
-        fit=float(metrics.fit(y, y_hat)),
-        vaf=float(metrics.vaf(y, y_hat)),
-    )
+    return Score(**{f.name: float(getattr(metrics, f.name)(y, y_hat)) for f in fields(Score)})
 
 
 def restarted(data: Dataset, seconds: float, memory: int) -> Dataset:

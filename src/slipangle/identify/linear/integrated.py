@@ -70,13 +70,10 @@ class IntegratedARX(Checked):
                 )
             rest = part.rows(self.order, part.n_samples)
             parts.append((np.diff(part[name], n=self.order), rest))
-        known = np.array([1.0])
-        for _ in range(self.order):
-            known = np.convolve(known, [1.0, -1.0])
         a, B, info = self._differences(parts, name, free)
         if info is not None:  # the differences are no samples of the log
             info = replace(info, **provenance(data))
-        A = np.convolve(known, np.concatenate([[1.0], a]))[1:]
+        A = np.convolve(np.poly(np.ones(self.order)), np.concatenate([[1.0], a]))[1:]
         return ARXModel(A=A, B=B, nk=self.nk, dt=data.dt, inputs=data.inputs, outputs=data.outputs, fit_info=info)
 
     def _differences(self, parts: list, name: str, free: int) -> tuple[np.ndarray, np.ndarray, Any]:

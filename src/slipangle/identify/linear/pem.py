@@ -86,15 +86,6 @@ class PEM(LinearEstimator[StateSpaceModel]):
             "covariance for white residuals, zero along changes of the state's basis",
             warnings=notes,
         )
-        return replace(
-            self.start,
-            A=point.F + point.K @ point.C,
-            B=point.G + point.K @ point.D,
-            C=point.C,
-            D=point.D,
-            K=point.K,
-            u_offset=point.u_offset,
-            y_offset=point.y_offset,
-            x0=point.x0,
-            fit_info=info,
-        )
+        parts = {key: getattr(point, key) for key in ("C", "D", "K", "u_offset", "y_offset", "x0")}
+        A, B = point.F + point.K @ point.C, point.G + point.K @ point.D
+        return replace(self.start, A=A, B=B, **parts, fit_info=info)

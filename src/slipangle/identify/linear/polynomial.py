@@ -163,14 +163,8 @@ class _Layout:
     def parts(self, theta: np.ndarray) -> dict[str, Any]:
         """Polynomials of a coefficient vector."""
         pieces = np.split(theta, np.cumsum([self.na, *self.nb, *self.nf, self.nc, self.nd])[:-1])
-        nu = self.nu
-        return {
-            "A": pieces[0],
-            "B": pieces[1 : 1 + nu],
-            "F": pieces[1 + nu : 1 + 2 * nu],
-            "C": pieces[-2],
-            "D": pieces[-1],
-        }
+        A, *both, C, D = pieces
+        return {"A": A, "B": both[: self.nu], "F": both[self.nu :], "C": C, "D": D}
 
     def names(self, data: Dataset) -> tuple[str, ...]:
         """Such as ``a1``, ``b1[delta]``."""
@@ -182,13 +176,7 @@ class _Layout:
 
     def model(self, theta: np.ndarray, data: Dataset, u0: np.ndarray, y0: float) -> PolynomialModel:
         """The model of a coefficient vector."""
-        return PolynomialModel(
-            **self.parts(theta),
-            nk=self.nk,
-            u_offset=u0,
-            y_offset=y0,
-            **channels(data),
-        )
+        return PolynomialModel(**self.parts(theta), nk=self.nk, u_offset=u0, y_offset=y0, **channels(data))
 
 
 class _Structured(PredictionCriterion):

@@ -166,7 +166,8 @@ class PredictionCriterion:
         """Triangles of [x0, free moves | error] and the free moves themselves, shape (n_theta, n_moves)."""
         moves = self._moves(point) if moves is None else moves
         work = Triangles(self.n, moves.shape[1])
-        system = self._system(point, np.vstack([np.eye(self.n), point.C]), _padded(point.D, self.n))
+        D = np.vstack([np.zeros((self.n, self.nu)), point.D])
+        system = self._system(point, np.vstack([np.eye(self.n), point.C]), D)
         experiment, state, bank = -1, np.zeros(self.n), self._bank(point)
 
         def close() -> None:
@@ -362,10 +363,6 @@ class PredictionCriterion:
             names += [name + "[" + ",".join(map(str, index)) + "]" for index in np.ndindex(value.shape)]
             values.append(value.ravel())
         return tuple(names), np.concatenate(values)
-
-
-def _padded(D: np.ndarray, n: int) -> np.ndarray:
-    return np.vstack([np.zeros((n, D.shape[1])), D])
 
 
 def shrunk(A: np.ndarray, radius: float) -> np.ndarray:

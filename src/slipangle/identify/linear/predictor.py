@@ -120,21 +120,6 @@ def reduce_rows(rows: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinearSolution:
-    """What is linear in the one-step-ahead prediction once A, C and K are known."""
-
-    B: np.ndarray
-    D: np.ndarray
-    x0: np.ndarray
-    u_offset: np.ndarray
-    y_offset: np.ndarray
-    names: tuple[str, ...]
-    values: np.ndarray
-    covariance: np.ndarray
-    noise_std: np.ndarray
-
-
-@dataclass(frozen=True, kw_only=True)
 class LinearFit:
     """B, D, the initial state of each experiment and the outputs' level, for given A, C, K.
 
@@ -149,8 +134,8 @@ class LinearFit:
     offset: bool
     data: Dataset
 
-    def solve(self) -> LinearSolution:
-        """Least squares over all experiments."""
+    def solve(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Least squares over all experiments: parts of the model, and what its `FitInfo` says of them."""
         data = self.data
         n, ny, nu = len(self.A), len(self.C), len(data.inputs)
         u0 = np.array([data[c].mean() for c in data.inputs]) if self.offset else np.zeros(nu)
@@ -187,7 +172,7 @@ class LinearFit:
         parts.append(target[:, :, None])
         return np.concatenate(parts, axis=2).reshape(n_samples * ny, -1)
 
-    def _unpack(self, work: Triangles, u0: np.ndarray, y0: np.ndarray) -> LinearSolution:
+    def _unpack(self, work: Triangles, u0: np.ndarray, y0: np.ndarray) -> tuple[dict[str, Any], dict[str, Any]]:
         data, n, ny = self.data, len(self.A), len(self.C)
         nu, p = len(data.inputs), work.n_shared
         r, target = work.shared[:p, :p], work.shared[:p, p]
@@ -210,14 +195,6 @@ class LinearFit:
         names += [f"y_offset[{o}]" for o in data.outputs] if self.offset else []
         values = theta.copy()
         values[p - ny :] += y0 if self.offset else 0.0
-        return LinearSolution(
-            B=B,
-            D=D,
-            x0=work.solve_locals(theta),
-            u_offset=u0,
-            y_offset=y0 + level,
-            names=tuple(names),
-            values=values,
-            covariance=pinv @ pinv.T * left / dof,
-            noise_std=np.full(ny, np.sqrt(left / dof)),
-        )
+        noise = np.full(ny, np.sqrt(left / dof))
+        told = {"names": tuple(names), "values": values, "covariance": pinv @ pinv.T * left / dof, "noise_std": noise}
+        return {"B": B, "D": D, "x0": work.solve_locals(theta), "u_offset": u0, "y_offset": y0 + level}, told

@@ -65,24 +65,17 @@ class Subspace(LinearEstimator[StateSpaceModel]):
         order = self.order or suggest_order(projection.singular_values)
         A, C = projection.observability(order)
         K = projection.gain(order, A, C) if self.disturbance else np.zeros((order, len(C)))
-        fitted = LinearFit(A=A, C=C, K=K, direct=self.direct, offset=self.offset, data=data).solve()
+        parts, told = LinearFit(A=A, C=C, K=K, direct=self.direct, offset=self.offset, data=data).solve()
         strength = ", ".join(f"{s:.3g}" for s in projection.singular_values[: order + 3])
         info = described(
             data,
             began,
-            **{name: getattr(fitted, name) for name in ("names", "values", "covariance", "noise_std")},
+            **told,
             n_samples=data.n_samples,
             method=f"subspace ({self.algorithm}), {projection.block_rows} block rows, {projection.solver}, singular "
             f"values {strength}, ...; B, D, x0 by least squares on the one-step-ahead error, covariance given A, C, K",
         )
-        return StateSpaceModel(
-            A=A,
-            C=C,
-            K=K,
-            **{name: getattr(fitted, name) for name in ("B", "D", "x0", "u_offset", "y_offset")},
-            **channels(data),
-            fit_info=info,
-        )
+        return StateSpaceModel(A=A, C=C, K=K, **parts, **channels(data), fit_info=info)
 
     def rows(self, data: Dataset) -> int:
         """Block rows used on these data."""
@@ -137,8 +130,8 @@ class ObliqueProjection:
         s, gamma = self.block_rows, self._gamma(order)
         now = self.oblique @ np.linalg.pinv(gamma).T
         later = _oblique(self.r, self.n_u, self.n_y, s + 1) @ np.linalg.pinv(gamma[: -self.n_y]).T
-        u = self.r[:, _entries(self.n_u, self.n_y, range(s, s + 1), "u")]
-        y = self.r[:, _entries(self.n_u, self.n_y, range(s, s + 1), "y")]
+        present = self.r[:, s * (self.n_u + self.n_y) : (s + 1) * (self.n_u + self.n_y)]
+        u, y = present[:, : self.n_u], present[:, self.n_u :]
         target = np.hstack([later, y]) - now @ np.vstack([A, C]).T
         residual = target - u @ np.linalg.lstsq(u, target, rcond=None)[0]
         noise = residual.T @ residual
@@ -173,9 +166,7 @@ def project(data: Dataset, *, algorithm: Algorithm, block_rows: int, offset: boo
             "than rows: record longer, without gaps, or use fewer block_rows"
         )
     r, solver = _compress(windows, data)
-    future = r[:, _entries(nu, ny, range(s, 2 * s), "y")]
-    oblique = _oblique(r, nu, ny, s)
-    u_future = r[:, _entries(nu, ny, range(s, 2 * s), "u")]
+    oblique, (_, u_future, future) = _oblique(r, nu, ny, s), _split(r, nu, ny, s)
     target, weight = oblique, np.eye(s * ny)
     if algorithm != "n4sid":
         target = _without(oblique, u_future)
@@ -245,19 +236,16 @@ def _require_excitation(u: np.ndarray, data: Dataset, lags: int) -> None:
         )
 
 
-def _entries(nu: int, ny: int, samples: range, kind: str) -> list[int]:
-    """Positions of the inputs (``"u"``), outputs or both (``"z"``) of some samples in a window."""
-    nc = nu + ny
-    inside = range(nu) if kind == "u" else range(nu, nc) if kind == "y" else range(nc)
-    return [k * nc + j for k in samples for j in inside]
+def _split(r: np.ndarray, nu: int, ny: int, split: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """All of the samples before ``split`` in a window, inputs from there on, outputs from there on."""
+    past, rest = np.split(r, [split * (nu + ny)], axis=1)
+    future = rest.reshape(len(r), -1, nu + ny)
+    return past, future[:, :, :nu].reshape(len(r), -1), future[:, :, nu:].reshape(len(r), -1)
 
 
 def _oblique(r: np.ndarray, nu: int, ny: int, split: int) -> np.ndarray:
     """Part of the outputs from ``split`` on that the samples before it explain, beside the inputs from ``split`` on."""
-    lags = r.shape[1] // (nu + ny)
-    past = r[:, _entries(nu, ny, range(split), "z")]
-    u = r[:, _entries(nu, ny, range(split, lags), "u")]
-    y = r[:, _entries(nu, ny, range(split, lags), "y")]
+    past, u, y = _split(r, nu, ny, split)
     clean = _without(past, u)
     weights = np.linalg.lstsq(clean, _without(y, u), rcond=1e-12)[0]
     return past @ weights

@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -84,9 +84,7 @@ class Hybrid(Checked):
                 )
         network = self.discrepancy.fit(left.select(inputs=inputs), progress=progress)
         model = HybridModel(base=self.base, discrepancy=network, gain=gain)
-        info = network.fit_info
-        if info is None:
-            raise AssertionError
+        info: Any = network.fit_info
         run = model.simulate(data)
         return replace(
             model,
@@ -181,12 +179,11 @@ class Adapt:
 
     def _shifted(self, model: Model, values: np.ndarray) -> OffsetModel:
         k = len(self.inputs)
-        info = model.fit_info
         return OffsetModel(
             model=model,
             inputs_at_zero=dict(zip(self.inputs, map(float, values[:k]), strict=True)),
             outputs_at_zero=dict(zip(self.outputs, map(float, values[k:]), strict=True)),
-            fit_info=info,
+            fit_info=model.fit_info,
         )
 
     def _error(self, model: Model, data: Dataset, values: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -162,23 +162,14 @@ def _share(progress: Progress | None, i: int, n: int) -> Any:
     return lambda share, error: progress((i + share) / n, f"joint fit, seed {i + 1} of {n}, relative error {error:.4f}")
 
 
-@dataclass
 class _Fit:
     """The least-squares problem, compiled once for all seeds."""
 
-    settings: Joint
-    inner: Dataset
-    held: Dataset | None
-    n_judged: int
-    lead: int
-    unrolled: Any = field(init=False)
-    share: float = 1.0
-
-    def __post_init__(self) -> None:
+    def __init__(self, settings: Joint, inner: Dataset, held: Dataset | None, *, n_judged: int, lead: int) -> None:
         from slipangle.identify.networks.unrolled import Unrolled
 
-        s = self.settings
-        outputs = self.inner.outputs
+        self.settings, self.inner, self.held, self.n_judged, self.share = settings, inner, held, n_judged, 1.0
+        s, outputs = settings, inner.outputs
         lag = max(s.start.params.steering_lag, _LEAST_LAG)
         params: Any = s.start.params.with_values(steering_lag=lag)
         size = np.std(self.inner.y, axis=0)
@@ -197,21 +188,14 @@ class _Fit:
         self.unrolled = Unrolled(self.template, s.free, self.scale, size)
         self.weights = np.where(np.arange(len(outputs)) < self.n_judged, 1.0, s.also_weight) / size
         memory, most = s.start.memory, np.array([most_v_y, most_r, 0.0]) / _MARGIN
-        self.fitted = side_by_side(self.inner, memory, self.weights, lead=self.lead, away=s.thrown_off * most)
+        self.fitted = side_by_side(self.inner, memory, self.weights, lead=lead, away=s.thrown_off * most)
         self.judge = self.fitted if self.held is None else side_by_side(self.held, memory, self.weights)
         start = self.unrolled.pack(self.network(0))
-        n = len(s.free)
-        ranges = (
-            np.array([(params.si(name).lower, params.si(name).upper) for name in s.free]).reshape(-1, 2).T / self.scale
-        )
-        self.lower, self.upper = (
-            np.concatenate([ends, np.full(len(start) - n, none)])
-            for ends, none in zip(ranges, (-np.inf, np.inf), strict=True)
-        )
-        if "steering_lag" in s.free:
-            i = s.free.index("steering_lag")
-            self.lower[i] = _LEAST_LAG / self.scale[i]
-        ny = len(outputs)
+        n, ny = len(s.free), len(outputs)
+        self.lower, self.upper = np.full(len(start), -np.inf), np.full(len(start), np.inf)
+        for i, name in enumerate(s.free):
+            least = _LEAST_LAG if name == "steering_lag" else params.si(name).lower
+            self.lower[i], self.upper[i] = least / self.scale[i], params.si(name).upper / self.scale[i]
         self.precision = np.concatenate(
             [np.full(n, s.parameter_prior), np.full(len(start) - n - ny, s.weight_prior), np.full(ny, 1e-6)]
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from slipangle.fields import Checked, Count, Positive
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.training import Progress, require_jax
 from slipangle.models.black_box.narx import NARXModel
-from slipangle.models.black_box.networks import MLP, Scaling
+from slipangle.models.black_box.networks import Scaling
 from slipangle.models.model import Trial
 from slipangle.numerics.least_squares import LevenbergMarquardt, cholesky
 
@@ -52,29 +52,18 @@ class FreeRunNARX(Checked):
             if progress is not None:
                 progress((i + 1) / len(self.start.seeds), f"free-run fit, seed {i + 1} of {len(self.start.seeds)}")
         trials = tuple(t for m in models if m.fit_info for t in m.fit_info.trials)
-        best = min(models, key=lambda m: m.fit_info.trials[0].score if m.fit_info else np.inf)
-        if best.fit_info is None:
-            raise AssertionError
+        best: Any = min(models, key=lambda m: m.fit_info.trials[0].score if m.fit_info else np.inf)
         return replace(best, fit_info=replace(best.fit_info, trials=trials, seconds=time.perf_counter() - began))
 
 
-@dataclass
 class _Polish:
     """The free run of one model as a least-squares problem in scaled coordinates."""
 
-    settings: FreeRunNARX
-    model: NARXModel
-    data: Dataset
-    pieces: list = field(init=False)
-    unrolled: Any = field(init=False)
-
-    def __post_init__(self) -> None:
+    def __init__(self, settings: FreeRunNARX, model: NARXModel, data: Dataset) -> None:
         from slipangle.identify.networks.unrolled import UnrolledLags
 
-        net = self.model.network.perceptron
-        if net is None:
-            raise AssertionError
-        self.net: MLP = net
+        net: Any = model.network.perceptron
+        self.settings, self.model, self.data, self.net, self.prior = settings, model, data, net, 0.0
         ny, nu, na = len(self.model.outputs), len(self.model.inputs), self.model.na
         self.unrolled = UnrolledLags(net, ny)
         lags: Scaling = net.input_scaling
@@ -91,8 +80,6 @@ class _Polish:
             drives = np.hstack([u[m - j : n - j] for j in range(nk, nk + nb)])
             self.pieces.append((past, drives, y[m:]))
         self.rows = sum(len(y) for _, _, y in self.pieces)
-
-    prior: float = field(init=False, default=0.0)
 
     def cost(self, theta: np.ndarray) -> float:
         """Mean squared free-run error and prior."""
@@ -138,9 +125,7 @@ class _Polish:
             if flat:
                 break
         model = replace(self.model, network=self.net.with_parameters(theta))
-        info = self.model.fit_info
-        if info is None:
-            raise AssertionError
+        info: Any = self.model.fit_info
         trial = Trial(
             seed=seed,
             score=float(np.sqrt(cost)),

@@ -30,9 +30,7 @@ class Arrays(NamedTuple):
 def scaled(data: Dataset, scaling_u: Scaling, scaling_y: Scaling, held: Dataset) -> Arrays:
     """Training data and held-out part in scaled coordinates."""
     return Arrays(
-        u=scaling_u.apply(data.u.T).T,
-        y=scaling_y.apply(data.y.T).T,
-        held=segments(held, scaling_u, scaling_y),
+        u=scaling_u.apply(data.u.T).T, y=scaling_y.apply(data.y.T).T, held=segments(held, scaling_u, scaling_y)
     )
 
 

@@ -207,7 +207,7 @@ def _candidates(
     model, data = problem.model, problem.data
     dt, m = model.dt, model.memory
     n = max(int(duration / dt), 40) + m
-    speed = next((np.median(problem.data[name]) for name in ("v_x",) if name in problem.data), None)
+    speed = float(np.median(data["v_x"])) if "v_x" in data else None
     moving = [name for name in model.inputs if name not in ("v_x", "v_x_dot")]
     rest = {name: float(np.median(data[name])) for name in model.inputs} | {"v_x_dot": 0.0}
     fast = speed is not None and "v_x" in (*model.inputs, *model.ode.states)
@@ -230,15 +230,12 @@ def _candidates(
                     what = text.format(f"{name} (±{size:.2g}{'' if unit == '-' else ' ' + unit})")
                     states = model.ode.states
                     extra = {"v_x": np.full(n, trial.x0[states.index("v_x")])} if "v_x" in states else {}
-                    outputs = {o: np.concatenate([np.full(m - 1, y[0]), y]) for o, y in _named(model, rows)}
+                    seen = zip(model.outputs, rows[:, :, 0].T, strict=True)
+                    outputs = {o: np.concatenate([np.full(m - 1, y[0]), y]) for o, y in seen}
                     extra = {c: v for c, v in extra.items() if c not in outputs}
                     units = {c: data.unit(c) for c in (*made, *outputs)}
                     log = Dataset.from_arrays(made, outputs, dt, extra=extra, units=units, name="manoeuvre")
                     yield f"{what}{where} for {(n - m) * dt:.3g} s", rows, log
-
-
-def _named(model: Any, rows: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-    return ((name, rows[:, j, 0]) for j, name in enumerate(model.outputs))
 
 
 def _straight(problem: FreeRunProblem, share: float) -> np.ndarray:

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -110,7 +111,7 @@ class Collocation(GreyBox[M]):
     ) -> tuple[Minimum, CollocationPoint, tuple[str, ...]]:
         """Errors and derivatives at the solution, of the free run where it follows the states; and why not."""
         constrained = self.at_most_zero or self.zero or self.state_bounds
-        best: CollocationPoint | None = None
+        best: Any = None
         for _ in range(MOST_ROUNDS):
             before, best = best, self._once(program, best)
             along = program.minimum(best)
@@ -120,8 +121,6 @@ class Collocation(GreyBox[M]):
             steady = not problem.moving or (before is not None and np.allclose(best.z, before.z, rtol=1e-8))
             if (settled and steady) or not best.converged:
                 break
-        if best is None:
-            raise AssertionError
         along = program.minimum(best)
         if not problem.own_free_run_misses(along):
             return problem.at(along.z, converged=best.converged), best, ()

@@ -28,10 +28,10 @@ def best_start(problem: FreeRunProblem, starts: int, seed: int) -> np.ndarray:
     part = _part(problem)
     tried = sorted(draw(problem, starts - 1, seed), key=part.cost)
     for carried, steps in _ROUNDS:
-        tried = sorted((_descent(part, z, steps) for z in tried[:carried]), key=part.cost)
-    minima = min([problem.start, _descent(problem, problem.start, _FINAL)], key=problem.cost)
+        tried = sorted((part.search(z, steps).point for z in tried[:carried]), key=part.cost)
+    minima = min([problem.start, problem.search(problem.start, _FINAL).point], key=problem.cost)
     other = min([minima, *tried], key=problem.cost)
-    return minima if other is minima else _descent(problem, other, _FINAL)
+    return minima if other is minima else problem.search(other, _FINAL).point
 
 
 def draw(problem: FreeRunProblem, n: int, seed: int) -> np.ndarray:
@@ -57,8 +57,3 @@ def _part(problem: FreeRunProblem) -> FreeRunProblem:
         return FreeRunProblem(problem.model, problem.shared, problem.own, data.rows(0, _COARSE), False)
     except SlipangleError:  # too quiet to tell starts apart
         return problem
-
-
-def _descent(problem: FreeRunProblem, z: np.ndarray, steps: int) -> np.ndarray:
-    """A few Levenberg-Marquardt steps."""
-    return problem.search(z, steps).point

@@ -91,21 +91,21 @@ class Transcription:
         model, nx, n_points = problem.model, problem.n_x, 3 * self.elements
         h = model.dt / self.elements
         inverse, size = np.linalg.inv(RADAU_A), ca.DM(self.size)
-        x, z = ca.SX.sym("x", nx), ca.SX.sym("z", nx, n_points)
+        x, z = ca.SX.sym("x", nx), ca.SX.sym("z", nx * n_points)
         w, p = ca.SX.sym("w", problem.rows[0].shape[1]), ca.SX.sym("p", len(problem.free))
         varied = model.with_values(**{name: p[i] for i, name in enumerate(problem.free)})
         u, before, defects = varied.drive(w), x, []
         for e in range(self.elements):
-            points = [z[:, 3 * e + i] for i in range(3)]
+            points = [z[nx * k : nx * (k + 1)] for k in range(3 * e, 3 * e + 3)]
             for i in range(3):
                 slope = sum(inverse[i, j] * (points[j] - before) for j in range(3))
                 defects.append(slope - h * varied.ode.derivative(size * points[i], u) / size)
             before = points[2]
         y = varied.ode.output(size * x, u)
-        return (
-            ca.Function("interval", [x, z, w, p], [ca.vertcat(*defects)]),
-            ca.Function("output", [x, w, p], [ca.densify(y)], {"is_diff_in": [True, False, True]}),
+        interval = ca.Function(
+            "interval", [x, z, w, p], [ca.vertcat(*defects)], {"is_diff_in": [True, True, False, True]}
         )
+        return interval, ca.Function("output", [x, w, p], [ca.densify(y)], {"is_diff_in": [True, False, True]})
 
     def _user(self, at_most_zero: Sequence[Constraint], zero: Sequence[Constraint]) -> tuple[ca.Function, int]:
         """The user's constraints on one experiment's parameters; how many are inequalities, which come first."""
@@ -143,8 +143,7 @@ class Transcription:
             w = ca.DM(problem.rows[i].T)
             wide = ca.repmat(p, 1, n - 1)
             block = ca.reshape(inner, nx * 3 * self.elements, n - 1)
-            one = ca.Function("one", *self._blocked(), {"is_diff_in": [True, True, False, True]})
-            defects.append(ca.vec(one.map(n - 1)(nodes[:, :-1], block, w[:, :-1], wide)))
+            defects.append(ca.vec(self.interval.map(n - 1)(nodes[:, :-1], block, w[:, :-1], wide)))
             outputs.append(ca.vec((self.output.map(n - 1)(nodes[:, 1:], w[:, 1:], wide) - ca.DM(y[1:].T)) / sigma))
             if not problem.n_x0:
                 shift = ca.mtimes(ca.reshape(slope[:, i], nx, len(problem.free)), p)
@@ -171,13 +170,6 @@ class Transcription:
             np.concatenate([bound[:n_p], np.tile(x_bound, sum(counts) // nx)])
             for bound, x_bound in zip((problem.lower, problem.upper), self.x_bounds, strict=True)
         )
-
-    def _blocked(self) -> tuple[list[Any], list[Any]]:
-        """The interval's equations with its points as one column."""
-        nx, n = self.problem.n_x, 3 * self.elements
-        x, z = ca.SX.sym("x", nx), ca.SX.sym("z", nx * n)
-        w, p = ca.SX.sym("w", self.interval.size1_in(2)), ca.SX.sym("p", self.interval.size1_in(3))
-        return [x, z, w, p], [self.interval(x, ca.reshape(z, nx, n), w, p)]
 
     # ---- solving -----------------------------------------------------------------------------------------------
 
@@ -221,12 +213,7 @@ class Transcription:
             options |= {"ipopt.warm_start_init_point": "yes", "ipopt.mu_init": 1e-8}
             pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
             options |= {f"ipopt.warm_start_{name}": 1e-9 for name in pushes}
-        nlp = {
-            "x": self.variables,
-            "p": self.given,
-            "f": 0.5 * ca.sumsqr(self.error),
-            "g": self.constraints,
-        }
+        nlp = {"x": self.variables, "p": self.given, "f": 0.5 * ca.sumsqr(self.error), "g": self.constraints}
         solver = ca.nlpsol("collocation", "ipopt", nlp, options)
         z = self._z(self.first_guess()) if warm is None else warm.z
         more = {} if warm is None else {"lam_x0": warm.bounds_force, "lam_g0": warm.rows_force}

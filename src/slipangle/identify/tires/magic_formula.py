@@ -37,6 +37,8 @@ from slipangle.models.tires.simple import practical_slip
 from slipangle.numerics.blas import one_blas_thread
 from slipangle.numerics.multistart import Effort, Regression, draw, multistart
 
+_ORDINARY = {"PCX1": 1.5, "PDX1": 1.2, "PKX1": 25.0, "PCY1": 1.4, "PDY1": 1.1, "PKY1": -25.0, "PKY2": 2.0}
+_ORDINARY |= {"RCX1": 1.0, "RCY1": 1.0, "QCZ1": 1.1}  # coefficients of a tire, beside its size and pressure
 _SMALL_RATIO = 0.01  # slip ratio that counts as free rolling
 _SMALL_ANGLE = np.deg2rad(0.6)  # slip angle that counts as straight
 
@@ -47,24 +49,8 @@ def typical(data: TireData, *, radius: float) -> MagicFormulaTire:
     ``radius`` is the unloaded one, the length that moments are made dimensionless with. [m]
     """
     pressure = 0.0 if data.pressure is None else float(np.median(data.pressure))
-    return MagicFormulaTire(
-        coefficients=MF61Coefficients(
-            FNOMIN=float(f"{np.median(data.load):.3g}"),
-            UNLOADED_RADIUS=radius,
-            NOMPRES=pressure,
-            INFLPRES=pressure,
-            PCX1=1.5,
-            PDX1=1.2,
-            PKX1=25.0,
-            PCY1=1.4,
-            PDY1=1.1,
-            PKY1=-25.0,
-            PKY2=2.0,
-            RCX1=1.0,
-            RCY1=1.0,
-            QCZ1=1.1,
-        )
-    )
+    size = {"FNOMIN": float(f"{np.median(data.load):.3g}"), "UNLOADED_RADIUS": radius}
+    return MagicFormulaTire(coefficients=MF61Coefficients(**_ORDINARY, **size, NOMPRES=pressure, INFLPRES=pressure))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,12 +257,7 @@ class _Job:
         return tire, stage
 
     def solve(
-        self,
-        tire: MagicFormulaTire,
-        free: tuple[Free, ...],
-        outputs: tuple[str, ...],
-        rows: np.ndarray,
-        effort: Effort,
+        self, tire: MagicFormulaTire, free: tuple[Free, ...], outputs: tuple[str, ...], rows: np.ndarray, effort: Effort
     ) -> tuple[MagicFormulaTire, FittedStage]:
         """One stage: the tire with the free coefficients that fit the outputs best on some rows."""
         n = int(rows.sum()) * len(outputs)

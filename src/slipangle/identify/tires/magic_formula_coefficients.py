@@ -125,9 +125,7 @@ _OVERTURNING = (
     *_around_zero(5.0, "cp", "PPMX1"),
 )
 _OVERTURNING_WITH_LOAD = (
-    *_around_zero(1.0, "", "QSX1"),
-    *_around_zero(60.0, "c", "QSX2"),
-    *_around_zero(10.0, "", "QSX3"),
+    *_OVERTURNING[:3],
     Free("QSX4", 0.0, 50.0, 1.0, 15.0, "f"),
     *_around_zero(5.0, "f", "QSX5"),
     Free("QSX6", 0.0, 10.0, 0.5, 2.0, "f"),
@@ -136,7 +134,7 @@ _OVERTURNING_WITH_LOAD = (
     Free("QSX9", -5.0, 5.0, -0.1, 0.1, "f"),
     Free("QSX10", -10.0, 10.0, 0.2, 1.0, "cf"),
     Free("QSX11", -10.0, 10.0, -2.0, 2.0, "cf"),
-    *_around_zero(5.0, "cp", "PPMX1"),
+    _OVERTURNING[3],
 )
 # Alternatives for each moment, of which the data choose
 MOMENTS: dict[str, tuple[tuple[Free, ...], ...]] = {"M_z": (_TRAIL,), "M_x": (_OVERTURNING, _OVERTURNING_WITH_LOAD)}
