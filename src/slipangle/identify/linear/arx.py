@@ -75,7 +75,9 @@ class ARX(LinearEstimator[ARXModel]):
         B = np.zeros((last - first + 1, ny, nu))
         for (lag, i), row in zip(used, theta[self.na * ny :], strict=False):
             B[lag - first, :, i] = row
-        return ARXModel(A=A, B=B, c=theta[-1] if self.offset else None, nk=first, **channels(data), fit_info=info)
+        return ARXModel(
+            A=A, B=B, c=theta[-1] if self.offset else np.zeros(ny), nk=first, **channels(data), fit_info=info
+        )
 
     def _used(self, data: Dataset) -> list[tuple[int, int]]:
         """Lag and number of every input that is a regressor, smallest lag first."""

@@ -106,7 +106,7 @@ class RLS(LinearEstimator[ARXModel]):
             If the model has other lags.
         """
         wanted, got = (self.na, self.nb, self.nk), (model.na, model.nb, model.nk)
-        constant = model.c is not None and bool(np.any(model.c))
+        constant = bool(np.any(model.c))
         if wanted != got or (constant and not self.offset):
             raise ParameterError(
                 f"the model has na, nb, nk = {got}{' and a constant' if constant else ''}; expected "
@@ -331,8 +331,7 @@ class RecursiveARX:
         """Start at a model."""
         ny, theta = self.n_outputs, self._recursion.theta
         parts = [-model.A.transpose(1, 0, 2).reshape(ny, -1), model.B.transpose(1, 0, 2).reshape(ny, -1)]
-        constant = np.zeros(ny) if model.c is None else model.c
-        theta[:] = np.hstack([*parts, constant[:, None]] if self.settings.offset else parts)
+        theta[:] = np.hstack([*parts, model.c[:, None]] if self.settings.offset else parts)
         info, n = model.fit_info, len(self._labels)
         if info is None or info.covariance.shape != (theta.size, theta.size) or not info.noise_std[0] > 0:
             return
