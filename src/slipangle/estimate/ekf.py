@@ -33,6 +33,8 @@ class EKF(Checked, Generic[M]):
     the range that its parameter set gives. With no free parameter it is a state observer, such as of side slip.
     `start_at` gives a `RecursiveVehicle` that takes one sample at a time; `fit` runs through a whole record.
 
+    Raises ParameterError if a name is unknown, a measured output has no noise, or a number is not positive.
+
     Parameters
     ----------
     start : OdeModel
@@ -48,11 +50,6 @@ class EKF(Checked, Generic[M]):
         Standard deviation at the start: of a parameter, relative for a positive one (0.3 unless given), else in its
         unit (a sixth of its range unless given); of a state at the start of an experiment, in its unit (the noise of
         the output of that name, else 1, unless given).
-
-    Raises
-    ------
-    ParameterError
-        If a name is unknown, a measured output has no noise, or a number is not positive.
 
     References
     ----------
@@ -126,10 +123,7 @@ class FilterRun:
     def parameter(self, name: str) -> np.ndarray:
         """One parameter over time.
 
-        Raises
-        ------
-        ParameterError
-            If it was not free.
+        Raises ParameterError if it was not free.
         """
         if name not in self.free:
             raise ParameterError(f"'{name}' was not free; {nearest(name, self.free)}: use one of these")
@@ -178,6 +172,9 @@ class RecursiveVehicle:
     def update(self, y: float | np.ndarray, u: float | np.ndarray) -> np.ndarray:
         """Take in what was measured at one sample.
 
+        Raises ParameterError if there are not as many numbers as channels, NotFiniteError if an input is not finite,
+        and SimulationError if the estimate left the finite numbers. After the last two the filter is as before.
+
         Parameters
         ----------
         y : float or array, shape (n_outputs,)
@@ -190,15 +187,6 @@ class RecursiveVehicle:
         array, shape (n_outputs,)
             Measured minus predicted output, before this sample was taken in; 0 where not measured. The same array at
             every call: copy what is to be kept.
-
-        Raises
-        ------
-        ParameterError
-            If there are not as many numbers as channels.
-        NotFiniteError
-            If an input is not finite; the filter is then as before.
-        SimulationError
-            If the estimate left the finite numbers; the filter is then as before.
         """
         self._take(y, self._y, "outputs")
         self._take(u, self._u, "inputs")
@@ -233,12 +221,8 @@ class RecursiveVehicle:
     def run(self, data: Dataset) -> FilterRun:
         """Take in all samples of a record, one experiment after the other, each from its own initial state.
 
-        Raises
-        ------
-        SampleTimeError, MissingColumnError
-            If the data have another sample time or lack a channel.
-        SimulationError
-            If the filter diverged.
+        Raises SampleTimeError or MissingColumnError if the data have another sample time or lack a channel, and
+        SimulationError if the filter diverged.
         """
         model = self.settings.start
         data.require_dt(model.dt)

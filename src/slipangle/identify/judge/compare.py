@@ -80,6 +80,9 @@ def compare(
     All are judged on the same samples, those that every model predicts. A model whose free run leaves the finite
     numbers is ranked last, with the reason.
 
+    Raises ParameterError if there is no model, no common output, or the data overlap training data, and
+    SampleTimeError, MissingColumnError or TooShortError if the data do not suit a model.
+
     Parameters
     ----------
     models : mapping of str to Model, or sequence of Model
@@ -90,13 +93,6 @@ def compare(
         Protocol of the initial state, see `slipangle.identify.judge.initial.free_run`.
     on_training_data : bool
         Allow data that overlap the training data of a model.
-
-    Raises
-    ------
-    ParameterError
-        If there is no model, no common output, or the data overlap training data.
-    SampleTimeError, MissingColumnError, TooShortError
-        If the data do not suit a model.
     """
     named = _named(models)
     judged = _common(named, outputs)
@@ -259,6 +255,8 @@ def cross_validate(
 ) -> CrossValidation:
     """Fit to all experiments but some, judge the free run on those, in turn.
 
+    Raises ParameterError if there are fewer than two folds.
+
     Parameters
     ----------
     data : Dataset
@@ -266,11 +264,6 @@ def cross_validate(
     folds : int, optional
         Cut the record into this many stretches of about equal length and leave out one at a time; by default each
         experiment is left out once.
-
-    Raises
-    ------
-    ParameterError
-        If there are fewer than two folds.
     """
     edges = _edges(data, folds)
     results = []

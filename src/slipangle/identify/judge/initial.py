@@ -20,19 +20,14 @@ LONGEST = 2000  # samples that the initial state is fitted to; later ones hardly
 def free_run(model: Model, data: Dataset, *, start: Start = "first samples") -> Trajectory:
     """Free run of every experiment.
 
+    Raises ParameterError if ``start`` is something else, and SimulationError if the state leaves the finite numbers.
+
     Parameters
     ----------
     start : {"first samples", "least squares"}
         ``"first samples"``: the state that the model reads from its first `memory` samples; no later measured output
         is used. ``"least squares"``: the state that makes the free run fit the measured outputs best; it looks at
         outputs that are then predicted, so it flatters models that forget slowly.
-
-    Raises
-    ------
-    ParameterError
-        If ``start`` is something else.
-    SimulationError
-        If the state leaves the finite numbers.
     """
     require_known(start, get_args(Start), "start")
     if start == "first samples":

@@ -118,12 +118,7 @@ def calibrate(pairs: Sequence[tuple[Model, Dataset]], *, share: float = 0.05) ->
     The pairs are such as the folds of `rolling_holdout`; ``share`` is the part of the scale that grows with the
     predicted output.
 
-    Raises
-    ------
-    ParameterError
-        If there is no pair.
-    TooShortError
-        If fewer than 20 samples are predicted.
+    Raises ParameterError if there is no pair, and TooShortError if fewer than 20 samples are predicted.
     """
     if not pairs:
         raise ParameterError("no model and data were given; expected at least one pair to calibrate on")

@@ -72,12 +72,8 @@ def restarted(data: Dataset, seconds: float, memory: int) -> Dataset:
 
     Lengths are in seconds [s]; experiments not longer than ``memory`` samples are left out.
 
-    Raises
-    ------
-    ParameterError
-        If ``seconds`` is shorter than one sample.
-    TooShortError
-        If no experiment is longer than ``memory``.
+    Raises ParameterError if ``seconds`` is shorter than one sample, and TooShortError if no experiment is longer than
+    ``memory``.
     """
     n = round(seconds / data.dt)
     if n < 1:
@@ -97,6 +93,10 @@ def validate(
 ) -> Validation:
     """Judge a model on data it was not fitted to.
 
+    Raises ParameterError if the data overlap those the model was fitted to.
+
+    Warns with ModelWarning if a prediction leaves any plausible range of the data; the verdict's sentences say so too.
+
     Parameters
     ----------
     data : Dataset
@@ -107,16 +107,6 @@ def validate(
         Largest lag of the residual tests. [samples]
     on_training_data : bool
         Allow data that overlap the training data, for a training score.
-
-    Raises
-    ------
-    ParameterError
-        If the data overlap those the model was fitted to.
-
-    Warns
-    -----
-    ModelWarning
-        If a prediction leaves any plausible range of the data; the verdict's sentences say so too.
     """
     if not on_training_data:
         require_unseen(model, data)

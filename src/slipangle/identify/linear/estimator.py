@@ -23,21 +23,12 @@ class LinearEstimator(Checked, abc.ABC, Generic[M]):
     def fit(self, data: Dataset) -> M:
         """Model of all outputs from all inputs of ``data``; experiments are never joined.
 
-        Raises
-        ------
-        ExcitationError, TooShortError
-            If the data cannot tell, with the regressors, inputs or counts at fault.
-        ParameterError
-            If the settings do not suit the data, or no order could be fitted.
-        SimulationError
-            If the fit diverged.
+        Raises ExcitationError or TooShortError if the data cannot tell, with the regressors, inputs or counts at fault,
+        ParameterError if the settings do not suit the data, or no order could be fitted, and SimulationError if the fit
+        diverged.
 
-        Warns
-        -----
-        IdentifiabilityWarning
-            If the effects of two inputs cannot be told apart, or the fit stopped at its limit of steps.
-        ModelWarning
-            If a free run of the model would blow up, or the poles had to be held back.
+        Warns with IdentifiabilityWarning if the effects of two inputs cannot be told apart, or the fit stopped at its
+        limit of steps, and ModelWarning if a free run of the model would blow up, or the poles had to be held back.
         """
         with breakdown_said(self._what, data):
             return announced(judged(self._fit(data), data))

@@ -51,12 +51,7 @@ class IntegratedARX(Checked):
     def fit(self, data: Dataset) -> ARXModel:
         """Model of one output; experiments are never joined.
 
-        Raises
-        ------
-        ParameterError
-            If there are several outputs.
-        TooShortError, ExcitationError
-            See `ARX.fit`.
+        Raises ParameterError if there are several outputs, and TooShortError or ExcitationError as `ARX.fit`.
         """
         if len(data.outputs) != 1:
             raise ParameterError(f"the data have outputs {list(data.outputs)}; expected one: select it")

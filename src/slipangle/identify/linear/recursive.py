@@ -100,10 +100,7 @@ class RLS(LinearEstimator[ARXModel]):
     def follow(self, model: ARXModel) -> RecursiveARX:
         """An estimate that starts at a model, as uncertain as its ``fit_info`` says, else as `prior` says.
 
-        Raises
-        ------
-        ParameterError
-            If the model has other lags.
+        Raises ParameterError if the model has other lags.
         """
         wanted, got = (self.na, self.nb, self.nk), (model.na, model.nb, model.nk)
         constant = bool(np.any(model.c))
@@ -180,6 +177,9 @@ class RecursiveARX:
     def update(self, y: float | np.ndarray, u: float | np.ndarray) -> np.ndarray:
         """Take in the outputs and inputs measured at one sample.
 
+        Raises ParameterError if there are not as many numbers as channels, and NotFiniteError if one is not finite; the
+        estimate is then as before. Call `restart` if samples are missing.
+
         Parameters
         ----------
         y, u : float or array, shapes (n_outputs,), (n_inputs,)
@@ -190,13 +190,6 @@ class RecursiveARX:
         array, shape (n_outputs,)
             Measured minus predicted output, before this sample changed the estimate; zero while the lags fill. The
             same array at every call: copy what is to be kept.
-
-        Raises
-        ------
-        ParameterError
-            If there are not as many numbers as channels.
-        NotFiniteError
-            If one is not finite; the estimate is then as before. Call `restart` if samples are missing.
         """
         if not self._single:
             self._check(y, u)
@@ -225,10 +218,7 @@ class RecursiveARX:
     def run(self, data: Dataset) -> RecursiveRun:
         """Take in all samples of a record, one experiment after the other, and say how the estimate went.
 
-        Raises
-        ------
-        SampleTimeError, MissingColumnError
-            If the data have another sample time or other channels.
+        Raises SampleTimeError or MissingColumnError if the data have another sample time or other channels.
         """
         data.require_dt(self.dt)
         for name in (*self.inputs, *self.outputs):

@@ -91,10 +91,7 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
     def choose_order(self, data: Dataset) -> OrderChoice:
         """Compare the candidate orders on data that their fits have not seen.
 
-        Raises
-        ------
-        ParameterError
-            If no candidate could be fitted; the reasons are given.
+        Raises ParameterError if no candidate could be fitted; the reasons are given.
         """
         orders = (self.order,) if isinstance(self.order, int) else tuple(sorted(set(self.order)))
         folds, holdout = self._folds(data)

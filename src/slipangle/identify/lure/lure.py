@@ -80,10 +80,8 @@ class Lure(Checked):
     def fit(self, data: Dataset) -> LureModel:
         """The model with the least free-run error on ``data`` and ridge; what the starts gave is in ``fit_info``.
 
-        Warns
-        -----
-        IdentifiabilityWarning
-            If the best fit stopped at its limit of steps, or no two starts met in the best minimum.
+        Warns with IdentifiabilityWarning if the best fit stopped at its limit of steps, or no two starts met in the
+        best minimum.
         """
         began = time.perf_counter()
         with one_blas_thread():

@@ -78,20 +78,15 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
     def fit(self, data: Dataset, *, progress: Progress | None = None) -> M:
         """Model of all outputs from all inputs of ``data``; windows never cross the border of an experiment.
 
+        Raises ExcitationError or TooShortError if an input or output is constant, or no experiment holds the lags and a
+        window.
+
+        Warns with ModelWarning if a training run diverged or never improved; the best weights are kept.
+
         Parameters
         ----------
         progress : callable, optional
             Told the share done and what is being done.
-
-        Raises
-        ------
-        ExcitationError, TooShortError
-            If an input or output is constant, or no experiment holds the lags and a window.
-
-        Warns
-        -----
-        ModelWarning
-            If a training run diverged or never improved; the best weights are kept.
         """
         began = time.perf_counter()
         require_jax(f"fitting {self._what}")

@@ -61,10 +61,8 @@ class Hybrid(Checked):
     def fit(self, data: Dataset, *, progress: Progress | None = None) -> HybridModel:
         """Base model plus trained discrepancy, which is off where it did not help.
 
-        Raises
-        ------
-        SampleTimeError, MissingColumnError, TooShortError
-            If the data do not suit the base model or the network's lags.
+        Raises SampleTimeError, MissingColumnError or TooShortError if the data do not suit the base model or the
+        network's lags.
         """
         require_jax("fitting a hybrid model")
         began = time.perf_counter()
@@ -150,12 +148,7 @@ class Adapt:
     def fit(self, model: Model, data: Dataset) -> OffsetModel:
         """The model behind the offsets that explain the first ``seconds`` of the data best.
 
-        Raises
-        ------
-        TooShortError
-            If the data are shorter.
-        MissingColumnError
-            If the model has no such channel.
+        Raises TooShortError if the data are shorter, and MissingColumnError if the model has no such channel.
         """
         n = round(self.seconds / data.dt)
         if data.n_samples < n or n <= model.memory + 1:

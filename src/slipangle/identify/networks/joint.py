@@ -76,9 +76,7 @@ class Joint(Checked):
     seeds : tuple of int
         One run each.
 
-    References
-    ----------
-    .. [1] L. Ljung, System Identification, 2nd ed., 1999, sec. 10.2: Gauss-Newton with sensitivities.
+    Source: L. Ljung, System Identification, 2nd ed., 1999, sec. 10.2: Gauss-Newton with sensitivities.
     """
 
     start: NonlinearBicycle
@@ -123,15 +121,9 @@ class Joint(Checked):
     def fit_all(self, data: Dataset, *, progress: Progress | None = None) -> tuple[NeuralBicycle, ...]:
         """One model per seed.
 
-        Raises
-        ------
-        MissingColumnError, ExcitationError, TooShortError
-            If the data cannot identify the physics.
+        Raises MissingColumnError, ExcitationError or TooShortError if the data cannot identify the physics.
 
-        Warns
-        -----
-        ModelWarning
-            If a run never improved on the physics it started from.
+        Warns with ModelWarning if a run never improved on the physics it started from.
         """
         require_jax("fitting physics with a network")
         began = time.perf_counter()

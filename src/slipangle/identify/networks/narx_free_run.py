@@ -35,10 +35,7 @@ class FreeRunNARX(Checked):
     def fit(self, data: Dataset, *, progress: Progress | None = None) -> NARXModel:
         """The model of the seed whose free run over the training data has the smallest error.
 
-        Raises
-        ------
-        ExcitationError, TooShortError
-            As `NARX.fit`.
+        Raises ExcitationError or TooShortError as `NARX.fit`.
         """
         require_jax("fitting a NARX network")
         from slipangle.identify.networks import adam

@@ -60,12 +60,8 @@ def train(
     ``initial`` gives the start parameters of a seed, ``starts`` the rows at which windows of a horizon may begin. Each
     stage goes on from the best parameters so far. JAX's global precision stays as it is.
 
-    Raises
-    ------
-    ParameterError
-        If there is no stage or no seed.
-    TooShortError
-        If no experiment is long enough for a window.
+    Raises ParameterError if there is no stage or no seed, and TooShortError if no experiment is long enough for a
+    window.
     """
     if not stages or not seeds:
         raise ParameterError(f"{len(stages)} stages and {len(seeds)} seeds; expected at least one of each")

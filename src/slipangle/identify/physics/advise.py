@@ -63,6 +63,8 @@ def advise(
     what a driver can, unless it is half as good again. All this holds near the fitted values: where those are far off,
     drive what is advised, fit again, and ask again.
 
+    Raises ParameterError if the model is no fit, or the parameter was not free.
+
     Parameters
     ----------
     model : Parametrised
@@ -75,11 +77,6 @@ def advise(
         Of each manoeuvre, at least 40 samples. [s]
     harder : float
         Largest input of a manoeuvre over the log's.
-
-    Raises
-    ------
-    ParameterError
-        If the model is no fit, or the parameter was not free.
 
     References
     ----------

@@ -85,10 +85,7 @@ class Collocation(GreyBox[M]):
     def fit(self, data: Dataset) -> M:
         """The model with estimated parameters, their covariance and warnings in ``fit_info``.
 
-        Warns
-        -----
-        IdentifiabilityWarning
-            With the names of parameters that the data do not determine.
+        Warns with IdentifiabilityWarning, with the names of parameters that the data do not determine.
         """
         began = time.perf_counter()
         problem = self.problem(data)

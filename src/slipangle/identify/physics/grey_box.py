@@ -76,16 +76,10 @@ class GreyBox(Checked, Generic[M]):
     def fit(self, data: Dataset) -> M:
         """The model with estimated parameters, their covariance and warnings in ``fit_info``.
 
-        Raises
-        ------
-        ExcitationError, TooShortError, SimulationError
-            If the data cannot tell, or the numbers broke down.
+        Raises ExcitationError, TooShortError or SimulationError if the data cannot tell, or the numbers broke down.
 
-        Warns
-        -----
-        IdentifiabilityWarning
-            With the names of parameters that the data do not determine, and what to drive so that they are (see
-            `slipangle.identify.physics.advise`).
+        Warns with IdentifiabilityWarning, with the names of parameters that the data do not determine, and what to
+        drive so that they are (see `slipangle.identify.physics.advise`).
         """
         began = time.perf_counter()
         starts = self.starts or (STARTS if self.start.ode.several_minima else 1)

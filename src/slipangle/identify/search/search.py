@@ -142,6 +142,8 @@ class Search(Checked):
     def run(self, objective: Objective, *, progress: Progress | None = None) -> SearchResult:
         """Work through the trials that are missing.
 
+        Raises ConfigError if Optuna, or Ray for a cluster, is not installed, or the journal holds another search.
+
         Parameters
         ----------
         objective : callable
@@ -150,11 +152,6 @@ class Search(Checked):
             the score on the way, and ends the trial where that is not worth going on.
         progress : callable, optional
             Told the share done and the best so far.
-
-        Raises
-        ------
-        ConfigError
-            If Optuna, or Ray for a cluster, is not installed, or the journal holds another search.
         """
         optuna = extra("optuna", "cluster", "searching")
         optuna.logging.set_verbosity(optuna.logging.WARNING)

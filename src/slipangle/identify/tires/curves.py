@@ -70,6 +70,11 @@ class CurveFit(Checked, abc.ABC, Generic[C]):
     def fit(self, slip: np.ndarray, friction: np.ndarray, *, load: Beside = None, camber: Beside = None) -> C:
         """The best curve found, with its ``fit_info``.
 
+        Raises ExcitationError, TooShortError, UnitError, NotFiniteError or ParameterError if the data cannot determine
+        a curve.
+
+        Warns with IdentifiabilityWarning, with the coefficients that the data do not determine.
+
         Parameters
         ----------
         slip : array, shape (n_samples,)
@@ -80,16 +85,6 @@ class CurveFit(Checked, abc.ABC, Generic[C]):
             Vertical load, which then is an input of the network; a Magic Formula curve depends on slip alone. [N]
         camber : array, shape (n_samples,), optional
             Inclination, likewise. [rad]
-
-        Raises
-        ------
-        ExcitationError, TooShortError, UnitError, NotFiniteError, ParameterError
-            If the data cannot determine a curve.
-
-        Warns
-        -----
-        IdentifiabilityWarning
-            With the coefficients that the data do not determine.
         """
         if self.slip_alone and not (load is None and camber is None):
             raise ParameterError(

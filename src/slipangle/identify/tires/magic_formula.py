@@ -98,19 +98,11 @@ class MagicFormulaFit:
 
         ``noise_std`` of the information holds F_x, F_y and, where measured, M_z and M_x.
 
-        Raises
-        ------
-        ExcitationError
-            If no slip moves, or a sweep runs on one side of zero only.
-        TooShortError
-            If a stage has fewer samples than coefficients.
+        Raises ExcitationError if no slip moves, or a sweep runs on one side of zero only, and TooShortError if a stage
+        has fewer samples than coefficients.
 
-        Warns
-        -----
-        ModelWarning
-            With what the data do not hold and is taken from ``start``.
-        IdentifiabilityWarning
-            With the coefficients that the data do not determine.
+        Warns with ModelWarning, with what the data do not hold and is taken from ``start``, and IdentifiabilityWarning,
+        with the coefficients that the data do not determine.
         """
         began = time.perf_counter()
         with one_blas_thread():

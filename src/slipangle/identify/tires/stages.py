@@ -1,8 +1,6 @@
 """Stages of a fit over scaled coefficients: noise, criterion, covariance.
 
-References
-----------
-.. [1] G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978.
+Source: G. Schwarz, Estimating the dimension of a model, Annals of Statistics 6, 1978.
 """
 
 from __future__ import annotations

@@ -70,10 +70,7 @@ class CurveTireFit(Checked):
     def fit(self, data: TireData) -> NeuralTire | SimpleMagicFormula:
         """Tire whose curves carry their ``fit_info``.
 
-        Raises
-        ------
-        ExcitationError
-            If the data lack a pure sweep that a curve needs, or hold one side of zero only.
+        Raises ExcitationError if the data lack a pure sweep that a curve needs, or hold one side of zero only.
         """
         curves: list[Any] = []
         for name, given in (("longitudinal", self.longitudinal), ("lateral", self.lateral)):
@@ -135,15 +132,9 @@ class TireFit(Checked, Generic[T]):
     def fit(self, data: TireData) -> T:
         """Tire with estimated parameters, covariance and warnings in ``fit_info``.
 
-        Raises
-        ------
-        ExcitationError, TooShortError, ParameterError
-            If the data cannot determine the parameters.
+        Raises ExcitationError, TooShortError or ParameterError if the data cannot determine the parameters.
 
-        Warns
-        -----
-        IdentifiabilityWarning
-            With the parameters that the data do not determine.
+        Warns with IdentifiabilityWarning, with the parameters that the data do not determine.
         """
         began = time.perf_counter()
         part = data
