@@ -202,14 +202,20 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "optimal/realtime/fallback.c",
+        "optimal/realtime/solver.c",
         "control/test_usual_call.py::test_a_fallback_in_one_piece_is_the_one_put_together",
         [
             (
                 "fallback in C: inputs of a step too early",
                 "from[STAGE_OF(m + later < NS ? m + later : NS - 1) * NU + j]",
                 "from[STAGE_OF(m) * NU + j]",
-            ),
+            )
+        ],
+    ),
+    *mistakes(
+        "optimal/realtime/fallback.c",
+        "control/test_usual_call.py::test_a_fallback_in_one_piece_is_the_one_put_together",
+        [
             (
                 "fallback in C: approached from the safe inputs",
                 "(s->applied[a % NU] - s->safe[a % NU])",
@@ -239,9 +245,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "control/followers/preview_lqr.py",
-        PLANS,
-        [("LQR: what the curvature does", "[-b / v - v]", "[b / v - v]")],
+        "control/followers/preview_lqr.py", PLANS, [("LQR: what the curvature does", "[-b / v - v]", "[b / v - v]")]
     ),
     *mistakes(
         "control/speed/driver.py",

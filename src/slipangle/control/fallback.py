@@ -256,16 +256,12 @@ class Fallbacks(Checked, Led):
         if previous is None:
             if x is None:
                 return None
-            followed = Followed(*self._nothing(x), 0, True)
+            followed = Followed(np.zeros(self._shape_u), np.broadcast_to(x, self._shape_x), 0, True)  # it stays
         elif kept is None:
             followed = Followed(previous.u, previous.x, 1, True)
         else:
             followed = Followed(kept.u, kept.x, age - kept.age, False)
         return self._engine.rescue(x, before, wanted, followed)
-
-    def _nothing(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Inputs and states of a vehicle that stays as it is."""
-        return np.zeros(self._shape_u), np.broadcast_to(x, self._shape_x)
 
     def _predict(self, call: Call, x: np.ndarray | None, source: Source) -> tuple[np.ndarray, np.ndarray]:
         """Inputs of a fallback within limits and rates, and where they lead: from the state if that is known."""

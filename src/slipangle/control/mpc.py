@@ -14,17 +14,7 @@ from slipangle.control.fallback import Call, Fallbacks
 from slipangle.optimal.checks import health_of, is_numbers, require_plan
 from slipangle.optimal.engine import Start
 from slipangle.optimal.ocp import Reference
-from slipangle.optimal.solution import (
-    Health,
-    Plan,
-    Solution,
-    Status,
-    finite,
-    inputs_later,
-    quick,
-    states_later,
-    within,
-)
+from slipangle.optimal.solution import Health, Plan, Solution, Status, finite, inputs_later, quick, states_later, within
 from slipangle.paths.preview import Preview
 
 FEASIBLE = 1e-6  # an unfinished answer with no larger constraint violation is still a plan

@@ -172,14 +172,6 @@ class BlendedProblem(Checked, SteeringController):
         return self._judge.states.holds(x) and abs(v_x) < FASTEST
 
     @cached_property
-    def _lowest(self) -> float:
-        return self.blended.speeds[0]
-
-    @cached_property
-    def _highest(self) -> float:
-        return self.blended.speeds[-1]
-
-    @cached_property
     def _range(self) -> tuple[float, float]:
         low, high = self.problem.bounds
         return float(low), float(high)

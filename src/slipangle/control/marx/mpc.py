@@ -154,7 +154,7 @@ class MultiARXMPC(BlendedProblem):
             "times": self.times,
             "health": health_of(previous).after(False, False),
             "weights": answer.weights,
-            "outside": not self._lowest <= speed <= self._highest,
+            "outside": self.blended.outside(speed),
             "offset": offset,
         }
         return quick(MultiARXPlan, values)
@@ -193,7 +193,7 @@ class MultiARXMPC(BlendedProblem):
         if answer is None:
             return None
         answer["controls"], answer["times"], answer["memory"] = self.controls, self.times, memory
-        answer["outside"] = not self._lowest <= now <= self._highest
+        answer["outside"] = self.blended.outside(now)
         answer["health"] = health.after(False, False)
         answer["seconds"] = perf_counter() - begin
         return quick(MultiARXPlan, answer)
@@ -233,7 +233,7 @@ class MultiARXMPC(BlendedProblem):
             states = np.tile(call.x, (self.horizon + 1, 1))
         elif previous is not None and is_numbers(previous.x, self._shape_x):
             states = shifted(previous.x)
-        speed = call.speed if abs(call.speed) < FASTEST else self._lowest
+        speed = call.speed if abs(call.speed) < FASTEST else self.blended.speeds[0]
         return MultiARXPlan(
             u=u,
             x=states,
@@ -249,7 +249,7 @@ class MultiARXMPC(BlendedProblem):
             times=self.times,
             health=health_of(previous).after(True, False),
             weights=np.array(self.blended.weights(speed), dtype=float),
-            outside=not self._lowest <= call.speed <= self._highest,
+            outside=self.blended.outside(call.speed),
         )
 
 

@@ -117,8 +117,7 @@ class WorkArea(Engine):
         self._shape_u, self._shape_x = self._u.shape, self._x.shape
         self._head, self._split = slice(self._u.size), slice(self._u.size, self._u.size + self._x.size)
         self._rest, self._shape_way = slice(self._u.size, None), self._way_x.shape
-        self._q, self._wr, self._ws = (view[name] for name in ("q", "wr", "ws"))
-        self._q[:], self._wr[:], self._ws[:] = ocp.stage_weights
+        view["q"][:], view["wr"][:], view["ws"][:] = ocp.stage_weights
         view["plain"][:], view["square"][:] = slack_of_rows(ocp)
         for name in ("tolerance", "newton", "accept", "max_iterations"):
             view[name][0] = getattr(settings, name)

@@ -4,18 +4,6 @@
 #define NEAR 1e-6   /* error left by the last sweep, as far as is known, relative to 1 + |x| */
 #define ROUGH 1e-3  /* the same where the state to begin with is itself only what was predicted */
 
-/* Inputs decided some steps ago, for the stages from now on: the mean over each, the last one going on. */
-static void inputs_after(const double *from, int later, double *to)
-{
-    for (int i = 0; i < N; i++)
-        for (int j = 0; j < NU; j++) {
-            double sum = 0;
-            for (int m = NODE(i); m < NODE(i + 1); m++)
-                sum += from[STAGE_OF(m + later < NS ? m + later : NS - 1) * NU + j];
-            to[i * NU + j] = sum / (NODE(i + 1) - NODE(i));
-        }
-}
-
 /* States predicted some steps ago, at every step from now on: linear between nodes, the last one repeated. */
 static void states_after(const double *from, int later, double *to)
 {

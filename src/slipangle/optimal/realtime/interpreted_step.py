@@ -343,12 +343,7 @@ def _truth(ocp: OCP, values: ca.Function) -> ca.Function:
     reach = ca.fmax(_largest(z), _largest(dx / units))
     beyond = ca.sum2(ca.fabs(e * (e - errors))) + ca.sum1(ca.fabs(ca.vec(pi * defects)))
     measures = ca.vertcat(
-        ca.sumsqr(e) + ca.sumsqr(costs),
-        _largest(defects),
-        _largest(defects / units),
-        reach,
-        2 * beyond,
-        bend,
+        ca.sumsqr(e) + ca.sumsqr(costs), _largest(defects), _largest(defects / units), reach, 2 * beyond, bend
     )
     return ca.Function("truth", [x, at, u, w, p, root, A, wanted, z, dx, errors, pi, bend], [measures])
 

@@ -336,10 +336,7 @@ static double merit(const Work *s, double *cost, double *violation)
         defects += s->penalty[a] * d;
         worst = fmax(worst, d);
     }
-    if (cost)
-        *cost = sum;
-    if (violation)
-        *violation = worst;
+    *cost = sum, *violation = worst;
     return sum + defects + hard;
 }
 
@@ -471,23 +468,23 @@ static void judge(Work *s, int ahead)
         s->violation = s->residual = INFINITY;
 }
 
-/* Inputs a step later, the mean over each stage. */
-static void later_inputs(const Work *s, double *to)
+/* Inputs decided some steps ago, for the stages from now on: the mean over each, the last one going on. */
+static void inputs_after(const double *from, int later, double *to)
 {
-    for (int i = 0; i < N; i++) {
-        double length = NODE(i + 1) - NODE(i);
+    for (int i = 0; i < N; i++)
         for (int j = 0; j < NU; j++) {
-            const double *u = s->u + i * NU + j;
-            to[i * NU + j] = i + 1 < N ? ((length - 1) * u[0] + u[NU]) / length : u[0];
+            double sum = 0;
+            for (int m = NODE(i); m < NODE(i + 1); m++)
+                sum += from[STAGE_OF(m + later < NS ? m + later : NS - 1) * NU + j];
+            to[i * NU + j] = sum / (NODE(i + 1) - NODE(i));
         }
-    }
 }
 
 /* The same after the values, without derivatives, have been found. */
 static void check(Work *s)
 {
     if (NS > N)
-        later_inputs(s, s->u_later);
+        inputs_after(s->u, 1, s->u_later);
     for (int i = 0; i < NS; i += LANES)
         evaluate_ends(s, i);
     for (int i = 0; i <= N; i += LANES)
@@ -509,7 +506,7 @@ static void look_ahead(Work *s)
         good &= evaluate_later(s, i);
     s->from = 0;
     memcpy(s->ahead_x, s->x + NX, sizeof s->ahead_x);
-    later_inputs(s, s->ahead_u);
+    inputs_after(s->u, 1, s->ahead_u);
     memcpy(s->ahead_w, s->w + NW, sizeof(double) * N * NW);
     memcpy(s->ahead_k, s->k + NK, sizeof(double) * NS * NK);
     s->ahead = good;
@@ -689,13 +686,14 @@ static double promised(const Work *s)
 /* No time to linearise after the step: take it whole, or a quarter of it if the values there are worse. */
 static int step_late(Work *s, double t, double allowed)
 {
+    double cost, violation;
     move(s, t);
     if (t < 1)
         return TIME_OUT;
     check(s);
     if (accepted(s))
         return ITERATED;
-    if (!(merit(s, NULL, NULL) <= allowed)) {
+    if (!(merit(s, &cost, &violation) <= allowed)) {
         memcpy(s->k, s->k_from, sizeof s->k);
         move(s, 0.25);
         s->violation = s->residual = INFINITY;
@@ -782,7 +780,7 @@ static int converge(Work *s, int64_t most, int loose)
 /* Half the cost of constant inputs, from their roll-out. */
 static double try_inputs(Work *s, const double *u)
 {
-    double cost;
+    double cost, violation;
     for (int i = 0; i < N; i++)
         memcpy(s->u + i * NU, u, sizeof s->applied);
     keep_inputs(s);
@@ -790,7 +788,7 @@ static double try_inputs(Work *s, const double *u)
     if (!begins(s, LINEARISE) || !linearise(s))
         return INFINITY;
     ends(s, LINEARISE);
-    merit(s, &cost, NULL);
+    merit(s, &cost, &violation);
     return cost;
 }
 
@@ -859,7 +857,7 @@ static void start(Work *s)
     else
         s->qp.k = 0;
     if (shifts) {
-        later_inputs(s, s->u_later);
+        inputs_after(s->u, 1, s->u_later);
         memcpy(s->u, s->u_later, sizeof s->u);
         memmove(s->x, s->x + NX, sizeof(double) * NS * NX);
         if (NK > 0)
