@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
 
 
 def nonzeros(sparsity: ca.Sparsity) -> list[list[int]]:
@@ -13,15 +14,24 @@ def nonzeros(sparsity: ca.Sparsity) -> list[list[int]]:
     return columns
 
 
-def elimination_code(pattern: list[set[int]], name: str) -> str:
-    """C of ``NAME_factor(V *m)`` and ``NAME_solve(const V *m, V *b)``: factors of a square matrix without pivoting.
+def stages_pattern(coupled: np.ndarray) -> list[set[int]]:
+    """Columns of the nonzeros in each row of Newton's matrix for the stages of Radau IIA, three of each state in a row.
 
-    ``pattern`` has the columns of the nonzeros of each row. Only nonzeros and their fill are touched, so rows and
-    columns that should be eliminated first, such as those of stiff wheels, come first.
+    ``coupled`` says which rates depend on which states, shape (n_states, n_states).
+    """
+    rows = [np.flatnonzero(row).tolist() for row in coupled | np.eye(len(coupled), dtype=bool)]
+    return [{3 * b + m for b in row for m in range(3)} for row in rows for _ in range(3)]
+
+
+def elimination_code(pattern: list[set[int]], name: str, kind: str = "V") -> str:
+    """C of ``NAME_factor(T *m)`` and ``NAME_solve(const T *m, T *b)``: factors of a square matrix without pivoting.
+
+    ``kind`` is the type T. ``pattern`` has the columns of the nonzeros of each row. Only nonzeros and their fill are
+    touched, so rows and columns that should be eliminated first, such as those of stiff wheels, come first.
     """
     n = len(pattern)
     rows = [set(p) | {i} for i, p in enumerate(pattern)]
-    factor = [f"static void {name}_factor(V *restrict m)", "{", "    V f;"]
+    factor = [f"static void {name}_factor({kind} *restrict m)", "{", f"    {kind} f;"]
     for k in range(n):
         factor.append(f"    m[{k * n + k}] = 1.0 / m[{k * n + k}];")
         for i in range(k + 1, n):
@@ -33,7 +43,7 @@ def elimination_code(pattern: list[set[int]], name: str) -> str:
                 at, term = f"m[{i * n + j}]", f"f * m[{k * n + j}]"
                 factor.append(f"    {at} = {at} - {term};" if j in rows[i] else f"    {at} = -{term};")
                 rows[i].add(j)
-    solve = [f"static void {name}_solve(const V *restrict m, V *restrict b)", "{", "    V r;"]
+    solve = [f"static void {name}_solve(const {kind} *restrict m, {kind} *restrict b)", "{", f"    {kind} r;"]
     for i in range(n):
         left = [f" - m[{i * n + k}] * b[{k}]" for k in sorted(c for c in rows[i] if c < i)]
         if left:

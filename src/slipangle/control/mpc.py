@@ -145,13 +145,10 @@ class MPC(Fallbacks):
             "violation": solution.violation,
             "memory": solution.memory,
             "times": self.times,
-            "health": health_of(previous).after(False, self._late(seconds)),
+            "health": health_of(previous).after(False, self.deadline is not None and seconds > self.deadline),
             "seconds": seconds,
         }
         return quick(Plan, values)
-
-    def _late(self, seconds: float) -> bool:
-        return self.deadline is not None and seconds > self.deadline
 
     def _unwound(self, wanted: Reference, x: np.ndarray) -> Reference:
         """The reference with its heading on the turn nearest to the vehicle's."""

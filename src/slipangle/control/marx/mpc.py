@@ -206,16 +206,13 @@ class MultiARXMPC(BlendedProblem):
         offset = previous.offset + self.integral * (x - previous.x[1])[:ny]
         return offset if is_numbers(offset, (ny,)) and (np.abs(offset) < FARTHEST).all() else 0.0
 
-    def _known(self, previous: Plan | None) -> bool:
-        """Whether a plan's inputs are of this problem, and numbers."""
-        return previous is not None and previous.controls == self.controls and is_numbers(previous.u, self._shape_u)
-
     def _fallback(self, call: Call, status: Status, detail: str = "", *, standing: bool = False) -> MultiARXPlan:
         """The previous plan shifted, or the safe stop law; standing, the wheels stay where they are."""
         previous, before = call.previous, call.before
         age = 1 if previous is None else counted(previous.age) + 1
-        known = self._known(previous)
-        left = min(self.fallback, self.horizon - 1) if known and previous is not None and not previous.stopping else 0
+        left = 0
+        if previous is not None and previous.controls == self.controls and is_numbers(previous.u, self._shape_u):
+            left = 0 if previous.stopping else min(self.fallback, self.horizon - 1)
         stopping = not standing and age > left
         low, high = self._range
         if standing:

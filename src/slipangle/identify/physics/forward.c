@@ -1,8 +1,8 @@
 /* A free run with forward sensitivities. The generated part before this file defines NX, NW, NP, NY, for Radau RADAU
-   (the coefficients A) and SHARES (of Newton steps), and the functions rates and outputs, (x, w, p) -> (f, df/dx, df/dp)
-   and the same of the outputs, and slopes, (x, w, p) -> f. Matrices are stored column after column. The m columns of S
-   are derivatives with respect to NP parameters, then to whatever else the start depends on; with m = 0 there are none.
-   S follows x in memory. */
+   (the coefficients A), SHARES (of Newton steps), newton_factor and newton_solve, and the functions rates and outputs,
+   (x, w, p) -> (f, df/dx, df/dp) and the same of the outputs, and slopes, (x, w, p) -> f. Matrices are stored column
+   after column, but Newton's by row. The m columns of S are derivatives with respect to NP parameters, then to whatever
+   else the start depends on; with m = 0 there are none. S follows x in memory. */
 
 #include <string.h>
 
@@ -35,48 +35,11 @@ static void all_rates(const double *x, const double *w, const double *p, double 
 }
 
 #ifdef IMPLICIT
-/* Factorise in place with partial pivoting. */
-static void factorise(double *a, int *pivot)
-{
-    for (int k = 0; k < NK; k++) {
-        int best = k;
-        for (int i = k + 1; i < NK; i++)
-            if (fabs(a[k * NK + i]) > fabs(a[k * NK + best])) best = i;
-        pivot[k] = best;
-        if (best != k)
-            for (int j = 0; j < NK; j++) {
-                const double t = a[j * NK + k];
-                a[j * NK + k] = a[j * NK + best];
-                a[j * NK + best] = t;
-            }
-        for (int i = k + 1; i < NK; i++) a[k * NK + i] /= a[k * NK + k];
-        for (int j = k + 1; j < NK; j++) {
-            const double c = a[j * NK + k];
-            if (c != 0.0)
-                for (int i = k + 1; i < NK; i++) a[j * NK + i] -= a[k * NK + i] * c;
-        }
-    }
-}
-
-static void solve(const double *a, const int *pivot, double *b)
-{
-    for (int k = 0; k < NK; k++) {
-        const double t = b[k];
-        b[k] = b[pivot[k]];
-        b[pivot[k]] = t;
-    }
-    for (int k = 0; k < NK; k++)
-        for (int i = k + 1; i < NK; i++) b[i] -= a[k * NK + i] * b[k];
-    for (int k = NK - 1; k >= 0; k--) {
-        b[k] /= a[k * NK + k];
-        for (int i = 0; i < k; i++) b[i] -= a[k * NK + i] * b[k];
-    }
-}
-
+/* Stage slopes k and their residuals have the three stages of each state in a row. */
 static void stage_state(const double *x, const double *k, double h, int i, double *out)
 {
     for (int a = 0; a < NX; a++)
-        out[a] = x[a] + h * (RADAU[i][0] * k[a] + RADAU[i][1] * k[NX + a] + RADAU[i][2] * k[2 * NX + a]);
+        out[a] = x[a] + h * (RADAU[i][0] * k[3 * a] + RADAU[i][1] * k[3 * a + 1] + RADAU[i][2] * k[3 * a + 2]);
 }
 
 static double residual(const double *x, const double *k, const double *w, const double *p, double h, double *r)
@@ -86,8 +49,8 @@ static double residual(const double *x, const double *k, const double *w, const 
         stage_state(x, k, h, i, place);
         slopes(place, w, p, f);
         for (int a = 0; a < NX; a++) {
-            r[i * NX + a] = k[i * NX + a] - f[a];
-            size += r[i * NX + a] * r[i * NX + a];
+            r[3 * a + i] = k[3 * a + i] - f[a];
+            size += r[3 * a + i] * r[3 * a + i];
         }
     }
     return size;
@@ -95,7 +58,7 @@ static double residual(const double *x, const double *k, const double *w, const 
 
 /* Derivatives of the three stages' rates, and the factorised Newton matrix. */
 static void newton_matrix(const double *x, const double *k, const double *w, const double *p, double h, double *fx,
-                          double *fp, double *matrix, int *pivot)
+                          double *fp, double *matrix)
 {
     double place[NX], f[NX];
     for (int i = 0; i < 3; i++) {
@@ -104,10 +67,10 @@ static void newton_matrix(const double *x, const double *k, const double *w, con
         for (int j = 0; j < 3; j++)
             for (int c = 0; c < NX; c++)
                 for (int a = 0; a < NX; a++)
-                    matrix[(j * NX + c) * NK + i * NX + a] =
+                    matrix[(3 * a + i) * NK + 3 * c + j] =
                         (i == j && a == c) - h * RADAU[i][j] * fx[i * NX * NX + c * NX + a];
     }
-    factorise(matrix, pivot);
+    newton_factor(matrix);
 }
 
 /* One step; where Newton's method finds no solution, and again is set, RETRY shorter ones instead. */
@@ -115,20 +78,19 @@ static void implicit_step(double *x, double *S, const double *w, const double *p
 {
     double k[NK] = {0}, tried[NK], best[NK], r[NK], matrix[NK * NK];
     double fx[3 * NX * NX], fp[3 * NX * (NP ? NP : 1)];
-    int pivot[NK];
     for (int iteration = 0; iteration < ITERATIONS; iteration++) {
-        newton_matrix(x, k, w, p, h, fx, fp, matrix, pivot);
+        newton_matrix(x, k, w, p, h, fx, fp, matrix);
         residual(x, k, w, p, h, r);
         double missed = 0.0;
         for (int a = 0; a < NK; a++) {
-            const double part = h * r[a] / (1.0 + fabs(x[a % NX]));
+            const double part = h * r[a] / (1.0 + fabs(x[a / 3]));
             missed += part * part;
         }
         if (again && iteration == ITERATIONS - 1 && !(missed <= MISSED * MISSED)) {
             for (int s = 0; s < RETRY; s++) implicit_step(x, S, w, p, h / RETRY, m, 0);
             return;
         }
-        solve(matrix, pivot, r);
+        newton_solve(matrix, r);
         double least = INFINITY, move = 0.0, size = 0.0, spare[NK];
         for (int a = 0; a < NK; a++) {
             move = fmax(move, fabs(r[a]));
@@ -146,20 +108,20 @@ static void implicit_step(double *x, double *S, const double *w, const double *p
         memcpy(k, best, sizeof k);
         if (last) break;
     }
-    newton_matrix(x, k, w, p, h, fx, fp, matrix, pivot);
+    newton_matrix(x, k, w, p, h, fx, fp, matrix);
     for (long j = 0; j < m; j++) {
         double *s = S + j * NX, d[NK];
         for (int i = 0; i < 3; i++) {
-            for (int a = 0; a < NX; a++) d[i * NX + a] = j < NP ? fp[i * NX * NP + j * NX + a] : 0.0;
+            for (int a = 0; a < NX; a++) d[3 * a + i] = j < NP ? fp[i * NX * NP + j * NX + a] : 0.0;
             for (int c = 0; c < NX; c++)
-                for (int a = 0; a < NX; a++) d[i * NX + a] += fx[i * NX * NX + c * NX + a] * s[c];
+                for (int a = 0; a < NX; a++) d[3 * a + i] += fx[i * NX * NX + c * NX + a] * s[c];
         }
-        solve(matrix, pivot, d);
+        newton_solve(matrix, d);
         for (int i = 0; i < 3; i++)
-            for (int a = 0; a < NX; a++) s[a] += h * RADAU[2][i] * d[i * NX + a];
+            for (int a = 0; a < NX; a++) s[a] += h * RADAU[2][i] * d[3 * a + i];
     }
     for (int i = 0; i < 3; i++)
-        for (int a = 0; a < NX; a++) x[a] += h * RADAU[2][i] * k[i * NX + a];
+        for (int a = 0; a < NX; a++) x[a] += h * RADAU[2][i] * k[3 * a + i];
 }
 
 #endif

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen.compiler import library
+from slipangle.codegen.elimination import elimination_code, stages_pattern
 from slipangle.codegen.expression import emit, preamble
 from slipangle.codegen.integrators import explicit_step
 from slipangle.errors import ParameterError
@@ -122,6 +123,8 @@ def _text(symbols: tuple[ca.SX, ca.SX, ca.SX], f: Any, y: Any, n_p: int, method:
     parts = [preamble("double"), *(emit(function, name) for name, function in functions.items())]
     if method == "radau":
         sizes |= {"N_SHARES": len(SHORTENED), "ITERATIONS": _ITERATIONS, "MISSED": MISSED, "RETRY": RETRY}
+        jacobian = ca.DM(ca.jacobian(f, x).sparsity(), 1.0)
+        parts += [elimination_code(stages_pattern(np.array(jacobian.full()) != 0), "newton", "double")]
         rows = ", ".join("{" + ", ".join(float.hex(float(a)) for a in row) + "}" for row in RADAU_A)
         parts += ["#define IMPLICIT", f"static const double RADAU[3][3] = {{{rows}}};"]
         parts += [f"static const double SHARES[{len(SHORTENED)}] = {{{', '.join(map(str, SHORTENED))}}};"]

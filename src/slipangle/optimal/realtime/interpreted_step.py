@@ -142,7 +142,8 @@ class InputStep:
         moved = moved or self._long or (self._w[1:-1] != w[:n]).any()
         self._w[1:-1], self._w[-1] = w[:n], w[-1]
         np.subtract(x, self.x[1], out=self._gap)
-        if not np.vdot(self._gap, self._gap) <= NEAR * NEAR and not self._near():
+        near = np.vdot(self._gap, self._gap) <= NEAR * NEAR  # enough, and nearly always so
+        if not (near or (np.abs(self._gap) <= NEAR * units(self.x[:-1])).all()):
             self.x[1], self._gap[:], moved = x, 0.0, True
         self._G[0, : self._nx, -1], self._x0 = self._gap, x
         if moved:
@@ -223,10 +224,6 @@ class InputStep:
         residual = max(off, reach * (beyond / bend if beyond < bend else 1.0))
         known = isfinite(cost + residual + beyond)
         self.truth = (cost, violation, residual) if known else (cost, np.inf, np.inf)
-
-    def _near(self) -> bool:
-        """Whether the state is near the predicted one."""
-        return bool((np.abs(self._gap) <= NEAR * units(self.x[:-1])).all())
 
     def _stay(self) -> None:
         """The plan is the next guess, not that of a step before."""

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipangle.codegen.elimination import elimination_code, nonzeros
+from slipangle.codegen.elimination import elimination_code, nonzeros, stages_pattern
 from slipangle.codegen.expression import emit, fewer_divisions, only, preamble, scalar_code
 from slipangle.codegen.struct import accessors
 from slipangle.numerics.integrate import RADAU_A, RETRY
@@ -24,6 +24,7 @@ from slipangle.optimal.realtime.parts import (
     stage_function,
 )
 
+LONG = 1_500_000  # characters of straight-line code; beyond, it is compiled with less effort
 MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
 FIELDS = (  # of the C struct, as seen from Python
     "x0 applied w p r corridor bounds q wr ws plain square lowest highest safe relaxing way_u way_x tolerance "
@@ -68,7 +69,7 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
         [
             "/* Generated from one optimal control problem. */",
             "#define _POSIX_C_SOURCE 200809L",
-            _pragma(code),
+            '#pragma GCC optimize("O1")' if sum(map(len, code)) > LONG else "",
             "#include <stdlib.h>",
             "#include <time.h>",
             *head,
@@ -88,19 +89,9 @@ def _columns(function: ca.Function, name: str) -> str:
     return emit(fewer_divisions(function), name, "V")
 
 
-def _pragma(code: Sequence[str]) -> str:
-    """Long straight-line code is compiled with less effort."""
-    return '#pragma GCC optimize("O1")' if sum(map(len, code)) > 1_500_000 else ""
-
-
 def _implicit_code(parts: Implicit) -> list[str]:
-    pattern = _core_pattern(parts)
-    n = len(parts.core)
-    newton = [
-        {3 * b + m for b in range(n) if pattern[a, b] or a == b for m in range(3)} for a in range(n) for _ in "123"
-    ]
     code = [_columns(parts.slopes, "core"), _columns(only(parts.slopes, [0]), "core_values")]
-    code.append(elimination_code(newton, "newton"))
+    code.append(elimination_code(stages_pattern(_core_pattern(parts)), "newton"))
     if parts.rest:
         code.append(_columns(parts.quadrature, "quadrature"))
         code.append(_columns(only(parts.quadrature, [0]), "quadrature_values"))
