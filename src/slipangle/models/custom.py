@@ -157,7 +157,8 @@ class Ode(OdeModel):
         for key in ("f", *(("more",) if self.more is not None else ())):
             if not callable(getattr(self, key)):
                 raise ParameterError(f"{key} is {getattr(self, key)!r}; expected a function {key}(x, u, p)")
-        if not any(is_symbolic(v) or is_traced(v) for v in self._parameter_values()):
+        params: Any = self.params
+        if not any(is_symbolic(v) or is_traced(v) for v in (getattr(params, name) for name in params.metadata())):
             self._check_equations()
         super().__post_init__()
 
@@ -171,9 +172,6 @@ class Ode(OdeModel):
             if "<" in getattr(kept[key], "__qualname__", ""):
                 kept[key] = Recorded.of(kept[key], self.n_states, self.n_inputs, self.params)
         return kept
-
-    def _parameter_values(self) -> list[Any]:
-        return [getattr(self.params, name) for name in self.params.metadata()]
 
     def _check_equations(self) -> None:
         x, u = ca.SX.sym("x", self.n_states), ca.SX.sym("u", self.n_inputs)

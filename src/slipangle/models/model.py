@@ -148,10 +148,8 @@ class Trajectory:
     ----------
     t : array, shape (n_samples,)
         Time. [s]
-    y : array, shape (n_samples, n_outputs)
-        Predicted outputs; where `predicted` is false, the measured ones the model started from.
-    measured : array, shape (n_samples, n_outputs)
-        Measured outputs.
+    y, measured : array, shape (n_samples, n_outputs)
+        Predicted and measured outputs; where `predicted` is false, y is the measured ones the model started from.
     predicted : array of bool, shape (n_samples,)
         Samples that the model predicted and on which it is judged.
     outputs : tuple of str

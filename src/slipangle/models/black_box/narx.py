@@ -62,8 +62,6 @@ class NARXModel(NetworkModel, LaggedModel):
         """Outputs from the lags."""
         return self.network(regressors)
 
-    # ---- fast free run -----------------------------------------------------------------------------------------
-
     def free_run(self, x0: np.ndarray, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Outputs at every row of ``u`` after the first, in compiled C where there is a compiler."""
         run, weights = self._compiled

@@ -97,8 +97,6 @@ class NeuralStateSpaceModel(NetworkModel):
         past = [y[last - i] for i in range(self.lags)] + [u[last - i] for i in range(1, self.lags)]
         return self.encoder(np.concatenate(past))
 
-    # ---- fast free run -----------------------------------------------------------------------------------------
-
     def free_run(self, x0: np.ndarray, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Outputs at every row of ``u`` after the first, in compiled C where there is a compiler."""
         run, weights, second = self._compiled

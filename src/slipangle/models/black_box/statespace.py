@@ -35,10 +35,8 @@ class StateSpaceModel(BlackBoxModel):
         Gain of the innovation e; by default zero, all disturbance being noise on the output.
     x0 : array, shape (n_experiments, order), optional
         State at the first sample of each training experiment, where it was estimated.
-    u_offset : array, shape (n_inputs,), optional
-        Input at rest u_0, in the inputs' units; by default zero.
-    y_offset : array, shape (n_outputs,), optional
-        Output at rest y_0, in the outputs' units; by default zero.
+    u_offset, y_offset : array, shapes (n_inputs,), (n_outputs,), optional
+        Input u_0 and output y_0 at rest, in their units; by default zero.
     memory : int
         Samples from which `initial_state` estimates the state by least squares; by default ``3 order + 3``.
 

@@ -85,15 +85,12 @@ class NeuralCurve(Checked):
         if net is None or net.activation not in _AS_TANH or self.outside != "hold":
             return None
         before, after, offset = _AS_TANH[net.activation]
-        layers, last = [], len(net.weights) - 1
+        layers, last, scale = [], len(net.weights) - 1, net.output_scaling
         for k, (w, b) in enumerate(zip(net.weights, net.biases, strict=True)):
             if k > 0:
                 w, b = after * w, b + offset * w.sum(axis=1)
-            if k == last:
-                scale = net.output_scaling
-                layers.append((w * scale.factor[:, None], b * scale.factor + scale.offset))
-            else:
-                layers.append((before * w, before * b))
+            outer, shift = (scale.factor, scale.offset) if k == last else (np.full(len(b), before), 0.0)
+            layers.append((w * outer[:, None], b * outer + shift))
         return layers
 
     def _few_operations(self, x: Any) -> Any:
@@ -113,20 +110,16 @@ class NeuralCurve(Checked):
     @property
     def range(self) -> tuple[float, float]:
         """Lowest and highest slip of the training data."""
-        offset, factor = (float(a[0]) for a in (self.network.input_scaling.offset, self.network.input_scaling.factor))
-        return offset - abs(factor), offset + abs(factor)
+        scaling = self.network.input_scaling
+        offset, half = float(scaling.offset[0]), abs(float(scaling.factor[0]))
+        return offset - half, offset + half
 
     @cached_property
     def slip_of_peak(self) -> float:
         """Slip at which friction peaks, mean of both sides, at the middle of load and camber."""
         slip = np.linspace(0.0, 1.0, 2001)[1:]
-        middle = self.network.input_scaling.offset
-        rest = dict(zip(self.inputs[1:], middle[1:], strict=True))
-        low, high = self.range
-        peaks = []
-        for end in (low, high):
-            mu = np.abs(self(slip * end, **rest))
-            peaks.append(abs(end) * slip[int(np.argmax(mu))])
+        rest = dict(zip(self.inputs[1:], self.network.input_scaling.offset[1:], strict=True))
+        peaks = [abs(end) * slip[int(np.argmax(np.abs(self(slip * end, **rest))))] for end in self.range]
         return float(np.mean(peaks))
 
 

@@ -10,8 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-import numpy as np
-
 from slipangle.data.dataset import Dataset
 from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import ParameterSet
@@ -108,6 +106,5 @@ class PedalCar(OdeModel):
         p = self.params
         return stack([driveline(x[0], x[1], x[2], u[2], p), (u[0] - x[1]) / p.lag, (u[1] - x[2]) / p.lag])
 
-    def initial_state(self, data: Dataset) -> np.ndarray:
-        """Measured speed; pedals at their first reading."""
-        return np.array([data["v_x"][0], data["throttle"][0], data["brake"][0]], dtype=float)
+    def _start(self, name: str, data: Dataset) -> float:
+        return float(data[name.removesuffix("_lagged")][0])  # pedals at their first reading

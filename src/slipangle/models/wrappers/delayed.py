@@ -98,8 +98,6 @@ class Delayed(Parametrised, Wrapper):
     def __hash__(self) -> int:
         return hash((self.model, tuple(self.delays.items()), self.longest))
 
-    # ---- what a Model has --------------------------------------------------------------------------------------
-
     @derived
     def states(self) -> tuple[str, ...]:
         """States of the ODE, then the past of each delayed input, newest first."""
@@ -140,8 +138,6 @@ class Delayed(Parametrised, Wrapper):
             weights = interpolation(self.delays[name] / self.dt, len(samples))
             pieces[j] = sum(w * s for w, s in zip(weights, samples, strict=True))
         return stack(pieces)
-
-    # ---- what a fit needs --------------------------------------------------------------------------------------
 
     @property
     def parameter_names(self) -> tuple[str, ...]:

@@ -93,8 +93,6 @@ class DualTrack(StartsRolling):
             )
         super().__post_init__()
 
-    # ---- the equations -----------------------------------------------------------------------------------------
-
     @cached_property
     def tires(self) -> tuple[Tire, Tire, Tire, Tire]:
         """The tire of each wheel."""
@@ -309,8 +307,6 @@ class DualTrack(StartsRolling):
             return x
 
         return step
-
-    # ---- the model ---------------------------------------------------------------------------------------------
 
     @cached_property
     def kernel(self) -> Kernel | None:

@@ -6,7 +6,7 @@ import ctypes
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import casadi as ca
 import numpy as np
@@ -29,8 +29,7 @@ _FRICTION = ("mu_fl", "mu_fr", "mu_rl", "mu_rr")
 _Car = Any  # a DualTrack, whose file needs this one
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Parts:
+class _Parts(NamedTuple):
     """The equations as CasADi functions of scalars: before, at and after the tires, and between steps."""
 
     before: ca.Function
@@ -47,22 +46,20 @@ def _parts(model: _Car, varied: Sequence[str]) -> _Parts:
     patches, angles = car.patches(x, u)
     column = ca.vertcat(*[ca.SX(v) for field_ in zip(*patches, strict=True) for v in field_])
     before = ca.Function("before", [x, u], [ca.cse(ca.densify(column)), ca.densify(ca.vertcat(*map(ca.SX, angles)))])
-    wheels = []
+    wheels, p = [], model.params
     for i in range(4):
         one = ca.SX.sym("patch", _N_PATCH)
         patch = Patch(*[one[k] for k in range(_N_PATCH)])
-        p = model.params
         if not ((p.camber_f or p.camber_roll_f) if i < 2 else (p.camber_r or p.camber_roll_r)):
             patch = patch._replace(camber=0.0)
-        wheels.append(
-            ca.Function("wheel", [one], [ca.cse(ca.densify(ca.vertcat(*map(ca.SX, model.contact(i, patch)))))])
-        )
+        done = ca.vertcat(*map(ca.SX, model.contact(i, patch)))
+        wheels.append(ca.Function("wheel", [one], [ca.cse(ca.densify(done))]))
     loads, tires, carried = ca.SX.sym("loads", 4), ca.SX.sym("tires", 4 * _N_CONTACT), ca.SX.sym("angles", 4)
     contacts = [Contact(*[tires[4 * k + i] for k in range(_N_CONTACT)]) for i in range(4)]
     rates = car.rates(x, u, start, [loads[i] for i in range(4)], contacts, [carried[i] for i in range(4)])
     after = ca.Function("after", [x, u, start, loads, tires, carried], [ca.cse(ca.densify(rates))])
     finish = ca.Function("finish", [start, x, u], [ca.cse(ca.densify(car.finish(start, x, u)))])
-    return _Parts(before=before, wheels=tuple(wheels), after=after, finish=finish)
+    return _Parts(before, tuple(wheels), after, finish)
 
 
 def _with(model: _Car, chosen: Mapping[str, ca.SX]) -> _Car:
@@ -241,19 +238,18 @@ class Kernel:
         blocks = -(-cars // WIDE)
         spare = [(0, blocks * WIDE - cars)]
         now = aligned(np.pad(x, [*spare, (0, 0)], "edge").reshape(blocks, WIDE, -1).transpose(0, 2, 1))
-        given = aligned(
-            np.pad(u, [(0, 0), *spare, (0, 0)], "edge").reshape(rows, blocks, WIDE, -1).transpose(0, 1, 3, 2)
-        )
+        padded = np.pad(u, [(0, 0), *spare, (0, 0)], "edge")
+        given = aligned(padded.reshape(rows, blocks, WIDE, -1).transpose(0, 1, 3, 2))
         out = None if last_only else aligned(np.zeros((rows, blocks, self.n_states, WIDE)))
         target = None if out is None else out.ctypes.data
 
         def part(first: int, last: int) -> None:
             self.library.drive_many(now.ctypes.data, given.ctypes.data, target, blocks, first, last, rows, hold)
 
-        edges = [round(i * blocks / threads) for i in range(threads + 1)]
         if threads == 1:
             part(0, blocks)
         else:
+            edges = [round(i * blocks / threads) for i in range(threads + 1)]
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(part, edges[:-1], edges[1:]))
         if out is None:
