@@ -1,7 +1,5 @@
 """`Ode`: a model from equations of your own."""
 
-from __future__ import annotations
-
 import inspect
 import warnings
 from collections.abc import Callable, Mapping, Sequence

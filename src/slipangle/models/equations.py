@@ -1,7 +1,5 @@
 """`Recorded`: equations of your own as a list of elementary operations, which a readable file can keep."""
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """`FastPaths`: what loops, fits and plants ask of a model so that it runs fast, with defaults that always work."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, Protocol

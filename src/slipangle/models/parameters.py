@@ -1,7 +1,5 @@
 """`ParameterSet`: frozen records whose fields carry unit, meaning and range."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints

@@ -1,7 +1,5 @@
 """Predictions that leave every range the outputs were ever seen in: the sentences about them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

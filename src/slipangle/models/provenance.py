@@ -1,7 +1,5 @@
 """Which samples a model was fitted to, known again by their content: renamed, cut up or moved in time."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any

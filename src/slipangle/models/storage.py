@@ -5,8 +5,6 @@ read the same bits again. Loading creates records of this package's own classes 
 nothing from the file.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.metadata
 import json

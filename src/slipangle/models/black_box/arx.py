@@ -1,7 +1,5 @@
 """ARX models: linear difference equations with any number of inputs and outputs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 

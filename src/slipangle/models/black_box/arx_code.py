@@ -1,7 +1,5 @@
 """C of the free run of an ARX model: past inputs in blocks, past outputs as a recursion, no copy of the record."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from slipangle.codegen.compiler import library

@@ -1,7 +1,5 @@
 """`LaggedModel`: models whose state is past outputs and past inputs."""
 
-from __future__ import annotations
-
 import abc
 from typing import final
 

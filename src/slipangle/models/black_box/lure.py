@@ -1,7 +1,5 @@
 """Linear state space with static nonlinearities fed back: a system of Lur'e."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """`BlackBoxModel`: what all models from data alone have; `NetworkModel`: what those of networks have besides."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field

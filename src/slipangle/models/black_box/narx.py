@@ -1,7 +1,5 @@
 """NARX models: a network of past outputs and inputs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

@@ -1,7 +1,5 @@
 """Neural state space: networks for transition and output, and an encoder that reads the state from past samples."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any

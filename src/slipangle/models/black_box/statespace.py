@@ -1,7 +1,5 @@
 """Linear state space in innovation form."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self

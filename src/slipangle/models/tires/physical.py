@@ -4,8 +4,6 @@ Both count slip against the speed of the tread, as the tread elements see it: ``
 ``sigma_y = tan(alpha) / (1 + kappa)`` with ``kappa = (omega r - v_x) / |v_x|``.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Annotated
 

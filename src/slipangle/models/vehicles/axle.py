@@ -5,8 +5,6 @@ References
 .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
 """
 
-from __future__ import annotations
-
 from slipangle.models.vehicles.parameters import ChassisParams
 from slipangle.ops import Scalar, atan2, cos, sin, speed_floor
 

@@ -1,7 +1,5 @@
 """Linear bicycle: lateral motion at a given speed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from slipangle.models.ode import OdeModel

@@ -1,7 +1,5 @@
 """`DualTrackParams`: the one record of a dual-track car."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Annotated
 

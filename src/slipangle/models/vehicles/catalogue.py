@@ -1,7 +1,5 @@
 """Parameter sets of cars and tires, each with its source."""
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 from typing import Any

@@ -3,8 +3,6 @@
 Wheels are numbered 0 to 3: front left, front right, rear left, rear right.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Kinematic single track: no tire slip."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from slipangle.models.ode import OdeModel

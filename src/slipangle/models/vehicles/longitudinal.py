@@ -5,8 +5,6 @@ References
 .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated
 

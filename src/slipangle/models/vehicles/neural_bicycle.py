@@ -1,7 +1,5 @@
 """Physics with a network inside: on the bicycle's state derivative, or on its tire coefficients."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar

@@ -1,7 +1,5 @@
 """Compiled free runs of the bicycle with a network inside: one library per architecture, whatever its numbers."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import casadi as ca

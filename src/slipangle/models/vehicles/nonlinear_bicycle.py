@@ -1,7 +1,5 @@
 """The bicycle at the limit: Magic Formula axles with load transfer, combined slip and steering lag."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 

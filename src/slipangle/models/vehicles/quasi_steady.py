@@ -1,7 +1,5 @@
 """Single track whose wheels are in equilibrium at every instant: six states, nothing stiff."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from slipangle.errors import ParameterError

@@ -1,7 +1,5 @@
 """`Road`: friction under each wheel, grade and bank, over the distance travelled."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Single track with wheel spin on any tires."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

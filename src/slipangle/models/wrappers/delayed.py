@@ -1,7 +1,5 @@
 """`Delayed`: an ODE whose inputs arrive late, by a delay that need not be a whole number of samples."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass, field, replace

@@ -1,7 +1,5 @@
 """Several models as one: the mean of their outputs, and how far they disagree."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise

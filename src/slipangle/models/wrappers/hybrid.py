@@ -1,7 +1,5 @@
 """Hybrids: a model plus a network that predicts its error; a model behind the sensors of another session."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Annotated, Protocol, runtime_checkable
 

@@ -1,7 +1,5 @@
 """`OnGround`: any model of lateral motion, with its position and heading on the ground."""
 
-from __future__ import annotations
-
 from dataclasses import KW_ONLY, dataclass
 from math import isfinite
 from typing import Literal

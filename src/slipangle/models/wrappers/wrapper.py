@@ -1,7 +1,5 @@
 """`Wrapper`: a model around another one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -4,8 +4,6 @@ One without a default must be given. The others default to what leaves the equat
 coefficients, 1 for scaling factors, 2 for PKY4, which turns the load curve of 6.1 into that of 5.2.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

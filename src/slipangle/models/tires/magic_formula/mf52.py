@@ -7,8 +7,6 @@ References
 .. [1] H. B. Pacejka, Tyre and Vehicle Dynamics, 2nd ed., 2006, sec. 4.3.2 and appendix.
 """
 
-from __future__ import annotations
-
 from slipangle.models.tires.magic_formula.coefficients import MF52Coefficients
 from slipangle.models.tires.magic_formula.mf61 import MF61, AligningLean, SideLean
 from slipangle.models.tires.magic_formula.terms import Conventions, PureForce, Slip, is_zero

@@ -9,8 +9,6 @@ References
    handle inflation pressure changes, Vehicle System Dynamics 48 (2010) S1.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -8,8 +8,6 @@ References
 .. [1] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 

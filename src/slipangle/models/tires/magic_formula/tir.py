@@ -1,7 +1,5 @@
 """From a ``.tir`` file to Magic Formula coefficients and back."""
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping

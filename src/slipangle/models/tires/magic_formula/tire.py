@@ -4,8 +4,6 @@ The equations are in ``mf61`` and ``mf52``, the coefficients in ``coefficients``
 `Conventions`. This module converts axes, checks ranges, mirrors, and links tires to files.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Mapping

@@ -7,8 +7,6 @@ References
 .. [1] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.3.3, eqs. 4.75 to 4.106.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`ValidRange`: the range of operating conditions that the coefficients of a tire are valid for."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """`contact`: what a tire patch does whose slip follows the wheel's motion with a delay."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from slipangle.models.tires.simple import Tire

@@ -9,8 +9,6 @@ References
 .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023, sec. 7.1.1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,7 +1,5 @@
 """`Kernel`: the step of a `DualTrack` in compiled C, one car with its wheels side by side, or many cars at a time."""
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
