@@ -309,24 +309,16 @@ class Model(FastPaths, abc.ABC):
     def simulate(self, data: Dataset, *, start: Sequence[np.ndarray] | None = None) -> Trajectory:
         """Free run: from the first `memory` samples on, only the inputs are used.
 
+        Raises ParameterError if there is not one start state per experiment, SimulationError if the state leaves the
+        finite numbers; warns with ModelWarning if an output leaves any plausible range of the data. These name the
+        sample at which it does.
+
         Parameters
         ----------
         data : Dataset
             Inputs, and the first `memory` samples of the outputs; one free run per experiment.
         start : sequence of array, shape (n_states,) each, optional
             State of each experiment at its sample ``memory - 1``; by default what `initial_state` says.
-
-        Raises
-        ------
-        ParameterError
-            If there is not one state per experiment.
-        SimulationError
-            If the state leaves the finite numbers, with the sample at which it does.
-
-        Warns
-        -----
-        ModelWarning
-            If an output leaves any plausible range of the data, with the sample at which it does.
         """
         return _announced(self._simulate(data, start))
 

@@ -87,8 +87,6 @@ class OdeModel(Parametrised, Model):
 
     Parameters
     ----------
-    params : ParameterSet
-        The car.
     dt : float
         Sample time. [s]
     outputs : tuple of str

@@ -38,6 +38,9 @@ _WORDS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 def save(record: Any, path: str | Path, *, classes: Sequence[type] = ()) -> Path:
     """Write a model, tire, network or parameter set to a file, whole or not at all.
 
+    Raises ParameterError if a field holds something that a readable file cannot keep, such as a function or a symbol,
+    WriteError if the place cannot be written.
+
     Parameters
     ----------
     record : Model, Tire, Network, ParameterSet or FitInfo
@@ -46,13 +49,6 @@ def save(record: Any, path: str | Path, *, classes: Sequence[type] = ()) -> Path
         Such as ``"car.json"``.
     classes : sequence of type
         Dataclasses of your own that the record is made of; `load` needs the same.
-
-    Raises
-    ------
-    ParameterError
-        If a field holds something that a readable file cannot keep, such as a function or a symbol.
-    WriteError
-        If the place cannot be written.
     """
     if not is_dataclass(record) or isinstance(record, type):
         raise ParameterError(f"a {type(record).__name__} was to be saved; expected a model, tire or parameter set")
@@ -68,19 +64,9 @@ def save(record: Any, path: str | Path, *, classes: Sequence[type] = ()) -> Path
 def load(path: str | Path, *, classes: Sequence[type] = ()) -> Any:
     """The record in a file that `save` wrote, equal to the last bit.
 
-    Parameters
-    ----------
-    classes : sequence of type
-        Dataclasses of your own that the record is made of.
-
-    Raises
-    ------
-    MissingFileError
-        If there is no such file.
-    FormatError
-        If it is no such file, is of another version, names an unknown class or field, or lacks one.
-    ParameterError
-        If a value is out of range.
+    ``classes`` are dataclasses of your own that the record is made of. Raises MissingFileError if there is no such
+    file, FormatError if `save` did not write it, it is of another version, names an unknown class or field, or lacks
+    one, and ParameterError if a value is out of range.
     """
     file = Path(path)
     try:

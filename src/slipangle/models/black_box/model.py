@@ -19,17 +19,7 @@ _LONG = 200_000  # samples from which running without compiled code is worth a w
 
 @dataclass(frozen=True, kw_only=True)
 class BlackBoxModel(Checked, Model):
-    """A model from data alone.
-
-    Parameters
-    ----------
-    dt : float
-        Sample time. [s]
-    inputs, outputs : tuple of str
-        Channel names.
-    fit_info : FitInfo, optional
-        How it was fitted.
-    """
+    """A model from data alone; its sample time, channel names and fit are as of every `Model`."""
 
     dt: float
     inputs: tuple[str, ...]

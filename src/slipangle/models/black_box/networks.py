@@ -4,8 +4,6 @@ Weights are NumPy arrays and the scaling lives inside, so a network takes and gi
 numbers, CasADi symbols and JAX tracers. A vector lies along the first axis, so an array of shape ``(n_inputs,
 n_samples)`` is a whole batch.
 
-References
-----------
 .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023, sec. 4.3.
 .. [2] R. L. Hardy, Multiquadric equations of topography and other irregular surfaces, J. Geophys. Res. 76, 1971.
 .. [3] X. Glorot, Y. Bengio, Understanding the difficulty of training deep feedforward neural networks, 2010.

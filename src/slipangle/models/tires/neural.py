@@ -1,7 +1,5 @@
 """Neural tires: friction over slip by a small network, behind the `Tire` call. [1]_ secs. 4.3, 6.2.1, 6.3.1
 
-References
-----------
 .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
 .. [2] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.2 (similarity method).
 """

@@ -3,8 +3,6 @@
 Slip ratio ``s`` is positive when driving, slip angle ``alpha`` is positive when it gives a force to the
 left; both signs as in docs/nomenclature.md.
 
-References
-----------
 .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023; B there is per percent or per degree in table 6.2.
 .. [2] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.2.
 """

@@ -1,7 +1,5 @@
 """What every vehicle on two axles shares: how its axles move, the slip angles, and where its forces push it.
 
-References
-----------
 .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
 """
 

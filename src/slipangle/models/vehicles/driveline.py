@@ -86,8 +86,6 @@ class Driveline(ParameterSet):
 
     Parameters
     ----------
-    engine : Engine
-        The engine.
     ratios : tuple of float
         Engine speed over propeller speed, first gear first.
     front, rear, centre : Differential

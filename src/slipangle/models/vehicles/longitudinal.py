@@ -1,7 +1,5 @@
 """Speed from pedals: a straight law, and one with the limits of a real car.
 
-References
-----------
 .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
 """
 

@@ -19,8 +19,6 @@ from slipangle.models.vehicles.nonlinear_bicycle import (
 from slipangle.ops import Scalar, Vector, clip, concatenate, stack, tanh
 
 LONG = 2000  # samples from which a free run is worth compiled code
-
-
 Rates = tuple[Scalar, Scalar, Scalar]  # of v_y [m/s2], r [rad/s2], delta_w [rad/s]
 Correction = Callable[[Vector], Vector]  # of the six numbers of x and u
 

@@ -73,11 +73,6 @@ class Road:
             if isinstance(value, int | float) and not 0 <= value <= 5:
                 raise ParameterError(f"a friction of the road is {value}; expected 0 to 5")
 
-    @property
-    def varies(self) -> bool:
-        """Whether anything depends on the distance."""
-        return bool(self.left or self.right or self.grade or self.bank)
-
     def friction_at(self, wheel: int, distance: Scalar) -> Scalar:
         """Friction under a wheel (0 to 3: front left, front right, rear left, rear right) at a place. [-]"""
         profile = self.right if wheel % 2 else self.left

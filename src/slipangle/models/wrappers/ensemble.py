@@ -32,6 +32,8 @@ class EnsembleModel(Model):
 
     dt = derived(lambda self: self.members[0].dt)
     outputs = derived(lambda self: self.members[0].outputs)
+    inputs = derived(lambda self: tuple(dict.fromkeys(name for member in self.members for name in member.inputs)))
+    states = derived(lambda self: tuple(f"{k}: {name}" for k, m in enumerate(self.members) for name in m.states))
     memory = derived(lambda self: max(member.memory for member in self.members))
     alternatives = taken("members")
 
@@ -46,16 +48,6 @@ class EnsembleModel(Model):
                     f"member {k} predicts {other.outputs} at {other.dt:g} s, the first {first.outputs} at "
                     f"{first.dt:g} s; expected the same of all: fit them to the same data"
                 )
-
-    @derived
-    def inputs(self) -> tuple[str, ...]:
-        """Of every member, in the order they first occur."""
-        return tuple(dict.fromkeys(name for member in self.members for name in member.inputs))
-
-    @derived
-    def states(self) -> tuple[str, ...]:
-        """Every member's, numbered."""
-        return tuple(f"{k}: {name}" for k, member in enumerate(self.members) for name in member.states)
 
     def _pieces(self, x: Vector, u: Vector) -> Iterator[tuple[Model, Vector, Vector]]:
         """Every member with its state and its inputs."""

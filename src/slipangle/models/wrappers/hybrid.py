@@ -169,8 +169,6 @@ class OffsetModel(Wrapper):
 
     Parameters
     ----------
-    model : Model
-        The model.
     inputs_at_zero, outputs_at_zero : mapping of str to float
         What a sensor reads where the model means zero, by channel, SI units.
     """

@@ -1,7 +1,5 @@
 """ARX models identified at several speeds, blended by weights of speed that sum to 1.
 
-References
-----------
 .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
 """
 

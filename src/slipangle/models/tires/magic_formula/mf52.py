@@ -2,8 +2,6 @@
 
 The extension to inflation pressure is the one of PAC2002, with the coefficients of 6.1.
 
-References
-----------
 .. [1] H. B. Pacejka, Tyre and Vehicle Dynamics, 2nd ed., 2006, sec. 4.3.2 and appendix.
 """
 

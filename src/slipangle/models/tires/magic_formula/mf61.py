@@ -2,8 +2,6 @@
 
 Equation numbers are those of [1]_; where [2]_ or the MF-Tyre manual differ, `Conventions` chooses.
 
-References
-----------
 .. [1] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.3.2, eqs. 4.E1 to 4.E78.
 .. [2] I. J. M. Besselink, A. J. C. Schmeitz, H. B. Pacejka, An improved Magic Formula/Swift tyre model that can
    handle inflation pressure changes, Vehicle System Dynamics 48 (2010) S1.

@@ -3,8 +3,6 @@
 Everything here is in the axes of the coefficients (usually ISO-W: a positive slip angle gives a negative side
 force) and works on numbers, symbols and tracers. Equation numbers are those of [1]_ unless they say otherwise.
 
-References
-----------
 .. [1] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012.
 """
 
@@ -106,7 +104,7 @@ class Slip(NamedTuple):
     dpi: Scalar  # 4.E2b
     pressure_ratio: Scalar
     speed: Scalar  # V_cx [m/s]
-    fade: Scalar | None  # 0 at standstill to 1 at VXLOW; None: 1
+    fade: Scalar | None  # 0 at standstill to 1 from VXLOW on, smoothly; None: 1
     mu_x: Scalar  # lambda_mux* (4.E7)
     mu_y: Scalar
     mu_x_shift: Scalar  # lambda_mux' (4.E8)
@@ -181,6 +179,9 @@ def prepare(
     if not is_zero(c.LMUV):
         decay = 1.0 + c.LMUV * fabs(v_x) / c.LONGVL * sqrt(kappa * kappa + tangent * tangent)
         mu_x, mu_y = mu_x / decay, mu_y / decay
+    fade = None
+    if not (speed is None or is_zero(c.VXLOW)):
+        fade = 0.5 - 0.5 * cos(np.pi * minimum(fabs(speed) / c.VXLOW, 1.0))
     a = o.digression
     fz0 = c.LFZO * c.FNOMIN
     no_pressure = is_zero(c.NOMPRES)
@@ -198,18 +199,13 @@ def prepare(
         dpi=0.0 if no_pressure else (pressure - c.NOMPRES) / c.NOMPRES,
         pressure_ratio=1.0 if no_pressure else pressure / c.NOMPRES,
         speed=v_x,
-        fade=None if speed is None or is_zero(c.VXLOW) else _fade(speed, c.VXLOW),
+        fade=fade,
         mu_x=mu_x,
         mu_y=mu_y,
         mu_x_shift=a * mu_x / (1.0 + (a - 1.0) * mu_x),
         mu_y_shift=a * mu_y / (1.0 + (a - 1.0) * mu_y),
         turn=turn_slip,
     )
-
-
-def _fade(speed: Scalar, v_low: Scalar) -> Scalar:
-    """0 at standstill, 1 from ``v_low`` on, smooth in between."""
-    return 0.5 - 0.5 * cos(np.pi * minimum(fabs(speed) / v_low, 1.0))
 
 
 def faded(value: Scalar, s: Slip) -> Scalar:

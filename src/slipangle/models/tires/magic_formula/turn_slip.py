@@ -2,8 +2,6 @@
 
 Spin ``phi`` and turn slip ``phi_t`` are positive to the left (curvature of the wheel's path) in ISO axes.
 
-References
-----------
 .. [1] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.3.3, eqs. 4.75 to 4.106.
 """
 

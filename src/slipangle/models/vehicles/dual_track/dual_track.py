@@ -4,8 +4,6 @@ Planar motion, four spins and two relaxing slips per wheel are the 11 degrees of
 pitch on springs and dampers move the wheel loads. Everything else is off until a parameter turns it on. Wheels are
 numbered 0 to 3: front left, front right, rear left, rear right.
 
-References
-----------
 .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023, sec. 7.1.1.
 """
 
@@ -61,8 +59,6 @@ class DualTrack(StartsRolling):
 
     Parameters
     ----------
-    params : DualTrackParams
-        The car.
     tire_f, tire_r : Tire
         Front and rear tire. One that describes a side (``MagicFormulaTire.side``) is mirrored for the other. They are
         used beyond the limits of their files too, as a plant must go on whatever happens.

@@ -22,8 +22,6 @@ FLAGS = ("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-fsched
 _N_PATCH, _N_CONTACT = len(Patch._fields), len(Contact._fields)
 _FRICTION = ("mu_fl", "mu_fr", "mu_rl", "mu_rr")
 """Names by which `Kernel.build` varies the friction under each wheel."""
-
-
 _Car = Any  # a DualTrack, whose file needs this one
 
 
