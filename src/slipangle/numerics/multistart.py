@@ -161,19 +161,12 @@ def multistart(
     Every start runs for a while, the best few go on, the very best is finished: most starts show early that they
     lead nowhere.
     """
+    residual, jacobian = (lambda z, k=k: problem.compressed(z)[k] for k in (0, 1))
+    how: Any = {"jac": jacobian, "bounds": (lower, upper), "method": "trf"}
+    how |= dict.fromkeys(("xtol", "ftol", "gtol"), effort.tolerance)
 
     def run(theta: np.ndarray, budget: int) -> Any:
-        return least_squares(
-            lambda z: problem.compressed(z)[0],
-            _inside(theta, lower, upper),
-            jac=lambda z: problem.compressed(z)[1],  # type: ignore[arg-type]
-            bounds=(lower, upper),
-            method="trf",
-            xtol=effort.tolerance,
-            ftol=effort.tolerance,
-            gtol=effort.tolerance,
-            max_nfev=budget,
-        )
+        return least_squares(residual, _inside(theta, lower, upper), max_nfev=budget, **how)
 
     with one_blas_thread():
         pool = sorted((run(theta, effort.screen) for theta in starts), key=lambda r: r.cost)
@@ -211,14 +204,8 @@ def ipopt(problem: Regression, lower: np.ndarray, upper: np.ndarray, starts: np.
     all_theta = ca.MX.sym("theta", problem.p)
     outputs = mapped(ca.DM(problem.samples.T), ca.repmat(all_theta, 1, problem.n))
     error = (outputs - ca.DM(problem.target.T)) * ca.DM(problem.weight.T)
-    options = {
-        "ipopt.print_level": 0,
-        "print_time": False,
-        "ipopt.sb": "yes",
-        "ipopt.max_iter": effort.polish,
-        "ipopt.tol": 1e-8,
-        "error_on_fail": False,
-    }
+    quiet = {"print_level": 0, "sb": "yes", "max_iter": effort.polish, "tol": 1e-8}
+    options = {"ipopt": quiet, "print_time": False, "error_on_fail": False}
     solver = ca.nlpsol("fit", "ipopt", {"x": all_theta, "f": ca.sumsqr(error)}, options)
     optima = []
     for start in starts:

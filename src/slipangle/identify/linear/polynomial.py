@@ -161,7 +161,6 @@ class _Layout:
         return later, replace(data, values=np.vstack(pieces), starts=tuple(starts), start_times=tuple(times))
 
     def parts(self, theta: np.ndarray) -> dict[str, Any]:
-        """Polynomials of a coefficient vector."""
         pieces = np.split(theta, np.cumsum([self.na, *self.nb, *self.nf, self.nc, self.nd])[:-1])
         A, *both, C, D = pieces
         return {"A": A, "B": both[: self.nu], "F": both[self.nu :], "C": C, "D": D}
@@ -175,7 +174,6 @@ class _Layout:
         return (*labels, *(f"c{i + 1}" for i in range(self.nc)), *(f"d{i + 1}" for i in range(self.nd)))
 
     def model(self, theta: np.ndarray, data: Dataset, u0: np.ndarray, y0: float) -> PolynomialModel:
-        """The model of a coefficient vector."""
         return PolynomialModel(**self.parts(theta), nk=self.nk, u_offset=u0, y_offset=y0, **channels(data))
 
 

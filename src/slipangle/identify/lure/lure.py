@@ -19,7 +19,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import IdentifiabilityWarning, ParameterError, SlipangleError
 from slipangle.fields import Checked, Count, Within
 from slipangle.identify.excitation import require_identifiable
-from slipangle.identify.linear.estimator import described
+from slipangle.identify.linear.estimator import channels, described
 from slipangle.identify.linear.prediction import shrunk
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.lure.starts import Branches, drawn, unit_states
@@ -248,16 +248,8 @@ class _Problem:
     def model(self, p: np.ndarray) -> LureModel:
         """The model of given parameters."""
         parts: dict[str, Any] = self._parts(p)
-        return LureModel(
-            **parts,
-            u_offset=self.u_offset,
-            y_offset=np.array(self.start.y_offset),
-            curve=self.settings.curve,
-            memory=self.settings.memory,
-            dt=self.data.dt,
-            inputs=self.start.inputs,
-            outputs=self.start.outputs,
-        )
+        parts |= {"u_offset": self.u_offset, "y_offset": np.array(self.start.y_offset)}
+        return LureModel(**parts, curve=self.settings.curve, memory=self.settings.memory, **channels(self.data))
 
     def _parts(self, p: np.ndarray) -> dict[str, np.ndarray]:
         """The matrices in the parameters."""

@@ -58,18 +58,9 @@ class AdamSteps:
     def advance(self, epochs: int) -> float:
         """Train for some epochs; the mean loss of the last one."""
         self.key, key = jax.random.split(self.key)
-        self.params, self.state, loss = _epochs(
-            self.problem,
-            self.stage,
-            self.batch,
-            self.batches,
-            epochs,
-            self.params,
-            self.state,
-            self.arrays,
-            self.rows,
-            key,
-        )
+        fixed = self.problem, self.stage, self.batch, self.batches
+        given = self.params, self.state, self.arrays, self.rows, key
+        self.params, self.state, loss = _epochs(*fixed, epochs, *given)
         return float(loss)
 
     def snapshot(self) -> Any:

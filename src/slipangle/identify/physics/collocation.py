@@ -89,13 +89,8 @@ class Collocation(GreyBox[M]):
         """
         began = time.perf_counter()
         problem = self.problem(data)
-        program = Transcription(
-            problem,
-            elements=self.elements,
-            at_most_zero=self.at_most_zero,
-            zero=self.zero,
-            state_bounds=self.state_bounds,
-        )
+        wanted: Any = {name: getattr(self, name) for name in ("elements", "at_most_zero", "zero", "state_bounds")}
+        program = Transcription(problem, **wanted)
         best, solved, said = self._solve(problem, program)
         kept = None
         if len(solved.active):

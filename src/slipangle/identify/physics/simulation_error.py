@@ -204,15 +204,9 @@ class FreeRunProblem:
 
     def search(self, z: np.ndarray, max_iterations: int, *, tolerance: float = 1e-10) -> LeastSquaresResult:
         """Levenberg-Marquardt steps within the bounds under the present weights."""
-        return least_squares(
-            z,
-            errors=lambda z: self.evaluate(z)[0],
-            jacobian=lambda z: self.evaluate(z)[1],
-            cost=self.cost,
-            bounds=(self.lower, self.upper),
-            max_iterations=max_iterations,
-            tolerance=tolerance,
-        )
+        limits: Any = {"bounds": (self.lower, self.upper), "max_iterations": max_iterations, "tolerance": tolerance}
+        error, jacobian = (lambda z, k=k: self.evaluate(z)[k] for k in (0, 1))
+        return least_squares(z, errors=error, jacobian=jacobian, cost=self.cost, **limits)
 
     def minimise(self, z: np.ndarray, max_iterations: int, *, tolerance: float = 1e-11) -> Minimum:
         """Gauss-Newton in a trust region with bounds; outputs weighed by their errors, then solved again.
@@ -222,19 +216,11 @@ class FreeRunProblem:
         steering gain is free too would lose all its stiffness.
         """
         converged = False
+        error, jacobian = (lambda z, k=k: self.evaluate(z)[k] for k in (0, 1))
+        how: Any = {"jac": jacobian, "bounds": (self.lower, self.upper), "method": "trf", "max_nfev": max_iterations}
+        how |= {"xtol": 1e-9, "ftol": tolerance, "gtol": 1e-12}
         for _ in range(MOST_ROUNDS):
-            jacobian: Any = lambda z: self.evaluate(z)[1]  # noqa: E731
-            solution = trust_region(
-                lambda z: self.evaluate(z)[0],
-                z,
-                jac=jacobian,
-                bounds=(self.lower, self.upper),
-                method="trf",
-                xtol=1e-9,
-                ftol=tolerance,
-                gtol=1e-12,
-                max_nfev=max_iterations,
-            )
+            solution = trust_region(error, z, **how)
             z, converged = solution.x, solution.status != 0
             if self.weigh(solution.fun):
                 break

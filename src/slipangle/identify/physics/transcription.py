@@ -196,36 +196,23 @@ class Transcription:
 
     def solve(self, warm: CollocationPoint | None, max_iterations: int, tolerance: float) -> CollocationPoint:
         """Solve from the first guess, or from a solution."""
-        options: dict[str, Any] = {
-            "ipopt.print_level": 0,
-            "ipopt.sb": "yes",
-            "print_time": False,
-            "show_eval_warnings": False,
-            "error_on_fail": False,
-            "ipopt.tol": tolerance,
-            "ipopt.constr_viol_tol": tolerance,
-            "ipopt.max_iter": max_iterations,
-            "ipopt.bound_relax_factor": 0.0,
-        }
+        ipopt: dict[str, Any] = {"print_level": 0, "sb": "yes", "tol": tolerance, "constr_viol_tol": tolerance}
+        ipopt |= {"max_iter": max_iterations, "bound_relax_factor": 0.0}
+        options: dict[str, Any] = dict.fromkeys(("print_time", "show_eval_warnings", "error_on_fail"), False)
         if self.hessian == "Gauss-Newton":
             options["hess_lag"] = self._gauss_newton()
         if warm is not None:
-            options |= {"ipopt.warm_start_init_point": "yes", "ipopt.mu_init": 1e-8}
+            ipopt |= {"warm_start_init_point": "yes", "mu_init": 1e-8}
             pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
-            options |= {f"ipopt.warm_start_{name}": 1e-9 for name in pushes}
+            ipopt |= {f"warm_start_{name}": 1e-9 for name in pushes}
         nlp = {"x": self.variables, "p": self.given, "f": 0.5 * ca.sumsqr(self.error), "g": self.constraints}
-        solver = ca.nlpsol("collocation", "ipopt", nlp, options)
+        solver = ca.nlpsol("collocation", "ipopt", nlp, options | {"ipopt": ipopt})
         z = self._z(self.first_guess()) if warm is None else warm.z
-        more = {} if warm is None else {"lam_x0": warm.bounds_force, "lam_g0": warm.rows_force}
-        result = solver(
-            x0=self.first_guess() if warm is None else warm.variables,
-            p=self.numbers(z),
-            lbx=self.low,
-            ubx=self.high,
-            lbg=self.g_low,
-            ubg=self.g_high,
-            **more,
-        )
+        begin: Any = {"x0": self.first_guess() if warm is None else warm.variables}
+        if warm is not None:
+            begin |= {"lam_x0": warm.bounds_force, "lam_g0": warm.rows_force}
+        ends = {"lbx": self.low, "ubx": self.high, "lbg": self.g_low, "ubg": self.g_high}
+        result = solver(p=self.numbers(z), **begin, **ends)
         variables = np.array(result["x"]).ravel()
         if not np.isfinite(variables).all():
             raise SimulationError(
