@@ -60,7 +60,7 @@ def _stuck(data: Dataset, share: float = 0.4) -> Dataset:
 
 
 MISTAKES: tuple[Mistake, ...] = (
-    Mistake(name="sign of the steering", data=_changed("delta", np.negative), says=r"sign|opposite|revers|mirror"),
+    Mistake(name="sign of the steering", data=_changed("delta", np.negative), says=r"\bsign\b|opposite|revers|mirror"),
     Mistake(name="steering in degrees", data=_changed("delta", np.rad2deg), says=r"\bdeg"),
     Mistake(name="speed in km/h", data=_changed("v_x", lambda v: 3.6 * v), says=r"km/h"),
     Mistake(
