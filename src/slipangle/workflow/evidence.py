@@ -161,7 +161,8 @@ def _residual_section(outcome: Outcome, command: str) -> Iterator[report.Section
     yield report.Section(
         title="Residuals",
         lead="What a model leaves unexplained. A perfect model leaves white noise that does not depend on the inputs; "
-        "the bands hold 99 % of the lags of such a model.",
+        "the band of an autocorrelation holds 99 % of the lags of such a model, those of the correlations with inputs "
+        "all lags from 0 on, of every input and output, in 99 of 100 such models.",
         blocks=tuple(blocks),
     )
 
