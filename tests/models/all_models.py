@@ -12,6 +12,7 @@ from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.custom import Ode
 from slipangle.models.tires.neural import NeuralCurve, NeuralTire
 from slipangle.models.tires.simple import LinearTire
+from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import (
     BMW_320I,
@@ -30,7 +31,13 @@ from slipangle.models.vehicles.longitudinal import DrivelineParams, Longitudinal
 from slipangle.models.vehicles.neural_bicycle import NeuralBicycle, TireNetworkBicycle
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
 from slipangle.models.vehicles.quasi_steady import QuasiSteadySingleTrack
+from slipangle.models.vehicles.saturating_bicycle import (
+    RelaxingBicycle,
+    SaturatingBicycle,
+    SaturatingBicycleParams,
+)
 from slipangle.models.vehicles.single_track import SingleTrack
+from slipangle.models.vehicles.steering import Steered
 from slipangle.models.wrappers.delayed import Delayed
 from slipangle.models.wrappers.ensemble import EnsembleModel
 from slipangle.models.wrappers.hybrid import HybridModel, OffsetModel
@@ -42,7 +49,11 @@ from slipangle.reproduce.plants.pendulum import Pendulum
 from slipangle.units import SI
 
 LIMIT = NonlinearBicycleParams(
-    mass=982.0, inertia_z=900.0, wheelbase=2.4, l_f=1.3, C_f=6e4, C_r=9e4, yaw_rate_bias=0.01, compliance=1e-6
+    mass=982.0, inertia_z=900.0, wheelbase=2.4, l_f=1.3, C_f=6e4, C_r=9e4, bias_r=0.01, compliance=1e-6
+)
+AXLES = SaturatingBicycleParams(
+    **dict(mass=982.0, inertia_z=900.0, wheelbase=2.4, l_f=1.3, C_f=6e4, C_r=9e4, mu_f=1.1, mu_r=1.3),
+    **dict(bias_r=0.01, bias_v_y=-0.05, bias_a_y=0.1, lever_v_y=0.2, relaxation_f=0.3, relaxation_r=0.4),
 )
 LINEAR = LinearTire(C_alpha=6e4, C_s=1e5)
 DALLARA = LongitudinalParams(mass=790.0, k_e=6000.0, k_d=60.0, k_r=0.02)
@@ -98,6 +109,16 @@ ALL_MODELS = {
     "bicycle, three outputs": Bicycle(params=SOUSA_TABLE_7_2, dt=0.02, outputs=("v_y", "r", "a_y")),
     "bicycle, euler": Bicycle(params=SOUSA_TABLE_7_2, dt=0.01, method="euler"),
     "nonlinear bicycle": NonlinearBicycle(params=LIMIT, dt=0.05, outputs=("r", "v_y", "a_y")),
+    "saturating bicycle": SaturatingBicycle(params=AXLES, dt=0.02, outputs=("v_y", "r", "a_y")),
+    "relaxing bicycle": RelaxingBicycle(params=AXLES, dt=0.02, outputs=("a_y", "r")),
+    "steered bicycle": Steered(Bicycle(params=FERRARI_250LM, dt=0.02), steering_lag=0.05),
+    "banked bicycle": Banked(Bicycle(params=FERRARI_250LM, dt=0.02, outputs=("a_y", "r"))),
+    "steered, banked": Steered(Banked(SaturatingBicycle(params=AXLES, dt=0.02)), steering_lag=0.05),
+    "steered, rate limit, delayed": Delayed(
+        Steered(SaturatingBicycle(params=AXLES, dt=0.02), steering_lag=0.05, steering_rate=0.5),
+        delays={"delta": 0.03},
+        longest=0.1,
+    ),
     "kinematic": Kinematic(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("X", "Y", "psi", "r")),
     "longitudinal": Longitudinal(params=DALLARA, dt=0.04),
     "pedal car": PedalCar(

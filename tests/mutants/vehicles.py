@@ -119,6 +119,58 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "models/ode.py",
+        ORACLE,
+        [
+            (
+                "sensors: sign of a bias",
+                "values[name] + self._bias(name)",
+                "values[name] - self._bias(name)",
+            ),
+        ],
+    ),
+    *mistakes(
+        "models/vehicles/saturating_bicycle.py",
+        ORACLE,
+        [
+            ("saturating bicycle: axles' loads swapped", "weight * p.l_r, p.C_f", "weight * p.l_f, p.C_f"),
+            (
+                "saturating bicycle: rotating frame",
+                "/ p.mass - self._speed(u[1]) * x[1]",
+                "/ p.mass + self._speed(u[1]) * x[1]",
+            ),
+            ("saturating bicycle: peak without the load", "peak = mu * load", "peak = mu"),
+            (
+                "saturating bicycle: lever of the sensor",
+                "y[i] + self._lever(name) * x[1]",
+                "y[i] - self._lever(name) * x[1]",
+            ),
+            ("relaxing bicycle: time for length", "(length / v) ** 2", "(length * v) ** 2"),
+            ("relaxing bicycle: slip runs away", "(now[i] - x[2 + i]) / tau[i]", "(x[2 + i] - now[i]) / tau[i]"),
+        ],
+    ),
+    *mistakes(
+        "models/vehicles/banked.py",
+        ORACLE,
+        [("bank: pulls uphill", "rates[i] - pull", "rates[i] + pull")],
+    ),
+    *mistakes(
+        "models/vehicles/steering.py",
+        ORACLE,
+        [
+            (
+                "steering: lag runs away",
+                "- x[self.model.n_states]) / self.steering_lag",
+                "+ x[self.model.n_states]) / self.steering_lag",
+            ),
+            (
+                "steering: rate limited one way",
+                "maximum(minimum(rate, self.steering_rate), -self.steering_rate)",
+                "minimum(rate, self.steering_rate)",
+            ),
+        ],
+    ),
+    *mistakes(
         "models/vehicles/nonlinear_bicycle.py",
         ORACLE,
         [
@@ -145,11 +197,6 @@ MUTANTS = [
                 "nonlinear bicycle: axles swapped at rest",
                 "p.mass * GRAVITY * p.l_r / p.wheelbase, ",
                 "p.mass * GRAVITY * p.l_f / p.wheelbase, ",
-            ),
-            (
-                "nonlinear bicycle: sign of the sensor's bias",
-                "x[1] + self.params.yaw_rate_bias",
-                "x[1] - self.params.yaw_rate_bias",
             ),
         ],
     ),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from slipangle.models.tires.simple import LinearTire
+from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
 from slipangle.models.vehicles.kinematic import Kinematic
@@ -13,7 +14,13 @@ from slipangle.models.vehicles.longitudinal import DrivelineParams, Longitudinal
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
 from slipangle.models.vehicles.parameters import BicycleParams
 from slipangle.models.vehicles.quasi_steady import QuasiSteadySingleTrack
+from slipangle.models.vehicles.saturating_bicycle import (
+    RelaxingBicycle,
+    SaturatingBicycle,
+    SaturatingBicycleParams,
+)
 from slipangle.models.vehicles.single_track import SingleTrack
+from slipangle.models.vehicles.steering import Steered
 from tests.oracles import tires, vehicles
 from tests.oracles.compare import agree, uniform
 
@@ -116,9 +123,9 @@ LIMIT = CHASSIS | dict(
 
 
 def test_nonlinear_bicycle():
-    late = dict(steering_lag=0.07, compliance=3e-6, yaw_rate_bias=0.013)
+    late = dict(steering_lag=0.07, compliance=3e-6, bias_r=0.013)
     params = NonlinearBicycleParams(**LIMIT, **STEERED, **late)
-    assert len(LIMIT | STEERED | late) == len(fields(params))  # nothing stays at a default that hides it
+    assert len(LIMIT | STEERED | late) + 2 == len(fields(params))  # nothing stays at a default that hides it
     model = NonlinearBicycle(params=params, dt=0.01)
 
     def oracle(v_y, r, delta_w, delta, v_x, v_x_dot):
@@ -133,15 +140,89 @@ def test_nonlinear_bicycle():
     )
     agree(rates(model, "a_y"), oracle, points)
     reading = model.output(points[0, :3], points[0, 3:])
-    assert reading[0] == pytest.approx(points[0, 1] + late["yaw_rate_bias"], rel=1e-15)
+    assert reading[0] == pytest.approx(points[0, 1] + late["bias_r"], rel=1e-15)
 
 
-def test_nonlinear_bicycle_below_its_lowest_speed():
-    """Slip angles are those at 3 m/s, so at 1 m/s the side force is that of the same motion at 3 m/s."""
-    model = NonlinearBicycle(params=NonlinearBicycleParams(**(LIMIT | {"drag": 0.0})), dt=0.01)
+def test_bicycles_below_their_lowest_speed():
+    """Slip angles are those at the lowest speed: at a tenth of it the side force is that of the same motion there."""
+    car = LIMIT | {"drag": 0.0}
+    L, l_f, m = car["wheelbase"], car["l_f"], car["mass"]
+    rates = (car["C_f"] + car["C_r"]) / m + (car["C_f"] * l_f**2 + car["C_r"] * (L - l_f) ** 2) / car["inertia_z"]
+    lowest = max(0.4 * L, rates / 400)
+    model = NonlinearBicycle(params=NonlinearBicycleParams(**car), dt=0.01)
+    linear = Bicycle(params=BicycleParams(**CHASSIS, C_f=car["C_f"], C_r=car["C_r"]), dt=0.01)
     x = np.array([0.1, 0.2, 0.05])
-    slow, limit = (model.derivative(x, np.array([0.05, v, 0.5])) for v in (1.0, 3.0))
+    slow, limit = (model.derivative(x, np.array([0.05, v, 0.5])) for v in (0.1 * lowest, lowest))
     assert slow == pytest.approx(limit, rel=1e-12)
+    slow, limit = (linear.derivative(x[:2], np.array([0.05, v])) for v in (0.1 * lowest, lowest))
+    assert slow[1] == pytest.approx(limit[1], rel=1e-12)
+    assert slow[0] - limit[0] == pytest.approx(0.9 * lowest * x[1], rel=1e-9)  # the frame turns at the true speed
+    assert linear.derivative(x[:2], np.array([0.05, 1.1 * lowest]))[1] != pytest.approx(limit[1])
+
+
+SATURATING = CHASSIS | dict(C_f=83e3, C_r=127e3, mu_f=0.93, mu_r=1.12, shape=1.36)
+SENSORS = dict(bias_r=0.013, bias_v_y=-0.11, bias_a_y=0.23, lever_v_y=-0.31)
+
+
+def test_saturating_bicycle():
+    params = SaturatingBicycleParams(**SATURATING, **STEERED, **SENSORS, relaxation_f=0.4, relaxation_r=0.6)
+    assert len(SATURATING | STEERED | SENSORS) + 2 == len(fields(params))
+    model = SaturatingBicycle(params=params, dt=0.01, outputs=("v_y", "r", "a_y"))
+
+    def oracle(v_y, r, delta, v_x):
+        slip = vehicles.small_slip(CHASSIS, v_y, r, vehicles.road_wheel(STEERED, delta), v_x)
+        found = vehicles.saturating_bicycle(SATURATING, v_y, r, *slip, v_x)
+        read = [v_y - 0.11 - 0.31 * r, r + 0.013, found[2] + 0.23]
+        return [*found[:2], *read]
+
+    def ours(*z):
+        seen = model.output(z[:2], z[2:])
+        return [*rates(model)(*z), *(seen[i] for i in range(3))]
+
+    agree(ours, oracle, uniform(5, 300, *STATE.values()))
+
+
+def test_relaxing_bicycle():
+    params = SaturatingBicycleParams(**SATURATING, **STEERED, relaxation_f=0.4, relaxation_r=0.6)
+    model = RelaxingBicycle(params=params, dt=0.01)
+
+    def oracle(v_y, r, alpha_f, alpha_r, delta, v_x):
+        slip = vehicles.small_slip(CHASSIS, v_y, r, vehicles.road_wheel(STEERED, delta), v_x)
+        late = [np.hypot(length / v_x, 0.005) for length in (0.4, 0.6)]
+        found = vehicles.saturating_bicycle(SATURATING, v_y, r, alpha_f, alpha_r, v_x)
+        return [*found[:2], (slip[0] - alpha_f) / late[0], (slip[1] - alpha_r) / late[1]]
+
+    slips = (-0.2, 0.2), (-0.2, 0.2)
+    points = uniform(6, 300, STATE["v_y"], STATE["r"], *slips, STATE["delta"], STATE["v_x"])
+    agree(rates(model), oracle, points)
+
+
+def test_bank():
+    """The left edge higher, the car is pulled to the right; its accelerometer reads the tires' force all the same."""
+    car = CHASSIS | dict(C_f=83e3, C_r=127e3)
+    model = Banked(Bicycle(params=BicycleParams(**car, **STEERED), dt=0.01, outputs=("a_y",)))
+
+    def oracle(v_y, r, delta, v_x, bank):
+        found = vehicles.bicycle(car, v_y, r, vehicles.road_wheel(STEERED, delta), v_x)
+        return [found[0] - vehicles.G * np.sin(bank), found[1], found[0] + v_x * r]
+
+    agree(rates(model, "a_y"), oracle, uniform(8, 300, *STATE.values(), (-0.2, 0.2)))
+
+
+def test_steering():
+    """The road wheels follow by a first-order lag, no faster than the rate; the car is driven by where they are."""
+    car = Bicycle(params=BicycleParams(**CHASSIS, **STEERED, C_f=83e3, C_r=127e3), dt=0.01, outputs=("a_y",))
+    model = Steered(car, steering_lag=0.08, steering_rate=0.9)
+
+    def oracle(v_y, r, delta_s, delta, v_x):
+        turning = np.clip((delta - delta_s) / 0.08, -0.9, 0.9)
+        found = vehicles.bicycle(
+            CHASSIS | dict(C_f=83e3, C_r=127e3), v_y, r, vehicles.road_wheel(STEERED, delta_s), v_x
+        )
+        return [*found, turning, found[0] + v_x * r]
+
+    points = uniform(7, 300, STATE["v_y"], STATE["r"], STATE["delta"], STATE["delta"], STATE["v_x"])
+    agree(rates(model, "a_y"), oracle, points)
 
 
 def driven(car, tire, slip):

@@ -70,14 +70,15 @@ def soft(x, width):
 def axle(car, alpha, load, static, shift, F_x, C, mu, E):
     """Two tires, one loaded more by ``shift`` and the other less, that share F_x: Magic Formula on what F_x leaves.
 
-    Friction and stiffness per load fall linearly with the relative rise of load; corners are 10 N and 100 N wide.
+    Friction and stiffness per load fall linearly with the relative rise of load; corners are as wide as 0.4 %
+    and 4 % of a wheel's load at rest.
     """
-    force = 0.0
+    force, rest = 0.0, static / 2
     for wheel in (load / 2 + shift, load / 2 - shift):
-        F_z = soft(wheel, 10.0)
-        rise = F_z / (static / 2) - 1
-        most = soft(mu * F_z * (1 - car["friction_load"] * rise), 10.0)
-        left = np.sqrt(soft(most**2 - (F_x / 2) ** 2, 1e4) + 1)
+        F_z = soft(wheel, 0.004 * rest)
+        rise = F_z / rest - 1
+        most = soft(mu * F_z * (1 - car["friction_load"] * rise), 0.004 * rest)
+        left = np.sqrt(soft(most**2 - (F_x / 2) ** 2, (0.04 * rest) ** 2) + (4e-4 * rest) ** 2)
         K = C / 2 * (1 + rise * (1 - car["stiffness_load"]))
         x = K / (car["shape"] * most) * alpha
         force = force + left * np.sin(car["shape"] * np.arctan(x - E * (x - np.arctan(x))))
@@ -92,7 +93,7 @@ def nonlinear_bicycle(car, v_y, r, delta, v_x, v_x_dot):
     to_rear = m * v_x_dot * car["transfer_x"]  # accelerating loads the rear axle
     outward = m * v_x * r  # centripetal force: the same for both axles' shares
     F_x = m * v_x_dot + car["drag"] * v_x**2
-    driving = soft(F_x, 100.0)
+    driving = soft(F_x, 0.01 * m * G)
     braking = F_x - driving
     F_xf = (1 - car["drive_rear"]) * driving + (1 - car["brake_rear"]) * braking
     F_xr = car["drive_rear"] * driving + car["brake_rear"] * braking
@@ -103,6 +104,22 @@ def nonlinear_bicycle(car, v_y, r, delta, v_x, v_x_dot):
                 car["C_r"], car["mu_r"], car["E_r"])  # fmt: skip
     yaw = moment(l_f, 0, 0, F_yf) + moment(-l_r, 0, 0, F_yr)
     return [(F_yf + F_yr) / m - v_x * r, yaw / car["inertia_z"], F_yf]
+
+
+def saturating_bicycle(car, v_y, r, alpha_f, alpha_r, v_x):
+    """Rates of v_y and r, and a_y, from the slip angles that act: D sin(C arctan(B alpha)) of the static axle loads."""
+    m, L, l_f = car["mass"], car["wheelbase"], car["l_f"]
+    forces = []
+    for alpha, arm, end in ((alpha_f, L - l_f, "f"), (alpha_r, l_f, "r")):
+        D, C = car[f"mu_{end}"] * m * G * arm / L, car["shape"]
+        forces.append(D * np.sin(C * np.arctan(car[f"C_{end}"] / (C * D) * alpha)))
+    a_y = sum(forces) / m
+    return [a_y - v_x * r, (moment(l_f, 0, 0, forces[0]) + moment(l_f - L, 0, 0, forces[1])) / car["inertia_z"], a_y]
+
+
+def small_slip(car, v_y, r, delta, v_x):
+    """Slip angles of both axles where they are small."""
+    return delta - (v_y + car["l_f"] * r) / v_x, -(v_y - (car["wheelbase"] - car["l_f"]) * r) / v_x
 
 
 def single_track(car, tire, slip, state, inputs):

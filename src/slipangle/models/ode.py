@@ -159,15 +159,15 @@ class OdeModel(Parametrised, Model):
         return self._step(x, u)
 
     def output(self, x: Vector, u: Vector) -> Vector:
-        """The chosen outputs."""
+        """The chosen outputs, with their sensors' biases."""
         values = {name: x[i] for i, name in enumerate(self.states)}
         if not set(self.outputs) <= values.keys():
             values |= self.signals(x, u)
-        return stack([values[name] for name in self.outputs])
+        return stack([values[name] + self._bias(name) for name in self.outputs])
 
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
-        """States that are outputs take their measured values."""
-        measured = {name: y[i] for i, name in enumerate(self.outputs)}
+        """States that are outputs take their measured values, without the sensors' biases."""
+        measured = {name: y[i] - self._bias(name) for i, name in enumerate(self.outputs)}
         return stack([measured.get(name, x[i]) for i, name in enumerate(self.states)])
 
     def initial_state(self, data: Dataset) -> np.ndarray:
@@ -175,4 +175,8 @@ class OdeModel(Parametrised, Model):
         return np.array([self._start(name, data) for name in self.states])
 
     def _start(self, name: str, data: Dataset) -> float:
-        return float(data[name][0]) if name in data else 0.0
+        return float(data[name][0]) - self._bias(name) if name in data else 0.0
+
+    def _bias(self, name: str) -> Scalar:
+        """What the sensor of a channel reads where the signal is zero: the parameter ``bias_NAME``, if any."""
+        return getattr(self.params, f"bias_{name}", 0.0)

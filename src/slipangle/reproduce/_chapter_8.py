@@ -46,7 +46,7 @@ LAGGED = ("delta", "v_x", "v_x_dot")
 PRODUCT = ("delta", "v_x", "delta_v_x")
 STAGES = SOUSA_TABLE_8_2.stages
 FREE = (
-    *("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_lag", "steering_offset", "yaw_rate_bias"),
+    *("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_lag", "steering_offset", "bias_r"),
     *("l_f", "transfer_x", "friction_load", "stiffness_load"),
 )
 START = NonlinearBicycleParams(mass=982.0, inertia_z=900.0, wheelbase=2.4, l_f=1.35, C_f=6e4, C_r=9e4)

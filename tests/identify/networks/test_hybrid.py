@@ -211,7 +211,7 @@ def test_the_compiled_derivative_is_that_of_the_model(kind):
     from slipangle.identify.networks.unrolled import Unrolled
 
     model, data = plant(kind), drive(60, seed=3)
-    free = ("C_f", "steering_offset", "yaw_rate_bias")
+    free = ("C_f", "steering_offset", "bias_r")
     scale = np.array([6e4, 0.01, 0.01])
     with adam.precision("double"):
         unrolled = Unrolled(model, free, scale, np.array([1.0]))
@@ -283,7 +283,7 @@ def test_compiled_free_run_is_the_repeated_step(kind, monkeypatch):
     monkeypatch.setattr(neural_bicycle_code, "run", spied(neural_bicycle_code.run, called))
     assert model.simulate(wild).y == pytest.approx(plain, abs=1e-12)
     assert called == [True]
-    assert np.abs(plain).max() == pytest.approx(0.6 + abs(PARAMS.yaw_rate_bias), abs=1e-6)
+    assert np.abs(plain).max() == pytest.approx(0.6 + abs(PARAMS.bias_r), abs=1e-6)
     monkeypatch.setenv("SLIPANGLE_CC", "none")
     assert np.array_equal(model.simulate(wild).y, plain)
     assert called == [True, False]

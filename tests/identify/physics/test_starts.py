@@ -54,9 +54,9 @@ def test_starts_are_seeded_within_bounds_and_never_worse_than_the_given_one():
 
 def test_bounds_are_kept_to_the_last_bit():
     """A bound over the parameter's unit times the unit may round to just outside."""
-    start = MODEL.with_values(yaw_rate_bias=0.023)
-    problem = GreyBox(start=start, free=("yaw_rate_bias",)).problem(DRIVE)
-    assert (problem.upper * problem.scale)[0] > MODEL.si("yaw_rate_bias").upper
+    start = MODEL.with_values(bias_r=0.023)
+    problem = GreyBox(start=start, free=("bias_r",)).problem(DRIVE)
+    assert (problem.upper * problem.scale)[0] > MODEL.si("bias_r").upper
     for z in (problem.lower, problem.upper):
         assert np.isfinite(problem.cost(z))
         assert np.isfinite(problem.evaluate(z)[0]).all()

@@ -26,7 +26,7 @@ from slipangle.models.wrappers.ensemble import EnsembleModel
 from slipangle.numerics.least_squares import Factors, LevenbergMarquardt, cholesky
 
 FREE = (
-    *("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_lag", "steering_offset", "yaw_rate_bias", "l_f"),
+    *("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_lag", "steering_offset", "bias_r", "l_f"),
     *("transfer_x", "friction_load", "stiffness_load", "E_f", "E_r", "brake_rear", "compliance"),
     *("transfer_f", "transfer_r"),
 )

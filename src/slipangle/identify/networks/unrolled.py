@@ -79,7 +79,7 @@ class Unrolled:
     def _output(self, theta: Any, x: Any, u: Any) -> Any:
         """Outputs as the sensors read them: v_y, r, a_y."""
         params, correction, offsets = self._split(theta)
-        values = {"v_y": x[0], "r": x[1] + params.yaw_rate_bias}
+        values = {"v_y": x[0], "r": x[1] + params.bias_r}
         if "a_y" in self.model.outputs:
             values["a_y"] = self.model.rates(x, u, params, correction)[0] + u[1] * x[1]
         return jnp.stack([values[name] for name in self.model.outputs]) + offsets

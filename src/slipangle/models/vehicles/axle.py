@@ -4,7 +4,7 @@
 """
 
 from slipangle.models.vehicles.parameters import ChassisParams
-from slipangle.ops import Scalar, atan2, cos, sin, speed_floor
+from slipangle.ops import Scalar, atan2, cos, maximum, sin, speed_floor
 
 
 def axle_velocities(v_y: Scalar, r: Scalar, p: ChassisParams) -> tuple[Scalar, Scalar]:
@@ -29,6 +29,16 @@ def small_slip_angles(v: Scalar, v_y: Scalar, r: Scalar, delta: Scalar, p: Chass
     """Slip angles of the front and the rear axle where they are small, at a speed ``v`` above zero. [rad]"""
     v_yf, v_yr = axle_velocities(v_y, r, p)
     return delta - v_yf / v, -v_yr / v
+
+
+def lowest_speed(p: ChassisParams, C_f: Scalar, C_r: Scalar) -> Scalar:
+    """Speed below which small slip angles keep it as their denominator, in proportion to the car. [m/s]
+
+    0.4 wheelbases a second, or more where explicit steps of up to 10 ms could not follow tires of the stiffness
+    ``C_f``, ``C_r`` [N/rad]: there the sum of the lateral modes' rates is 400 /s.
+    """
+    rates = (C_f + C_r) / p.mass + (C_f * p.l_f * p.l_f + C_r * p.l_r * p.l_r) / p.inertia_z  # times speed
+    return maximum(0.4 * p.wheelbase, rates / 400.0)
 
 
 def steered(F_x: Scalar, F_y: Scalar, delta: Scalar) -> tuple[Scalar, Scalar]:

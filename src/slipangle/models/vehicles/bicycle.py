@@ -3,21 +3,21 @@
 from dataclasses import dataclass
 
 from slipangle.models.ode import OdeModel
-from slipangle.models.vehicles.axle import small_slip_angles
+from slipangle.models.vehicles.axle import lowest_speed, small_slip_angles
 from slipangle.models.vehicles.parameters import BicycleParams
 from slipangle.ops import Scalar, Vector, maximum, stack
 
 
-def bicycle(v_y: Scalar, r: Scalar, delta: Scalar, v_x: Scalar, p: BicycleParams, v_low: float = 1.0) -> Vector:
+def bicycle(v_y: Scalar, r: Scalar, delta: Scalar, v_x: Scalar, p: BicycleParams) -> Vector:
     """Rates of v_y [m/s2] and r [rad/s2] of the linear bicycle.
 
-    ``delta`` is the road-wheel angle [rad], ``v_x`` the speed [m/s], which may vary. Below ``v_low`` the
-    speed in the slip denominators stays at ``v_low``, so the model remains defined at standstill.
+    ``delta`` is the road-wheel angle [rad], ``v_x`` the speed [m/s], which may vary. Below
+    `lowest_speed` the speed in the slip denominators stays there, so the model remains defined at standstill.
 
     Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eqs. 3-19, 3-20, yaw damping corrected: eq. 3-20 prints it with
     C_r l_r^2 subtracted and a spurious v_x.
     """
-    v = maximum(v_x, v_low)
+    v = maximum(v_x, lowest_speed(p, p.C_f, p.C_r))
     alpha_f, alpha_r = small_slip_angles(v, v_y, r, delta, p)
     F_yf, F_yr = p.C_f * alpha_f, p.C_r * alpha_r
     return stack([(F_yf + F_yr) / p.mass - v_x * r, (p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z])

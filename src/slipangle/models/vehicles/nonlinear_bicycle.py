@@ -9,7 +9,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.models.ode import OdeModel
 from slipangle.models.tires.magic_formula.terms import curved
-from slipangle.models.vehicles.axle import small_slip_angles
+from slipangle.models.vehicles.axle import lowest_speed, small_slip_angles
 from slipangle.models.vehicles.parameters import GRAVITY, ChassisParams
 from slipangle.ops import Scalar, Vector, maximum, sin, sqrt, stack
 from slipangle.units import SI
@@ -36,7 +36,10 @@ class NonlinearBicycleParams(ChassisParams):
     drag: Annotated[float, SI("kg/m", "drag force per speed squared", 0.0, 5.0)] = 0.4
     steering_lag: Annotated[float, SI("s", "time constant from logged steering to road wheel", 0.002, 1.0)] = 0.03
     compliance: Annotated[float, SI("rad/N", "steering angle lost per front lateral force", -1e-4, 1e-4)] = 0.0
-    yaw_rate_bias: Annotated[float, SI("rad/s", "measured yaw rate when driving straight", -0.1, 0.1)] = 0.0
+
+
+# Widths of smooth corners, over a wheel's static load (that of drive and brake over the weight), and the least peak.
+_SMOOTH, _ELLIPSE, _LEAST, _COAST = 0.004, 0.04, 4e-4, 0.01
 
 
 def _positive(x: Scalar, width: float) -> Scalar:
@@ -57,15 +60,17 @@ def axle_force(
 ) -> Scalar:
     """Lateral force of an axle of two tires, the outer one loaded by ``transfer`` [N], F_x shared. [N]
 
+    ``static`` [N] is the axle's load at rest, on whose scale corners are smooth.
+
     Each tire: Magic Formula (H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.3.1) whose
     friction and stiffness fall with load, on the friction ellipse left by its longitudinal force.
     """
-    total = 0.0
+    total, half = 0.0, 0.5 * static
     for side in (1.0, -1.0):
-        wheel = _positive(0.5 * load + side * transfer, 10.0)
-        rise = wheel / (0.5 * static) - 1.0
-        peak = _positive(mu * wheel * (1.0 - p.friction_load * rise), 10.0)
-        lateral = sqrt(_positive(peak * peak - (0.5 * F_x) ** 2, 1e4) + 1.0)
+        wheel = _positive(0.5 * load + side * transfer, _SMOOTH * half)
+        rise = wheel / half - 1.0
+        peak = _positive(mu * wheel * (1.0 - p.friction_load * rise), _SMOOTH * half)
+        lateral = sqrt(_positive(peak * peak - (0.5 * F_x) ** 2, (_ELLIPSE * half) ** 2) + (_LEAST * half) ** 2)
         stiffness = 0.5 * C * (1.0 + rise * (1.0 - p.stiffness_load))
         z = stiffness / (p.shape * peak) * alpha
         total = total + lateral * sin(p.shape * curved(z, E))
@@ -88,23 +93,22 @@ def nonlinear_bicycle(
     v_x: Scalar,
     v_x_dot: Scalar,
     p: NonlinearBicycleParams,
-    v_low: float = 3.0,
     tires: AxleCoefficients | None = None,
 ) -> tuple[Scalar, Scalar, Scalar]:
     """Rates of v_y [m/s2] and r [rad/s2], and the front lateral force [N].
 
     Loads follow ``v_x_dot`` and the centripetal acceleration ``v_x r``; the longitudinal force is
-    ``mass v_x_dot + drag v_x^2``, driven and braked by the given rear shares. Below ``v_low`` slip angles
-    are those at ``v_low``. ``tires`` replaces the parameters' coefficients.
+    ``mass v_x_dot + drag v_x^2``, driven and braked by the given rear shares. Below `lowest_speed` slip
+    angles are those there. ``tires`` replaces the parameters' coefficients.
     """
     t = p if tires is None else tires
-    v = maximum(v_x, v_low)
+    v = maximum(v_x, lowest_speed(p, p.C_f, p.C_r))
     alpha_f, alpha_r = small_slip_angles(v, v_y, r, delta, p)
     static_f, static_r = p.mass * GRAVITY * p.l_r / p.wheelbase, p.mass * GRAVITY * p.l_f / p.wheelbase
     forward = p.mass * v_x_dot * p.transfer_x
     across = p.mass * v * r
     F_x = p.mass * v_x_dot + p.drag * v * v
-    drive = _positive(F_x, 100.0)
+    drive = _positive(F_x, _COAST * (static_f + static_r))
     brake = F_x - drive
     F_xr = p.drive_rear * drive + p.brake_rear * brake
     F_yf = axle_force(alpha_f, static_f - forward, static_f, across * p.transfer_f, F_x - F_xr, t.C_f, t.mu_f, p.E_f, p)
@@ -126,8 +130,7 @@ class NonlinearBicycle(OdeModel):
     """Bicycle with Magic Formula axles, load transfer, combined slip, steering lag and compliance.
 
     States v_y [m/s], r [rad/s], delta_w [rad] (road wheel after the lag); inputs delta [rad], v_x [m/s] and its
-    derivative v_x_dot [m/s2]; outputs r by default, v_y and a_y [m/s2] on request. The output r is what the
-    sensor reads, bias included.
+    derivative v_x_dot [m/s2]; outputs r by default, v_y and a_y [m/s2] on request.
 
     Parameters
     ----------
@@ -156,16 +159,6 @@ class NonlinearBicycle(OdeModel):
         """Lateral acceleration of the centre of gravity."""
         return {"a_y": self.derivative(x, u)[0] + u[1] * x[1]}
 
-    def output(self, x: Vector, u: Vector) -> Vector:
-        """The chosen outputs, the yaw rate with its bias."""
-        return super().output(stack([x[0], x[1] + self.params.yaw_rate_bias, x[2]]), u)
-
-    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
-        """States that are outputs take their measured values, the yaw rate without its bias."""
-        corrected = super().correct(x, u, y)
-        bias = self.params.yaw_rate_bias if "r" in self.outputs else 0.0
-        return stack([corrected[0], corrected[1] - bias, corrected[2]])
-
     def initial_state(self, data: Dataset) -> np.ndarray:
         """State of the first sample run up to the last, outputs corrected at each on the way."""
         chosen = data.select(inputs=self.inputs, outputs=self.outputs)
@@ -177,8 +170,7 @@ class NonlinearBicycle(OdeModel):
     def _start(self, name: str, data: Dataset) -> float:
         if name == "delta_w":
             return float(self.params.road_wheel(data["delta"][0]))
-        value = super()._start(name, data)
-        return value - self.params.yaw_rate_bias if name == "r" and "r" in data else value
+        return super()._start(name, data)
 
 
 def with_speed_derivative(data: Dataset) -> Dataset:

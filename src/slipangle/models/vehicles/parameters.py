@@ -20,8 +20,11 @@ class ChassisParams(ParameterSet):
     inertia_z: Annotated[float, SI("kg m2", "yaw moment of inertia", 1e-3, 1e6)]
     wheelbase: Annotated[float, SI("m", "wheelbase", 0.1, 20.0)]
     l_f: Annotated[float, SI("m", "centre of gravity to front axle", 0.01, 15.0)]
-    steering_gain: Annotated[float, SI("-", "road-wheel angle per logged steering angle", 0.2, 5.0)] = 1.0
+    steering_gain: Annotated[float, SI("-", "road-wheel angle per logged steering angle", -20.0, 20.0)] = 1.0
     steering_offset: Annotated[float, SI("rad", "logged steering angle when driving straight", -0.3, 0.3)] = 0.0
+    bias_r: Annotated[float, SI("rad/s", "measured yaw rate when there is none", -0.1, 0.1)] = 0.0
+    bias_v_y: Annotated[float, SI("m/s", "measured lateral velocity when there is none", -5.0, 5.0)] = 0.0
+    bias_a_y: Annotated[float, SI("m/s2", "measured lateral acceleration when there is none", -5.0, 5.0)] = 0.0
 
     @property
     def l_r(self) -> Scalar:

@@ -1,0 +1,137 @@
+"""Bicycle whose axles saturate and whose tires take a while to build up force: what a log needs at all speeds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.models.ode import OdeModel
+from slipangle.models.vehicles.axle import lowest_speed, small_slip_angles
+from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams
+from slipangle.ops import Scalar, Vector, atan, maximum, sin, sqrt, stack
+from slipangle.units import SI
+
+_QUICKEST = 0.005  # s, the shortest time in which a tire's force builds up
+
+
+@dataclass(frozen=True, kw_only=True)
+class SaturatingBicycleParams(BicycleParams):
+    """The linear bicycle's parameters, per axle peak friction and relaxation length, and where v_y is measured."""
+
+    mu_f: Annotated[float, SI("-", "front peak friction", 0.05, 10.0)] = 1.0
+    mu_r: Annotated[float, SI("-", "rear peak friction", 0.05, 10.0)] = 1.0
+    shape: Annotated[float, SI("-", "Magic Formula shape factor C", 0.8, 2.0)] = 1.4
+    relaxation_f: Annotated[float, SI("m", "front relaxation length", 0.0, 10.0)] = 0.0
+    relaxation_r: Annotated[float, SI("m", "rear relaxation length", 0.0, 10.0)] = 0.0
+    lever_v_y: Annotated[float, SI("m", "place where v_y is measured, ahead of the centre of gravity", -10.0, 10.0)] = (
+        0.0
+    )
+
+
+def saturated(alpha: Scalar, load: Scalar, C: Scalar, mu: Scalar, shape: Scalar) -> Scalar:
+    """Lateral force of an axle: Magic Formula without curvature factor, slope C [N/rad], peak mu load. [N]
+
+    H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed., 2012, sec. 4.3.1; alpha [rad] > 0 gives a force to the left.
+    """
+    peak = mu * load
+    return peak * sin(shape * atan(C / (shape * peak) * alpha))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SaturatingBicycle(OdeModel):
+    """Bicycle with saturating axles.
+
+    States v_y [m/s], r [rad/s]; inputs delta [rad], v_x [m/s]; outputs r by default, v_y and a_y [m/s2] on request. The
+    relaxation lengths are without effect here, see `RelaxingBicycle`. Steering lag comes as ``Steered(car,
+    steering_lag=...)``, delay as ``Delayed(...)``. A v_y that was not measured starts at that of steady cornering.
+    """
+
+    states = ("v_y", "r")
+    inputs = ("delta", "v_x")
+    max_step: ClassVar[float] = 0.005
+    params: SaturatingBicycleParams
+    outputs: tuple[str, ...] = ("r",)
+
+    def derivative(self, x: Vector, u: Vector) -> Vector:
+        """Rates of v_y [m/s2] and r [rad/s2]."""
+        return stack(self._rates(x, u, self._slip(x, u)))
+
+    def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
+        """Lateral acceleration of the centre of gravity."""
+        F_yf, F_yr = self._forces(self._acting(x, u))
+        return {"a_y": (F_yf + F_yr) / self.params.mass}
+
+    def output(self, x: Vector, u: Vector) -> Vector:
+        """The chosen outputs as their sensors read them."""
+        y = super().output(x, u)
+        return stack([y[i] + self._lever(name) * x[1] for i, name in enumerate(self.outputs)])
+
+    def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
+        """States that are outputs take their measured values at the centre of gravity, without biases."""
+        x = super().correct(x, u, y)
+        lever = self._lever("v_y") if "v_y" in self.outputs else 0.0
+        return stack([x[0] - lever * x[1], *(x[i] for i in range(1, self.n_states))])
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """State of the first sample, with the v_y of steady cornering unless it was measured."""
+        p, r = self.params, self._start("r", data)
+        v = self._speed(float(data["v_x"][0]))
+        if "v_y" in data:
+            return np.array([self._start("v_y", data) - p.lever_v_y * r, r], dtype=float)
+        return np.array([r * (p.l_r - p.mass * p.l_f * v * v / (p.wheelbase * p.C_r)), r], dtype=float)
+
+    def _speed(self, v_x: Scalar) -> Scalar:
+        return maximum(v_x, lowest_speed(self.params, self.params.C_f, self.params.C_r))
+
+    def _slip(self, x: Vector, u: Vector) -> tuple[Scalar, Scalar]:
+        """Slip angles of the motion."""
+        return small_slip_angles(self._speed(u[1]), x[0], x[1], self.params.road_wheel(u[0]), self.params)
+
+    def _acting(self, x: Vector, u: Vector) -> tuple[Scalar, Scalar]:
+        """Slip angles that the forces follow."""
+        return self._slip(x, u)
+
+    def _forces(self, alpha: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+        p = self.params
+        weight = p.mass * GRAVITY / p.wheelbase
+        front = saturated(alpha[0], weight * p.l_r, p.C_f, p.mu_f, p.shape)
+        return front, saturated(alpha[1], weight * p.l_f, p.C_r, p.mu_r, p.shape)
+
+    def _rates(self, x: Vector, u: Vector, alpha: tuple[Scalar, Scalar]) -> list[Scalar]:
+        p, (F_yf, F_yr) = self.params, self._forces(alpha)
+        return [(F_yf + F_yr) / p.mass - self._speed(u[1]) * x[1], (p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z]
+
+    def _lever(self, name: str) -> Scalar:
+        return self.params.lever_v_y if name == "v_y" else 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RelaxingBicycle(SaturatingBicycle):
+    """`SaturatingBicycle` whose slip angles build up over a relaxation length.
+
+    ``d alpha' / dt = (alpha - alpha') / tau``, ``tau`` from ``relaxation / v_x`` (H. B. Pacejka, Tire and Vehicle
+    Dynamics, 3rd ed., 2012, sec. 7.2) and no less than 5 ms. States besides v_y and r: the slip angles alpha_f, alpha_r
+    [rad] that act.
+    """
+
+    states = ("v_y", "r", "alpha_f", "alpha_r")
+    max_step: ClassVar[float] = 0.0025
+
+    def derivative(self, x: Vector, u: Vector) -> Vector:
+        """Rates of v_y [m/s2], r [rad/s2] and the two slip angles [rad/s]."""
+        p, v, now = self.params, self._speed(u[1]), self._slip(x, u)
+        tau = [sqrt((length / v) ** 2 + _QUICKEST**2) for length in (p.relaxation_f, p.relaxation_r)]
+        late = [(now[i] - x[2 + i]) / tau[i] for i in range(2)]
+        return stack([*self._rates(x, u, self._acting(x, u)), *late])
+
+    def initial_state(self, data: Dataset) -> np.ndarray:
+        """That of the saturating bicycle, with the slip angles settled."""
+        x = super().initial_state(data)
+        u = [float(data[name][0]) for name in self.inputs]
+        return np.array([*x, *self._slip(x, u)], dtype=float)
+
+    def _acting(self, x: Vector, u: Vector) -> tuple[Scalar, Scalar]:
+        return x[2], x[3]
