@@ -1,0 +1,148 @@
+"""Whether the channels of a car's log agree with each other: signs, units, clocks, sensors that stick."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import signal
+
+from slipangle.data.dataset import Dataset
+
+_SLOW = 0.7  # Hz, below which a car nearly follows its steering
+# Share of the logged angle that the motion asks for, about half of the truth to all of it where lags are long, and what
+# explains it.
+_SHARES = (
+    (0.0, 0.024, "delta is logged in degrees: declare its unit as deg"),
+    (0.024, 0.115, "delta is the angle of the hand wheel: give the steering ratio, about {ratio:.0f}"),
+    (0.115, 0.36, "v_x is logged in km/h: declare its unit as km/h"),
+    (15.0, 120.0, "r is logged in deg/s: declare its unit as deg/s"),
+)
+_STUCK, _LATE = 1.0, 0.15  # s
+LONGEST_STEP = 0.5  # s, between samples of a car that is steered
+
+
+def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
+    """Sentences about channels that contradict each other, each with what to change; none for a sound log.
+
+    Kinematics ties delta, v_x and r together, ``r wheelbase / v_x = gain delta`` at low speed, and v_x, r and a_y,
+    ``a_y = v_x r`` in steady cornering. ``data`` has delta [rad], v_x [m/s], r [rad/s], and v_y, a_y where measured;
+    ``wheelbase`` is in m.
+    """
+    if data.dt > LONGEST_STEP:
+        return (
+            f"samples are {data.dt:.3g} s apart; expected less than {LONGEST_STEP:g} s of a car that is steered: if "
+            "time is logged in milliseconds (ms), declare its unit as ms",
+        )
+    said = [*_stuck(data)]
+    fast = [part for part in data.experiments if part.n_samples * part.dt > 4.0]
+    if not fast:
+        return tuple(said)
+    smooth = {n: np.concatenate([_low_pass(p[n], p.dt) for p in fast]) for n in data.names if _numeric(data, n)}
+    turn = smooth["v_x"] * smooth["r"]
+    cornering, about_r = _cornering(data, fast, smooth, turn)
+    said += cornering
+    if not about_r:
+        said += _steering(smooth, wheelbase)
+    return tuple(said)
+
+
+def _numeric(data: Dataset, name: str) -> bool:
+    return name in ("delta", "v_x", "r", "v_y", "a_y")
+
+
+def _low_pass(x: np.ndarray, dt: float) -> np.ndarray:
+    return signal.sosfiltfilt(signal.butter(2, min(2 * dt * _SLOW, 0.9), output="sos"), x)
+
+
+def _slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    """Slope of y over x, and their correlation."""
+    x, y = x - x.mean(), y - y.mean()
+    power = float(x @ x)
+    if power <= 0 or not y.any():
+        return 0.0, 0.0
+    return float(x @ y) / power, float(x @ y / np.sqrt(power * (y @ y)))
+
+
+def _cornering(
+    data: Dataset, fast: list[Dataset], smooth: dict[str, np.ndarray], turn: np.ndarray
+) -> tuple[list[str], bool]:
+    """Sentences on a_y beside v_x r, and whether one says that v_x, r or their units are wrong."""
+    if "a_y" not in data:
+        return [], False
+    slope, agree = _slope(turn, smooth["a_y"])
+    if "v_y" in data and abs(agree) < 0.7:
+        other, agree_y = _slope(turn, smooth["v_y"])
+        if agree_y > 0.9 and 0.5 < other < 2:
+            return ["v_y moves as a_y should, as v_x r does, and a_y does not: v_y and a_y are swapped"], False
+    if agree < -0.7:
+        return ["a_y moves against v_x r: r or a_y has the wrong sign; expected axes of ISO 8855, y left"], False
+    late = _late(fast)
+    if late > _LATE:
+        return [f"r comes {late:.2f} s behind a_y: it is logged late; shift it, or take another sensor"], True
+    if agree < 0.7:
+        return [], False
+    if 2.6 < 1 / slope < 4.6:
+        return [f"a_y is {slope:.2g} of v_x r: v_x is logged in km/h; declare its unit as km/h"], True
+    if 30 < 1 / slope < 110:
+        return [f"a_y is {slope:.2g} of v_x r: r is logged in deg/s; declare its unit as deg/s"], True
+    if 6 < 1 / slope < 14:
+        return [f"a_y is {slope:.2g} of v_x r: a_y is logged in g; declare its unit as g"], False
+    return [], False
+
+
+def _late(fast: list[Dataset]) -> float:
+    """How long v_x r comes after a_y. [s]"""
+    dt, most = fast[0].dt, round(0.6 / fast[0].dt)
+    total = np.zeros(2 * most + 1)
+    for part in fast:
+        x, y = (signal.detrend(v) for v in (part["a_y"], part["v_x"] * part["r"]))
+        full = signal.correlate(y, x, mode="full")
+        middle = len(x) - 1
+        total += full[middle - most : middle + most + 1] / (np.linalg.norm(x) * np.linalg.norm(y) + 1e-300)
+    return float((int(np.argmax(total)) - most) * dt)
+
+
+def _steering(smooth: dict[str, np.ndarray], wheelbase: float) -> list[str]:
+    """Sentences on delta beside r wheelbase / v_x."""
+    v, r, delta = smooth["v_x"], smooth["r"], smooth["delta"]
+    fast = v > 0.3 * np.quantile(v, 0.9)
+    v, r, delta = v[fast], r[fast], delta[fast]
+    asked = r * wheelbase / v
+    _, agree = _slope(delta, asked)
+    if agree < -0.6:
+        return [
+            f"r moves against delta (agreement {agree:.2f}): one has the wrong sign; set sign = -1 for delta, left is "
+            "positive"
+        ]
+    if agree < 0.4:
+        return []
+    table = np.column_stack([delta, -v * r * wheelbase, np.ones(len(v))])
+    scale = np.maximum(np.abs(table).max(axis=0), 1e-300)
+    gain = float(np.linalg.lstsq(table / scale, asked, rcond=None)[0][0] / scale[0])
+    return [
+        f"r wheelbase / v_x is about {gain:.2g} of delta: {words.format(ratio=0.8 / gain)}"
+        for low, high, words in _SHARES
+        if low < gain <= high
+    ]
+
+
+def _stuck(data: Dataset) -> list[str]:
+    """Sensors that stay at one value while the car is steered."""
+    said = []
+    for name in ("r", "v_y", "a_y", "v_x"):
+        if name not in data or np.ptp(data[name]) == 0:
+            continue
+        longest = 0.0
+        for part in data.experiments:
+            still = np.concatenate([[0], (np.diff(part[name]) == 0).astype(int), [0]])
+            edges = np.flatnonzero(np.diff(still)).reshape(-1, 2)
+            for a, b in edges:
+                moved = np.ptp(part["delta"][a : b + 1]) > 0.2 * np.std(data["delta"])
+                whole = name == "v_x" and b - a >= len(part) - 1  # driven, or simulated, at one speed
+                if moved and not whole and np.max(part["v_x"][a : b + 1]) > 0.3 * np.max(data["v_x"]):
+                    longest = max(longest, (b - a) * data.dt)
+        if longest > _STUCK:
+            said.append(
+                f"{name} is stuck at one value for {longest:.2g} s while the car is steered: cut that out, or mend the "
+                "sensor"
+            )
+    return said

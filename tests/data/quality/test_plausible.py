@@ -1,0 +1,85 @@
+"""Channels that contradict each other are named, sound ones are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slipangle.data.dataset import Dataset, join
+from slipangle.data.quality.plausible import doubts
+
+LENGTH = 2.7
+
+
+def drive(speed, seed):
+    """A car in steady cornering at every instant, a little understeering, 100 ms behind its steering; with noise."""
+    rng, dt = np.random.default_rng(seed), 0.02
+    t = np.arange(1500) * dt
+    delta = 0.04 * np.sin(2 * np.pi * 0.2 * t) + 0.02 * np.sin(2 * np.pi * (0.05 + 0.03 * t) * t)
+    r = speed * np.interp(t - 0.1, t, delta) / LENGTH / (1 + (speed / 28.0) ** 2)
+    v_y = r * (1.2 - 0.004 * speed**2)
+    a_y = speed * r + np.gradient(v_y, dt)
+    noise = {n: s * rng.standard_normal(len(t)) for n, s in (("r", 0.003), ("v_y", 0.03), ("a_y", 0.05), ("v_x", 0.05))}
+    inputs = {"delta": delta, "v_x": speed + noise["v_x"]}
+    return Dataset.from_arrays(inputs, {"r": r + noise["r"], "v_y": v_y + noise["v_y"], "a_y": a_y + noise["a_y"]}, dt)
+
+
+def clean():
+    return join(*(drive(v, seed) for seed, v in enumerate((9.0, 14.0, 19.0, 25.0))))
+
+
+def changed(name, change):
+    data = clean()
+    return data.with_channel(name, change(data[name]), "-")
+
+
+def without_a_y(data):
+    names = ("r",)
+    return Dataset.from_arrays({n: data[n] for n in ("delta", "v_x")}, {n: data[n] for n in names}, data.dt)
+
+
+def late(r):
+    return np.concatenate([np.full(15, r[0]), r[:-15]])
+
+
+def stuck(r):
+    r = r.copy()
+    r[400:700] = r[400]
+    return r
+
+
+def swapped():
+    data = clean()
+    return data.with_channel("v_y", data["a_y"], "m/s").with_channel("a_y", data["v_y"], "m/s2")
+
+
+PLANTED = {
+    "sign": (changed("delta", np.negative), "sign = -1"),
+    "degrees": (changed("delta", np.rad2deg), "degrees"),
+    "km/h": (changed("v_x", lambda v: 3.6 * v), "km/h"),
+    "hand wheel": (changed("delta", lambda d: 15 * d), "hand wheel"),
+    "deg/s": (changed("r", np.rad2deg), "deg/s"),
+    "late": (changed("r", late), "behind a_y"),
+    "stuck": (changed("r", stuck), "r is stuck"),
+    "swapped": (swapped(), "swapped"),
+    "milliseconds": (replace(clean(), dt=20.0, start_times=(0.0, 1e5, 2e5, 3e5)), "ms"),
+}
+
+
+@pytest.mark.parametrize("name", PLANTED)
+def test_a_planted_mistake_is_named_alone(name):
+    data, said = PLANTED[name]
+    found = doubts(data, wheelbase=LENGTH)
+    assert len(found) == 1
+    assert said in found[0]
+
+
+@pytest.mark.parametrize("name", ["sign", "degrees", "km/h", "hand wheel", "deg/s"])
+def test_units_are_named_without_an_accelerometer_too(name):
+    data, said = PLANTED[name]
+    assert any(said in sentence for sentence in doubts(without_a_y(data), wheelbase=LENGTH))
+
+
+def test_a_sound_log_raises_no_doubt():
+    assert doubts(clean(), wheelbase=LENGTH) == ()
+    assert doubts(without_a_y(clean()), wheelbase=LENGTH) == ()
