@@ -80,7 +80,7 @@ def test_settings_in_the_readme_are_valid(tmp_path):
     assert block is not None
     path = tmp_path / "my_car.toml"
     path.write_text(block.group(1))
-    assert read_settings(path).model[0].entries["free"] == ("C_f", "C_r", "inertia_z")
+    assert read_settings(path).model[0].entries == {"mass": 1200, "wheelbase": 2.6, "l_f": 1.2}
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "examples").glob("*.toml")), ids=lambda p: p.name)

@@ -13,6 +13,9 @@ from slipangle.data.public.sets import public as public
 from slipangle.data.quality.inspect import inspect as inspect
 from slipangle.data.readers import read as read
 from slipangle.estimate.ekf import EKF as EKF
+from slipangle.identify.car.identify_car import IdentifiedCar as IdentifiedCar
+from slipangle.identify.car.identify_car import WholeCar as WholeCar
+from slipangle.identify.car.identify_car import identify_car as identify_car
 from slipangle.identify.judge.compare import compare as compare
 from slipangle.identify.judge.compare import cross_validate as cross_validate
 from slipangle.identify.judge.validate import Validation as Validation
@@ -44,6 +47,7 @@ from slipangle.models.tires.simple import LinearTire as LinearTire
 from slipangle.models.tires.simple import MagicCurve as MagicCurve
 from slipangle.models.tires.simple import SimpleMagicFormula as SimpleMagicFormula
 from slipangle.models.tires.simple import Tire as Tire
+from slipangle.models.vehicles.banked import Banked as Banked
 from slipangle.models.vehicles.bicycle import Bicycle as Bicycle
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack as DualTrack
 from slipangle.models.vehicles.kinematic import Kinematic as Kinematic
@@ -53,7 +57,11 @@ from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle as Nonl
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycleParams as NonlinearBicycleParams
 from slipangle.models.vehicles.parameters import BicycleParams as BicycleParams
 from slipangle.models.vehicles.parameters import SingleTrackParams as SingleTrackParams
+from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle as RelaxingBicycle
+from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle as SaturatingBicycle
+from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycleParams as SaturatingBicycleParams
 from slipangle.models.vehicles.single_track import SingleTrack as SingleTrack
+from slipangle.models.vehicles.steering import Steered as Steered
 from slipangle.models.wrappers.delayed import Delayed as Delayed
 from slipangle.models.wrappers.multi_arx import MultiARXModel as MultiARXModel
 from slipangle.models.wrappers.on_ground import OnGround as OnGround

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ConfigError, nearest, shown
+from slipangle.identify.car.identify_car import WholeCar
 from slipangle.identify.judge.compare import Estimator
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError
@@ -67,6 +68,9 @@ KINDS.register("nonlinear-bicycle")(
     Physics(model=NonlinearBicycle, free=("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_lag", "steering_offset"))
 )
 KINDS.register("longitudinal")(Physics(model=Longitudinal, free=("k_e", "k_d", "k_r")))
+
+
+KINDS.register("car")(WholeCar)
 
 
 @KINDS.register("arx")

@@ -192,6 +192,10 @@ class FreeRunProblem:
         self._last = (key, error, jacobian)
         return error, jacobian
 
+    def divide_by(self, sigma: np.ndarray) -> None:
+        """Divide each output's errors by its entry of ``sigma``, SI units, from now on."""
+        self.sigma, self._last = np.asarray(sigma, dtype=float), None
+
     def weigh(self, error: np.ndarray) -> bool:
         """Divide each output by the standard deviation of its errors from now on; whether that changes nothing."""
         spread = np.std(error.reshape(-1, self.model.n_outputs), axis=0)

@@ -1,0 +1,344 @@
+"""`identify_car`: from a log to a car with its steering, its sensors and what the log cannot say."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.data.quality.plausible import LONGEST_STEP, doubts
+from slipangle.errors import IdentifiabilityWarning, MissingColumnError, ParameterError, SampleTimeError
+from slipangle.fields import Checked, Within
+from slipangle.identify.car.stretches import stretches
+from slipangle.identify.car.structures import (
+    STIFF,
+    Correction,
+    Fitted,
+    change,
+    corrected,
+    corrections,
+    errors,
+    first_guess,
+    fit,
+    helps,
+    with_shape,
+)
+from slipangle.identify.car.uncertainty import hull
+from slipangle.models.model import ProfileInfo
+from slipangle.models.provenance import provenance
+from slipangle.models.wrappers.delayed import Delayed
+from slipangle.numerics.blas import one_blas_thread
+from slipangle.ops import Scalar
+
+_SLOWEST = 1.0  # wheelbases a second: slower, steering and speed sensors say little
+_AS_GOOD = 0.02  # of the held-out error by which another structure may be worse and still be believed
+# What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
+# transients tell how stiff and how heavy a car is, by more.
+_FLOOR, _FLOOR_ALONE = 0.05, 0.2
+_WIDE = 0.25  # half of an interval over the value, from which a parameter counts as not separated
+_MOVED = 0.05  # change of a parameter that is worth a sentence
+_OFFSET = 0.2  # of a sensor, over the standard deviation of its channel, from which it is told
+_GAIN = (0.75, 1.33)  # of the steering, found over given, that needs no word
+_LATE = 0.25  # s, of delay and lag together, that no steering has
+_SHAPES = (1.1, 1.7)  # other tires, see `with_shape`
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """A correction that was tried: what it did to the held-out error and to the parameters."""
+
+    correction: str
+    kept: bool
+    error: np.ndarray  # (n_outputs,), RMS of the free run over the held-out stretches
+    change: float  # mean change of the logarithm of the squared held-out error [-]
+    values: Mapping[str, float] = field(repr=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifiedCar:
+    """What `identify_car` found: the model, how it came about, and what to know of it, in words."""
+
+    model: Any
+    stages: tuple[Stage, ...]
+    doubts: tuple[str, ...]  # of the log and of what was said of the car
+    sentences: tuple[str, ...]  # those doubts, what each correction changed, and what the log cannot say
+    separated: Mapping[str, bool]  # whether C_f, C_r and inertia_z have values of their own
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """95 % interval of a parameter, SI units.
+
+        Raises
+        ------
+        ParameterError
+            If the parameter was not estimated.
+        """
+        info = self.model.fit_info
+        if name not in info.names:
+            raise ParameterError(f"'{name}' was not estimated; expected one of {', '.join(info.names)}")
+        low, high = info.interval()[info.names.index(name)]
+        return float(low), float(high)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WholeCar(Checked):
+    """`identify_car` as an estimator, for jobs and comparisons.
+
+    Parameters
+    ----------
+    mass, wheelbase, l_f : float
+        Of the car as it was driven; l_f is from the centre of gravity to the front axle. [kg], [m], [m]
+    steering_gain : float
+        A first guess of the road-wheel angle per logged angle, such as 1/15 for a hand wheel; negative turns the sign.
+    """
+
+    mass: Annotated[float, Within(0.05, 1e6, "kg")]
+    wheelbase: Annotated[float, Within(0.02, 50.0, "m")]
+    l_f: Annotated[float, Within(0.0, 50.0, "m", open="low")]
+    steering_gain: Annotated[float, Within(-20.0, 20.0)] = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.l_f < self.wheelbase:
+            raise ParameterError(
+                f"l_f is {self.l_f:g} m and the wheelbase {self.wheelbase:g} m; expected the centre of gravity between "
+                "the axles: check both, and their units"
+            )
+
+    def fit(self, data: Dataset) -> Delayed:
+        """The model of the identified car; what there is to know of it stands in its `fit_info`.
+
+        Warns with an IdentifiabilityWarning of what contradicts itself in the log, of parameters that a correction
+        moved, and of what the log cannot say.
+        """
+        found = self.identify(data)
+        for sentence in found.model.fit_info.warnings:
+            warnings.warn(sentence, IdentifiabilityWarning, stacklevel=2)
+        return found.model
+
+    def identify(self, data: Dataset) -> IdentifiedCar:
+        """See `identify_car`."""
+        began = time.perf_counter()
+        for name in ("delta", "v_x", "r"):
+            if name not in data:
+                raise MissingColumnError(
+                    f"'{data.name}' has no channel '{name}'; expected delta, v_x and r at least: name the columns so "
+                    "when reading the log"
+                )
+        turned = data.with_channel("delta", self.steering_gain * data["delta"], "rad")
+        suspect = doubts(turned, wheelbase=self.wheelbase)
+        if data.dt > LONGEST_STEP:
+            raise SampleTimeError(suspect[0])
+        outputs = ("v_y", "r") if "v_y" in data.outputs else ("r",)
+        banked = "bank" in data.inputs
+        inputs = ("delta", "v_x", "bank") if banked else ("delta", "v_x")
+        whole = stretches(data.select(inputs=inputs, outputs=outputs), _SLOWEST * self.wheelbase)
+        known = {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
+        start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, banked=banked)
+        with one_blas_thread():
+            first = fit(start, STIFF, whole.train)
+            best, stages, dropped = _climb(first, corrections(whole.train, self.wheelbase), whole.train, whole.held_out)
+            final = fit(best.model, best.free, whole.all, best)
+            others = _others(final, dropped, whole.all)
+        names = final.free
+        spread, limits, how = hull(names, final, others)
+        floor = _FLOOR if "v_y" in outputs else _FLOOR_ALONE
+        for i in range(len(STIFF)):
+            limits[i] += np.array([-1.0, 1.0]) * floor * final.values[names[i]]
+        separated = _separated(names, final, limits)
+        wrong = (*suspect, *_sensors(final, spread, self.steering_gain))
+        changes = _changes(stages)
+        unknown = (*_ridges(names, final, spread, limits, separated), *_bounds(final))
+        info = ProfileInfo(
+            names=names,
+            values=np.array([final.values[n] for n in names]),
+            covariance=spread,
+            noise_std=final.sigma,
+            n_samples=len(final.error),
+            units=tuple(final.model.si(n).unit for n in names),
+            seconds=time.perf_counter() - began,
+            method=f"free-run error, structure by held-out stretches; {how}, and {len(others)} structures as good",
+            warnings=(*wrong, *(s for s in changes if "->" in s), *unknown),
+            limits=limits,
+            **provenance(data),
+        )
+        model = replace(final.model, fit_info=info)
+        return IdentifiedCar(
+            model=model,
+            stages=tuple(stages),
+            doubts=wrong,
+            sentences=(*wrong, *changes, *unknown),
+            separated=separated,
+        )
+
+
+def identify_car(
+    data: Dataset, *, mass: float, wheelbase: float, l_f: float, steering_gain: float = 1.0
+) -> IdentifiedCar:
+    """A car's parameters with intervals, its steering's delay and lag, its sensors' biases, from any log of it.
+
+    From the linear bicycle on, corrections are tried one after the other: the steering's delay and lag, offsets and
+    biases, its gain, saturation, the place of the v_y sensor, relaxation of the tires. Each stays if it is worth its
+    parameters on three quarters of the log's stretches and does no harm on the held-out others; the last fit is to all
+    of them. Intervals take in what stretches, and structures that explain the log about as well, disagree on.
+
+    Parameters
+    ----------
+    data : Dataset
+        With channels delta [rad] (as logged), v_x [m/s], r [rad/s]; axes of ISO 8855. Where v_y [m/s] is among the
+        outputs it is fitted too, and tells stiffness and inertia apart as the yaw rate alone can hardly do. An input
+        bank [rad], positive with the left edge higher, is the road's cross slope. Where the
+        steering moves between the samples, `Dataset.hold_mean` first, here as for every later simulation.
+    mass, wheelbase, l_f, steering_gain : float
+        See `WholeCar`.
+
+    Returns
+    -------
+    IdentifiedCar
+        Its ``model`` is a ``Delayed(Steered(SaturatingBicycle))`` with `fit_info`; print its ``sentences``.
+
+    Raises MissingColumnError, ParameterError, SampleTimeError or TooShortError if a channel is missing, a number is
+    impossible, time is in milliseconds, or the car hardly moves.
+    """
+    return WholeCar(mass=mass, wheelbase=wheelbase, l_f=l_f, steering_gain=steering_gain).identify(data)
+
+
+def _climb(
+    first: Fitted, tried: tuple[Correction, ...], train: Dataset, held: Dataset
+) -> tuple[Fitted, list[Stage], list[Correction]]:
+    """The structure that predicts held-out stretches best; the stages on the way; the corrections that did not help."""
+    best, at = first, errors(first.model, held)
+    stages = [_stage("the linear bicycle", True, first, at, 0.0)]
+    waiting, dropped = list(tried), list(tried)
+    for _ in range(2):  # what did not help a poor model may help a better one
+        dropped = []
+        for correction in waiting:
+            other = corrected(best, correction, train)
+            then = errors(other.model, held)
+            kept = helps(best, other, at, then)
+            stages.append(_stage(correction.said, kept, other, then, change(at, then)[0]))
+            if kept:
+                best, at = other, then
+            else:
+                dropped.append(correction)
+        if len(dropped) in (0, len(waiting)) or len(waiting) == 1:
+            break
+        waiting = dropped
+    return best, stages, dropped
+
+
+def _stage(said: str, kept: bool, fitted: Fitted, squares: np.ndarray, moved: float) -> Stage:
+    rms = np.sqrt(squares.mean(axis=0))
+    return Stage(correction=said, kept=kept, error=rms, change=moved, values=fitted.values)
+
+
+def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[Fitted]:
+    """Structures that explain the data about as well as the chosen one: with a correction more, or other tires."""
+    at = errors(final.model, data)
+    trials = [corrected(final, correction, data) for correction in dropped]
+    if "mu_f" in final.free:
+        trials += [fit(with_shape(final.model, shape), final.free, data, final) for shape in _SHAPES]
+    return [other for other in trials if change(at, errors(other.model, data))[0] < _AS_GOOD]
+
+
+# ---- words ---------------------------------------------------------------------------------------------------------
+
+
+def _separated(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> dict[str, bool]:
+    return {
+        name: bool(np.ptp(limits[names.index(name)]) / 2 < _WIDE * abs(final.values[name]))
+        for name in STIFF
+        if name in names
+    }
+
+
+def _changes(stages: list[Stage]) -> list[str]:
+    said, before = [], stages[0].values
+    for stage in stages[1:]:
+        moved = [
+            f"{name} {_short(before[name])} -> {_short(stage.values[name])}"
+            for name in (*STIFF, "steering_gain")
+            if name in before and abs(stage.values[name] / before[name] - 1) > _MOVED
+        ]
+        less = f"the held-out error falls by {100 * (1 - np.exp(stage.change / 2)):.2g} %"
+        if stage.kept:
+            said.append(f"{less} when {stage.correction}" + (f": {', '.join(moved)}" if moved else ""))
+            before = stage.values
+    return said
+
+
+def _ridges(
+    names: tuple[str, ...], final: Fitted, spread: np.ndarray, limits: np.ndarray, separated: Mapping[str, bool]
+) -> list[str]:
+    said = []
+    poor = [name for name, fine in separated.items() if not fine]
+    for name in poor:
+        (low, high), si = limits[names.index(name)], final.model.si(name)
+        said.append(
+            f"{name} cannot be separated: {_short(max(low, 0.0))} to {_short(high)} {si.unit} explain "
+            "the log alike; expected less than a quarter either way: measure v_y, or drive faster steering"
+        )
+    for i, a in enumerate(poor):
+        for b in poor[i + 1 :]:
+            width = _ratio(names, final, spread, a, b)
+            if width < 0.5 * _WIDE:
+                ratio = final.values[a] / final.values[b]
+                said.append(f"their ratio is known: {a} / {b} = {ratio:.3g} +- {100 * width:.2g} % (95 %)")
+    return said
+
+
+def _ratio(names: tuple[str, ...], final: Fitted, spread: np.ndarray, a: str, b: str) -> Scalar:
+    """Half width of the 95 % interval of a / b, relative."""
+    at = [names.index(a), names.index(b)]
+    values = np.array([final.values[a], final.values[b]])
+    relative = spread[np.ix_(at, at)] / np.outer(values, values)
+    return 1.96 * float(np.sqrt(max(relative[0, 0] + relative[1, 1] - 2 * relative[0, 1], 0.0)))
+
+
+def _sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
+    """Sensors whose zero or scale is far off; ``first`` is the steering's gain as it was given."""
+    said = []
+    for i, name in enumerate(final.free):
+        if name.startswith("bias_"):
+            channel, value, sd = name.removeprefix("bias_"), final.values[name], float(np.sqrt(spread[i, i]))
+            size = float(np.std(final.problem.data[channel]))
+            if abs(value) > max(_OFFSET * size, 4 * sd):
+                unit = final.model.si(name).unit
+                said.append(f"{channel} has an offset of {value:.3g} {unit}, corrected in the fit: zero the sensor")
+    gain = final.values.get("steering_gain", first) / first
+    if not _GAIN[0] < gain < _GAIN[1]:
+        said.append(
+            f"the road wheels turn {gain:.2g} times what delta says; expected about as much: check the wheelbase, the "
+            "steering ratio and the units"
+        )
+    late = final.values.get("delay_delta", 0.0) + final.values.get("steering_lag", 0.0)
+    if late > _LATE:
+        said.append(f"the car answers its steering {late:.2f} s late: delta or the outputs may come delayed in the log")
+    return said
+
+
+def _bounds(final: Fitted) -> list[str]:
+    said = []
+    for name, value in final.values.items():
+        si = final.model.si(name)
+        if name in ("mu_f", "mu_r") and value > 0.99 * si.upper:
+            said.append(
+                f"the log does not reach the {'front' if name == 'mu_f' else 'rear'} axle's friction: it has no value"
+            )
+        elif min(abs(value - si.lower), abs(value - si.upper)) < 1e-6 * max(abs(value), 1e-3) and name not in (
+            "delay_delta",
+            "relaxation_f",
+            "relaxation_r",
+            "steering_lag",
+        ):
+            said.append(f"{name} ends at its bound, {value:.4g} {si.unit}; expected an interior value: check the units")
+    return said
+
+
+def _short(value: float) -> str:
+    digits = max(0, 2 - int(np.floor(np.log10(abs(value))))) if value else 0
+    return f"{round(value, 2 - int(np.floor(np.log10(abs(value))))) if value else 0.0:,.{digits}f}".replace(",", " ")

@@ -1,0 +1,66 @@
+"""Pieces of a log: moving, of about one length, some for the fit and some to check it by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset, join
+from slipangle.errors import TooShortError
+
+_SHORTEST = 4.0  # s, of a stretch that is worth a free run
+_WANTED, _ENOUGH = 20, 8  # stretches that recordings are cut into; so many recordings stay whole
+_HELD = 4  # every so many is held out
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretches:
+    """Stretches of a log in which the car moves; every fourth by speed is held out of the fits that choose."""
+
+    train: Dataset
+    held_out: Dataset
+
+    @property
+    def all(self) -> Dataset:
+        """Both, one after the other."""
+        return join(self.train, self.held_out)
+
+
+def stretches(data: Dataset, slowest: float) -> Stretches:
+    """Cut a log where the car is slower than ``slowest`` [m/s], and long recordings into shorter ones.
+
+    Raises
+    ------
+    TooShortError
+        If fewer than two stretches remain.
+    """
+    least = max(round(_SHORTEST / data.dt), 8)
+    moving = [run for part in data.experiments for run in _moving(part, slowest, least)]
+    total = sum(run.n_samples for run in moving)
+    length = max(least, total // _WANTED) if len(moving) < _ENOUGH else total
+    pieces = [piece for run in moving for piece in _cut(run, max(1, round(run.n_samples / length)))]
+    if len(pieces) < 2:
+        raise TooShortError(
+            f"'{data.name}' has {len(pieces)} stretch{'es' * (len(pieces) != 1)} of at least {_SHORTEST:g} s above "
+            f"{slowest:.2g} m/s; expected two or more, one to fit and one to check: record a longer drive"
+        )
+    order = np.argsort([float(piece["v_x"].mean()) for piece in pieces], kind="stable")
+    every = min(_HELD, len(pieces))
+    held = {int(i) for i in order[every // 2 :: every]}
+    return Stretches(
+        train=join(*(p for i, p in enumerate(pieces) if i not in held)),
+        held_out=join(*(pieces[i] for i in sorted(held))),
+    )
+
+
+def _moving(part: Dataset, slowest: float, least: int) -> list[Dataset]:
+    fast = np.concatenate([[False], part["v_x"] > slowest, [False]])
+    edges = np.flatnonzero(np.diff(fast.astype(int))).reshape(-1, 2)
+    return [part.rows(int(a), int(b)) for a, b in edges if b - a >= least]
+
+
+def _cut(run: Dataset, count: int) -> list[Dataset]:
+    edges = np.linspace(0, run.n_samples, count + 1).astype(int)
+    return [run.rows(int(a), int(b)) for a, b in pairwise(edges)]

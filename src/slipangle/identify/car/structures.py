@@ -1,0 +1,251 @@
+"""What a log may need beyond the linear bicycle, one correction after the other, and whether it helps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares as trust_region
+
+from slipangle.data.dataset import Dataset
+from slipangle.identify.physics.simulation_error import FreeRunProblem
+from slipangle.models.vehicles.banked import Banked
+from slipangle.models.vehicles.parameters import GRAVITY
+from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, SaturatingBicycle, SaturatingBicycleParams
+from slipangle.models.vehicles.steering import Steered
+from slipangle.models.wrappers.delayed import Delayed
+
+STIFF = ("C_f", "C_r", "inertia_z")
+_LINEAR = 8.0  # peak friction at which an axle is as good as linear
+_LONGEST = 0.3  # s, of a steering delay
+_ITERATIONS, _FLAT = 60, 1e-7  # of a fit, and the relative gain of its last step
+_SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
+_HARM = 0.01  # rise of the squared held-out error that a correction may bring
+_SETTLES = 1.0  # s, until an initial state that was guessed is forgotten
+_ROUNDS, _COLOUR = 4, 400  # of weighing outputs and prior; lags of the residuals' autocorrelation
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Something that a log may need: its name, its parameters, and where these start, in one or several places."""
+
+    said: str
+    free: tuple[str, ...]
+    starts: tuple[Mapping[str, float], ...] = ({},)
+    relaxing: bool = False  # the car becomes a `RelaxingBicycle`
+
+
+def corrections(data: Dataset, wheelbase: float) -> tuple[Correction, ...]:
+    """Corrections in the order in which they are tried; each stays if it helps on held-out stretches."""
+    biases = tuple(f"bias_{name}" for name in data.outputs)
+    used = float(np.quantile(np.abs(data["v_x"] * data["r"]), 0.999)) / GRAVITY  # friction, at least
+    frictions = tuple({"mu_f": share * used, "mu_r": share * used} for share in _SHARES)
+    length = 0.1 * wheelbase
+    listed = [
+        Correction("the steering's delay and lag are free", ("delay_delta", "steering_lag")),
+        Correction("the steering's offset and the sensors' biases are free", ("steering_offset", *biases)),
+        Correction("the steering's gain is free", ("steering_gain",)),
+        Correction("the axles saturate", ("mu_f", "mu_r"), frictions),
+        Correction(
+            "the tires' relaxation lengths are free",
+            ("relaxation_f", "relaxation_r"),
+            ({"relaxation_f": length, "relaxation_r": length},),
+            relaxing=True,
+        ),
+    ]
+    if "v_y" in data.outputs:
+        listed.insert(-1, Correction("the place of the v_y sensor is free", ("lever_v_y",)))
+    return tuple(listed)
+
+
+def first_guess(
+    *, mass: float, wheelbase: float, l_f: float, dt: float, outputs: tuple[str, ...], gain: float, banked: bool
+) -> Delayed:
+    """A car of ordinary tires for its size, its steering quick."""
+    load = GRAVITY * mass / wheelbase
+    l_r = wheelbase - l_f
+    car = SaturatingBicycle(
+        params=SaturatingBicycleParams(
+            **dict(mass=mass, wheelbase=wheelbase, l_f=l_f, inertia_z=mass * l_f * l_r),
+            **dict(C_f=10.0 * load * l_r, C_r=12.0 * load * l_f, steering_gain=gain, mu_f=_LINEAR, mu_r=_LINEAR),
+        ),
+        dt=dt,
+        outputs=outputs,
+    )
+    lag = 2.0 * dt / car.substeps
+    on_road = Banked(car) if banked else car
+    return Delayed(Steered(on_road, steering_lag=lag), delays={"delta": 0.0}, longest=_LONGEST)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fitted:
+    """A structure fitted to data: its free parameters, and errors and derivatives where that ended."""
+
+    model: Any
+    free: tuple[str, ...]
+    problem: FreeRunProblem
+    z: np.ndarray  # (n_free,), the parameters over the problem's scales
+    error: np.ndarray  # (n, n_outputs), of the free run over `sigma`, the settling of every stretch left out
+    jacobian: np.ndarray  # (n, n_outputs, n_free), its derivatives by z
+    stretch: np.ndarray  # (n,), to which stretch a row belongs
+    sigma: np.ndarray  # (n_outputs,), standard deviation of the outputs' errors, SI units
+    thinning: float  # samples per independent one
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of the free parameters, SI units."""
+        return {name: self.model.value(name) for name in self.free}
+
+
+def fit(model: Any, free: tuple[str, ...], data: Dataset, before: Fitted | None = None) -> Fitted:
+    """Free-run fit from where the model stands, drawn to `ordinary` values as far as the data do not tell.
+
+    ``before`` is an earlier fit, from which the outputs' errors and their colour are known.
+    """
+    problem = FreeRunProblem(model, free, (), data, False)
+    problem.sigma, thinning = (problem.sigma, 1.0) if before is None else (before.sigma, before.thinning)
+    ny, lengths = model.n_outputs, [len(y) - 1 for y in problem.measured]
+    kept = np.concatenate([np.arange(n) >= settling(n, data.dt) for n in lengths])
+    rows, stretch = np.repeat(kept, ny), np.repeat(np.arange(len(lengths)), lengths)[kept]
+    prior, z = ordinary(model, free), problem.start
+    for _ in range(_ROUNDS):
+        slopes, offsets = _pull(prior, problem, thinning)
+        slope: Any = lambda z, a=slopes: np.vstack([problem.evaluate(z)[1][rows], np.diag(a)])  # noqa: E731
+        solution = trust_region(
+            lambda z, a=slopes, b=offsets: np.concatenate([problem.evaluate(z)[0][rows], a * z - b]),
+            z,
+            jac=slope,
+            bounds=(problem.lower, problem.upper),
+            xtol=1e-9,
+            ftol=_FLAT,
+            gtol=1e-12,
+            max_nfev=_ITERATIONS,
+        )
+        z, known = solution.x, (problem.sigma, thinning)
+        error = problem.evaluate(z)[0][rows].reshape(-1, ny)
+        sigma, thinning = problem.sigma * np.std(error, axis=0), _thinning(error, stretch)
+        problem.divide_by(np.maximum(sigma, 1e-12 * np.std(data.columns(model.outputs), axis=0)))
+        if np.abs(np.log(problem.sigma / known[0])).max() < 0.05 and abs(np.log(thinning / known[1])) < 0.2:
+            break
+    error, jacobian = problem.evaluate(z)
+    values = np.clip(z * problem.scale, *problem.ranges)
+    return Fitted(
+        model=model.with_values(**dict(zip(free, map(float, values), strict=True))),
+        free=free,
+        problem=problem,
+        z=z,
+        error=error[rows].reshape(-1, ny),
+        jacobian=jacobian[rows].reshape(-1, ny, len(free)),
+        stretch=stretch,
+        sigma=problem.sigma,
+        thinning=thinning,
+    )
+
+
+def settling(n: int, dt: float) -> int:
+    """Samples at the head of a stretch of ``n`` in which what was not measured settles: they do not count."""
+    return min(round(_SETTLES / dt), n // 4)
+
+
+def ordinary(model: Any, free: tuple[str, ...]) -> dict[str, tuple[float, float, bool]]:
+    """What is known of any car on tires, by parameter: centre, standard deviation, and whether of the logarithm.
+
+    Yaw inertia is near mass l_f l_r, stiffness near twelve loads per radian, friction near one, a tire relaxes within a
+    share of the wheelbase; weak enough for a log that tells anything to overrule.
+    """
+    p = model.ode.params
+    front, rear = (GRAVITY * p.mass * arm / p.wheelbase for arm in (p.l_r, p.l_f))
+    known = {
+        "inertia_z": (p.mass * p.l_f * p.l_r, 0.3, True),
+        "C_f": (12.0 * front, 0.7, True),
+        "C_r": (12.0 * rear, 0.7, True),
+        "mu_f": (1.0, 0.5, True),
+        "mu_r": (1.0, 0.5, True),
+        "relaxation_f": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
+        "relaxation_r": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
+        "lever_v_y": (0.0, 0.1 * p.wheelbase, False),
+        "delay_delta": (0.0, 0.1, False),
+        "steering_lag": (0.0, 0.1, False),
+    }
+    return {name: known[name] for name in free if name in known}
+
+
+def _pull(prior: Mapping[str, tuple[float, float, bool]], problem: FreeRunProblem, thinning: float) -> Any:
+    """Slopes and offsets of the rows that draw scaled unknowns to the prior, as hard as coloured samples allow."""
+    slopes, offsets = np.zeros(problem.n_p), np.zeros(problem.n_p)
+    for i, name in enumerate(problem.free):
+        if name in prior:
+            centre, spread, relative = prior[name]
+            slopes[i] = np.sqrt(thinning) * problem.scale[i] / (spread * centre if relative else spread)
+            offsets[i] = slopes[i] * centre / problem.scale[i]
+    return slopes, offsets
+
+
+def _thinning(error: np.ndarray, stretch: np.ndarray) -> float:
+    """Samples per independent one: one plus twice the sum of the residuals' autocorrelation, the largest output's."""
+    most = 1.0
+    for column in error.T:
+        rho = np.zeros(_COLOUR)
+        for k in range(int(stretch[-1]) + 1):
+            e = column[stretch == k]
+            for lag in range(min(_COLOUR, len(e))):
+                rho[lag] += float(e[lag:] @ e[: len(e) - lag])
+        rho /= max(rho[0], 1e-300)
+        end = int(np.argmax(rho <= 0)) or len(rho)
+        most = max(most, 1.0 + 2.0 * float(rho[1:end].sum()))
+    return most
+
+
+def corrected(before: Fitted, by: Correction, data: Dataset) -> Fitted:
+    """The structure with one correction more, fitted from where it stood."""
+    free = (*before.free, *by.free)
+    model = _relaxing(before.model) if by.relaxing else before.model
+    tried = [fit(model.with_values(**start), free, data, before) for start in by.starts]
+    return min(tried, key=lambda fitted: float(np.log(fitted.sigma).sum()))
+
+
+def _relaxing(model: Any) -> Any:
+    on_road = model.model.model
+    late: Any = RelaxingBicycle(params=on_road.params, dt=on_road.dt, outputs=on_road.outputs)
+    if "bank" in on_road.inputs:
+        late = Banked(late)
+    return replace(model, model=replace(model.model, model=late))
+
+
+def errors(model: Any, data: Dataset) -> np.ndarray:
+    """Mean squared free-run error of every experiment, shape (n_experiments, n_outputs); infinite where it diverges."""
+    squares = []
+    with np.errstate(over="ignore", invalid="ignore"):
+        for part in data.experiments:
+            first = model.memory - 1
+            x0 = model.initial_state(part.rows(0, model.memory))
+            run = model.free_run(x0, part.select(inputs=model.inputs).u[first:])
+            error = (run - part.columns(model.outputs)[first + 1 :])[settling(len(run), part.dt) :]
+            squares.append(np.mean(error**2, axis=0))
+    return np.nan_to_num(np.array(squares), nan=np.inf, posinf=np.inf)
+
+
+def change(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
+    """Mean change of the logarithm of the error over experiments and outputs, and its standard error."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        each = np.nan_to_num(np.log(after / before), nan=0.0, posinf=50.0, neginf=-50.0).mean(axis=1)
+    n = len(each)
+    return float(each.mean()), float(each.std(ddof=1) / np.sqrt(n)) if n > 1 else 0.0
+
+
+def helps(before: Fitted, after: Fitted, held_before: np.ndarray, held_after: np.ndarray) -> bool:
+    """Whether a correction is worth its parameters on the data of the fit, and does no harm on held-out ones.
+
+    Worth by the Bayesian information criterion with as many samples as are independent.
+    """
+    independent = len(after.error) / after.thinning
+    gain = -2.0 * independent * float(np.log(after.sigma / before.sigma).sum())
+    price = (len(after.free) - len(before.free)) * np.log(independent)
+    return bool(gain > price and change(held_before, held_after)[0] < _HARM)
+
+
+def with_shape(model: Any, shape: float) -> Any:
+    """The car with tires of another shape factor, a choice that no gentle log can tell from another."""
+    return replace(model.with_values(shape=shape), fit_info=None)

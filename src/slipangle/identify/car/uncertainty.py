@@ -1,0 +1,62 @@
+"""Intervals of a car's parameters from what stretches of the log, and structures as good, disagree on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import t as student
+
+from slipangle.identify.car.structures import Fitted
+from slipangle.numerics import covariance as uncertainty
+
+
+def covariance(fitted: Fitted) -> tuple[np.ndarray, str]:
+    """Covariance of the free parameters, SI units, and how it was found.
+
+    The larger one, parameter by parameter, of that for coloured residuals and of the jackknife over stretches: what the
+    model lacks makes stretches of unlike speed and size disagree, which no colour of residuals shows.
+
+    References
+    ----------
+    .. [1] A. C. Cameron, D. L. Miller, "A practitioner's guide to cluster-robust inference", J. Human Resources 50(2),
+       2015, 317-372, the estimator CV3.
+    """
+    n, ny, n_p = fitted.jacobian.shape
+    e, J = fitted.error.ravel(), fitted.jacobian.reshape(n * ny, n_p)
+    coloured, how = uncertainty.covariance(e, J, ny)
+    full, moves = J.T @ J, []
+    for k in np.unique(fitted.stretch):
+        rows = np.repeat(fitted.stretch == k, ny)
+        rest = full - J[rows].T @ J[rows]
+        lengths = np.sqrt(np.maximum(np.diag(rest), 1e-300))
+        even = np.linalg.pinv(rest / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
+        moves.append(even @ (J[rows].T @ e[rows] / lengths) / lengths)
+    count = len(moves)
+    spread = np.array(moves) - np.mean(moves, axis=0)
+    jackknife = spread.T @ spread * (count - 1) / count
+    wide = student.ppf(0.975, count - 1) / student.ppf(0.975, np.inf)  # few stretches tell their own spread badly
+    std = np.maximum(np.sqrt(np.maximum(np.diag(coloured), 0.0)), wide * np.sqrt(np.diag(jackknife)))
+    along = np.sqrt(np.maximum(np.diag(coloured), 1e-300))
+    scaled = coloured / np.outer(along, along) * np.outer(std, std)
+    scale = fitted.problem.scale
+    return scaled * np.outer(scale, scale), f"{how} or jackknife over {count} stretches, the larger"
+
+
+def hull(names: Sequence[str], best: Fitted, others: Sequence[Fitted]) -> tuple[np.ndarray, np.ndarray, str]:
+    """Covariance, 95 % limits, shape (n_names, 2), and method of a fit, and of others that explain the data as well.
+
+    A parameter's limits reach from the lowest to the highest of the fits in which it is free.
+    """
+    spread, how = covariance(best)
+    half = 1.96 * np.sqrt(np.maximum(np.diag(spread), 0.0))
+    values = np.array([best.values[name] for name in names])
+    limits = np.column_stack([values - half, values + half])
+    for other in others:
+        own = 1.96 * np.sqrt(np.maximum(np.diag(covariance(other)[0]), 0.0))
+        for i, name in enumerate(names):
+            if name in other.free:
+                value, reach = other.values[name], own[other.free.index(name)]
+                limits[i] = min(limits[i, 0], value - reach), max(limits[i, 1], value + reach)
+    ranges = best.problem.ranges.T
+    return spread, np.clip(limits, ranges[:, :1], ranges[:, 1:]), how

@@ -1,0 +1,176 @@
+"""A car from a log of it: the truth is known, the log is simulated by equations of its own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slipangle.data.dataset import Dataset, join
+from slipangle.errors import (
+    ConfigError,
+    IdentifiabilityWarning,
+    MissingColumnError,
+    ParameterError,
+    SampleTimeError,
+    TooShortError,
+)
+from slipangle.identify.car.identify_car import identify_car
+from slipangle.identify.car.stretches import stretches
+from slipangle.models.storage import load, save
+from slipangle.workflow.kinds import KINDS, check_entries, fitted
+from tests.oracles import vehicles
+
+TRUE = dict(mass=1300.0, inertia_z=1900.0, wheelbase=2.6, l_f=1.2, C_f=9e4, C_r=1.2e5, mu_f=0.9, mu_r=1.0, shape=1.4)
+KNOWN = {n: TRUE[n] for n in ("mass", "wheelbase", "l_f")}
+STEERING = dict(delay=0.04, lag=0.06, gain=0.93, offset=0.01)
+DT, FINE = 0.02, 10
+
+
+def log(speed, seed, *, amplitude=0.08, seconds=16.0, noise=1.0, scale=1.0, outputs=("v_y", "r")):
+    """A drive of the true car with multisine steering, by the oracle's equations at 2 ms; lengths times ``scale``."""
+    rng = np.random.default_rng(seed)
+    h = DT / FINE
+    t = np.arange(round(seconds / h)) * h
+    f = np.arange(1, 40) * 0.06
+    wave = sum(np.cos(2 * np.pi * (k * t + p)) for k, p in zip(f, rng.uniform(0, 1, len(f)), strict=True))
+    logged = amplitude / speed * 12.0 * wave / np.abs(wave).max()
+    late = np.interp(t - STEERING["delay"], t, logged)
+    wheel, v_y, r, rows = logged[0] - STEERING["offset"], 0.0, 0.0, []
+    for k in range(len(t)):
+        if k % FINE == 0:
+            rows.append((v_y, r))
+        target = STEERING["gain"] * (late[k] - STEERING["offset"])
+        wheel += (target - wheel) * -np.expm1(-h / STEERING["lag"])
+        slip = vehicles.small_slip(TRUE, v_y, r, wheel, speed)
+        v_y_dot, r_dot, _ = vehicles.saturating_bicycle(TRUE, v_y, r, *slip, speed)
+        v_y, r = v_y + h * v_y_dot, r + h * r_dot
+    v_y, r = np.array(rows).T
+    seen = {
+        "v_y": scale * (v_y + noise * 0.02 * rng.standard_normal(len(r))),
+        "r": r + noise * 0.003 * rng.standard_normal(len(r)),
+    }
+    inputs = {"delta": logged[::FINE], "v_x": np.full(len(r), scale * speed)}
+    return Dataset.from_arrays(inputs, {n: seen[n] for n in outputs}, DT)
+
+
+def drives(**how):
+    parts = (log(speed, seed, **how) for seed, speed in enumerate((10.0, 14.0, 18.0, 22.0, 26.0)))
+    return join(*parts).hold_mean()
+
+
+@pytest.fixture(scope="module")
+def car():
+    return identify_car(drives(), **KNOWN)
+
+
+def test_the_truth_is_in_the_intervals_and_they_are_narrow(car):
+    for name in ("C_f", "C_r", "inertia_z"):
+        low, high = car.interval(name)
+        assert low <= TRUE[name] <= high
+        assert high - low < 0.25 * TRUE[name]
+        assert car.separated[name]
+
+
+def test_delay_lag_gain_and_offset_are_found_apart(car):
+    value = car.model.value
+    assert value("delay_delta") == pytest.approx(STEERING["delay"], abs=0.006)
+    assert value("steering_lag") == pytest.approx(STEERING["lag"], abs=0.008)
+    assert value("steering_gain") == pytest.approx(STEERING["gain"], rel=0.02)
+    assert value("steering_offset") == pytest.approx(STEERING["offset"], abs=1e-3)
+
+
+def test_it_says_what_each_correction_changed(car):
+    said = next(s for s in car.sentences if "delay and lag" in s)
+    assert "C_f" in said
+    assert "->" in said
+
+
+def test_unseen_manoeuvre(car):
+    test = join(log(16.0, 100, amplitude=0.07), log(24.0, 101, amplitude=0.06)).hold_mean()
+    run = car.model.simulate(test)
+    used = run.predicted & (np.arange(len(run.t)) % 800 > 50)
+    error = np.linalg.norm(run.error[used], axis=0) / np.linalg.norm(run.measured[used], axis=0)
+    assert error[1] < 0.08
+
+
+def test_yaw_rate_alone_is_within_or_said_not_to_be_separable():
+    found = identify_car(drives(outputs=("r",)), **KNOWN)
+    for name in ("C_f", "C_r", "inertia_z"):
+        low, high = found.interval(name)
+        assert low <= TRUE[name] <= high or not found.separated[name]
+    for name in (n for n, fine in found.separated.items() if not fine):
+        assert any(s.startswith(f"{name} cannot be separated") for s in found.sentences)
+
+
+def test_a_car_a_third_as_long_is_the_same_car(car):
+    """Lengths and speed over 3, mass over 300: forces over 900, inertia over 2700."""
+    small = identify_car(drives(scale=1 / 3), **{n: v / (300 if n == "mass" else 3) for n, v in KNOWN.items()})
+    assert small.model.fit_info.names == car.model.fit_info.names
+    for name, factor in (("C_f", 900.0), ("C_r", 900.0), ("inertia_z", 2700.0)):
+        assert factor * small.model.value(name) == pytest.approx(car.model.value(name), rel=1e-3)
+
+
+def test_the_car_is_saved_and_read_again(car, tmp_path):
+    again = load(save(car.model, tmp_path / "car.json"))
+    assert again == car.model
+    assert np.array_equal(again.fit_info.limits, car.model.fit_info.limits)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "said"),
+    [
+        (dict(l_f=9.0), ParameterError, "between the axles"),
+        (dict(mass=-1.0), ParameterError, "mass is -1"),
+        (dict(wheelbase=40.0, l_f=1.0), TooShortError, "m/s"),
+    ],
+)
+def test_bad_input_gets_a_sentence(change, error, said):
+    given = KNOWN | {"data": drives()} | change
+    with pytest.raises(error, match=said):
+        identify_car(given.pop("data"), **given)
+
+
+def test_a_missing_channel_and_milliseconds_get_a_sentence():
+    data = drives()
+    with pytest.raises(MissingColumnError, match="no channel 'r'"):
+        identify_car(
+            Dataset.from_arrays({"delta": data["delta"], "v_x": data["v_x"]}, {"v_y": data["v_y"]}, DT), **KNOWN
+        )
+    slow = replace(data, dt=20.0, start_times=tuple(1000 * t for t in data.start_times))
+    with pytest.raises(SampleTimeError, match="ms"):
+        identify_car(slow, **KNOWN)
+
+
+def test_a_job_fits_it_and_checks_its_entries(car):
+    with pytest.warns(IdentifiabilityWarning, match="->"):
+        model = fitted(KINDS["car"], KNOWN, ("delta", "v_x"), ("v_y", "r"), drives(), "car")
+    assert model == car.model
+    with pytest.raises(ConfigError, match="weight"):
+        check_entries("car", KNOWN | {"weight": 3.0}, "model 'car'")
+
+
+def test_a_cross_slope_that_is_logged_is_no_offset(car):
+    """Four degrees to either side: the tires hold against the slope, as if the car turned."""
+    data = drives()
+    bank = np.where(np.arange(data.n_samples) // 800 % 2 == 0, 0.07, -0.07)
+    flat = Dataset.from_arrays(
+        {n: data[n] for n in data.inputs} | {"bank": 0 * bank}, {n: data[n] for n in data.outputs}, DT
+    )
+    flat = replace(flat, starts=data.starts, start_times=data.start_times)
+    model = identify_car(flat, **KNOWN).model
+    for name in ("C_f", "C_r", "inertia_z"):
+        assert model.value(name) == pytest.approx(car.model.value(name), rel=1e-6)
+    sloped = replace(model, fit_info=None).simulate(flat.with_channel("bank", bank, "rad"))
+    assert np.abs(sloped.channel("v_y") - model.simulate(flat).channel("v_y")).max() > 0.05
+
+
+def test_v_y_that_is_no_output_is_not_fitted():
+    assert identify_car(drives().select(outputs=("r",)), **KNOWN).model.outputs == ("r",)
+
+
+def test_stretches_leave_out_standstill_and_hold_out_every_fourth():
+    data = drives()
+    stopped = data.with_channel("v_x", np.where(np.arange(data.n_samples) % 800 < 100, 0.0, data["v_x"]), "m/s")
+    cut = stretches(stopped, 2.0)
+    assert cut.all["v_x"].min() > 2.0
+    assert len(cut.held_out.experiments) == round(len(cut.all.experiments) / 4)
