@@ -227,7 +227,7 @@ def delay_check(settings: Settings, quality: DataReport, train: Dataset) -> tupl
     if wanted is None or "delta" not in train.inputs:
         return ()
     delay = next((d for d in quality.delays if d.input == "delta" and d.output in ("r", "a_y")), None)
-    if delay is None or abs(delay.seconds) < 0.5 * train.dt:
+    if delay is None or not delay.clear or abs(delay.seconds) < 0.5 * train.dt:
         return ()
     fits = []
     shifts = (0.0, 0.5 * train.dt, train.dt)

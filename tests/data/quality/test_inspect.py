@@ -154,7 +154,7 @@ def test_no_delay_between_strangers(seed):
     data = Dataset.from_arrays({"u": smooth(20000, seed=seed)}, {"y": smooth(20000, seed=seed + 50)}, 0.01)
     found = estimate_delay(data, "u", "y")
     assert not found.clear
-    assert found.sentence == "no clear delay between u and y"
+    assert found.sentence.startswith("no clear delay between u and y: what they have in common is no more than chance")
 
 
 def test_delay_of_a_gapped_recording():
@@ -168,10 +168,77 @@ def test_delay_refuses_what_cannot_tell():
     data = Dataset.from_arrays({"u": smooth(500)}, {"y": np.zeros(500)}, 0.01)
     with pytest.raises(errors.ExcitationError, match="channel 'y' is constant"):
         estimate_delay(data, "u", "y")
-    with pytest.raises(errors.TooShortError, match="lasts 5 s; expected at least 32 s"):
+    with pytest.raises(errors.TooShortError, match=r"add up to 4 s .the longest lasts 5 s.; expected at least 32 s"):
         estimate_delay(data, "u", "u")
     with pytest.raises(errors.ParameterError, match="positive"):
         estimate_delay(data, "u", "u", longest=0.0)
+
+
+def short_experiments(pure, lag, seed, count=18, seconds=20.0):
+    """Experiments of a first-order system with a pure delay, simulated ten times as finely as they are logged."""
+    fine, every, rng, made = 0.001, 10, np.random.default_rng(seed), []
+    for k in range(count):
+        u = smooth(round(seconds / fine), fine, corner=3.0, seed=1000 * seed + k, size=1.0)
+        y = np.concatenate([np.zeros(round(pure / fine)), u])[: len(u)]
+        if lag:
+            y = signal.lfilter([1 - np.exp(-fine / lag)], [1, -np.exp(-fine / lag)], y)
+        y = y[::every] + 0.1 * rng.normal(size=len(y[::every]))
+        made.append(Dataset.from_arrays({"u": u[::every]}, {"y": y}, every * fine))
+    return join(*made)
+
+
+@pytest.mark.parametrize(("pure", "lag"), [(0.02, 0.05), (0.06, 0.0), (0.0, 0.1), (0.1, 0.03), (0.02, 0.2)])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_delay_and_lag_come_apart_over_many_short_experiments(pure, lag, seed):
+    found = estimate_delay(short_experiments(pure, lag, seed), "u", "y")
+    assert found.clear
+    assert found.apart
+    assert found.pure == pytest.approx(pure, abs=0.002 + 1.96 * found.pure_std)  # a lag at zero is a corner
+    assert found.lag == pytest.approx(lag, abs=0.002 + 1.96 * found.lag_std)
+    assert 1.96 * max(found.pure_std, found.lag_std) < 0.0045
+    assert 0.5 * (pure + lag) < found.seconds < pure + lag + 0.002
+    assert f"pure delay {round(1000 * found.pure)} (±" in found.sentence
+
+
+def test_a_slow_input_does_not_tell_delay_from_lag():
+    u = smooth(12000, corner=0.15, seed=3)
+    y = np.roll(u, 6) + 0.05 * u.std() * np.random.default_rng(1).normal(size=len(u))
+    found = estimate_delay(Dataset.from_arrays({"u": u}, {"y": y}, 0.01), "u", "y")
+    assert found.clear
+    assert not found.apart
+    assert "how much of it is pure delay and how much lag, these data do not tell" in found.sentence
+
+
+COLOURS = {"white": None, "below 1.5 Hz": 1.5, "below 0.3 Hz": 0.3, "a random walk": 0.0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shape", [(1, 40), (18, 20), (10, 6)], ids=["one", "many", "short"])
+@pytest.mark.parametrize("colour", COLOURS)
+def test_strangers_have_a_delay_in_two_of_a_hundred_logs_at_most(shape, colour):
+    """Noise against noise, 200 seeds; five alarms is what 1 % exceeds in 2 % of such experiments."""
+    count, n = shape[0], 50 * shape[1]
+    alarms = 0
+    for seed in range(200):
+        made = []
+        for part in range(count):
+            u, y = np.random.default_rng((seed, part)).normal(size=(2, n))
+            if COLOURS[colour] == 0.0:
+                u, y = np.cumsum(u), np.cumsum(y)
+            elif COLOURS[colour]:
+                low = signal.butter(2, COLOURS[colour], fs=50, output="sos")
+                u, y = signal.sosfiltfilt(low, u), signal.sosfiltfilt(low, y)
+            made.append(Dataset.from_arrays({"u": u}, {"y": y}, 0.02))
+        alarms += estimate_delay(join(*made) if count > 1 else made[0], "u", "y").clear
+    assert alarms <= 5
+
+
+def test_an_input_that_hardly_moves_gives_no_delay():
+    rng = np.random.default_rng(0)
+    delta = 1e-4 * rng.normal(size=6000)  # noise of the sensor
+    data = Dataset.from_arrays({"delta": delta}, {"r": 0.01 * rng.normal(size=6000)}, 0.01)
+    (delay,) = inspect(data).delays
+    assert not delay.clear
 
 
 # ---- the report --------------------------------------------------------------------------------------------------
@@ -207,6 +274,20 @@ def test_report_finds_offset_delay_and_rest():
     assert report.spikes == ()
     assert report.sentences[0] == "12000 samples at 100 Hz, 120 s, no gaps"
     assert all(f.sentence in report.sentences for f in report.findings)
+
+
+def test_report_names_pairs_that_physics_ties_and_points_to_a_model():
+    delays = inspect(drive()).delays
+    assert [(d.input, d.output) for d in delays] == [("delta", "r")]
+    assert "delay, actuator and the car's own lag together" in delays[0].sentence
+    assert delays[0].sentence.endswith("identify_car separates them with a model")
+
+
+def test_report_says_why_there_is_no_delay():
+    report = inspect(drive().rows(0, 2000))
+    (said,) = [s for s in report.sentences if "delay" in s]
+    assert said.startswith("no clear delay between delta and r: stretches of")
+    assert "expected at least 32 s" in said
 
 
 def test_report_on_gaps_and_notes():

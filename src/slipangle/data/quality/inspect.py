@@ -7,11 +7,12 @@ import numpy as np
 from scipy import signal
 
 from slipangle.data.dataset import Dataset
-from slipangle.data.quality.delay import Delay, estimate_delay
+from slipangle.data.quality.delay import MOTION, STEERING, Delay, estimate_delay
 from slipangle.data.quality.events import Jump, Spike, despike, find_jumps, find_spikes, level_step
 from slipangle.errors import ExcitationError, TooShortError
 
 _STRAIGHT = {"r": 0.02, "a_y": 0.8}  # below these a car drives straight [rad/s, m/s2]
+_SPEED = ("v_x", "v_x_dot", "a_x", "throttle", "brake", "pedal")
 _STANDING = 5.0  # [m/s]
 _FEW_LEVELS = 8  # a channel with no more levels is a switch, not clipped
 _MANY = 10  # events of one channel that are told one by one
@@ -225,13 +226,19 @@ def _moves(x: np.ndarray) -> bool:
 
 
 def _delays(data: Dataset) -> tuple[Delay, ...]:
+    """Of every pair that physics ties together; a single one that says why where the data are too short."""
     delays = []
     for i in data.inputs:
         for o in data.outputs:
+            if (i in _SPEED and o in MOTION) or (i in STEERING and o in _SPEED):
+                continue  # the speed scales what steering does, it makes no car turn
             try:
                 delays.append(estimate_delay(data, i, o))
-            except (TooShortError, ExcitationError):
-                continue  # told by the length of the recording, or by its excitation
+            except ExcitationError:
+                continue  # told by the excitation
+            except TooShortError as error:
+                none = Delay(input=i, output=o, seconds=0.0, agreement=0.0, coherent=0.0, reason=str(error))
+                return (none,)
     return tuple(delays)
 
 
