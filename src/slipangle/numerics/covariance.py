@@ -42,16 +42,76 @@ def middle_of_sandwich(error: np.ndarray, jacobian: np.ndarray, n_outputs: int) 
     """
     residuals = error.reshape(-1, n_outputs)
     scores = (error[:, None] * jacobian).reshape(len(residuals), n_outputs, -1).sum(axis=1)
-    middle = scores.T @ scores
+    lags = bandwidth(residuals)
+    return long_run(scores, lags), lags
+
+
+def bandwidth(residuals: np.ndarray) -> int:
+    """Lags over which residuals, shape (n_samples, n_outputs), are coloured; 0 where neighbours are independent."""
+    n = len(residuals)
     rho = float(np.clip(max(abs(_lag_one(column)) for column in residuals.T), 0, 0.999))
-    if rho < 3.3 / np.sqrt(len(residuals)):
-        return middle, 0
+    if rho < 3.3 / np.sqrt(n):
+        return 0
     alpha = 4 * rho**2 / (1 - rho**2) ** 2
-    lags = int(min(1.1447 * (alpha * len(scores)) ** (1 / 3), len(scores) // 4)) + 1
+    return int(min(1.1447 * (alpha * n) ** (1 / 3), n // 4)) + 1
+
+
+def long_run(scores: np.ndarray, lags: int) -> np.ndarray:
+    """Covariance of the sum of scores, shape (n_samples, n), that depend on each other over so many lags."""
+    middle = scores.T @ scores
     for lag in range(1, lags + 1):
         gamma = scores[lag:].T @ scores[:-lag]
         middle += (1 - lag / (lags + 1)) * (gamma + gamma.T)
-    return middle, lags
+    return middle
+
+
+def autoregression(pieces: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Stable vector autoregression of signals without a trend, pooled over pieces; its order has the least BIC.
+
+    Every piece has shape (n_samples, n_outputs); returns the coefficients, shape (order, n_outputs, n_outputs), and the
+    covariance of what drives them, shape (n_outputs, n_outputs).
+
+    Source: L. Whittle's multivariate Yule-Walker equations, as in H. Lütkepohl, New Introduction to Multiple Time
+    Series Analysis, 2005, ch. 3, 4.
+    """
+    n, ny = sum(map(len, pieces)), pieces[0].shape[1]
+    most = max(0, min(int(10 * np.log10(n)), n // (10 * ny) - 1, max(map(len, pieces)) - 1))
+    gamma = np.array([sum(p[lag:].T @ p[: len(p) - lag] for p in pieces) / n for lag in range(most + 1)])
+    best, found = np.inf, (np.zeros((0, ny, ny)), gamma[0])
+    tiny = np.diag(1e-12 * np.diag(gamma[0]) + 1e-300)
+    for order in range(most + 1):
+        lags = np.subtract.outer(np.arange(order), np.arange(order)).T
+        blocks = np.where((lags >= 0)[..., None, None], gamma[np.abs(lags)], gamma[np.abs(lags)].swapaxes(-1, -2))
+        known = blocks.transpose(0, 2, 1, 3).reshape(order * ny, order * ny)
+        wanted = gamma[1 : order + 1].transpose(1, 0, 2).reshape(ny, order * ny)
+        rows = np.linalg.lstsq(known.T, wanted.T, rcond=1e-12)[0].T if order else wanted
+        driving = gamma[0] - rows @ wanted.T
+        sign, size = np.linalg.slogdet((driving + driving.T) / 2 + tiny)
+        score = n * size + np.log(n) * order * ny**2
+        if sign > 0 and score < best:
+            best, found = score, (rows.reshape(ny, order, ny).swapaxes(0, 1), (driving + driving.T) / 2)
+    return found
+
+
+def middle_of_autoregression(jacobian: np.ndarray, coefficients: np.ndarray, driving: np.ndarray) -> np.ndarray:
+    """Covariance of the gradient where residuals are such an autoregression, which the Jacobian does not depend on.
+
+    The Jacobian has shape (n_samples, n_outputs, n), and the result (n, n). Sums over all pairs of samples are products
+    of spectra.
+    """
+    n_samples, ny, n = jacobian.shape
+    size = 1 << int(np.ceil(np.log2(2 * n_samples)))
+    spectrum = np.fft.rfft(jacobian, size, axis=0)
+    z = np.exp(-2j * np.pi * np.arange(len(spectrum)) / size)
+    through = np.eye(ny) - sum(
+        (c * z[:, None, None] ** (i + 1) for i, c in enumerate(coefficients)), np.zeros((len(z), ny, ny))
+    )
+    value, vector = np.linalg.eigh(driving)
+    root = np.linalg.solve(through, (vector * np.sqrt(np.maximum(value, 0.0))).astype(complex))  # spectral factor
+    seen = np.einsum("fyw,fyi->fwi", root.conj(), spectrum).reshape(-1, n)
+    weight = np.full(len(z), 2.0 / size)
+    weight[[0, -1]] /= 2
+    return np.real((seen.conj() * np.repeat(weight, ny)[:, None]).T @ seen)
 
 
 def coloured(lags: int) -> str:

@@ -11,6 +11,7 @@ from slipangle.errors import ParameterError
 from slipangle.fields import Positive, Whole, Within
 from slipangle.identify.linear.estimator import LinearEstimator, described
 from slipangle.identify.linear.prediction import PredictionCriterion
+from slipangle.identify.linear.prediction_covariance import covariance
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.numerics.blas import one_blas_thread
 
@@ -71,7 +72,7 @@ class PEM(LinearEstimator[StateSpaceModel]):
         began = time.perf_counter()
         problem = PredictionCriterion(self, data)
         point, notes = problem.solve(self.max_iterations)
-        covariance, sigma = problem.covariance(point)
+        spread, sigma, said = covariance(problem, point)
         names, values = problem.named(point)
         error = "one-step-ahead" if self.focus == "prediction" else "free-run"
         info = described(
@@ -79,11 +80,11 @@ class PEM(LinearEstimator[StateSpaceModel]):
             began,
             names=names,
             values=values,
-            covariance=covariance,
+            covariance=spread,
             noise_std=sigma,
             n_samples=data.n_samples,
             method=f"{error} error, Levenberg-Marquardt with exact derivatives in data-driven local coordinates; "
-            "covariance for white residuals, zero along changes of the state's basis",
+            f"{said}, zero along changes of the state's basis",
             warnings=notes,
         )
         parts = {key: getattr(point, key) for key in ("C", "D", "K", "u_offset", "y_offset", "x0")}

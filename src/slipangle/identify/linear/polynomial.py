@@ -20,6 +20,7 @@ from slipangle.identify.linear.lags import PerInput
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.polynomial_start import first_guess
 from slipangle.identify.linear.prediction import Point, PredictionCriterion, shrunk
+from slipangle.identify.linear.prediction_covariance import covariance
 from slipangle.models.black_box.polynomial import PolynomialModel, realise
 from slipangle.numerics.blas import one_blas_thread
 
@@ -76,18 +77,17 @@ class Polynomial(LinearEstimator[PolynomialModel]):
         problem = _Structured(self, later, later.model(theta, led, u0, y0), theta, led)
         point, notes = problem.solve(self.max_iterations)
         coefficients = problem.theta_of(point)
-        covariance, sigma = problem.covariance(point)
+        spread, sigma, said = covariance(problem, point)
         names = layout.names(data) + ((f"y_offset[{data.outputs[0]}]",) if self.offset else ())
         info = described(
             data,
             began,
             names=names,
             values=np.concatenate([coefficients, point.y_offset]) if self.offset else coefficients,
-            covariance=covariance,
+            covariance=spread,
             noise_std=sigma,
             n_samples=led.n_samples,
-            method="one-step-ahead error, Levenberg-Marquardt with exact derivatives from a long ARX model; covariance "
-            "for white residuals",
+            method=f"one-step-ahead error, Levenberg-Marquardt with exact derivatives from a long ARX model; {said}",
             warnings=notes,
         )
         return replace(layout.model(coefficients, data, u0, float(point.y_offset[0])), fit_info=info)
@@ -224,7 +224,7 @@ class _Structured(PredictionCriterion):
     def _moves(self, point: Point) -> np.ndarray:
         return self.by_theta
 
-    def _as_named(self, point: Point, moves: np.ndarray) -> np.ndarray:
+    def as_named(self, point: Point, moves: np.ndarray) -> np.ndarray:
         return np.eye(moves.shape[1])
 
     def _descend(self, point: Point, max_iterations: int) -> tuple[Point, tuple[str, ...]]:

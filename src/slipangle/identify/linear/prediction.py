@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -120,17 +121,22 @@ class PredictionCriterion:
 
     def moments(self, point: Point) -> np.ndarray:
         """Sum of the outer products of the errors, shape (ny, ny); infinite where the predictor blows up."""
-        total, experiment, state = np.zeros((self.ny, self.ny)), -1, np.zeros(self.n)
+        total = np.zeros((self.ny, self.ny))
+        for error, _ in self.errors(point):
+            with np.errstate(over="ignore", invalid="ignore"):
+                total = total + error.T @ error
+        return total if np.isfinite(total).all() else np.full_like(total, np.inf)
+
+    def errors(self, point: Point) -> Iterator[tuple[np.ndarray, bool]]:
+        """Errors piece by piece, with whether an experiment starts there."""
+        experiment, state = -1, np.zeros(self.n)
         system = self._system(point, point.C, point.D)
         for u, y, first in self._chunks():
             if first:
                 experiment += 1
                 state = point.x0[experiment]
             predicted, state = system.respond(state, self._driven(point, u, y))
-            error = y - point.y_offset - predicted
-            with np.errstate(over="ignore", invalid="ignore"):
-                total = total + error.T @ error
-        return total if np.isfinite(total).all() else np.full_like(total, np.inf)
+            yield y - point.y_offset - predicted, first
 
     def cost(self, point: Point) -> float:
         """Weighted sum of squared errors."""
@@ -165,10 +171,7 @@ class PredictionCriterion:
     def linearise(self, point: Point, moves: np.ndarray | None = None) -> tuple[Triangles, np.ndarray]:
         """Triangles of [x0, free moves | error] and the free moves themselves, shape (n_theta, n_moves)."""
         moves = self._moves(point) if moves is None else moves
-        work = Triangles(self.n, moves.shape[1])
-        D = np.vstack([np.zeros((self.n, self.nu)), point.D])
-        system = self._system(point, np.vstack([np.eye(self.n), point.C]), D)
-        experiment, state, bank = -1, np.zeros(self.n), self._bank(point)
+        work, experiment = Triangles(self.n, moves.shape[1]), -1
 
         def close() -> None:
             if self.x0_weight.any():
@@ -176,10 +179,26 @@ class PredictionCriterion:
                 work.add(np.hstack([np.diag(self.x0_weight), np.zeros((self.n, moves.shape[1])), -hold[:, None]]))
             work.close()
 
-        for u, y, first in self._chunks(bank.chunk()):
+        for first, local, shared, error in self.rows(point, moves):
             if first:
                 if experiment >= 0:
                     close()
+                experiment += 1
+            rows = np.concatenate([local, shared, error[:, :, None]], axis=2)
+            work.add(rows.reshape(-1, rows.shape[2]))
+        close()
+        pull, by_theta = self._pull(point)
+        if len(pull):
+            work.shared = reduce_rows(np.vstack([work.shared, np.column_stack([by_theta @ moves, pull])]))
+        return work, moves
+
+    def rows(self, point: Point, moves: np.ndarray) -> Iterator[tuple[bool, np.ndarray, np.ndarray, np.ndarray]]:
+        """Piece by piece: whether an experiment starts, derivatives by x0 and by the moves, weighted errors."""
+        D = np.vstack([np.zeros((self.n, self.nu)), point.D])
+        system = self._system(point, np.vstack([np.eye(self.n), point.C]), D)
+        experiment, state, bank = -1, np.zeros(self.n), self._bank(point)
+        for u, y, first in self._chunks(bank.chunk()):
+            if first:
                 experiment += 1
                 state, bank = point.x0[experiment], self._bank(point)
             driven = self._driven(point, u, y)
@@ -189,13 +208,7 @@ class PredictionCriterion:
             error = (driven[:, self.nu :] - both[:, self.n :]) @ self.root.T
             local = np.einsum("ab,kbi->kai", self.root, jacobian[:, :, : self.n])
             shared = np.einsum("ab,kbi->kai", self.root, jacobian[:, :, self.n :] @ moves)
-            rows = np.concatenate([local, shared, error[:, :, None]], axis=2)
-            work.add(rows.reshape(-1, rows.shape[2]))
-        close()
-        pull, by_theta = self._pull(point)
-        if len(pull):
-            work.shared = reduce_rows(np.vstack([work.shared, np.column_stack([by_theta @ moves, pull])]))
-        return work, moves
+            yield first, local, shared, error
 
     def _bank(self, point: Point) -> Bank:
         return Bank(point.F, point.C, self.n + self.nu + self.ny + 1)
@@ -323,20 +336,7 @@ class PredictionCriterion:
 
     # ---- what is reported --------------------------------------------------------------------------------------
 
-    def covariance(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
-        """Covariance of the free entries as named, and standard deviations of the residuals."""
-        work, moves = self.linearise(point)
-        d = moves.shape[1]
-        r = work.shared[:d, :d]
-        norms = np.maximum(np.linalg.norm(r, axis=0), 1e-300)
-        pinv = np.linalg.pinv(r / norms, rcond=1e-12) / norms[:, None]
-        moments = self.moments(point)
-        dof = max(1, self.n_rows - d - sum(map(len, work.locals)))
-        variance = float(np.trace(self.root @ moments @ self.root.T)) / dof
-        spread = self._as_named(point, moves) @ pinv * np.sqrt(variance)
-        return spread @ spread.T, np.sqrt(np.diag(moments) / (dof / self.ny))
-
-    def _as_named(self, point: Point, moves: np.ndarray) -> np.ndarray:
+    def as_named(self, point: Point, moves: np.ndarray) -> np.ndarray:
         """Derivative of A, B (and the other free entries) by moves of F, G (and the others)."""
         sizes = [getattr(point, k).size for k in self.free]
         at = dict(zip(self.free, np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(int), strict=True))

@@ -10,7 +10,7 @@ from scipy import linalg
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.models.black_box.model import BlackBoxModel, numbered, shifted
-from slipangle.models.model import derived
+from slipangle.models.model import FitInfo, derived
 from slipangle.numerics.linear_response import LTI
 from slipangle.ops import Vector, concatenate, matmul
 
@@ -71,6 +71,49 @@ class StateSpaceModel(BlackBoxModel):
     def poles(self) -> np.ndarray:
         """Eigenvalues of A."""
         return np.linalg.eigvals(self.A)
+
+    def modes(self) -> FitInfo:
+        """Poles and steady gains with their covariance, which, unlike entries of A, do not hang on the states' basis.
+
+        Raises ParameterError if the fit did not tell how uncertain A is, as that of `Subspace` does not.
+
+        Names are ``modulus[i]`` and ``angle[i]`` of every pole that is not below the real axis [rad], largest modulus
+        first, and ``gain[y,u]`` of every output and input; the covariance is carried over from that of the entries to
+        first order.
+        """
+        info = self.fit_info
+        if info is None or "A[0,0]" not in info.names:
+            raise ParameterError(
+                "the fit does not tell how uncertain A is; expected a state space that StateSpace or PEM fitted"
+            )
+        n, nu, ny = self.order, len(self.inputs), len(self.outputs)
+        pole, right = np.linalg.eig(self.A)
+        left = np.linalg.inv(right)
+        kept = [i for i in np.argsort(-np.abs(pole), kind="stable") if np.imag(pole[i]) >= 0]
+        after = np.linalg.solve((np.eye(n) - self.A).T, self.C.T).T
+        before = np.linalg.solve(np.eye(n) - self.A, self.B)
+        slope = np.zeros((2 * len(kept) + ny * nu, len(info.names)))
+        unit = {"A": after, "B": after, "C": np.eye(ny), "D": np.eye(ny)}
+        driven = {"A": before, "B": np.eye(nu), "C": before, "D": np.eye(nu)}
+        for column, name in enumerate(info.names):
+            if name[0] not in unit or name[1] != "[":
+                continue
+            i, j = (int(k) for k in name[2:-1].split(","))
+            slope[2 * len(kept) :, column] = np.outer(unit[name[0]][:, i], driven[name[0]][j]).ravel()
+            if name[0] == "A":
+                turn = left[kept, i] * right[j, kept] / pole[kept]  # of the pole's logarithm
+                slope[0 : 2 * len(kept) : 2, column] = turn.real * np.abs(pole[kept])
+                slope[1 : 2 * len(kept) : 2, column] = turn.imag
+        names = [f"{what}[{i}]" for i in range(len(kept)) for what in ("modulus", "angle")]
+        names += [f"gain[{o},{u}]" for o in self.outputs for u in self.inputs]
+        values = np.column_stack([np.abs(pole[kept]), np.angle(pole[kept])]).ravel()
+        return replace(
+            info,
+            names=tuple(names),
+            units=("-", "rad") * len(kept) + ("-",) * (ny * nu),
+            values=np.concatenate([values, (after @ self.B + self.D).ravel()]),
+            covariance=slope @ info.covariance @ slope.T,
+        )
 
     @derived
     def states(self) -> tuple[str, ...]:
