@@ -21,6 +21,7 @@ from slipangle.identify.judge.compare import cross_validate as cross_validate
 from slipangle.identify.judge.validate import Validation as Validation
 from slipangle.identify.judge.validate import validate as validate
 from slipangle.identify.linear.arx import ARX as ARX
+from slipangle.identify.linear.multi_arx import MultiARX as MultiARX
 from slipangle.identify.linear.polynomial import ARMAX as ARMAX
 from slipangle.identify.linear.polynomial import BoxJenkins as BoxJenkins
 from slipangle.identify.linear.polynomial import OutputError as OutputError

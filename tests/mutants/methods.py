@@ -52,7 +52,7 @@ MUTANTS = [
                 "theta[-1] + self.y_mean - self._means",
                 "theta[-1] - self.y_mean - self._means",
             ),
-            ("ARX: sign of A", "A = -theta[: self.na * ny]", "A = theta[: self.na * ny]"),
+            ("ARX: sign of A", "A = -theta[: na * ny]", "A = theta[: na * ny]"),
             (
                 "ARX: samples of two experiments joined",
                 "m, nc = max(na, used[-1][0]), len(names)",

@@ -39,6 +39,21 @@ class Trial:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """One of several orders that were compared, for a table that hides none of them."""
+
+    orders: str  # in words
+    n_parameters: int  # of all outputs
+    # free-run error on stretches held out: RMSE over the standard deviation, mean over the outputs [-]
+    error: float
+    one_step_error: float  # the same one step ahead [-]
+    aic: float  # Akaike's criterion, of outputs divided by their standard deviations; N ln det + 2 d
+    bic: float  # Schwarz's, N ln det + d ln N
+    fpe: float  # Akaike's final prediction error, det (1 + d / N) / (1 - d / N)
+    stable: bool  # whether a free run over the longest experiment would stay
+
+
+@dataclass(frozen=True, kw_only=True)
 class FitInfo:
     """How a model was fitted: estimates, their covariance and what to be careful about.
 
@@ -62,6 +77,8 @@ class FitInfo:
         Name of the training data, and its first and last time. [s]
     trials : tuple of Trial
         Every training run, for models that are trained from random starts.
+    candidates : tuple of Candidate
+        Every order that was compared, the chosen one first, where the estimator chose.
     fingerprint : Fingerprint or None
         By which samples of the training data are known again.
     """
@@ -78,6 +95,7 @@ class FitInfo:
     train_name: str = ""
     train_span: tuple[float, float] = (0.0, 0.0)
     trials: tuple[Trial, ...] = ()
+    candidates: tuple[Candidate, ...] = field(default=(), repr=False, metadata={"may be missing in a file": True})
     fingerprint: Fingerprint | None = field(default=None, repr=False, metadata={"may be missing in a file": True})
 
     @property

@@ -302,6 +302,34 @@ def parameter_table(
     )
 
 
+def orders_table(fit: FitInfo, *, title: str = "Orders that were compared", most: int = 20, command: str = "") -> Table:
+    """The best ``most`` candidates of an estimator that chose its orders, the chosen one first, unstable ones poor.
+
+    Raises ParameterError if no orders were compared.
+    """
+    if not fit.candidates:
+        raise ParameterError("the fit compared no orders; expected one that chose: leave na, nb and nk out")
+    rows = [
+        Row(
+            (c.orders, c.n_parameters, 100 * c.error, 100 * c.one_step_error, c.aic, c.bic, c.fpe),
+            tone="poor" if not c.stable else "good" if k == 0 else None,
+        )
+        for k, c in enumerate(fit.candidates[:most])
+    ]
+    left = len(fit.candidates) - len(rows)
+    more = f" {left} that did worse are left out." if left else ""
+    columns = (Heading("orders", words=True), Heading("coefficients"), Heading("free run", "%"))
+    columns += (Heading("one step ahead", "%"), Heading("AIC", digits=6), Heading("BIC", digits=6), Heading("FPE"))
+    return Table(
+        title=title,
+        columns=columns,
+        rows=tuple(rows),
+        caption="Errors on stretches held out in turn, RMSE over standard deviation; AIC, BIC and FPE of all data, one "
+        f"step ahead, outputs over their standard deviations.{more}",
+        command=command,
+    )
+
+
 def correlation_table(fit: FitInfo, *, title: str = "Correlation of the estimates", command: str = "") -> Table:
     """Correlation matrix of the estimates; a parameter that another one can replace, 0.95 or more, is marked poor."""
     matrix = fit.correlation

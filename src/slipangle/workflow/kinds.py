@@ -16,6 +16,8 @@ from slipangle.errors import ConfigError, nearest, shown
 from slipangle.identify.car.identify_car import WholeCar
 from slipangle.identify.judge.compare import Estimator
 from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.multi_arx import MultiARX
+from slipangle.identify.linear.orders import Chosen
 from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.physics.grey_box import GreyBox
@@ -74,8 +76,26 @@ KINDS.register("car")(WholeCar)
 
 
 @KINDS.register("arx")
-def _arx(*, na: Lags = 2, nb: PerInput = 2, nk: PerInput = 1, offset: bool = False) -> Estimator:
+def _arx(
+    *,
+    na: Lags | Chosen = "chosen",
+    nb: PerInput | Chosen = "chosen",
+    nk: PerInput | Chosen | None = None,
+    offset: bool = False,
+) -> Estimator:
     return ARX(na=na, nb=nb, nk=nk, offset=offset)
+
+
+@KINDS.register("multi-arx")
+def _multi_arx(
+    *,
+    na: Lags | Chosen = "chosen",
+    nb: Lags | Chosen = "chosen",
+    nk: Lags | Chosen | None = None,
+    speeds: tuple[float, ...] = (),
+    offset: bool = True,
+) -> Estimator:
+    return MultiARX(na=na, nb=nb, nk=nk, speeds=speeds, offset=offset)
 
 
 @KINDS.register("armax")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,9 +15,11 @@ from slipangle.fields import Count, Whole
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.estimator import LinearEstimator, channels, described
 from slipangle.identify.linear.lags import PerInput, Windows, triangle
+from slipangle.identify.linear.orders import Chosen, choose
 from slipangle.models.black_box.arx import ARXModel
 
 _APART = 1e-3  # share of an input's RMS that the others do not make up, below which their effects are one
+_TRIED = 10  # orders that are fitted to all data where the better ones depend on each other
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,30 +32,62 @@ class ARX(LinearEstimator[ARXModel]):
 
     Parameters
     ----------
-    na : int
+    na : int or "chosen"
         Past outputs used, at least 1.
-    nb : int or tuple of int
+    nb : int, tuple of int or "chosen"
         Coefficients of every input, or of each, at least 1.
-    nk : int or tuple of int
+    nk : int, tuple of int or "chosen"
         Samples from every input, or from each, to the outputs; 0 where they depend on the input at the same sample.
+        Orders that are not given are chosen by free run over stretches held out in turn, up to 10 lags and 10 samples
+        of delay; the model's ``fit_info.candidates`` are all that were compared.
     offset : bool
         Estimate a constant too; for data whose mean was not removed.
 
     Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eqs. 4-5 to 4-9.
     """
 
-    na: Count
-    nb: Count | tuple[Count, ...]
-    nk: Whole | tuple[Whole, ...] = 1
+    na: Count | Chosen = "chosen"
+    nb: Count | tuple[Count, ...] | Chosen = "chosen"
+    nk: Whole | tuple[Whole, ...] | Chosen | None = None
     offset: bool = False
 
     _what = "the ARX model"
 
+    def __post_init__(self) -> None:
+        if self.nk is None:
+            object.__setattr__(self, "nk", "chosen" if "chosen" in (self.na, self.nb) else 1)
+        super().__post_init__()
+
     def _fit(self, data: Dataset) -> ARXModel:
+        return self._of_orders(data) if "chosen" not in (self.na, self.nb, self.nk) else self._chosen(data)
+
+    def _chosen(self, data: Dataset) -> ARXModel:
+        """The fit of the orders that did best; where all data cannot tell its regressors apart, of the next ones."""
         began = time.perf_counter()
+        require_identifiable(data, len(data.outputs) + len(data.inputs) + self.offset)
+        given: Any = {n: per_input(v, n, data) if isinstance(v, int | tuple) else v for n, v in self._per_input}
+        choice = choose(data, na=self.na, offset=self.offset, **given)
+        refused: ExcitationError | None = None
+        for orders, _ in choice.ranked[:_TRIED]:
+            try:
+                model = replace(self, na=orders.na, nb=orders.nb, nk=orders.nk)._of_orders(data)
+            except ExcitationError as error:
+                refused = refused or error
+                continue
+            info: Any = model.fit_info
+            method, seconds = f"{choice.said(orders)}; {info.method}", time.perf_counter() - began
+            return replace(model, fit_info=replace(info, candidates=choice.candidates, method=method, seconds=seconds))
+        raise refused or ParameterError("no orders were compared")
+
+    @property
+    def _per_input(self) -> tuple[tuple[str, Any], ...]:
+        return (("nb", self.nb), ("nk", self.nk))
+
+    def _of_orders(self, data: Dataset) -> ARXModel:
+        began, na = time.perf_counter(), int(self.na)
         ny, nu = len(data.outputs), len(data.inputs)
         used = self._used(data)
-        require_identifiable(data, self.na * ny + len(used) + self.offset)
+        require_identifiable(data, na * ny + len(used) + self.offset)
         regression = _Regression(self, data, used)
         labels = self._labels(data, used)
         theta, inverse, sigma, solver = regression.solve(labels)
@@ -70,10 +104,10 @@ class ARX(LinearEstimator[ARXModel]):
             method=f"least squares on the one-step-ahead error, {solver}; covariance for white residuals",
             warnings=regression.confused(theta, np.outer(np.diag(inverse), np.diag(sigma))),
         )
-        A = -theta[: self.na * ny].T.reshape(ny, self.na, ny).transpose(1, 0, 2)
+        A = -theta[: na * ny].T.reshape(ny, na, ny).transpose(1, 0, 2)
         first, last = used[0][0], used[-1][0]
         B = np.zeros((last - first + 1, ny, nu))
-        for (lag, i), row in zip(used, theta[self.na * ny :], strict=False):
+        for (lag, i), row in zip(used, theta[na * ny :], strict=False):
             B[lag - first, :, i] = row
         return ARXModel(
             A=A, B=B, c=theta[-1] if self.offset else np.zeros(ny), nk=first, **channels(data), fit_info=info
@@ -82,7 +116,7 @@ class ARX(LinearEstimator[ARXModel]):
     def _used(self, data: Dataset) -> list[tuple[int, int]]:
         """Lag and number of every input that is a regressor, smallest lag first."""
         counts, delays = (per_input(getattr(self, name), name, data) for name in ("nb", "nk"))
-        wanted = self.na * len(data.outputs) + sum(counts)
+        wanted = int(self.na) * len(data.outputs) + sum(counts)
         if max(wanted, *(n + k for n, k in zip(counts, delays, strict=True)), 0) > data.n_samples:
             raise TooShortError(
                 f"'{data.name}' has {data.n_samples} samples for {wanted} parameters per output and delays up to "
@@ -92,7 +126,7 @@ class ARX(LinearEstimator[ARXModel]):
         return sorted(lags)
 
     def _labels(self, data: Dataset, used: list[tuple[int, int]]) -> list[str]:
-        past_y = [f"{o}(k-{i})" for i in range(1, self.na + 1) for o in data.outputs]
+        past_y = [f"{o}(k-{i})" for i in range(1, int(self.na) + 1) for o in data.outputs]
         past_u = [f"{data.inputs[i]}(k-{lag})" if lag else f"{data.inputs[i]}(k)" for lag, i in used]
         return past_y + past_u + (["1"] if self.offset else [])
 
@@ -117,7 +151,7 @@ class _Regression:
     """Normal equations of one fit, or the triangular factor where those would lose digits."""
 
     def __init__(self, settings: ARX, data: Dataset, used: list[tuple[int, int]]) -> None:
-        na = settings.na
+        na = int(settings.na)
         self.na, self.offset, self.data, self.used = na, settings.offset, data, used
         self.gram = np.empty((0, 0))  # of the regressors scaled to one length, then the targets; made by `solve`
         self.ny = len(data.outputs)

@@ -5,7 +5,7 @@
 
 import abc
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from typing import ClassVar, Literal
@@ -17,7 +17,7 @@ from slipangle.errors import ParameterError
 from slipangle.fields import Checked
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.black_box.model import shifted
-from slipangle.models.model import Model, derived
+from slipangle.models.model import FitInfo, Model, derived
 from slipangle.ops import Scalar, Vector, clip, concatenate, matmul
 
 Shape = Literal["triangular", "smooth"]
@@ -54,6 +54,8 @@ class SpeedBlend(Checked, Model):
         Where they were identified, rising. [m/s]
     shape : {"triangular", "smooth"}
         See `speed_weights`.
+    fit_info : FitInfo or None
+        How all of them were fitted together, where they were.
     """
 
     one_prediction: ClassVar[bool]  # of a model with blended coefficients, or one of each model
@@ -66,6 +68,9 @@ class SpeedBlend(Checked, Model):
     models: tuple[ARXModel, ...]
     speeds: tuple[float, ...]
     shape: Shape = "triangular"
+    fit_info: FitInfo | None = field(
+        default=None, repr=False, compare=False, metadata={"may be missing in a file": True}
+    )
 
     dt = derived(lambda self: self.models[0].dt)
     outputs = derived(lambda self: self.models[0].outputs)

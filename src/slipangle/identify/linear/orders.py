@@ -1,0 +1,391 @@
+"""Orders of ARX models, chosen by free runs over stretches that the fits have not seen.
+
+One pass over the data makes the Gram matrix of the largest regressor, held-out group by held-out group; every smaller
+candidate and every fold is a block of it. The free runs of all candidates go through the stretches side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import TooShortError
+from slipangle.identify.linear.lags import PerInput, Windows
+from slipangle.models.model import Candidate
+from slipangle.models.plausible import growth
+from slipangle.models.wrappers.multi_arx import speed_weights
+
+Chosen = Literal["chosen"]
+LEVELS = (1, 2, 3, 4, 5, 6, 8, 10)  # lags of the first candidates
+FOLDS, BLOCKS = 5, 20  # groups held out in turn; stretches that they are made of where a record is one
+LENGTH = 2000  # samples of a stretch that free runs are judged on, from its beginning
+_TIE, _EXACT = 1.01, 1e-6  # errors apart by less, or below, are alike: the fewest coefficients win
+_RIDGE = 1e-13  # of columns of one length: regressors that depend on each other share the effect
+
+
+@dataclass(frozen=True, order=True)
+class Orders:
+    """Lags of outputs, of each input, and the delay of each input."""
+
+    na: int
+    nb: tuple[int, ...]
+    nk: tuple[int, ...]
+
+    @property
+    def reach(self) -> int:
+        """Samples that the oldest regressor lies back."""
+        return max(self.na, *(b + k - 1 for b, k in zip(self.nb, self.nk, strict=True)))
+
+    def coefficients(self, n_outputs: int, offset: bool) -> int:
+        """Per output."""
+        return self.na * n_outputs + sum(self.nb) + offset
+
+    @property
+    def said(self) -> str:
+        """In words."""
+        each = ("/".join(map(str, v if len(set(v)) > 1 else v[:1])) for v in (self.nb, self.nk))
+        return "na = {}, nb = {}, nk = {}".format(self.na, *each)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Everything that was compared, the winner first."""
+
+    ranked: tuple[tuple[Orders, Candidate], ...]
+
+    def said(self, orders: Orders) -> str:
+        """What was done, for the method's line."""
+        return f"{orders.said}, chosen of {len(self.ranked)} by free run over stretches held out in turn"
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """For the model's `FitInfo`."""
+        return tuple(candidate for _, candidate in self.ranked)
+
+
+def choose(
+    data: Dataset,
+    *,
+    na: int | Chosen,
+    nb: PerInput | Chosen,
+    nk: PerInput | Chosen,
+    offset: bool,
+    speeds: Sequence[float] = (0.0,),
+) -> Choice:
+    """Orders by free run over held-out stretches; those that are given stay.
+
+    Candidates are a grid of lags, then delays of each input with few lags, then the neighbours of the best. A model
+    whose free run would blow up over the longest experiment comes after all that hold. Of candidates within 1 % of the
+    least error the one with the fewest coefficients wins.
+
+    Raises TooShortError if there are too few samples to fit to some stretches and run freely over others.
+
+    Inputs are all but v_x where there are several ``speeds`` [m/s], at which the coefficients are blended by v_x.
+    """
+    nu = len(data.inputs) - ("v_x" in data.inputs and len(speeds) > 1)
+    open_y, open_b, open_k = (v == "chosen" for v in (na, nb, nk))
+    fixed = Orders(1 if isinstance(na, str) else na, _each(nb, nu), _each(nk, nu))
+    most = _most(data, fixed, (open_y, open_b, open_k))
+    levels = [n for n in LEVELS if n <= most]
+    widest = replace(
+        fixed,
+        na=max(levels[-1], fixed.na) if open_y else fixed.na,
+        nb=(levels[-1],) * nu if open_b else fixed.nb,
+        nk=(most,) * nu if open_k else fixed.nk,
+    )
+    trials = _Trials(data, widest, offset, speeds)
+    lags_y, lags_u = levels if open_y else [fixed.na], levels if open_b else [0]
+    trials.add(replace(fixed, na=a, nb=(b,) * nu if b else fixed.nb) for a in lags_y for b in lags_u)
+    for i in range(nu if open_k else 0):
+        best = trials.best
+        counts = sorted({1, 2, 3, 4, best.nb[i]}) if open_b else [best.nb[i]]
+        trials.add(
+            replace(best, nb=_with(best.nb, i, b), nk=_with(best.nk, i, k)) for b in counts for k in range(1, most + 1)
+        )
+    best = trials.best
+    near = [replace(best, na=best.na + d) for d in (-2, -1, 1, 2)] if open_y else []
+    for i in range(nu):
+        near += [replace(best, nb=_with(best.nb, i, best.nb[i] + d)) for d in (-1, 1) if open_b]
+        near += [replace(best, nk=_with(best.nk, i, best.nk[i] + d)) for d in (-1, 1) if open_k]
+    trials.add(o for o in near if min(o.na, *o.nb) >= 1 and (not open_k or min(o.nk) >= 1))
+    return trials.choice()
+
+
+def _each(value: PerInput | Chosen, n: int) -> tuple[int, ...]:
+    """For every input; one where it is open."""
+    if isinstance(value, tuple):
+        return value
+    return (1 if isinstance(value, str) else value,) * n
+
+
+def _with(values: tuple[int, ...], i: int, value: int) -> tuple[int, ...]:
+    return (*values[:i], value, *values[i + 1 :])
+
+
+def _most(data: Dataset, fixed: Orders, open_: tuple[bool, bool, bool]) -> int:
+    """How many lags, and samples of delay, the data allow to be tried."""
+    for most in range(LEVELS[-1], 0, -1):
+        nb = max(most if open_[1] else 0, *(b for b in fixed.nb))
+        nk = max(most if open_[2] else 0, *(k for k in fixed.nk))
+        reach = max(most if open_[0] else fixed.na, nb + nk - 1)
+        sizes = np.array([b - a for a, b in _blocks(data, reach)])
+        p = (most if open_[0] else fixed.na) * len(data.outputs) + nb * len(data.inputs)
+        if len(sizes) > 1 and np.maximum(sizes - reach, 0).sum() >= max(0.5 * data.n_samples, 4 * p):
+            return most
+    need = 2 * 4 * (max(fixed.reach, 1) + 1)
+    raise TooShortError(
+        f"'{data.name}' has {data.n_samples} samples, the longest experiment "
+        f"{max(b - a for a, b in zip(data.starts, data.stops, strict=True))}; expected at least {need} in a row to "
+        "choose orders on stretches held out: record longer, or give na, nb and nk"
+    )
+
+
+def _blocks(data: Dataset, reach: int) -> list[tuple[int, int]]:
+    """First and last-but-one row of the stretches: the experiments, cut where there are few, that hold a free run."""
+    spans = [(a, b) for a, b in zip(data.starts, data.stops, strict=True) if b - a > 2 * reach]
+    wanted = -(-BLOCKS // max(len(spans), 1)) if len(spans) < 2 * FOLDS else 1
+    found = []
+    for a, b in spans:
+        pieces = int(np.clip((b - a) // (4 * (reach + 1)), 1, wanted))
+        edges = np.linspace(a, b, pieces + 1).astype(int).tolist()
+        found += list(pairwise(edges))
+    return found
+
+
+def regression(
+    data: Dataset, orders: Orders, offset: bool, speeds: Sequence[float]
+) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
+    """Normal equations of all data for one choice, their number, what was taken off the signals and their sizes.
+
+    The Gram matrix is that of the regressors at every speed, then of the targets; signals are outputs, then inputs.
+
+    Raises TooShortError if no experiment is longer than the lags reach back.
+    """
+    trials = _Trials(data, orders, offset, speeds, judged=False)
+    p = trials.n_columns
+    pick = (np.arange(len(speeds))[:, None] * p + trials._pick(orders)).ravel()
+    pick = np.concatenate([pick, len(speeds) * p + np.arange(trials.ny)])
+    gram = trials.gram.sum(axis=0)
+    return gram[np.ix_(pick, pick)], int(trials.count.sum()), trials.shift, trials.size
+
+
+class _Trials:
+    """Gram matrices of every held-out group, the stretches to run over, and what came out for each candidate.
+
+    Signals are divided by their standard deviations, after their means are taken off where there is a constant.
+    """
+
+    def __init__(
+        self, data: Dataset, widest: Orders, offset: bool, speeds: Sequence[float], *, judged: bool = True
+    ) -> None:
+        self.inputs = tuple(n for n in data.inputs if len(speeds) == 1 or n != "v_x")
+        self.data, self.offset, self.speeds = data, offset, tuple(speeds)
+        self.ny, self.nu, self.reach, self.na = len(data.outputs), len(self.inputs), widest.reach, widest.na
+        self.names = (*data.outputs, *self.inputs)
+        size = np.array([np.std(data[n]) for n in self.names])
+        self.shift = np.array([data[n].mean() if offset else 0.0 for n in self.names])
+        self.size = np.where(size > 0, size, 1.0)
+        whole = [(a, b) for a, b in zip(data.starts, data.stops, strict=True) if b - a > self.reach]
+        blocks = _blocks(data, self.reach) if judged else whole
+        if not blocks:
+            raise TooShortError(
+                f"no experiment of '{data.name}' is longer than the {self.reach} samples that the lags reach back; "
+                "expected a longer one: record without gaps or choose fewer lags"
+            )
+        self.folds = min(FOLDS, len(blocks))
+        self.groups = np.arange(len(blocks)) % self.folds
+        self.place = self._places()
+        parts = [data.rows(a, b) for a, b in blocks]
+        width = len(self.speeds) * self.n_columns + self.ny
+        self.gram, self.count = np.zeros((self.folds, width, width)), np.zeros(self.folds)
+        for part, group in zip(parts, self.groups, strict=True):
+            gram, count = self._gram(part)
+            self.gram[group] += gram
+            self.count[group] += count
+        if judged:
+            self._stretches(parts)
+        self.longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
+        self.done: dict[Orders, Candidate] = {}
+
+    def _places(self) -> list[int]:
+        """Entry of a window that each regressor is: past outputs, inputs from the present on, newest first."""
+        nc, m = self.ny + self.nu, self.reach
+        past = [(m - i) * nc + c for i in range(1, self.na + 1) for c in range(self.ny)]
+        return past + [(m - j) * nc + self.ny + i for j in range(m + 1) for i in range(self.nu)]
+
+    @property
+    def n_columns(self) -> int:
+        """Regressors of the largest model at one speed."""
+        return self.na * self.ny + (self.reach + 1) * self.nu + self.offset
+
+    def _pick(self, orders: Orders) -> np.ndarray:
+        """Columns of a candidate at one speed."""
+        first = self.na * self.ny
+        lags = [(k + j, i) for i, (b, k) in enumerate(zip(orders.nb, orders.nk, strict=True)) for j in range(b)]
+        own = [*range(orders.na * self.ny), *(first + lag * self.nu + i for lag, i in sorted(lags))]
+        return np.array(own + [self.n_columns - 1] * self.offset)
+
+    def _windows(self, part: Dataset) -> Windows:
+        return Windows(data=part, names=self.names, lags=self.reach + 1, shift=self.shift)
+
+    def _gram(self, part: Dataset) -> tuple[np.ndarray, int]:
+        """Of the regressors, at every speed, then of the targets."""
+        windows, m, nc = self._windows(part), self.reach, self.ny + self.nu
+        targets = [m * nc + c for c in range(self.ny)]
+        pick, scale = [*self.place, *targets], np.tile(self.size, m + 1)
+        if len(self.speeds) == 1:
+            products, sums = windows.gram()
+            gram, at = (products / np.outer(scale, scale))[np.ix_(pick, pick)], (sums / scale)[pick]
+            if self.offset:
+                p = len(self.place)
+                gram = np.insert(np.insert(gram, p, at, axis=0), p, np.insert(at, p, windows.count), axis=1)
+            return gram, windows.count
+        p, gram = self.n_columns, np.zeros((len(self.speeds) * self.n_columns + self.ny,) * 2)
+        weights, done = np.stack(speed_weights(part["v_x"][m - 1 : -1], self.speeds), axis=1), 0
+        for rows in windows.rows(4096):
+            full = np.ones((len(rows), p + self.ny))
+            full[:, [*range(len(self.place)), *range(p, p + self.ny)]] = (rows / scale)[:, pick]
+            here = weights[done : done + len(rows)]
+            done += len(rows)
+            wide = np.hstack([(here[:, :, None] * full[:, None, :p]).reshape(len(rows), -1), full[:, p:]])
+            gram += wide.T @ wide
+        return gram, windows.count
+
+    def _stretches(self, parts: Sequence[Dataset]) -> None:
+        """What free runs start from, are driven by and compared with, shapes (n_stretches, n_steps, ...)."""
+        m, nc = self.reach, self.ny + self.nu
+        steps = min(LENGTH, max(part.n_samples for part in parts)) - m
+        shape = (len(parts), steps)
+        self.drive = np.zeros((*shape, (m + 1) * self.nu + self.offset))
+        self.wanted, self.known = np.zeros((*shape, self.ny)), np.zeros(shape, dtype=bool)
+        self.weights = np.ones((*shape, len(self.speeds)))
+        self.past = np.zeros((len(parts), self.na * self.ny))
+        for s, part in enumerate(parts):
+            rows = next(self._windows(part.head(min(part.n_samples, LENGTH))).rows(LENGTH))
+            rows = rows / np.tile(self.size, m + 1)
+            n, first = len(rows), self.na * self.ny
+            if self.offset:
+                self.drive[s, :, -1] = 1.0
+            self.drive[s, :n, : (m + 1) * self.nu] = rows[:, self.place[first:]]
+            self.wanted[s, :n], self.known[s, :n] = rows[:, m * nc : m * nc + self.ny], True
+            self.past[s] = rows[0, self.place[:first]]
+            if len(self.speeds) > 1:
+                self.weights[s, :n] = np.stack(speed_weights(part["v_x"][m - 1 : m - 1 + n], self.speeds), axis=1)
+        measured = self.wanted[self.known]
+        self.spread = np.maximum(np.std(measured, axis=0), 1e-300)
+
+    # ---- candidates --------------------------------------------------------------------------------------------------
+
+    def add(self, orders: Iterable[Orders]) -> None:
+        """Judge those that were not yet, as far as the data carry them."""
+        room = (self.count.sum() - self.count.max()) / 3
+        fresh = [o for o in dict.fromkeys(orders) if o not in self.done and o.reach <= self.reach and o.na <= self.na]
+        fresh = [o for o in fresh if o.coefficients(self.ny, self.offset) * len(self.speeds) <= room]
+        each = max(1, int(2e7 // max(1, self.wanted.size)))
+        for a in range(0, len(fresh), each):
+            self._judge(fresh[a : a + each])
+        if not self.done:
+            raise TooShortError(
+                f"'{self.data.name}' has {int(self.count.sum())} equations for its smallest candidate; expected at "
+                "least three per coefficient: record longer, or take fewer speeds"
+            )
+
+    def _judge(self, several: Sequence[Orders]) -> None:
+        J, p, n = len(self.speeds), self.n_columns, self.count.sum()
+        total, theta = self.gram.sum(axis=0), np.zeros((len(several), self.folds + 1, J * p, self.ny))
+        for c, orders in enumerate(several):
+            pick = (np.arange(J)[:, None] * p + self._pick(orders)).ravel()
+            theta[c][:, pick] = self._solved(np.concatenate([total - self.gram, total[None]]), pick)
+        free = self._free_run(theta[:, :-1])
+        for c, orders in enumerate(several):
+            own = theta[c, -1]
+            left = _unexplained(total, own) / n
+            unseen = sum(np.diag(_unexplained(g, t)) for g, t in zip(self.gram, theta[c, :-1], strict=True)) / n
+            d, log_det = orders.coefficients(self.ny, self.offset) * J * self.ny, float(np.linalg.slogdet(left)[1])
+            self.done[orders] = Candidate(
+                orders=orders.said,
+                n_parameters=d,
+                error=float(free[c]) if np.isfinite(free[c]) else np.inf,
+                one_step_error=float(np.mean(np.sqrt(np.maximum(unseen, 0.0)) / self.spread)),
+                aic=n * log_det + 2 * d,
+                bic=n * log_det + d * float(np.log(n)),
+                fpe=float(np.exp(min(log_det, 700.0))) * (1 + d / n) / max(1 - d / n, 1e-12),
+                stable=not growth(self._poles(own), self.longest),
+            )
+
+    def _solved(self, grams: np.ndarray, pick: np.ndarray) -> np.ndarray:
+        """Coefficients for each Gram matrix, shape (n, n_picked, n_outputs)."""
+        left, right = grams[:, pick[:, None], pick], grams[:, pick, -self.ny :]
+        scale = np.sqrt(np.diagonal(left, axis1=1, axis2=2))
+        scale = np.where(scale > 0, scale, 1.0)
+        left = left / (scale[:, :, None] * scale[:, None]) + _RIDGE * len(pick) * np.eye(len(pick))
+        return np.linalg.solve(left, right / scale[:, :, None]) / scale[:, :, None]
+
+    def _poles(self, theta: np.ndarray) -> np.ndarray:
+        """Of the models at every speed."""
+        found, k = [], self.na * self.ny
+        for own in theta.reshape(len(self.speeds), -1, self.ny):
+            companion = np.eye(k, k=-self.ny)
+            companion[: self.ny] = own[:k].T
+            found.append(np.linalg.eigvals(companion))
+        return np.concatenate(found)
+
+    def _free_run(self, theta: np.ndarray) -> np.ndarray:
+        """RMSE over standard deviation, mean over outputs, of each candidate's runs, shape (n_candidates,).
+
+        Coefficients of every fold have shape (n_candidates, n_folds, n_columns, n_outputs).
+        """
+        C, S, J, k = len(theta), len(self.groups), len(self.speeds), self.na * self.ny
+        own = theta.reshape(C, self.folds, J, self.n_columns, self.ny)[:, self.groups]  # of each stretch
+        back = np.ascontiguousarray(own[:, :, :, :k].transpose(0, 1, 3, 2, 4).reshape(C * S, k, J * self.ny))
+        ahead = own[:, :, :, k:]
+        pushed = np.zeros((C, *self.wanted.shape))
+        for j in range(J):
+            pushed += self.weights[:, :, j, None] * np.matmul(self.drive, ahead[:, :, j])
+        past, squares = np.tile(self.past, (C, 1)), np.zeros((C, self.ny))
+        with np.errstate(over="ignore", invalid="ignore"):
+            for t in range(self.wanted.shape[1]):
+                newest = np.matmul(past[:, None], back).reshape(C, S, J, self.ny)
+                if J > 1:
+                    newest = (newest * self.weights[:, t, :, None]).sum(axis=2, keepdims=True)
+                y = newest[:, :, 0] + pushed[:, :, t]
+                squares += (np.square(y - self.wanted[:, t]) * self.known[:, t, None]).sum(axis=1)
+                past = np.concatenate([y.reshape(C * S, self.ny), past[:, : k - self.ny]], axis=1)
+            return np.mean(np.sqrt(squares / self.known.sum()) / self.spread, axis=1)
+
+    # ---- the winner --------------------------------------------------------------------------------------------------
+
+    def _ranked(self) -> list[Orders]:
+        """The best first; those that would blow up last."""
+        for_sure = [o for o, c in self.done.items() if c.stable and np.isfinite(c.error)] or list(self.done)
+        least = min(self.done[o].error for o in for_sure)
+        alike = {o for o in for_sure if self.done[o].error <= _TIE * max(least, _EXACT)}
+
+        def place(o: Orders) -> tuple:
+            c = self.done[o]
+            return (o not in alike, o not in for_sure, c.n_parameters if o in alike else 0, c.error, o)
+
+        return sorted(self.done, key=place)
+
+    @property
+    def best(self) -> Orders:
+        """So far."""
+        return self._ranked()[0]
+
+    def choice(self) -> Choice:
+        """The outcome."""
+        ranked = self._ranked()
+        return Choice(tuple((o, self.done[o]) for o in ranked))
+
+
+def _unexplained(gram: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Products of the residuals that coefficients leave."""
+    p = len(theta)
+    cross = theta.T @ gram[:p, p:]
+    left = gram[p:, p:] - cross - cross.T + theta.T @ gram[:p, :p] @ theta
+    return (left + left.T) / 2

@@ -1,0 +1,262 @@
+"""Orders that ARX and MultiARX choose: by free run on what was held out, never unstable where a stable one exists."""
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from slipangle.data.dataset import Dataset, join
+from slipangle.errors import ExcitationError, ParameterError, TooShortError
+from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.multi_arx import MultiARX, chosen_speeds
+from slipangle.identify.linear.orders import Orders, _blocks, _Trials, choose
+from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.storage import load, save
+from slipangle.models.wrappers.multi_arx import MultiARXModel
+from slipangle.report.tables import orders_table
+from slipangle.workflow.kinds import KINDS, check_entries
+
+TRUE = ARXModel(A=[-1.5, 0.7], B=[0.5, 0.3], nk=3, dt=0.1, inputs=("u",), outputs=("y",))
+
+
+def made(n=3000, seed=0, noise=0.05, model=TRUE, measured=0.0, parts=1):
+    """A record of the model with equation noise and measurement noise, in one or several experiments."""
+    rng = np.random.default_rng(seed)
+    u = rng.standard_normal((n, len(model.inputs)))
+    y = np.zeros((n, 1))
+    for k in range(model.memory, n):
+        past = sum(-model.A[i, 0, 0] * y[k - 1 - i] for i in range(model.na))
+        drive = sum(model.B[j] @ u[k - model.nk - j] for j in range(model.nb))
+        y[k] = past + drive + model.c + noise * rng.standard_normal(1)
+    y += measured * rng.standard_normal(y.shape)
+    inputs = {name: u[:, i] for i, name in enumerate(model.inputs)}
+    data = Dataset.from_arrays(inputs, {"y": y[:, 0]}, 0.1, name="made")
+    cuts = np.linspace(0, n, parts + 1).astype(int)
+    return data if parts == 1 else join(*(data.rows(a, b) for a, b in pairwise(cuts)))
+
+
+def free_run_error(model, data):
+    run = model.simulate(data)
+    return float(np.sqrt(np.mean(run.error[run.predicted] ** 2)) / np.std(data.y))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("parts", [1, 8])
+def test_true_orders_come_back(seed, parts):
+    model = ARX().fit(made(seed=seed, parts=parts))
+    assert (model.na, model.nb, model.nk) == (2, 2, 3)
+    assert model.fit_info.method.startswith("na = 2, nb = 2, nk = 3, chosen of ")
+
+
+@pytest.mark.parametrize("offset", [False, True])
+def test_the_choice_is_as_good_on_unseen_data_as_the_best_of_fixed_orders(offset):
+    model = replace(TRUE, c=np.array([2.0 * offset]))
+    train, test = (made(seed=s, noise=0.0, measured=0.3, model=model) for s in (1, 2))
+    chosen = free_run_error(ARX(offset=offset).fit(train), test)
+    fixed = [free_run_error(ARX(na=n, nb=n, offset=offset).fit(train), test) for n in (1, 2, 3)]
+    assert chosen <= min(fixed) + 0.01
+
+
+def test_delays_are_found_for_each_input():
+    B = np.zeros((6, 1, 2))
+    B[0, 0, 0], B[5, 0, 1] = 1.0, 0.8
+    model = ARX().fit(made(model=replace(TRUE, inputs=("u", "w"), B=B, nk=1)))
+    lags = {name for name in model.fit_info.names}
+    assert {"u(k-1)", "w(k-6)"} <= lags
+    assert "w(k-2)" not in lags
+
+
+def test_orders_that_are_given_are_fitted_as_ever_and_compare_nothing():
+    data = made()
+    assert ARX(na=2, nb=2) == ARX(na=2, nb=2, nk=1)
+    assert ARX() == ARX(na="chosen", nb="chosen", nk="chosen")
+    assert ARX(na=2, nb=2).fit(data).fit_info.candidates == ()
+    open_delay = ARX(na=2, nb=2, nk="chosen").fit(data)
+    given = ARX(na=2, nb=2, nk=3).fit(data)
+    assert open_delay.nk == 3
+    assert np.array_equal(open_delay.A, given.A)
+    assert np.array_equal(open_delay.B, given.B)
+
+
+def test_the_judged_free_run_is_the_models_own():
+    """Held-out errors are those of models fitted without the stretch, run by their own code."""
+    data = made(n=400, parts=4, measured=0.2)
+    choice = choose(data, na=2, nb=2, nk=1, offset=True)
+    trials = _Trials(data, Orders(2, (2,), (1,)), True, (0.0,))
+    squares, count = 0.0, 0
+    spans = _blocks(data, 2)
+    groups = [[i for i in range(len(spans)) if i % trials.folds == f] for f in range(trials.folds)]
+    measured = []
+    for group in groups:
+        train = join(*(data.rows(*spans[i]) for i in range(len(spans)) if i not in group))
+        model = ARX(na=2, nb=2, offset=True).fit(train)
+        for i in group:
+            run = model.simulate(data.rows(*spans[i]))
+            squares += np.sum(run.error[run.predicted] ** 2)
+            count += run.predicted.sum()
+            measured.append(run.measured[run.predicted])
+    assert choice.candidates[0].error == pytest.approx(np.sqrt(squares / count) / np.std(np.vstack(measured)), rel=1e-4)
+
+
+def test_criteria_are_those_of_the_literature():
+    data = made(n=500)
+    (candidate,) = choose(data, na=2, nb=2, nk=3, offset=False).candidates
+    parts = [data.rows(a, b) for a, b in _blocks(data, 4)]
+    model = ARX(na=2, nb=2, nk=3).fit(join(*parts))
+    info = model.fit_info
+    n, d = info.n_samples, 4
+    det = float(info.noise_std[0] ** 2) * (n - d) / n / np.std(data.y) ** 2
+    assert candidate.aic == pytest.approx(n * np.log(det) + 2 * d)
+    assert candidate.bic == pytest.approx(n * np.log(det) + d * np.log(n))
+    assert candidate.fpe == pytest.approx(det * (1 + d / n) / (1 - d / n))
+
+
+def test_unstable_candidates_lose():
+    """One lag of a growing oscillation that the data hold back fits a pole outside the circle."""
+    data = made(noise=0.0, measured=0.0)
+    t = np.arange(3000)
+    data = data.with_channel("y", data["y"] + 1e-3 * np.exp(0.004 * t))
+    model = ARX().fit(data)
+    ranked = model.fit_info.candidates
+    stable = [c.stable for c in ranked]
+    assert False in stable
+    assert True in stable
+    assert stable[0]
+    assert stable == sorted(stable, reverse=True)
+
+
+def test_noiseless_data_give_the_smallest_orders_that_explain_them():
+    model = ARX().fit(made(noise=0.0))
+    assert (model.na, model.nb, model.nk) == (2, 2, 3)
+
+
+@pytest.mark.parametrize("n", [9, 12])
+def test_too_short_data_are_said_in_a_sentence(n):
+    with pytest.raises(TooShortError, match=r"'made' has .* expected .*: record longer"):
+        ARX().fit(made(n=n))
+
+
+def test_short_data_are_given_fewer_candidates():
+    assert ARX().fit(made(n=60)).na <= 3
+
+
+def test_a_still_input_is_refused_by_name():
+    data = made()
+    with pytest.raises(ExcitationError, match="the input 'u'"):
+        ARX().fit(data.with_channel("u", np.ones(3000)))
+
+
+def test_words_that_are_no_order_are_refused():
+    with pytest.raises(ParameterError, match=r"^na is 'auto'; expected a whole number of at least 1"):
+        ARX(na="auto")
+
+
+def test_the_table_shows_every_criterion_and_the_choice_first(tmp_path):
+    model = ARX().fit(made())
+    table = orders_table(model.fit_info)
+    assert [c.heading for c in table.columns][:3] == ["orders", "coefficients", "free run [%]"]
+    assert table.rows[0].cells[0] == "na = 2, nb = 2, nk = 3"
+    assert "AIC" in table.to_text()
+    save(model, tmp_path / "model.json")
+    assert load(tmp_path / "model.json").fit_info.candidates == model.fit_info.candidates
+    with pytest.raises(ParameterError, match="compared no orders"):
+        orders_table(ARX(na=1, nb=1).fit(made()).fit_info)
+
+
+# ---- several speeds --------------------------------------------------------------------------------------------------
+
+
+def driven(seed=0, noise=0.01, n=1500, speeds=(10.0, 20.0), varying=False):
+    """Logs of a blended model with two lags, one experiment per speed, or one whose speed rises."""
+    models = tuple(
+        ARXModel(A=[-1.4, 0.5 + 0.01 * v], B=[0.01 * v, 0.005 * v], c=[0.1], dt=0.05, inputs=("delta",), outputs=("r",))
+        for v in (10.0, 20.0)
+    )
+    truth = MultiARXModel(models=models, speeds=(10.0, 20.0))
+    rng, parts = np.random.default_rng(seed), []
+    for v in speeds:
+        v_x = np.linspace(9.0, 21.0, n) if varying else np.full(n, v) + 0.02 * rng.standard_normal(n)
+        u = np.column_stack([rng.standard_normal(n), v_x])
+        x = np.zeros(len(truth.states))
+        y = np.zeros(n)
+        for k in range(n):
+            y[k] = x[0]
+            x = np.asarray(truth.step(x, u[k]))
+            x[0] += noise * rng.standard_normal()
+        parts.append(Dataset.from_arrays({"delta": u[:, 0], "v_x": v_x}, {"r": y}, 0.05, name="driven"))
+    return truth, join(*parts)
+
+
+@pytest.mark.parametrize("varying", [False, True], ids=["speed by speed", "a rising speed"])
+def test_models_at_all_speeds_come_back(varying):
+    truth, data = driven(varying=varying)
+    found = MultiARX(na=2, nb=2, speeds=(10.0, 20.0)).fit(data)
+    for ours, true in zip(found.models, truth.models, strict=True):
+        assert ours.A == pytest.approx(true.A, abs=0.03)
+        assert ours.B == pytest.approx(true.B, abs=0.01)
+        assert ours.c == pytest.approx(true.c, abs=0.02)
+    info = found.fit_info
+    true = np.concatenate([np.r_[-m.A.ravel(), m.B.ravel(), m.c] for m in truth.models])
+    assert info.names[0] == "r at 10 m/s: r(k-1)"
+    assert np.all(np.abs(info.values - true) < 4.5 * info.std)
+
+
+def test_at_one_speed_it_is_arx():
+    data = made()
+    data = data.with_channel("v_x", np.full(3000, 5.0), "m/s").select(inputs=("u", "v_x"))
+    found = MultiARX(na=2, nb=2, nk=3, speeds=(5.0,)).fit(data)
+    alone = ARX(na=2, nb=2, nk=3, offset=True).fit(data.select(inputs=("u",)))
+    assert found.models[0].A == pytest.approx(alone.A, rel=1e-9)
+    assert found.models[0].B == pytest.approx(alone.B, rel=1e-9)
+    assert found.models[0].c == pytest.approx(alone.c, abs=1e-10)
+    assert found.fit_info.covariance == pytest.approx(alone.fit_info.covariance, rel=1e-6, abs=1e-12)
+
+
+def test_lags_are_chosen_for_all_speeds_at_once(tmp_path):
+    _, data = driven()
+    model = MultiARX().fit(data)
+    assert model.speeds == pytest.approx((10.0, 20.0), rel=0.01)
+    assert {(m.na, m.nb, m.nk) for m in model.models} == {(2, 2, 1)}
+    assert len(model.fit_info.candidates) > 20
+    save(model, tmp_path / "model.json")
+    again = load(tmp_path / "model.json")
+    assert again.fit_info.candidates == model.fit_info.candidates
+
+
+def test_speeds_stand_where_the_data_are():
+    """Not in the gaps, where nothing would tell their coefficients."""
+    rng = np.random.default_rng(0)
+    v = np.concatenate([c + 0.1 * rng.standard_normal(3000) for c in (6.0, 11.6, 17.3, 23.0)])
+    assert chosen_speeds(v) == pytest.approx((6.0, 11.6, 17.3, 23.0), abs=0.1)
+    assert len(chosen_speeds(np.linspace(5, 30, 6000))) == 6
+    assert len(chosen_speeds(np.linspace(5, 30, 1100))) == 2
+    assert chosen_speeds(np.full(40, 7.0)) == (7.0,)
+
+
+def test_a_speed_that_was_not_driven_is_named():
+    with pytest.raises(ExcitationError, match="coefficients at 40 m/s open"):
+        MultiARX(na=2, nb=2, speeds=(10.0, 20.0, 40.0)).fit(driven()[1])
+
+
+def test_inputs_speeds_and_lengths_that_do_not_suit_are_said():
+    _, data = driven(n=300)
+    with pytest.raises(ParameterError, match="expected one, such as delta, and v_x"):
+        MultiARX().fit(data.select(inputs=("delta",)))
+    with pytest.raises(ParameterError, match="expected rising ones"):
+        MultiARX(speeds=(20.0, 10.0))
+    with pytest.raises(ParameterError, match=r"^nk is 0; expected"):
+        MultiARX(nk=0)
+    with pytest.raises(TooShortError, match=r"driven.*expected"):
+        MultiARX().fit(data.experiments[0].head(10))
+    with pytest.raises(TooShortError, match=r"driven.*expected"):
+        MultiARX(na=6, nb=6, speeds=(10.0, 15.0)).fit(data.experiments[0].head(30))
+
+
+def test_jobs_need_no_orders():
+    assert KINDS["arx"]() == ARX()
+    assert KINDS["multi-arx"]() == MultiARX()
+    entries = check_entries("multi-arx", json.loads('{"na": 1, "nb": 2, "speeds": [10, 20]}'), "model 1")
+    assert KINDS["multi-arx"](**entries) == MultiARX(na=1, nb=2, speeds=(10.0, 20.0))
+    assert KINDS["arx"](**check_entries("arx", {"nk": "chosen", "na": 2, "nb": 2}, "model 1")).nk == "chosen"
