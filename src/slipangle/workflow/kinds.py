@@ -78,9 +78,9 @@ KINDS.register("car")(WholeCar)
 @KINDS.register("arx")
 def _arx(
     *,
-    na: Lags | Chosen = "chosen",
-    nb: PerInput | Chosen = "chosen",
-    nk: PerInput | Chosen | None = None,
+    na: Chosen | Lags = "chosen",
+    nb: Chosen | PerInput = "chosen",
+    nk: Chosen | PerInput | None = None,
     offset: bool = False,
 ) -> Estimator:
     return ARX(na=na, nb=nb, nk=nk, offset=offset)
@@ -89,9 +89,9 @@ def _arx(
 @KINDS.register("multi-arx")
 def _multi_arx(
     *,
-    na: Lags | Chosen = "chosen",
-    nb: Lags | Chosen = "chosen",
-    nk: Lags | Chosen | None = None,
+    na: Chosen | Lags = "chosen",
+    nb: Chosen | Lags = "chosen",
+    nk: Chosen | Lags | None = None,
     speeds: tuple[float, ...] = (),
     offset: bool = True,
 ) -> Estimator:
