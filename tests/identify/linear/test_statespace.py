@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
+from slipangle.identify.linear import subspace
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.linear.predictor import Bank, Triangles
@@ -332,6 +333,25 @@ def test_stability_limit_holds():
     assert np.abs(model.poles).max() <= 0.98 + 1e-12
 
 
+@pytest.mark.parametrize("order", [1, 2, 4])
+def test_order_by_cross_validation_refines_few(order, monkeypatch):
+    """The right order, and what it costs: one factorisation, and the order's neighbours refined."""
+    counted = {"project": 0, "refined": 0}
+    for owner, name, key in ((subspace, "project", "project"), (PEM, "_fit", "refined")):
+        own = getattr(owner, name)
+
+        def counting(*args, own=own, key=key, **kwargs):
+            counted[key] += 1
+            return own(*args, **kwargs)
+
+        monkeypatch.setattr(owner, name, counting)
+    data, _ = record(system(order, 1, 1, 30 + order, gain=0.3), 2000, 9, noise=0.3)
+    choice = StateSpace(order=tuple(range(1, 9)), direct=True).choose_order(data)
+    assert choice.order == order
+    assert counted["project"] == 1
+    assert counted["refined"] == len(choice.refined) <= 5
+
+
 def test_order_by_cross_validation():
     m = system(3, 1, 1, 16, gain=0.3)
     data, _ = record(m, 2500, 8, noise=0.3)
@@ -340,6 +360,7 @@ def test_order_by_cross_validation():
     assert choice.errors[2] < 0.99 * choice.errors[1]
     assert choice.errors.min() > 0.99 * choice.errors[2]
     assert choice.holdout == "the last 25 % of the record"
+    assert {2, 3, 4} <= set(choice.refined)
     parts = join(*(record(m, 500, 40 + i, noise=0.3)[0] for i in range(3)))
     assert "3 groups" in StateSpace(order=(3,), direct=True).choose_order(parts).holdout
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
@@ -15,6 +16,7 @@ from slipangle.identify.linear.pem import PEM, Focus, Offsets
 from slipangle.identify.linear.subspace import Algorithm, Subspace, project
 from slipangle.identify.stability import breakdown_said, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.numerics.blas import one_blas_thread
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,12 +24,14 @@ class OrderChoice:
     """How an order was chosen."""
 
     orders: tuple[int, ...]  # candidates
-    # (n_orders,), error on held-out data, in units of the outputs' standard deviations; infinite where the fit failed
+    # (n_orders,), error on held-out data, in units of the outputs' standard deviations; infinite where the fit failed;
+    # of the subspace start where the order was out of question without refinement
     errors: np.ndarray
     singular_values: np.ndarray  # (n,), of the subspace projection of all data
     order: int  # the smallest order within 1 % of the least error, or below which nothing but rounding is left
     holdout: str  # what the errors were measured on
     failures: tuple[str, ...] = ()  # why an order could not be judged
+    refined: tuple[int, ...] = ()  # orders whose errors are those of refined models
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,20 +95,34 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
     def choose_order(self, data: Dataset) -> OrderChoice:
         """Compare the candidate orders on data that their fits have not seen.
 
+        Subspace models of all orders come from one factorisation. Around the smallest order that predicts like the best
+        of them, orders are refined as long as one more helps, or one less does no harm: a few fits in all, for each
+        group that is held out.
+
         Raises ParameterError if no candidate could be fitted; the reasons are given.
         """
         orders = (self.order,) if isinstance(self.order, int) else tuple(sorted(set(self.order)))
         folds, holdout = self._folds(data)
-        errors, failures = np.full(len(orders), np.inf), []
-        for i, order in enumerate(orders):
+        failures: dict[int, str] = {}
+        starts = [self._starts(train, orders, failures) for train, _ in folds]
+
+        def judge(at: int, refine: bool) -> float:
+            squares, order = [], orders[at]
             try:
-                with breakdown_said("the state space", data):
-                    squares = [self._error(self._of_order(train, order), test) for train, test in folds]
-                errors[i] = np.sqrt(np.mean(squares))
+                with breakdown_said("the state space", data), one_blas_thread():
+                    for (train, test), found in zip(folds, starts, strict=True):
+                        if order not in found:
+                            return np.inf
+                        model = self._refined(found[order], train, _STEPS) if refine else found[order]
+                        squares.append(self._error(model, test))
             except SlipangleError as reason:
-                failures.append(f"order {order}: {reason}")
+                failures.setdefault(order, f"order {order}: {reason}")
+                return np.inf
+            return float(np.sqrt(np.mean(squares)))
+
+        errors, refined = _searched(judge, len(orders))
         if not np.isfinite(errors).any():
-            raise ParameterError(f"no order among {list(orders)} could be fitted; {failures[0]}")
+            raise ParameterError(f"no order among {list(orders)} could be fitted; {next(iter(failures.values()))}")
         best = next(o for o, e in zip(orders, errors, strict=True) if e <= 1.01 * max(errors.min(), _EXACT))
         start = Subspace(order=max(orders), algorithm=self.algorithm, block_rows=self.block_rows)
         shown = project(data, algorithm=self.algorithm, block_rows=start.rows(data), offset=self.offsets != "none")
@@ -114,8 +132,23 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
             singular_values=shown.singular_values,
             order=best,
             holdout=holdout,
-            failures=tuple(failures),
+            failures=tuple(failures[o] for o in orders if o in failures),
+            refined=tuple(orders[i] for i in refined),
         )
+
+    def _starts(self, data: Dataset, orders: tuple[int, ...], failures: dict[int, str]) -> dict[int, StateSpaceModel]:
+        """Subspace models of all orders from one factorisation, that of the largest order which the data allow."""
+        found: dict[int, StateSpaceModel] = {}
+        projection = None
+        for order in reversed(orders):
+            try:
+                with breakdown_said("the state space", data), one_blas_thread():
+                    subspace = self._subspace(order)
+                    projection = subspace.projected(data) if projection is None else projection
+                    found[order] = subspace.of(projection, data)
+            except SlipangleError as reason:
+                failures.setdefault(order, f"order {order}: {reason}")
+        return found
 
     def _folds(self, data: Dataset) -> tuple[list[tuple[Dataset, Dataset]], str]:
         parts = data.experiments
@@ -134,17 +167,47 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         return float(np.mean(run.error[run.predicted] ** 2 / np.var(test.y, axis=0)))
 
     def _of_order(self, data: Dataset, order: int) -> StateSpaceModel:
-        projected: Any = {name: getattr(self, name) for name in ("algorithm", "block_rows", "direct")}
-        projected |= {"offset": self.offsets != "none", "disturbance": self.focus == "prediction"}
-        start = Subspace(order=order, **projected)._fit(data)
-        shared = ("focus", "offsets", "direct", "weights", "max_radius", "max_iterations")
-        refined = PEM(start=start, **{name: getattr(self, name) for name in shared})._fit(data)
+        start = self._subspace(order)._fit(data)
+        refined = self._refined(start, data, self.max_iterations)
         info = refined.fit_info
         if info is not None and start.fit_info is not None:
             info = replace(info, method=f"{info.method}; start: {start.fit_info.method}")
         return replace(refined, fit_info=info, memory=self.memory or refined.memory)
 
+    def _subspace(self, order: int) -> Subspace:
+        given: Any = {name: getattr(self, name) for name in ("algorithm", "block_rows", "direct")}
+        return Subspace(order=order, offset=self.offsets != "none", disturbance=self.focus == "prediction", **given)
 
+    def _refined(self, start: StateSpaceModel, data: Dataset, steps: int) -> StateSpaceModel:
+        shared: Any = {name: getattr(self, name) for name in ("focus", "offsets", "direct", "weights", "max_radius")}
+        return PEM(start=start, max_iterations=min(steps, self.max_iterations), **shared)._fit(data)
+
+
+def _searched(judge: Callable[[int, bool], float], count: int) -> tuple[np.ndarray, list[int]]:
+    """Errors of all orders, and which of them are of refined models, the chosen one and its neighbours among them.
+
+    ``judge`` tells the error of the order at a place, unrefined or refined.
+    """
+    errors, refined = np.array([judge(i, False) for i in range(count)]), list[int]()
+
+    def refine(at: int) -> float:
+        if at not in refined:
+            errors[at] = judge(at, True)
+            refined.append(at)
+        return float(errors[at])
+
+    best = int(np.argmax(errors <= 1.01 * max(errors.min(), _EXACT)))
+    while refine(best) > _EXACT and best + 1 < count and refine(best + 1) * 1.01 < errors[best]:
+        best += 1
+    least = max(float(np.min(errors[refined])), _EXACT)
+    while best > 0 and refine(best - 1) <= 1.01 * least:
+        best -= 1
+    for at in np.flatnonzero(errors * 1.01 < least):  # a start that beats what was refined is worth refining too
+        refine(int(at))
+    return errors, sorted(refined)
+
+
+_STEPS = 20  # of a refinement that is only to tell orders apart
 _EXACT = 1e-6  # error in standard deviations of the outputs, below which orders differ by rounding
 _ASTRAY = (
     "the free-run fit ended at a pole of modulus {size:.6g}, and from the first samples of its own training data that "

@@ -60,8 +60,15 @@ class Subspace(LinearEstimator[StateSpaceModel]):
 
     @one_blas_thread()
     def _fit(self, data: Dataset) -> StateSpaceModel:
+        return self.of(self.projected(data), data)
+
+    def projected(self, data: Dataset) -> ObliqueProjection:
+        """The factorisation that models of any order up to this one are read from."""
+        return project(data, algorithm=self.algorithm, block_rows=self.rows(data), offset=self.offset)
+
+    def of(self, projection: ObliqueProjection, data: Dataset) -> StateSpaceModel:
+        """Model of this order from a projection of the data."""
         began = time.perf_counter()
-        projection = project(data, algorithm=self.algorithm, block_rows=self.rows(data), offset=self.offset)
         order = self.order or suggest_order(projection.singular_values)
         A, C = projection.observability(order)
         K = projection.gain(order, A, C) if self.disturbance else np.zeros((order, len(C)))
