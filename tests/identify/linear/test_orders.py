@@ -148,6 +148,12 @@ def test_a_still_input_is_refused_by_name():
         ARX().fit(data.with_channel("u", np.ones(3000)))
 
 
+def test_one_input_twice_is_refused_rather_than_spread_over_lags():
+    data = made()
+    with pytest.raises(ExcitationError, match="the inputs w of 'made' are linear combinations of u"):
+        ARX().fit(data.with_channel("w", 2 * data["u"]).select(inputs=("u", "w")))
+
+
 def test_words_that_are_no_order_are_refused():
     with pytest.raises(ParameterError, match=r"^na is 'auto'; expected a whole number of at least 1"):
         ARX(na="auto")

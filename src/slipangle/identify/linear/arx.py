@@ -12,7 +12,7 @@ from scipy import linalg
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
 from slipangle.fields import Count, Whole
-from slipangle.identify.excitation import require_identifiable
+from slipangle.identify.excitation import require_identifiable, require_independent
 from slipangle.identify.linear.estimator import LinearEstimator, channels, described
 from slipangle.identify.linear.lags import PerInput, Windows, triangle
 from slipangle.identify.linear.orders import Chosen, choose
@@ -65,6 +65,7 @@ class ARX(LinearEstimator[ARXModel]):
         """The fit of the orders that did best; where all data cannot tell its regressors apart, of the next ones."""
         began = time.perf_counter()
         require_identifiable(data, len(data.outputs) + len(data.inputs) + self.offset)
+        require_independent(data)  # else the choice would share one effect among lags of several inputs
         given: Any = {n: per_input(v, n, data) if isinstance(v, int | tuple) else v for n, v in self._per_input}
         choice = choose(data, na=self.na, offset=self.offset, **given)
         refused: ExcitationError | None = None
