@@ -1,11 +1,11 @@
-"""The command line: ``slipangle demo | run | list | data | reproduce | bench``."""
+"""The command line: ``slipangle demo | run | inspect | advise | list | data | reproduce | bench``."""
 
 import argparse
 import re
 import sys
 from collections.abc import Sequence
 
-from slipangle.commands import Commands, data, job, listing, models, reproduce, run, search, tire
+from slipangle.commands import Commands, data, job, listing, log, models, reproduce, run, search, tire
 from slipangle.errors import SlipangleError
 
 _STORY = """\
@@ -14,13 +14,16 @@ From a vehicle's drive log to an identified model to a predictive controller.
 Start here:
   slipangle demo                              the whole job on a built-in car, no data needed
   slipangle run examples/ferrari_250lm.toml   the same on a real race car's log
+  slipangle inspect log.csv                   what is wrong with a log, before anything is fitted
+  slipangle advise job.toml                   what to drive next
   slipangle list                              kinds of models, signals, controllers and so on, added ones too
   slipangle data list                         public data sets, with licence and origin
   slipangle reproduce table-8.2               a table of the thesis, with our number beside the printed one
 """
 _EXITS = """\
-Exit code: 0 done, 1 a bound did not hold, a file is not the published one, or some models of a job could not be
-fitted while others are kept, 2 bad input (one sentence on standard error says what to do)."""
+Exit code: 0 done, 1 a bound did not hold, a file is not the published one, channels contradict each other, or
+some models of a job could not be fitted while others are kept, 2 bad input (one sentence on standard error says
+what to do)."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -54,7 +57,7 @@ def _parser() -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(prog="slipangle", description=_STORY, epilog=_EXITS, formatter_class=raw)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for group in (job, models, search, tire, listing, data, reproduce):
+    for group in (job, log, models, search, tire, listing, data, reproduce):
         group.add(Commands(commands))
     return parser
 

@@ -70,7 +70,7 @@ def _validate(options: argparse.Namespace) -> Answer:
     from slipangle.identify.judge.validate import validate
     from slipangle.workflow.job import plain
 
-    models = _models(options.models)
+    models = load_models(options.models)
     name, model = next(iter(models.items()))
     with warnings.catch_warnings(action="ignore", category=ModelWarning):  # printed below
         verdict = validate(model, _test(options), name=name)
@@ -93,7 +93,7 @@ def _compare(options: argparse.Namespace) -> Answer:
         check_output(options.out)
     test = _test(options)
     with warnings.catch_warnings(action="ignore", category=ModelWarning):  # printed below
-        result = compare(_models(options.models), test)
+        result = compare(load_models(options.models), test)
         page = None
         if options.out:
             command = f"slipangle compare {' '.join(options.models)} --data {options.data}"
@@ -126,7 +126,8 @@ def _test(options: argparse.Namespace) -> Dataset:
     return data if options.whole else data.split(settings.data.train)[1]
 
 
-def _models(files: list[str]) -> dict[str, Model]:
+def load_models(files: list[str]) -> dict[str, Model]:
+    """Saved models by the names of their files."""
     from slipangle.models.model import Model
     from slipangle.models.storage import load
 
