@@ -10,14 +10,19 @@ from typing import Any
 import numpy as np
 
 from slipangle.data.dataset import Dataset
+from slipangle.data.quality.delay import STEERING
 from slipangle.data.signals import excitation as excite
 from slipangle.errors import ParameterError
 from slipangle.identify.physics.simulation_error import FreeRunProblem, Minimum
+from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.numerics import covariance as uncertainty
 
 _LATERAL = ("v_y", "r", "beta", "delta_w", "a_y")  # states that are zero when driving straight
 _SPEEDS = (0.6, 1.0, 1.4)  # of the log's median speed
+_FASTER = 1.05  # highest speed over the log's
 _HARDER = 1.5  # largest input over the largest one of the log
+_GENTLE = 0.5 * GRAVITY  # lateral acceleration that every car holds on a dry road [m/s2]
+_SIDEWAYS = 1.1  # largest lateral acceleration, and steering times speed squared, over those of the log
 _ROBOT = 1.5  # how much better a manoeuvre that only a robot can steer must be than one that a driver can
 _HELPS = 0.7  # expected over present standard deviation, above which a manoeuvre is no advice
 
@@ -58,10 +63,13 @@ def advise(
     """Manoeuvres ranked by how well they would determine a parameter, best first.
 
     Steps, sweeps, ramps and random binary sequences of every input, at several speeds where the speed is an input or a
-    state, are simulated with the fitted model, each scaled so that it moves no output by more than the log did. Its
-    Fisher information, with the log's noise, is added to the log's own [1]_. What only a robot can steer ranks behind
-    what a driver can, unless it is half as good again. All this holds near the fitted values: where those are far off,
-    drive what is advised, fit again, and ask again.
+    state, are simulated with the fitted model, each scaled so that it moves no output by more than the log did. The car
+    must be able to drive them: no speed is above the log's by more than 5 %, no ``v_x r`` by more than 10 %. Steering
+    times speed squared, which bounds the lateral acceleration even where the model is wrong, stays within 10 % of the
+    log's too, or ``harder`` times that where it asks for less than 0.5 g. A manoeuvre's Fisher information, with the
+    log's noise, is added to the log's own [1]_. What only a robot can steer ranks behind what a driver can, unless it
+    is half as good again. All this holds near the fitted values: where those are far off, drive what is advised, fit
+    again, and ask again.
 
     Raises ParameterError if the model is no fit, or the parameter was not free.
 
@@ -212,19 +220,21 @@ def _candidates(
     for name in moving:
         most = harder * float(np.abs(data[name] - rest[name]).max())
         unit = data.unit(name)
-        for share in _SPEEDS if fast else (1.0,):
+        for share in _shares(data) if fast else (1.0,):
             inputs = {c: np.full(n, v) for c, v in rest.items() if c in model.inputs}
             where = ""
             if fast and speed is not None:
                 where = f" at {share * speed:.3g} m/s"
                 if "v_x" in inputs:
                     inputs["v_x"] = np.full(n, share * speed)
-            trial = _Trial(problem, found, inputs, _straight(problem, share), name)
+            now = abs(share * speed) if speed is not None else None
+            trial = _Trial(problem, found, inputs, _straight(problem, share), name, now)
+            size = min(most, trial.steered(rest[name], harder))
             for text, wave in waves.items():
-                driven = trial.within_range(wave, most)
+                driven = trial.within_range(wave, size)
                 if driven is not None:
-                    rows, made, size = driven
-                    what = text.format(f"{name} (±{size:.2g}{'' if unit == '-' else ' ' + unit})")
+                    rows, made, used = driven
+                    what = text.format(f"{name} (±{used:.2g}{'' if unit == '-' else ' ' + unit})")
                     states = model.ode.states
                     extra = {"v_x": np.full(n, trial.x0[states.index("v_x")])} if "v_x" in states else {}
                     seen = zip(model.outputs, rows[:, :, 0].T, strict=True)
@@ -233,6 +243,13 @@ def _candidates(
                     units = {c: data.unit(c) for c in (*made, *outputs)}
                     log = Dataset.from_arrays(made, outputs, dt, extra=extra, units=units, name="manoeuvre")
                     yield f"{what}{where} for {(n - m) * dt:.3g} s", rows, log
+
+
+def _shares(data: Dataset) -> list[float]:
+    """Speeds over the median one, none beyond what the car did."""
+    speed = np.abs(data["v_x"])
+    most = _FASTER * float(speed.max()) / max(float(np.median(speed)), 1e-12)
+    return sorted({min(share, most) for share in _SPEEDS})
 
 
 def _straight(problem: FreeRunProblem, share: float) -> np.ndarray:
@@ -250,13 +267,34 @@ class _Trial:
     """Manoeuvres of one input from one state, the other inputs at rest."""
 
     def __init__(
-        self, problem: FreeRunProblem, found: Minimum, inputs: dict[str, np.ndarray], x0: np.ndarray, name: str
+        self,
+        problem: FreeRunProblem,
+        found: Minimum,
+        inputs: dict[str, np.ndarray],
+        x0: np.ndarray,
+        name: str,
+        speed: float | None,
     ) -> None:
-        self.problem, self.inputs, self.x0, self.name = problem, inputs, x0, name
+        self.problem, self.inputs, self.x0, self.name, self.speed = problem, inputs, x0, name, speed
         self.p = problem.parameters(0, found.z)
         y = problem.data.y
         self.seen = np.maximum(np.abs(y - np.median(y, axis=0)).max(axis=0), 1e-12)
+        outputs, data = list(problem.model.outputs), problem.data
+        if "r" in outputs and speed and "v_x" in data:  # the car need not hold at 30 m/s the yaw rate of a hairpin
+            j = outputs.index("r")
+            turn = _SIDEWAYS * float(np.abs(data["v_x"] * data["r"]).max()) / speed
+            self.seen[j] = max(min(self.seen[j], turn), 1e-12)
         self.undriven = self._run(inputs)[:, :, 0]
+
+    def steered(self, rest: float, harder: float) -> float:
+        """Largest steering that the log's lateral acceleration allows at this speed, whatever the model makes of it."""
+        data = self.problem.data
+        if self.name not in STEERING or not self.speed or "v_x" not in data:
+            return float("inf")
+        asked = float((np.abs(data[self.name] - rest) * data["v_x"] ** 2).max())
+        model = self.problem.model
+        gentle = _GENTLE * model.value("wheelbase") if "wheelbase" in model.parameter_names else 0.0
+        return max(_SIDEWAYS * asked, min(harder * asked, gentle)) / self.speed**2
 
     def _run(self, made: dict[str, np.ndarray]) -> np.ndarray:
         model, n = self.problem.model, len(made[self.name])
