@@ -80,6 +80,14 @@ def test_units_are_named_without_an_accelerometer_too(name):
     assert any(said in sentence for sentence in doubts(without_a_y(data), wheelbase=LENGTH))
 
 
+@pytest.mark.parametrize("speed", [9.0, 14.0, 19.0, 25.0, 35.0])
+def test_one_speed_alone_raises_no_doubt_and_shows_degrees(speed):
+    data = drive(speed, 7)
+    assert doubts(without_a_y(data), wheelbase=LENGTH) == ()
+    turned = data.with_channel("delta", np.rad2deg(data["delta"]), "rad")
+    assert "degrees" in doubts(without_a_y(turned), wheelbase=LENGTH)[0]
+
+
 def test_a_sound_log_raises_no_doubt():
     assert doubts(clean(), wheelbase=LENGTH) == ()
     assert doubts(without_a_y(clean()), wheelbase=LENGTH) == ()

@@ -16,6 +16,7 @@ _SHARES = (
     (0.115, 0.36, "v_x is logged in km/h: declare its unit as km/h"),
     (15.0, 120.0, "r is logged in deg/s: declare its unit as deg/s"),
 )
+_SPEEDS = 0.2  # range of speeds over their mean, from which understeer shows
 _STUCK, _LATE = 1.0, 0.15  # s
 LONGEST_STEP = 0.5  # s, between samples of a car that is steered
 
@@ -115,13 +116,16 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float) -> list[str]:
         ]
     if agree < 0.4:
         return []
-    table = np.column_stack([delta, -v * r * wheelbase, np.ones(len(v))])
+    columns, speeds = [delta, np.ones(len(v))], float(np.ptp(v)) > _SPEEDS * float(v.mean())
+    if speeds:  # understeer, which at one speed cannot be told from the steering's gain
+        columns.insert(1, -v * r * wheelbase)
+    table = np.column_stack(columns)
     scale = np.maximum(np.abs(table).max(axis=0), 1e-300)
     gain = float(np.linalg.lstsq(table / scale, asked, rcond=None)[0][0] / scale[0])
     return [
         f"r wheelbase / v_x is about {gain:.2g} of delta: {words.format(ratio=0.8 / gain)}"
         for low, high, words in _SHARES
-        if low < gain <= high
+        if low < gain <= high and (speeds or "km/h" not in words)
     ]
 
 
