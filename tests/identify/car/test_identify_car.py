@@ -98,6 +98,7 @@ def test_yaw_rate_alone_is_within_or_said_not_to_be_separable():
     for name in ("C_f", "C_r", "inertia_z"):
         low, high = found.interval(name)
         assert low <= TRUE[name] <= high or not found.separated[name]
+        assert low > 0
     for name in (n for n, fine in found.separated.items() if not fine):
         assert any(s.startswith(f"{name} cannot be separated") for s in found.sentences)
 

@@ -149,6 +149,8 @@ class WholeCar(Checked):
         floor = _FLOOR if "v_y" in outputs else _FLOOR_ALONE
         for i in range(len(STIFF)):
             limits[i] += np.array([-1.0, 1.0]) * floor * final.values[names[i]]
+        lowest, highest = final.problem.ranges
+        limits = np.clip(limits, lowest[:, None], highest[:, None])
         separated = _separated(names, final, limits)
         wrong = (*suspect, *_sensors(final, spread, self.steering_gain))
         changes = _changes(stages)
