@@ -134,7 +134,8 @@ def _window(data: Dataset, longest: float) -> int:
     """Samples of a window: the longest up to ``10 longest`` of which all experiments together hold enough."""
     lengths = np.array([len(p) for p in data.experiments])
     least = max(16, int(np.ceil(4 * longest / data.dt - 1e-9)))
-    for n in range(round(10 * longest / data.dt), least - 1, -1):
+    most = min(round(10 * longest / data.dt), int(lengths.sum()) // _WINDOWS)  # longer ones are too few
+    for n in range(most, least - 1, -1):
         overlapping = np.where(lengths < n, 0, (lengths - n) // (n // 2) + 1).sum()
         if (lengths // n).sum() >= _WINDOWS and overlapping >= 1.5 * _WINDOWS:
             return n
