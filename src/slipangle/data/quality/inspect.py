@@ -263,7 +263,7 @@ def _offsets(data: Dataset) -> tuple[Offset, ...]:
     return tuple(offsets)
 
 
-def _rests(data: Dataset, name: str) -> list[tuple[int, int]]:
+def resting(data: Dataset, name: str) -> list[tuple[int, int]]:
     """Rows (start, stop) over which a channel does not change, at least two samples long."""
     rests, offset = [], 0
     for part in data.experiments:
@@ -277,7 +277,7 @@ def _rests(data: Dataset, name: str) -> list[tuple[int, int]]:
 def _stretch(data: Dataset, name: str) -> Stretch | None:
     if not _moves(data[name]):
         return None
-    long = [(a, b) for a, b in _rests(data, name) if (b - a) * data.dt > _HELD]
+    long = [(a, b) for a, b in resting(data, name) if (b - a) * data.dt > _HELD]
     if not long:
         return None
     a, b = max(long, key=lambda r: r[1] - r[0])
@@ -290,7 +290,7 @@ def _clippings(data: Dataset, name: str) -> list[Clipping]:
     if len(np.unique(x)) <= _FEW_LEVELS:
         return []
     clippings = []
-    rests = [(a, b) for a, b in _rests(data, name) if b - a >= 5]
+    rests = [(a, b) for a, b in resting(data, name) if b - a >= 5]
     for value in (float(x.max()), float(x.min())):
         rows = sum(b - a for a, b in rests if x[a] == value)
         visits = sum(1 for a, _ in rests if x[a] == value)
@@ -305,7 +305,7 @@ def _resolution(data: Dataset, name: str) -> Resolution:
     step = level_step(x)
     parts = data.experiments
     still = sum(int((np.diff(p[name]) == 0).sum()) for p in parts)
-    rests = sum(b - a - 1 for a, b in _rests(data, name) if (b - a) * data.dt > 0.2)
+    rests = sum(b - a - 1 for a, b in resting(data, name) if (b - a) * data.dt > 0.2)
     pairs = max(sum(len(p) - 1 for p in parts) - rests, 1)
     repeats = (still - rests) / pairs if _moves(x) and not step else 0.0
     return Resolution(channel=name, step=step, repeats=repeats, unit=data.unit(name), rate=1 / data.dt)

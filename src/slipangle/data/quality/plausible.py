@@ -6,6 +6,7 @@ import numpy as np
 from scipy import signal
 
 from slipangle.data.dataset import Dataset
+from slipangle.data.quality.inspect import resting
 
 _SLOW = 0.7  # Hz, below which a car nearly follows its steering
 # Share of the logged angle that the motion asks for, about half of the truth to all of it where lags are long, and what
@@ -131,19 +132,16 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float) -> list[str]:
 
 def _stuck(data: Dataset) -> list[str]:
     """Sensors that stay at one value while the car is steered."""
-    said = []
+    said, steers, fastest = [], 0.2 * np.std(data["delta"]), 0.3 * np.max(data["v_x"])
+    experiments = set(zip(data.starts, data.stops, strict=True))
     for name in ("r", "v_y", "a_y", "v_x"):
         if name not in data or np.ptp(data[name]) == 0:
             continue
         longest = 0.0
-        for part in data.experiments:
-            still = np.concatenate([[0], (np.diff(part[name]) == 0).astype(int), [0]])
-            edges = np.flatnonzero(np.diff(still)).reshape(-1, 2)
-            for a, b in edges:
-                moved = np.ptp(part["delta"][a : b + 1]) > 0.2 * np.std(data["delta"])
-                whole = name == "v_x" and b - a >= len(part) - 1  # driven, or simulated, at one speed
-                if moved and not whole and np.max(part["v_x"][a : b + 1]) > 0.3 * np.max(data["v_x"]):
-                    longest = max(longest, (b - a) * data.dt)
+        for a, b in resting(data, name):
+            whole = name == "v_x" and (a, b) in experiments  # driven, or simulated, at one speed
+            if not whole and np.ptp(data["delta"][a:b]) > steers and np.max(data["v_x"][a:b]) > fastest:
+                longest = max(longest, (b - a - 1) * data.dt)
         if longest > _STUCK:
             said.append(
                 f"{name} is stuck at one value for {longest:.2g} s while the car is steered: cut that out, or mend the "

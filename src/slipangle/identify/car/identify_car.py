@@ -215,10 +215,13 @@ def _climb(
     """The structure that predicts held-out stretches best; the stages on the way; the corrections that did not help."""
     best, at = first, errors(first.model, held)
     stages = [_stage("the linear bicycle", True, first, at, 0.0)]
-    waiting, dropped = list(tried), list(tried)
+    dropped, failed_on = list(tried), dict[str, Fitted]()
     for _ in range(2):  # what did not help a poor model may help a better one
-        dropped = []
+        waiting, dropped = dropped, []
         for correction in waiting:
+            if failed_on.get(correction.said) is best:
+                dropped.append(correction)
+                continue
             other = corrected(best, correction, train)
             then = errors(other.model, held)
             kept = helps(best, other, at, then)
@@ -226,10 +229,8 @@ def _climb(
             if kept:
                 best, at = other, then
             else:
+                failed_on[correction.said] = best
                 dropped.append(correction)
-        if len(dropped) in (0, len(waiting)) or len(waiting) == 1:
-            break
-        waiting = dropped
     return best, stages, dropped
 
 
@@ -251,11 +252,7 @@ def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[Fit
 
 
 def _separated(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> dict[str, bool]:
-    return {
-        name: bool(np.ptp(limits[names.index(name)]) / 2 < _WIDE * abs(final.values[name]))
-        for name in STIFF
-        if name in names
-    }
+    return {name: bool(np.ptp(limits[names.index(name)]) / 2 < _WIDE * abs(final.values[name])) for name in STIFF}
 
 
 def _changes(stages: list[Stage]) -> list[str]:
