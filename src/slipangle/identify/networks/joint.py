@@ -261,7 +261,7 @@ class _Fit:
         return hessian + np.diag(self.precision), gradient + self.precision * (theta - self.centre)
 
     def search(self) -> LevenbergMarquardt:
-        """Steps projected onto the bounds of the parameters."""
+        """Steps within the bounds of the parameters."""
 
         def linearise(theta: np.ndarray) -> Factors:
             return *cholesky(*self.linearised(theta)), None
@@ -270,6 +270,7 @@ class _Fit:
             cost=self.cost,
             linearise=linearise,
             move=lambda theta, _, eta: np.clip(theta + eta, self.lower, self.upper),
+            room=lambda theta: (self.lower - theta, self.upper - theta),
             steady=True,
         )
 
