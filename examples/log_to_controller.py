@@ -23,8 +23,8 @@ train, test = log.resample(0.05, cutoff=8.0).hold_mean().split(0.7)
 known = sa.BicycleParams(mass=2500, wheelbase=2.7, l_f=1.35, inertia_z=4000, C_f=6e4, C_r=6e4)
 start = sa.Bicycle(params=known, dt=train.dt, outputs=("v_y", "r"))
 bicycle = sa.GreyBox(start=start, free=("C_f", "C_r", "inertia_z")).fit(train)
-verdict = sa.validate(bicycle, test)
-print({name: f"fit {score.fit:.1f} %" for name, score in verdict.free_run_scores.items()})
+verdict = sa.validate(bicycle, test, train=train)  # beside simple models of the same data, and the noise
+print(*(stands.sentence for stands in verdict.standing.values()), sep="\n")
 
 # model -> controller -> closed loop with the car itself, wheel spin and saturating tires included
 mpc = sa.MPC(

@@ -78,6 +78,26 @@ def test_demo_numbers(demo):
     assert bicycle["parameters"]["inertia_z"]["value"] == pytest.approx(2200.0, rel=0.08)
 
 
+def test_a_verdict_stands_beside_simple_models_and_the_noise(demo, tmp_path, capsys):
+    """Words, numbers and page agree, and 'validate' on the saved model says the same."""
+    found = json.loads((demo / "metrics.json").read_text())["models"]
+    stands = found["bicycle"]["standing"]["r"]
+    assert stands["word"] == "good"
+    assert list(stands["simple_models"]) == ["mean", "kinematic", "quasi-steady", "linear with lag"]
+    fits = {name: score["fit"] for name, score in stands["simple_models"].items()}
+    assert max(fits.values()) < found["bicycle"]["free_run"]["r"]["fit"] <= stands["highest_fit"] < 100
+    page = (demo / "index.html").read_text().replace("\N{NO-BREAK SPACE}", " ")
+    assert "where its noise leaves at most" in page
+    best = max(fits, key=fits.__getitem__)
+    assert f"the best of the simple models ({best}) {fits[best]:.1f} %" in page
+    assert "quasi-steady, a simple model" in page
+    assert main(["identify", str(demo / "demo.toml"), "--out", str(tmp_path), "--json"]) == 0
+    file = json.loads(capsys.readouterr().out)["bicycle"]["file"]
+    assert main(["validate", file, "--data", str(demo / "demo.toml"), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)["standing"]["r"]
+    assert re.search(rf"^fits {found['bicycle']['free_run']['r']['fit']:.1f} % of r where .*: good, it takes off", said)
+
+
 def test_demo_can_be_run_again_from_its_own_files(demo, tmp_path, capsys):
     assert main(["run", str(demo / "demo.toml"), "--out", str(tmp_path / "again"), "--json"]) == 0
     out = capsys.readouterr().out

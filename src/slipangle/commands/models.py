@@ -73,16 +73,18 @@ def _validate(options: argparse.Namespace) -> Answer:
     models = load_models(options.models)
     name, model = next(iter(models.items()))
     with warnings.catch_warnings(action="ignore", category=ModelWarning):  # printed below
-        verdict = validate(model, _test(options), name=name)
+        train, test = _parts(options)
+        verdict = validate(model, test, train=train, name=name)
     free, one_step = verdict.free_run_scores, verdict.one_step_scores
+    stands = {output: s.sentence for output, s in verdict.standing.items()}
     said = [s for tests in verdict.residuals.values() for s in tests.sentences]
     words = [
         f"{kind:16} {output:8} fit {s.fit:7.2f} %   VAF {s.vaf:7.2f} %   RMSE {s.rmse:.4g}   R2 {s.r2:.4f}"
         for kind, scores in (("free run", free), ("one-step-ahead", one_step))
         for output, s in scores.items()
     ]
-    numbers = {"free_run": plain(free), "one_step_ahead": plain(one_step), "residuals": said}
-    return Answer(numbers, "\n".join([*words, *said]))
+    numbers = {"free_run": plain(free), "one_step_ahead": plain(one_step), "residuals": said, "standing": stands}
+    return Answer(numbers, "\n".join([*words, *stands.values(), *said]))
 
 
 def _compare(options: argparse.Namespace) -> Answer:
@@ -91,7 +93,7 @@ def _compare(options: argparse.Namespace) -> Answer:
 
     if options.out:
         check_output(options.out)
-    test = _test(options)
+    _, test = _parts(options)
     with warnings.catch_warnings(action="ignore", category=ModelWarning):  # printed below
         result = compare(load_models(options.models), test)
         page = None
@@ -121,9 +123,10 @@ def read_job(file: str) -> tuple[Settings, Dataset]:
     return settings, condition(load_data(settings), settings)
 
 
-def _test(options: argparse.Namespace) -> Dataset:
+def _parts(options: argparse.Namespace) -> tuple[Dataset | None, Dataset]:
+    """Training part, where the data are to be parted, and what to judge on."""
     settings, data = read_job(options.data)
-    return data if options.whole else data.split(settings.data.train)[1]
+    return (None, data) if options.whole else data.split(settings.data.train)
 
 
 def load_models(files: list[str]) -> dict[str, Model]:

@@ -83,6 +83,12 @@ def _score_rows(outcome: Outcome, judged: dict[str, Validation], name: str) -> l
             ("free run, training", training[label].free_run_scores[name]),
         ):
             rows.append(report.ScoreRow(model=label, kind=kind, **shared, **vars(score)))
+    simple = next(iter(judged.values())).standing[name].baselines  # alike for all, but for the samples predicted
+    rows += [
+        report.ScoreRow(model=f"{label}, a simple model", kind="free run, test", **shared, **vars(score))
+        for label, score in simple.items()
+    ]
+    for label in judged:
         theirs = published[label]
         if theirs is not None:
             given = {"fit": theirs.fit, "vaf": theirs.vaf, "rmse": theirs.rmse, "r2": None, "note": "published"}

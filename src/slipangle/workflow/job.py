@@ -15,6 +15,7 @@ from slipangle.data.quality.events import despike
 from slipangle.data.quality.inspect import DataReport
 from slipangle.data.readers.csv import Column
 from slipangle.errors import ConfigError, IdentifiabilityWarning, ModelWarning, SlipangleError
+from slipangle.identify.judge.standing import Standing
 from slipangle.models.vehicles.nonlinear_bicycle import with_speed_derivative
 from slipangle.report.tables import number
 from slipangle.workflow.drive import drive
@@ -55,6 +56,7 @@ class Outcome:
         models = {
             v.name: {"free_run": plain(v.free_run_scores), "one_step_ahead": plain(v.one_step_scores)}
             | {
+                "standing": {o: _stands(s) for o, s in v.standing.items()},
                 "parameters": _parameters(v.model),
                 "condition": _condition(v.model),
                 "fit_seconds": v.model.fit_info.seconds if v.model.fit_info else None,
@@ -144,7 +146,7 @@ def _judged(
         model = identify(wanted, train)
         with warnings.catch_warnings(action="ignore", category=ModelWarning):  # shown on the page
             seen = validate(model, train, name=wanted.name, on_training_data=True)
-            return validate(model, test, name=wanted.name), seen
+            return validate(model, test, train=train, name=wanted.name), seen
 
     return each_model(settings, judge)
 
@@ -266,6 +268,18 @@ def _shifted(data: Dataset, delay: float) -> Dataset:
 def plain(scores: dict) -> dict[str, dict[str, float]]:
     """Scores of each output for machines."""
     return {k: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse, "r2": s.r2} for k, s in scores.items()}
+
+
+def _stands(s: Standing) -> dict[str, Any]:
+    """Where a model stands beside simple models and the noise, for machines."""
+    known = np.isfinite(s.noise)
+    return {
+        "word": s.word,
+        "noise": s.noise if known else None,
+        "highest_fit": s.highest if known else None,
+        "better_beyond_chance": s.better,
+        "simple_models": plain(s.baselines),
+    }
 
 
 def _condition(model: Model) -> float | None:

@@ -8,14 +8,12 @@ from slipangle import Run, Validation
 from slipangle.registry import Registry
 from slipangle.report import Findings, Number, Section, Verdict
 from slipangle.report.page import Block
-from slipangle.report.tables import Tone, number
+from slipangle.report.tables import Tone
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.settings import PublishedSettings
 
 SECTIONS: Registry[Callable[[Outcome, str], Iterable[Section]]] = Registry("page section", "slipangle.sections")
 """Sections of a job's page in their order: functions of its outcome and the command that made it."""
-
-GOOD, FAIR = 75.0, 50.0  # %, free-run fit from which a model is called good, fair
 
 
 @SECTIONS.register("verdict")
@@ -40,13 +38,10 @@ def verdicts(outcome: Outcome, command: str) -> Iterator[Verdict]:
 def _model_verdict(
     outcome: Outcome, v: Validation, name: str, published: PublishedSettings | None, command: str
 ) -> Verdict:
-    score = v.free_run_scores[name]
-    tone: Tone = "good" if score.fit >= GOOD else "fair" if score.fit >= FAIR else "poor"
-    how = {"good": "follows the test drive closely", "fair": "follows the test drive roughly"}.get(tone)
-    fit = number(score.fit, 3) if score.fit < -999 else f"{score.fit:.1f}"
+    score, stands = v.free_run_scores[name], v.standing[name]
     sentence = (
-        f"From inputs alone, “{v.name}” {how or 'does not follow the test drive'}: fit {fit} % of {spoken(name)} over "
-        f"{outcome.test.duration:.0f} s that it was not fitted to."
+        f"Over {outcome.test.duration:.0f} s that it was not fitted to, “{v.name}” fits, from inputs alone, "
+        f"{stands.beside(spoken(name))}. {stands.reason[0].upper()}{stands.reason[1:]}."
     )
     warned = len(v.model.fit_info.warnings) if v.model.fit_info else 0
     if warned:
@@ -68,6 +63,7 @@ def _model_verdict(
         )
         for key, label, unit, digits in (*shown, ("rmse", "RMSE", outcome.data.unit(name), 3))
     )
+    tone: Tone = "poor" if name in v.free_run.astray else stands.word
     return Verdict(title=f"{v.name}, {spoken(name)}", sentence=sentence, tone=tone, numbers=numbers, command=command)
 
 

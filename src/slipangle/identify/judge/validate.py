@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,21 +12,12 @@ from scipy import integrate, optimize, special, stats
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ModelWarning, ParameterError, TooShortError
-from slipangle.identify.judge import metrics
+from slipangle.identify.judge.scores import Score, score
+from slipangle.identify.judge.standing import Standing, standing
 from slipangle.models.model import FitInfo, Model, Trajectory
-from slipangle.models.provenance import Overlap, overlap
+from slipangle.models.provenance import Overlap, fingerprint, overlap
 
 _UNNAMED = Dataset.name  # what data are called that nobody named
-
-
-@dataclass(frozen=True, kw_only=True)
-class Score:
-    """Metrics of one output over the predicted samples; see `slipangle.identify.judge.metrics`."""
-
-    rmse: float
-    r2: float
-    fit: float
-    vaf: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,13 +47,7 @@ class Validation:
     one_step_scores: dict[str, Score]
     residuals: dict[str, Residuals]
     inputs: tuple[str, ...]
-
-
-def score(trajectory: Trajectory, output: str) -> Score:
-    """Metrics of one output over the samples that were predicted."""
-    i = trajectory.outputs.index(output)
-    y, y_hat = trajectory.measured[trajectory.predicted, i], trajectory.y[trajectory.predicted, i]
-    return Score(**{f.name: float(getattr(metrics, f.name)(y, y_hat)) for f in fields(Score)})
+    standing: dict[str, Standing] = field(default_factory=dict)  # beside simple models; empty without training data
 
 
 def restarted(data: Dataset, seconds: float, memory: int) -> Dataset:
@@ -90,11 +75,17 @@ def restarted(data: Dataset, seconds: float, memory: int) -> Dataset:
 
 
 def validate(
-    model: Model, data: Dataset, *, name: str | None = None, max_lag: int = 40, on_training_data: bool = False
+    model: Model,
+    data: Dataset,
+    *,
+    train: Dataset | None = None,
+    name: str | None = None,
+    max_lag: int = 40,
+    on_training_data: bool = False,
 ) -> Validation:
     """Judge a model on data it was not fitted to.
 
-    Raises ParameterError if the data overlap those the model was fitted to.
+    Raises ParameterError if the data overlap those the model was fitted to, or ``train``.
 
     Warns with ModelWarning if a prediction leaves any plausible range of the data; the verdict's sentences say so too.
 
@@ -102,6 +93,9 @@ def validate(
     ----------
     data : Dataset
         Test data; one free run per experiment.
+    train : Dataset, optional
+        What the model was fitted to: simple models are fitted to it too, and `Validation.standing` says where the model
+        stands between the best of them and the noise. See `slipangle.identify.judge.standing`.
     name : str, optional
         Name for reports, by default the model's class.
     max_lag : int
@@ -111,6 +105,7 @@ def validate(
     """
     if not on_training_data:
         require_unseen(model, data)
+        _require_apart(train, data)
     free, one = model.simulate(data), model.predict(data)
     chosen = data.select(inputs=model.inputs, outputs=model.outputs)
     return Validation(
@@ -122,6 +117,7 @@ def validate(
         one_step_scores={o: score(one, o) for o in model.outputs},
         residuals={o: _with_astray(residual_tests(free, one, chosen, o, max_lag), free, one, o) for o in model.outputs},
         inputs=model.inputs,
+        standing={} if train is None else {o: standing(free, o, train, data) for o in model.outputs},
     )
 
 
@@ -154,6 +150,15 @@ def require_unseen(model: Model, data: Dataset) -> None:
             f"{int(shared.rows.sum())} of {data.n_samples} samples of '{data.name}' (from t = {first:g} s) were used "
             f"to fit the model{', ' + ' '.join(other) if other else ''}; expected other data: validate on the test "
             "part, or pass on_training_data=True for a training score"
+        )
+
+
+def _require_apart(train: Dataset | None, data: Dataset) -> None:
+    shared = overlap(fingerprint(train, train.outputs), data) if train is not None and train.outputs else None
+    if shared is not None:
+        raise ParameterError(
+            f"{int(shared.rows.sum())} samples of the training data are in the test data '{data.name}'; expected "
+            "others: validate on the test part"
         )
 
 
