@@ -1,5 +1,7 @@
 """One instance of every model class, for tests that hold for all of them."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from slipangle.models.black_box.arx import ARXModel
@@ -167,9 +169,24 @@ ALL_MODELS = {
         inputs=("delta", "v_x"),
         outputs=("v_y", "r"),
     ),
+    "NARX beside a linear path": NARXModel(
+        network=replace(
+            MLP.random((4, 6, 1), activation="tanh", seed=4, output_scaling=Scaling(offset=[0.1], factor=[0.3])),
+            skip=[[1.0, -0.5, 0.3, 0.1]],
+        ),
+        na=2,
+        nb=2,
+        dt=0.05,
+        inputs=("delta",),
+        outputs=("r",),
+    ),
     "neural state space": NeuralStateSpaceModel(
         transition=MLP.random(
-            (4, 9, 2), activation="tanh", seed=3, output_scaling=Scaling(offset=[0.0, 0.01], factor=[0.2, 0.2])
+            (4, 9, 2),
+            activation="tanh",
+            seed=3,
+            output_scaling=Scaling(offset=[0.0, 0.01], factor=[0.2, 0.2]),
+            skip=[[-1.0, 0.2, 0.3, 0.0], [0.1, -0.8, 0.2, 0.5]],
         ),
         emission=MLP.random((2, 2), seed=4),
         encoder=MLP.random((10, 6, 2), activation="elu", seed=5),

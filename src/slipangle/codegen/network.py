@@ -35,11 +35,11 @@ def _blocks(n_out: int) -> list[int]:
     return [vectors // count + (i < vectors % count) for i in range(count)]
 
 
-def emit_forward(sizes: Sequence[int], activation: Activation, *, name: str = "forward") -> str:
+def emit_forward(sizes: Sequence[int], activation: Activation, *, name: str = "forward", straight: bool = False) -> str:
     """C of ``static void NAME(const double *w, const double *z, double *out)``; put ``preamble("v4")`` before it.
 
     ``sizes`` are inputs, neurons of each hidden layer, outputs; ``w`` is `packed`, 32-byte aligned; ``z`` and ``out``
-    are in SI units.
+    are in SI units. ``straight`` says that a linear path past the layers follows their weights.
     """
     body: list[str] = []
     source = "z"
@@ -58,6 +58,9 @@ def emit_forward(sizes: Sequence[int], activation: Activation, *, name: str = "f
             body.append(f"    for (int i = 0; i < {n_out}; i++)")
             body.append(f"        out[i] = ((const double *){target})[i];")
         source = target
+    if straight:
+        body.append(f"    for (int i = 0; i < {sizes[-1]}; i++)")
+        body.append(f"        for (int j = 0; j < {sizes[0]}; j++) out[i] += w[i * {sizes[0]} + j] * z[j];")
     head = f"static void {name}(const double *restrict w, const double *restrict z, double *restrict out)"
     return "\n".join([head, "{", *body, "}", ""])
 
@@ -99,7 +102,9 @@ def _emit_dots(n_in: int, n_out: int, source: str) -> list[str]:
     return lines
 
 
-def packed(weights: Sequence[np.ndarray], biases: Sequence[np.ndarray]) -> np.ndarray:
+def packed(
+    weights: Sequence[np.ndarray], biases: Sequence[np.ndarray], straight: np.ndarray | None = None
+) -> np.ndarray:
     """A network's layers, in SI, in the order in which `emit_forward` reads them; 32-byte aligned."""
     last = len(weights) - 1
     parts: list[np.ndarray] = []
@@ -115,6 +120,8 @@ def packed(weights: Sequence[np.ndarray], biases: Sequence[np.ndarray]) -> np.nd
         for count in _blocks(n_out):
             parts.append(columns[:, first : first + count * LANES].ravel())
             first += count * LANES
+    if straight is not None:
+        parts.append(np.pad(straight.ravel(), (0, _padded(straight.size) - straight.size)))
     return aligned(np.concatenate(parts))
 
 

@@ -108,7 +108,7 @@ def test_discrepancy_that_cannot_help_switches_itself_off():
 def trusted():
     """A hybrid whose discrepancy was not checked, with its data and base model."""
     data, base = nonlinear_response(400), linear_plant()
-    return Hybrid(base=base, discrepancy=SMALL, folds=0).fit(data), data, base
+    return Hybrid(base=base, discrepancy=replace(SMALL, linear_start=False), folds=0).fit(data), data, base
 
 
 def test_hybrid_keeps_the_base_model_and_says_how_it_was_fitted(trusted):

@@ -13,6 +13,7 @@ from slipangle.identify.judge.validate import validate
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.networks import narx, windows
 from slipangle.identify.networks.narx import NARX
+from slipangle.identify.networks.narx_free_run import FreeRunNARX
 from slipangle.identify.networks.problem import Stage
 from slipangle.models.black_box.networks import MLP, Scaling
 from slipangle.reproduce.plants import narendra
@@ -74,6 +75,84 @@ def test_one_step_stage_of_an_affine_network_reaches_least_squares():
 
 def scaled(data):
     return windows.scaled(data, Scaling.standard(data.u), Scaling.standard(data.y), data)
+
+
+# ---- the linear start ------------------------------------------------------------------------------------------------
+
+
+def tanks(n=600, seed=0):
+    """Level of the lower of two tanks, the upper one over the lower [V]; the voltage of its pump moves slowly."""
+    rng = np.random.default_rng(seed)
+    u = np.clip(4 + 2 * np.convolve(rng.standard_normal(n + 29), np.hanning(30) / 3.4, "valid"), 0, 10)
+    upper, lower, y = 4.0, 4.0, np.zeros(n)
+    for k in range(n):
+        y[k] = lower
+        for _ in range(8):
+            upper, lower = (
+                max(upper + 0.5 * (0.05 * u[k] - 0.1 * np.sqrt(upper)), 0.0),
+                max(lower + 0.5 * 0.1 * (np.sqrt(upper) - np.sqrt(lower)), 0.0),
+            )
+    return Dataset.from_arrays({"u": u}, {"y": y + 0.02 * rng.standard_normal(n)}, 4.0, name=f"tanks {seed}")
+
+
+def held_out_error(model, data):
+    """Of a free run over the last 15 %, in standard deviations of what comes before."""
+    inner, held = data.split(0.85)
+    run = model.simulate(held)
+    return float(np.sqrt(np.mean((run.error[run.predicted] / inner.y.std(axis=0)) ** 2)))
+
+
+def test_training_starts_as_the_linear_model_of_the_same_lags_and_never_ends_below_it():
+    data = mimo(noise=2.0)
+    model = NARX(na=2, nb=2, nk=2, hidden=(8, 8), stages=(Stage(horizon=10, epochs=60),)).fit(data)
+    linear = ARX(na=2, nb=2, nk=2, offset=True).fit(data.split(0.85)[0])
+    curve = model.fit_info.trials[0].curve
+    assert curve[0, 1] == pytest.approx(held_out_error(linear, data), rel=1e-4)
+    assert held_out_error(model, data) == pytest.approx(curve[:, 1].min(), rel=1e-3)
+    assert curve[:, 1].min() < curve[0, 1]
+
+
+def test_where_no_network_is_better_the_model_is_the_linear_one_and_says_so():
+    data = tanks()
+    useless = (Stage(horizon=1, epochs=20, learning_rate=1e30),)
+    with pytest.warns(ModelWarning, match="no network beat the linear model .* so the model is that linear one"):
+        model = NARX(na=2, nb=2, hidden=(8,), stages=useless, precision="double").fit(data)
+    linear = ARX(na=2, nb=2, offset=True).fit(data.split(0.85)[0])
+    assert model.simulate(data).y == pytest.approx(linear.simulate(data).y, rel=1e-9)
+    assert model.fit_info.warnings[0].endswith("is that linear one")
+
+
+@pytest.mark.parametrize("hidden", [(8,), ()])
+def test_the_start_is_the_arx_model_itself(hidden):
+    data, settings = mimo(), NARX(na=2, nb=1, nk=3, hidden=hidden)
+    su, sy = Scaling.standard(data.u), Scaling.standard(data.y)
+    start = settings._initial(0, 2, 2, settings._linear(windows.in_units(data, su, sy)))
+    channels = {"dt": data.dt, "inputs": data.inputs, "outputs": data.outputs}
+    model = settings._model(start, su, sy, None, channels)
+    linear = ARX(na=2, nb=1, nk=3, offset=True).fit(data)
+    assert model.simulate(data).y == pytest.approx(linear.simulate(data).y, rel=1e-6)
+
+
+def test_without_a_usable_linear_model_training_starts_at_random_and_says_why():
+    data = tanks(300)
+    grows = data.with_channel("y", np.exp(0.05 * np.arange(300)) + data["y"])
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        model = NARX(na=2, nb=2, hidden=(8,), stages=QUICK).fit(grows)
+    assert "starts from random weights, as there is no linear model" in str(said[0].message)
+    assert "unstable" in str(said[0].message)
+    assert model.network.skip is None
+
+
+def test_steps_on_the_whole_free_run_keep_the_best_of_the_held_out_part():
+    data = tanks()
+    start = NARX(na=2, nb=2, hidden=(5,), activation="tanh", stages=(Stage(horizon=10, epochs=30),))
+    model = FreeRunNARX(start=start, max_iterations=15).fit(data)
+    trial = model.fit_info.trials[0]
+    assert trial.score == trial.curve[:, 1].min() < trial.curve[0, 1]
+    assert held_out_error(model, data) == pytest.approx(trial.score, rel=1e-6)
+    inner = data.split(0.85)[0]
+    assert held_out_error(model, data) < held_out_error(ARX(na=2, nb=2, offset=True).fit(inner), data)
 
 
 def test_same_seed_same_weights_other_seed_other_weights():
@@ -175,7 +254,7 @@ def test_diverging_training_keeps_the_best_and_says_so():
 def test_training_stops_early_when_nothing_improves():
     data = mimo(200, noise=20.0)
     stage = Stage(epochs=4000, patience=100, learning_rate=1e-2)
-    model = NARX(na=2, nb=2, hidden=(20,), stages=(stage,)).fit(data)
+    model = NARX(na=2, nb=2, hidden=(20,), stages=(stage,), linear_start=False).fit(data)
     trial = model.fit_info.trials[0]
     assert trial.epochs < 4000
     assert trial.epochs == trial.epoch + 100

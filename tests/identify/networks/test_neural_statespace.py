@@ -11,6 +11,7 @@ from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, ModelWarning, ParameterError
 from slipangle.identify.judge.validate import validate
 from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.networks import adam, windows
 from slipangle.identify.networks.neural_statespace import GainOfNetwork, NeuralStateSpace, StateNetwork
 from slipangle.identify.networks.problem import Stage
@@ -102,6 +103,26 @@ def test_same_seed_same_weights_and_experiments_stay_apart():
     fits = [quick(data, seeds=(s,), holdout=0.3, gain_stages=()) for s in (0, 0, 1)]
     assert np.array_equal(fits[0].transition.parameters, fits[1].transition.parameters)
     assert not np.array_equal(fits[0].transition.parameters, fits[2].transition.parameters)
+
+
+@pytest.mark.parametrize("feedthrough", [False, True])
+@pytest.mark.parametrize("emission_hidden", [(), (4,)])
+def test_training_starts_as_the_linear_state_space_of_the_same_order(feedthrough, emission_hidden):
+    data = duffing(500, noise=0.002)
+    settings = NeuralStateSpace(
+        order=2, hidden=(6,), feedthrough=feedthrough, emission_hidden=emission_hidden, gain_stages=()
+    )
+    su, sy = Scaling.standard(data.u), Scaling.standard(data.y)
+    start = settings._initial(0, 1, 1, settings._linear(windows.in_units(data, su, sy)))
+    channels = {"dt": data.dt, "inputs": data.inputs, "outputs": data.outputs}
+    model = settings._model(start, su, sy, None, channels)
+    linear = StateSpace(order=2, focus="simulation", offsets="output", direct=feedthrough)
+    linear = linear.fit(windows.in_units(data, su, sy))
+    linear = replace(linear, memory=5)  # samples that both start from
+    ours, theirs = model.simulate(data).y, sy.undo(linear.simulate(windows.in_units(data, su, sy)).y.T).T
+    compared = slice(60 if feedthrough else 5, None)  # the encoder does not see the newest input
+    assert ours[compared] == pytest.approx(theirs[compared], abs=1e-3 * np.std(data.y))
+    assert np.std(ours - data.y) < 0.5 * np.std(data.y)
 
 
 def test_no_gain_on_request():

@@ -24,7 +24,7 @@ SHAPES = [  # na, nb, nk, outputs, inputs, hidden
 ]
 
 
-def make(na, nb, nk, ny, nu, hidden, activation="elu", seed=0):
+def make(na, nb, nk, ny, nu, hidden, activation="elu", seed=0, straight=False):
     rng = np.random.default_rng(seed)
     n_in = na * ny + nb * nu
     net = MLP.random(
@@ -36,6 +36,8 @@ def make(na, nb, nk, ny, nu, hidden, activation="elu", seed=0):
     )
     if not hidden:
         net = replace(net, weights=tuple(0.2 * w for w in net.weights))
+    if straight:
+        net = replace(net, skip=0.1 * rng.normal(size=(ny, n_in)))
     return NARXModel(
         network=net,
         na=na,
@@ -56,9 +58,10 @@ def noise(model, n=200, seed=1):
 
 @pytest.mark.parametrize("activation", ["elu", "tanh", "sigmoid"])
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
-def test_free_run_is_the_difference_equation(shape, activation):
+@pytest.mark.parametrize("straight", [False, True], ids=["layers", "and a linear path"])
+def test_free_run_is_the_difference_equation(shape, activation, straight):
     """Written out here once more with plain indices, independent of the state and of the C code."""
-    model = make(*shape, activation=activation)
+    model = make(*shape, activation=activation, straight=straight)
     na, nb, nk = shape[:3]
     data = noise(model)
     u, y = data.u, data.y.copy()

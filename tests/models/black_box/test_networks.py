@@ -1,5 +1,7 @@
 """Networks: against the equations, on symbols and batches, and what bad shapes say."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -35,6 +37,7 @@ def mlp(activation, sizes=(2, 3, 4, 2), seed=2):
 
 
 NETWORKS = {**{k: rbf(k) for k in KERNELS}, **{a: mlp(a) for a in ACTIVATIONS}, "linear": mlp("tanh", (2, 1))}
+NETWORKS["linear path"] = replace(mlp("elu"), skip=[[0.5, -2.0], [1.5, 0.25]])
 EVERY = pytest.mark.parametrize("net", NETWORKS.values(), ids=NETWORKS.keys())
 
 
@@ -74,6 +77,18 @@ def test_mlp_is_equation_4_20(activation):
         for w, b in zip(net.weights[:-1], net.biases[:-1], strict=True):
             h = functions[activation](w @ h + b)
         assert net(x) == pytest.approx(1.0 + 7.0 * (net.weights[-1] @ h + net.biases[-1]), rel=1e-12)
+
+
+def test_a_linear_path_leads_past_the_layers():
+    net = NETWORKS["linear path"]
+    x = np.random.default_rng(0).uniform(-3, 5, (2, 20))
+    past = 7.0 * np.array(net.skip) @ ((x - 1.0) / 4.0)
+    assert net(x) == pytest.approx(replace(net, skip=None)(x) + past, rel=1e-13)
+    assert net.straight @ (x - 1.0) == pytest.approx(past, rel=1e-12)
+    assert net.n_parameters == replace(net, skip=None).n_parameters + 4
+    assert np.array_equal(net.with_parameters(net.parameters).skip, net.skip)
+    with pytest.raises(ParameterError, match=r"the skip weights have shape \(1, 2\); expected \(2, 2\)"):
+        replace(net, skip=[[1.0, 2.0]])
 
 
 @EVERY

@@ -12,18 +12,22 @@ from typing import Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ModelWarning, TooShortError
+from slipangle.errors import IdentifiabilityWarning, ModelWarning, SlipangleError, TooShortError
 from slipangle.fields import Checked, Count
 from slipangle.identify.excitation import require_identifiable, require_independent
 from slipangle.identify.networks.problem import Precision, Stage, TrainingProblem
-from slipangle.identify.networks.training import Holdout, Progress, Trained, require_jax, train
-from slipangle.identify.networks.windows import scaled, window_starts
+from slipangle.identify.networks.training import IDLE, Holdout, Progress, Trained, require_jax, train
+from slipangle.identify.networks.windows import in_units, scaled, window_starts
 from slipangle.models.black_box.model import NetworkModel
 from slipangle.models.black_box.networks import Activation, Scaling
 from slipangle.models.model import FitInfo
 from slipangle.models.provenance import provenance
 
 M = TypeVar("M", bound=NetworkModel)
+LINEAR = (
+    "no network beat the linear model that training started from by its free run over the held-out part, so the model "
+    "is that linear one"
+)
 Again = Callable[[TrainingProblem, Any, tuple[Stage, ...]], Any]
 """Trains something beside what is found already: problem, start and stages to its parameters."""
 
@@ -45,6 +49,10 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         Share of the training data held out; 0 trains on all and judges on the same.
     seeds : tuple of int
         One training run each; ``fit_info.trials`` keeps every result.
+    linear_start : bool
+        Give the network a linear path beside its hidden layers, and start as the linear model of the same lags or
+        states, fitted to what is not held out. Where no network beats it by its free run over the held-out part, the
+        model returned is that linear one, and a warning says so. Otherwise training starts from random weights.
     precision : {"single", "double"}
         Of the training. Single is faster and as good unless the free-run error falls below 1e-4 of the output.
     """
@@ -54,6 +62,7 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
     stages: tuple[Stage, ...]
     holdout: Holdout = 0.15
     seeds: tuple[int, ...] = (0,)
+    linear_start: bool = True
     precision: Precision = "single"
 
     _what: ClassVar[str]  # is fitted
@@ -68,8 +77,12 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         """What is trained."""
 
     @abc.abstractmethod
-    def _initial(self, seed: int, ny: int, nu: int) -> Any:
-        """Random weights."""
+    def _linear(self, data: Dataset) -> Any:
+        """The linear model to start from, in scaled coordinates, as `_initial` takes it."""
+
+    @abc.abstractmethod
+    def _initial(self, seed: int, ny: int, nu: int, linear: Any) -> Any:
+        """Random weights, past which the linear model acts alone where there is one."""
 
     @abc.abstractmethod
     def _model(self, params: Any, scaling_u: Scaling, scaling_y: Scaling, again: Again, channels: Any) -> M:
@@ -81,7 +94,8 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         Raises ExcitationError or TooShortError if an input or output is constant, or no experiment holds the lags and a
         window.
 
-        Warns with ModelWarning if a training run diverged or never improved; the best weights are kept.
+        Warns with ModelWarning if a training run diverged or never improved, and the model may be the linear one; the
+        best weights are kept.
 
         Parameters
         ----------
@@ -93,7 +107,7 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         ny, nu = len(data.outputs), len(data.inputs)
         require_identifiable(data, self._n_seen(ny, nu))
         require_independent(data)
-        inner, held = self._cut(data)
+        inner, held = self.cut(data)
         scaling_u, scaling_y = Scaling.standard(inner.u), Scaling.standard(inner.y)
         arrays, problem = scaled(inner, scaling_u, scaling_y, held), self._problem()
 
@@ -104,17 +118,29 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
             settings: Any = {"stages": stages, "seeds": (trained.best.seed,), "precision": self.precision}
             return train(problem, lambda seed: start, (arrays, trained.params), starts, **settings).params
 
+        linear, without = self._started(in_units(inner, scaling_u, scaling_y)) if self.linear_start else (None, "")
         settings: Any = {"stages": self.stages, "seeds": self.seeds, "precision": self.precision}
-        trained = train(
-            problem, lambda seed: self._initial(seed, ny, nu), arrays, starts, progress=progress, **settings
-        )
+        settings |= {"idle": LINEAR if linear is not None else IDLE, "progress": progress}
+        trained = train(problem, lambda seed: self._initial(seed, ny, nu, linear), arrays, starts, **settings)
+        if without:
+            trained = replace(trained, warnings=(without, *trained.warnings))
         for note in trained.warnings:
             warnings.warn(note, ModelWarning, stacklevel=2)
         channels = {"dt": data.dt, "inputs": data.inputs, "outputs": data.outputs}
         model = self._model(trained.params, scaling_u, scaling_y, again, channels)
         return replace(model, fit_info=self._info(trained, model, data, began))
 
-    def _cut(self, data: Dataset) -> tuple[Dataset, Dataset]:
+    def _started(self, data: Dataset) -> tuple[Any, str]:
+        """The linear model, or why there is none."""
+        try:
+            with warnings.catch_warnings():
+                for kind in (ModelWarning, IdentifiabilityWarning):  # of a model that is only to begin with
+                    warnings.simplefilter("ignore", kind)
+                return self._linear(data), ""
+        except SlipangleError as error:
+            return None, f"training starts from random weights, as there is no linear model to start from: {error}"
+
+    def cut(self, data: Dataset) -> tuple[Dataset, Dataset]:
         """Training data without their last part, and that part; both the whole where nothing is held out."""
         inner, held = (data, data) if self.holdout == 0 else data.split(1 - self.holdout)
         if all(part.n_samples <= self._memory for part in held.experiments):

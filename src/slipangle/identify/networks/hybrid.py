@@ -26,6 +26,7 @@ DISCREPANCY = NARX(
     nb=5,
     hidden=(30, 30),
     stages=(Stage(horizon=1, epochs=200), Stage(horizon=40, epochs=400, learning_rate=3e-3)),
+    linear_start=False,
 )
 
 

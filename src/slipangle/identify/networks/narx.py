@@ -5,14 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import SimulationError
 from slipangle.fields import Count
+from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.lags import same_for_all
 from slipangle.identify.networks.estimator import Again, NetworkEstimator
 from slipangle.identify.networks.problem import Stage
-from slipangle.identify.networks.windows import Recurrence, beside, layers, network
+from slipangle.identify.networks.windows import Recurrence, beside, forward, from_linear, layers, network
 from slipangle.models.black_box.narx import NARXModel
-from slipangle.models.black_box.networks import MLP, Activation, Scaling, mlp_pass
+from slipangle.models.black_box.networks import MLP, Activation, Scaling
 from slipangle.models.model import derived
+from slipangle.models.plausible import growth
 
 STAGES = (Stage(horizon=1, epochs=1000), Stage(horizon=20, epochs=2000))
 
@@ -27,7 +33,7 @@ class NARX(NetworkEstimator[NARXModel]):
         Past outputs and past inputs used, at least 1.
     nk : int
         Samples from input to output, at least 1.
-    hidden, activation, stages, holdout, seeds, precision
+    hidden, activation, stages, holdout, seeds, linear_start, precision
         See `NetworkEstimator`; by default the loss looks one step ahead, then 20.
 
     Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, sec. 4.2.
@@ -54,8 +60,17 @@ class NARX(NetworkEstimator[NARXModel]):
     def _problem(self) -> LagNetwork:
         return LagNetwork(na=self.na, nb=self.nb, nk=self.nk, activation=self.activation)
 
-    def _initial(self, seed: int, ny: int, nu: int) -> tuple:
-        return layers(MLP.random((self._n_seen(ny, nu), *self.hidden, ny), activation=self.activation, seed=seed))
+    def _linear(self, data: Dataset) -> tuple[np.ndarray, np.ndarray]:
+        """Slope by the lags and constant of the ARX model of these lags."""
+        model = ARX(na=self.na, nb=self.nb, nk=self.nk, offset=True).fit(data)
+        blows_up = growth(model.poles, max(b - a for a, b in zip(data.starts, data.stops, strict=True)))
+        if blows_up:
+            raise SimulationError(blows_up)
+        return np.hstack([*(-model.A), *model.B]), model.c
+
+    def _initial(self, seed: int, ny: int, nu: int, linear: Any) -> tuple:
+        net = MLP.random((self._n_seen(ny, nu), *self.hidden, ny), activation=self.activation, seed=seed)
+        return layers(from_linear(net, *linear) if linear else net)
 
     def _model(self, params: Any, scaling_u: Scaling, scaling_y: Scaling, again: Again, channels: Any) -> NARXModel:
         lags = beside(*[scaling_y] * self.na, *[scaling_u] * self.nb)
@@ -85,6 +100,5 @@ class LagNetwork(Recurrence):
         import jax.numpy as jnp
 
         drive = jnp.concatenate([u(k - j) for j in range(self.nk, self.nk + self.nb)])
-        weights, biases = zip(*params, strict=True)
-        predicted = mlp_pass(jnp.concatenate([x, drive]), weights, biases, self.activation)
+        predicted = forward(params, jnp.concatenate([x, drive]), self.activation)
         return jnp.concatenate([predicted, x])[: len(x)], predicted - y(k)

@@ -7,15 +7,20 @@ from typing import Any
 
 import numpy as np
 
+from slipangle.data.dataset import Dataset
 from slipangle.fields import Count, Whole
+from slipangle.identify.linear.statespace import StateSpace
+from slipangle.identify.lure.starts import unit_states
 from slipangle.identify.networks.estimator import Again, NetworkEstimator
 from slipangle.identify.networks.problem import Stage
-from slipangle.identify.networks.windows import Recurrence, beside, layers, network
-from slipangle.models.black_box.networks import MLP, Activation, Scaling, mlp_pass
+from slipangle.identify.networks.windows import Recurrence, beside, forward, from_linear, layers, network
+from slipangle.models.black_box.networks import MLP, Activation, Scaling
 from slipangle.models.black_box.neural_statespace import NeuralStateSpaceModel
+from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import derived
 
 STAGES = (Stage(horizon=10, epochs=1500), Stage(horizon=40, epochs=1500))
+Affine = tuple[np.ndarray, np.ndarray]  # slope and constant
 GAIN_STAGES = (Stage(horizon=40, epochs=300, learning_rate=1e-2),)
 
 
@@ -39,7 +44,7 @@ class NeuralStateSpace(NetworkEstimator[NeuralStateSpaceModel]):
         Let the outputs depend on the inputs of the same sample.
     gain_stages : tuple of Stage
         Training of the innovation gain; empty leaves it at zero.
-    hidden, activation, stages, holdout, seeds, precision
+    hidden, activation, stages, holdout, seeds, linear_start, precision
         See `NetworkEstimator`.
 
     Source: G. Beintema, R. Toth, M. Schoukens, Nonlinear state-space identification using deep encoder networks, Proc.
@@ -70,17 +75,51 @@ class NeuralStateSpace(NetworkEstimator[NeuralStateSpaceModel]):
     def _problem(self) -> StateNetwork:
         return StateNetwork(lags=self.lags, activation=self.activation, feedthrough=self.feedthrough)
 
-    def _initial(self, seed: int, ny: int, nu: int) -> tuple:
+    def _linear(self, data: Dataset) -> tuple[Affine, Affine, Affine]:
+        """Change of the state, outputs and state from past samples of the linear model of this order.
+
+        Its states have unit covariance over the data.
+        """
+        settings = StateSpace(
+            order=self.order, focus="simulation", offsets="output", direct=self.feedthrough, max_radius=1.0
+        )
+        model, _ = unit_states(settings.fit(data), data)
+        emission = np.hstack([model.C, model.D]) if self.feedthrough else model.C
+        change = np.hstack([model.A - np.eye(self.order), model.B])
+        return (change, np.zeros(self.order)), (emission, model.y_offset), self._observer(model)
+
+    def _observer(self, model: StateSpaceModel) -> Affine:
+        """State from the samples that the encoder reads, by least squares over them."""
+        n, nu, ny = self.order, len(model.inputs), len(model.outputs)
+        from_start, from_u = np.eye(n), np.zeros((n, self.lags - 1, nu))  # the state, as time goes on
+        seen, pushed = [], []
+        for i in range(self.lags):
+            seen.append(model.C @ from_start)
+            pushed.append(np.tensordot(model.C, from_u, 1))
+            if i < self.lags - 1:
+                pushed[-1][:, i] += model.D
+                from_start, from_u = model.A @ from_start, np.tensordot(model.A, from_u, 1)
+                from_u[:, i] += model.B
+        known = self.lags - self.feedthrough  # the newest output also has what the newest input, unseen, makes of it
+        back = from_start @ np.linalg.pinv(np.concatenate(seen[:known]), rcond=1e-10) if known else np.zeros((n, 0))
+        of_y = np.hstack([back, np.zeros((n, (self.lags - known) * ny))]).reshape(n, self.lags, ny)
+        of_u = from_u - np.tensordot(back, np.concatenate(pushed[:known]), 1) if known else from_u
+        slope = np.hstack([of_y[:, ::-1].reshape(n, -1), of_u[:, ::-1].reshape(n, -1)])
+        return slope, -of_y.sum(axis=1) @ model.y_offset
+
+    def _initial(self, seed: int, ny: int, nu: int, linear: Any) -> tuple:
         """Random weights; the transition starts small, so that the first free runs stay bounded."""
         n = self.order
         transition = (n + nu, *self.hidden, n)
         emission = (n + nu if self.feedthrough else n, *self.emission_hidden, ny)
         encoder = (self.lags * ny + (self.lags - 1) * nu, *self.hidden, n)
-        first, second, third = (
-            layers(MLP.random(sizes, activation=self.activation, seed=3 * seed + i))
+        nets = [
+            MLP.random(sizes, activation=self.activation, seed=3 * seed + i)
             for i, sizes in enumerate((transition, emission, encoder))
-        )
-        *rest, (w, b) = first
+        ]
+        if linear:
+            return tuple(layers(from_linear(net, *part)) for net, part in zip(nets, linear, strict=True))
+        (*rest, (w, b)), second, third = (layers(net) for net in nets)
         return (*rest, (0.2 * w, b)), second, third
 
     def _model(
@@ -126,8 +165,7 @@ class StateNetwork(Recurrence):
         return x, self._net(params[1], jnp.concatenate([x, u(k)]) if self.feedthrough else x) - y(k)
 
     def _net(self, net: Any, z: Any) -> Any:
-        weights, biases = zip(*net, strict=True)
-        return mlp_pass(z, weights, biases, self.activation)
+        return forward(net, z, self.activation)
 
 
 @dataclass(frozen=True)

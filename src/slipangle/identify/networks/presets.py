@@ -18,6 +18,7 @@ SOUSA_TABLE_4_2 = NARX(
     hidden=(50, 50, 50),
     activation="elu",
     stages=(Stage(horizon=1, epochs=4000, learning_rate=1e-3, batch=100, patience=4000),),
+    linear_start=False,
 )
 """The robot arm's NARX."""
 
@@ -27,6 +28,7 @@ SOUSA_TABLE_8_2 = NARX(
     hidden=(40, 40),
     stages=(Stage(horizon=1, epochs=200), Stage(horizon=40, epochs=1000, learning_rate=3e-3)),
     holdout=0.0,
+    linear_start=False,
 )
 """What a race car's bicycle leaves of its yaw rate."""
 
@@ -36,6 +38,7 @@ _SMALL = NARX(
     hidden=(12,),
     activation="tanh",
     stages=(Stage(horizon=1, epochs=100, learning_rate=3e-3), Stage(horizon=40, epochs=150, learning_rate=3e-3)),
+    linear_start=False,
 )
 SOUSA_TABLE_8_2_FREE_RUN = FreeRunNARX(start=_SMALL)
 """M4, the yaw rate itself: a small network, Adam on windows, then Gauss-Newton on the free run."""

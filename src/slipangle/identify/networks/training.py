@@ -21,6 +21,7 @@ from slipangle.models.model import Trial
 
 Progress = Callable[[float, str], None]  # share done (0 to 1), what is being done
 Holdout = Annotated[float, Within(0, 0.5, example="0.15")]  # share of the training data
+IDLE = "training never improved on the random start"
 CHECK_EVERY = 50  # epochs between two free runs on the held-out part, fewer in short stages
 
 
@@ -53,12 +54,14 @@ def train(
     stages: Sequence[Stage],
     seeds: Sequence[int],
     precision: Precision = "single",
+    idle: str = IDLE,
     progress: Progress | None = None,
 ) -> Trained:
     """Train from every seed; keep the parameters with the smallest free-run error on the held-out part.
 
     ``initial`` gives the start parameters of a seed, ``starts`` the rows at which windows of a horizon may begin. Each
-    stage goes on from the best parameters so far. JAX's global precision stays as it is.
+    stage goes on from the best parameters so far. JAX's global precision stays as it is. ``idle`` says that nothing
+    improved.
 
     Raises ParameterError if there is no stage or no seed, and TooShortError if no experiment is long enough for a
     window.
@@ -80,7 +83,7 @@ def train(
             run = _Run(problem, initial(seed), arrays, seed)
             for j, (stage, rows) in enumerate(zip(stages, windows, strict=True)):
                 run.stage(stage, rows, lambda share, i=i, j=j: _tell(progress, (i, j, share), len(seeds), len(stages)))
-            trained.append((run.trial(), adam.to_numpy(run.best)))
+            trained.append((run.trial(idle), adam.to_numpy(run.best)))
     trials = tuple(trial for trial, _ in trained)
     winner = min(range(len(trained)), key=lambda i: trials[i].score)
     notes = [f"seed {trial.seed}: {trial.note}" for trial in trials if trial.note]
@@ -134,11 +137,11 @@ class _Run:
                 break
             told((self.epoch - began) / stage.epochs)
 
-    def trial(self) -> Trial:
+    def trial(self, idle: str) -> Trial:
         if not np.isfinite(self.score):
             self.notes.append("no free run on the held-out part stayed finite")
         elif self.best_epoch == 0:
-            self.notes.append("training never improved on the random start")
+            self.notes.append(idle)
         return Trial(
             seed=self.seed,
             score=self.score,

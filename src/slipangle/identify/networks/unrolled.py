@@ -47,11 +47,11 @@ class Unrolled:
         values = {name: theta[i] * self.scale[i] for i, name in enumerate(self.free)}
         params = replace(self.model.params, **values)
         net: Any = self.model.network
-        weights, biases = net.unravel(theta[n : len(theta) - ny])
+        weights, biases, skip = net.unravel(theta[n : len(theta) - ny])
 
         def correction(x: Any) -> Any:
             z = (x - net.input_scaling.offset) / net.input_scaling.factor
-            z = mlp_pass(z, weights, biases, net.activation)
+            z = mlp_pass(z, weights, biases, net.activation, skip)
             return z * net.output_scaling.factor + net.output_scaling.offset
 
         return params, correction, theta[len(theta) - ny :] * self.size
@@ -150,7 +150,8 @@ class UnrolledLags:
             object.__setattr__(self, name, jax.jit(getattr(self, f"_{name}")))
 
     def _next(self, theta: Any, past: Any, drive: Any) -> Any:
-        return mlp_pass(jnp.concatenate([past, drive]), *self.network.unravel(theta), self.network.activation)
+        weights, biases, skip = self.network.unravel(theta)
+        return mlp_pass(jnp.concatenate([past, drive]), weights, biases, self.network.activation, skip)
 
     def _pasts(self, theta: Any, past: Any, drives: Any) -> tuple[Any, Any]:
         """Outputs of every step, (n, n_outputs), and the past outputs that each step saw."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import abc
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.models.black_box.networks import MLP, Activation, Scaling
+from slipangle.models.black_box.networks import MLP, Activation, Scaling, mlp_pass
 
 
 class Segments(NamedTuple):
@@ -57,20 +58,56 @@ def segments(data: Dataset, scaling_u: Scaling, scaling_y: Scaling) -> Segments:
 
 
 def layers(net: MLP) -> tuple:
-    """Weights and biases, layer by layer."""
-    return tuple(zip(net.weights, net.biases, strict=True))
+    """Weights and biases, layer by layer; then its linear path alone, if it has one."""
+    own = tuple(zip(net.weights, net.biases, strict=True))
+    return own if net.skip is None else (*own, (net.skip,))
+
+
+def _apart(params: Any) -> tuple[Any, Any, Any]:
+    """Weights, biases and linear path (or None) of `layers`."""
+    straight = len(params[-1]) == 1
+    weights, biases = zip(*(params[:-1] if straight else params), strict=True)
+    return weights, biases, params[-1][0] if straight else None
+
+
+def forward(params: Any, z: Any, activation: Activation) -> Any:
+    """Output of the perceptron of `layers`, in scaled coordinates."""
+    weights, biases, skip = _apart(params)
+    return mlp_pass(z, weights, biases, activation, skip)
 
 
 def network(params: Any, activation: Activation, input_scaling: Scaling, output_scaling: Scaling) -> MLP:
     """The perceptron of trained `layers`."""
-    weights, biases = zip(*params, strict=True)
+    weights, biases, skip = _apart(params)
     return MLP(
         weights=weights,
         biases=biases,
+        skip=skip,
         activation=activation,
         input_scaling=input_scaling,
         output_scaling=output_scaling,
     )
+
+
+def from_linear(net: MLP, slope: np.ndarray, constant: np.ndarray) -> MLP:
+    """The network with a linear path beside its hidden layers, such that it starts as that affine map.
+
+    The last layer is zero but for the constant; the hidden ones stay random, so training can wake them. Without hidden
+    layers the network is that map itself.
+    """
+    if not net.hidden:
+        return replace(net, weights=(slope,), biases=(constant,))
+    last = (np.zeros_like(net.weights[-1]), constant)
+    return replace(net, weights=(*net.weights[:-1], last[0]), biases=(*net.biases[:-1], last[1]), skip=slope)
+
+
+def in_units(data: Dataset, scaling_u: Scaling, scaling_y: Scaling) -> Dataset:
+    """The data in scaled coordinates."""
+    rows = (data.inputs, scaling_u.apply(data.u.T)), (data.outputs, scaling_y.apply(data.y.T))
+    for names, values in rows:
+        for name, value in zip(names, values, strict=True):
+            data = data.with_channel(name, value)
+    return data
 
 
 def beside(*parts: Scaling) -> Scaling:

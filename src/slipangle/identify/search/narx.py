@@ -66,6 +66,7 @@ class NarxObjective:
             stages=stages,
             holdout=0.0,
             seeds=(seed,),
+            linear_start=False,
         )
 
     def __call__(self, settings: Mapping[str, Value], seed: int, report: Report) -> float:

@@ -88,7 +88,7 @@ class NARXModel(NetworkModel, LaggedModel):
         loaded = None if net is None else library(self.source(), name="narx")
         if net is None or loaded is None:
             return None, np.empty(0)
-        return loaded.free_run, packed(*net.layers)
+        return loaded.free_run, packed(*net.layers, net.straight)
 
     def source(self) -> str:
         """C of ``free_run(w, u, n, y)``; see `slipangle.codegen.network`.
@@ -102,7 +102,7 @@ class NARXModel(NetworkModel, LaggedModel):
         na, nb, ny, nu = self.na, self.nb, len(self.outputs), len(self.inputs)
         return f"""\
 {preamble("v4")}
-{emit_forward((net.n_inputs, *net.hidden, net.n_outputs), net.activation)}
+{emit_forward((net.n_inputs, *net.hidden, net.n_outputs), net.activation, straight=net.skip is not None)}
 void free_run(const double *w, const double *u, long n, double *y)
 {{
     double z[{net.n_inputs}];

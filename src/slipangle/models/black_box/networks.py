@@ -65,18 +65,20 @@ def radial(square: Scalar, width: Any, kernel: Kernel) -> Scalar:
     return sqrt(square + width * width)
 
 
-def mlp_pass(x: Vector, weights: Sequence[Any], biases: Sequence[Any], activation: Activation) -> Vector:
+def mlp_pass(
+    x: Vector, weights: Sequence[Any], biases: Sequence[Any], activation: Activation, skip: Any = None
+) -> Vector:
     """Output of a perceptron with linear output layer, in scaled coordinates. [1]_ eq. 4-20
 
     Inputs, shape (n_inputs,) or (n_inputs, n_samples), are scaled; each layer has weights, shape (n_out, n_in), and
-    biases, shape (n_out,): numbers, symbols or tracers.
+    biases, shape (n_out,): numbers, symbols or tracers. ``skip``, shape (n_outputs, n_inputs), leads past the layers.
     """
-    last = len(weights) - 1
+    given, last = x, len(weights) - 1
     for k, (w, b) in enumerate(zip(weights, biases, strict=True)):
         z = matmul(w, x)
         z = z + _column(b, z)
         x = z if k == last else activate(z, activation)
-    return x
+    return x if skip is None else x + matmul(skip, given)
 
 
 def rbf_pass(x: Vector, centres: Any, widths: Any, weights: Any, kernel: Kernel) -> Vector:
@@ -261,6 +263,8 @@ class MLP(Network):
         One matrix per layer, the hidden ones first.
     biases : sequence of array, shape (n_out,) each
         One vector per layer.
+    skip : array, shape (n_outputs, n_inputs), optional
+        A linear path past the hidden layers, added to their output; in scaled coordinates as they are.
 
     >>> net = MLP.random((1, 2, 2, 1), activation="sigmoid", seed=0)
     >>> net.n_parameters, net.hidden, net(np.zeros((1, 5))).shape
@@ -270,6 +274,7 @@ class MLP(Network):
     weights: tuple[np.ndarray, ...]
     biases: tuple[np.ndarray, ...]
     activation: Activation = "sigmoid"
+    skip: np.ndarray | None = field(default=None, metadata={"may be missing in a file": True})
 
     def __post_init__(self) -> None:
         require_known(self.activation, get_args(Activation), "activation")
@@ -287,6 +292,13 @@ class MLP(Network):
                 )
         object.__setattr__(self, "weights", weights)
         object.__setattr__(self, "biases", biases)
+        if self.skip is not None:
+            skip, wanted = _frozen(self.skip, "skip weights", 2), (weights[-1].shape[0], weights[0].shape[1])
+            if skip.shape != wanted:
+                raise ParameterError(
+                    f"the skip weights have shape {tuple(skip.shape)}; expected {wanted}, outputs by inputs"
+                )
+            object.__setattr__(self, "skip", skip)
         self._set_scaling(weights[0].shape[1], weights[-1].shape[0])
 
     @property
@@ -296,18 +308,27 @@ class MLP(Network):
 
     @property
     def layers(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Weights and biases with the scaling folded in: from SI values to SI values."""
+        """Weights and biases with the scaling folded in: from SI values to SI values, beside `straight`."""
         weights, biases = [np.array(w) for w in self.weights], [np.array(b) for b in self.biases]
         scale_in, scale_out = self.input_scaling, self.output_scaling
         weights[0] = weights[0] / scale_in.factor
         biases[0] = biases[0] - weights[0] @ scale_in.offset
         weights[-1] = weights[-1] * scale_out.factor[:, None]
         biases[-1] = biases[-1] * scale_out.factor + scale_out.offset
+        if self.straight is not None:
+            biases[-1] = biases[-1] - self.straight @ scale_in.offset
         return weights, biases
+
+    @property
+    def straight(self) -> np.ndarray | None:
+        """The linear path past the layers, from SI values to SI values, shape (n_outputs, n_inputs); or None."""
+        return (
+            None if self.skip is None else self.skip * self.output_scaling.factor[:, None] / self.input_scaling.factor
+        )
 
     @classmethod
     def random(
-        cls, sizes: Sequence[int], *, activation: Activation = "sigmoid", seed: int = 0, **scalings: Scaling
+        cls, sizes: Sequence[int], *, activation: Activation = "sigmoid", seed: int = 0, **scalings: Any
     ) -> Self:
         """Random weights, uniform after [3]_, zero biases.
 
@@ -322,7 +343,7 @@ class MLP(Network):
 
     def pass_scaled(self, z: Vector) -> Vector:
         """Scaled outputs of scaled inputs; see `mlp_pass`."""
-        return mlp_pass(z, self.weights, self.biases, self.activation)
+        return mlp_pass(z, self.weights, self.biases, self.activation, self.skip)
 
     @property
     def hidden(self) -> tuple[int, ...]:
@@ -331,18 +352,19 @@ class MLP(Network):
 
     @property
     def arrays(self) -> tuple[np.ndarray, ...]:
-        """Weights, then biases, layer after layer."""
-        return tuple(a for pair in zip(self.weights, self.biases, strict=True) for a in pair)
+        """Weights, then biases, layer after layer; the linear path last."""
+        own = tuple(a for pair in zip(self.weights, self.biases, strict=True) for a in pair)
+        return own if self.skip is None else (*own, self.skip)
 
     def with_parameters(self, theta: Any) -> Self:
         """The same architecture with other weights and biases."""
-        weights, biases = self.unravel(theta)
-        return replace(self, weights=weights, biases=biases)
+        weights, biases, skip = self.unravel(theta)
+        return replace(self, weights=weights, biases=biases, skip=skip)
 
-    def unravel(self, theta: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """Weights and biases, as they are, from a vector in the order of `parameters`; JAX arrays too."""
-        parts = self._unravel(theta)
-        return tuple(parts[0::2]), tuple(parts[1::2])
+    def unravel(self, theta: Any) -> tuple[tuple[Any, ...], tuple[Any, ...], Any]:
+        """Weights, biases and linear path (or None), as they are, from a vector like `parameters`; JAX arrays too."""
+        parts, n = self._unravel(theta), 2 * len(self.weights)
+        return tuple(parts[0:n:2]), tuple(parts[1:n:2]), None if self.skip is None else parts[n]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -112,7 +112,7 @@ class NeuralStateSpaceModel(NetworkModel):
         loaded = None if f is None or h is None else library(self.source(), name="neural_statespace")
         if f is None or h is None or loaded is None:
             return None, np.empty(0), 0
-        of_f, of_h = packed(*f.layers), packed(*h.layers)
+        of_f, of_h = (packed(*net.layers, net.straight) for net in (f, h))
         return loaded.free_run, aligned(np.concatenate([of_f, of_h])), of_f.nbytes
 
     def source(self) -> str:
@@ -121,8 +121,10 @@ class NeuralStateSpaceModel(NetworkModel):
         if f is None or h is None:
             raise ParameterError("the networks are not all of type MLP; expected that for C source")
         n, nu, ny = self.n_states, self.n_inputs, self.n_outputs
-        transition = emit_forward((n + nu, *f.hidden, n), f.activation, name="transition")
-        emission = emit_forward((h.n_inputs, *h.hidden, ny), h.activation, name="emission")
+        transition, emission = (
+            emit_forward((m.n_inputs, *m.hidden, m.n_outputs), m.activation, name=name, straight=m.skip is not None)
+            for m, name in ((f, "transition"), (h, "emission"))
+        )
         return f"""\
 {preamble("v4")}
 {transition}

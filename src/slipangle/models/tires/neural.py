@@ -80,7 +80,7 @@ class NeuralCurve(Checked):
         None for other networks.
         """
         net = self.network.perceptron
-        if net is None or net.activation not in _AS_TANH or self.outside != "hold":
+        if net is None or net.skip is not None or net.activation not in _AS_TANH or self.outside != "hold":
             return None
         before, after, offset = _AS_TANH[net.activation]
         layers, last, scale = [], len(net.weights) - 1, net.output_scaling

@@ -33,18 +33,19 @@ _Bicycle = Any  # a NeuralBicycle, whose file needs this one
 def numbers(model: _Bicycle) -> np.ndarray:
     """What the compiled loop reads: parameters, then every layer's weights by row and its biases."""
     params = [float(getattr(model.params, name)) for name in model.params.metadata()]
-    layers = zip(*model.network.layers, strict=True)
-    return np.concatenate([params, *(part.ravel() for layer in layers for part in layer)])
+    layers, net = zip(*model.network.layers, strict=True), model.network
+    straight = [] if net.straight is None else [net.straight.ravel()]
+    return np.concatenate([params, *(part.ravel() for layer in layers for part in layer), *straight])
 
 
 def source(model: _Bicycle) -> str:
     """C of ``free_run(w, most, x, u, n, h, out)``; ``w`` is what `numbers` says."""
     names = tuple(model.params.metadata())
     w, at = ca.SX.sym("w", len(numbers(model))), len(names)
-    weights, biases = model.network.unravel(w[at:])
+    weights, biases, skip = model.network.unravel(w[at:])
 
     def network(z: Any) -> Any:
-        return mlp_pass(z, weights, biases, model.network.activation)
+        return mlp_pass(z, weights, biases, model.network.activation, skip)
 
     x, u = ca.SX.sym("x", 3), ca.SX.sym("u", 3)
     values = {name: w[i] for i, name in enumerate(names)}
