@@ -55,6 +55,13 @@ class Parametrised:
         """Every parameter."""
         return tuple(self.params.metadata())
 
+    @abc.abstractmethod
+    def resampled(self, dt: float, *, substeps: int = 0, outputs: tuple[str, ...] = ()) -> Self:
+        """The same equations of motion at another sample time [s], as a controller wants them of an identified model.
+
+        ``substeps`` are at least so many (see `OdeModel`); other outputs where some are named.
+        """
+
     def drive_rows(self, data: Dataset) -> np.ndarray:
         """What drives the ODE, one row per sample from sample ``memory - 1`` on; `drive` makes its inputs of a row."""
         return data.u
@@ -127,6 +134,11 @@ class OdeModel(Parametrised, Model):
                 raise ParameterError(
                     f"{type(self).__name__} has no output '{name}'; {nearest(name, known)}: use one of these names"
                 )
+
+    def resampled(self, dt: float, *, substeps: int = 0, outputs: tuple[str, ...] = ()) -> Self:
+        """The same equations of motion at another sample time [s]; see `Parametrised.resampled`."""
+        other = replace(self, dt=dt, substeps=0, outputs=outputs or self.outputs)
+        return replace(other, substeps=max(substeps, other.substeps))
 
     @abc.abstractmethod
     def derivative(self, x: Vector, u: Vector) -> Vector:

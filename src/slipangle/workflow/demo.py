@@ -41,7 +41,7 @@ out = "."
 file = "drive_log.csv"
 inputs = ["delta", "v_x"]
 outputs = ["v_y", "r"]
-rate = 20.0      # Hz
+rate = 50.0      # Hz
 cutoff = 8.0     # Hz
 hold = "mean"    # steering moves between samples: drive the models with its mean, not with its last value
 train = 0.7
@@ -50,11 +50,11 @@ train = 0.7
 {columns}
 
 [[model]]
-name = "bicycle"
-kind = "bicycle"
-free = ["C_f", "C_r", "inertia_z"]
-# known of the car: mass and geometry; the free ones are only a start
-car = {{ mass = 2500, wheelbase = 2.7, l_f = 1.35, inertia_z = 4000, C_f = 60e3, C_r = 60e3 }}
+name = "car"
+kind = "car"            # stiffness, yaw inertia, steering and sensors, as far as the log tells
+mass = 2500             # known of the car, as it was driven
+wheelbase = 2.7
+l_f = 1.35
 
 [[model]]
 name = "ARX(4, 4)"
@@ -64,7 +64,7 @@ nb = 4
 offset = true
 
 [controller]
-model = "bicycle"
+model = "car"
 manoeuvre = "iso3888-1"
 solver = "realtime"     # or "ipopt", the reference
 v_x = 20.0
@@ -96,10 +96,10 @@ def drive_log(
     plant = Plant(car, noise=NOISE, seed=seed)
     n = round(seconds / LOG_DT)
     t = np.arange(n) * LOG_DT
-    steer, speed = _steering(n, seed), 19.0 + 4.0 * np.sin(2 * np.pi * t / 55.0)
+    steer, speed = np.append(_steering(n, seed), 0.0), 19.0 + 4.0 * np.sin(2 * np.pi * t / 55.0)
     p = SOUSA_TABLE_6_1
     driver = SpeedDriver.for_car(mass=p.mass, radius=p.radius, limits=(-8000.0, 4000.0), dt=LOG_DT)
-    held = DriverState()
+    held, moving = DriverState(), (np.arange(10) + 0.5) / 10
     sensor = 0.0003 * np.random.default_rng([seed, 1]).standard_normal(n)  # rad, of the logged steering angle
     simulation = plant.start(car.straight(float(speed[0])), np.zeros(3))
     table = np.empty((n, len(COLUMNS)))
@@ -107,7 +107,8 @@ def drive_log(
         seen = simulation.measure()
         table[k] = [steer[k] + sensor[k] if name == "delta" else seen[name] for name in COLUMNS]
         torque, held = driver.step(held, float(speed[k]), seen["v_x"])
-        simulation.advance(np.array([steer[k], torque, 0.0]), round(LOG_DT / plant.dt))
+        for share in moving:  # the driver's hands do not wait for the log
+            simulation.advance(np.array([(1 - share) * steer[k] + share * steer[k + 1], torque, 0.0]), 1)
         if k % 500 == 0:
             progress(k / n)
     return t, table

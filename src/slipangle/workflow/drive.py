@@ -15,7 +15,7 @@ from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ConfigError, nearest, shown
 from slipangle.models.model import Model
-from slipangle.models.ode import OdeModel
+from slipangle.models.ode import Parametrised
 from slipangle.models.tires.simple import MagicCurve, SimpleMagicFormula
 from slipangle.models.vehicles import catalogue
 from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams, SingleTrackParams
@@ -107,8 +107,8 @@ def build_mpc(
     S: dict[str, Weight] | None = None,
 ) -> MPC:
     """The predictive controller; its model is re-discretised at the controller's step where it is an ODE."""
-    if isinstance(model, OdeModel) and {"v_y", "r"} <= set(model.states):
-        model = replace(model, dt=wanted.dt, substeps=0, outputs=("v_y", "r"))
+    if isinstance(model, Parametrised) and {"v_y", "r"} <= set(model.states):
+        model = model.resampled(wanted.dt, outputs=("v_y", "r"))
     elif not math.isclose(model.dt, wanted.dt, rel_tol=1e-6):
         raise ConfigError(
             f"[controller] works at {wanted.dt:g} s, the model '{wanted.model}' was identified at {model.dt:g} s; "
@@ -149,7 +149,7 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
         params, tires = around(identified, wanted.friction)
         text = (
             "a stand-in for the car: the identified mass, geometry and cornering stiffness on Magic Formula tires that "
-            f"saturate at a friction coefficient of {wanted.friction:g}, with wheel spin"
+            f"saturate at a friction coefficient of {wanted.friction:g}, with wheel spin, steered as late as identified"
         )
     else:
         raise ConfigError(
@@ -157,9 +157,16 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
         )
     car = SingleTrack(params=params, dt=0.001, tire_f=tires[0], tire_r=tires[1])
     noise = {**NOISE, **wanted.noise}
+    delay, lag = (Values() if wanted.catalogue else _late(model, name) for name in ("delay_delta", "steering_lag"))
     reach = 0.8 * params.mass * GRAVITY * params.radius
     driver = SpeedDriver.for_car(mass=params.mass, radius=params.radius, limits=(-reach, 0.5 * reach))
-    return Plant(car, noise=Values(**noise), seed=wanted.seed), driver, text
+    return Plant(car, noise=Values(**noise), seed=wanted.seed, delay=delay, lag=lag), driver, text
+
+
+def _late(model: Model, name: str) -> Values:
+    """Delay or lag of an identified steering; none where the model has no such parameter. [s]"""
+    known = isinstance(model, Parametrised) and name in model.parameter_names
+    return Values(delta=model.value(name)) if known else Values()
 
 
 def around(

@@ -38,8 +38,8 @@ from slipangle.ops import Scalar
 _SLOWEST = 1.0  # wheelbases a second: slower, steering and speed sensors say little
 _AS_GOOD = 0.02  # of the held-out error by which another structure may be worse and still be believed
 # What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
-# transients tell how stiff and how heavy a car is, by more.
-_FLOOR, _FLOOR_ALONE = 0.05, 0.2
+# transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
+_FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
 _WIDE = 0.25  # half of an interval over the value, from which a parameter counts as not separated
 _MOVED = 0.05  # change of a parameter that is worth a sentence
 _OFFSET = 0.2  # of a sensor, over the standard deviation of its channel, from which it is told
@@ -146,9 +146,9 @@ class WholeCar(Checked):
             others = _others(final, dropped, whole.all)
         names = final.free
         spread, limits, how = hull(names, final, others)
-        floor = _FLOOR if "v_y" in outputs else _FLOOR_ALONE
-        for i in range(len(STIFF)):
-            limits[i] += np.array([-1.0, 1.0]) * floor * final.values[names[i]]
+        floors = dict.fromkeys(STIFF, _FLOOR if "v_y" in outputs else _FLOOR_ALONE) | {"steering_gain": _FLOOR_GAIN}
+        for i, name in enumerate(names):
+            limits[i] += np.array([-1.0, 1.0]) * floors.get(name, 0.0) * abs(final.values[name])
         lowest, highest = final.problem.ranges
         limits = np.clip(limits, lowest[:, None], highest[:, None])
         separated = _separated(names, final, limits)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -72,6 +72,11 @@ class Steered(OdeWrapper):
                     f"{name} is {value:g} {si.unit}; expected {si.lower:g} to {si.upper:g} {si.unit}: below that the "
                     "integrator cannot follow, take more substeps or none of it"
                 )
+
+    def resampled(self, dt: float, *, substeps: int = 0, outputs: tuple[str, ...] = ()) -> Self:
+        """The same at another sample time [s], in steps that follow the lag."""
+        followed = 1 if self.model.method == "radau" else math.ceil(_STABLE * dt / self.steering_lag - 1e-9)
+        return super().resampled(dt, substeps=max(substeps, followed), outputs=outputs)
 
     def inside(self, x: Vector, u: Vector) -> tuple[Vector, Vector]:
         """The car's state, and its inputs with the steering where it is."""

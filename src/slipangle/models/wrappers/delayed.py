@@ -167,6 +167,11 @@ class Delayed(Parametrised, Wrapper):
         own = {n: v for n, v in values.items() if n in self.model.parameter_names}
         return replace(self, model=self.model.with_values(**own), delays=late, fit_info=None)
 
+    def resampled(self, dt: float, *, substeps: int = 0, outputs: tuple[str, ...] = ()) -> Self:
+        """The same at another sample time [s]; no longer past is kept than the delays need."""
+        model = self.model.resampled(dt, substeps=substeps, outputs=outputs)
+        return replace(self, model=model, longest=max(dt, *self.delays.values()))
+
     def drive_rows(self, data: Dataset) -> np.ndarray:
         """Inputs of each sample from ``memory - 1`` on, then the past of each delayed input."""
         k, n = self.n_past, data.n_samples

@@ -40,6 +40,10 @@ class OdeWrapper(OdeModel):
         object.__setattr__(self, "states", (*self.model.states, *self.added_states))
         object.__setattr__(self, "inputs", (*self.model.inputs, *self.added_inputs))
 
+    def resampled(self, dt: float, *, substeps: int = 0, outputs: tuple[str, ...] = ()) -> Self:
+        """The same at another sample time [s]."""
+        return replace(self, model=self.model.resampled(dt, substeps=substeps, outputs=outputs))
+
     def inside(self, x: Vector, u: Vector) -> tuple[Vector, Vector]:
         """State and inputs of the ODE inside."""
         return x[: self.model.n_states], u[: self.model.n_inputs]
