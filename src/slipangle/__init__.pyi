@@ -12,6 +12,7 @@ from slipangle.data.dataset import join as join
 from slipangle.data.public.sets import public as public
 from slipangle.data.quality.inspect import inspect as inspect
 from slipangle.data.readers import read as read
+from slipangle.data.readers.columns import Column as Column
 from slipangle.estimate.ekf import EKF as EKF
 from slipangle.identify.car.identify_car import IdentifiedCar as IdentifiedCar
 from slipangle.identify.car.identify_car import WholeCar as WholeCar

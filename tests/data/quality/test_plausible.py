@@ -57,6 +57,7 @@ PLANTED = {
     "sign": (changed("delta", np.negative), "sign = -1"),
     "degrees": (changed("delta", np.rad2deg), "degrees"),
     "km/h": (changed("v_x", lambda v: 3.6 * v), "km/h"),
+    "offset of the yaw rate": (changed("r", lambda r: r + 0.2), "subtract it"),
     "hand wheel": (changed("delta", lambda d: 15 * d), "hand wheel"),
     "deg/s": (changed("r", np.rad2deg), "deg/s"),
     "late": (changed("r", late), "behind a_y"),
@@ -91,3 +92,13 @@ def test_one_speed_alone_raises_no_doubt_and_shows_degrees(speed):
 def test_a_sound_log_raises_no_doubt():
     assert doubts(clean(), wheelbase=LENGTH) == ()
     assert doubts(without_a_y(clean()), wheelbase=LENGTH) == ()
+
+
+@pytest.mark.parametrize("speed", [9.0, 25.0])
+def test_at_one_speed_an_offset_of_the_yaw_rate_is_not_told_from_one_of_the_steering(speed):
+    data = drive(speed, 1)
+    assert doubts(data.with_channel("r", data["r"] + 0.2, "rad/s"), wheelbase=LENGTH) == ()
+
+
+def test_an_offset_of_the_steering_is_none_of_the_yaw_rate():
+    assert doubts(changed("delta", lambda delta: delta + 0.03), wheelbase=LENGTH) == ()
