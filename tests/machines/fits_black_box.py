@@ -46,7 +46,7 @@ def _() -> Errors:
 @fit("state space, N4SID and order by cross-validation, robot arm")
 def _() -> Errors:
     train, test = arm()
-    return free_run(StateSpace(order=(4, 5, 6), algorithm="n4sid").fit(train), train, test)
+    return free_run(StateSpace(order=(4, 5, 6), focus="prediction", algorithm="n4sid").fit(train), train, test)
 
 
 @fit("OE, robot arm")

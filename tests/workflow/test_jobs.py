@@ -9,6 +9,8 @@ import pytest
 
 from slipangle.cli import main
 from slipangle.errors import ConfigError
+from slipangle.identify.networks.narx import NARX as NARXEstimator
+from slipangle.workflow.kinds import KINDS
 from slipangle.workflow.settings import read_settings
 from tests.workflow.test_cli import JOB, log_rows, sentence, write_job
 
@@ -143,6 +145,32 @@ def test_a_state_space_by_job_needs_no_settings(tmp_path, capsys):
             assert found["models"]["s"]["free_run"]["r"]["fit"] > 90
         else:  # two sines excite four lags only
             assert "record richer excitation" in found["failures"]["s"]
+
+
+def test_black_boxes_by_job_need_no_orders(tmp_path, capsys):
+    """Each says what it compared, on the page too."""
+    kinds = {"a": "arx", "m": "multi-arx", "s": "state-space"}
+    more = "".join(f"[[model]]\nname = '{name}'\nkind = '{kind}'\n" for name, kind in kinds.items())
+    more = more.replace("'arx'\n", "'arx'\ninputs = ['delta']\n").replace("space'\n", "space'\ninputs = ['delta']\n")
+    job = write_job(tmp_path, rows=noisy(300), more=more)
+    assert main(["run", str(job), "--out", str(tmp_path / "out"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert not found.get("failures")
+    page = (tmp_path / "out" / "index.html").read_text()
+    for name in kinds:
+        assert found["models"][name]["free_run"]["r"]["fit"] > 80
+        assert f"Orders compared for {name}" in page
+    assert "Orders compared for bicycle" not in page
+    assert KINDS["narx"]() == NARXEstimator(hidden=(30, 30))
+
+
+@pytest.mark.slow
+def test_a_network_by_job_needs_no_orders(tmp_path, capsys):
+    more = "[[model]]\nname = 'n'\nkind = 'narx'\nhidden = [6]\n"
+    job = write_job(tmp_path, rows=noisy(300), more=more + "inputs = ['delta']")
+    assert main(["run", str(job), "--out", str(tmp_path / "out"), "--json"]) == 0
+    assert not json.loads(capsys.readouterr().out).get("failures")
+    assert "Orders compared for n" in (tmp_path / "out" / "index.html").read_text()
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("ns", 1e9), ("ms", 1e3), ("us", 1e6)])

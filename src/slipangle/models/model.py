@@ -126,7 +126,8 @@ class FitInfo:
         if not (np.isfinite(self.covariance).all() and (self.std > 0).all()):
             return float("inf")
         information = np.linalg.pinv(self.correlation, rcond=1e-15, hermitian=True)
-        lengths = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        diagonal = np.diag(information)
+        lengths = np.sqrt(np.maximum(diagonal, 1e-15 * diagonal.max()))  # of a singular matrix it may be rounding
         size = np.linalg.eigvalsh(information / np.outer(lengths, lengths))
         return float(np.sqrt(size[-1] / size[0])) if size[0] > 0 else float("inf")
 

@@ -324,8 +324,8 @@ def orders_table(fit: FitInfo, *, title: str = "Orders that were compared", most
         title=title,
         columns=columns,
         rows=tuple(rows),
-        caption="Errors on stretches held out in turn, RMSE over standard deviation; AIC, BIC and FPE of all data, one "
-        f"step ahead, outputs over their standard deviations.{more}",
+        caption="Errors on stretches held out in turn, RMSE over standard deviation; AIC, BIC and FPE of the data "
+        f"fitted to, one step ahead, outputs over their standard deviations.{more}",
         command=command,
     )
 

@@ -112,6 +112,8 @@ def _parameter_section(outcome: Outcome, command: str) -> Iterator[report.Sectio
         info = v.model.fit_info
         if info is None:
             continue
+        if info.candidates:
+            blocks.append(report.orders_table(info, title=f"Orders compared for {v.name}", command=command))
         if v.model.told_by_poles:
             blocks.append(_poles(v.name, v.model, len(info.names)))
             continue

@@ -17,7 +17,7 @@ from slipangle.identify.car.identify_car import WholeCar
 from slipangle.identify.judge.compare import Estimator
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.multi_arx import MultiARX
-from slipangle.identify.linear.orders import Chosen
+from slipangle.identify.linear.orders import LEVELS, Chosen
 from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.physics.grey_box import GreyBox
@@ -119,7 +119,7 @@ def _box_jenkins(
 def _state_space(
     *,
     order: tuple[Annotated[int, Within(1, 50)], ...] = (),
-    focus: Literal["prediction", "simulation"] = "prediction",
+    focus: Literal["prediction", "simulation"] = "simulation",
     nk: Lags = 1,
     offset: bool = False,
 ) -> Estimator:
@@ -131,9 +131,9 @@ def _state_space(
 @KINDS.register("narx")
 def _narx(
     *,
-    na: Lags = 2,
-    nb: Lags = 2,
-    nk: Lags = 1,
+    na: Chosen | Lags = "chosen",
+    nb: Chosen | Lags = "chosen",
+    nk: Chosen | Lags | None = None,
     hidden: tuple[Annotated[int, Within(1, 1000)], ...] = (30, 30),
     seeds: tuple[Seed, ...] = (0,),
 ) -> Estimator:
@@ -154,7 +154,8 @@ def check_entries(kind: str, table: dict[str, Any], where: str) -> dict[str, Any
         return vars(record(PhysicsEntries, table, where))
     own = arguments(thing, table, where)  # type: ignore[arg-type]  # all others are callable
     if kind == "narx":
-        weights = sum(a * b for a, b in pairwise((own.get("na", 2) + own.get("nb", 2), *own.get("hidden", ()), 1)))
+        lags = sum(n if isinstance(n, int) else LEVELS[-1] for n in (own.get("na"), own.get("nb")))
+        weights = sum(a * b for a, b in pairwise((lags, *own.get("hidden", ()), 1)))
         if weights > _WEIGHTS:
             raise ConfigError(
                 f"{where} has about {weights:.1g} weights; expected at most {_WEIGHTS:.0g}: choose fewer or smaller "

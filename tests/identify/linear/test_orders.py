@@ -220,6 +220,17 @@ def test_at_one_speed_it_is_arx():
     assert found.fit_info.covariance == pytest.approx(alone.fit_info.covariance, rel=1e-6, abs=1e-12)
 
 
+@pytest.mark.parametrize("inputs", [("u", "v_x"), ("v_x", "u")])
+def test_at_one_speed_lags_are_chosen_of_the_steering_alone(inputs):
+    data = made()
+    v_x = 5 + 0.05 * np.random.default_rng(1).standard_normal(3000)
+    found = MultiARX().fit(data.with_channel("v_x", v_x, "m/s").select(inputs=inputs))
+    alone = ARX(offset=True).fit(data)
+    (model,) = found.models
+    assert (model.inputs, model.na, model.nb, model.nk) == (("u",), alone.na, alone.nb, alone.nk)
+    assert model.B == pytest.approx(alone.B, rel=1e-6)
+
+
 def test_lags_are_chosen_for_all_speeds_at_once(tmp_path):
     _, data = driven()
     model = MultiARX().fit(data)

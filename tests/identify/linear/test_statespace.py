@@ -365,6 +365,31 @@ def test_order_by_cross_validation():
     assert "3 groups" in StateSpace(order=(3,), direct=True).choose_order(parts).holdout
 
 
+def test_a_model_keeps_the_table_of_orders_that_were_compared():
+    m = system(2, 1, 1, 16, gain=0.3)
+    data, _ = record(m, 1500, 8, noise=0.3)
+    settings = StateSpace(order=(1, 2, 3), direct=True)
+    model, choice = settings.fit(data), settings.choose_order(data)
+    assert settings.focus == "simulation"
+    found = model.fit_info.candidates
+    assert found == choice.candidates
+    assert found[0].orders == f"order = {model.order}"
+    assert sorted(c.n_parameters for c in found) == [3, 5, 7]
+    assert model.fit_info.method.startswith("order = 2, chosen of 3 on the last 25 % of the record; free-run error")
+    train, test = data.split(0.75)
+    fitted = StateSpace(order=2, direct=True, max_iterations=20).fit(train)  # as far as the comparison refines
+    run, residual = fitted.simulate(test), fitted.predict(train)
+    error = float(np.sqrt(np.mean(run.error[run.predicted] ** 2)) / np.std(test.y))
+    assert found[0].error == pytest.approx(error, rel=1e-6)
+    left = residual.error[residual.predicted]
+    n, d = len(left), 5
+    log_det = np.log(np.mean(left**2) / np.var(train.y))
+    assert found[0].aic == pytest.approx(n * log_det + 2 * d, rel=1e-6)
+    assert found[0].bic == pytest.approx(n * log_det + d * np.log(n), rel=1e-6)
+    assert found[0].fpe == pytest.approx(np.exp(log_det) * (1 + d / n) / (1 - d / n), rel=1e-6)
+    assert replace(settings, order=2).fit(data).fit_info.candidates == ()
+
+
 # ---- bad data -------------------------------------------------------------------------------------------------------
 
 

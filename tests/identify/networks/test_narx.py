@@ -1,5 +1,6 @@
 """NARX training: learns what it should, the same from the same seed, never from held-out or test data."""
 
+import re
 import subprocess
 import sys
 import warnings
@@ -11,6 +12,7 @@ from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, ModelWarning, ParameterError, TooShortError
 from slipangle.identify.judge.validate import validate
 from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.orders import choose
 from slipangle.identify.networks import narx, windows
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.narx_free_run import FreeRunNARX
@@ -155,6 +157,32 @@ def test_steps_on_the_whole_free_run_keep_the_best_of_the_held_out_part():
     assert held_out_error(model, data) < held_out_error(ARX(na=2, nb=2, offset=True).fit(inner), data)
 
 
+# ---- orders that are not given -----------------------------------------------------------------------------------
+
+
+def test_open_orders_are_those_of_the_arx_model_that_runs_freely_best():
+    data = tanks()
+    model = NARX(hidden=(6,), stages=QUICK, linear_start=False).fit(data)
+    best = choose(data.split(0.85)[0], na="chosen", nb="chosen", nk="chosen", offset=True)
+    assert (model.na, model.nb, model.nk) == (best.ranked[0][0].na, *best.ranked[0][0].nb, *best.ranked[0][0].nk)
+    assert model.fit_info.candidates == best.candidates
+    assert re.match(r"na = \d+, nb = \d+, nk = \d+, chosen of \d+ by free run", model.fit_info.method)
+
+
+def test_open_orders_are_the_same_for_every_input_and_given_ones_stay():
+    data = mimo(noise=1.0)
+    assert NARX() == NARX(na="chosen", nb="chosen", nk="chosen")
+    assert NARX(na=2, nb=2).nk == 1
+    settled, chosen = NARX(na=2).settled(data)
+    assert settled.na == 2
+    assert {settled.nb, settled.nk} <= set(range(1, 11))
+    assert len(chosen.candidates) > 10
+    assert NARX(na=2, nb=2).settled(data) == (NARX(na=2, nb=2), ("", ()))
+    inner = data.split(0.85)[0]
+    spoilt = data.with_channel("r", np.where(np.arange(400) < inner.n_samples, data["r"], 1e3))
+    assert NARX(na=2).settled(spoilt)[0] == settled
+
+
 def test_same_seed_same_weights_other_seed_other_weights():
     data = narendra.estimation(300)
     fits = [NARX(**SMALL, seeds=(s,)).fit(data) for s in (0, 0, 1)]
@@ -288,6 +316,7 @@ def test_progress_rises_to_one():
     ("settings", "said"),
     [
         ({"na": 0}, "na is 0"),
+        ({"nb": "auto"}, "nb is 'auto'"),
         ({"hidden": (5, 0)}, "hidden is"),
         ({"activation": "relu"}, "'relu'.*elu"),
         ({"holdout": 0.9}, "holdout is 0.9"),

@@ -125,6 +125,17 @@ def test_training_starts_as_the_linear_state_space_of_the_same_order(feedthrough
     assert np.std(ours - data.y) < 0.5 * np.std(data.y)
 
 
+def test_an_open_order_is_that_of_the_linear_state_space():
+    data = duffing(500)
+    settled, chosen = NeuralStateSpace().settled(data)
+    linear = StateSpace(order=tuple(range(1, 9)), focus="simulation", offsets="output", max_radius=1.0)
+    choice = linear.choose_order(data.split(0.85)[0])
+    assert settled == NeuralStateSpace(order=choice.order)
+    assert settled.lags == 2 * choice.order + 1
+    assert chosen.candidates == choice.candidates
+    assert len(choice.refined) <= 5
+
+
 def test_no_gain_on_request():
     model = quick(duffing(200), gain_stages=())
     assert not model.gain.any()

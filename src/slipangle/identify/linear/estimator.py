@@ -6,6 +6,8 @@ import abc
 import time
 from typing import Any, ClassVar, Generic, TypeVar
 
+import numpy as np
+
 from slipangle.data.dataset import Dataset
 from slipangle.fields import Checked
 from slipangle.identify.stability import announced, breakdown_said, judged
@@ -47,3 +49,9 @@ def described(data: Dataset, began: float, **found: Any) -> FitInfo:
 def channels(data: Dataset) -> Any:
     """Sample time and names that a model has of its data."""
     return {"dt": data.dt, "inputs": data.inputs, "outputs": data.outputs}
+
+
+def criteria(log_det: float, d: int, n: float) -> dict[str, float]:
+    """AIC, BIC and FPE of d parameters and n residuals, from the logarithm of the determinant of their covariance."""
+    fpe = float(np.exp(min(log_det, 700.0))) * (1 + d / n) / max(1 - d / n, 1e-12)
+    return {"aic": n * log_det + 2 * d, "bic": n * log_det + d * float(np.log(n)), "fpe": fpe}

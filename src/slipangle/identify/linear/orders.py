@@ -15,6 +15,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import TooShortError
+from slipangle.identify.linear.estimator import criteria
 from slipangle.identify.linear.lags import PerInput, Windows
 from slipangle.models.model import Candidate
 from slipangle.models.plausible import growth
@@ -75,7 +76,8 @@ def choose(
     nb: PerInput | Chosen,
     nk: PerInput | Chosen,
     offset: bool,
-    speeds: Sequence[float] = (0.0,),
+    speeds: Sequence[float] = (),
+    same: bool = False,
 ) -> Choice:
     """Orders by free run over held-out stretches; those that are given stay.
 
@@ -85,9 +87,10 @@ def choose(
 
     Raises TooShortError if there are too few samples to fit to some stretches and run freely over others.
 
-    Inputs are all but v_x where there are several ``speeds`` [m/s], at which the coefficients are blended by v_x.
+    Inputs are all but v_x where there are ``speeds`` [m/s], at which the coefficients are blended by v_x. With
+    ``same`` all inputs have the same lags and delay.
     """
-    nu = len(data.inputs) - ("v_x" in data.inputs and len(speeds) > 1)
+    nu = len(data.inputs) - ("v_x" in data.inputs and len(speeds) > 0)
     open_y, open_b, open_k = (v == "chosen" for v in (na, nb, nk))
     fixed = Orders(1 if isinstance(na, str) else na, _each(nb, nu), _each(nk, nu))
     most = _most(data, fixed, (open_y, open_b, open_k))
@@ -101,17 +104,20 @@ def choose(
     trials = _Trials(data, widest, offset, speeds)
     lags_y, lags_u = levels if open_y else [fixed.na], levels if open_b else [0]
     trials.add(replace(fixed, na=a, nb=(b,) * nu if b else fixed.nb) for a in lags_y for b in lags_u)
-    for i in range(nu if open_k else 0):
+    groups = [range(nu)] if same else [range(i, i + 1) for i in range(nu)]
+    for of in groups if open_k else []:
         best = trials.best
-        counts = sorted({1, 2, 3, 4, best.nb[i]}) if open_b else [best.nb[i]]
+        counts = sorted({1, 2, 3, 4, best.nb[of[0]]}) if open_b else [best.nb[of[0]]]
         trials.add(
-            replace(best, nb=_with(best.nb, i, b), nk=_with(best.nk, i, k)) for b in counts for k in range(1, most + 1)
+            replace(best, nb=_with(best.nb, of, b), nk=_with(best.nk, of, k))
+            for b in counts
+            for k in range(1, most + 1)
         )
     best = trials.best
     near = [replace(best, na=best.na + d) for d in (-2, -1, 1, 2)] if open_y else []
-    for i in range(nu):
-        near += [replace(best, nb=_with(best.nb, i, best.nb[i] + d)) for d in (-1, 1) if open_b]
-        near += [replace(best, nk=_with(best.nk, i, best.nk[i] + d)) for d in (-1, 1) if open_k]
+    for of in groups:
+        near += [replace(best, nb=_with(best.nb, of, best.nb[of[0]] + d)) for d in (-1, 1) if open_b]
+        near += [replace(best, nk=_with(best.nk, of, best.nk[of[0]] + d)) for d in (-1, 1) if open_k]
     trials.add(o for o in near if min(o.na, *o.nb) >= 1 and (not open_k or min(o.nk) >= 1))
     return trials.choice()
 
@@ -123,8 +129,9 @@ def _each(value: PerInput | Chosen, n: int) -> tuple[int, ...]:
     return (1 if isinstance(value, str) else value,) * n
 
 
-def _with(values: tuple[int, ...], i: int, value: int) -> tuple[int, ...]:
-    return (*values[:i], value, *values[i + 1 :])
+def _with(values: tuple[int, ...], of: range, value: int) -> tuple[int, ...]:
+    """The numbers with those of some inputs replaced."""
+    return tuple(value if i in of else v for i, v in enumerate(values))
 
 
 def _most(data: Dataset, fixed: Orders, open_: tuple[bool, bool, bool]) -> int:
@@ -168,8 +175,8 @@ def regression(
     """
     trials = _Trials(data, orders, offset, speeds, judged=False)
     p = trials.n_columns
-    pick = (np.arange(len(speeds))[:, None] * p + trials._pick(orders)).ravel()
-    pick = np.concatenate([pick, len(speeds) * p + np.arange(trials.ny)])
+    pick = (np.arange(len(trials.speeds))[:, None] * p + trials._pick(orders)).ravel()
+    pick = np.concatenate([pick, len(trials.speeds) * p + np.arange(trials.ny)])
     gram = trials.gram.sum(axis=0)
     return gram[np.ix_(pick, pick)], int(trials.count.sum()), trials.shift, trials.size
 
@@ -183,8 +190,8 @@ class _Trials:
     def __init__(
         self, data: Dataset, widest: Orders, offset: bool, speeds: Sequence[float], *, judged: bool = True
     ) -> None:
-        self.inputs = tuple(n for n in data.inputs if len(speeds) == 1 or n != "v_x")
-        self.data, self.offset, self.speeds = data, offset, tuple(speeds)
+        self.inputs = tuple(n for n in data.inputs if n != "v_x" or not speeds)
+        self.data, self.offset, self.speeds = data, offset, tuple(speeds) or (0.0,)
         self.ny, self.nu, self.reach, self.na = len(data.outputs), len(self.inputs), widest.reach, widest.na
         self.names = (*data.outputs, *self.inputs)
         size = np.array([np.std(data[n]) for n in self.names])
@@ -312,9 +319,7 @@ class _Trials:
                 n_parameters=d,
                 error=float(free[c]) if np.isfinite(free[c]) else np.inf,
                 one_step_error=float(np.mean(np.sqrt(np.maximum(unseen, 0.0)) / self.spread)),
-                aic=n * log_det + 2 * d,
-                bic=n * log_det + d * float(np.log(n)),
-                fpe=float(np.exp(min(log_det, 700.0))) * (1 + d / n) / max(1 - d / n, 1e-12),
+                **criteria(log_det, d, n),
                 stable=not growth(self._poles(own), self.longest),
             )
 

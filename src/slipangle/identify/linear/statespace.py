@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
@@ -11,11 +12,13 @@ import numpy as np
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, SlipangleError
 from slipangle.fields import Count, Within
-from slipangle.identify.linear.estimator import LinearEstimator
+from slipangle.identify.linear.estimator import LinearEstimator, criteria
 from slipangle.identify.linear.pem import PEM, Focus, Offsets
 from slipangle.identify.linear.subspace import Algorithm, Subspace, project
 from slipangle.identify.stability import breakdown_said, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.models.model import Candidate
+from slipangle.models.plausible import growth
 from slipangle.numerics.blas import one_blas_thread
 
 
@@ -32,6 +35,12 @@ class OrderChoice:
     holdout: str  # what the errors were measured on
     failures: tuple[str, ...] = ()  # why an order could not be judged
     refined: tuple[int, ...] = ()  # orders whose errors are those of refined models
+    candidates: tuple[Candidate, ...] = ()  # the same as a table, the chosen one first
+
+    @property
+    def said(self) -> str:
+        """What was done, for the method's line."""
+        return f"order = {self.order}, chosen of {len(self.orders)} on {self.holdout}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,9 +54,11 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
     Parameters
     ----------
     order : int or tuple of int
-        Number of states, or candidates of which cross-validation chooses one.
-    focus : {"prediction", "simulation"}
-        What is minimised: the one-step-ahead error with K free, or the free-run error with K = 0.
+        Number of states, or candidates of which cross-validation chooses one; the model's ``fit_info.candidates`` are
+        all that were compared.
+    focus : {"simulation", "prediction"}
+        What is minimised, and by what orders are compared: the free-run error with K = 0, or the one-step-ahead error
+        with K free.
     algorithm, block_rows, direct
         See `Subspace`.
     offsets, weights, max_radius, max_iterations
@@ -59,7 +70,7 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
     """
 
     order: Count | tuple[Count, ...] = tuple(range(1, 9))
-    focus: Focus = "prediction"
+    focus: Focus = "simulation"
     algorithm: Algorithm = "cva"
     block_rows: int | None = None
     direct: bool = False
@@ -78,8 +89,13 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
     _what = "the state space"
 
     def _fit(self, data: Dataset) -> StateSpaceModel:
-        order = self.order if isinstance(self.order, int) else self.choose_order(data).order
-        return self._usable(data, order)
+        if isinstance(self.order, int):
+            return self._usable(data, self.order)
+        began, choice = time.perf_counter(), self.choose_order(data)
+        model = self._usable(data, choice.order)
+        info: Any = model.fit_info
+        found = {"candidates": choice.candidates, "method": f"{choice.said}; {info.method}"}
+        return replace(model, fit_info=replace(info, **found, seconds=time.perf_counter() - began))
 
     def _usable(self, data: Dataset, order: int) -> StateSpaceModel:
         """The fit, with its poles held where a free-run fit cannot run freely over its own data."""
@@ -105,9 +121,10 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         folds, holdout = self._folds(data)
         failures: dict[int, str] = {}
         starts = [self._starts(train, orders, failures) for train, _ in folds]
+        judged: dict[int, list[tuple[StateSpaceModel, Dataset, Dataset]]] = {}
 
         def judge(at: int, refine: bool) -> float:
-            squares, order = [], orders[at]
+            squares, order, models = [], orders[at], list[tuple[StateSpaceModel, Dataset, Dataset]]()
             try:
                 with breakdown_said("the state space", data), one_blas_thread():
                     for (train, test), found in zip(folds, starts, strict=True):
@@ -115,9 +132,11 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
                             return np.inf
                         model = self._refined(found[order], train, _STEPS) if refine else found[order]
                         squares.append(self._error(model, test))
+                        models.append((model, train, test))
             except SlipangleError as reason:
                 failures.setdefault(order, f"order {order}: {reason}")
                 return np.inf
+            judged[order] = models
             return float(np.sqrt(np.mean(squares)))
 
         errors, refined = _searched(judge, len(orders))
@@ -134,6 +153,42 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
             holdout=holdout,
             failures=tuple(failures[o] for o in orders if o in failures),
             refined=tuple(orders[i] for i in refined),
+            candidates=self._table(judged, sorted(judged, key=lambda o: (o != best, errors[orders.index(o)]))),
+        )
+
+    def _table(
+        self, judged: Mapping[int, Sequence[tuple[StateSpaceModel, Dataset, Dataset]]], orders: Sequence[int]
+    ) -> tuple[Candidate, ...]:
+        """What came out for the orders, from their models and the parts these were fitted to and judged on."""
+        found = []
+        for order in orders:
+            try:
+                with breakdown_said("the state space", judged[order][0][1]), one_blas_thread():
+                    found.append(self._candidate(order, judged[order]))
+            except SlipangleError:  # a start that does not last over its own data
+                continue
+        return tuple(found)
+
+    def _candidate(self, order: int, fits: Sequence[tuple[StateSpaceModel, Dataset, Dataset]]) -> Candidate:
+        free, ahead, left = [], [], []
+        for model, train, test in fits:
+            size = np.std(test.y, axis=0)
+            for run, errors in ((model._simulate(test), free), (model._predict(test), ahead)):
+                errors.append(np.mean((run.error[run.predicted] / size) ** 2, axis=0))
+            run = model._predict(train)
+            left.append(run.error[run.predicted] / np.std(train.y, axis=0))
+        model, longest = fits[0][0], max(b - a for _, t, _ in fits for a, b in zip(t.starts, t.stops, strict=True))
+        n, ny, nu = float(np.mean([len(e) for e in left])), model.n_outputs, model.n_inputs
+        d = order * (ny + nu) + ny * nu * self.direct + order * ny * (self.focus == "prediction")
+        d += {"none": 0, "output": ny, "input": nu, "both": nu + ny}[self.offsets]
+        log_det = float(np.linalg.slogdet(np.mean([e.T @ e / len(e) for e in left], axis=0))[1])
+        return Candidate(
+            orders=f"order = {order}",
+            n_parameters=d,
+            error=float(np.mean(np.sqrt(np.mean(free, axis=0)))),
+            one_step_error=float(np.mean(np.sqrt(np.mean(ahead, axis=0)))),
+            **criteria(log_det, d, n),
+            stable=not any(growth(m.poles, longest) for m, _, _ in fits),
         )
 
     def _starts(self, data: Dataset, orders: tuple[int, ...], failures: dict[int, str]) -> dict[int, StateSpaceModel]:

@@ -7,7 +7,7 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from slipangle.identify.networks.training import IDLE, Holdout, Progress, Traine
 from slipangle.identify.networks.windows import in_units, scaled, window_starts
 from slipangle.models.black_box.model import NetworkModel
 from slipangle.models.black_box.networks import Activation, Scaling
-from slipangle.models.model import FitInfo
+from slipangle.models.model import Candidate, FitInfo
 from slipangle.models.provenance import provenance
 
 M = TypeVar("M", bound=NetworkModel)
@@ -30,6 +30,13 @@ LINEAR = (
 )
 Again = Callable[[TrainingProblem, Any, tuple[Stage, ...]], Any]
 """Trains something beside what is found already: problem, start and stages to its parameters."""
+
+
+class Settled(NamedTuple):
+    """How open orders were chosen: in words, and all that were compared."""
+
+    said: str = ""
+    candidates: tuple[Candidate, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +76,10 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
     _memory: ClassVar[Any]  # samples that a free run starts from
 
     @abc.abstractmethod
+    def settled(self, data: Dataset) -> tuple[Self, Settled]:
+        """These settings with every order a number, and how they were chosen."""
+
+    @abc.abstractmethod
     def _n_seen(self, ny: int, nu: int) -> int:
         """Samples that one prediction depends on."""
 
@@ -104,6 +115,17 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         """
         began = time.perf_counter()
         require_jax(f"fitting {self._what}")
+        settings, chosen = self.settled(data)
+        model = settings._fit(data, began, progress)
+        if not chosen.candidates:
+            return model
+        info: Any = model.fit_info
+        return replace(
+            model, fit_info=replace(info, candidates=chosen.candidates, method=f"{chosen.said}; {info.method}")
+        )
+
+    def _fit(self, data: Dataset, began: float, progress: Progress | None) -> M:
+        """The model of settled orders."""
         ny, nu = len(data.outputs), len(data.inputs)
         require_identifiable(data, self._n_seen(ny, nu))
         require_independent(data)
@@ -125,7 +147,7 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         if without:
             trained = replace(trained, warnings=(without, *trained.warnings))
         for note in trained.warnings:
-            warnings.warn(note, ModelWarning, stacklevel=2)
+            warnings.warn(note, ModelWarning, stacklevel=3)
         channels = {"dt": data.dt, "inputs": data.inputs, "outputs": data.outputs}
         model = self._model(trained.params, scaling_u, scaling_y, again, channels)
         return replace(model, fit_info=self._info(trained, model, data, began))

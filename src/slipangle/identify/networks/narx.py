@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import SimulationError
 from slipangle.fields import Count
+from slipangle.identify.excitation import require_independent
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.lags import same_for_all
-from slipangle.identify.networks.estimator import Again, NetworkEstimator
+from slipangle.identify.linear.orders import Chosen, choose
+from slipangle.identify.networks.estimator import Again, NetworkEstimator, Settled
 from slipangle.identify.networks.problem import Stage
 from slipangle.identify.networks.windows import Recurrence, beside, forward, from_linear, layers, network
 from slipangle.models.black_box.narx import NARXModel
@@ -29,40 +31,61 @@ class NARX(NetworkEstimator[NARXModel]):
 
     Parameters
     ----------
-    na, nb : int
+    na, nb : int or "chosen"
         Past outputs and past inputs used, at least 1.
-    nk : int
-        Samples from input to output, at least 1.
+    nk : int or "chosen", optional
+        Samples from input to output, at least 1; 1 where the lags are given. Orders that are not given are those of the
+        ARX model whose free runs over stretches held out in turn are best, see `slipangle.identify.linear.arx.ARX`, of
+        what is not held out here; one network is trained. ``fit_info.candidates`` are all that were compared.
     hidden, activation, stages, holdout, seeds, linear_start, precision
         See `NetworkEstimator`; by default the loss looks one step ahead, then 20.
 
     Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, sec. 4.2.
     """
 
-    na: Count
-    nb: Count
+    na: Count | Chosen = "chosen"
+    nb: Count | Chosen = "chosen"
     hidden: tuple[Count, ...] = (50, 50, 50)
     activation: Activation = "elu"
-    nk: Count = 1
+    nk: Count | Chosen | None = None
     stages: tuple[Stage, ...] = STAGES
 
     _what = "a NARX network"
 
     def __post_init__(self) -> None:
         same_for_all(self, "nb", "nk")
+        if self.nk is None:
+            object.__setattr__(self, "nk", "chosen" if "chosen" in (self.na, self.nb) else 1)
         super().__post_init__()
 
     _memory = derived(lambda self: max(self.na, self.nb + self.nk - 1))
 
+    def settled(self, data: Dataset) -> tuple[Self, Settled]:
+        """These settings with every order a number, and how they were chosen."""
+        given: Any = {"na": self.na, "nb": self.nb, "nk": self.nk}
+        if "chosen" not in given.values():
+            return self, Settled()
+        inner = data if self.holdout == 0 else data.split(1 - self.holdout)[0]
+        require_independent(inner)
+        choice = choose(inner, offset=True, same=True, **given)
+        best = choice.ranked[0][0]
+        said = f"{choice.said(best)}, as an ARX model"
+        return replace(self, na=best.na, nb=best.nb[0], nk=best.nk[0]), Settled(said, choice.candidates)
+
+    @property
+    def _lags(self) -> Any:
+        """``na``, ``nb`` and ``nk``, once they are numbers."""
+        return {"na": self.na, "nb": self.nb, "nk": self.nk}
+
     def _n_seen(self, ny: int, nu: int) -> int:
-        return self.na * ny + self.nb * nu
+        return self._lags["na"] * ny + self._lags["nb"] * nu
 
     def _problem(self) -> LagNetwork:
-        return LagNetwork(na=self.na, nb=self.nb, nk=self.nk, activation=self.activation)
+        return LagNetwork(**self._lags, activation=self.activation)
 
     def _linear(self, data: Dataset) -> tuple[np.ndarray, np.ndarray]:
         """Slope by the lags and constant of the ARX model of these lags."""
-        model = ARX(na=self.na, nb=self.nb, nk=self.nk, offset=True).fit(data)
+        model = ARX(**self._lags, offset=True).fit(data)
         blows_up = growth(model.poles, max(b - a for a, b in zip(data.starts, data.stops, strict=True)))
         if blows_up:
             raise SimulationError(blows_up)
@@ -73,9 +96,9 @@ class NARX(NetworkEstimator[NARXModel]):
         return layers(from_linear(net, *linear) if linear else net)
 
     def _model(self, params: Any, scaling_u: Scaling, scaling_y: Scaling, again: Again, channels: Any) -> NARXModel:
-        lags = beside(*[scaling_y] * self.na, *[scaling_u] * self.nb)
+        lags = beside(*[scaling_y] * self._lags["na"], *[scaling_u] * self._lags["nb"])
         net = network(params, self.activation, lags, scaling_y)
-        return NARXModel(network=net, na=self.na, nb=self.nb, nk=self.nk, **channels)
+        return NARXModel(network=net, **self._lags, **channels)
 
 
 @dataclass(frozen=True)

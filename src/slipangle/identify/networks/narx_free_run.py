@@ -49,20 +49,24 @@ class FreeRunNARX(Checked):
 
         began = time.perf_counter()
         models: list[NARXModel] = []
-        inner, held = self.start.cut(data) if self.start.linear_start else (data, None)
-        for i, seed in enumerate(self.start.seeds):
+        start, chosen = self.start.settled(data)
+        inner, held = start.cut(data) if start.linear_start else (data, None)
+        for i, seed in enumerate(start.seeds):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ModelWarning)  # of what the free-run fit may mend
-                first = replace(self.start, seeds=(seed,)).fit(data)
+                first = replace(start, seeds=(seed,)).fit(data)
             with adam.precision("double"):
                 models.append(_Polish(self, first, inner, held).run(seed, data))
             if progress is not None:
-                progress((i + 1) / len(self.start.seeds), f"free-run fit, seed {i + 1} of {len(self.start.seeds)}")
+                progress((i + 1) / len(start.seeds), f"free-run fit, seed {i + 1} of {len(start.seeds)}")
         trials = tuple(t for m in models if m.fit_info for t in m.fit_info.trials)
         for note in (n for m in models if m.fit_info for n in m.fit_info.warnings):
             warnings.warn(note, ModelWarning, stacklevel=2)
         best: Any = min(models, key=lambda m: m.fit_info.trials[0].score if m.fit_info else np.inf)
-        return replace(best, fit_info=replace(best.fit_info, trials=trials, seconds=time.perf_counter() - began))
+        found: Any = {"trials": trials, "seconds": time.perf_counter() - began, "candidates": chosen.candidates}
+        if chosen.said:
+            found["method"] = f"{chosen.said}; {best.fit_info.method}"
+        return replace(best, fit_info=replace(best.fit_info, **found))
 
 
 class _Polish:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+import warnings
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
+from slipangle.errors import IdentifiabilityWarning, ModelWarning
 from slipangle.fields import Count, Whole
+from slipangle.identify.linear.orders import Chosen
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.lure.starts import unit_states
-from slipangle.identify.networks.estimator import Again, NetworkEstimator
+from slipangle.identify.networks.estimator import Again, NetworkEstimator, Settled
 from slipangle.identify.networks.problem import Stage
 from slipangle.identify.networks.windows import Recurrence, beside, forward, from_linear, layers, network
 from slipangle.models.black_box.networks import MLP, Activation, Scaling
@@ -19,6 +22,7 @@ from slipangle.models.black_box.neural_statespace import NeuralStateSpaceModel
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import derived
 
+ORDERS = tuple(range(1, 9))
 STAGES = (Stage(horizon=10, epochs=1500), Stage(horizon=40, epochs=1500))
 Affine = tuple[np.ndarray, np.ndarray]  # slope and constant
 GAIN_STAGES = (Stage(horizon=40, epochs=300, learning_rate=1e-2),)
@@ -33,8 +37,9 @@ class NeuralStateSpace(NetworkEstimator[NeuralStateSpaceModel]):
 
     Parameters
     ----------
-    order : int
-        States, at least 1.
+    order : int or "chosen"
+        States, at least 1; if not given, those of the linear state space whose free run over a stretch held out of
+        what is not held out here is best, see `slipangle.identify.linear.statespace.StateSpace.choose_order`.
     lags : int, optional
         Samples that the encoder reads; by default ``2 order + 1``, which suffices for almost every smooth system.
     emission_hidden : tuple of int
@@ -51,7 +56,7 @@ class NeuralStateSpace(NetworkEstimator[NeuralStateSpaceModel]):
     3rd Conference on Learning for Dynamics and Control, 2021.
     """
 
-    order: Count
+    order: Count | Chosen = "chosen"
     lags: Whole = 0
     hidden: tuple[Count, ...] = (32, 32)
     emission_hidden: tuple[Count, ...] = ()
@@ -64,10 +69,34 @@ class NeuralStateSpace(NetworkEstimator[NeuralStateSpaceModel]):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.lags == 0:
+        if self.lags == 0 and self.order != "chosen":
             object.__setattr__(self, "lags", 2 * self.order + 1)
 
     _memory = derived(lambda self: self.lags)
+
+    def settled(self, data: Dataset) -> tuple[Self, Settled]:
+        """These settings with the order a number, and how it was chosen."""
+        if self.order != "chosen":
+            return self, Settled()
+        inner = data if self.holdout == 0 else data.split(1 - self.holdout)[0]
+        with warnings.catch_warnings():
+            for kind in (ModelWarning, IdentifiabilityWarning):  # of models that only tell orders apart
+                warnings.simplefilter("ignore", kind)
+            choice = replace(self._start, order=ORDERS).choose_order(inner)
+        said = f"{choice.said}, as a linear state space"
+        return replace(self, order=choice.order), Settled(said, choice.candidates)
+
+    @property
+    def _start(self) -> StateSpace:
+        """Estimator of the linear model to start from."""
+        order: Any = 1 if self.order == "chosen" else self.order
+        return StateSpace(order=order, focus="simulation", offsets="output", direct=self.feedthrough, max_radius=1.0)
+
+    @property
+    def _n(self) -> int:
+        """The order, once it is a number."""
+        n: Any = self.order
+        return n
 
     def _n_seen(self, ny: int, nu: int) -> int:
         return self.lags * (ny + nu)
@@ -80,17 +109,14 @@ class NeuralStateSpace(NetworkEstimator[NeuralStateSpaceModel]):
 
         Its states have unit covariance over the data.
         """
-        settings = StateSpace(
-            order=self.order, focus="simulation", offsets="output", direct=self.feedthrough, max_radius=1.0
-        )
-        model, _ = unit_states(settings.fit(data), data)
+        model, _ = unit_states(self._start.fit(data), data)
         emission = np.hstack([model.C, model.D]) if self.feedthrough else model.C
-        change = np.hstack([model.A - np.eye(self.order), model.B])
-        return (change, np.zeros(self.order)), (emission, model.y_offset), self._observer(model)
+        change = np.hstack([model.A - np.eye(self._n), model.B])
+        return (change, np.zeros(self._n)), (emission, model.y_offset), self._observer(model)
 
     def _observer(self, model: StateSpaceModel) -> Affine:
         """State from the samples that the encoder reads, by least squares over them."""
-        n, nu, ny = self.order, len(model.inputs), len(model.outputs)
+        n, nu, ny = self._n, len(model.inputs), len(model.outputs)
         from_start, from_u = np.eye(n), np.zeros((n, self.lags - 1, nu))  # the state, as time goes on
         seen, pushed = [], []
         for i in range(self.lags):
@@ -109,7 +135,7 @@ class NeuralStateSpace(NetworkEstimator[NeuralStateSpaceModel]):
 
     def _initial(self, seed: int, ny: int, nu: int, linear: Any) -> tuple:
         """Random weights; the transition starts small, so that the first free runs stay bounded."""
-        n = self.order
+        n = self._n
         transition = (n + nu, *self.hidden, n)
         emission = (n + nu if self.feedthrough else n, *self.emission_hidden, ny)
         encoder = (self.lags * ny + (self.lags - 1) * nu, *self.hidden, n)
@@ -126,11 +152,11 @@ class NeuralStateSpace(NetworkEstimator[NeuralStateSpaceModel]):
         self, params: Any, scaling_u: Scaling, scaling_y: Scaling, again: Again, channels: Any
     ) -> NeuralStateSpaceModel:
         """The networks with their scaling, and the gain."""
-        none = Scaling.none(self.order)
+        none = Scaling.none(self._n)
         driven, past = beside(none, scaling_u), beside(*[scaling_y] * self.lags, *[scaling_u] * (self.lags - 1))
         ends = (driven, none), (driven if self.feedthrough else none, scaling_y), (past, none)
         nets = [network(net, self.activation, *scalings) for net, scalings in zip(params, ends, strict=True)]
-        gain = np.zeros((self.order, len(scaling_y.factor)))
+        gain = np.zeros((self._n, len(scaling_y.factor)))
         if self.gain_stages:
             gain = again(GainOfNetwork(states=self._problem()), gain, self.gain_stages) / scaling_y.factor
         parts = dict(zip(("transition", "emission", "encoder"), nets, strict=True))
