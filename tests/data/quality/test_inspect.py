@@ -276,6 +276,16 @@ def test_report_finds_offset_delay_and_rest():
     assert all(f.sentence in report.sentences for f in report.findings)
 
 
+@pytest.mark.parametrize("scale", [0.1, 3.0])
+def test_a_straight_is_one_for_a_car_of_any_size(scale):
+    data = drive()
+    for name, unit in (("v_x", "m/s"), ("a_y", "m/s2")):
+        data = data.with_channel(name, scale * data[name], unit)
+    assert [o for o in inspect(data).offsets if o.channel == "delta"] == [
+        o for o in inspect(drive()).offsets if o.channel == "delta"
+    ]
+
+
 def test_report_names_pairs_that_physics_ties_and_points_to_a_model():
     delays = inspect(drive()).delays
     assert [(d.input, d.output) for d in delays] == [("delta", "r")]

@@ -11,9 +11,10 @@ from slipangle.data.quality.delay import MOTION, STEERING, Delay, estimate_delay
 from slipangle.data.quality.events import Jump, Spike, despike, find_jumps, find_spikes, level_step
 from slipangle.errors import ExcitationError, TooShortError
 
-_STRAIGHT = {"r": 0.02, "a_y": 0.8}  # below these a car drives straight [rad/s, m/s2]
+_STRAIGHT, _STRAIGHT_BY = 0.05, ("r", "a_y")  # below this share of their largest values a car drives straight
 _SPEED = ("v_x", "v_x_dot", "a_x", "throttle", "brake", "pedal")
-_STANDING = 5.0  # [m/s]
+_STANDING = 0.2  # of the highest speed
+_MOST = 0.99  # quantile that counts as the largest
 _FEW_LEVELS = 8  # a channel with no more levels is a switch, not clipped
 _MANY = 10  # events of one channel that are told one by one
 _HELD = 1.0  # a channel at rest for longer is worth a word [s]
@@ -244,12 +245,12 @@ def _delays(data: Dataset) -> tuple[Delay, ...]:
 
 def _offsets(data: Dataset) -> tuple[Offset, ...]:
     """Channels that should be zero on the straight: their means there, with the error of the mean."""
-    conditions = [n for n in _STRAIGHT if n in data]
-    if not conditions:
+    turning = [np.abs(data[n]) for n in _STRAIGHT_BY if n in data]
+    if not turning:
         return ()
-    straight = np.all([np.abs(data[n]) < _STRAIGHT[n] for n in conditions], axis=0)
+    straight = np.all([x < _STRAIGHT * np.quantile(x, _MOST) for x in turning], axis=0)
     if "v_x" in data:
-        straight &= data["v_x"] > _STANDING
+        straight &= data["v_x"] > _STANDING * np.quantile(data["v_x"], _MOST)
     if straight.sum() < max(20, round(1 / data.dt)):
         return ()
     runs = 1 + int((np.diff(np.flatnonzero(straight)) > 1).sum())  # samples side by side tell the same
