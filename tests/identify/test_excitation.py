@@ -1,12 +1,18 @@
 """What every estimator refuses before it starts."""
 
+import re
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ExcitationError, MissingColumnError, TooShortError
+from slipangle.errors import ExcitationError, IdentifiabilityWarning, MissingColumnError, TooShortError
 from slipangle.identify import excitation
-from slipangle.identify.excitation import require_identifiable, require_independent
+from slipangle.identify.excitation import nearly_dependent, require_identifiable, require_independent
+from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError
+from slipangle.identify.linear.statespace import StateSpace
 
 
 def data(n=50, **change):
@@ -42,9 +48,10 @@ def test_dependent_inputs_are_named(monkeypatch):
     require_independent(good)
     three = good.with_channel("T", 5 - 3 * good["delta"] + 0.1 * good["v_x"]).with_channel("a", 1e-6 * good["delta"])
     wide = three.select(inputs=("delta", "v_x", "T", "a"))
-    with pytest.raises(
-        ExcitationError, match="the inputs T, a of 'log' are linear combinations of delta, v_x; expected"
-    ):
+    said = (
+        r"inputs T, a of 'log' are linear combinations of delta, v_x \(the correlation of a and delta is \+1\); expec"
+    )
+    with pytest.raises(ExcitationError, match=said):
         require_independent(wide)
     require_independent(three.select(inputs=("delta", "T")))
 
@@ -55,3 +62,59 @@ def test_a_signal_may_be_small_but_is_not_called_constant():
         ExcitationError, match=r"moves by 2e-200 only, .* its right unit.* expected a signal that moves"
     ):
         require_identifiable(data(delta=1e-200 * np.sin(np.arange(50))), 10)
+
+
+def noisy_pair(c, seed=0):
+    rng = np.random.default_rng(seed)
+    u, w, n = rng.standard_normal((3, 600))
+    w = u + c * w
+    y = lfilter([0, 0.2, 0.1], [1, -1.5, 0.7], u + 0.3 * w) + 0.1 * n
+    return Dataset.from_arrays({"u": u, "w": w}, {"y": y}, 0.1)
+
+
+EVERY = [
+    ARX(na=2, nb=2),
+    ARX(na=2, nb=2, offset=True),
+    OutputError(nb=1, nf=2),
+    ARMAX(na=2, nb=1, nc=1),
+    BoxJenkins(nb=1, nf=1, nc=1, nd=1),
+    StateSpace(order=2),
+    StateSpace(order=2, focus="simulation"),
+]
+
+
+@pytest.mark.parametrize("estimator", EVERY, ids=repr)
+def test_inputs_that_move_alike_are_named_by_every_linear_estimator(estimator):
+    with pytest.warns(
+        IdentifiabilityWarning, match=r"the inputs u and w .* move alike \(correlation \+0\.99"
+    ) as caught:
+        model = estimator.fit(noisy_pair(0.05))
+    assert len([w for w in caught if "move alike" in str(w.message)]) == 1
+    assert sum("move alike" in s for s in model.fit_info.warnings) == 1
+    with pytest.raises(
+        ExcitationError, match=r"inputs w of .* combinations of u \(the correlation of w and u is \+1\)"
+    ):
+        estimator.fit(noisy_pair(0.0))
+
+
+@pytest.mark.parametrize("estimator", EVERY[:3], ids=repr)
+def test_inputs_that_move_apart_are_not(estimator):
+    assert not any("move alike" in s for s in estimator.fit(noisy_pair(0.3)).fit_info.warnings)
+
+
+def test_an_input_that_several_others_nearly_make_up_is_named():
+    rng = np.random.default_rng(1)
+    a, b, c = rng.standard_normal((3, 2000))
+    three = Dataset.from_arrays({"a": a, "b": b, "c": a + b + 0.05 * c}, {"y": a}, 0.1)
+    (said,) = nearly_dependent(three)
+    assert re.search(r"the input c .* nearly a combination of the others \(multiple correlation 0\.999", said)
+    assert nearly_dependent(three.select(inputs=["a", "c"])) == ()
+
+
+def test_without_an_offset_means_tell_inputs_apart():
+    u = np.random.default_rng(2).standard_normal(500)
+    data = Dataset.from_arrays({"u": u, "w": 2 * u + 3}, {"y": u}, 0.1)
+    require_independent(data, offset=False)
+    assert nearly_dependent(data, offset=False) == ()
+    with pytest.raises(ExcitationError, match="combinations of u"):
+        require_independent(data)

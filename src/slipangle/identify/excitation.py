@@ -8,6 +8,8 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, MissingColumnError, TooShortError
 
 CHUNK = 1 << 15  # samples whose copy stays in the cache
+_NEARLY = 0.99  # correlation from which inputs are said to move alike
+_ENOUGH = 1 << 14  # samples that tell how alike inputs move
 _DUST = 1e-15  # a signal in SI units that reaches no further does not move
 
 
@@ -46,35 +48,88 @@ def require_identifiable(data: Dataset, n_parameters: int, *, scheduling: tuple[
         )
 
 
-def require_independent(data: Dataset) -> None:
+def require_independent(data: Dataset, *, offset: bool = True, least: float = 1e-10) -> None:
     """Raise if an input is a linear combination of the others: no black box could tell their effects apart.
 
-    Estimators that are least squares find this by themselves, and for every lag.
+    Without an ``offset`` in the model, inputs that differ by a constant are not alike. ``least`` is the share of its
+    variance that an input has to have of its own.
 
-    Raises ExcitationError with the inputs that depend on those before them.
+    Raises ExcitationError with the inputs that depend on those before them, and the two that correlate most.
     """
-    means = np.array([data[name].mean() for name in data.inputs])
-    gram = np.zeros((len(means), len(means)))
-    for a in range(0, data.n_samples, CHUNK):
-        z = np.column_stack([data[name][a : a + CHUNK] for name in data.inputs]) - means
-        gram += z.T @ z
-    scale = np.sqrt(np.diag(gram))
-    alike = gram / np.outer(scale, scale)
+    if len(data.inputs) < 2:
+        return
+    alike = _correlations(data, data.n_samples, centred=offset)
     kept: list[int] = []
     dependent = []
-    for i, name in enumerate(data.inputs):  # what is left of it beside those kept
-        others = alike[np.ix_(kept, kept)]
-        left = 1.0 - (alike[i, kept] @ np.linalg.solve(others, alike[kept, i]) if kept else 0.0)
-        if left < 1e-10:
-            dependent.append(name)
+    for i in range(len(alike)):  # what is left of it beside those kept
+        left = 1.0 - _explained(alike, i, kept)
+        if left < least:
+            dependent.append(i)
         else:
             kept.append(i)
     if dependent:
+        i, j = max(((i, j) for i in dependent for j in kept), key=lambda pair: abs(alike[pair]))
+        names = data.inputs
         raise ExcitationError(
-            f"the inputs {', '.join(dependent)} of '{data.name}' are linear combinations of "
-            f"{', '.join(data.inputs[i] for i in kept)}; expected independent ones: leave them out or record richer "
-            "excitation"
+            f"the inputs {', '.join(names[k] for k in dependent)} of '{data.name}' are linear combinations of "
+            f"{', '.join(names[k] for k in kept)} (the correlation of {names[i]} and {names[j]} is "
+            f"{alike[i, j]:+.4g}); expected independent ones: leave them out or record richer excitation"
         )
+
+
+def nearly_dependent(data: Dataset, *, offset: bool = True) -> tuple[str, ...]:
+    """A sentence if two inputs move alike so nearly that their effects are told apart badly, or one and several.
+
+    That is from a correlation of 0.99 on: intervals are seven times as wide as with inputs that move apart, and what
+    noise there is in one input passes for an effect of the other. Without an ``offset`` in the model, inputs whose
+    means tell them apart are not alike.
+    """
+    if len(data.inputs) < 2:
+        return ()
+    alike, names = _correlations(data, _ENOUGH), data.inputs
+    i, j = divmod(int(np.argmax(np.abs(np.triu(alike, 1)))), len(names))
+    if not offset and abs(_correlations(data, _ENOUGH, centred=False)[i, j]) < _NEARLY:
+        return ()
+    if abs(alike[i, j]) > _NEARLY:
+        said = f"the inputs {names[i]} and {names[j]} of '{data.name}' move alike (correlation {alike[i, j]:+.6g})"
+        wide = 1 / np.sqrt(max(1 - alike[i, j] ** 2, 1e-12))
+    else:
+        shares = [_explained(alike, k, [n for n in range(len(names)) if n != k]) for k in range(len(names))]
+        i = int(np.argmax(shares))
+        if shares[i] < _NEARLY**2:
+            return ()
+        j = int(np.argmax(np.abs(alike[i] - np.eye(len(names))[i])))
+        said = (
+            f"the input {names[i]} of '{data.name}' is nearly a combination of the others (multiple correlation "
+            f"{np.sqrt(shares[i]):.6g}; most alike is {names[j]}, {alike[i, j]:+.3g})"
+        )
+        wide = 1 / np.sqrt(max(1 - shares[i], 1e-12))
+    return (
+        f"{said}: what each does is known {wide:.2g} times worse than from inputs that move apart; leave one out, or "
+        "record excitation that moves them apart",
+    )
+
+
+def _correlations(data: Dataset, most: int, *, centred: bool = True) -> np.ndarray:
+    """Of the inputs, from about so many samples, spread over the record; about their means or about zero."""
+    step = max(1, data.n_samples // most)
+    names = data.inputs
+    means = np.array([data[n][::step].mean() if centred else 0.0 for n in names])
+    gram = np.zeros((len(names), len(names)))
+    for a in range(0, data.n_samples, CHUNK * step):
+        z = np.column_stack([data[n][a : a + CHUNK * step : step] for n in names]) - means
+        gram += z.T @ z
+    scale = np.sqrt(np.diag(gram))
+    scale[scale == 0] = 1.0
+    return gram / np.outer(scale, scale)
+
+
+def _explained(alike: np.ndarray, i: int, others: list[int]) -> float:
+    """Share of the variance of one signal that is a combination of others."""
+    if not others:
+        return 0.0
+    known = alike[np.ix_(others, others)]
+    return float(alike[i, others] @ np.linalg.lstsq(known, alike[others, i], rcond=1e-12)[0])
 
 
 def _is_constant(x: np.ndarray) -> bool:

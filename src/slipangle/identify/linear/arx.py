@@ -13,6 +13,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
 from slipangle.fields import Count, Whole
 from slipangle.identify.excitation import require_identifiable, require_independent
+from slipangle.identify.linear.colour import colour_said
 from slipangle.identify.linear.estimator import LinearEstimator, channels, described
 from slipangle.identify.linear.lags import PerInput, Windows, triangle
 from slipangle.identify.linear.orders import Chosen, choose
@@ -42,6 +43,8 @@ class ARX(LinearEstimator[ARXModel]):
         of delay; the model's ``fit_info.candidates`` are all that were compared.
     offset : bool
         Estimate a constant too; for data whose mean was not removed.
+
+    Where the one-step-ahead residual is coloured, the coefficients are biased, and ``fit_info.warnings`` says so.
 
     Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eqs. 4-5 to 4-9.
     """
@@ -79,6 +82,9 @@ class ARX(LinearEstimator[ARXModel]):
             method, seconds = f"{choice.said(orders)}; {info.method}", time.perf_counter() - began
             return replace(model, fit_info=replace(info, candidates=choice.candidates, method=method, seconds=seconds))
         raise refused or ParameterError("no orders were compared")
+
+    def _remarks(self, model: ARXModel, data: Dataset) -> tuple[str, ...]:
+        return colour_said(model, data)
 
     @property
     def _per_input(self) -> tuple[tuple[str, Any], ...]:

@@ -10,11 +10,13 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.fields import Checked
-from slipangle.identify.stability import announced, breakdown_said, judged
+from slipangle.identify.excitation import nearly_dependent, require_independent
+from slipangle.identify.stability import announced, breakdown_said, judged, noted
 from slipangle.models.model import FitInfo, Model
 from slipangle.models.provenance import provenance
 
 M = TypeVar("M", bound=Model)
+_ROUNDING = 1e-14  # of an input's variance: what rounding leaves of one that is a combination of others
 
 
 class LinearEstimator(Checked, abc.ABC, Generic[M]):
@@ -29,11 +31,18 @@ class LinearEstimator(Checked, abc.ABC, Generic[M]):
         ParameterError if the settings do not suit the data, or no order could be fitted, and SimulationError if the fit
         diverged.
 
-        Warns with IdentifiabilityWarning if the effects of two inputs cannot be told apart, or the fit stopped at its
+        Warns with IdentifiabilityWarning if two inputs correlate by 0.99 or more, or the fit stopped at its
         limit of steps, and ModelWarning if a free run of the model would blow up, or the poles had to be held back.
         """
         with breakdown_said(self._what, data):
-            return announced(judged(self._fit(data), data))
+            offset = bool(getattr(self, "offset", getattr(self, "offsets", "none") != "none"))
+            require_independent(data, offset=offset, least=_ROUNDING)
+            model = noted(judged(self._fit(data), data), *nearly_dependent(data, offset=offset))
+            return noted(announced(model), *self._remarks(model, data))
+
+    def _remarks(self, model: M, data: Dataset) -> tuple[str, ...]:
+        """What else the fit says, in the model's ``fit_info`` only, as it is this estimator's way."""
+        return ()
 
     @abc.abstractmethod
     def _fit(self, data: Dataset) -> M:
