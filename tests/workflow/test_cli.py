@@ -86,21 +86,21 @@ def test_demo_numbers(demo):
 def test_a_verdict_stands_beside_simple_models_and_the_noise(demo, tmp_path, capsys):
     """Words, numbers and page agree, and 'validate' on the saved model says the same."""
     found = json.loads((demo / "metrics.json").read_text())["models"]
-    stands = found["bicycle"]["standing"]["r"]
+    stands = found["car"]["standing"]["r"]
     assert stands["word"] == "good"
     assert list(stands["simple_models"]) == ["mean", "kinematic", "quasi-steady", "linear with lag"]
     fits = {name: score["fit"] for name, score in stands["simple_models"].items()}
-    assert max(fits.values()) < found["bicycle"]["free_run"]["r"]["fit"] <= stands["highest_fit"] < 100
+    assert max(fits.values()) < found["car"]["free_run"]["r"]["fit"] <= stands["highest_fit"] < 100
     page = (demo / "index.html").read_text().replace("\N{NO-BREAK SPACE}", " ")
     assert "where its noise leaves at most" in page
     best = max(fits, key=fits.__getitem__)
     assert f"the best of the simple models ({best}) {fits[best]:.1f} %" in page
     assert "quasi-steady, a simple model" in page
     assert main(["identify", str(demo / "demo.toml"), "--out", str(tmp_path), "--json"]) == 0
-    file = json.loads(capsys.readouterr().out)["bicycle"]["file"]
+    file = json.loads(capsys.readouterr().out)["car"]["file"]
     assert main(["validate", file, "--data", str(demo / "demo.toml"), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)["standing"]["r"]
-    assert re.search(rf"^fits {found['bicycle']['free_run']['r']['fit']:.1f} % of r where .*: good, it takes off", said)
+    assert re.search(rf"^fits {found['car']['free_run']['r']['fit']:.1f} % of r where .*: good, ", said)
 
 
 def test_demo_can_be_run_again_from_its_own_files(demo, tmp_path, capsys):
@@ -241,14 +241,14 @@ def test_models_as_files(demo, tmp_path, capsys):
     assert main(["identify", job, "--out", str(tmp_path), "--json"]) == 0
     written = json.loads(capsys.readouterr().out)
     files = [entry["file"] for entry in written.values()]
-    assert sorted(written) == ["ARX(4, 4)", "bicycle"]
-    assert main(["validate", written["bicycle"]["file"], "--data", job, "--json"]) == 0
+    assert sorted(written) == ["ARX(4, 4)", "car"]
+    assert main(["validate", written["car"]["file"], "--data", job, "--json"]) == 0
     verdict = json.loads(capsys.readouterr().out)
-    known = json.loads((demo / "metrics.json").read_text())["models"]["bicycle"]
+    known = json.loads((demo / "metrics.json").read_text())["models"]["car"]
     assert verdict["free_run"]["r"] == pytest.approx(known["free_run"]["r"], rel=1e-9)
     assert verdict["one_step_ahead"]["v_y"] == pytest.approx(known["one_step_ahead"]["v_y"], rel=1e-9)
     assert main(["compare", *files, "--data", job, "--json"]) == 0
-    assert [row["model"] for row in json.loads(capsys.readouterr().out)] == ["bicycle", "arx-4-4"]
+    assert [row["model"] for row in json.loads(capsys.readouterr().out)] == ["car", "arx-4-4"]
     assert main(["compare", *files, "--data", job, "--out", str(tmp_path / "page")]) == 0
     page = (tmp_path / "page" / "comparison.html").read_text()
     assert "Error over the horizon, r" in page
