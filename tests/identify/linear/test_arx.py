@@ -314,6 +314,12 @@ def test_an_arx_model_says_when_coloured_noise_biases_it(colour):
     assert sum(coloured) == (0 if colour == "its own" else 40)
 
 
+def test_experiments_too_short_for_the_lags_tell_no_colour():
+    data = with_noise("drift", 0)
+    short = join(*(data.rows(a, a + 2) for a in range(0, 200, 2)), data.rows(200, 800), data.rows(800, 801))
+    assert any("is coloured" in s for s in ARX(na=2, nb=2).fit(short).fit_info.warnings)
+
+
 def test_rounding_is_not_called_coloured_noise():
     data = with_noise("its own", 0)
     exact = data.with_channel("y", lfilter([0.0, 0.2, 0.1], [1.0, -1.5, 0.7], data["u"]))

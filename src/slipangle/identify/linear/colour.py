@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, join
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.numerics.covariance import autoregression
 
@@ -25,8 +25,11 @@ def colour_said(model: ARXModel, data: Dataset) -> tuple[str, ...]:
     ----------
     .. [1] L. Ljung, System Identification, 2nd ed., 1999, sec. 7.3, 7.6.
     """
-    part = data.rows(0, min(_SEEN, data.n_samples))
-    run = model.predict(part)
+    seen = data.rows(0, min(_SEEN, data.n_samples)).experiments
+    parts = [part for part in seen if part.n_samples > model.memory]
+    if not parts:
+        return ()
+    run = model._predict(join(*parts))
     said = []
     for i, output in enumerate(model.outputs):
         e = np.where(run.predicted, run.error[:, i], np.nan)
