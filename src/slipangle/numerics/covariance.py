@@ -76,7 +76,7 @@ def autoregression(pieces: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray
     """
     n, ny = sum(map(len, pieces)), pieces[0].shape[1]
     most = max(0, min(int(10 * np.log10(n)), n // (10 * ny) - 1, max(map(len, pieces)) - 1))
-    gamma = np.array([sum(p[lag:].T @ p[: len(p) - lag] for p in pieces) / n for lag in range(most + 1)])
+    gamma = np.array([sum(p[lag:].T @ p[: max(0, len(p) - lag)] for p in pieces) / n for lag in range(most + 1)])
     best, found = np.inf, (np.zeros((0, ny, ny)), gamma[0])
     tiny = np.diag(1e-12 * np.diag(gamma[0]) + 1e-300)
     for order in range(most + 1):
