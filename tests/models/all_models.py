@@ -355,6 +355,13 @@ ALL_MODELS = {
     "neural bicycle with sensor offsets": OffsetModel(
         model=neural_bicycle(3), inputs_at_zero={"delta": 0.01}, outputs_at_zero={"r": -0.02}
     ),
+    "bicycle behind the sensors of another session": OffsetModel(
+        model=Bicycle(params=FERRARI_250LM, dt=0.05),
+        inputs_at_zero={"delta": 0.01},
+        gains={"delta": 1.1},
+        lags={"delta": 0.03, "v_x": -0.01},
+        outputs_at_zero={"r": -0.02},
+    ),
     "ensemble": EnsembleModel(members=(neural_bicycle(4), neural_bicycle(5), neural_bicycle(6))),
     "ensemble of models with other inputs": EnsembleModel(
         members=(

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from slipangle.data.race import corners
+from slipangle.errors import ModelWarning
+from slipangle.identify.adapt import Adapt
 from slipangle.identify.judge.validate import score
-from slipangle.identify.networks.hybrid import Adapt, Hybrid
+from slipangle.identify.networks.hybrid import Hybrid
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.networks import MLP, Scaling
 from slipangle.models.model import Model
@@ -101,10 +103,11 @@ def test_the_other_session_is_another_one(parts):
     assert other.name != train.name
     assert all(part.duration > 1 for part in other.experiments)
     base = table_8_2.state_space(train, _chapter_8.PRODUCT)
-    adapted = Adapt().fit(base, other)
-    assert abs(adapted.inputs_at_zero["delta"]) < np.radians(2)
     late = other.with_channel("r", np.where(np.arange(other.n_samples) < 600, other["r"], 5.0))
-    assert Adapt().fit(base, late).inputs_at_zero == adapted.inputs_at_zero
+    with pytest.warns(ModelWarning, match="the model is left as it is"):  # it says little of them
+        found = [Adapt().fit(base, data).fit_info.values for data in (other, late)]
+    assert np.array_equal(*found)
+    assert abs(found[0][0]) < np.radians(2)
 
 
 def test_late_steering(parts):

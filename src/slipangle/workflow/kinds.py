@@ -7,7 +7,7 @@ kind takes in a job's ``[[model]]`` are the arguments of what is registered.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from itertools import pairwise
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -20,6 +20,7 @@ from slipangle.identify.linear.multi_arx import MultiARX
 from slipangle.identify.linear.orders import LEVELS, Chosen
 from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError
 from slipangle.identify.linear.statespace import StateSpace
+from slipangle.identify.physics.at_the_limit import Gain, Mass, ToFrontAxle, Wheelbase
 from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.model import Model
 from slipangle.models.ode import OdeModel
@@ -140,6 +141,46 @@ def _narx(
     from slipangle.identify.networks.narx import NARX  # brings JAX
 
     return NARX(na=na, nb=nb, nk=nk, hidden=hidden, seeds=seeds)
+
+
+@KINDS.register("hybrid")
+def _hybrid(
+    *,
+    mass: Mass,
+    wheelbase: Wheelbase,
+    l_f: ToFrontAxle,
+    steering_gain: Gain = 1.0,
+    hidden: tuple[Annotated[int, Within(1, 1000)], ...] = (40, 40),
+    epochs: tuple[Annotated[int, Within(1, 100_000)], ...] = (200, 1000),
+    seeds: tuple[Seed, ...] = (0,),
+) -> Estimator:
+    from slipangle.identify.networks.hybrid import Hybrid  # brings JAX
+    from slipangle.identify.networks.presets import SOUSA_TABLE_8_2
+
+    if len(epochs) != len(SOUSA_TABLE_8_2.stages):
+        raise ConfigError(
+            f"a hybrid's epochs are {list(epochs)}; expected two numbers: one step ahead, then 40 steps ahead"
+        )
+    stages = tuple(replace(stage, epochs=n) for stage, n in zip(SOUSA_TABLE_8_2.stages, epochs, strict=True))
+    network = replace(SOUSA_TABLE_8_2, hidden=hidden, stages=stages, seeds=seeds)
+    return Hybrid(mass=mass, wheelbase=wheelbase, l_f=l_f, steering_gain=steering_gain, discrepancy=network)
+
+
+@KINDS.register("joint")
+def _joint(
+    *,
+    mass: Mass,
+    wheelbase: Wheelbase,
+    l_f: ToFrontAxle,
+    steering_gain: Gain = 1.0,
+    hidden: tuple[Annotated[int, Within(1, 1000)], ...] = (24,),
+    max_iterations: Annotated[int, Within(1, 10_000)] = 80,
+    seeds: tuple[Seed, ...] = (0,),
+) -> Estimator:
+    from slipangle.identify.networks.joint import Joint  # brings JAX
+
+    known: Any = {"mass": mass, "wheelbase": wheelbase, "l_f": l_f, "steering_gain": steering_gain}
+    return Joint(**known, hidden=hidden, max_iterations=max_iterations, seeds=seeds)
 
 
 def check_entries(kind: str, table: dict[str, Any], where: str) -> dict[str, Any]:

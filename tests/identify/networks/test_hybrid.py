@@ -10,8 +10,9 @@ from slipangle.codegen import compiler as compiled
 from slipangle.control.mpc import MPC
 from slipangle.data.dataset import Dataset
 from slipangle.errors import MissingColumnError, ParameterError, TooShortError
+from slipangle.identify.adapt import Adapt
 from slipangle.identify.judge.validate import score
-from slipangle.identify.networks.hybrid import Adapt, Hybrid
+from slipangle.identify.networks.hybrid import Hybrid
 from slipangle.identify.networks.joint import Joint
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.narx_free_run import FreeRunNARX

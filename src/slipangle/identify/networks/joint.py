@@ -12,16 +12,17 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError
-from slipangle.fields import Checked, Count, NotNegative, Positive
+from slipangle.fields import Count, NotNegative, Positive
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.judge.validate import restarted
 from slipangle.identify.networks.runs import PaddedRuns, side_by_side
 from slipangle.identify.networks.training import Holdout, Progress, require_jax
+from slipangle.identify.physics.at_the_limit import KnownCar, require_channels
 from slipangle.models.black_box.networks import MLP, Activation, Scaling
 from slipangle.models.model import FitInfo, Trial
 from slipangle.models.provenance import provenance
 from slipangle.models.vehicles.neural_bicycle import NeuralBicycle, TireNetworkBicycle
-from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle
+from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
 from slipangle.models.wrappers.ensemble import EnsembleModel
 from slipangle.numerics.least_squares import Factors, LevenbergMarquardt, cholesky
 
@@ -38,7 +39,7 @@ _MARGIN = 1.2  # how far beyond the training data the state may go
 
 
 @dataclass(frozen=True, kw_only=True)
-class Joint(Checked):
+class Joint(KnownCar):
     """Levenberg-Marquardt on free runs of physics with a network inside: both move together.
 
     The network starts at zero correction, so every run starts at the fitted physics; ridge priors hold weights near
@@ -48,10 +49,13 @@ class Joint(Checked):
     off at random: so the model learns to find its way back, where a car driven at the limit would spin without its
     driver. Its state is bounded to a little more than the training data show.
 
+    ``Joint(mass=982, wheelbase=2.4, l_f=1.35).fit(data)`` is all it takes: the defaults are the settings that table 8.2
+    is reproduced with. Data need delta, v_x, its derivative v_x_dot and r; v_y is fitted along where they have it.
+
     Parameters
     ----------
-    start : NonlinearBicycle
-        The physics, best fitted before by `slipangle.identify.physics.grey_box.GreyBox`.
+    start : NonlinearBicycle, optional
+        The physics; by default fitted to the same data from mass, wheelbase and l_f (see `KnownCar.bicycle`).
     free : tuple of str
         Parameters that move with the network.
     corrects : {"derivative", "tires"}
@@ -79,14 +83,14 @@ class Joint(Checked):
     Source: L. Ljung, System Identification, 2nd ed., 1999, sec. 10.2: Gauss-Newton with sensitivities.
     """
 
-    start: NonlinearBicycle
+    start: NonlinearBicycle | None = None
     free: tuple[str, ...] = FREE
     corrects: Literal["derivative", "tires"] = "derivative"
-    hidden: tuple[Count, ...] = (12,)
+    hidden: tuple[Count, ...] = (24,)
     activation: Activation = "tanh"
     weight_prior: Positive = 1e-5
     parameter_prior: Positive = 1e-4
-    also: tuple[Literal["v_y", "a_y"], ...] = ()
+    also: tuple[Literal["v_y", "a_y"], ...] = ("v_y",)
     also_weight: float = 0.15
     restart: Positive | None = 5.0
     settle: NotNegative = 1.0
@@ -97,8 +101,9 @@ class Joint(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        self.check_known(self.start, "start")
         for name in self.free:
-            self.start.params.si(name)
+            NonlinearBicycleParams.si(name)
         if not (self.hidden and self.seeds):
             raise ParameterError(
                 f"hidden is {self.hidden} and seeds {self.seeds}; expected at least one hidden layer and one seed"
@@ -127,20 +132,25 @@ class Joint(Checked):
         """
         require_jax("fitting physics with a network")
         began = time.perf_counter()
-        names = tuple(n for n in self.also if n in data and n not in self.start.outputs)
-        chosen = data.select(inputs=self.start.inputs, outputs=(*self.start.outputs, *names))
-        self.start.check(chosen)
+        start = self.start
+        if start is None:
+            start = self.bicycle(data)
+        else:
+            require_channels(data)
+        names = tuple(n for n in self.also if n in data and n not in start.outputs)
+        chosen = data.select(inputs=start.inputs, outputs=(*start.outputs, *names))
+        start.check(chosen)
         require_identifiable(chosen, len(self.free), scheduling=("v_x", "v_x_dot"))
         inner, held = (chosen, None) if self.holdout == 0 else chosen.split(1 - self.holdout)
         lead = 0
         if self.restart is not None:
             lead = round(self.settle / data.dt)
-            inner = restarted(inner, self.restart, self.start.memory + lead)
+            inner = restarted(inner, self.restart, start.memory + lead)
         from slipangle.identify.networks import adam
 
         models = []
         with adam.precision("double"):
-            fit = _Fit(self, inner, held, n_judged=len(self.start.outputs), lead=lead)
+            fit = _Fit(self, start, inner, held, lead=lead)
             for i, seed in enumerate(self.seeds):
                 told = _share(progress, i, len(self.seeds))
                 models.append(fit.run(seed, data, time.perf_counter() - began, told))
@@ -157,21 +167,24 @@ def _share(progress: Progress | None, i: int, n: int) -> Any:
 class _Fit:
     """The least-squares problem, compiled once for all seeds."""
 
-    def __init__(self, settings: Joint, inner: Dataset, held: Dataset | None, *, n_judged: int, lead: int) -> None:
+    def __init__(
+        self, settings: Joint, start: NonlinearBicycle, inner: Dataset, held: Dataset | None, *, lead: int
+    ) -> None:
         from slipangle.identify.networks.unrolled import Unrolled
 
-        self.settings, self.inner, self.held, self.n_judged, self.share = settings, inner, held, n_judged, 1.0
+        self.settings, self.physics, self.inner, self.held, self.share = settings, start, inner, held, 1.0
+        self.n_judged = len(start.outputs)
         s, outputs = settings, inner.outputs
-        lag = max(s.start.params.steering_lag, _LEAST_LAG)
-        params: Any = s.start.params.with_values(steering_lag=lag)
+        lag = max(start.params.steering_lag, _LEAST_LAG)
+        params: Any = start.params.with_values(steering_lag=lag)
         size = np.std(self.inner.y, axis=0)
         most_v_y, most_r = self._bounds()
         self.template = self.kind(
             params=params,
-            dt=s.start.dt,
+            dt=start.dt,
             outputs=outputs,
-            substeps=max(1, round(s.start.dt / 0.025)),
-            memory=s.start.memory,
+            substeps=max(1, round(start.dt / 0.025)),
+            memory=start.memory,
             network=self.network(0),
             most_v_y=most_v_y,
             most_r=most_r,
@@ -179,20 +192,20 @@ class _Fit:
         self.scale = np.array([_unit(params, name) for name in s.free])
         self.unrolled = Unrolled(self.template, s.free, self.scale, size)
         self.weights = np.where(np.arange(len(outputs)) < self.n_judged, 1.0, s.also_weight) / size
-        memory, most = s.start.memory, np.array([most_v_y, most_r, 0.0]) / _MARGIN
+        memory, most = start.memory, np.array([most_v_y, most_r, 0.0]) / _MARGIN
         self.fitted = side_by_side(self.inner, memory, self.weights, lead=lead, away=s.thrown_off * most)
         self.judge = self.fitted if self.held is None else side_by_side(self.held, memory, self.weights)
-        start = self.unrolled.pack(self.network(0))
+        centre = self.unrolled.pack(self.network(0))
         n, ny = len(s.free), len(outputs)
-        self.lower, self.upper = np.full(len(start), -np.inf), np.full(len(start), np.inf)
+        self.lower, self.upper = np.full(len(centre), -np.inf), np.full(len(centre), np.inf)
         for i, name in enumerate(s.free):
             least = _LEAST_LAG if name == "steering_lag" else params.si(name).lower
             self.lower[i], self.upper[i] = least / self.scale[i], params.si(name).upper / self.scale[i]
         self.precision = np.concatenate(
-            [np.full(n, s.parameter_prior), np.full(len(start) - n - ny, s.weight_prior), np.full(ny, 1e-6)]
+            [np.full(n, s.parameter_prior), np.full(len(centre) - n - ny, s.weight_prior), np.full(ny, 1e-6)]
         )
-        self.precision[len(start) - ny : len(start) - ny + self.n_judged] = 1e6  # judged outputs have no free offset
-        self.centre = np.concatenate([start[:n], np.zeros(len(start) - n)])
+        self.precision[len(centre) - ny : len(centre) - ny + self.n_judged] = 1e6  # judged outputs have no free offset
+        self.centre = np.concatenate([centre[:n], np.zeros(len(centre) - n)])
 
     def _bounds(self) -> tuple[float, float]:
         """Bounds of the state: from what was measured, else from the physics' own free run."""
@@ -201,7 +214,7 @@ class _Fit:
         if missing:
             for name in missing:
                 data = data.with_channel(name, np.zeros(data.n_samples))
-            run = replace(self.settings.start, outputs=names).simulate(data.select(outputs=names))
+            run = replace(self.physics, outputs=names).simulate(data.select(outputs=names))
             for name in missing:
                 data = data.with_channel(name, run.y[:, names.index(name)])
         return _MARGIN * float(np.abs(data["v_y"]).max()), _MARGIN * float(np.abs(data["r"]).max())
@@ -232,7 +245,7 @@ class _Fit:
 
     def starts(self, theta: np.ndarray, runs: PaddedRuns) -> np.ndarray:
         """States that the runs start from, thrown off by as much as the fit has come to."""
-        return self.unrolled.starts(theta, runs.heads, self.settings.start.outputs) + self.share * runs.away
+        return self.unrolled.starts(theta, runs.heads, self.physics.outputs) + self.share * runs.away
 
     def error(self, theta: np.ndarray, runs: PaddedRuns) -> np.ndarray:
         """Weighted errors of every output, shape (n_runs, n, n_outputs), 0 where a sample does not count."""
@@ -302,7 +315,7 @@ class _Fit:
             cost = step.cost
             if flat == _PATIENCE:
                 break
-        model = self.unrolled.unpack(best, self.settings.start.outputs)
+        model = self.unrolled.unpack(best, self.physics.outputs)
         note = "" if epoch else "never improved on the physics it started from"
         if note:
             warnings.warn(
@@ -330,6 +343,7 @@ class _Fit:
             seconds=trial.seconds,
             method=f"free-run error{' with ' + ', '.join(along) if along else ''}, Levenberg-Marquardt over "
             f"{len(theta)} parameters and weights, ridge priors; covariance for white residuals, given the priors",
+            warnings=self.physics.fit_info.warnings if self.physics.fit_info is not None and s.start is None else (),
             **provenance(data),
             trials=(trial,),
         )

@@ -1,9 +1,10 @@
 """Hybrids: a model plus a network that predicts its error; a model behind the sensors of another session."""
 
-from dataclasses import dataclass, field
-from typing import Annotated, Protocol, runtime_checkable
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, Protocol, Self, runtime_checkable
 
 import numpy as np
+from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import MissingColumnError, ParameterError, nearest
@@ -161,51 +162,131 @@ def run_up(model: Model, data: Dataset) -> tuple[np.ndarray, np.ndarray]:
 # ---- another session -----------------------------------------------------------------------------------------------
 
 
+_NEW: Any = {"may be missing in a file": True}
+
+
 @dataclass(frozen=True, kw_only=True)
 class OffsetModel(Wrapper):
-    """A model behind sensors with offsets: it sees ``u - u_0`` and its outputs are read as ``y + y_0``.
+    """A model behind the sensors of another session: it sees ``lag(gain (u - u_0))``; its outputs read ``y + y_0``.
 
-    Raises MissingColumnError if the model has no such channel.
+    Raises MissingColumnError if the model has no such channel, and ParameterError if a lead is too long.
 
     Parameters
     ----------
     inputs_at_zero, outputs_at_zero : mapping of str to float
         What a sensor reads where the model means zero, by channel, SI units.
+    gains : mapping of str to float
+        Scale of inputs: what the model means over what the sensor reads beyond its zero. [-]
+    lags : mapping of str to float
+        Lag of inputs behind what the model was fitted with, of first order, by backward Euler; negative ones, of at
+        most a third of a sample, lead. Each is a state, its last value. [s]
+    scatter : array, shape (n_corrections, n_corrections), optional
+        Covariance of offsets, gains, lags and output offsets, in this order, by which `spread` grows.
     """
 
     model: Model
     inputs_at_zero: dict[str, float] = field(default_factory=dict)
     outputs_at_zero: dict[str, float] = field(default_factory=dict)
+    gains: dict[str, float] = field(default_factory=dict, metadata=_NEW)
+    lags: dict[str, float] = field(default_factory=dict, metadata=_NEW)
+    scatter: np.ndarray | None = field(default=None, repr=False, compare=False, metadata=_NEW)
     fit_info: FitInfo | None = field(default=None, repr=False, compare=False)
 
+    @derived
+    def states(self) -> tuple[str, ...]:
+        """The model's states, then the last value of each input that lags."""
+        return (*self.model.states, *(f"{name} before" for name in self.lags))
+
     def __post_init__(self) -> None:
-        for given, known in ((self.inputs_at_zero, self.model.inputs), (self.outputs_at_zero, self.model.outputs)):
+        inputs = {**self.inputs_at_zero, **self.gains, **self.lags}
+        for given, known in ((inputs, self.model.inputs), (self.outputs_at_zero, self.model.outputs)):
             for name in given:
                 if name not in known:
                     raise MissingColumnError(
-                        f"the model has no channel '{name}' to shift; {nearest(name, known)}: use one of these names"
+                        f"the model has no channel '{name}' to correct; {nearest(name, known)}: use one of these names"
                     )
+        for name, lag in self.lags.items():
+            if not lag >= -0.34 * self.dt:
+                raise ParameterError(
+                    f"the lag of '{name}' is {lag:g} s; expected at least {-self.dt / 3:.3g} s, a third of a sample"
+                )
 
-    def _drive(self, u: Vector) -> Vector:
-        return stack([u[i] - self.inputs_at_zero.get(n, 0.0) for i, n in enumerate(self.inputs)])
+    def _drive(self, x: Vector, u: Vector) -> Vector:
+        """What the model means by the inputs, given the state with what lagging ones were before."""
+        n, late = self.model.n_states, list(self.lags)
+        seen = []
+        for i, name in enumerate(self.inputs):
+            now = self.gains.get(name, 1.0) * (u[i] - self.inputs_at_zero.get(name, 0.0))
+            if name in late:
+                keep = self._keep(name)
+                now = keep * x[n + late.index(name)] + (1.0 - keep) * now
+            seen.append(now)
+        return stack(seen)
+
+    def _keep(self, name: str) -> float:
+        return self.lags[name] / (self.lags[name] + self.dt)
 
     def _level(self, y: Vector, sign: float) -> Vector:
         return stack([y[i] + sign * self.outputs_at_zero.get(n, 0.0) for i, n in enumerate(self.outputs)])
 
     def step(self, x: Vector, u: Vector) -> Vector:
         """State one sample later."""
-        return self.model.step(x, self._drive(u))
+        drive = self._drive(x, u)
+        nxt = self.model.step(x[: self.model.n_states], drive)
+        if not self.lags:
+            return nxt
+        return concatenate([nxt, stack([drive[self.inputs.index(name)] for name in self.lags])])
 
     def output(self, x: Vector, u: Vector) -> Vector:
         """What the sensors read."""
-        return self._level(self.model.output(x, self._drive(u)), 1.0)
+        return self._level(self.model.output(x[: self.model.n_states], self._drive(x, u)), 1.0)
 
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
         """The model's, with the sensors' readings."""
-        return self.model.correct(x, self._drive(u), self._level(y, -1.0))
+        n = self.model.n_states
+        better = self.model.correct(x[:n], self._drive(x, u), self._level(y, -1.0))
+        return concatenate([better, x[n:]]) if self.lags else better
 
     def initial_state(self, data: Dataset) -> np.ndarray:
-        """The model's, from shifted channels."""
-        for name, value in (*self.inputs_at_zero.items(), *self.outputs_at_zero.items()):
+        """The model's, from corrected channels, and the last values of inputs that lag."""
+        seen = self.behind(data)
+        before = [seen[name][max(self.memory - 2, 0)] for name in self.lags]
+        return np.concatenate([np.asarray(self.model.initial_state(seen), dtype=float), before])
+
+    def behind(self, data: Dataset) -> Dataset:
+        """The data as the model means them: channels corrected, lags from rest at the start of each experiment."""
+        for name in dict.fromkeys((*self.inputs_at_zero, *self.gains, *self.lags)):
+            values = self.gains.get(name, 1.0) * (data[name] - self.inputs_at_zero.get(name, 0.0))
+            if self.lags.get(name, 0.0):
+                keep = self._keep(name)
+                parts = [values[a:b] for a, b in zip(data.starts, data.stops, strict=True)]
+                late = [lfilter([1 - keep], [1, -keep], part, zi=[keep * part[0]])[0] for part in parts]
+                values = np.concatenate(late)
+            data = data.with_channel(name, values, data.unit(name))
+        for name, value in self.outputs_at_zero.items():
             data = data.with_channel(name, data[name] - value, data.unit(name))
-        return self.model.initial_state(data)
+        return data
+
+    def spread(self, data: Dataset) -> np.ndarray:
+        """Standard deviation of the free run, shape (n_samples, n_outputs): of the model's, and by the corrections."""
+        variance = self.model.spread(self.behind(data)) ** 2
+        if self.scatter is None:
+            return np.sqrt(variance)
+        here = self._read(data)
+        size, directions = np.linalg.eigh(self.scatter)
+        for move in (directions * np.sqrt(np.maximum(size, 0.0))).T:
+            variance = variance + (self._moved(move)._read(data) - here) ** 2
+        return np.sqrt(variance)
+
+    def _read(self, data: Dataset) -> np.ndarray:
+        """Outputs of the free run, by the model alone: what it is compiled to stays the same."""
+        return self.model.simulate(self.behind(data)).y + [self.outputs_at_zero.get(n, 0.0) for n in self.outputs]
+
+    def _moved(self, by: np.ndarray) -> Self:
+        """With corrections changed by a vector in the order of `scatter`."""
+        left, given = iter(map(float, by)), {}
+        for name in ("inputs_at_zero", "gains", "lags", "outputs_at_zero"):
+            given[name] = {key: value + next(left) for key, value in getattr(self, name).items()}
+        least = -self.dt / 3
+        given["lags"] = {key: max(value, least) for key, value in given["lags"].items()}
+        return replace(self, **given, scatter=None)

@@ -1,0 +1,264 @@
+"""`Adapt`: a model and a session it was not fitted to; what the sensors of that session read differently."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooShortError
+from slipangle.fields import Checked, Count, Positive, Whole, Within
+from slipangle.identify.judge.intervals import effective_samples
+from slipangle.models.model import FitInfo, Model
+from slipangle.models.provenance import provenance
+from slipangle.models.wrappers.hybrid import OffsetModel
+
+_HALVINGS = 4  # of a step that does not lower the cost
+_CLOSE = 1e-2  # over the prior's width, of a step that ends the search
+_UNITS = {"gain": "-", "lag": "s"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Adapt(Checked):
+    """Offset, gain and lag of inputs and biases of outputs, from the first seconds of a session, near the model's own.
+
+    The most probable values given normal errors of the free run, as coloured as they are, and a normal prior around
+    what the model was fitted with: so a short or poor session cannot pull it far. Whether they help is decided on those
+    seconds too: they have to explain more than chance gives (Akaike's criterion), and, cut into ``folds`` blocks of
+    which each is predicted with the values that the others give, to lower the squared error by ``worth`` and by more
+    than it scatters from block to block. Otherwise the model comes back unchanged.
+
+    Parameters
+    ----------
+    inputs, gains, lags : tuple of str
+        Inputs whose reading at zero, scale and lag are estimated; the lag stands for a delay too.
+    outputs : tuple of str, optional
+        Outputs whose reading at zero is estimated; by default all.
+    seconds : float
+        How much of the session is used. [s]
+    offset_prior, bias_prior : float
+        Standard deviation of the prior over that of the input or output in these seconds. [-]
+    gain_prior : float
+        Standard deviation of the prior of a gain around 1. [-]
+    lag_prior : float
+        Standard deviation of the prior of a lag around 0. [s]
+    folds : int
+        Blocks of the test whether it helps; 0 trusts it.
+    worth : float
+        Smallest relative reduction of the squared error over all blocks.
+    """
+
+    inputs: tuple[str, ...] = ("delta",)
+    gains: tuple[str, ...] = ("delta",)
+    lags: tuple[str, ...] = ("delta",)
+    outputs: tuple[str, ...] | None = None
+    seconds: Positive = 30.0
+    offset_prior: Positive = 0.2
+    bias_prior: Positive = 0.02
+    gain_prior: Positive = 0.05
+    lag_prior: Positive = 0.02
+    folds: Whole = 10
+    worth: Annotated[float, Within(0, 1, open="high", example="0.05")] = 0.05
+    max_iterations: Count = 10
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.folds == 1:
+            raise ParameterError("folds is 1; expected 0, or at least 2: one block leaves nothing to adapt to")
+
+    def fit(self, model: Model, data: Dataset) -> OffsetModel:
+        """The model behind the sensors that explain the first ``seconds`` of the data best, or unchanged.
+
+        Its ``fit_info`` has the corrections that were estimated, with their covariance; `OffsetModel.spread` what they
+        and the doubt about them leave open, so intervals are wider than in the session of the training data.
+
+        Raises TooShortError if the data are shorter, and MissingColumnError if the model has no such channel.
+
+        Warns with ModelWarning if the corrections do not help: then all of them are zero.
+        """
+        began = time.perf_counter()
+        n = round(self.seconds / data.dt)
+        if data.n_samples < n or n <= model.memory + max(1, self.folds):
+            raise TooShortError(
+                f"'{data.name}' lasts {data.duration:.3g} s, offsets are read from {self.seconds:g} s; expected more: "
+                "record longer or lower seconds"
+            )
+        session = _Session(self, model, data.rows(0, n))
+        optimum = session.fit()
+        theta, covariance = optimum.theta, np.linalg.inv(optimum.hessian)
+        notes = self._doubts(session, optimum)
+        for said in notes:
+            warnings.warn(said, ModelWarning, stacklevel=2)
+        info = FitInfo(
+            names=session.names,
+            values=theta,
+            covariance=covariance,
+            noise_std=np.std(optimum.error, axis=0),
+            n_samples=session.n,
+            units=session.units,
+            seconds=time.perf_counter() - began,
+            method=f"free-run error over {self.seconds:g} s of another session, Gauss-Newton, normal priors; "
+            "covariance for coloured residuals, given the priors",
+            warnings=notes,
+            **provenance(session.data, model.outputs),
+        )
+        kept = np.zeros_like(theta) if notes else theta
+        away = theta - kept
+        return replace(session.sensors(kept), scatter=covariance + np.outer(away, away), fit_info=info)
+
+    def _doubts(self, session: _Session, optimum: _Optimum) -> tuple[str, ...]:
+        """Why the corrections are not believed; empty if they are."""
+        theta = optimum.theta
+        if not self.folds:
+            return ()
+        before = session.error(np.zeros_like(theta))
+        found = ", ".join(f"{n} {v:.3g} {u}" for n, v, u in zip(session.names, theta, session.units, strict=True))
+        gained, needed = (
+            optimum.cost(0 * theta, before) - optimum.cost(theta, optimum.error),
+            2 * max(1.0, optimum.freedom),
+        )
+        if gained < needed:
+            return (
+                f"the model is left as it is: the corrections ({found}) raise twice the log-likelihood of "
+                f"'{session.data.name}' by {gained:.2g}; expected at least {needed:.2g}, as much as chance gives",
+            )
+        blocks = np.array_split(np.arange(session.n), self.folds)
+        without = np.array([np.sum((before[block] / session.size) ** 2) for block in blocks])
+        fall = without - [np.sum((optimum.without(block) / session.size) ** 2) for block in blocks]
+        error = float(np.std(fall, ddof=1)) * np.sqrt(self.folds)  # standard error of the sum over the blocks
+        if fall.sum() >= max(self.worth * without.sum(), error):
+            return ()
+        return (
+            f"the model is left as it is: on {self.folds} blocks of '{session.data.name}' that they were not read from "
+            f"the corrections ({found}) changed the squared error by {-100 * fall.sum() / without.sum():+.1f} % +- "
+            f"{100 * error / without.sum():.1f} %; expected a fall by {100 * self.worth:g} % and more than the scatter",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Optimum:
+    """Error and its derivatives at some corrections, and what they weigh."""
+
+    theta: np.ndarray  # (n_corrections,)
+    error: np.ndarray  # (n, n_outputs)
+    jacobian: np.ndarray  # (n_corrections, n, n_outputs)
+    weight: np.ndarray  # (n_outputs,), of a squared error
+    precision: np.ndarray  # (n_corrections,), of the prior
+
+    def cost(self, theta: np.ndarray, error: np.ndarray) -> float:
+        """Twice the negative logarithm of the posterior, but for a constant."""
+        return float(np.sum(self.weight * error**2) + np.sum(self.precision * theta**2))
+
+    @property
+    def hessian(self) -> np.ndarray:
+        """Inverse covariance of the corrections."""
+        return self._hessian(np.ones(len(self.error), dtype=bool))
+
+    def _hessian(self, seen: np.ndarray) -> np.ndarray:
+        j = self.jacobian[:, seen]
+        return np.einsum("anm,bnm,m->ab", j, j, self.weight) + np.diag(self.precision)
+
+    @property
+    def freedom(self) -> float:
+        """Corrections that the data, not the prior, determine."""
+        everywhere = self.hessian
+        return float(np.trace(np.linalg.solve(everywhere, everywhere - np.diag(self.precision))))
+
+    def move(self, seen: np.ndarray) -> np.ndarray:
+        """Gauss-Newton step by the rows ``seen``."""
+        gradient = np.einsum("anm,nm,m->a", self.jacobian[:, seen], self.error[seen], self.weight)
+        return np.linalg.solve(self._hessian(seen), -gradient - self.precision * self.theta)
+
+    def without(self, rows: np.ndarray) -> np.ndarray:
+        """Errors at the rows with the corrections that all other rows give, to first order."""
+        seen = np.ones(len(self.error), dtype=bool)
+        seen[rows] = False
+        return self.error[rows] + np.einsum("anm,a->nm", self.jacobian[:, rows], self.move(seen))
+
+
+class _Session:
+    """The first seconds as a regularised least-squares problem in the corrections."""
+
+    def __init__(self, settings: Adapt, model: Model, data: Dataset) -> None:
+        s, self.settings, self.model = settings, settings, model
+        biased = model.outputs if s.outputs is None else s.outputs
+        self.kinds: tuple[tuple[str, Sequence[str]], ...] = (
+            *(("offset", s.inputs), ("gain", s.gains), ("lag", s.lags), ("bias", biased)),
+        )
+        self.names = tuple(f"{kind}_{name}" for kind, channels in self.kinds for name in channels)
+        self.sensors(np.zeros(len(self.names)))  # raises if the model lacks a channel
+        self.data = data.select(inputs=model.inputs, outputs=model.outputs)
+        self.units = tuple(_UNITS.get(kind) or data.unit(name) for kind, names in self.kinds for name in names)
+        sd = {name: max(float(np.std(data[name])), 1e-9) for name in (*model.inputs, *model.outputs)}
+        widths = {
+            "offset": lambda name: s.offset_prior * sd[name],
+            "gain": lambda name: s.gain_prior,
+            "lag": lambda name: s.lag_prior,
+            "bias": lambda name: s.bias_prior * sd[name],
+        }
+        self.width = np.array([widths[kind](name) for kind, channels in self.kinds for name in channels])
+        self.size = np.array([sd[name] for name in model.outputs])
+        self.least = np.array([-model.dt / 3 if n.startswith("lag_") else -np.inf for n in self.names])
+        self.predicted = model.simulate(self.data).predicted
+        self.n = int(self.predicted.sum())
+
+    def sensors(self, theta: np.ndarray) -> OffsetModel:
+        """The model behind these corrections; gains are relative to 1."""
+        left, given = iter(map(float, theta)), {}
+        for kind, channels in self.kinds:
+            given[kind] = {name: next(left) + (kind == "gain") for name in channels}
+        return OffsetModel(
+            model=self.model,
+            inputs_at_zero=given["offset"],
+            gains=given["gain"],
+            lags=given["lag"],
+            outputs_at_zero=given["bias"],
+        )
+
+    def error(self, theta: np.ndarray) -> np.ndarray:
+        """Free-run error at the predicted samples, shape (n, n_outputs); infinite where the run breaks down."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)
+            try:
+                return self.model.simulate(self.sensors(theta).behind(self.data)).error[self.predicted]
+            except SimulationError:
+                return np.full((self.n, self.model.n_outputs), np.inf)
+
+    def fit(self) -> _Optimum:
+        """Most probable corrections given all rows."""
+        theta = np.zeros(len(self.names))
+        error = self.error(theta)
+        for _ in range(self.settings.max_iterations):
+            optimum = self.at(theta, error)
+            move = optimum.move(np.ones(self.n, dtype=bool))
+            before = optimum.cost(theta, error)
+            for halving in range(_HALVINGS):
+                trial = np.maximum(theta + 0.5**halving * move, self.least)
+                then = self.error(trial)
+                if optimum.cost(trial, then) < before:
+                    break
+            else:
+                return optimum
+            done = np.all(np.abs(trial - theta) < _CLOSE * self.width)
+            theta, error = trial, then
+            if done:
+                break
+        return self.at(theta, error)
+
+    def at(self, theta: np.ndarray, error: np.ndarray) -> _Optimum:
+        """The problem, linear around some corrections."""
+        step = 0.02 * self.width
+        jacobian = np.stack([(self.error(theta + d) - error) / s for d, s in zip(np.diag(step), step, strict=True)])
+        return _Optimum(
+            theta=theta, error=error, jacobian=jacobian, weight=self._weights(error), precision=self.width**-2.0
+        )
+
+    def _weights(self, error: np.ndarray) -> np.ndarray:
+        """Information of a sample, per output: over its variance, and as far as it is independent of those before."""
+        variance = np.maximum(np.mean(error**2, axis=0), (1e-6 * self.size) ** 2)
+        return np.array([effective_samples(e) for e in error.T]) / len(error) / variance

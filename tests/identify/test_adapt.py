@@ -1,0 +1,177 @@
+"""A model and another session: what its sensors read differently comes back; nothing that is not there is believed."""
+
+import json
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import MissingColumnError, ModelWarning, ParameterError, TooShortError
+from slipangle.identify.adapt import Adapt
+from slipangle.identify.judge.intervals import calibrate
+from slipangle.identify.judge.validate import score, validate
+from slipangle.models.storage import load, save
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import FERRARI_250LM
+from slipangle.models.wrappers.ensemble import EnsembleModel
+from slipangle.models.wrappers.hybrid import OffsetModel
+
+DT = 0.05
+CAR = Bicycle(params=FERRARI_250LM, dt=DT)
+TRUTH = {"offset_delta": 0.015, "gain_delta": 0.08, "lag_delta": 0.06, "bias_r": 0.004}
+
+
+def drive(n=1600, seed=0, size=0.05):
+    """Smooth random steering and speed, the car's yaw rate."""
+    rng = np.random.default_rng(seed)
+    kernel = np.hanning(25) / np.hanning(25).sum()
+    delta = size * 3 * np.convolve(rng.standard_normal(n + 24), kernel, "valid")
+    v_x = np.clip(22 + 4 * np.convolve(rng.standard_normal(n + 24), kernel, "valid").cumsum() * DT, 14, 30)
+    data = Dataset.from_arrays({"delta": delta, "v_x": v_x}, {"r": np.zeros(n)}, DT, name=f"session {seed}")
+    return data.with_channel("r", CAR.simulate(data).channel("r"), "rad/s")
+
+
+def with_noise(data, size, seed=1):
+    noise = size * np.random.default_rng(seed).standard_normal(data.n_samples)
+    return data.with_channel("r", data["r"] + noise, "rad/s")
+
+
+def changed(data):
+    """What sensors with `TRUTH` read on the same drive."""
+    sensors = OffsetModel(
+        model=CAR,
+        inputs_at_zero={"delta": TRUTH["offset_delta"]},
+        gains={"delta": 1 + TRUTH["gain_delta"]},
+        lags={"delta": TRUTH["lag_delta"]},
+        outputs_at_zero={"r": TRUTH["bias_r"]},
+    )
+    return data.with_channel("r", sensors.simulate(data).channel("r"), "rad/s")
+
+
+def values(adapted):
+    return dict(zip(adapted.fit_info.names, adapted.fit_info.values, strict=True))
+
+
+@pytest.fixture(scope="module")
+def other():
+    return with_noise(changed(drive(seed=2)), 0.01)
+
+
+@pytest.fixture(scope="module")
+def adapted(other):
+    return Adapt().fit(CAR, other)
+
+
+def test_offset_gain_lag_and_bias_come_back_with_their_doubt(adapted, other):
+    found, info = values(adapted), adapted.fit_info
+    assert info.warnings == ()
+    for name, (low, high) in zip(info.names, info.interval(0.99), strict=True):
+        assert low < TRUTH[name] < high, name
+    assert found["gain_delta"] == pytest.approx(0.08, abs=0.02)
+    assert adapted.gains["delta"] == 1 + found["gain_delta"]
+    rest = other.rows(600, other.n_samples)
+    before, after = (score(m.simulate(rest), "r").rmse for m in (CAR, adapted))
+    least = np.std(rest["r"] - changed(drive(seed=2))["r"][600:])  # the noise
+    assert after < 1.05 * least < 0.3 * before
+
+
+def test_what_comes_after_the_first_seconds_is_not_looked_at(adapted, other):
+    late = other.with_channel("r", np.where(np.arange(other.n_samples) < 600, other["r"], 9.0))
+    assert values(Adapt().fit(CAR, late)) == values(adapted)
+    with pytest.raises(ParameterError, match="were used to fit the model"):
+        validate(adapted, other)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_where_nothing_changed_the_model_comes_back_and_says_so(seed):
+    same = with_noise(drive(seed=10 + seed), 0.02, seed)
+    with pytest.warns(ModelWarning, match="^the model is left as it is: ") as told:
+        adapted = Adapt().fit(CAR, same)
+    assert np.array_equal(adapted.simulate(same).y, CAR.simulate(same).y)
+    assert adapted.fit_info.warnings == (str(told[0].message),)
+    assert len(told) == 1
+
+
+def test_what_lowers_the_error_elsewhere_too_little_is_not_believed(other):
+    with pytest.warns(ModelWarning, match="on 10 blocks of 'session 2' .* a fall by 99.99 %"):
+        adapted = Adapt(worth=0.9999).fit(CAR, other)
+    assert not any(adapted.inputs_at_zero.values())
+    assert adapted.gains == {"delta": 1.0}
+
+
+def test_a_poor_session_pulls_nowhere():
+    """Ten seconds nearly straight ahead, noise as large as the yaw rate: the prior's widths bound what is believed."""
+    poor = with_noise(drive(400, seed=3, size=0.004), 0.02)
+    settings = Adapt(seconds=10.0, folds=0)
+    found = values(settings.fit(CAR, poor))
+    width = 0.2 * np.std(poor["delta"][:200])
+    assert abs(found["gain_delta"]) < 0.05
+    assert abs(found["offset_delta"]) < width
+    assert abs(found["lag_delta"]) < 0.02
+
+
+def test_intervals_widen_by_what_is_not_known_of_the_session(adapted, other):
+    rest = other.rows(600, other.n_samples)
+    spread = adapted.spread(rest)[10:]
+    assert spread.min() > 0
+    far = replace(adapted, scatter=4 * adapted.scatter).spread(rest)[10:]
+    assert far == pytest.approx(2 * spread, rel=0.1)
+    assert not replace(adapted, scatter=None).spread(rest).any()
+    calibration = calibrate([(CAR, with_noise(drive(seed=5), 0.01))])
+    widths = [
+        np.ptp([i.lower, i.upper], axis=0)[20:, 0] for i in (calibration.interval(m, rest) for m in (CAR, adapted))
+    ]
+    assert np.mean(widths[1]) > 1.005 * np.mean(widths[0])
+    both = EnsembleModel(members=(CAR, Bicycle(params=FERRARI_250LM.with_values(C_f=5e4), dt=DT)))
+    wrapped = replace(adapted, model=both)
+    assert np.all(wrapped.spread(rest)[10:] > both.spread(adapted.behind(rest))[10:])
+
+
+def test_a_model_left_as_it_is_keeps_the_doubt_about_it():
+    same = with_noise(drive(seed=10), 0.02, 0)
+    with pytest.warns(ModelWarning):
+        adapted = Adapt().fit(CAR, same)
+    assert np.all(adapted.spread(same)[10:] > 0)
+
+
+def test_behind_its_sensors_a_model_runs_as_on_corrected_data(adapted, other):
+    """Sample by sample as the wrapper, and all at once on corrected channels; from several samples too."""
+    for model in (adapted, replace(adapted, lags={"delta": -DT / 3})):
+        rest = other.rows(700, 1000)
+        inner = model.model.simulate(model.behind(rest)).y[1:] + model.outputs_at_zero["r"]
+        assert model.simulate(rest).y[1:] == pytest.approx(inner, abs=1e-9)
+    x = adapted.initial_state(other.head(1))
+    assert x[-1] == pytest.approx(adapted.behind(other)["delta"][0])
+
+
+def test_files_written_before_gains_and_lags_are_read(adapted, tmp_path):
+    assert load(save(adapted, tmp_path / "new.json")) == adapted
+    plain = OffsetModel(model=CAR, inputs_at_zero={"delta": 0.01})
+    text = save(plain, tmp_path / "old.json").read_text()
+    content = json.loads(text)
+    for name in ("gains", "lags", "scatter"):
+        del content["record"]["fields"][name]
+    (tmp_path / "old.json").write_text(json.dumps(content))
+    assert load(tmp_path / "old.json") == plain
+
+
+@pytest.mark.parametrize(
+    ("settings", "error", "said"),
+    [
+        ({"folds": 1}, ParameterError, "folds is 1; expected 0, or at least 2"),
+        ({"gain_prior": 0.0}, ParameterError, "gain_prior is 0"),
+        ({"seconds": 1000.0}, TooShortError, "read from 1000 s"),
+        ({"lags": ("Delta",)}, MissingColumnError, "'Delta'"),
+        ({"outputs": ("v_y",)}, MissingColumnError, "'v_y'"),
+    ],
+)
+def test_wrong_settings_get_a_sentence(settings, error, said, other):
+    with pytest.raises(error, match=said), warnings.catch_warnings():
+        Adapt(**settings).fit(CAR, other)
+
+
+def test_a_lead_is_at_most_a_third_of_a_sample():
+    with pytest.raises(ParameterError, match=r"lag of 'delta' is -0\.03 s; expected at least -0\.0167 s"):
+        OffsetModel(model=CAR, lags={"delta": -0.03})
