@@ -42,7 +42,6 @@ file = "drive_log.csv"
 inputs = ["delta", "v_x"]
 outputs = ["v_y", "r"]
 rate = 50.0      # Hz
-cutoff = 8.0     # Hz
 hold = "mean"    # steering moves between samples: drive the models with its mean, not with its last value
 train = 0.7
 
