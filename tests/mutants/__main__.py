@@ -20,10 +20,10 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from slipangle.codegen import compiler as compiled
-from tests.mutants import methods, tires, vehicles
+from tests.mutants import methods, orders, tires, vehicles
 from tests.mutants.listed import ROOT, SOURCE, Mutant
 
-ALL = (*vehicles.MUTANTS, *tires.MUTANTS, *methods.MUTANTS)
+ALL = (*vehicles.MUTANTS, *tires.MUTANTS, *methods.MUTANTS, *orders.MUTANTS)
 KILLED, SURVIVED, LATE, UNCLEAR = "killed", "SURVIVED", "TOO LONG", "TESTS DO NOT RUN"
 
 

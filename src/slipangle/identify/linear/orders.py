@@ -345,22 +345,26 @@ class _Trials:
 
         Coefficients of every fold have shape (n_candidates, n_folds, n_columns, n_outputs).
         """
-        C, S, J, k = len(theta), len(self.groups), len(self.speeds), self.na * self.ny
-        own = theta.reshape(C, self.folds, J, self.n_columns, self.ny)[:, self.groups]  # of each stretch
-        back = np.ascontiguousarray(own[:, :, :, :k].transpose(0, 1, 3, 2, 4).reshape(C * S, k, J * self.ny))
-        ahead = own[:, :, :, k:]
-        pushed = np.zeros((C, *self.wanted.shape))
+        C, S, J, ny, na = len(theta), len(self.groups), len(self.speeds), self.ny, self.na
+        own = theta.reshape(C, self.folds, J, self.n_columns, ny)[:, self.groups]  # of each stretch
+        back = own[:, :, :, : na * ny].reshape(C, S, J, na, ny, ny)[:, :, :, ::-1]  # oldest lag first
+        back = np.ascontiguousarray(back.transpose(3, 4, 2, 5, 0, 1)).reshape(na * ny, J * ny, C * S)
+        ahead = own[:, :, :, na * ny :].transpose(2, 1, 3, 0, 4).reshape(J, S, -1, C * ny)
+        pushed = np.zeros((*self.wanted.shape[:2], C * ny))
         for j in range(J):
-            pushed += self.weights[:, :, j, None] * np.matmul(self.drive, ahead[:, :, j])
-        past, squares = np.tile(self.past, (C, 1)), np.zeros((C, self.ny))
+            pushed += self.weights[:, :, j, None] * np.matmul(self.drive, ahead[j])
+        y = np.empty((na + self.wanted.shape[1], ny, C, S))  # runs side by side in memory
+        y[:na] = self.past.reshape(S, na, ny)[:, ::-1].transpose(1, 2, 0)[:, :, None]
+        y[na:] = pushed.reshape(S, -1, C, ny).transpose(1, 3, 2, 0)
+        lags, weights = y.reshape(-1, ny, C * S), self.weights.transpose(1, 2, 0)[:, :, None, None]
         with np.errstate(over="ignore", invalid="ignore"):
-            for t in range(self.wanted.shape[1]):
-                newest = np.matmul(past[:, None], back).reshape(C, S, J, self.ny)
-                if J > 1:
-                    newest = (newest * self.weights[:, t, :, None]).sum(axis=2, keepdims=True)
-                y = newest[:, :, 0] + pushed[:, :, t]
-                squares += (np.square(y - self.wanted[:, t]) * self.known[:, t, None]).sum(axis=1)
-                past = np.concatenate([y.reshape(C * S, self.ny), past[:, : k - self.ny]], axis=1)
+            for t in range(len(y) - na):
+                newest = np.einsum("kmn,kn->mn", back, lags[t : t + na].reshape(na * ny, C * S)).reshape(J, ny, C, S)
+                y[na + t] += (newest * weights[t]).sum(axis=0) if J > 1 else newest[0]
+            off = y[na:]
+            off -= self.wanted.transpose(1, 2, 0)[:, :, None]
+            off *= self.known.T[:, None, None]
+            squares = np.einsum("tics,tics->ci", off, off)
             return np.mean(np.sqrt(squares / self.known.sum()) / self.spread, axis=1)
 
     # ---- the winner --------------------------------------------------------------------------------------------------

@@ -1,0 +1,59 @@
+"""Mistakes in the choice of orders, in ARX models blended by speed and in networks that start from a linear model."""
+
+from tests.mutants.listed import mistakes
+
+ORDERS = "identify/linear/test_orders.py"
+
+MUTANTS = [
+    *mistakes(
+        "identify/linear/orders.py",
+        ORDERS,
+        [
+            (
+                "orders: judged by a model that saw the stretch",
+                "np.concatenate([total - self.gram, total[None]])",
+                "np.concatenate([total + 0 * self.gram, total[None]])",
+            ),
+            ("orders: free run with its lags turned round", "ny, ny)[:, :, :, ::-1]", "ny, ny)"),
+            (
+                "orders: a model that blows up may win",
+                "stable=not growth(self._poles(own), self.longest)",
+                "stable=True",
+            ),
+            (
+                "orders: of models alike the largest wins",
+                "c.n_parameters if o in alike else 0",
+                "-c.n_parameters if o in alike else 0",
+            ),
+            ("orders: delays are not tried", "for k in range(1, most + 1)", "for k in range(1, 2)"),
+            ("orders: v_x is an input at one speed", 'n != "v_x" or not speeds', 'n != "v_x" or len(speeds) < 2'),
+        ],
+    ),
+    *mistakes(
+        "identify/linear/estimator.py",
+        ORDERS,
+        [("orders: BIC with the penalty of AIC", "d * float(np.log(n))", "2 * d")],
+    ),
+    *mistakes(
+        "identify/linear/multi_arx.py",
+        ORDERS,
+        [
+            (
+                "ARX by speed: constant of the centred signals",
+                "own[-1] + shift[:ny] - shifts @ own[:-1] if self.offset",
+                "own[-1] if self.offset",
+            ),
+            ("ARX by speed: another speed is named", "speeds[int(np.argmin(held))]", "speeds[int(np.argmax(held))]"),
+        ],
+    ),
+    *mistakes(
+        "identify/networks/narx.py",
+        "identify/networks/test_narx.py::test_the_start_is_the_arx_model_itself",
+        [("linear start: sign of the past outputs", "*(-model.A)", "*model.A")],
+    ),
+    *mistakes(
+        "identify/networks/neural_statespace.py",
+        "identify/networks/test_neural_statespace.py::test_training_starts_as_the_linear_state_space_of_the_same_order",
+        [("linear start: the state instead of its change", "model.A - np.eye(self._n)", "model.A")],
+    ),
+]
