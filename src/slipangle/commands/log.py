@@ -95,7 +95,7 @@ def _log(options: argparse.Namespace) -> tuple[Dataset, float | None]:
     """The log as it is, and the wheelbase where one was given. [m]"""
     from slipangle.data.readers import read
     from slipangle.data.readers.columns import Column
-    from slipangle.workflow.job import load_data
+    from slipangle.workflow.log import load_data
     from slipangle.workflow.settings import read_settings
 
     wheelbase = options.wheelbase
@@ -145,8 +145,8 @@ def _fitted(options: argparse.Namespace, bar: Bar) -> tuple[Model, Dataset]:
     job = options.file if options.file.endswith(".toml") else options.data
     if job is None:
         raise ConfigError("advice needs the log that the model was fitted to; expected --data FILE.toml with it")
-    settings, data = read_job(job)
-    train = data.split(settings.data.train)[0]
+    settings, logs = read_job(job)
+    train = logs.train
     if not options.file.endswith(".toml"):
         return next(iter(load_models([options.file]).values())), train
     wanted = next((m for m in settings.model if isinstance(KINDS[m.kind], Physics)), None)

@@ -16,6 +16,7 @@ from slipangle.files import check_output
 if TYPE_CHECKING:
     from slipangle.data.dataset import Dataset
     from slipangle.models.model import Model
+    from slipangle.workflow.log import Logs
     from slipangle.workflow.settings import ModelSettings, Settings
 
 
@@ -46,12 +47,11 @@ def _identify(options: argparse.Namespace) -> Answer:
 
     check_output(options.out)
     with Bar(quiet=options.json) as bar:
-        settings, data = read_job(options.file)
-        train, _ = data.split(settings.data.train)
+        settings, logs = read_job(options.file)
 
         def fit(i: int, wanted: ModelSettings) -> Model:
             bar(i / len(settings.model), f"identifying {wanted.name}")
-            return identify(wanted, train)
+            return identify(wanted, logs.train)
 
         models, failures = each_model(settings, fit)
     paths = {name: save(model, Path(options.out) / f"{_slug(name)}.json") for name, model in models.items()}
@@ -73,8 +73,8 @@ def _validate(options: argparse.Namespace) -> Answer:
     models = load_models(options.models)
     name, model = next(iter(models.items()))
     with warnings.catch_warnings(action="ignore", category=ModelWarning):  # printed below
-        train, test = _parts(options)
-        verdict = validate(model, test, train=train, name=name)
+        (train, test), start = _parts(options)
+        verdict = validate(model, test, train=train, name=name, start=start)
     free, one_step = verdict.free_run_scores, verdict.one_step_scores
     stands = {output: s.sentence for output, s in verdict.standing.items()}
     said = [s for tests in verdict.residuals.values() for s in tests.sentences]
@@ -93,9 +93,9 @@ def _compare(options: argparse.Namespace) -> Answer:
 
     if options.out:
         check_output(options.out)
-    _, test = _parts(options)
+    (_, test), start = _parts(options)
     with warnings.catch_warnings(action="ignore", category=ModelWarning):  # printed below
-        result = compare(load_models(options.models), test)
+        result = compare(load_models(options.models), test, start="first samples" if start is None else start)
         page = None
         if options.out:
             command = f"slipangle compare {' '.join(options.models)} --data {options.data}"
@@ -114,19 +114,19 @@ def _compare(options: argparse.Namespace) -> Answer:
     return Answer(rows, "\n".join([*words, *([f"\nThe page: {page.resolve()}"] if page is not None else [])]))
 
 
-def read_job(file: str) -> tuple[Settings, Dataset]:
-    """Settings of a job and its log as it is identified from."""
-    from slipangle.workflow.job import condition, load_data
+def read_job(file: str) -> tuple[Settings, Logs]:
+    """Settings of a job and its logs as they are identified from."""
+    from slipangle.workflow.log import read_logs
     from slipangle.workflow.settings import read_settings
 
     settings = read_settings(file)
-    return settings, condition(load_data(settings), settings)
+    return settings, read_logs(settings)
 
 
-def _parts(options: argparse.Namespace) -> tuple[Dataset | None, Dataset]:
-    """Training part, where the data are to be parted, and what to judge on."""
-    settings, data = read_job(options.data)
-    return (None, data) if options.whole else data.split(settings.data.train)
+def _parts(options: argparse.Namespace) -> tuple[tuple[Dataset | None, Dataset], int | None]:
+    """Training part, where the data are to be parted, what to judge on, and from how many samples it starts."""
+    settings, logs = read_job(options.data)
+    return ((None, logs.data) if options.whole else (logs.train, logs.test)), settings.data.start
 
 
 def load_models(files: list[str]) -> dict[str, Model]:

@@ -54,8 +54,7 @@ def _search(options: argparse.Namespace) -> Answer:
 
     check_output(options.out)
     folder = Path(options.out)
-    settings, data = read_job(options.file)
-    train = data.split(settings.data.train)[0]
+    train = read_job(options.file)[1].train
     folder.mkdir(parents=True, exist_ok=True)
     search = Search(
         space=THESIS if options.space == "thesis" else WIDER,

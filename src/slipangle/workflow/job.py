@@ -1,7 +1,6 @@
 """Run a job: read, inspect, identify, judge, control. `run_job` returns everything; `page.py` shows it."""
 
 import json
-import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -9,23 +8,19 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from slipangle import Dataset, Model, Run, Validation, inspect, public, read, validate
+from slipangle import Dataset, Model, Run, Validation, inspect, validate
 from slipangle.control.controller import Controller
-from slipangle.data.quality.events import despike
 from slipangle.data.quality.inspect import DataReport
-from slipangle.data.readers.csv import Column
 from slipangle.errors import ConfigError, IdentifiabilityWarning, ModelWarning, SlipangleError
 from slipangle.identify.judge.standing import Standing
-from slipangle.models.vehicles.nonlinear_bicycle import with_speed_derivative
 from slipangle.report.tables import number
 from slipangle.workflow.drive import drive
 from slipangle.workflow.kinds import KINDS, fitted
+from slipangle.workflow.log import read_logs
 from slipangle.workflow.settings import ModelSettings, Settings
 
 Progress = Callable[[float, str], None]
 T = TypeVar("T")
-
-_FEWEST, _CELLS = 20, 5e8  # samples of the longest record after resampling, and numbers of all
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,10 +96,8 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
     Raises SlipangleError for every kind of bad input, before any later step begins; or if no model could be fitted.
     """
     progress(0.0, "reading the log")
-    raw = load_data(settings)
-    quality = inspect(raw)
-    data = condition(raw, settings)
-    train, test = data.split(settings.data.train)
+    logs = read_logs(settings)
+    quality, train, test = inspect(logs.raw), logs.train, logs.test
     judged, failures = _judged(settings, train, test, progress)
     progress(0.5, "checking the steering delay")
     said = delay_check(settings, quality, train)
@@ -122,7 +115,7 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
         )
     return Outcome(
         settings=settings,
-        data=data,
+        data=logs.data,
         train=train,
         test=test,
         quality=quality,
@@ -146,7 +139,7 @@ def _judged(
         model = identify(wanted, train)
         with warnings.catch_warnings(action="ignore", category=ModelWarning):  # shown on the page
             seen = validate(model, train, name=wanted.name, on_training_data=True)
-            return validate(model, test, train=train, name=wanted.name), seen
+            return validate(model, test, train=train, name=wanted.name, start=settings.data.start), seen
 
     return each_model(settings, judge)
 
@@ -168,48 +161,6 @@ def each_model(settings: Settings, make: Callable[[int, ModelSettings], T]) -> t
                 raise
             failures[wanted.name] = str(error)
     return made, failures
-
-
-# ---- data ----------------------------------------------------------------------------------------------------------
-
-
-def load_data(settings: Settings) -> Dataset:
-    """The log as it is, in SI units."""
-    wanted = settings.data
-    if wanted.set:
-        data = public(wanted.set)
-        return data.select(inputs=wanted.inputs or data.inputs, outputs=wanted.outputs or data.outputs)
-    columns = {name: Column(c.column, c.unit or None) for name, c in wanted.columns.items()} or None
-    time = Column(wanted.time.column, wanted.time.unit or None) if wanted.time is not None else None
-    return read(
-        settings.folder / wanted.file,
-        columns=columns,
-        time=time,
-        dt=wanted.dt,
-        inputs=wanted.inputs,
-        outputs=wanted.outputs,
-        nan=wanted.nan,
-    )
-
-
-def condition(data: Dataset, settings: Settings) -> Dataset:
-    """Despiked and resampled as asked; each step leaves a note."""
-    for channel in settings.data.despike:
-        data, _ = despike(data, channel)
-    rate = settings.data.rate
-    if rate is not None and not math.isclose(rate * data.dt, 1.0, rel_tol=1e-9):
-        longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True)) * data.dt
-        cells = data.duration * rate * len(data.channels)
-        if longest * rate < _FEWEST or cells > _CELLS:
-            raise ConfigError(
-                f"[data] rate is {rate:g} Hz for a record of {longest:.4g} s and {len(data.channels)} channels; "
-                f"expected {_FEWEST / longest:.2g} to {_CELLS / (data.duration * len(data.channels)):.2g} Hz: it was "
-                f"logged at {1 / data.dt:.4g} Hz"
-            )
-        data = data.resample(1 / rate, cutoff=settings.data.cutoff)
-    if "v_x" in data and "v_x_dot" not in data:
-        data = with_speed_derivative(data)
-    return data.hold_mean() if settings.data.hold == "mean" else data
 
 
 # ---- models --------------------------------------------------------------------------------------------------------

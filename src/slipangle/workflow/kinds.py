@@ -48,11 +48,15 @@ class Physics:
 
 @dataclass(frozen=True, kw_only=True)
 class PhysicsEntries:
-    """What a job says about a physical model: parameter values or a name of its catalogue, and which are free."""
+    """What a job says about a physical model: parameter values or a name of its catalogue, and which are free.
+
+    Those of ``per_experiment`` have one value for each file, and for each stretch of a file between gaps.
+    """
 
     car: dict[str, float] = field(default_factory=dict)
     catalogue: str = ""
     free: tuple[str, ...] = ()
+    per_experiment: tuple[str, ...] = ()
 
 
 Kind = Physics | type[OdeModel] | type[Estimator] | Callable[..., Estimator]
@@ -218,9 +222,10 @@ def fitted(
     if physics is None:
         return thing(**entries).fit(train.select(inputs=inputs or None, outputs=outputs or None))  # type: ignore[operator]
     start = _start(physics, PhysicsEntries(**entries), outputs, train, name)
-    free = entries["free"] or physics.free
-    late = {n.removeprefix("delay_"): 0.5 * train.dt for n in free if n.startswith("delay_")}
-    return GreyBox(start=Delayed(start, delays=late) if late else start, free=free).fit(train)
+    each = entries["per_experiment"]
+    free = entries["free"] or tuple(n for n in physics.free if n not in each)
+    late = {n.removeprefix("delay_"): 0.5 * train.dt for n in (*free, *each) if n.startswith("delay_")}
+    return GreyBox(start=Delayed(start, delays=late) if late else start, free=free, per_experiment=each).fit(train)
 
 
 def _physics(thing: Any) -> Physics | None:

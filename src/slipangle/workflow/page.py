@@ -38,12 +38,16 @@ def _facts(outcome: Outcome) -> tuple[Fact, ...]:
         Fact(label="on", value=f"{platform.system()} {platform.machine()}"),
         Fact(label="at", value=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")),
         Fact(label="data", value=f"{outcome.data.name}: {q.samples} samples, {q.duration:.4g} s"),
-        Fact(
-            label="split",
-            value=f"first {100 * outcome.settings.data.train:g} % to fit, one free run over the remaining "
-            f"{outcome.test.duration:.0f} s to judge",
-        ),
+        Fact(label="split", value=_split(outcome)),
     )
+
+
+def _split(outcome: Outcome) -> str:
+    """What the models were fitted to and judged on, in words."""
+    wanted, seconds = outcome.settings.data, f"{outcome.test.duration:.0f} s"
+    if wanted.test:
+        return f"{outcome.train.name} to fit, free runs over other files, {outcome.test.name}, {seconds}, to judge"
+    return f"first {100 * wanted.train:g} % to fit, one free run over the remaining {seconds} to judge"
 
 
 def summary(outcome: Outcome) -> list[str]:

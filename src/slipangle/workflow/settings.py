@@ -28,9 +28,15 @@ class ColumnSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class DataSettings:
-    """The log: a file with named columns, or a public data set."""
+    """The log: files with named columns, or a public data set.
 
-    file: str = ""
+    ``file`` is one file or several to identify from. ``test`` are other files to judge on; without them the first part,
+    ``train``, of the log is identified from and the rest judged on. ``start`` is the number of samples of each test
+    record whose measured outputs tell the model's initial state; they do not count in its scores.
+    """
+
+    file: tuple[str, ...] = ()
+    test: tuple[str, ...] = ()
     set: str = ""
     columns: dict[str, ColumnSettings] = field(default_factory=dict)
     time: ColumnSettings | None = None
@@ -43,6 +49,7 @@ class DataSettings:
     hold: Literal["sample", "mean"] = "sample"
     nan: Literal["error", "gap"] = "error"
     train: Annotated[float, Within(0.01, 0.99)] = 0.7
+    start: Annotated[int, Within(1, 1_000_000, "samples")] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +131,15 @@ def _check(settings: Settings, where: str) -> None:
             f"{where}: [data] names {'both a file and a set' if settings.data.file else 'no log'}; expected either "
             'file = "log.csv" or set = "ferrari-250lm"'
         )
+    if settings.data.test and settings.data.set:
+        raise ConfigError(
+            f"{where}: [data] names test files and a set; expected test files beside files: leave one of them out"
+        )
+    files = (*settings.data.file, *settings.data.test)
+    if len(set(files)) < len(files):
+        again = next(n for n in files if files.count(n) > 1)
+        how = "for training and for testing" if again in settings.data.test and again in settings.data.file else "twice"
+        raise ConfigError(f"{where}: [data] {shown(again)} is named {how}; expected each file once: leave one out")
     if not settings.model:
         raise ConfigError(f"{where} has no [[model]]; expected at least one: add [[model]] with name and kind")
     names = [m.name for m in settings.model]

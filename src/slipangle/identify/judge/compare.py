@@ -53,7 +53,7 @@ class Comparison:
     entries: tuple[Entry, ...]  # every model, failed ones last
     outputs: tuple[str, ...]  # what they were compared on
     data_name: str
-    start: Start  # protocol of the initial state
+    start: Start | int  # protocol of the initial state
     n_samples: int  # samples that every model predicts
 
     @property
@@ -72,7 +72,7 @@ def compare(
     data: Dataset,
     *,
     outputs: Sequence[str] | None = None,
-    start: Start = "first samples",
+    start: Start | int = "first samples",
     on_training_data: bool = False,
 ) -> Comparison:
     """Rank models by their free-run error on data that none of them was fitted to.
@@ -89,7 +89,7 @@ def compare(
         A sequence is named by class, with a number where classes repeat.
     outputs : sequence of str, optional
         What to compare; by default the outputs that all models have.
-    start : {"first samples", "least squares"}
+    start : {"first samples", "least squares"} or int
         Protocol of the initial state, see `slipangle.identify.judge.initial.free_run`.
     on_training_data : bool
         Allow data that overlap the training data of a model.

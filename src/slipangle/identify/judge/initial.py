@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import require_known
+from slipangle.errors import ParameterError, TooShortError, require_known
 from slipangle.models.model import Model, Trajectory
 from slipangle.numerics.least_squares import LEAST, LevenbergMarquardt, triangle
 
@@ -17,18 +17,22 @@ Start = Literal["first samples", "least squares"]
 LONGEST = 2000  # samples that the initial state is fitted to; later ones hardly depend on it
 
 
-def free_run(model: Model, data: Dataset, *, start: Start = "first samples") -> Trajectory:
+def free_run(model: Model, data: Dataset, *, start: Start | int = "first samples") -> Trajectory:
     """Free run of every experiment.
 
-    Raises ParameterError if ``start`` is something else, and SimulationError if the state leaves the finite numbers.
+    Raises ParameterError if ``start`` is something else, TooShortError if an experiment is not longer than it, and
+    SimulationError if the state leaves the finite numbers.
 
     Parameters
     ----------
-    start : {"first samples", "least squares"}
+    start : {"first samples", "least squares"} or int
         ``"first samples"``: the state that the model reads from its first `memory` samples; no later measured output
         is used. ``"least squares"``: the state that makes the free run fit the measured outputs best; it looks at
-        outputs that are then predicted, so it flatters models that forget slowly.
+        outputs that are then predicted, so it flatters models that forget slowly. A number: the state that fits so many
+        first samples best, for protocols that give these; they are not predicted, and later ones not looked at.
     """
+    if isinstance(start, int):
+        return _from_first(model, data, start)
     require_known(start, get_args(Start), "start")
     if start == "first samples":
         return model.simulate(data)
@@ -36,6 +40,26 @@ def free_run(model: Model, data: Dataset, *, start: Start = "first samples") -> 
     chosen = data.select(inputs=model.inputs, outputs=model.outputs)
     states = [initial_state(model, part) for part in chosen.experiments]
     return replace(model.simulate(data, start=states), kind="free run, least-squares start")
+
+
+def _from_first(model: Model, data: Dataset, count: int) -> Trajectory:
+    """Free run from the state that fits the first samples of every experiment best."""
+    if count <= model.memory:
+        raise ParameterError(
+            f"start is {count} samples and the model reads {model.memory} to begin with; expected more than those"
+        )
+    model.check(data)
+    chosen = data.select(inputs=model.inputs, outputs=model.outputs)
+    short = min(chosen.experiments, key=lambda part: part.n_samples)
+    if short.n_samples <= count:
+        raise TooShortError(
+            f"an experiment of '{data.name}' has {short.n_samples} samples and the start takes {count} of them; "
+            "expected more than those: start from fewer, or leave that experiment out"
+        )
+    states = [initial_state(model, part.head(count)) for part in chosen.experiments]
+    run = model.simulate(data, start=states)
+    late = np.concatenate([np.arange(part.n_samples) >= count for part in chosen.experiments])
+    return replace(run, predicted=run.predicted & late, kind=f"free run, start from {count} samples")
 
 
 def initial_state(model: Model, data: Dataset, *, max_iterations: int = 30) -> np.ndarray:

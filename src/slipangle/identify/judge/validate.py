@@ -12,6 +12,7 @@ from scipy import integrate, optimize, special, stats
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ModelWarning, ParameterError, TooShortError
+from slipangle.identify.judge.initial import free_run
 from slipangle.identify.judge.scores import Score, score
 from slipangle.identify.judge.standing import Standing, standing
 from slipangle.models.model import FitInfo, Model, Trajectory
@@ -81,6 +82,7 @@ def validate(
     train: Dataset | None = None,
     name: str | None = None,
     max_lag: int = 40,
+    start: int | None = None,
     on_training_data: bool = False,
 ) -> Validation:
     """Judge a model on data it was not fitted to.
@@ -100,13 +102,17 @@ def validate(
         Name for reports, by default the model's class.
     max_lag : int
         Largest lag of the residual tests. [samples]
+    start : int, optional
+        The free run starts from the state that fits so many first samples of each experiment best, where a protocol
+        gives these; they do not count. By default from the samples that the model needs. [samples]
     on_training_data : bool
         Allow data that overlap the training data, for a training score.
     """
     if not on_training_data:
         require_unseen(model, data)
         _require_apart(train, data)
-    free, one = model.simulate(data), model.predict(data)
+    free = free_run(model, data, start="first samples" if start is None else start)
+    one = model.predict(data)
     chosen = data.select(inputs=model.inputs, outputs=model.outputs)
     return Validation(
         name=name or type(model).__name__,

@@ -1,0 +1,123 @@
+"""The logs of a job: read, laid out one after another, conditioned, and parted into training and test."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from slipangle import Dataset, public, read
+from slipangle.data.dataset import join
+from slipangle.data.quality.events import despike
+from slipangle.data.readers.csv import Column
+from slipangle.errors import ConfigError
+from slipangle.models.vehicles.nonlinear_bicycle import with_speed_derivative
+from slipangle.workflow.settings import Settings
+
+_FEWEST, _CELLS = 20, 5e8  # samples of the longest record after resampling, and numbers of all
+_APART = 1.0  # s between files on the time axis that they share
+_LONGEST_NAME = 80
+
+
+@dataclass(frozen=True, kw_only=True)
+class Logs:
+    """What a job identifies from and judges on.
+
+    ``raw`` is all of it as it is in the files, in SI units; ``data`` the same as identified from, ``train`` and
+    ``test`` its parts. Several files are experiments on one time axis, one file after another.
+    """
+
+    raw: Dataset
+    data: Dataset
+    train: Dataset
+    test: Dataset
+
+
+def read_logs(settings: Settings) -> Logs:
+    """The logs of a job; ``train`` and ``test`` are parts of one log, or the files that the job names for each.
+
+    Raises SlipangleError for every kind of bad input, with the file, channel or entry at fault.
+    """
+    first, second = _files(settings)
+    if second is None:
+        data = condition(first, settings)
+        train, test = data.split(settings.data.train)
+        return Logs(raw=first, data=data, train=train, test=test)
+    train, test = condition(first, settings), condition(second, settings)
+    name = _together((first, second))
+    return Logs(raw=join(first, second, name=name), data=join(train, test, name=name), train=train, test=test)
+
+
+def load_data(settings: Settings) -> Dataset:
+    """All logs of a job as they are, in SI units."""
+    first, second = _files(settings)
+    return first if second is None else join(first, second, name=_together((first, second)))
+
+
+def _files(settings: Settings) -> tuple[Dataset, Dataset | None]:
+    """The log, and the separate test log where the job names one, on one time axis."""
+    wanted = settings.data
+    if wanted.set:
+        data = public(wanted.set)
+        return data.select(inputs=wanted.inputs or data.inputs, outputs=wanted.outputs or data.outputs), None
+    first = _joined([_read(file, settings) for file in wanted.file])
+    if not wanted.test:
+        return first, None
+    return first, _laid_out([first, _joined([_read(file, settings) for file in wanted.test])])[1]
+
+
+def _read(file: str, settings: Settings) -> Dataset:
+    wanted = settings.data
+    columns = {name: Column(c.column, c.unit or None) for name, c in wanted.columns.items()} or None
+    time = Column(wanted.time.column, wanted.time.unit or None) if wanted.time is not None else None
+    return read(
+        settings.folder / file,
+        columns=columns,
+        time=time,
+        dt=wanted.dt,
+        inputs=wanted.inputs,
+        outputs=wanted.outputs,
+        nan=wanted.nan,
+    )
+
+
+def _joined(parts: Sequence[Dataset]) -> Dataset:
+    """Files as experiments of one data set; one file as it is."""
+    return parts[0] if len(parts) == 1 else join(*_laid_out(parts), name=_together(parts))
+
+
+def _laid_out(parts: Sequence[Dataset]) -> list[Dataset]:
+    """The same on one time axis: each begins a second after the one before, and a note says when. [s]"""
+    placed = [parts[0]]
+    for part in parts[1:]:
+        begin = float(placed[-1].t[-1]) + _APART
+        times = tuple(t0 - part.start_times[0] + begin for t0 in part.start_times)
+        moved = replace(part, start_times=times)
+        placed.append(moved.with_note(f"'{part.name}' stands at t = {begin:.6g} to {float(moved.t[-1]):.6g} s"))
+    return placed
+
+
+def _together(parts: Sequence[Dataset]) -> str:
+    names = list(dict.fromkeys(part.name for part in parts))
+    said = ", ".join(names)
+    return said if len(said) <= _LONGEST_NAME else f"{names[0][:_LONGEST_NAME]} and {len(names) - 1} more"
+
+
+def condition(data: Dataset, settings: Settings) -> Dataset:
+    """Despiked and resampled as asked; each step leaves a note."""
+    for channel in settings.data.despike:
+        data, _ = despike(data, channel)
+    rate = settings.data.rate
+    if rate is not None and not math.isclose(rate * data.dt, 1.0, rel_tol=1e-9):
+        longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True)) * data.dt
+        cells = data.duration * rate * len(data.channels)
+        if longest * rate < _FEWEST or cells > _CELLS:
+            raise ConfigError(
+                f"[data] rate is {rate:g} Hz for a record of {longest:.4g} s and {len(data.channels)} channels; "
+                f"expected {_FEWEST / longest:.2g} to {_CELLS / (data.duration * len(data.channels)):.2g} Hz: it was "
+                f"logged at {1 / data.dt:.4g} Hz"
+            )
+        data = data.resample(1 / rate, cutoff=settings.data.cutoff)
+    if "v_x" in data and "v_x_dot" not in data:
+        data = with_speed_derivative(data)
+    return data.hold_mean() if settings.data.hold == "mean" else data
