@@ -14,6 +14,7 @@ from slipangle.data.quality.inspect import inspect as inspect
 from slipangle.data.readers import read as read
 from slipangle.data.readers.columns import Column as Column
 from slipangle.estimate.ekf import EKF as EKF
+from slipangle.identify.adapt import Adapt as Adapt
 from slipangle.identify.car.identify_car import IdentifiedCar as IdentifiedCar
 from slipangle.identify.car.identify_car import WholeCar as WholeCar
 from slipangle.identify.car.identify_car import identify_car as identify_car
@@ -57,6 +58,7 @@ from slipangle.models.vehicles.longitudinal import Longitudinal as Longitudinal
 from slipangle.models.vehicles.longitudinal import LongitudinalParams as LongitudinalParams
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle as NonlinearBicycle
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycleParams as NonlinearBicycleParams
+from slipangle.models.vehicles.nonlinear_bicycle import with_speed_derivative as with_speed_derivative
 from slipangle.models.vehicles.parameters import BicycleParams as BicycleParams
 from slipangle.models.vehicles.parameters import SingleTrackParams as SingleTrackParams
 from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle as RelaxingBicycle

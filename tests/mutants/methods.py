@@ -98,7 +98,19 @@ MUTANTS = [
     *mistakes(
         "models/wrappers/hybrid.py",
         BLACK_BOX,
-        [("sensor offsets: wrong way round", "u[i] - self.inputs_at_zero", "u[i] + self.inputs_at_zero")],
+        [
+            ("sensor offsets: wrong way round", "u[i] - self.inputs_at_zero", "u[i] + self.inputs_at_zero"),
+            (
+                "sensor lag: of the new value",
+                "keep * x[n + late.index(name)] + (1.0 - keep)",
+                "(1.0 - keep) * x[n + late.index(name)] + keep",
+            ),
+            (
+                "sensor lag: forward Euler",
+                "self.lags[name] / (self.lags[name] + self.dt)",
+                "(1.0 - self.dt / self.lags[name])",
+            ),
+        ],
     ),
     *mistakes(
         "models/wrappers/multi_arx.py",

@@ -96,5 +96,5 @@ def require_channels(data: Dataset) -> None:
     if "v_x_dot" not in data:
         raise MissingColumnError(
             f"'{data.name}' has no channel 'v_x_dot', the derivative of v_x; expected it beside delta, v_x and r: "
-            "data = with_speed_derivative(data), of slipangle.models.vehicles.nonlinear_bicycle"
+            "data = sa.with_speed_derivative(data)"
         )
