@@ -102,3 +102,39 @@ def test_at_one_speed_an_offset_of_the_yaw_rate_is_not_told_from_one_of_the_stee
 
 def test_an_offset_of_the_steering_is_none_of_the_yaw_rate():
     assert doubts(changed("delta", lambda delta: delta + 0.03), wheelbase=LENGTH) == ()
+
+
+def offset_anew(seed):
+    """Drives whose steering sensors have other zeros; each at speeds that change inside it."""
+    rng = np.random.default_rng(seed)
+    parts = [join(drive(v, seed), drive(v + 6.0, seed + 1)) for v in (9.0, 14.0, 19.0)]
+    return join(*(p.with_channel("delta", p["delta"] + 0.02 * rng.standard_normal(), "rad") for p in parts))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_offsets_that_differ_between_drives_raise_no_doubt_and_hide_none(seed):
+    data = offset_anew(seed)
+    assert doubts(data, wheelbase=LENGTH) == ()
+    for wrong, word in (
+        (data.with_channel("v_x", 3.6 * data["v_x"]), "km/h"),
+        (data.with_channel("delta", np.rad2deg(data["delta"])), "degrees"),
+        (data.with_channel("delta", 15 * data["delta"]), "hand wheel"),
+    ):
+        (said,) = doubts(join(*map(without_a_y, wrong.experiments)), wheelbase=LENGTH)
+        assert word in said
+
+
+def test_drives_of_one_angle_each_show_units_together():
+    """Steady circles: what the steering does inside a drive tells nothing."""
+    parts = []
+    for k, angle in enumerate((-0.06, -0.03, 0.02, 0.05)):
+        t = np.arange(500) * 0.02
+        v = 8.0 + 4.0 * t / 10
+        rng = np.random.default_rng(k)
+        r = v * angle / LENGTH / (1 + (v / 28.0) ** 2) + 0.003 * rng.standard_normal(500)
+        delta = angle + 1e-4 * rng.standard_normal(500)
+        parts.append(Dataset.from_arrays({"delta": delta, "v_x": v}, {"r": r}, 0.02))
+    data = join(*parts)
+    assert doubts(data, wheelbase=LENGTH) == ()
+    (said,) = doubts(data.with_channel("delta", np.rad2deg(data["delta"])), wheelbase=LENGTH)
+    assert "degrees" in said

@@ -18,6 +18,7 @@ _SHARES = (
     (15.0, 120.0, "r is logged in deg/s: declare its unit as deg/s"),
 )
 _SPEEDS = 0.2  # range of speeds over their mean, from which understeer and offsets show
+_MOVING = 0.3  # share of the steering's variance inside drives, from which they tell the gain by themselves
 _STUCK, _LATE = 1.0, 0.15  # s
 _ZERO, _BLOCKS = 0.09, 12  # offset of r [rad/s] that a fit hardly reaches, and blocks of a drive
 LONGEST_STEP = 0.5  # s, between samples of a car that is steered
@@ -44,7 +45,8 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
     cornering, about_r = _cornering(data, fast, smooth, turn)
     said += cornering
     if not about_r:
-        said += _steering(smooth, wheelbase) or _zero(fast)
+        drives = np.repeat(np.arange(len(fast)), [part.n_samples for part in fast])
+        said += _steering(smooth, wheelbase, drives) or _zero(fast)
     return tuple(said)
 
 
@@ -104,11 +106,14 @@ def _late(fast: list[Dataset]) -> float:
     return float((int(np.argmax(total)) - most) * dt)
 
 
-def _steering(smooth: dict[str, np.ndarray], wheelbase: float) -> list[str]:
-    """Sentences on delta beside r wheelbase / v_x."""
+def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) -> list[str]:
+    """Sentences on delta beside r wheelbase / v_x; ``drives`` numbers the experiment of each sample.
+
+    Each drive has an offset of its own, as its steering sensor may, where the steering moves enough inside drives.
+    """
     v, r, delta = smooth["v_x"], smooth["r"], smooth["delta"]
     fast = v > 0.3 * np.quantile(v, 0.9)
-    v, r, delta = v[fast], r[fast], delta[fast]
+    v, r, delta, drives = v[fast], r[fast], delta[fast], drives[fast]
     asked = r * wheelbase / v
     _, agree = _slope(delta, asked)
     if agree < -0.6:
@@ -118,17 +123,26 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float) -> list[str]:
         ]
     if agree < 0.4:
         return []
-    columns, speeds = [delta, np.ones(len(v))], float(np.ptp(v)) > _SPEEDS * float(v.mean())
+    inside = _inside(delta, drives)
+    if np.sum(inside**2) < _MOVING * np.sum((delta - delta.mean()) ** 2):
+        drives = np.zeros_like(drives)
+    columns, speeds = [delta], float(np.ptp(v)) > _SPEEDS * float(v.mean())
     if speeds:  # understeer, which at one speed cannot be told from the steering's gain
-        columns.insert(1, -v * r * wheelbase)
-    table = np.column_stack(columns)
+        columns.append(-v * r * wheelbase)
+    table = np.column_stack([_inside(column, drives) for column in columns])
     scale = np.maximum(np.abs(table).max(axis=0), 1e-300)
-    gain = float(np.linalg.lstsq(table / scale, asked, rcond=None)[0][0] / scale[0])
+    gain = float(np.linalg.lstsq(table / scale, _inside(asked, drives), rcond=None)[0][0] / scale[0])
     return [
         f"r wheelbase / v_x is about {gain:.2g} of delta: {words.format(ratio=0.8 / gain)}"
         for low, high, words in _SHARES
         if low < gain <= high and (speeds or "km/h" not in words)
     ]
+
+
+def _inside(x: np.ndarray, drives: np.ndarray) -> np.ndarray:
+    """The signal about its mean in each drive."""
+    count = np.maximum(np.bincount(drives), 1)
+    return x - (np.bincount(drives, x) / count)[drives]
 
 
 def _zero(fast: list[Dataset]) -> list[str]:
