@@ -165,8 +165,9 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
 
 def _late(model: Model, name: str) -> Values:
     """Delay or lag of an identified steering; none where the model has no such parameter. [s]"""
-    known = isinstance(model, Parametrised) and name in model.parameter_names
-    return Values(delta=model.value(name)) if known else Values()
+    if isinstance(model, Parametrised) and name in model.parameter_names:
+        return Values(delta=model.value(name))
+    return Values()
 
 
 def around(
