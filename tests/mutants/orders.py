@@ -49,7 +49,7 @@ MUTANTS = [
     *mistakes(
         "identify/networks/narx.py",
         "identify/networks/test_narx.py::test_the_start_is_the_arx_model_itself",
-        [("linear start: sign of the past outputs", "*(-model.A)", "*model.A")],
+        [("linear start: sign of the past outputs", "*(-best.A)", "*best.A")],
     ),
     *mistakes(
         "identify/networks/neural_statespace.py",

@@ -17,6 +17,7 @@ from slipangle.identify.networks import narx, windows
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.narx_free_run import FreeRunNARX
 from slipangle.identify.networks.problem import Stage
+from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.black_box.networks import MLP, Scaling
 from slipangle.reproduce.plants import narendra
 
@@ -115,7 +116,7 @@ def test_training_starts_as_the_linear_model_of_the_same_lags_and_never_ends_bel
 
 
 def test_where_no_network_is_better_the_model_is_the_linear_one_and_says_so():
-    data = tanks()
+    data = mimo(noise=2.0)
     useless = (Stage(horizon=1, epochs=20, learning_rate=1e30),)
     with pytest.warns(ModelWarning, match="no network beat the linear model .* so the model is that linear one"):
         model = NARX(na=2, nb=2, hidden=(8,), stages=useless, precision="double").fit(data)
@@ -128,16 +129,34 @@ def test_where_no_network_is_better_the_model_is_the_linear_one_and_says_so():
 def test_the_start_is_the_arx_model_itself(hidden):
     data, settings = mimo(), NARX(na=2, nb=1, nk=3, hidden=hidden)
     su, sy = Scaling.standard(data.u), Scaling.standard(data.y)
-    start = settings._initial(0, 2, 2, settings._linear(windows.in_units(data, su, sy)))
+    units = windows.in_units(data, su, sy)
+    start = settings._initial(0, 2, 2, settings._linear(units, units))
     channels = {"dt": data.dt, "inputs": data.inputs, "outputs": data.outputs}
     model = settings._model(start, su, sy, None, channels)
     linear = ARX(na=2, nb=1, nk=3, offset=True).fit(data)
     assert model.simulate(data).y == pytest.approx(linear.simulate(data).y, rel=1e-6)
 
 
+def test_where_noise_biases_arx_the_start_is_the_output_error_model():
+    rng = np.random.default_rng(3)
+    u, y = rng.standard_normal(900), np.zeros(900)
+    for k in range(3, 900):
+        y[k] = 1.6 * y[k - 1] - 0.8 * y[k - 2] + 0.4 * u[k - 2] - 0.1 * u[k - 3]
+    y += 0.5 * rng.standard_normal(900)
+    data = Dataset.from_arrays({"u": u}, {"y": y}, 0.1, name="noisy")
+    inner, held = data.split(0.8)
+    settings = NARX(na=2, nb=2, nk=2)
+    slope, constant = settings._linear(inner, held)
+    assert slope == pytest.approx(np.array([[1.6, -0.8, 0.4, -0.1]]), abs=0.03)
+    assert constant == pytest.approx(0.0, abs=0.05)
+    arx = ARX(na=2, nb=2, nk=2, offset=True).fit(inner)
+    assert abs(arx.A[0, 0, 0] + 1.6) > 0.1
+    assert narx.free_run_error(ARXModel(**{**vars(arx), "A": [-9.0], "B": [1.0]}), held) > 1e10
+
+
 def test_without_a_usable_linear_model_training_starts_at_random_and_says_why():
-    data = tanks(300)
-    grows = data.with_channel("y", np.exp(0.05 * np.arange(300)) + data["y"])
+    data = mimo(300)
+    grows = data.with_channel("r", np.exp(0.05 * np.arange(300)) + data["r"])
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         model = NARX(na=2, nb=2, hidden=(8,), stages=QUICK).fit(grows)

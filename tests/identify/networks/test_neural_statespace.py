@@ -113,13 +113,14 @@ def test_training_starts_as_the_linear_state_space_of_the_same_order(feedthrough
         order=2, hidden=(6,), feedthrough=feedthrough, emission_hidden=emission_hidden, gain_stages=()
     )
     su, sy = Scaling.standard(data.u), Scaling.standard(data.y)
-    start = settings._initial(0, 1, 1, settings._linear(windows.in_units(data, su, sy)))
+    units = windows.in_units(data, su, sy)
+    start = settings._initial(0, 1, 1, settings._linear(units, units))
     channels = {"dt": data.dt, "inputs": data.inputs, "outputs": data.outputs}
     model = settings._model(start, su, sy, None, channels)
     linear = StateSpace(order=2, focus="simulation", offsets="output", direct=feedthrough)
-    linear = linear.fit(windows.in_units(data, su, sy))
+    linear = linear.fit(units)
     linear = replace(linear, memory=5)  # samples that both start from
-    ours, theirs = model.simulate(data).y, sy.undo(linear.simulate(windows.in_units(data, su, sy)).y.T).T
+    ours, theirs = model.simulate(data).y, sy.undo(linear.simulate(units).y.T).T
     compared = slice(60 if feedthrough else 5, None)  # the encoder does not see the newest input
     assert ours[compared] == pytest.approx(theirs[compared], abs=1e-3 * np.std(data.y))
     assert np.std(ours - data.y) < 0.5 * np.std(data.y)

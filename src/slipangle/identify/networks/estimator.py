@@ -88,8 +88,8 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         """What is trained."""
 
     @abc.abstractmethod
-    def _linear(self, data: Dataset) -> Any:
-        """The linear model to start from, in scaled coordinates, as `_initial` takes it."""
+    def _linear(self, data: Dataset, held: Dataset) -> Any:
+        """The linear model to start from, scaled, as `_initial` takes it; of several the best over ``held``."""
 
     @abc.abstractmethod
     def _initial(self, seed: int, ny: int, nu: int, linear: Any) -> Any:
@@ -140,7 +140,8 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
             settings: Any = {"stages": stages, "seeds": (trained.best.seed,), "precision": self.precision}
             return train(problem, lambda seed: start, (arrays, trained.params), starts, **settings).params
 
-        linear, without = self._started(in_units(inner, scaling_u, scaling_y)) if self.linear_start else (None, "")
+        both = (in_units(part, scaling_u, scaling_y) for part in (inner, held))
+        linear, without = self._started(*both) if self.linear_start else (None, "")
         settings: Any = {"stages": self.stages, "seeds": self.seeds, "precision": self.precision}
         settings |= {"idle": LINEAR if linear is not None else IDLE, "progress": progress}
         trained = train(problem, lambda seed: self._initial(seed, ny, nu, linear), arrays, starts, **settings)
@@ -152,13 +153,13 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         model = self._model(trained.params, scaling_u, scaling_y, again, channels)
         return replace(model, fit_info=self._info(trained, model, data, began))
 
-    def _started(self, data: Dataset) -> tuple[Any, str]:
+    def _started(self, data: Dataset, held: Dataset) -> tuple[Any, str]:
         """The linear model, or why there is none."""
         try:
             with warnings.catch_warnings():
                 for kind in (ModelWarning, IdentifiabilityWarning):  # of a model that is only to begin with
                     warnings.simplefilter("ignore", kind)
-                return self._linear(data), ""
+                return self._linear(data, held), ""
         except SlipangleError as error:
             return None, f"training starts from random weights, as there is no linear model to start from: {error}"
 

@@ -8,15 +8,18 @@ from typing import Any, Self
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import SimulationError
+from slipangle.errors import SimulationError, SlipangleError
 from slipangle.fields import Count
 from slipangle.identify.excitation import require_independent
 from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.estimator import channels
 from slipangle.identify.linear.lags import same_for_all
 from slipangle.identify.linear.orders import Chosen, choose
+from slipangle.identify.linear.polynomial import OutputError
 from slipangle.identify.networks.estimator import Again, NetworkEstimator, Settled
 from slipangle.identify.networks.problem import Stage
 from slipangle.identify.networks.windows import Recurrence, beside, forward, from_linear, layers, network
+from slipangle.models.black_box.arx import ARXModel
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.networks import MLP, Activation, Scaling
 from slipangle.models.model import derived
@@ -38,7 +41,9 @@ class NARX(NetworkEstimator[NARXModel]):
         ARX model whose free runs over stretches held out in turn are best, see `slipangle.identify.linear.arx.ARX`, of
         what is not held out here; one network is trained. ``fit_info.candidates`` are all that were compared.
     hidden, activation, stages, holdout, seeds, linear_start, precision
-        See `NetworkEstimator`; by default the loss looks one step ahead, then 20.
+        See `NetworkEstimator`; by default the loss looks one step ahead, then 20. The linear start is the ARX model of
+        these lags or, of one input and one output, the output-error model, whichever runs freely better over the
+        held-out part.
 
     Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, sec. 4.2.
     """
@@ -83,13 +88,30 @@ class NARX(NetworkEstimator[NARXModel]):
     def _problem(self) -> LagNetwork:
         return LagNetwork(**self._lags, activation=self.activation)
 
-    def _linear(self, data: Dataset) -> tuple[np.ndarray, np.ndarray]:
-        """Slope by the lags and constant of the ARX model of these lags."""
+    def _linear(self, data: Dataset, held: Dataset) -> tuple[np.ndarray, np.ndarray]:
+        """Slope by the lags and constant: ARX or, of one input and output, output error, as runs freely better."""
         model = ARX(**self._lags, offset=True).fit(data)
         blows_up = growth(model.poles, max(b - a for a, b in zip(data.starts, data.stops, strict=True)))
-        if blows_up:
+        found = [] if blows_up else [model]
+        if len(data.inputs) == len(data.outputs) == 1:
+            found += self._output_error(data)
+        if not found:
             raise SimulationError(blows_up)
-        return np.hstack([*(-model.A), *model.B]), model.c
+        best = min(found, key=lambda m: free_run_error(m, held)) if len(found) > 1 else found[0]
+        return np.hstack([*(-best.A), *best.B]), best.c
+
+    def _output_error(self, data: Dataset) -> list[ARXModel]:
+        """The output-error model as a difference equation of the same lags, where there is one."""
+        lags = self._lags
+        settings = OutputError(nb=lags["nb"], nf=lags["na"], nk=lags["nk"], offset=True, max_radius=1.0)
+        try:
+            model = settings.fit(data)
+        except SlipangleError:
+            return []
+        B, F = np.asarray(model.B[0]), np.asarray(model.F[0])
+        rest: Any = model.u_offset
+        c = np.array([model.y_offset * (1 + F.sum()) - B.sum() * rest[0]])
+        return [ARXModel(A=F, B=B, c=c, nk=lags["nk"], **channels(data))]
 
     def _initial(self, seed: int, ny: int, nu: int, linear: Any) -> tuple:
         net = MLP.random((self._n_seen(ny, nu), *self.hidden, ny), activation=self.activation, seed=seed)
@@ -125,3 +147,14 @@ class LagNetwork(Recurrence):
         drive = jnp.concatenate([u(k - j) for j in range(self.nk, self.nk + self.nb)])
         predicted = forward(params, jnp.concatenate([x, drive]), self.activation)
         return jnp.concatenate([predicted, x])[: len(x)], predicted - y(k)
+
+
+def free_run_error(model: ARXModel, data: Dataset) -> float:
+    """Mean squared error of a free run; infinite where it is no number."""
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            run = model._simulate(data)
+            error = float(np.mean(run.error[run.predicted] ** 2))
+    except SlipangleError:
+        return np.inf
+    return error if np.isfinite(error) else np.inf
