@@ -9,6 +9,7 @@ from slipangle.errors import ExcitationError, MissingColumnError, TooShortError
 
 CHUNK = 1 << 15  # samples whose copy stays in the cache
 _NEARLY = 0.99  # correlation from which inputs are said to move alike
+_APART = 1e-6  # least eigenvalue of correlations that are certainly of independent inputs
 _ENOUGH = 1 << 14  # samples that tell how alike inputs move
 _DUST = 1e-15  # a signal in SI units that reaches no further does not move
 
@@ -58,6 +59,8 @@ def require_independent(data: Dataset, *, offset: bool = True, least: float = 1e
     """
     if len(data.inputs) < 2:
         return
+    if np.linalg.eigvalsh(_correlations(data, _ENOUGH, centred=offset))[0] > _APART:
+        return  # what some samples tell apart, all do
     alike = _correlations(data, data.n_samples, centred=offset)
     kept: list[int] = []
     dependent = []

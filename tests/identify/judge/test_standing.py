@@ -176,6 +176,16 @@ def test_a_lag_is_found(output):
     assert slow.lag == pytest.approx(0.3, rel=0.25)
 
 
+def test_a_simple_model_with_a_state_may_start_from_the_measured_output():
+    data = driven(lag=0.3)
+    both = join(data.rows(0, 600), data.rows(900, 1500))
+    slow, quick = baselines(both, "r")[-1], baselines(both, "r")[1]
+    moved = slow.simulate(both, both["r"])
+    assert moved[[0, 600]] == pytest.approx(both["r"][[0, 600]], rel=1e-12)
+    assert np.mean((moved - both["r"]) ** 2) < np.mean((slow.simulate(both) - both["r"]) ** 2)
+    np.testing.assert_array_equal(quick.simulate(both, both["r"]), quick.simulate(both))
+
+
 def test_simple_models_start_every_experiment_anew():
     data = driven(lag=0.3)
     both = join(data.rows(0, 600), data.rows(900, 1500))

@@ -11,6 +11,7 @@ from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, IdentifiabilityWarning, ParameterError, SimulationError, TooShortError
 from slipangle.identify.linear import lags
 from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.colour import _residual
 from slipangle.identify.linear.integrated import IntegratedARX
 from slipangle.identify.linear.recursive import RLS
 from slipangle.identify.networks.narx import NARX
@@ -318,6 +319,15 @@ def test_experiments_too_short_for_the_lags_tell_no_colour():
     data = with_noise("drift", 0)
     short = join(*(data.rows(a, a + 2 + a % 3) for a in range(0, 200, 5)), data.rows(200, 800), data.rows(800, 805))
     assert any("is coloured" in s for s in ARX(na=2, nb=2).fit(short).fit_info.warnings)
+
+
+def test_the_residual_that_is_looked_at_is_that_of_the_prediction():
+    data = record(300, nu=2, ny=2)
+    model = ARX(na=2, nb=3, nk=(0, 2), offset=True).fit(data)
+    run = model.predict(data)
+    predicted = run.error[run.predicted]
+    np.testing.assert_allclose(_residual(model, data)[-len(predicted) :], predicted, rtol=1e-9, atol=1e-12)
+    assert len(_residual(model, data.head(3))) == 0
 
 
 def test_rounding_is_not_called_coloured_noise():

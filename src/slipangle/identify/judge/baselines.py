@@ -12,7 +12,7 @@ from slipangle.data.dataset import Dataset
 
 _BENDS = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0, -0.25, -0.5)  # K v_x^2 at the highest speed, smallest first
 _LAGS = 24  # time constants that are tried, from half a sample to a tenth of the longest experiment
-_FINE = 21  # time constants that are tried between the neighbours of the best of them
+_FINE = 13  # time constants that are tried between the neighbours of the best of them, twice
 _LEAST = 1e-6  # share of its error that a larger constant has to take off
 _SPEED_POWER = {"r": 1, "v_y": 1, "a_y": 2, "beta": 0}  # outputs of a car in steady state: delta times v_x to the ...
 
@@ -29,9 +29,14 @@ class Baseline:
     lag: float = 0.0  # time constant [s]
     error: float = 0.0  # sum of squares over the training data
 
-    def simulate(self, data: Dataset) -> np.ndarray:
-        """The output from the inputs alone, shape (n_samples,), in its unit; each experiment begins in steady state."""
-        return lagged(self.regressors(data), data, self.lag) @ self.coefficients
+    def simulate(self, data: Dataset, measured: np.ndarray | None = None) -> np.ndarray:
+        """The output from the inputs alone, shape (n_samples,), in its unit.
+
+        Each experiment begins in steady state, or from the first sample of the ``measured`` output, where that is given
+        and the model has a state.
+        """
+        y = lagged(self.regressors(data), data, self.lag) @ self.coefficients
+        return y if measured is None else y + _fading(measured - y, data, self.lag)
 
 
 def baselines(data: Dataset, output: str) -> tuple[Baseline, ...]:
@@ -56,10 +61,11 @@ def baselines(data: Dataset, output: str) -> tuple[Baseline, ...]:
     def slow(lag: float) -> Baseline:
         return _fitted("linear with lag", kept[-1].regressors, data, y, lag, table)
 
-    coarse = _least([slow(float(lag)) for lag in times], y)
-    step = times[1] / times[0]
-    fine = np.geomspace(coarse.lag / step, coarse.lag * step, _FINE)
-    return (*found, *kept, _least([coarse, *(slow(float(lag)) for lag in fine)], y))
+    best, step = _least([slow(float(lag)) for lag in times], y), times[1] / times[0]
+    for _ in range(2):
+        fine = np.geomspace(best.lag / step, best.lag * step, _FINE)
+        best, step = _least([best, *(slow(float(lag)) for lag in fine)], y), fine[1] / fine[0]
+    return (*found, *kept, best)
 
 
 def _steady(data: Dataset, output: str) -> Iterator[tuple[str, Regressors]]:
@@ -93,12 +99,21 @@ def _fitted(
 ) -> Baseline:
     """By least squares; ``table`` is what the regressors give, where that is known."""
     moved = lagged(regressors(data) if table is None else table, data, lag)
+    moved, y = moved - _fading(moved, data, lag), y - _fading(y, data, lag)
     size = np.sqrt(np.mean(moved**2, axis=0))
     size[size == 0] = 1.0
     scaled = moved / size
     coefficients = np.linalg.lstsq(scaled.T @ scaled, scaled.T @ y, rcond=1e-12)[0]
     error = float(np.sum((y - scaled @ coefficients) ** 2))
     return Baseline(name=name, regressors=regressors, coefficients=coefficients / size, lag=lag, error=error)
+
+
+def _fading(x: np.ndarray, data: Dataset, lag: float) -> np.ndarray:
+    """What a first-order lag keeps of the first sample of each experiment, of the shape of ``x``."""
+    kept = np.zeros_like(x)
+    for a, b in zip(data.starts, data.stops, strict=True) if lag > 0 else ():
+        kept[a:b] = np.multiply.outer(np.exp(-data.dt / lag * np.arange(b - a)), x[a])
+    return kept
 
 
 def _least(candidates: list[Baseline], y: np.ndarray) -> Baseline:

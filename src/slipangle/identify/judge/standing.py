@@ -5,9 +5,9 @@ Errors here are root mean squares over the predicted samples, in parts of the ou
 error is ``1 - fit / 100``: ``m`` of the model, ``b`` of the best simple model (at most 1, the mean's), ``n`` of the
 noise. The words and their limits, chosen before any data were seen:
 
-* good: better than the best simple model beyond chance, and it takes off at least half of what that one leaves and
-  noise allows, ``b - m >= (b - n) / 2``: nearer to the noise than to the simple model; or what it leaves is as much as
-  the noise, within two standard errors of that.
+* good: better than the best simple model, beyond chance and by more than 2 % of its error, and it takes off at least
+  half of what that one leaves and noise allows, ``b - m >= (b - n) / 2``: nearer to the noise than to the simple model;
+  or what it leaves is as much as the noise, within two standard errors of that.
 * poor: it explains less than half of what noise allows, ``1 - m < (1 - n) / 2``, or errs half as much again as the best
   simple model, ``m > 1.5 b``: whoever needs a number is better off with that one.
 * fair: all between. A model that a simple one equals is never called good.
@@ -30,6 +30,7 @@ from slipangle.models.model import Trajectory
 _NEARER = 0.5  # share of what the best simple model leaves and noise allows that a good model takes off
 _EXPLAINED = 0.5  # share of what noise allows that any but a poor model explains
 _WORSE = 1.5  # times the best simple model's error, from which a model is poor
+_GAIN = 0.02  # of the best simple model's error, below which another is as good
 _BATCHES, _LEVEL = 10, 0.05  # of the test that the model is better than the simple one
 _ERRORS = 2.0  # standard errors of the noise, up to which what a model leaves is said to be noise
 
@@ -43,7 +44,7 @@ class Standing:
     baselines: dict[str, Score] = field(default_factory=dict)  # of the simple models' free runs, by name
     noise: float  # standard deviation of the output's noise; NaN where the test data are too few to tell
     highest: float  # fit that this noise leaves a perfect model [%]; 100 where it is not known
-    better: bool  # than the best simple model, beyond chance
+    better: bool  # than the best simple model, beyond chance and by more than 2 % of its error
     at_the_noise: bool  # what the model leaves is as much as the noise
     word: Literal["good", "fair", "poor"]
 
@@ -104,10 +105,10 @@ def standing(run: Trajectory, output: str, train: Dataset, test: Dataset) -> Sta
     i, kept = run.outputs.index(output), run.predicted
     y, own = run.measured[kept, i], score(run, output)
     seen = test.select(inputs=train.inputs)
-    simple = {b.name: b.simulate(seen)[kept] for b in baselines(train, output)}
+    simple = {b.name: b.simulate(seen, run.measured[:, i])[kept] for b in baselines(train, output)}
     scores = {name: Score.of(y, y_hat) for name, y_hat in simple.items()}
     best = max(scores, key=lambda name: scores[name].fit)
-    better = _better(y - run.y[kept, i], y - simple[best])
+    better = own.rmse < (1 - _GAIN) * scores[best].rmse and _better(y - run.y[kept, i], y - simple[best])
     noise = noise_floor(seen, output)
     if not np.isnan(noise):
         noise = min(noise, own.rmse, *(s.rmse for s in scores.values()))

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
-from slipangle.data.dataset import Dataset, join
+from slipangle.data.dataset import Dataset
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.numerics.covariance import autoregression
 
@@ -26,17 +24,14 @@ def colour_said(model: ARXModel, data: Dataset) -> tuple[str, ...]:
     .. [1] L. Ljung, System Identification, 2nd ed., 1999, sec. 7.3, 7.6.
     """
     seen = data.rows(0, min(_SEEN, data.n_samples)).experiments
-    parts = [part for part in seen if part.n_samples > model.memory]
-    if not parts:
+    errors = [e for e in (_residual(model, part) for part in seen) if len(e) > 1]
+    if not errors:
         return ()
-    run = model._predict(join(*parts))
     said = []
     for i, output in enumerate(model.outputs):
-        e = np.where(run.predicted, run.error[:, i], np.nan)
-        pieces = [e[a:b][run.predicted[a:b]][:, None] for a, b in pairwise((*run.starts, len(e)))]
-        pieces = [p for p in pieces if len(p) > 1]
-        total = float(np.mean(np.concatenate(pieces) ** 2)) if pieces else 0.0
-        if not np.isfinite(total) or total <= _NOISE**2 * float(np.var(run.measured[:, i])):
+        pieces = [e[:, [i]] for e in errors]
+        total = float(np.mean(np.concatenate(pieces) ** 2))
+        if not np.isfinite(total) or total <= _NOISE**2 * float(np.var(data[output])):
             continue
         coefficients, driving = autoregression(pieces)
         told = 1.0 - float(driving[0, 0]) / total
@@ -49,3 +44,17 @@ def colour_said(model: ARXModel, data: Dataset) -> tuple[str, ...]:
                 "lags"
             )
     return tuple(said)
+
+
+def _residual(model: ARXModel, part: Dataset) -> np.ndarray:
+    """One-step-ahead errors of an experiment, shape (n, n_outputs); none where it is shorter than the lags."""
+    y, u, n = part.columns(model.outputs), part.columns(model.inputs), part.n_samples
+    first = max(len(model.A), model.nk + len(model.B) - 1)
+    if n <= first:
+        return np.zeros((0, len(model.outputs)))
+    e = y[first:] - model.c
+    for lag, a in enumerate(model.A, 1):
+        e += y[first - lag : n - lag] @ a.T
+    for lag, b in enumerate(model.B, model.nk):
+        e -= u[first - lag : n - lag] @ b.T
+    return e
