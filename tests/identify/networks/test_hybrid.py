@@ -105,6 +105,23 @@ def test_discrepancy_that_cannot_help_switches_itself_off():
     assert model.simulate(noisy).y == pytest.approx(model.base.simulate(noisy).y, abs=1e-12)
 
 
+@pytest.mark.slow
+def test_discrepancy_that_fails_on_manoeuvres_unlike_the_others_switches_itself_off():
+    """What is left has the other sign in one fast part early on: the last quarter alone would have believed it."""
+    data = drive(1600).select(inputs=("delta",))
+    fast = (np.arange(1600) >= 400) & (np.arange(1600) < 800)
+    data, extra = data.with_channel("v_x", np.where(fast, 38.0, 15.0), "m/s"), np.zeros(1600)
+    for k in range(1, 1600):
+        extra[k] = 0.8 * extra[k - 1] + (-0.4 if fast[k] else 0.4) * data["delta"][k - 1]
+    data = data.with_channel("r", linear_plant().simulate(data).y[:, 0] + extra, "rad/s")
+    model = Hybrid(base=linear_plant(), discrepancy=SMALL, inputs=("delta",)).fit(data)
+    assert model.gain == 0
+    assert "on manoeuvres unlike those it was trained on it changed the RMSE by +" in model.fit_info.warnings[-1]
+    left = data.with_channel("r", extra, "rad/s")
+    late = left.rows(1200, 1600)
+    assert np.std(SMALL.fit(left.rows(0, 1200)).simulate(late).error) < 0.9 * np.std(late["r"])
+
+
 @pytest.fixture(scope="module")
 def trusted():
     """A hybrid whose discrepancy was not checked, with its data and base model."""

@@ -13,10 +13,10 @@ _SHARE = 0.25  # of the samples that is held out
 
 
 def split_unlike(data: Dataset, signals: np.ndarray, shortest: int) -> tuple[Dataset, Dataset]:
-    """The stretches that are like each other, and those furthest from them, a quarter of the samples.
+    """The data without one kind of manoeuvre, and that kind: a quarter of the samples.
 
-    Each stretch is described by mean and standard deviation of every signal, over how much these differ between the
-    stretches; the furthest are those of the largest distance from the mean of all. Neighbours stay in one piece. Of
+    Each stretch is described by the RMS of every signal, over how much these differ between the stretches. What is held
+    out is the stretch furthest from the mean of all and those nearest to it. Neighbours in time stay in one piece. Of
     data too short for two stretches, the last quarter is held out.
 
     Parameters
@@ -35,10 +35,10 @@ def split_unlike(data: Dataset, signals: np.ndarray, shortest: int) -> tuple[Dat
         spans += list(pairwise(edges))
     if len(spans) == 1:  # too short to tell manoeuvres apart
         return data.split(1 - _SHARE)
-    features = np.array([np.concatenate([signals[a:b].mean(axis=0), signals[a:b].std(axis=0)]) for a, b in spans])
-    size = np.maximum(features.std(axis=0), 1e-12 * np.abs(features).max(axis=0) + 1e-300)
-    distance = np.linalg.norm((features - features.mean(axis=0)) / size, axis=1)
-    order = np.argsort(-distance, kind="stable")
+    features = np.array([np.sqrt(np.mean(signals[a:b] ** 2, axis=0)) for a, b in spans])
+    features = features / np.maximum(features.std(axis=0), 1e-9 * features.max(axis=0) + 1e-300)
+    furthest = int(np.argmax(np.linalg.norm(features - features.mean(axis=0), axis=1)))
+    order = np.argsort(np.linalg.norm(features - features[furthest], axis=1), kind="stable")
     lengths = np.array([b - a for a, b in spans])
     out = order[: max(1, int(np.searchsorted(np.cumsum(lengths[order]), _SHARE * data.n_samples, side="right")))]
     held = np.zeros(data.n_samples, dtype=bool)
