@@ -3,7 +3,7 @@
 A fit percentage says little by itself: 60 % is all that a noisy output allows, 90 % is poor where a line does as well.
 Errors here are root mean squares over the predicted samples, in parts of the output's standard deviation, so that an
 error is ``1 - fit / 100``: ``m`` of the model, ``b`` of the best simple model (at most 1, the mean's), ``n`` of the
-noise. The words and their limits, chosen before any data were seen:
+noise. The words and their limits, reasoned but for the 2 % and the two standard errors, which came from made data:
 
 * good: better than the best simple model, beyond chance and by more than 2 % of its error, and it takes off at least
   half of what that one leaves and noise allows, ``b - m >= (b - n) / 2``: nearer to the noise than to the simple model;
