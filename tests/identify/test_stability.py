@@ -104,7 +104,7 @@ def test_verdicts_name_it():
     with pytest.warns(ModelWarning):
         ranked = compare({"wild": model, "tame": replace(model, A=np.array([-0.9]))}, data)
     assert ranked.best.name == "tame"
-    assert not ranked.best.warnings
+    assert not any("goes astray" in sentence for sentence in ranked.best.warnings)
     assert "goes astray" in ranked.entries[1].warnings[-1]
 
 
