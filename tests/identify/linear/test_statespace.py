@@ -1,6 +1,7 @@
 """State space: exact on clean data, agrees with SLICOT, refined to the optimum, honest about bad data."""
 
 import tracemalloc
+from contextlib import nullcontext
 from dataclasses import replace
 
 import ctrlsys
@@ -9,7 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.errors import ExcitationError, ParameterError, TooShortError
+from slipangle.errors import ExcitationError, ModelWarning, ParameterError, TooShortError
 from slipangle.identify.linear import subspace
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.prediction import PredictionCriterion
@@ -363,6 +364,24 @@ def test_order_by_cross_validation():
     assert {2, 3, 4} <= set(choice.refined)
     parts = join(*(record(m, 500, 40 + i, noise=0.3)[0] for i in range(3)))
     assert "3 groups" in StateSpace(order=(3,), direct=True).choose_order(parts).holdout
+
+
+@pytest.mark.parametrize("every", [False, True])
+def test_an_order_whose_model_runs_away_gives_way_to_one_whose_does_not(monkeypatch, every):
+    data, _ = record(system(2, 1, 1, 16, gain=0.3), 1500, 8, noise=0.3)
+    settings = StateSpace(order=(1, 2, 3), direct=True, focus="prediction")
+    chosen, usable = settings.choose_order(data).order, StateSpace._usable
+
+    def wild(self, data, order):
+        model = usable(self, data, order)
+        return replace(model, A=3.0 * model.A / np.abs(model.poles).max()) if every or order == chosen else model
+
+    monkeypatch.setattr(StateSpace, "_usable", wild)
+    with pytest.warns(ModelWarning, match="pole of modulus 3") if every else nullcontext():
+        model = settings.fit(data)
+    assert (len(model.A) == chosen) == every  # where all run away, the system may
+    assert model.fit_info.candidates[0].orders == f"order = {len(model.A)}"
+    assert (np.abs(model.poles).max() > 1) == every
 
 
 def test_a_model_keeps_the_table_of_orders_that_were_compared():

@@ -92,10 +92,25 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         if isinstance(self.order, int):
             return self._usable(data, self.order)
         began, choice = time.perf_counter(), self.choose_order(data)
-        model = self._usable(data, choice.order)
+        choice, model = self._lasting(data, choice)
         info: Any = model.fit_info
         found = {"candidates": choice.candidates, "method": f"{choice.said}; {info.method}"}
         return replace(model, fit_info=replace(info, **found, seconds=time.perf_counter() - began))
+
+    def _lasting(self, data: Dataset, choice: OrderChoice) -> tuple[OrderChoice, StateSpaceModel]:
+        """The fit of the chosen order, or of the next best in free runs where its own run away and those do not."""
+        longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
+        chosen = self._usable(data, choice.order)
+        if growth(chosen.poles, longest):
+            for other in sorted(choice.candidates, key=lambda c: c.error):
+                order = int(other.orders.rpartition(" ")[2])
+                if order == choice.order or not (other.stable and other.error < 1):
+                    continue
+                model = self._usable(data, order)
+                if not growth(model.poles, longest):
+                    table = sorted(choice.candidates, key=lambda c: c is not other)
+                    return replace(choice, order=order, candidates=tuple(table)), model
+        return choice, chosen
 
     def _usable(self, data: Dataset, order: int) -> StateSpaceModel:
         """The fit, with its poles held where a free-run fit cannot run freely over its own data."""
