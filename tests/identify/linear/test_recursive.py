@@ -26,6 +26,7 @@ ORDERS = pytest.mark.parametrize(
     ("na", "nb", "nk", "nu", "ny", "offset"),
     [
         (1, 1, 1, 1, 1, False),
+        (1, 1, 0, 1, 1, False),  # no input of the past
         (2, 3, 1, 2, 1, True),
         (3, 1, 2, 1, 2, False),
         (2, 2, 3, 2, 3, True),

@@ -143,7 +143,7 @@ def _source(function: ca.Function, n_out: int) -> str:
 @cache
 def _sample(pick: tuple[int, ...], sizes: tuple[int, int, int, int], directional: bool) -> ca.Function:
     """``(state, [y, u], settings) -> state`` of one sample. Where nothing is learned, shares and gains are zero."""
-    n, (ny, nu, na, reach), shapes = len(pick), sizes, _shapes(len(pick), *sizes)
+    n, (ny, nu, _, _), shapes = len(pick), sizes, _shapes(len(pick), *sizes)
     s = {name: ca.SX.sym(name, int(np.prod(shape))) for name, shape in shapes.items()}
     y, u, settings = ca.SX.sym("y", ny), ca.SX.sym("u", nu), ca.SX.sym("settings", 5 + n)
     memory, forgetting, along, threshold, ceiling = ca.vertsplit(settings[:5])
@@ -184,10 +184,15 @@ def _sample(pick: tuple[int, ...], sizes: tuple[int, int, int, int], directional
     news = ca.vec(error @ error.T) / (1 + before) - s["noise"]
     new = {"error": ca.if_else(ready, error, 0), "theta": ca.vec(theta), "trace": trace, "weight": weight, "d": d}
     new |= {"noise": s["noise"] + ca.if_else(tells, news / weight, 0), "columns": ca.vertcat(*columns)}
-    new |= {"past_y": ca.vertcat(y, s["past_y"])[: na * ny], "past_u": ca.vertcat(u, s["past_u"])[: (reach - 1) * nu]}
+    new |= {"past_y": _newest(y, s["past_y"]), "past_u": _newest(u, s["past_u"])}
     new |= {"filled": ca.fmin(s["filled"] + 1, memory), "updates": s["updates"] + go}
     after = ca.densify(ca.vertcat(*(new[name] for name in shapes)))
     return ca.Function("rls", [ca.vertcat(*s.values()), ca.vertcat(y, u), settings], [after], {"cse": True})
+
+
+def _newest(now: ca.SX, past: ca.SX) -> ca.SX:
+    """The newest samples, as many as are kept; none where none are, which a slice of a scalar would not be."""
+    return ca.vertcat(*ca.vertsplit(ca.vertcat(now, past))[: past.numel()]) if past.numel() else past
 
 
 def _widened(columns: list[ca.SX], d: ca.SX, gain: ca.SX, share: ca.SX) -> tuple[list[ca.SX], ca.SX]:
