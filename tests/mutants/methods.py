@@ -123,7 +123,7 @@ MUTANTS = [
         [("Narendra: lag of the input", "u[k - 1], u[k - 2]", "u[k - 2], u[k - 1]")],
     ),
     *mistakes(
-        "estimate/ekf.py",
+        "estimate/filter.py",
         "estimate/test_ekf.py",
         [
             (
@@ -133,13 +133,23 @@ MUTANTS = [
             ),
             (
                 "Kalman: deviation for variance",
-                "settings.noise_std[model.outputs[i]] ** 2",
-                "settings.noise_std[model.outputs[i]]",
+                "settings.noise(model.outputs[i]) ** 2",
+                "settings.noise(model.outputs[i])",
             ),
-            ("Kalman: outputs counted twice", "(error[i] - seen[i] * ca.mtimes(h, shift))", "error[i]"),
+            ("Kalman: outputs counted twice", "left = error[i] - seen[i] * ca.mtimes(h, shift)", "left = error[i]"),
             ("Kalman: process noise not over time", "ca.mtimes(P, F.T)) + Q * dt", "ca.mtimes(P, F.T)) + Q"),
-            ("Kalman: predicts with the input to come", "ca.vertcat(before, z[nx:])", "ca.vertcat(u, z[nx:])"),
+            ("Kalman: predicts with the input to come", "z[nx : nx + nq], before)", "z[nx : nx + nq], u)"),
         ],
+    ),
+    *mistakes(
+        "estimate/measurements.py",
+        "estimate/test_observer.py",
+        [("late outputs: counted when they arrive", "row = rows[-1 - steps]", "row = rows[-1]")],
+    ),
+    *mistakes(
+        "estimate/recursive.py",
+        "estimate/test_observer.py",
+        [("late outputs: forgets what it knew then", "row.z[:], row.P[:] = self._z_new, self._P_new", "pass")],
     ),
     *mistakes(
         "data/quality/delay.py",

@@ -10,6 +10,8 @@ import numpy as np
 from slipangle.control.controller import Controller
 from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.errors import ParameterError, SampleTimeError
+from slipangle.estimate.ekf import EKF
+from slipangle.estimate.observed import Observed
 from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import Values, require_names
 from slipangle.paths.path import Path
@@ -36,6 +38,7 @@ def closed_loop(
     *,
     duration: float | None = None,
     driver: SpeedDriver | None = None,
+    estimator: EKF | None = None,
     held: Values | None = None,
     x0: np.ndarray | None = None,
     width: float = 1.8,
@@ -46,7 +49,8 @@ def closed_loop(
 
     The plant runs at its own step, the controller at its own, the speed driver at ``sample``. The state of
     the controller's model is predicted with `Model.step` and corrected with the measurements by
-    `Model.correct`; the preview starts at the measured speed. Inputs of the plant come, in this order, from
+    `Model.correct`, or by an estimator, which then says where the car is too; the preview starts at the measured
+    speed. Inputs of the plant come, in this order, from
     the controller, from the driver, from ``held``, and ``v_x`` from the path's speed profile.
 
     Raises ParameterError if a measurement or an input has no source, or the path has no speed profile, and
@@ -61,6 +65,9 @@ def closed_loop(
         When to stop at the latest [s]; by default at the end of an open path, after one lap of a closed one.
     driver : SpeedDriver, optional
         Holds the speed of a plant whose speed is a state, unless the controller does.
+    estimator : EKF, optional
+        Knows the state of the controller's model from channels that are noisy, slow, late or missing; its sample time
+        may be shorter than the controller's. The outputs of the controller's model need not be measured then.
     held : Values, optional
         Constant inputs that nobody else sets.
     x0 : array, shape (n_states,), optional
@@ -70,7 +77,7 @@ def closed_loop(
     progress : callable, optional
         Called with the fraction of the path that is done.
     """
-    loop = _Loop(plant, controller, path, driver, held or Values(), sample)
+    loop = _Loop(plant, controller, path, driver, estimator, held or Values(), sample)
     limit = _time_limit(path) if duration is None else duration
     if not limit > 0:
         raise ParameterError(f"the duration is {limit} s; expected a positive time")
@@ -105,6 +112,7 @@ class _Loop:
     controller: Controller
     path: Path
     driver: SpeedDriver | None
+    estimator: EKF | None
     held: Values
     sample: float
     s: float = 0.0
@@ -125,7 +133,12 @@ class _Loop:
         self.per_sample = _ratio(self.sample, self.plant.dt, "the sample time of the run", "the plant's")
         self.per_plan = _ratio(self.controller.dt, self.sample, "the controller's step", "the sample time of the run")
         model, plant = self.controller.model, self.plant
-        needed = dict.fromkeys(("X", "Y", "psi", *model.outputs, *self.controller.exogenous))
+        self.observed = None
+        if self.estimator is not None:
+            self.per_estimate = _ratio(self.estimator.dt, self.sample, "the estimator's step", "that of the run")
+            self.observed = Observed(self.estimator, self.controller.model, plant.channels)
+        needed = dict.fromkeys(("X", "Y", "psi", *model.outputs) if self.observed is None else ())
+        needed |= dict.fromkeys(self.controller.exogenous)
         require_names(needed, (*plant.channels, "v_x"), "the controller", "use a plant that measures it, see OnGround")
         require_names(("v_x",), plant.channels, "the loop", "use a plant that measures its speed")
         require_names(self.controller.controls, plant.model.inputs, "the controller", "use a plant with this input")
@@ -161,7 +174,9 @@ class _Loop:
         simulation = self.plant.start(x, inputs)
         true = simulation.true()
         self.s = self.path.project(true["X"], true["Y"]).s
-        if isinstance(self.controller, Starts):
+        if self.observed is not None:
+            self.x = self.observed.begin(true)
+        elif isinstance(self.controller, Starts):
             self.x = self.controller.start(true)
         else:
             self.x = np.array([true.get(n, 0.0) for n in self.controller.model.states])
@@ -171,20 +186,11 @@ class _Loop:
         """Measure, estimate the state of the controller's model, plan."""
         controller, measured = self.controller, simulation.measure()
         model = controller.model
-        applied = None if not self.plans else self.plans[-1].command
-        now = dict(measured)
-        if applied is not None:
-            now.update(zip(controller.controls, applied.tolist(), strict=True))
-        inputs = np.array([now[n] for n in model.inputs])
-        y = np.array([measured[n] for n in model.outputs])
-        step, _, correct = model.functions
-        if self.plans:
-            self.x = np.asarray(step(self.x, self.model_inputs).full()).ravel()
-        if np.isfinite(y).all() and np.isfinite(inputs).all():
-            self.x = np.asarray(correct(self.x, inputs, y).full()).ravel()
+        inputs = self.estimate(measured)
         v_x = measured["v_x"]
-        if all(math.isfinite(measured[n]) for n in ("X", "Y")):
-            self.s = self.path.project(measured["X"], measured["Y"], self.s).s
+        here = measured if self.observed is None else self.observed.pose
+        if all(math.isfinite(here[n]) for n in ("X", "Y")):
+            self.s = self.path.project(here["X"], here["Y"], self.s).s
         preview = self.path.ahead(self.s, controller.times, v_x=v_x if math.isfinite(v_x) else self.speed(self.s))
         exogenous = {n: measured[n] for n in controller.exogenous if n != "v_x"}
         plan = controller.plan(
@@ -193,8 +199,28 @@ class _Loop:
         for name, value in zip(controller.controls, plan.command, strict=True):
             inputs[model.inputs.index(name)] = value
         self.model_inputs = inputs
+        if self.observed is not None:
+            self.observed.hold(dict(zip(controller.controls, plan.command.tolist(), strict=True)))
         self.plans.append(plan)
         self.times.append(self.tick * self.sample)
+
+    def estimate(self, measured: Mapping[str, float]) -> np.ndarray:
+        """Bring ``x`` to now; inputs of the controller's model now, those that it decides as applied before."""
+        controller, model = self.controller, self.controller.model
+        now = dict(measured)
+        if self.plans:
+            now.update(zip(controller.controls, self.plans[-1].command.tolist(), strict=True))
+        inputs = np.array([now[n] for n in model.inputs])
+        if self.observed is not None:
+            self.x = self.observed.take(now)
+            return inputs
+        y = np.array([measured[n] for n in model.outputs])
+        step, _, correct = model.functions
+        if self.plans:
+            self.x = np.asarray(step(self.x, self.model_inputs).full()).ravel()
+        if np.isfinite(y).all() and np.isfinite(inputs).all():
+            self.x = np.asarray(correct(self.x, inputs, y).full()).ravel()
+        return inputs
 
     def drive(self, simulation: Simulation) -> None:
         """Set the plant's inputs and advance it by one sample."""
@@ -214,6 +240,8 @@ class _Loop:
         self.command = u
         simulation.advance(u, self.per_sample)
         self.tick += 1
+        if self.observed is not None and self.tick % self.per_plan and self.tick % self.per_estimate == 0:
+            self.estimate(simulation.measure())
 
     def record(self, simulation: Simulation, limit: float, *, stop_at_end: bool) -> End | None:
         """Note the state of the plant; why the drive is over, if it is."""

@@ -1,0 +1,146 @@
+"""One step of an extended Kalman filter over states, parameters and sensor offsets, as a CasADi function."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from slipangle.errors import ParameterError
+from slipangle.models.model import FitInfo, Model
+from slipangle.models.ode import OdeModel, Parametrised
+from slipangle.numerics.integrate import discretise
+
+OPEN = float("inf")  # a gate that lets everything pass
+
+
+def parametrised(model: Model) -> Any:
+    """The part of a model whose named parameters can be varied: itself, or what is on the ground.
+
+    Raises ParameterError if it has none.
+    """
+    inner = model.off_ground
+    if not isinstance(inner, Parametrised):
+        raise ParameterError(
+            f"a {type(inner).__name__} has no named parameters to estimate; expected a model from an ODE: leave free "
+            "empty for its states alone"
+        )
+    return inner
+
+
+def varied(model: Any, values: dict[str, Any]) -> Any:
+    """The model with some parameters replaced, numbers or symbols."""
+    if not values:
+        return model
+    if isinstance(model, Parametrised):
+        return model.with_values(**values)
+    return replace(model, model=varied(model.model, values))
+
+
+def fitted(model: Any, info: FitInfo) -> Any:
+    """The model with how it was fitted, which belongs to the part that has parameters; as it is without one."""
+    if isinstance(model, Parametrised):
+        return replace(model, fit_info=info)  # type: ignore[type-var]
+    return model if model.off_ground is model else replace(model, model=fitted(model.off_ground, info))
+
+
+class Scales:
+    """Between parameters p and what the filter estimates: ``log(p / p0)`` of positive ones, ``p - p0`` of others."""
+
+    def __init__(self, settings: Any) -> None:
+        inner = parametrised(settings.start) if settings.free else None
+        metadata = [] if inner is None else [inner.si(name) for name in settings.free]
+        self.start = np.array([] if inner is None else [float(inner.value(name)) for name in settings.free])
+        low, high = (np.array([getattr(m, end) for m in metadata]) for end in ("lower", "upper"))
+        self.positive = (low >= 0) & (self.start > 0)
+        with np.errstate(divide="ignore"):
+            ratio = [np.log(np.maximum(end, 0) / np.where(self.positive, self.start, 1.0)) for end in (low, high)]
+        self.lower = np.where(self.positive, ratio[0], low - self.start)
+        self.upper = np.where(self.positive, ratio[1], high - self.start)
+        usual = np.where(self.positive, 0.3, (high - low) / 6)
+        self.prior = np.array([settings.prior_std.get(n, usual[i]) for i, n in enumerate(settings.free)])
+        for name, std in zip(settings.free, self.prior, strict=True):
+            if not np.isfinite(std):
+                raise ParameterError(f"'{name}' has no finite range; expected prior_std['{name}'] in its unit")
+
+    def values(self, q: Any) -> list[Any]:
+        """Parameters, from numbers or symbols."""
+        exp = ca.exp if isinstance(q, (ca.SX, ca.MX)) else np.exp
+        pairs = zip(self.start, self.positive, strict=True)
+        return [p * exp(q[i]) if positive else p + q[i] for i, (p, positive) in enumerate(pairs)]
+
+    def slopes(self, q: np.ndarray) -> np.ndarray:
+        """Derivative of each parameter by its q."""
+        return np.where(self.positive, self.values(q), 1.0)
+
+
+def _moving(model: Model, free: tuple[str, ...], scales: Scales) -> tuple[Any, Any, Any]:
+    """Kind of symbols, ``step(x, q, u)`` and ``output(x, q, u)``."""
+    if not free:
+        step, output, _ = model.functions
+        kind = ca.SX if step.is_a("SXFunction") and output.is_a("SXFunction") else ca.MX
+        return kind, lambda x, q, u: step(x, u), lambda x, q, u: output(x, u)
+
+    def at(q: Any) -> Any:
+        return varied(model, dict(zip(free, scales.values(q), strict=True)))
+
+    nu = model.n_inputs
+    kind = ca.MX if getattr(parametrised(model).ode, "method", "") == "radau" else ca.SX
+    if not isinstance(model, OdeModel) or model.own_step:
+        return kind, lambda x, q, u: at(q).step(x, u), lambda x, q, u: at(q).output(x, u)
+    plain = discretise(
+        lambda x, drive: at(drive[nu:]).derivative(x, drive[:nu]),
+        model.dt,
+        n_states=model.n_states,
+        n_inputs=nu + len(free),
+        method=model.method,
+        substeps=model.substeps,
+    )
+    return kind, lambda x, q, u: plain(x, ca.vertcat(u, q)), lambda x, q, u: at(q).output(x, u)
+
+
+def filter_step(settings: Any, scales: Scales) -> ca.Function:
+    """``(z, P, u before, u, y, seen, gate, dt) -> (z, P, error, its variance, taken)``.
+
+    z are the states, what stands for the parameters, and the sensors' offsets. dt = 0 leaves out the prediction. The
+    covariance is corrected one output at a time in Joseph's form, so it stays positive; an output whose squared error
+    is more than ``gate`` times its variance by then is not taken in.
+    """
+    model, free, biased = settings.start, settings.free, tuple(settings.bias_std)
+    nx, nq, nu, ny = model.n_states, len(free), model.n_inputs, model.n_outputs
+    n = nx + nq + len(biased)
+    kind, step, output = _moving(model, free, scales)
+    z, P = kind.sym("z", n), kind.sym("P", n, n)
+    sizes = {"before": nu, "u": nu, "y": ny, "seen": ny, "gate": ny, "dt": 1}
+    before, u, y, seen, gate, dt = (kind.sym(name, size) for name, size in sizes.items())
+    moved = ca.vertcat(step(z[:nx], z[nx : nx + nq], before), z[nx:])
+    F = ca.jacobian(moved, z)
+    wander = [settings.process_std.get(name, 0.0) for name in model.states]
+    wander += [settings.walk_std.get(name, 0.0) for name in free]
+    wander += [settings.bias_walk.get(name, 0.0) for name in biased]
+    Q = ca.diag(ca.DM([v**2 for v in wander]))
+    first = dt == 0
+    ahead = ca.if_else(first, z, moved)
+    covariance = ca.if_else(first, P, ca.mtimes(F, ca.mtimes(P, F.T)) + Q * dt)
+    now, here = kind.sym("now", n), kind.sym("here", nu)
+    offsets = [now[nx + nq + biased.index(name)] if name in biased else 0.0 for name in model.outputs]
+    seen_y = output(now[:nx], now[nx : nx + nq], here) + ca.vertcat(*offsets)
+    look = ca.Function("look", [now, here], [ca.densify(seen_y), ca.densify(ca.jacobian(seen_y, now))])
+    expected, H = look(ahead, u)
+    error, shift, spread, taken = seen * (y - expected), kind.zeros(n), [], []
+    for i in range(ny):
+        h, noise = H[i, :], settings.noise(model.outputs[i]) ** 2
+        spread.append(ca.mtimes(h, ca.mtimes(covariance, h.T)) + noise)
+        left = error[i] - seen[i] * ca.mtimes(h, shift)
+        taken.append(ca.if_else(left**2 <= gate[i] * spread[-1], seen[i], 0.0))
+        gain = taken[-1] * ca.mtimes(covariance, h.T) / spread[-1]
+        shift += gain * left
+        keep = kind.eye(n) - ca.mtimes(gain, h)
+        covariance = ca.mtimes(keep, ca.mtimes(covariance, keep.T)) + noise * ca.mtimes(gain, gain.T)
+    new = ahead + shift
+    q = ca.fmin(ca.fmax(new[nx : nx + nq], ca.DM(scales.lower)), ca.DM(scales.upper)) if nq else new[nx : nx + nq]
+    covariance = (covariance + covariance.T) / 2
+    results = [ca.vertcat(new[:nx], q, new[nx + nq :]), covariance, error, ca.vertcat(*spread), ca.vertcat(*taken)]
+    return ca.Function("filter", [z, P, before, u, y, seen, gate, dt], [ca.densify(r) for r in results])
