@@ -11,8 +11,10 @@ from slipangle.data.dataset import Dataset as Dataset
 from slipangle.data.dataset import join as join
 from slipangle.data.public.sets import public as public
 from slipangle.data.quality.inspect import inspect as inspect
+from slipangle.data.readers import open_log as open_log
 from slipangle.data.readers import read as read
-from slipangle.data.readers.columns import Column as Column
+from slipangle.data.readers.column import Column as Column
+from slipangle.data.readers.recording import Recording as Recording
 from slipangle.estimate.ekf import EKF as EKF
 from slipangle.identify.adapt import Adapt as Adapt
 from slipangle.identify.car.identify_car import IdentifiedCar as IdentifiedCar

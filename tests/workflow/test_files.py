@@ -115,3 +115,62 @@ def test_bad_files_get_a_sentence(drives, tmp_path, capsys, change, said):
     assert main(["run", str(job(drives, **change)), "--out", str(tmp_path / "out")]) == 2
     assert re.search(said, sentence(capsys))
     assert not (tmp_path / "out").exists()
+
+
+def test_a_pattern_takes_files_but_those_for_testing(drives):
+    logs = read_logs(read_settings(job(drives, train='"*.csv"', test='"unse*.csv"')))
+    assert logs.train.starts == (0, 500, 1000)
+    assert logs.test.n_samples == 500
+    assert "unseen" in logs.test.name
+
+
+@pytest.mark.parametrize(
+    ("train", "test", "data", "said"),
+    [
+        ('"nothing*.csv"', "[]", "", "no file matches 'nothing*.csv'"),
+        ('"*.csv"', '"*.csv"', "", "is named for training and for testing"),
+        ('"day?.csv"', '"day*.csv"', "", "names no file that is not a test file"),
+        ('["day0.csv", "day1.csv"]', "[]", 'beside = "day2.csv"', "expected one file, which those beside it"),
+        ('"day0.csv"', "[]", "[data.columns]\nr = {unit = 'deg'}", "[data.columns]: a column has neither"),
+        ('"day0.csv"', "[]", "[data.columns]\nr = {column = 'r', sign = 2}", "sign is 2"),
+        ('"day0.csv"', "[]", "[data.columns]\nr = {column = 'r', ratio = 0}", "ratio of a column is 0"),
+    ],
+)
+def test_files_that_cannot_be_are_said(drives, capsys, train, test, data, said):
+    path = drives / "wrong.toml"
+    parts = {"train": train, "test": test, "model": ""}
+    path.write_text(
+        JOB.format(**parts, data=data if "[data." not in data else "")
+        if "[data." not in data
+        else JOB.format(**parts, data="").replace("[[model]]", f"{data}\n[[model]]")
+    )
+    assert main(["identify", str(path), "--out", str(drives / "out")]) == 2
+    assert said in sentence(capsys)
+
+
+def test_a_job_scales_turns_derives_filters_and_merges(drives, tmp_path):
+    """Raw counts of a hand wheel, curvature instead of a yaw rate, speed in a file of its own: the same drive."""
+    whole = read_logs(read_settings(job(drives, train='"day0.csv"', test="[]"))).data
+    counts = np.round(-whole["delta"] * 15 / np.radians(0.01) + 4000)
+    rows = zip(whole.t, counts, whole["r"] / whole["v_x"], strict=True)
+    text = "stamp,wheel,curvature\n" + "\n".join(f"{1e9 * t:.0f},{w:.0f},{c:.9g}" for t, w, c in rows)
+    (tmp_path / "fast.csv").write_text(text)
+    slow = "\n".join(f"{1e9 * t:.0f},{3.6 * v:.7f}" for t, v in zip(whole.t[::2], whole["v_x"][::2], strict=True))
+    (tmp_path / "slow.csv").write_text(f"stamp,speed\n{slow}\n")
+    columns = """filter = "t > 2 and v_x > 14"
+[data.columns]
+delta = { column = "wheel", unit = "deg", scale = 0.01, offset = -40, sign = -1, ratio = 15 }
+v_x = { column = "speed", unit = "km/h" }
+r = { derive = "curvature * v_x" }
+[data.time]
+column = "stamp"
+unit = "ns"
+"""
+    path = job(tmp_path, train='"fast.csv"\nbeside = "slow.csv"', test="[]", data=columns)
+    data = read_logs(read_settings(path)).raw
+    kept = (whole.t > 2) & (whole["v_x"] > 14) & (whole.t <= whole.t[::2][-1])
+    assert abs(data.n_samples - kept.sum()) <= 2
+    rows = np.searchsorted(whole.t, data.t - 1e-6)
+    np.testing.assert_allclose(data["delta"], whole["delta"][rows], atol=2e-5)
+    np.testing.assert_allclose(data["v_x"], whole["v_x"][rows], atol=1e-3)
+    np.testing.assert_allclose(data["r"], whole["r"][rows], atol=1e-4)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from glob import glob
+from pathlib import Path
 
 from slipangle import Dataset, public, read
 from slipangle.data.dataset import join
 from slipangle.data.quality.events import despike
-from slipangle.data.readers.csv import Column
-from slipangle.errors import ConfigError
+from slipangle.errors import ConfigError, MissingFileError, ParameterError, shown
 from slipangle.models.vehicles.nonlinear_bicycle import with_speed_derivative
 from slipangle.workflow.settings import Settings
 
@@ -60,24 +61,53 @@ def _files(settings: Settings) -> tuple[Dataset, Dataset | None]:
     if wanted.set:
         data = public(wanted.set)
         return data.select(inputs=wanted.inputs or data.inputs, outputs=wanted.outputs or data.outputs), None
-    first = _joined([_read(file, settings) for file in wanted.file])
-    if not wanted.test:
+    apart = _found(wanted.test, settings)
+    own = [file for file in _found(wanted.file, settings) if file not in apart]
+    if not own:
+        raise ConfigError("[data] names no file that is not a test file; expected some to identify from: add one")
+    first = _joined([_read(file, settings) for file in own])
+    if not apart:
         return first, None
-    return first, _laid_out([first, _joined([_read(file, settings) for file in wanted.test])])[1]
+    return first, _laid_out([first, _joined([_read(file, settings) for file in apart])])[1]
 
 
-def _read(file: str, settings: Settings) -> Dataset:
+def _found(names: Sequence[str], settings: Settings) -> list[Path]:
+    """Files by their names, relative to the job, each once; those that a pattern matches in the order of their names.
+
+    Raises MissingFileError if a pattern matches none.
+    """
+    found: dict[Path, None] = {}
+    for name in names:
+        path = settings.folder / name
+        if path.exists() or not any(letter in name for letter in "*?["):
+            found[path] = None
+            continue
+        matches = [Path(p) for p in sorted(glob(str(path), recursive=True)) if Path(p).is_file()]
+        if not matches:
+            raise MissingFileError(
+                f"no file matches {shown(name)} in '{settings.folder}'; expected at least one: correct the pattern"
+            )
+        found |= dict.fromkeys(matches)
+    return list(found)
+
+
+def _read(file: Path, settings: Settings) -> Dataset:
     wanted = settings.data
-    columns = {name: Column(c.column, c.unit or None) for name, c in wanted.columns.items()} or None
-    time = Column(wanted.time.column, wanted.time.unit or None) if wanted.time is not None else None
+    try:
+        columns = {name: c.to_column() for name, c in wanted.columns.items()} or None
+        time = wanted.time.to_column() if wanted.time is not None else None
+    except ParameterError as error:
+        raise ConfigError(f"[data.columns]: {error}") from None
     return read(
-        settings.folder / file,
+        file,
         columns=columns,
+        beside=[settings.folder / other for other in wanted.beside],
         time=time,
         dt=wanted.dt,
         inputs=wanted.inputs,
         outputs=wanted.outputs,
         nan=wanted.nan,
+        filter=wanted.filter or None,
     )
 
 

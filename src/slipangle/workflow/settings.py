@@ -6,6 +6,7 @@ from os.path import normpath, sep
 from pathlib import Path, PurePath, PureWindowsPath
 from typing import Annotated, Any, Literal, Self
 
+from slipangle.data.readers.column import Column
 from slipangle.errors import ConfigError, nearest, shown
 from slipangle.files import read_bytes
 from slipangle.workflow.drive import ControllerSettings, PlantSettings
@@ -15,27 +16,50 @@ from slipangle.workflow.kinds import check_entries
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnSettings:
-    """Where a channel is in the file and in which unit."""
+    """Where a channel is in the file, in which unit, and what makes it ours; see `slipangle.data.readers.Column`."""
 
-    column: str
+    column: str = ""
     unit: str = ""
+    scale: Annotated[float, Within(-1e12, 1e12)] = 1.0
+    offset: Annotated[float, Within(-1e12, 1e12)] = 0.0
+    sign: Literal[1, -1] = 1
+    ratio: Annotated[float, Within(-1e3, 1e3)] = 1.0
+    derive: str = ""
 
     @classmethod
     def from_text(cls, column: str) -> Self:
         """The column alone, in SI units or in the unit that its header says."""
         return cls(column=column)
 
+    def to_column(self) -> Column:
+        """The same as readers take it.
+
+        Raises ParameterError if it names neither a column nor what to derive it from, or both.
+        """
+        return Column(
+            self.column,
+            self.unit or None,
+            scale=self.scale,
+            offset=self.offset,
+            sign=self.sign,
+            ratio=self.ratio,
+            derive=self.derive or None,
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class DataSettings:
     """The log: files with named columns, or a public data set.
 
-    ``file`` is one file or several to identify from. ``test`` are other files to judge on; without them the first part,
-    ``train``, of the log is identified from and the rest judged on. ``start`` is the number of samples of each test
-    record whose measured outputs tell the model's initial state; they do not count in its scores.
+    ``file`` is one file or several to identify from, patterns such as ``run*.csv`` among them. ``test`` are other files
+    to judge on, which no pattern of ``file`` takes; without them the first part, ``train``, of the log is identified
+    from and the rest judged on. ``beside`` are files of the same drive and clock as a single ``file``, with more
+    channels. ``filter`` is a condition on channels and t, in SI units; other rows are cut. ``start`` is the number of
+    samples of each test record whose measured outputs tell the model's initial state; they do not count in its scores.
     """
 
     file: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
     test: tuple[str, ...] = ()
     set: str = ""
     columns: dict[str, ColumnSettings] = field(default_factory=dict)
@@ -47,7 +71,8 @@ class DataSettings:
     cutoff: Annotated[float, Within(1e-5, 1e5, "Hz")] | None = None
     despike: tuple[str, ...] = ()
     hold: Literal["sample", "mean"] = "sample"
-    nan: Literal["error", "gap"] = "error"
+    nan: Literal["error", "gap", "merge"] = "error"
+    filter: str = ""
     train: Annotated[float, Within(0.01, 0.99)] = 0.7
     start: Annotated[int, Within(1, 1_000_000, "samples")] | None = None
 
@@ -134,6 +159,11 @@ def _check(settings: Settings, where: str) -> None:
     if settings.data.test and settings.data.set:
         raise ConfigError(
             f"{where}: [data] names test files and a set; expected test files beside files: leave one of them out"
+        )
+    if settings.data.beside and (len(settings.data.file) != 1 or settings.data.test):
+        raise ConfigError(
+            f"{where}: [data] names {len(settings.data.file)} files, {len(settings.data.test)} test files and others "
+            "beside; expected one file, which those beside it belong to: give each drive a job, or merge them first"
         )
     files = (*settings.data.file, *settings.data.test)
     if len(set(files)) < len(files):

@@ -8,7 +8,7 @@ import pytest
 from slipangle import errors
 from slipangle.data.dataset import Channel, Dataset, join
 from slipangle.data.readers import Column, read, read_csv, write_csv
-from slipangle.data.readers.text_table import parse_heading
+from slipangle.data.readers.text_dialect import parse_heading
 
 GOOD = "t [s],delta [deg],yaw [deg/s]\n" + "".join(f"{0.01 * k:.2f},{math.sin(k):.6f},{k * 0.5}\n" for k in range(30))
 
@@ -319,7 +319,7 @@ CASES = {
         errors.UnitError,
         ["column 'delta'", "names no unit", "reaches 30;", "1.6 rad", "'deg'"],
     ),
-    "nan is misspelt": (table(ROWS), {"nan": "drop"}, errors.ParameterError, ["'drop'", "'error' or 'gap'"]),
+    "nan is misspelt": (table(ROWS), {"nan": "drop"}, errors.ParameterError, ["'drop'", "'error', 'gap' or 'merge'"]),
     "nothing chosen": ("t\n0\n1\n2\n", {}, errors.MissingColumnError, ["no column", "at least one"]),
     "broken note of ours": ("# slipangle: {oops\n" + table(ROWS), {}, errors.FormatError, ["line 1", "JSON"]),
 }
@@ -378,8 +378,10 @@ def test_override_trusts_the_settings(log):
 
 def test_read_dispatches_on_the_suffix(log):
     assert read(log(GOOD, "run.TXT"), ["delta"]).n_samples == 30
-    with pytest.raises(errors.FormatError, match=r"suffix '\.mf4' .* expected one of \.csv, \.dat, \.tsv, \.txt"):
-        read("run.mf4")
+    with pytest.raises(errors.FormatError, match=r"suffix '\.xyz' .* expected one of .*\.csv, .*\.txt"):
+        read(log(GOOD, "run.xyz"))
+    with pytest.raises(errors.MissingFileError, match=r"'.*run\.csw' does not exist; .* nearest are 'run\.xyz'"):
+        read(log(GOOD, "run.xyz").with_name("run.csw"))
 
 
 # ---- jitter ------------------------------------------------------------------------------------------------------
@@ -453,3 +455,112 @@ def test_unknown_unit_is_not_written(tmp_path):
     with pytest.raises(errors.UnitError):
         write_csv(data, tmp_path / "run.csv")
     assert list(tmp_path.iterdir()) == []
+
+
+# ---- what a column makes of its numbers --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("column", "expected"),
+    [
+        (Column("raw", scale=0.1, offset=-40), lambda x: 0.1 * x - 40),
+        (Column("raw", "deg", sign=-1), lambda x: -np.radians(x)),
+        (Column("raw", "deg", ratio=13.4, sign=-1), lambda x: -np.radians(x) / 13.4),
+        (Column("raw", "km/h", scale=0.01, offset=2), lambda x: (0.01 * x + 2) / 3.6),
+        (Column("raw", "deg", 2.0, scale=3.0, offset=1.0, ratio=4.0), lambda x: 2 / 4 * np.radians(3 * x + 1)),
+        (Column(derive="raw * 'other (one)' + 1"), lambda x: x * (x + 5) + 1),
+        (Column(derive="raw / 100", unit="g"), lambda x: 9.80665 * x / 100),
+        (Column(derive="t + 0 * raw"), lambda x: 0.1 * x),
+    ],
+)
+def test_a_column_scales_shifts_turns_and_derives(log, column, expected):
+    raw = np.arange(20.0)
+    path = log("t,raw,other (one)\n" + "\n".join(f"{0.1 * x:.1f},{x},{x + 5}" for x in raw))
+    np.testing.assert_allclose(read_csv(path, {"u": column})["u"], expected(raw), rtol=1e-12, atol=1e-15)
+
+
+def test_a_derived_channel_takes_channels_before_columns(log):
+    path = log("t,curvature,v_x\n" + "\n".join(f"{0.1 * k:.1f},{0.01 * k:.2f},36" for k in range(20)))
+    columns = {"r": Column(derive="curvature * v_x"), "v_x": Column("v_x", "km/h"), "a_y": Column(derive="r * v_x")}
+    data = read_csv(path, columns)
+    assert data.names == ("r", "v_x", "a_y")
+    np.testing.assert_allclose(data["r"], 0.01 * np.arange(20) * 10, atol=1e-12)
+    np.testing.assert_allclose(data["a_y"], data["r"] * 10, atol=1e-12)
+    assert data.unit("r") == "rad/s"
+
+
+@pytest.mark.parametrize(
+    ("columns", "settings", "kind", "said"),
+    [
+        ({"u": Column(derive="nothing * 2")}, {}, errors.MissingColumnError, "no channel or column 'nothing'; "),
+        ({"u": Column(derive="w"), "w": Column(derive="u")}, {}, errors.FormatError, "need each other"),
+        ({"u": Column(derive="u + 1")}, {}, errors.FormatError, "need each other or themselves"),
+        (["delta"], {"filter": "delta"}, errors.ParameterError, "is no condition"),
+        (
+            ["delta"],
+            {"filter": "delta > 7"},
+            errors.ParameterError,
+            r"keeps no row .*\(delta from .* to .*, SI units\)",
+        ),
+        (["delta"], {"filter": "import os"}, errors.FormatError, "is no expression"),
+    ],
+)
+def test_what_cannot_be_derived_or_kept_is_said(log, columns, settings, kind, said):
+    with pytest.raises(kind, match=said):
+        read_csv(log(table(steady())), columns, **settings)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({}, "neither a source nor"),
+        ({"source": "a", "derive": "b"}, "both a source and"),
+        ({"source": "a", "sign": 0}, "sign of a column is 0"),
+        ({"source": "a", "ratio": 0.0}, "ratio of a column is 0"),
+        ({"source": "a", "scale": math.inf}, "scale of a column is inf"),
+        ({"source": "a", "offset": math.nan}, "offset of a column is nan"),
+    ],
+)
+def test_a_column_that_makes_no_sense_is_refused(arguments, said):
+    with pytest.raises(errors.ParameterError, match=said):
+        Column(**arguments)
+
+
+def test_a_filter_cuts_rows_and_leaves_gaps(log):
+    t = 0.1 * np.arange(100)
+    rows = [[f"{x:.1f}", f"{10 * np.sin(x):.6f}", "" if 50 <= k < 55 else f"{k}"] for k, x in enumerate(t)]
+    path = log(table(rows, "t,v_x,u"))
+    data = read_csv(path, filter="v_x > 0 and t < 9")  # the empty cells are where v_x < 0
+    kept = (10 * np.sin(t) > 0) & (t < 9) & (np.arange(100) > 0)
+    assert data.n_samples == kept.sum()
+    assert len(data.starts) == 2
+    np.testing.assert_allclose(data.t, t[kept], atol=1e-9)
+    assert any("keeps 58 of 100 rows" in note for note in data.notes)
+
+
+# ---- times -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("stamps", "settings"),
+    [
+        ([f"{1777644000000000000 + 10_000_000 * k}" for k in range(30)], {"time": Column("t", "ns")}),
+        ([f"{1777644000000000 + 10_000 * k}" for k in range(30)], {"time": Column("t", "us")}),
+        ([f"{5000 + 10 * k}" for k in range(30)], {"time": Column("t", "ms")}),
+        ([f"2026-05-01T14:00:00.{10 * k:03d}Z" for k in range(30)], {}),
+        ([f"2026-05-01 14:00:00.{10 * k:03d}+02:00" for k in range(30)], {}),
+        ([f"23:59:59.{10 * k:03d}" for k in range(30)], {}),
+    ],
+)
+def test_time_comes_in_many_forms(log, stamps, settings):
+    text = "t,r\n" + "\n".join(f"{s},{0.1 * k}" for k, s in enumerate(stamps))
+    data = read_csv(log(text), ["r"], **settings)
+    assert data.dt == pytest.approx(0.01, rel=1e-6)
+    assert data.n_samples == 30
+
+
+def test_a_damaged_date_is_named(log):
+    stamps = [f"2026-05-01T14:00:00.{10 * k:03d}Z" for k in range(30)]
+    stamps[7] = "2026-13-01T14:00:00.070Z"
+    with pytest.raises(errors.FormatError, match=r"line 9, column 't' holds '2026-13-.*; expected a date and time"):
+        read_csv(log("t,r\n" + "\n".join(f"{s},{k}" for k, s in enumerate(stamps))))

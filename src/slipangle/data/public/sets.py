@@ -13,7 +13,7 @@ from slipangle.data.public.registry import fetch, list_sets
 from slipangle.data.quality.events import despike, find_jumps
 from slipangle.data.race import with_dead_reckoning
 from slipangle.data.readers import Column, read_csv
-from slipangle.data.readers.text_table import parse_heading
+from slipangle.data.readers.text_dialect import parse_heading
 from slipangle.errors import FormatError, ParameterError, SampleTimeError, nearest
 
 

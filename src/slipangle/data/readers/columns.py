@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, Literal, Protocol, TypedDict
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 
@@ -13,6 +12,9 @@ from slipangle import units
 from slipangle.data.channels import STANDARD
 from slipangle.data.clock import find_grid
 from slipangle.data.dataset import Channel, Dataset
+from slipangle.data.readers.column import Column
+from slipangle.data.readers.derived import derive, keep
+from slipangle.data.readers.tables import DATE, ArrayTable, ChannelTable, Header, find_column
 from slipangle.errors import (
     FormatError,
     MissingColumnError,
@@ -25,7 +27,10 @@ from slipangle.errors import (
     nearest,
 )
 
-_TIME_NAMES = ("t", "time", "timestamp", "zeit", "tempo")
+__all__ = ["ArrayTable", "ChannelTable", "Column", "Header", "LogSettings", "as_columns", "assemble", "check_dt"]
+
+_TIME_NAMES = ("t", "time", "timestamp", "timestamps", "zeit", "tempo", "tiempo", "temps", "stamp")
+_STEPS = ("interval", "utc", "elapsed")  # these only with a unit of time: others call a step or a place so
 _EPOCH = 1e7  # larger first stamps count from the log's start [s]
 _SLOW = 2.0  # steps from here on are said, where no unit is named [s]
 _TOO_SLOW = 5.0  # and refused in a log of a drive, if they are whole numbers: they count milliseconds [s]
@@ -39,121 +44,12 @@ class LogSettings(TypedDict, total=False):
     dt: float | None
     inputs: Sequence[str]
     outputs: Sequence[str]
-    nan: Literal["error", "gap"]
+    nan: Literal["error", "gap", "merge"]
+    filter: str | None
     jitter: float
     shortest: int
     experiment: str | None
     name: str | None
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column of a log file.
-
-    Parameters
-    ----------
-    source : str or int
-        Name in the file's header, with or without its unit, or position from 0.
-    unit : str, optional
-        Unit of the file's numbers; by default the one in the header.
-    factor : float
-        The converted numbers are multiplied by this: -1 turns a sign, 1/13.4 a steering wheel into a
-        road wheel.
-    override : bool
-        Use ``unit`` even if the header names another one.
-    """
-
-    source: str | int
-    unit: str | None = None
-    factor: float = 1.0
-    override: bool = False
-
-
-@dataclass(frozen=True, kw_only=True)
-class Header:
-    """A column heading: as written, and its name and unit apart."""
-
-    text: str
-    name: str
-    unit: str | None = None
-
-
-class ChannelTable(Protocol):
-    """What a reader knows of a file before units and time are settled."""
-
-    @property
-    def name(self) -> str:
-        """The file, for messages."""
-        ...
-
-    @property
-    def headers(self) -> tuple[Header, ...]:
-        """One per column."""
-        ...
-
-    @property
-    def named(self) -> bool:
-        """Whether the file names its columns."""
-        ...
-
-    def numbers(self, column: int) -> np.ndarray:
-        """The numbers of one column, NaN where a cell is empty, shape (n_rows,)."""
-        ...
-
-    def row_name(self, row: int) -> str:
-        """A row in words, such as ``line 12``."""
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class ArrayTable:
-    """A `ChannelTable` of numbers that a reader has already, shape (n_rows, n_columns), NaN where one is missing."""
-
-    name: str
-    headers: tuple[Header, ...]
-    values: np.ndarray
-    named: bool = True
-
-    def numbers(self, column: int) -> np.ndarray:
-        """One column, shape (n_rows,)."""
-        return np.asarray(self.values[:, column], dtype=float)
-
-    def row_name(self, row: int) -> str:
-        """The row counted from 1."""
-        return f"row {row + 1}"
-
-
-def find_column(table: ChannelTable, source: str | int, channel: str) -> int:
-    """Position of a column.
-
-    Raises MissingColumnError with the nearest names if there is none, and ParameterError if two have that name.
-    """
-    count = len(table.headers)
-    if isinstance(source, int):
-        if -count <= source < count:
-            return source % count
-        raise MissingColumnError(
-            f"{table.name} has no column number {source} for channel '{channel}'; expected 0 to {count - 1}: "
-            "count from 0"
-        )
-    for key in ("text", "name"):
-        matches = [i for i, h in enumerate(table.headers) if getattr(h, key) == source]
-        if len(matches) == 1:
-            return matches[0]
-        if matches:
-            raise ParameterError(
-                f"{table.name} has {len(matches)} columns named '{source}'; expected one: choose by position, "
-                f"such as Column({matches[0]})"
-            )
-    if not table.named:
-        raise MissingColumnError(
-            f"{table.name} has no header, so no column '{source}' for channel '{channel}'; expected a first line with "
-            f"names: add one, or choose by position, Column(0) to Column({count - 1})"
-        )
-    known = [h.name for h in table.headers]
-    raise MissingColumnError(
-        f"{table.name} has no column '{source}' for channel '{channel}'; {nearest(source, known)}: correct the name"
-    )
 
 
 def _column(table: ChannelTable, name: str, column: Column, assumed: list[str]) -> tuple[np.ndarray, str]:
@@ -178,7 +74,7 @@ def _column(table: ChannelTable, name: str, column: Column, assumed: list[str]) 
         unit = standard.unit if standard else "-"
         assumed.append(name)
     numbers = table.numbers(i)
-    values = units.to_si(numbers, unit, expected=standard.unit if standard else None, what=what) * column.factor
+    values = column.converted(numbers, unit, standard.unit if standard else None, what)
     largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
     if guessed and standard and largest > standard.largest:
         raise UnitError(
@@ -209,13 +105,19 @@ def as_columns(
     return {n: Column(n) for n in columns}
 
 
-def _time(
+def time_of(
     table: ChannelTable, time: Column | str | None, dt: float | None, names: Iterable[str], epoch: bool, said: list[str]
 ) -> tuple[np.ndarray | None, int | None]:
-    """Time stamps [s] of channels of these names, and the position of their column."""
+    """Time stamps [s] of channels of these names, and the position of their column; ``said`` gets what is assumed.
+
+    ``epoch`` keeps stamps that count from 1970. Raises TimeError, UnitError or MissingColumnError as `assemble`.
+    """
     column = Column(time) if isinstance(time, str) else time
     if column is None:
         matches = [i for i, h in enumerate(table.headers) if h.name.lower() in _TIME_NAMES]
+        matches = matches or [i for i, h in enumerate(table.headers) if h.name.lower() in _STEPS and _counts_time(h)]
+        dates = [i for i, h in enumerate(table.headers) if h.unit == DATE]
+        matches = matches or (dates if len(dates) == 1 else [])
         if not matches and dt is None:
             known = ", ".join(repr(h.name) for h in table.headers[:12])
             raise TimeError(
@@ -228,13 +130,20 @@ def _time(
     i = find_column(table, column.source, "t")
     header = table.headers[i]
     what = f"the time column '{header.name}' of {table.name}"
-    t = units.to_si(table.numbers(i), column.unit or header.unit or "s", expected="s", what=what) * column.factor
+    dated = header.unit == DATE
+    unit = "s" if dated else column.unit or header.unit or "s"
+    t = column.converted(table.numbers(i), unit, "s", what)
     if not (column.unit or header.unit or dt):
         said += _plausible_seconds(t, header, what, driven=any(n in STANDARD and n != "t" for n in names))
     if not epoch and len(t) and _EPOCH < t[0] < np.inf:
         said.append(f"time counts from {t[0]:.9g} s, the first stamp")
         t = t - t[0]
     return t, i
+
+
+def _counts_time(header: Header) -> bool:
+    unit = header.unit or ""
+    return unit == DATE or (units.known(unit) and units.quantity(unit) == "time")
 
 
 def _plausible_seconds(t: np.ndarray, header: Header, what: str, *, driven: bool) -> list[str]:
@@ -279,7 +188,10 @@ def _cut_missing(
         f"{table.row_name(int(b - 1))} (t = {t[a]:.6g} to {t[b - 1]:.6g} s)"
     )
     if nan == "error":
-        raise NotFiniteError(f"{seen}; expected numbers throughout: repair the log, or split it there with nan='gap'")
+        raise NotFiniteError(
+            f"{seen}; expected numbers throughout: repair the log, split it there with "
+            "nan='gap', or, if columns come at rates of their own, merge them with nan='merge'"
+        )
     return whole, f"{seen}: {int((~whole).sum())} rows cut, each run a gap"
 
 
@@ -322,6 +234,7 @@ def assemble(
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
     nan: Literal["error", "gap"] = "error",
+    filter: str | None = None,
     jitter: float = 0.2,
     shortest: int = 2,
     experiment: str | None = None,
@@ -331,8 +244,8 @@ def assemble(
 ) -> Dataset:
     """Build the data set: units to SI, time to a uniform grid, gaps to experiments.
 
-    Parameters are those of `slipangle.data.readers.csv.read_csv`; ``epoch`` keeps time stamps that count
-    from 1970 as they are.
+    Parameters are those of `slipangle.data.readers.csv.read_csv`, but for ``nan="merge"``; ``epoch`` keeps time stamps
+    that count from 1970 as they are.
 
     Raises SlipangleError, one of its kinds per kind of bad input; see `read_csv`.
     """
@@ -341,12 +254,13 @@ def assemble(
     said: list[str] = list(notes)
     assumed: list[str] = []
     names = columns if columns is not None else [h.name for h in table.headers]
-    t, time_column = _time(table, time, dt, names, epoch, said)
+    t, time_column = time_of(table, time, dt, names, epoch, said)
     label = find_column(table, experiment, "experiment") if experiment is not None else None
     chosen = as_columns(table, columns, {i for i in (time_column, label) if i is not None})
     if not chosen:
         raise MissingColumnError(f"no column of {table.name} was chosen; expected at least one channel: name some")
-    picked = {n: _column(table, n, c, assumed) for n, c in chosen.items()}
+    picked = {n: _column(table, n, c, assumed) for n, c in chosen.items() if not c.derive}
+    picked = derive(table, chosen, picked, t)
     for kind, wanted in (("input", inputs), ("output", outputs)):
         for n in (wanted,) if isinstance(wanted, str) else wanted:
             if n not in picked:
@@ -358,7 +272,11 @@ def assemble(
         said.append(f"no unit named for {', '.join(assumed)}: taken as SI")
     values = np.column_stack([v for v, _ in picked.values()])
     stamps = t if t is not None else (dt or 1.0) * np.arange(len(values))
-    whole, note = _cut_missing(table, list(picked), values, stamps, nan)
+    kept, note = keep(table, filter, picked, stamps) if filter else (None, "")
+    said += [note] if note else []
+    seen = values if kept is None else np.where(kept[:, None], values, 0.0)
+    whole, note = _cut_missing(table, list(picked), seen, stamps, nan)
+    whole = whole if kept is None else whole & kept
     said += [note] if note else []
     rows = np.flatnonzero(whole)
     borders = [0, len(rows)]

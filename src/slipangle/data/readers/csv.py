@@ -3,13 +3,15 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
 
 from slipangle import units
 from slipangle.data.dataset import Dataset
-from slipangle.data.readers.columns import Column, LogSettings, assemble, check_dt
+from slipangle.data.readers.column import Column
+from slipangle.data.readers.columns import LogSettings, check_dt
+from slipangle.data.readers.recording import Recording, build
 from slipangle.data.readers.text_table import OURS, read_table
 from slipangle.files import write_atomic
 
@@ -25,7 +27,8 @@ def read_csv(
     """Read a text table into a `Dataset`, converting units at the door.
 
     Separator (``,`` ``;`` tab or blanks), comment lines (``#``, ``%``), a heading in the last comment
-    line, a line of units under the heading, decimal commas and the encoding are recognised.
+    line, a line of units under the heading, decimal commas and the encoding are recognised; so are lines above the
+    heading (MoTeC i2, AiM), headings with units and rates (RaceCapture), numbers in quotes, and dates and times of day.
 
     Parameters
     ----------
@@ -40,8 +43,12 @@ def read_csv(
         Sample time, for files without time; beside time stamps it must agree with them. [s]
     inputs, outputs : sequence of str
         Channels that drive the system, and that are to be explained.
-    nan : {"error", "gap"}
-        Whether missing numbers are an error or cut the log into experiments.
+    nan : {"error", "gap", "merge"}
+        Whether missing numbers are an error, cut the log into experiments, or belong to columns that come at rates of
+        their own and are merged by time, as `slipangle.data.readers.Recording.resample` says. Headings that say their
+        rates (RaceCapture) are merged in any case.
+    filter : str, optional
+        A condition on channels, columns and ``t`` in SI units, such as ``"v_x > 5 and t < 200"``: other rows are cut.
     jitter : float
         Largest variation of a time step, as a share of it (0.2 unless given), that is put back on the grid. Steps above
         1.5 sample times are gaps: they split the log into experiments.
@@ -77,12 +84,15 @@ def read_csv(
     """
     check_dt(settings.get("dt"))
     table = read_table(path, delimiter=delimiter, skip_lines=skip_lines)
-    meta, given = table.meta, dict[str, Any](settings)
-    known = {key: [n for n in meta.get(key, ()) if columns is None or n in columns] for key in ("inputs", "outputs")}
-    known |= {"dt": meta.get("dt"), "experiment": meta.get("experiment"), "name": meta.get("name") or Path(path).stem}
-    given |= {key: given.get(key) or value for key, value in known.items()} | ({"shortest": 1} if meta else {})
-    notes = (*meta.get("notes", ()), *(("decimal commas are read as points",) if table.decimal_comma else ()))
-    return assemble(table, columns, epoch=bool(meta), notes=notes, **given)
+    notes = ("decimal commas are read as points",) if table.decimal_comma else ()
+    recording = Recording(name=Path(path).stem, tables={"": table}, meta=table.meta)
+    return build(recording, columns, notes=notes, **settings)
+
+
+def open_csv(path: str | Path) -> Recording:
+    """A text table as it was recorded; see `read_csv` for what is recognised and what is refused."""
+    table = read_table(path)
+    return Recording(name=Path(path).stem, tables={"": table}, meta=table.meta)
 
 
 def write_csv(data: Dataset, path: str | Path) -> Path:

@@ -1,9 +1,8 @@
 """Text tables of any separator: where the headings are, what is a number, what is a comment."""
 
-import csv
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,14 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from slipangle import units
-from slipangle.data.numerals import decoded, is_number, to_number
-from slipangle.data.readers.columns import Header
-from slipangle.errors import FormatError, MissingFileError, TooShortError, nearest, shown
+from slipangle.data.numerals import decoded, to_number
+from slipangle.data.readers.registry import require_log
+from slipangle.data.readers.tables import DATE, Header
+from slipangle.data.readers.text_dialect import MISSING, cells_of, find_headings, separator_of, to_instant
+from slipangle.errors import FormatError, TooShortError, shown
 from slipangle.files import read_bytes
 
-_MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "inf", "+inf", "-inf", "infinity"}
 OURS = "# slipangle: "  # begins the line that `write_csv` says its settings in
+_SAMPLE = 100  # lines by which the dialect is known
 _COMMENTS = ("#", "%", "//")
 _POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
 _COMMA = re.compile(r"[+-]?\d*(,\d+)+([eE][+-]?\d+)?")
@@ -47,22 +47,35 @@ class TextTable:
 
         Raises FormatError if a cell is not a number; its line and column are given.
         """
+        if self.headers[column].unit == DATE:
+            return np.array([self._instant(row, column) for row in range(len(self.lines))])
         if self._table is not None:
-            return self._table[:, column]
+            return self._table[:, self._countable.index(column)]
         return np.array([self._number(row, column) for row in range(len(self.lines))])
 
     @cached_property
+    def _countable(self) -> list[int]:
+        return [i for i, h in enumerate(self.headers) if h.unit != DATE]
+
+    @cached_property
     def _table(self) -> np.ndarray | None:
-        """All numbers at once, or None if a cell somewhere is empty or foreign."""
+        """All numbers at once, NaN where a cell is empty, or None if a cell somewhere is foreign."""
         lines = [line.replace(",", ".") for line in self.lines] if self.decimal_comma else self.lines
+        how: dict[str, Any] = {"delimiter": self.delimiter, "ndmin": 2, "comments": None, "usecols": self._countable}
         try:
-            return np.loadtxt(lines, delimiter=self.delimiter, ndmin=2, comments=None)
+            return np.loadtxt(lines, quotechar='"', **how)
+        except (ValueError, IndexError):
+            pass
+        if self.delimiter is None:
+            return None
+        try:
+            return np.loadtxt([_filled(line, self.delimiter) for line in lines], quotechar='"', **how)
         except (ValueError, IndexError):
             return None
 
     @cached_property
     def _split(self) -> list[list[str]]:
-        return [_cells(line, self.delimiter) for line in self.lines]
+        return [cells_of(line, self.delimiter) for line in self.lines]
 
     def _number(self, row: int, column: int) -> float:
         cell = self._split[row][column].strip()
@@ -70,85 +83,35 @@ class TextTable:
         try:
             return to_number(text)
         except ValueError:
-            if text.lower() in _MISSING:
+            if text.lower() in MISSING:
                 return np.nan
             raise FormatError(
                 f"{self.name}, {self.row_name(row)}, column '{self.headers[column].name}' holds {shown(cell)}; "
                 "expected a number: correct the cell, or leave it empty and read with nan='gap'"
             ) from None
 
+    def _instant(self, row: int, column: int) -> float:
+        cell = self._split[row][column]
+        try:
+            return to_instant(cell) if cell.strip() else np.nan
+        except (ValueError, OverflowError):
+            raise FormatError(
+                f"{self.name}, {self.row_name(row)}, column '{self.headers[column].name}' holds {shown(cell)}; "
+                "expected a date and time such as 2026-05-01T14:00:00.25Z, as above: correct the cell"
+            ) from None
 
-def _cells(line: str, delimiter: str | None) -> list[str]:
-    if delimiter is None:
-        return line.split()
-    try:
-        return next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
-    except csv.Error as error:
-        raise FormatError(
-            f"a line that starts with {line[:40]!r} cannot be cut into cells ({error}); expected text cut by "
-            f"{delimiter!r}: export the log again, or name the separator with delimiter="
-        ) from None
+
+def _filled(line: str, delimiter: str) -> str:
+    """The line with ``nan`` in its empty cells; quotes that hold a separator are left to whoever reads it."""
+    cells = line.split(delimiter)
+    return delimiter.join(c if c.strip(' "\t\r') else "nan" for c in cells)
 
 
 def _text(path: Path) -> str:
     """The file's text in whichever common encoding it has."""
-    if not path.is_file():
-        kind = "is a folder" if path.is_dir() else "does not exist"
-        folder = path.parent
-        others = [p.name for p in folder.iterdir() if p.is_file()] if folder.is_dir() else []
-        near = f"in '{folder}' {nearest(path.name, others)}" if folder.is_dir() else f"there is no folder '{folder}'"
-        raise MissingFileError(f"the log '{path}' {kind}; expected a file, {near}: correct the path")
+    require_log(path)
     raw = read_bytes(path, "the log", "a readable file: check its permissions")
     return decoded(raw, path, "comma-separated text: export the log as CSV")
-
-
-def _delimiter(lines: Sequence[str]) -> str | None:
-    """The separator that cuts most lines into the same number of cells; None for blanks."""
-    best, score = None, (0.0, 0)
-    for candidate in (";", "\t", ",", None):
-        counts = [len(_cells(line.strip() if candidate is None else line, candidate)) for line in lines]
-        usual = max(set(counts), key=counts.count)
-        share = counts.count(usual) / len(counts)
-        if usual > 1 and (share > score[0] + 1e-9):
-            best, score = candidate, (share, usual)
-    return best
-
-
-def _is_number(cell: str, decimal_comma: bool = False) -> bool:
-    text = cell.strip()
-    if text.lower() in _MISSING:
-        return True
-    return is_number(text.replace(",", ".") if decimal_comma else text)
-
-
-def parse_heading(text: str) -> Header:
-    """Name and unit of a column heading.
-
-    Brackets always hold a unit; parentheses and what follows a comma only if it is a known one.
-
-    >>> parse_heading("vx(m/s)").name, parse_heading("brake [kPa]").unit, parse_heading("acc x (IMU)").name
-    ('vx', 'kPa', 'acc x (IMU)')
-    """
-    clean = text.strip().strip("\"'").strip()
-    bracket = re.fullmatch(r"(.+?)\s*\[([^\[\]]*)\]", clean)
-    if bracket:
-        return Header(text=clean, name=bracket[1], unit=bracket[2].strip())
-    for pattern in (r"(.+?)\s*\(([^()]*)\)", r"(.+?)\s*,\s*([^,]+)"):
-        match = re.fullmatch(pattern, clean)
-        if match and match[2].strip() and units.known(match[2]):
-            return Header(text=clean, name=match[1], unit=match[2].strip())
-    return Header(text=clean, name=clean)
-
-
-def _headings(cells: list[str], unit_row: list[str] | None) -> tuple[Header, ...]:
-    headers = [parse_heading(c) for c in cells]
-    if unit_row is not None:
-        cleaned = [u.strip().strip("[]()") for u in unit_row]
-        headers = [
-            h if h.unit is not None or not u else Header(text=h.text, name=h.name, unit=u)
-            for h, u in zip(headers, cleaned, strict=True)
-        ]
-    return tuple(headers)
 
 
 def read_table(path: str | Path, *, delimiter: str | None = None, skip_lines: int = 0) -> TextTable:
@@ -172,11 +135,11 @@ def read_table(path: str | Path, *, delimiter: str | None = None, skip_lines: in
             body.append((number, line))
     if not body:
         raise TooShortError(f"the log {name} is empty; expected a header line and rows of numbers: export it again")
-    sample = [line for _, line in body[:50]]
-    cut = delimiter if delimiter is not None else _delimiter(sample)
+    sample = [line for _, line in body[:_SAMPLE]]
+    cut = delimiter if delimiter is not None else separator_of(sample)
     comma = cut in (";", "\t") and any("," in line and re.search(r"\d,\d", line) for _, line in body)
-    rows = [_cells(line, cut) for line in sample]
-    named, headers, skip = _find_headings(rows, comments, cut, comma)
+    rows = [cells_of(line, cut) for line in sample]
+    named, headers, skip = find_headings(rows, comments, cut, comma)
     body = body[skip:]
     if not body:
         raise TooShortError(f"the log {name} has headings but no rows; expected rows of numbers: export it again")
@@ -195,26 +158,10 @@ def read_table(path: str | Path, *, delimiter: str | None = None, skip_lines: in
     )
 
 
-def _find_headings(
-    rows: list[list[str]], comments: list[str], delimiter: str | None, comma: bool
-) -> tuple[bool, tuple[Header, ...], int]:
-    """Whether there are headings, what they are, and how many lines of the body they take."""
-    if not all(_is_number(c, comma) for c in rows[0]):
-        second = rows[1] if len(rows) > 1 and len(rows[1]) == len(rows[0]) else []
-        cleaned = [c.strip().strip("[]()") for c in second]
-        has_units = bool(second) and not any(_is_number(c) and c for c in second) and all(map(units.known, cleaned))
-        return True, _headings(rows[0], second if has_units else None), 2 if has_units else 1
-    for comment in reversed(comments):
-        cells = _cells(comment, delimiter)
-        if len(cells) == len(rows[0]) and not all(_is_number(c, comma) for c in cells):
-            return True, _headings(cells, None), 0
-    return False, tuple(Header(text=f"column {i}", name=f"column {i}") for i in range(len(rows[0]))), 0
-
-
 def _check_ragged(body: list[tuple[int, str]], delimiter: str | None, width: int, name: str) -> None:
     for number, line in body:
         if delimiter is None or '"' in line:
-            count = len(_cells(line, delimiter))
+            count = len(cells_of(line, delimiter))
         else:
             count = line.count(delimiter) + 1  # the same, faster
         if count != width:

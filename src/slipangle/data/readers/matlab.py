@@ -1,0 +1,208 @@
+"""MATLAB files as logs: vectors of one length belong together, by variable or inside structs.
+
+Versions 5 to 7 are read by `slipangle.data.readers.mat5`, version 7.3, which is HDF5 [1]_, by h5py. Timetables and
+other objects are stored in a form that is not published: MATLAB makes structs of them with
+``S = table2struct(timetable2table(T), 'ToScalar', true)``.
+
+References
+----------
+.. [1] The MathWorks, MAT-File Versions; The HDF Group, HDF5 File Format Specification 3.0.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from slipangle.data.readers.mat5 import read_mat5
+from slipangle.data.readers.recording import Recording
+from slipangle.data.readers.registry import reader
+from slipangle.data.readers.tables import Header, LazyTable
+from slipangle.data.readers.text_dialect import parse_heading
+from slipangle.errors import FormatError, MissingColumnError
+from slipangle.extras import extra
+
+HDF = b"\x89HDF\r\n\x1a\n"
+META = "slipangle_notes"  # the variable that our writer leaves
+_TIME = ("t", "time", "tout", "timestamp", "timestamps", "zeit")
+_DEEPEST = 12
+_WIDEST = 64  # columns of a matrix, elements of a struct array
+_LARGEST = 2**27  # numbers of one variable
+_FEWEST = 2
+
+
+class Vector(NamedTuple):
+    """A column of numbers: the way to it, how many, and how to load them."""
+
+    way: str
+    rows: int
+    load: Callable[[], np.ndarray]
+
+
+def _known(head: bytes) -> bool:
+    return head.startswith((b"MATLAB 5.0", b"MATLAB 7.3", HDF)) or head[126:128] in (b"IM", b"MI")
+
+
+@reader("MATLAB", recognises=_known, suffixes=(".mat",))
+def read_mat(path: Path) -> Recording:
+    """A MATLAB file of version 5, 6, 7 or 7.3, or vectors in any HDF5 file.
+
+    Raises FormatError if it is damaged, MissingColumnError if it holds no vectors, ConfigError if version 7.3 needs
+    h5py, which is not installed.
+    """
+    with path.open("rb") as file:
+        head = file.read(520)
+    if HDF in (head[:8], head[512:520]):
+        vectors, meta = _read_hdf(path)
+    else:
+        variables = read_mat5(path)
+        text = variables.pop(META, None)
+        meta = _noted(text)
+        vectors = [v for name, value in variables.items() for v in _in_value(value, name, 0)]
+    if not vectors:
+        raise MissingColumnError(
+            f"'{path}' holds no vectors of numbers that can be read; expected some: timetables and objects become "
+            "structs in MATLAB with S = table2struct(timetable2table(T), 'ToScalar', true)"
+        )
+    return Recording(name=path.stem, tables=grouped(vectors, path), meta=meta)
+
+
+def _noted(text: Any) -> dict[str, Any]:
+    try:
+        meta = json.loads(text) if isinstance(text, str) else {}
+    except ValueError:
+        return {}
+    return meta if isinstance(meta, dict) else {}
+
+
+# ---- which vectors belong together ---------------------------------------------------------------------------------
+
+
+def grouped(vectors: list[Vector], path: Path) -> dict[str, LazyTable]:
+    """Vectors of one length as a table; where several clocks have one length, each with what stands nearest to it."""
+    tables: dict[str, LazyTable] = {}
+    for count in sorted({v.rows for v in vectors}, reverse=True):
+        alike = [v for v in vectors if v.rows == count]
+        clocks = [v for v in alike if _last(v.way).lower() in _TIME]
+        parts: dict[str, list[Vector]] = {}
+        for v in alike:
+            home = max(clocks, key=lambda c: (_shared(c.way, v.way), c is v)).way if len(clocks) > 1 else ""
+            parts.setdefault(home, []).append(v)
+        for home, own in parts.items():
+            clock = home or next((c.way for c in clocks), "")
+            topic = clock.rpartition(".")[0] or f"{count} samples"
+            tables[topic if topic not in tables else f"{topic} ({count} samples)"] = _table(own, clock, topic, path)
+    return tables if len(tables) > 1 else {"": next(iter(tables.values()))}
+
+
+def _last(way: str) -> str:
+    return way.rpartition(".")[2]
+
+
+def _shared(a: str, b: str) -> int:
+    """How many names two ways begin with together."""
+    pairs = zip(a.split("."), b.split("."), strict=False)
+    return next((k for k, (x, y) in enumerate(pairs) if x != y), min(a.count("."), b.count(".")) + 1)
+
+
+def _table(vectors: list[Vector], clock: str, topic: str, path: Path) -> LazyTable:
+    headers = []
+    for v in vectors:
+        name = v.way.removeprefix(f"{topic}.")
+        name = "t" if v.way == clock else name
+        found = parse_heading(name)
+        headers.append(Header(text=name, name=found.name, unit=found.unit))
+    return LazyTable(name=f"'{path.name}'", headers=tuple(headers), load=lambda i: vectors[i].load())
+
+
+# ---- version 5 to 7 ------------------------------------------------------------------------------------------------
+
+
+def _in_value(value: Any, way: str, depth: int) -> Iterator[Vector]:
+    """Vectors in a variable that `read_mat5` gave: arrays as they are, structs and their elements by name."""
+    if depth > _DEEPEST:
+        return
+    if isinstance(value, dict):
+        elements = max((len(v) for v in value.values()), default=0)
+        if elements > _WIDEST:
+            return
+        for k in range(elements):
+            place = way if elements == 1 else f"{way}({k + 1})"
+            for name, cells in value.items():
+                yield from _in_value(cells[k], f"{place}.{name}", depth + 1)
+    elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+        yield from _columns(np.squeeze(value) if value.ndim > 2 else value, way)
+
+
+def _columns(values: np.ndarray, way: str) -> Iterator[Vector]:
+    """A vector as it is, a matrix column by column as MATLAB counts them."""
+    if values.ndim == 1 or (values.ndim == 2 and min(values.shape) == 1):
+        flat = values.reshape(-1)
+        if len(flat) >= _FEWEST:
+            yield Vector(way, len(flat), lambda: flat)
+    elif values.ndim == 2 and values.shape[1] <= _WIDEST and values.shape[0] > values.shape[1]:
+        for k in range(values.shape[1]):
+            yield Vector(f"{way}({k + 1})", values.shape[0], lambda k=k: values[:, k])
+
+
+# ---- version 7.3 ---------------------------------------------------------------------------------------------------
+
+
+def _read_hdf(path: Path) -> tuple[list[Vector], dict[str, Any]]:
+    h5py = extra("h5py", "io", "reading a MATLAB 7.3 file")
+    try:
+        with h5py.File(path, "r") as file:
+            vectors = [v for name in file if not name.startswith("#") for v in _in_node(file[name], name, path, 0)]
+            note = _letters(file[META]) if META in file else None
+    except MissingColumnError:
+        raise
+    except Exception as error:  # of many kinds: it trusts every byte
+        raise _damaged(path, error) from None
+    return vectors, _noted(note)
+
+
+def _damaged(path: Path, error: Exception) -> FormatError:
+    why = (str(error).splitlines() or [type(error).__name__])[0][:120]
+    return FormatError(f"'{path}' cannot be read as HDF5 ({why}); expected a whole file: copy or save it again")
+
+
+def _letters(node: Any) -> str | None:
+    values = np.asarray(node)
+    return "".join(map(chr, values.reshape(-1).tolist())) if values.dtype.kind == "u" else None
+
+
+def _in_node(node: Any, way: str, path: Path, depth: int) -> Iterator[Vector]:
+    """Vectors in a group (a struct) or a dataset; objects, of which MATLAB stores references, are left out."""
+    if depth > _DEEPEST or "MATLAB_object_decode" in node.attrs:
+        return
+    if hasattr(node, "keys"):
+        for name in node:
+            yield from _in_node(node[name], f"{way}.{name}", path, depth + 1)
+        return
+    kind = node.attrs.get("MATLAB_class", b"double")
+    if node.dtype.kind not in "biuf" or kind in (b"char", b"cell") or node.attrs.get("MATLAB_empty", 0):
+        return
+    shape = node.shape
+    if not shape or node.size > _LARGEST or len(shape) > 2:
+        return
+    address = node.name
+    if len(shape) == 1 or min(shape) == 1:
+        if node.size >= _FEWEST:
+            yield Vector(way, int(node.size), lambda: _loaded(path, address, None))
+    elif "MATLAB_class" in node.attrs and shape[0] <= _WIDEST and shape[1] > shape[0]:  # stored row by row
+        for k in range(shape[0]):
+            yield Vector(f"{way}({k + 1})", int(shape[1]), lambda k=k: _loaded(path, address, k))
+
+
+def _loaded(path: Path, address: str, row: int | None) -> np.ndarray:
+    h5py = extra("h5py", "io", "reading a MATLAB 7.3 file")
+    try:
+        with h5py.File(path, "r") as file:
+            node = file[address]
+            return np.asarray(node[()] if row is None else node[row], dtype=float).reshape(-1)
+    except Exception as error:
+        raise _damaged(path, error) from None

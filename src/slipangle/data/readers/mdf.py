@@ -1,0 +1,131 @@
+"""ASAM MDF 3 and 4 files (.mdf, .dat, .mf4), by asammdf: each channel group with its master is a clock of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import warnings
+import weakref
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slipangle.data.readers.recording import Recording
+from slipangle.data.readers.registry import reader
+from slipangle.data.readers.tables import Header, LazyTable
+from slipangle.errors import FormatError, SlipangleError
+from slipangle.extras import extra
+
+_NUMBERS = {3: (0, 1, 2, 3, 9, 10, 11, 12, 13, 14, 15, 16), 4: (0, 1, 2, 3, 4, 5)}  # data types of MDF 3 and 4
+_MOST = 100_000  # channels
+OURS = "slipangle: "  # begins the comment that our writer leaves
+
+
+@reader(
+    "MDF",
+    recognises=lambda head: head[:8] in (b"MDF     ", b"UnFinMF "),
+    suffixes=(".mf4", ".mdf"),
+)
+def read_mdf(path: Path) -> Recording:
+    """A measurement file of MDF 3 or 4.
+
+    Raises FormatError if it is damaged, ConfigError if asammdf is not installed.
+    """
+    asammdf = extra("asammdf", "io", "reading an MDF file")
+    with _sentence(path):
+        opened = asammdf.MDF(path)
+    tables: dict[str, LazyTable] = {}
+    try:
+        with _sentence(path):
+            for i in range(len(opened.groups)):
+                _add_group(opened, i, path, tables)
+            meta = _meta(opened)
+    except SlipangleError:
+        opened.close()
+        raise
+    recording = Recording(name=path.stem, tables=tables or _none(opened), meta=meta)
+    weakref.finalize(next(iter(tables.values())), opened.close)
+    return recording
+
+
+def _none(opened: Any) -> dict[str, Any]:
+    opened.close()
+    return {}
+
+
+@contextlib.contextmanager
+def _sentence(path: Path) -> Iterator[None]:
+    """Whatever asammdf stumbles over is a damaged file; what it logs is not shown."""
+    logger = logging.getLogger("asammdf")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        with warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
+            yield
+    except SlipangleError:
+        raise
+    except Exception as error:  # of many kinds: it trusts every byte
+        why = (str(error).splitlines() or [type(error).__name__])[0][:120]
+        raise FormatError(
+            f"'{path}' cannot be read as MDF ({why}); expected a whole, finalised file: copy or export it again"
+        ) from None
+    finally:
+        logger.setLevel(level)
+
+
+def _add_group(opened: Any, i: int, path: Path, tables: dict[str, LazyTable]) -> None:
+    group = opened.groups[i]
+    master = opened.masters_db.get(i)
+    numeric = _NUMBERS[3 if opened.version < "4" else 4]
+    found = [k for k, c in enumerate(group.channels[:_MOST]) if k != master and c.data_type in numeric]
+    if not found or int(group.channel_group.cycles_nr) < 2:
+        return
+    headers = tuple(
+        Header(text=group.channels[k].name, name=_short(group.channels[k].name), unit=_unit(group.channels[k]))
+        for k in found
+    )
+    time = (Header(text="t", name="t", unit="s"),) if master is not None else ()
+
+    def load(column: int) -> np.ndarray:
+        with _sentence(path):
+            if time and column == 0:
+                return np.asarray(opened.get_master(i), dtype=float)
+            k = found[column - len(time)]
+            signal = opened.get(group=i, index=k, ignore_invalidation_bits=True)
+            values = np.asarray(signal.samples)
+            if values.dtype.kind not in "biuf" or values.ndim != 1:
+                values = np.asarray(opened.get(group=i, index=k, raw=True).samples)
+            if values.dtype.kind not in "biuf" or values.ndim != 1:
+                raise FormatError(f"channel '{headers[column - len(time)].name}' of '{path}' holds no plain numbers")
+            return values.astype(float)
+
+    name = str(getattr(group.channel_group, "acq_name", "") or "").strip() or f"group {i}"
+    topic = name if name not in tables else f"{name} {i}"
+    tables[topic] = LazyTable(name=f"{topic!r} of '{path.name}'", headers=(*time, *headers), load=load)
+
+
+def _short(name: str) -> str:
+    """The name without the device that CANape and INCA write behind a backslash."""
+    return name.split("\\")[0] or name
+
+
+def _unit(channel: Any) -> str | None:
+    unit = getattr(channel, "unit", "") or getattr(getattr(channel, "conversion", None), "unit", "") or ""
+    text = unit.decode("latin-1", "replace") if isinstance(unit, bytes) else str(unit)
+    return text.strip().strip("\0") or None
+
+
+def _meta(opened: Any) -> dict[str, Any]:
+    """What our writer noted in the file's comment, or nothing."""
+    comment = str(getattr(opened.header, "comment", "") or "")
+    start = comment.find(OURS)
+    if start < 0:
+        return {}
+    try:
+        meta, _ = json.JSONDecoder().raw_decode(comment[start + len(OURS) :])
+    except ValueError:
+        return {}
+    return meta if isinstance(meta, dict) else {}

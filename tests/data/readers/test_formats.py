@@ -1,0 +1,311 @@
+"""Every format of a log gives the numbers that were written into it, whatever the file is called."""
+
+import struct
+import sys
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+import slipangle as sa
+from slipangle.data.race import equirectangular
+from slipangle.data.readers import open_log
+from slipangle.errors import ConfigError, FormatError, MissingColumnError, NotFiniteError, ParameterError
+from tests.data.readers.logs import (
+    LdChannel,
+    drive,
+    gpx,
+    kml,
+    motec_csv,
+    race_capture,
+    write_bag,
+    write_ld,
+    write_mat73,
+)
+
+MADE = drive()
+SLOW = slice(None, None, 10)
+
+
+def frame():
+    import pyarrow as pa
+
+    inner = pa.StructArray.from_arrays([pa.array(MADE.r), pa.array(0 * MADE.r)], ["z", "x"])
+    stamps = pa.array(1_777_644_000_000_000_000 + np.rint(MADE.t * 1e9).astype("int64"))
+    text = pa.array(["drive"] * len(MADE.t))
+    slow = np.where(np.arange(len(MADE.t)) % 10 == 0, 3.6 * MADE.v_x, np.nan)
+    return pa.table(
+        {
+            "stamp": stamps.cast(pa.timestamp("ns")),
+            "steer [deg]": np.degrees(MADE.delta),
+            "gyro": inner,
+            "speed": pa.array(slow, from_pandas=True),
+            "mode": text,
+        }
+    )
+
+
+def parquet(path):
+    import pyarrow.parquet as pq
+
+    pq.write_table(frame(), path)
+
+
+def feather(path):
+    import pyarrow.feather as feather
+
+    feather.write_feather(frame(), path)
+
+
+def mat5(path):
+    gps = {"time": MADE.t[SLOW], "speed": 3.6 * MADE.v_x[SLOW]}
+    savemat(path, {"time": MADE.t, "delta": MADE.delta, "imu": {"wz": np.degrees(MADE.r)}, "gps": gps, "who": "me"})
+
+
+def mat73(path):
+    gps = {"time": MADE.t[SLOW], "speed": 3.6 * MADE.v_x[SLOW]}
+    write_mat73(path, {"time": MADE.t, "delta": MADE.delta, "imu": {"wz": np.degrees(MADE.r)}, "gps": gps, "who": "me"})
+
+
+def mdf(path):
+    from asammdf import MDF, Signal
+
+    version = "3.30" if path.stem == "mdf3" else "4.10"
+    with MDF(version=version) as file:
+        fast = (("steer", "deg", np.degrees(MADE.delta)), ("yaw", "deg/s", np.degrees(MADE.r)))
+        file.append([Signal(x, MADE.t, name=n, unit=u) for n, u, x in fast])
+        file.append([Signal(MADE.v_x[SLOW].astype("f4"), MADE.t[SLOW], name="speed", unit="m/s")])
+        file.save(path.with_suffix(".mf4"), overwrite=True).replace(path)
+
+
+def ld(path):
+    fast = LdChannel("Steered Angle", "deg", 100, np.degrees(MADE.delta).astype("f4"), 7)
+    yaw = LdChannel("Gyro Yaw", "deg/s", 100, np.round(np.degrees(MADE.r) / 0.01).astype("i2"), 3, 0, 1, 1, 2)
+    speed = LdChannel(
+        "Ground Speed", "km/h", 10, np.round((3.6 * MADE.v_x[SLOW] - 30) * 200).astype("i4"), 5, 30, 1, 200
+    )
+    write_ld(path, [fast, yaw, speed])
+
+
+MAT = {"delta": "delta", "v_x": sa.Column("gps.speed", "km/h"), "r": sa.Column("imu.wz", "deg/s")}
+FORMATS = {
+    "MoTeC CSV": (
+        lambda p: p.write_text(motec_csv(MADE)),
+        {"delta": "Steered Angle", "v_x": "Ground Speed", "r": "Gyro Yaw Velocity"},
+        {},
+        1e-7,
+    ),
+    "semicolons and decimal commas": (
+        lambda p: p.write_text(motec_csv(MADE).replace(",", ";").replace(".", ",")),
+        {"delta": "Steered Angle", "v_x": "Ground Speed", "r": "Gyro Yaw Velocity"},
+        {},
+        1e-7,
+    ),
+    "RaceCapture": (
+        lambda p: p.write_text(race_capture(MADE)),
+        {"delta": "Steering", "v_x": "Speed", "r": "Yaw"},
+        {},
+        2e-3,
+    ),
+    "Parquet": (
+        parquet,
+        {"delta": "steer", "v_x": sa.Column("speed", "km/h"), "r": "gyro.z"},
+        {"nan": "merge"},
+        2e-3,
+    ),
+    "Feather": (
+        feather,
+        {"delta": "steer", "v_x": sa.Column("speed", "km/h"), "r": "gyro.z"},
+        {"nan": "merge"},
+        2e-3,
+    ),
+    "MATLAB 5": (
+        mat5,
+        {"delta": "delta", "v_x": sa.Column("gps.speed", "km/h"), "r": sa.Column("imu.wz", "deg/s")},
+        {},
+        2e-3,
+    ),
+    "MATLAB 7.3": (
+        mat73,
+        {"delta": "delta", "v_x": sa.Column("gps.speed", "km/h"), "r": sa.Column("imu.wz", "deg/s")},
+        {},
+        2e-3,
+    ),
+    "mdf3": (mdf, {"delta": "steer", "v_x": "speed", "r": "yaw"}, {}, 2e-3),
+    "mdf4": (mdf, {"delta": "steer", "v_x": "speed", "r": "yaw"}, {}, 2e-3),
+    "MoTeC ld": (ld, {"delta": "Steered Angle", "v_x": "Ground Speed", "r": "Gyro Yaw"}, {}, 5e-3),
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_log_is_known_by_its_content_and_gives_its_numbers(name, tmp_path):
+    write, columns, settings, tolerance = FORMATS[name]
+    path = tmp_path / f"{name}.csv"
+    write(path)
+    data = sa.read(path, columns, inputs=["delta", "v_x"], outputs=["r"], **settings)
+    assert data.dt == pytest.approx(0.01)
+    assert data.n_samples >= 390
+    assert [data.unit(n) for n in ("delta", "v_x", "r")] == ["rad", "m/s", "rad/s"]
+    for channel in ("delta", "v_x", "r"):
+        written = getattr(MADE, channel)[: data.n_samples]
+        np.testing.assert_allclose(data[channel], written, atol=tolerance * np.ptp(written))
+
+
+@pytest.mark.parametrize(("ros", "name"), [(1, "drive.bag"), (2, "drive"), (3, "drive")])
+def test_topics_of_a_bag_are_merged_by_their_time(ros, name, tmp_path):
+    path = write_bag(tmp_path / name, MADE, ros=ros)
+    log = open_log(path)
+    assert set(log.tables) == {"/imu", "/steering", "/speed"}
+    assert log.signal("/speed.data").dt == pytest.approx(0.1, abs=1e-6)
+    columns = {
+        "delta": "/steering.data",
+        "v_x": "/speed.data",
+        "r": "angular_velocity.z",
+        "a_y": "linear_acceleration.y",
+    }
+    data = sa.read(path, columns, inputs=["delta", "v_x"], outputs=["r"])
+    assert data.dt == pytest.approx(0.01)
+    for channel, written in (("delta", MADE.delta), ("v_x", MADE.v_x), ("r", MADE.r)):
+        np.testing.assert_allclose(data[channel], written[: data.n_samples], atol=2e-3 * np.ptp(written))
+    inside = next(path.glob("*.mcap"), None) or next(path.glob("*.db3"), None) if path.is_dir() else None
+    if inside is not None:
+        assert np.array_equal(sa.read(inside, columns).values, data.values)
+
+
+@pytest.mark.parametrize("write", [gpx, kml])
+def test_positions_become_metres(write, tmp_path):
+    t = 0.2 * np.arange(100)
+    latitude, longitude = 48.0 + 1e-5 * np.sin(t), 11.0 + 2e-5 * t
+    path = tmp_path / "lap.xml"
+    path.write_text(write(latitude, longitude, t))
+    data = sa.read(path)
+    east, north = equirectangular(np.radians(latitude), np.radians(longitude))
+    assert data.dt == pytest.approx(0.2)
+    np.testing.assert_allclose(data["X"], east, atol=1e-3)
+    np.testing.assert_allclose(data["Y"], north, atol=1e-3)
+    assert data["Z"] == pytest.approx(12.5)
+    np.testing.assert_allclose(data["latitude"], np.radians(latitude), atol=1e-11)
+
+
+def test_channels_stay_at_their_rates_until_they_are_resampled(tmp_path):
+    path = tmp_path / "drive.ld"
+    ld(path)
+    log = open_log(path)
+    assert log.names == ("100 Hz.t", "Steered Angle", "Gyro Yaw", "10 Hz.t", "Ground Speed")
+    speed = log.signal("Ground Speed")
+    assert (len(speed.values), speed.dt, speed.unit) == (40, pytest.approx(0.1), "km/h")
+    np.testing.assert_allclose(speed.values, 3.6 * MADE.v_x[SLOW], atol=0.003)
+    slow = log.resample(0.05, {"v_x": "Ground Speed", "r": "Gyro Yaw"})
+    assert slow.dt == 0.05
+    assert any("low-pass" in note for note in slow.notes)
+    assert any("Ground Speed at 10 Hz" in note for note in log.resample(columns=["Gyro Yaw", "Ground Speed"]).notes)
+    alone = sa.read(path, {"v_x": "Ground Speed"})
+    assert alone.dt == pytest.approx(0.1)
+
+
+def test_scaling_of_an_ld_channel_is_the_documented_one(tmp_path):
+    raw = np.arange(-50, 50, dtype="<i2")
+    path = write_ld(
+        tmp_path / "x.ld", [LdChannel("Brake Pres", "bar", 50, raw, 3, shift=7, multiplier=3, scale=4, decimals=1)]
+    )
+    values = open_log(path).signal("Brake Pres").values
+    np.testing.assert_allclose(values, (raw / 4 * 0.1 + 7) * 3, rtol=1e-15)
+    half = write_ld(tmp_path / "y.ld", [LdChannel("Lat", "g", 50, np.linspace(-1, 1, 9).astype("<f2"), 7)])
+    np.testing.assert_array_equal(open_log(half).signal("Lat").values, np.linspace(-1, 1, 9).astype("f2"))
+
+
+def test_beacons_beside_an_ld_file_are_told(tmp_path):
+    path = tmp_path / "drive.ld"
+    ld(path)
+    path.with_suffix(".ldx").write_text(
+        '<?xml version="1.0"?><LDXFile><Layers><Layer><MarkerBlock><MarkerGroup Name="Beacons">'
+        '<Marker Version="100" ClassName="BCN" Name="Manual.1" Flags="77" Time="1.5e+06"/>'
+        '<Marker Version="100" ClassName="BCN" Name="Manual.2" Flags="77" Time="3.25e+06"/>'
+        "</MarkerGroup></MarkerBlock></Layer></Layers></LDXFile>"
+    )
+    notes = sa.read(path, {"v_x": "Ground Speed"}).notes
+    assert "'drive.ldx' marks 2 beacons, at t = 1.500, 3.250 s" in notes
+
+
+def test_a_file_beside_a_file_brings_more_channels(tmp_path):
+    imu, wheel = tmp_path / "imu.csv", tmp_path / "wheel.csv"
+    far = 1_777_644_000.0
+    imu.write_text("t,yaw [rad/s]\n" + "\n".join(f"{far + t:.6f},{r:.9f}" for t, r in zip(MADE.t, MADE.r, strict=True)))
+    late = MADE.t[::5] + 0.0031
+    rows = zip(late, np.interp(late, MADE.t, MADE.delta), strict=True)
+    wheel.write_text("t,angle\n" + "\n".join(f"{far + t:.6f},{a:.9f}" for t, a in rows))
+    data = sa.read(imu, {"delta": "angle", "r": "yaw"}, beside=[wheel], inputs=["delta"], outputs=["r"])
+    assert data.dt == pytest.approx(0.01)
+    at = data.t + 0.01  # the clock begins with the first instant that both have
+    np.testing.assert_allclose(data["r"], np.interp(at - 0.01 + 0.0031, MADE.t, MADE.r), atol=1e-4)
+
+
+def test_a_silent_topic_is_a_gap(tmp_path):
+    t = 0.01 * np.arange(600)
+    keep = (t < 2.0) | (t > 3.0)
+    rows = [
+        f"{t[k]:.2f},{np.sin(t[k]):.6f},{20 + np.sin(t[k]) if keep[k] and k % 5 == 0 else ''}" for k in range(len(t))
+    ]
+    path = tmp_path / "wide.csv"
+    path.write_text("t,r,v_x\n" + "\n".join(rows))
+    with pytest.raises(NotFiniteError, match=r"nan='merge'"):
+        sa.read(path)
+    data = sa.read(path, nan="merge")
+    assert len(data.starts) == 2
+    first, second = data.experiments
+    assert first.t[-1] == pytest.approx(1.95)
+    assert second.t[0] == pytest.approx(3.05)
+    np.testing.assert_allclose(data["v_x"], 20 + np.sin(data.t), atol=1e-3)
+
+
+def test_a_timetable_in_a_matlab_file_is_refused_with_the_way_out(tmp_path):
+    path = tmp_path / "x.mat"
+    savemat(path, {"who": "nobody", "n": 3.0})
+    with pytest.raises(MissingColumnError, match=r"holds no vectors .* table2struct"):
+        sa.read(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "what"),
+    [
+        ("Parquet", "pyarrow.parquet", "reading a Parquet file"),
+        ("Feather", "pyarrow.feather", "reading a Feather file"),
+        ("mdf4", "asammdf", "reading an MDF file"),
+        ("MATLAB 7.3", "h5py", "reading a MATLAB 7.3 file"),
+    ],
+)
+def test_a_library_that_is_absent_is_asked_for_by_its_extra(name, module, what, tmp_path, monkeypatch):
+    path = tmp_path / "run.bin"
+    FORMATS[name][0](path)
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ConfigError, match=rf"^{what} needs {module}, which .* pip install 'slipangle\[io\]'$"):
+        sa.read(path)
+
+
+def test_several_columns_of_one_name_are_told_apart(tmp_path):
+    path = write_ld(
+        tmp_path / "x.ld",
+        [LdChannel("Speed", "m/s", rate, np.arange(40 * rate // 10, dtype="<f4"), 7) for rate in (10, 100)],
+    )
+    with pytest.raises(ParameterError, match=r"2 columns named 'Speed'; .* 100 Hz\.Speed, 10 Hz\.Speed"):
+        sa.read(path, {"v_x": "Speed"})
+    assert sa.read(path, {"v_x": "10 Hz.Speed"}).n_samples == 40
+
+
+@pytest.mark.parametrize("cut", [9, 16, 0x3448, 0x3460, 0x3500, -1])
+def test_half_an_ld_file_is_refused(cut, tmp_path):
+    path = tmp_path / "x.ld"
+    ld(path)
+    path.write_bytes(path.read_bytes()[:cut])
+    with pytest.raises(FormatError, match="no whole MoTeC log"):
+        open_log(path)
+
+
+def test_an_ld_file_whose_channels_go_round_is_refused(tmp_path):
+    path = tmp_path / "x.ld"
+    ld(path)
+    raw = bytearray(path.read_bytes())
+    raw[0x3448 + 124 + 4 : 0x3448 + 124 + 8] = struct.pack("<I", 0x3448)
+    path.write_bytes(raw)
+    with pytest.raises(FormatError, match="has no end"):
+        open_log(path)
