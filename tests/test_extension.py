@@ -23,15 +23,19 @@ from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import ParameterSet
 from slipangle.models.storage import RECORDS, load, save
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.ops import cos, stack
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.realtime.backend import RealTime
-from slipangle.optimal.terms import Limits, Weights
+from slipangle.optimal.terms import Limits, Values, Weights
 from slipangle.report import Section, Text
+from slipangle.simulate.foreign import PlantFunctions
 from slipangle.simulate.manoeuvres import Manoeuvre, record
 from slipangle.simulate.plant import Plant
 from slipangle.units import SI
-from slipangle.workflow.drive import CONTROLLERS
+from slipangle.workflow.drive import CONTROLLERS, PLANTS
 from slipangle.workflow.kinds import KINDS
 from slipangle.workflow.page import SECTIONS
 from tests.workflow.test_cli import write_job
@@ -40,7 +44,7 @@ from tests.workflow.test_cli import write_job
 @pytest.fixture(autouse=True)
 def nothing_stays(monkeypatch):
     """What a test registers is gone after it."""
-    for registry in (KINDS, RECORDS, READERS, SIGNALS, CONTROLLERS, SECTIONS):
+    for registry in (KINDS, RECORDS, READERS, SIGNALS, CONTROLLERS, PLANTS, SECTIONS):
         monkeypatch.setattr(registry, "_things", dict(registry))
 
 
@@ -223,12 +227,50 @@ catalogue = 'sousa-table-6.1'
     assert "weak stanley" in capsys.readouterr().out
 
 
+# ---- a vehicle -----------------------------------------------------------------------------------------------------
+
+
+def test_a_vehicle_from_outside_is_driven_by_a_job(tmp_path, capsys):
+    @PLANTS.register("other bicycle")
+    def other(*, late: Annotated[float, Within(0, 1)] = 0.0):
+        model = OnGround(Bicycle(params=SOUSA_TABLE_7_2, dt=0.01, outputs=("v_y", "r")))
+        drive = []
+
+        def reset(start):
+            drive[:] = [Plant(model, delay=Values(delta=late)).start(model.straight(**start), np.zeros(2))]
+            return drive[0].true()
+
+        def step(commands):
+            drive[0].advance(np.array([commands["delta"], 10.0]), 1)
+            return drive[0].true()
+
+        names = ("X", "Y", "psi", "v_x", "v_y", "r")
+        return PlantFunctions(step=step, reset=reset, dt=0.01, inputs=("delta",), outputs=names)
+
+    job = "[controller]\nmodel = 'bicycle'\nv_x = 10.0\n[plant]\nkind = 'other bicycle'\nlate = 0.02\n"
+    path = write_job(tmp_path, more=job)
+    assert main(["run", str(path), "--out", str(tmp_path / "out"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["closed_loop"]["end"] == "FINISHED"
+    assert "a vehicle from outside, “other bicycle”" in (tmp_path / "out" / "index.html").read_text()
+    for bad, said in {
+        job.replace("0.02", "2"): "late is 2.0; expected 0 to 1",
+        job.replace("late", "later"): "no entry 'later'",
+        job.replace("other b", "others b"): "kind is 'others bicycle'",
+        job.replace("kind = 'other bicycle'\n", ""): "no entry 'late'",
+        job + "catalogue = 'sousa-table-6.1'": "a kind and a catalogue name",
+        job.replace("'other bicycle'\nlate = 0.02", "'process'\naddress = '10.0.0.1:1'"): "one of this machine",
+    }.items():
+        assert main(["run", str(write_job(tmp_path, more=bad)), "--out", str(tmp_path / "out")]) == 2
+        assert said in capsys.readouterr().err
+
+
 def test_what_can_be_listed(capsys):
     assert main(["list", "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)
     assert {what: set(names) for what, names in listed.items()} == {
         "models": set(KINDS),
         "controllers": set(CONTROLLERS),
+        "plants": set(PLANTS),
         "sections": set(SECTIONS),
         "readers": set(READERS),
         "signals": set(SIGNALS),

@@ -83,8 +83,10 @@ from slipangle.paths.lane_change import lane_changes as lane_changes
 from slipangle.paths.lane_change import obstacle_avoidance as obstacle_avoidance
 from slipangle.paths.path import Path as Path
 from slipangle.report.comparison import comparison_page as comparison_page
+from slipangle.simulate.foreign import PlantFunctions as PlantFunctions
 from slipangle.simulate.loop import closed_loop as closed_loop
 from slipangle.simulate.plant import Plant as Plant
+from slipangle.simulate.process import PlantProcess as PlantProcess
 from slipangle.simulate.run import Run as Run
 from slipangle.units import deg as deg
 from slipangle.units import kmh as kmh

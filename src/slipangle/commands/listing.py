@@ -10,6 +10,7 @@ from slipangle.registry import Registry
 _REGISTRIES = {  # what a user calls it: where it is
     "models": "slipangle.workflow.kinds:KINDS",
     "controllers": "slipangle.workflow.drive:CONTROLLERS",
+    "plants": "slipangle.workflow.drive:PLANTS",
     "sections": "slipangle.workflow.page:SECTIONS",
     "readers": "slipangle.data.readers:READERS",
     "signals": "slipangle.data.signals:SIGNALS",

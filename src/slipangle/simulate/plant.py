@@ -1,10 +1,11 @@
-"""`Plant`: a model run as the real vehicle, with sensor noise, input delay and actuator lag."""
+"""`Plant`: a model or a vehicle of any origin, run as the real one, with sensor noise, input delay and actuator lag."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, Any
 
 import casadi as ca
 import numpy as np
@@ -14,20 +15,22 @@ from slipangle.fields import Checked, Within
 from slipangle.models.fast import evaluate
 from slipangle.models.model import Model
 from slipangle.optimal.terms import Values, require_names
+from slipangle.simulate.foreign import Foreign, Held
 from slipangle.simulate.sensors import Sensors, Stream
 
 
 @dataclass(frozen=True)
 class Plant(Checked):
-    """The vehicle: any `Model`, run at its own sample time (usually a millisecond).
+    """The vehicle: any `Model`, run at its own sample time (usually a millisecond), or any `PlantProtocol`.
 
-    Raises ParameterError if a name is not known or a number negative.
+    Raises ParameterError if a name is not known, a number negative, or the vehicle is neither; it says what is missing.
 
     Parameters
     ----------
-    model : Model
+    model : Model or PlantProtocol
         Its states X, Y, psi (and v_x, as a state or input) are what a path controller needs; wrap a model
-        that lacks them in ``OnGround``.
+        that lacks them in ``OnGround``. Of anything else, what it measures stands where a model's states do; delay, lag
+        and noise said here come on top of its own.
     noise : Values
         Standard deviation of white sensor noise by measured channel, SI units. Measured are all outputs,
         states and inputs of the model.
@@ -41,7 +44,7 @@ class Plant(Checked):
         Of the noise; every channel has its own stream, so noise on one does not change another's.
     """
 
-    model: Model
+    model: Any
     _: KW_ONLY
     noise: Annotated[Values, Within(0)] = field(default_factory=Values)
     delay: Annotated[Values, Within(0)] = field(default_factory=Values)
@@ -51,6 +54,8 @@ class Plant(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not isinstance(self.model, Model | Foreign):
+            object.__setattr__(self, "model", Foreign(self.model))
         require_names(self.noise, self.channels, "noise", "use a state, output or input of the plant")
         require_names(self.sensors, self.channels, "sensors", "use a state, output or input of the plant")
         both = sorted(set(self.noise) & set(self.sensors))
@@ -75,7 +80,8 @@ class Plant(Checked):
 
     def start(self, x: np.ndarray, inputs: np.ndarray) -> Simulation:
         """A drive from state ``x``, with ``inputs`` held until now."""
-        return Simulation(self, np.asarray(x, dtype=float), np.asarray(inputs, dtype=float))
+        kind = ForeignSimulation if isinstance(self.model, Foreign) else Simulation
+        return kind(self, np.asarray(x, dtype=float), np.asarray(inputs, dtype=float))
 
     @cached_property
     def _share(self) -> np.ndarray:
@@ -104,7 +110,7 @@ class Simulation:
                 f"({model.n_states},) for {list(model.states)} and ({model.n_inputs},) for {list(model.inputs)}"
             )
         self._plant = plant
-        self._state = np.concatenate([x, inputs])
+        self._state = np.concatenate([self._begin(x), inputs])
         self._delay = [round(plant.delay.get(n, 0.0) / plant.dt) for n in model.inputs]
         self._past = np.tile(inputs, (max(self._delay, default=0), 1))
         self._many: dict[int, ca.Function] = {}
@@ -136,19 +142,31 @@ class Simulation:
         first = len(self._past)
         table = np.column_stack([commands[first - d : first - d + steps, j] for j, d in enumerate(self._delay)])
         self._past = commands[len(commands) - first :]
-        kernel = self._plant.model.steps
-        if kernel is not None:
-            now, share = self.inputs, self._plant._share
-            for k in range(steps):
-                table[k] = now = now + share * (table[k] - now)
-            states = np.hstack([kernel.run(self.x, table)[1:], table])
-        else:
-            if steps not in self._many:
-                self._many[steps] = self._plant._step.mapaccum("many", steps, {"base": 4})
-            states = np.asarray(self._many[steps](self._state, table.T).full()).T
+        states = self._run(table)
         self._sense(states)
         self._state = states[-1].copy()
         self._tick += steps
+
+    def _begin(self, x: np.ndarray) -> np.ndarray:
+        """State that the drive begins with."""
+        return x
+
+    def _lagged(self, table: np.ndarray) -> np.ndarray:
+        """Where the actuators are after each step, in place of the commands that have reached them."""
+        now, share = self.inputs, self._plant._share
+        for k in range(len(table)):
+            table[k] = now = now + share * (table[k] - now)
+        return table
+
+    def _run(self, table: np.ndarray) -> np.ndarray:
+        """States and inputs after each step, shape (steps, n_states + n_inputs), from commands without their delay."""
+        kernel, steps = self._plant.model.steps, len(table)
+        if kernel is not None:
+            table = self._lagged(table)
+            return np.hstack([kernel.run(self.x, table)[1:], table])
+        if steps not in self._many:
+            self._many[steps] = self._plant._step.mapaccum("many", steps, {"base": 4})
+        return np.asarray(self._many[steps](self._state, table.T).full()).T
 
     def _sense(self, states: np.ndarray) -> None:
         """Let the sensors sample the steps after now, shape (steps, n_states + n_inputs)."""
@@ -179,3 +197,41 @@ class Simulation:
         for name, (std, rng) in self._noise.items():
             values[name] += std * float(rng.standard_normal())
         return values
+
+
+class ForeignSimulation(Simulation):
+    """A drive of a plant that is no model: its measurements are its state, the last known one while one is missing."""
+
+    def _begin(self, x: np.ndarray) -> np.ndarray:
+        model = self._plant.model
+        self._held = Held(model, model.reset(x))
+        return self._held.values
+
+    def _run(self, table: np.ndarray) -> np.ndarray:
+        table = self._lagged(table)
+        seen = np.array([self._held.step(row) for row in table])
+        return np.hstack([seen, table])
+
+    def advance(self, command: np.ndarray, steps: int) -> None:
+        """Hold a command for some steps of the plant.
+
+        Raises SimulationError or ParameterError if the plant fails or answers with something else than numbers.
+        """
+        super().advance(command, steps)
+        self._state[: len(self._held.values)] = self._held.values
+
+    def _sense(self, states: np.ndarray) -> None:
+        for name, stream in self._streams.items():
+            known = (*self._plant.model.states, *self._plant.model.inputs)
+            stream.feed(self._tick + 1, states[:, known.index(name)])
+
+    def true(self) -> dict[str, float]:
+        """What it measured last, and its inputs, by name."""
+        model = self._plant.model
+        values = dict(zip(model.inputs, self.inputs.tolist(), strict=True))
+        return values | dict(zip(model.states, self.x.tolist(), strict=True))
+
+    def measure(self) -> dict[str, float]:
+        """Every channel now, as `Simulation.measure`; NaN where the plant measured nothing."""
+        values = super().measure()
+        return values | dict.fromkeys((n for n in self._held.missing if n not in self._streams), math.nan)

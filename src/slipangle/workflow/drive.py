@@ -2,12 +2,13 @@
 
 A package adds a controller with ``@CONTROLLERS.register("name")`` above a function ``(model, settings, ...)`` that
 returns one, or by an entry point of the group ``slipangle.controllers``. Its further arguments are entries of
-``[controller]``.
+``[controller]``. In the same way ``@PLANTS.register("name")``, or an entry point of ``slipangle.plants``, adds a
+vehicle to drive: its arguments are entries of ``[plant]``, what it returns is a `PlantProtocol` or a `Model`.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any, Literal, Self
 
 from slipangle.control.controller import Controller
@@ -25,8 +26,10 @@ from slipangle.optimal.terms import Limits, Values, Weights
 from slipangle.paths import lane_change as manoeuvres
 from slipangle.paths.path import Path
 from slipangle.registry import Registry
+from slipangle.simulate.foreign import PlantProtocol
 from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.plant import Plant
+from slipangle.simulate.process import PlantProcess
 from slipangle.simulate.run import Run
 from slipangle.units import deg
 from slipangle.workflow.entries import Seed, Weight, Within, arguments, common
@@ -44,12 +47,40 @@ NOISE = {"v_y": 0.02, "r": 0.002, "X": 0.02, "Y": 0.02, "psi": 0.001, "v_x": 0.0
 
 @dataclass(frozen=True, kw_only=True)
 class PlantSettings:
-    """The car that the controller drives in simulation."""
+    """The car that the controller drives in simulation: one of `PLANTS`, of the catalogue, or around the bicycle.
 
+    ``entries`` are the table's other ones: those that the kind takes, checked.
+    """
+
+    kind: str = ""
     catalogue: str = ""
     friction: Annotated[float, Within(0.01, 10)] = 1.0
     noise: dict[str, Weight] = field(default_factory=dict)
     seed: Seed = 0
+    entries: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def from_table(cls, table: dict[str, Any], where: str) -> Self:
+        """Entries of every plant, and those of its kind."""
+        wanted, own = common(cls, table, where)
+        if not wanted.kind and own:
+            names = [f.name for f in fields(cls) if f.name != "entries"]
+            other = next(iter(own))
+            raise ConfigError(
+                f"{where} has no entry {shown(other)}; {nearest(other[:60], names)}: use one of these names"
+            )
+        if not wanted.kind:
+            return wanted
+        if wanted.kind not in PLANTS:
+            near = nearest(wanted.kind[:60], PLANTS)
+            raise ConfigError(f"{where}: kind is {shown(wanted.kind)}; {near}: use one of these")
+        if wanted.catalogue:
+            raise ConfigError(f"{where} has a kind and a catalogue name; expected one of them: leave the other out")
+        return replace(wanted, entries=arguments(PLANTS[wanted.kind], own, where))
+
+
+PLANTS: Registry[Callable[..., Model | PlantProtocol]] = Registry("plant", "slipangle.plants")
+"""What ``kind`` in a job's ``[plant]`` may be: functions that return a vehicle."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,8 +122,17 @@ def drive(
     plant, driver, description = build_plant(plant_settings, model)
     controller = CONTROLLERS[wanted.kind](model, wanted, **wanted.entries)
     path = build_path(wanted)
-    run = closed_loop(plant, controller, path, driver=driver, width=wanted.width, progress=progress)
+    try:
+        run = closed_loop(plant, controller, path, driver=driver, width=wanted.width, progress=progress)
+    finally:
+        getattr(getattr(plant.model, "system", None), "close", int)()
     return run, description, controller
+
+
+@PLANTS.register("process")
+def plant_process(*, address: str) -> PlantProcess:
+    """A vehicle in another process on this machine, such as at "127.0.0.1:5005"; see `PlantProcess`."""
+    return PlantProcess(address)
 
 
 @CONTROLLERS.register("mpc")
@@ -135,8 +175,10 @@ def build_path(wanted: ControllerSettings) -> Path:
     return _MANOEUVRES[wanted.manoeuvre](wanted.v_x, width=wanted.width)
 
 
-def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver, str]:
-    """A single track with wheel spin and saturating tires: from the catalogue, or around the identified bicycle."""
+def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver | None, str]:
+    """The vehicle that is named, or a single track: from the catalogue, or around the identified bicycle."""
+    if wanted.kind:
+        return _foreign(wanted)
     if wanted.catalogue:
         if wanted.catalogue not in _PLANTS:
             raise ConfigError(
@@ -161,6 +203,20 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
     reach = 0.8 * params.mass * GRAVITY * params.radius
     driver = SpeedDriver.for_car(mass=params.mass, radius=params.radius, limits=(-reach, 0.5 * reach))
     return Plant(car, noise=Values(**noise), seed=wanted.seed, delay=delay, lag=lag), driver, text
+
+
+def _foreign(wanted: PlantSettings) -> tuple[Plant, SpeedDriver | None, str]:
+    """A vehicle from outside, and who holds its speed: its input v_x, an acceleration a_x, or the vehicle itself."""
+    plant = Plant(PLANTS[wanted.kind](**wanted.entries), noise=Values(**wanted.noise), seed=wanted.seed)
+    others = [n for n in plant.model.inputs if n not in ("delta", "v_x", "a_x")]
+    if others or "delta" not in plant.model.inputs:
+        raise ConfigError(
+            f"the plant '{wanted.kind}' has the inputs {shown(list(plant.model.inputs))}; expected delta [rad] and, "
+            "where it does not hold its speed by itself, v_x [m/s] or a_x [m/s2]: turn others into these there"
+        )
+    driver = SpeedDriver(kp=(2.0,), ki=(1.0,), limits=(-8.0, 4.0), feedforward=1.0, drive=Values(a_x=1.0))
+    text = f"a vehicle from outside, “{wanted.kind}”, at {1000 * plant.dt:g} ms a step"
+    return plant, driver if "a_x" in plant.model.inputs else None, text
 
 
 def _late(model: Model, name: str) -> Values:

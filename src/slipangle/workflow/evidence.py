@@ -214,6 +214,7 @@ def _drive_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
     if wanted is None or run is None:
         return
     right, left = run.path.boundaries()
+    own = "" if outcome.settings.plant.kind else ", stepped at 1 kHz, with sensor noise"
     limit = deg(wanted.delta_max)
     rows = [
         report.Signal(channel=Channel("delta", "rad"), values=run["delta"], lower=-limit, upper=limit, held=True),
@@ -249,7 +250,7 @@ def _drive_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
         ),
         report.Text(
             text=f"{_controller(outcome)}; the first step, which starts cold, took {1000 * run.seconds[0]:.1f} ms and "
-            f"is left out of the statistics. Plant: {outcome.plant}, stepped at 1 kHz, with sensor noise."
+            f"is left out of the statistics. Plant: {outcome.plant}{own}."
         ),
     ]
     yield report.Section(title="Controller in closed loop", short="Closed loop", blocks=tuple(blocks))
