@@ -242,7 +242,10 @@ def emit(function: ca.Function, name: str, kind: str = "double", *, lanes: Seque
         value[outputs[0]] = known[text]
         if code == ca.OP_ATAN:
             arc[known[text]] = operands[0]
-    return "\n".join([*lines, "    (void)lane;", "}", ""] if lanes else [*lines, "}", ""])
+    names = [a.rpartition(" ")[2].removeprefix("*restrict ") for a in arguments]
+    said = "\n".join(lines[1:])
+    unused = [f"(void){name};" for name in names if f"{name}[" not in said]
+    return "\n".join([*lines, *([f"    {' '.join(unused)}"] if unused else []), "}", ""])
 
 
 def _expression(code: int, operands: Sequence[str], kind: str, prefix: str) -> str:

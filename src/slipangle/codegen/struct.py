@@ -4,34 +4,37 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from math import prod
-from typing import Any
 
 import numpy as np
 
+ALIGNED = 64  # bytes, of the widest vectors
+
+
+def clock() -> str:
+    """C of ``monotonic()``, seconds of the system's clock; to be put before anything else."""
+    text = (files("slipangle.codegen") / "clock.h").read_text(encoding="utf-8")
+    return f"#define _POSIX_C_SOURCE 200809L\n{text}"
+
 
 def accessors(prefix: str, names: Sequence[str]) -> str:
-    """C of ``PREFIX_new``, ``PREFIX_free`` and ``PREFIX_at`` for a struct ``Work``: zeros, and where its fields are."""
+    """C of ``PREFIX_size`` and ``PREFIX_at`` for a struct ``Work``: its bytes, and where its fields are."""
     cases = "\n".join(f"    case {i}: return &s->{name};" for i, name in enumerate(names))
     return f"""
-Work *{prefix}_new(void)
-{{
-    void *at = NULL;
-    return posix_memalign(&at, 64, sizeof(Work)) ? NULL : memset(at, 0, sizeof(Work));
-}}
-void {prefix}_free(Work *s) {{ free(s); }}
+long {prefix}_size(void) {{ return (long)sizeof(Work); }}
 void *{prefix}_at(Work *s, int i)
 {{
     switch (i) {{
 {cases}
     }}
-    return NULL;
+    return (void *)0;
 }}
 """
 
 
 class Struct:
-    """A struct of a library with `accessors`, freed with this object.
+    """A struct of a library with `accessors`, zeros to begin with, in memory of this object.
 
     Fields are numbers, or arrays of these ``shapes``; those in ``counts`` are whole numbers.
     """
@@ -44,17 +47,14 @@ class Struct:
         shapes: Mapping[str, tuple[int, ...]],
         counts: Sequence[str] = (),
     ) -> None:
-        new, self._free, at = (getattr(library, f"{prefix}_{what}") for what in ("new", "free", "at"))
-        self.pointer = ctypes.c_void_p(new())
-        if not self.pointer:
-            raise MemoryError("no memory for the solver")
+        size, at = (getattr(library, f"{prefix}_{what}") for what in ("size", "at"))
+        raw = np.zeros(size() + ALIGNED, dtype=np.uint8)
+        self._memory = raw[-raw.ctypes.data % ALIGNED :]
+        start = self._memory.ctypes.data
+        self.pointer = ctypes.c_void_p(start)
         self.fields: dict[str, np.ndarray] = {}
         for i, name in enumerate(names):
             shape = shapes.get(name, (1,))
-            kind, dtype = (ctypes.c_int64, np.int64) if name in counts else (ctypes.c_double, np.float64)
-            block: Any = (kind * max(prod(shape), 1)).from_address(at(self.pointer, i))
-            self.fields[name] = np.frombuffer(block, dtype=dtype)[: prod(shape)].reshape(shape)
-
-    def __del__(self) -> None:
-        if getattr(self, "pointer", None):
-            self._free(self.pointer)
+            first = at(self.pointer, i) - start
+            block = self._memory[first : first + 8 * max(prod(shape), 1)]
+            self.fields[name] = block.view(np.int64 if name in counts else np.float64)[: prod(shape)].reshape(shape)

@@ -8,28 +8,19 @@ import numpy as np
 
 from slipangle.codegen import compiler as compiled
 from slipangle.codegen.expression import preamble
+from slipangle.codegen.struct import Struct, accessors, clock
 
 SOLVED, INFEASIBLE = 0, 1
 MOST_INPUTS, MOST_ROWS = 40, 120
-HEAD = f"""\
-#define _POSIX_C_SOURCE 200809L
+HEAD = f"""{clock()}
 #define QP_ANY_SIZE
 #define QN {MOST_INPUTS}
 #define QR 1
 #define QD {MOST_ROWS}
-#include <stdlib.h>
-#include <time.h>
 """
-CALLS = """
-Qp *qp_new(void)
-{
-    void *at = NULL;
-    return posix_memalign(&at, 64, sizeof(Qp)) ? NULL : memset(at, 0, sizeof(Qp));
-}
-void qp_free(Qp *q)
-{
-    free(q);
-}
+CALLS = (
+    accessors("qp", ["u"])
+    + """
 /* H, A by row; limits, weights: inputs first, then rows of A. */
 int qp_run(Qp *q, int n, int m, const double *H, const double *g, const double *A, const double *lo, const double *hi,
            const double *plain, const double *square, int warm, double *u, double *lambda, double *kkt)
@@ -56,24 +47,20 @@ int qp_run(Qp *q, int n, int m, const double *H, const double *g, const double *
     return status;
 }
 """
+)
 
 
 @cache
 def library():
     own = (files("slipangle.optimal.realtime") / "qp.c").read_text(encoding="utf-8")
-    found = compiled.library("\n".join([HEAD, preamble("V"), own, CALLS]), name="qp")
-    found.qp_new.restype = ctypes.c_void_p
-    found.qp_free.argtypes = [ctypes.c_void_p]
-    return found
+    return compiled.library("\n".join([HEAD, preamble("V"), own, "typedef Qp Work;", CALLS]), name="qp")
 
 
 class Solver:
     def __init__(self):
         self.lib = library()
-        self.at = ctypes.c_void_p(self.lib.qp_new())
-
-    def __del__(self):
-        self.lib.qp_free(self.at)
+        self.memory = Struct(self.lib, "qp", ["u"], {})
+        self.at = self.memory.pointer
 
     def __call__(self, problem, warm=False):
         H, g, A, lo, hi, plain, square = problem

@@ -280,7 +280,7 @@ static void report(Work *s)
 
 int marx_plan(Work *s)
 {
-    double begin = now();
+    double begin = now(&s->qp);
     if (!(moderate(s->x, NS) && moderate(s->path, (NH + 1) * 3) && moderate(s->v, NH) && moderate(s->applied, 1) &&
           moderate(s->offset, NY)))
         return NOT_FINITE;
@@ -305,7 +305,7 @@ int marx_plan(Work *s)
     }
     *s->cost = fixed;
     report(s);
-    *s->seconds = now() - begin;
+    *s->seconds = now(&s->qp) - begin;
     return DONE;
 }
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from slipangle.codegen.compiler import library
 from slipangle.codegen.expression import preamble
-from slipangle.codegen.struct import Struct, accessors
+from slipangle.codegen.struct import Struct, accessors, clock
 from slipangle.control.marx.interpreted import Interpreted
 from slipangle.control.marx.problem import Answer, MarxProgram, Numbers, Offset, Solver
 from slipangle.numerics.per_thread import OfThreads, of_thread
@@ -50,9 +50,8 @@ def source(problem: MarxProgram) -> str:
     shared = [files("slipangle.optimal.realtime") / name for name in ("ranges.c", "qp.c")]
     text = [preamble("V"), *(file.read_text(encoding="utf-8") for file in shared)]
     own = (files("slipangle.control.marx") / "marx.c").read_text(encoding="utf-8")
-    head = "#define _POSIX_C_SOURCE 200809L\n#include <stdlib.h>\n#include <time.h>\n"
-    head += "\n".join(f"#define {k} {v}" for k, v in sizes.items())
-    return "\n".join([head, *text, _shares(problem), own, accessors("marx", FIELDS)])
+    head = [clock(), *(f"#define {k} {v}" for k, v in sizes.items())]
+    return "\n".join([*head, *text, _shares(problem), own, accessors("marx", FIELDS)])
 
 
 def _shares(problem: MarxProgram) -> str:

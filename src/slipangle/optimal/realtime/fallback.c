@@ -52,7 +52,7 @@ static int follow_inputs(Work *s, double until, double near)
             s->x[i] += s->dx[i];
             most = larger(most, fabs(s->dx[i]) / (1 + fabs(s->x[i])));
         }
-        if ((sweep && most * most <= near * before) || now() > until)
+        if ((sweep && most * most <= near * before) || now(&s->qp) > until)
             break;
         fresh = sweep && !(most <= 0.3 * before);
     }
@@ -65,7 +65,7 @@ static int follow_inputs(Work *s, double until, double near)
    ones shifted. 0, and nothing done, where something given is no number. The iterate stays as it was. */
 int rt_fallback(Work *s, int later, int stopping, int known)
 {
-    double until = now() + s->time_limit, size = 0;
+    double until = now(&s->qp) + s->time_limit, size = 0;
     for (int j = 0; j < NU; j++)
         size += s->applied[j] * s->applied[j];
     if (!(size <= ANY_INPUT * ANY_INPUT && moderate(s->way_u, N * NU) && moderate(s->way_x, (N + 1) * NX)))

@@ -11,7 +11,7 @@ import numpy as np
 
 from slipangle.codegen.elimination import elimination_code, nonzeros, stages_pattern
 from slipangle.codegen.expression import emit, fewer_divisions, only, preamble, scalar_code
-from slipangle.codegen.struct import accessors
+from slipangle.codegen.struct import accessors, clock
 from slipangle.numerics.integrate import RADAU_A, RETRY
 from slipangle.optimal.checks import ANY
 from slipangle.optimal.ocp import OCP
@@ -68,10 +68,8 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
     return "\n".join(
         [
             "/* Generated from one optimal control problem. */",
-            "#define _POSIX_C_SOURCE 200809L",
+            clock(),
             '#pragma GCC optimize("O1")' if sum(map(len, code)) > LONG else "",
-            "#include <stdlib.h>",
-            "#include <time.h>",
             *head,
             _casadi_code(called) if called else "",
             preamble("V"),

@@ -525,7 +525,7 @@ static int begins(Work *s, int part)
 {
     if (!(s->qp.until < INFINITY))
         return 1;
-    s->since = now();
+    s->since = now(&s->qp);
     if (s->since + s->took[part] <= s->qp.until)
         return 1;
     s->took[part] *= 0.8; /* that may have been an exception */
@@ -533,7 +533,7 @@ static int begins(Work *s, int part)
 }
 static void ends(Work *s, int part)
 {
-    double took = now() - s->since; /* much longer than ever: another program had the processor */
+    double took = now(&s->qp) - s->since; /* much longer than ever: another program had the processor */
     if (s->qp.until < INFINITY)
         s->took[part] = s->took[part] > 0 ? smaller(took, 2 * s->took[part]) : took;
 }
@@ -568,7 +568,7 @@ static void roll_out(Work *s)
     memcpy(s->x, s->x0, sizeof s->x0);
     memset(s->k, 0, sizeof s->k);
     for (int m = 0, late = 0; m < NS; m++) {
-        late = late || (s->qp.until < INFINITY && now() > s->qp.until);
+        late = late || (s->qp.until < INFINITY && now(&s->qp) > s->qp.until);
         if (!late)
             evaluate_dynamics(s, m, 1);
         memcpy(s->x + (m + 1) * NX, late ? s->x + m * NX : s->next + m * NX, sizeof s->x0);
@@ -577,7 +577,7 @@ static void roll_out(Work *s)
 
 static int prepare(Work *s)
 {
-    double begin = now();
+    double begin = now(&s->qp);
     int status = TIME_OUT;
     if (s->ahead || begins(s, LINEARISE)) {
         s->from = FROM;
@@ -591,7 +591,7 @@ static int prepare(Work *s)
         ends(s, CONDENSE);
     } else if (status == SOLVED)
         status = TIME_OUT;
-    s->seconds_prepare = now() - begin;
+    s->seconds_prepare = now(&s->qp) - begin;
     return status;
 }
 
@@ -648,7 +648,7 @@ static int solve_qp(Work *s, int warm)
 /* Full step of the prepared problem from the state now; what it led to is linearised if it is the `last` one. */
 static int feedback(Work *s, int last)
 {
-    double begin = now();
+    double begin = now(&s->qp);
     int status = solve_qp(s, !s->fresh);
     if (status == SOLVED) {
         move(s, 1);
@@ -661,9 +661,10 @@ static int feedback(Work *s, int last)
         } else
 #endif
             check(s);
+        (void)last;
         s->iterations++;
     }
-    s->seconds_feedback = now() - begin;
+    s->seconds_feedback = now(&s->qp) - begin;
     return status == SOLVED ? ITERATED : status;
 }
 
@@ -736,7 +737,7 @@ static int converge(Work *s, int64_t most, int loose)
         double here = merit(s, &cost, &violation), t = 1, there = here, predicted = fmax(here - promised(s), 0);
         int last = violation <= 1e-6 && s->damp <= 1e-8 && (s->step <= s->tolerance ||
                                          (s->step <= 1e3 * s->tolerance && predicted <= 1e-12 * fabs(here)));
-        past[n % 3] = here;
+        past[(int)(n % 3)] = here;
         double allowed = fmax(fmax(past[0] < INFINITY ? past[0] : here, past[1] < INFINITY ? past[1] : here),
                               past[2] < INFINITY ? past[2] : here);
         for (;;) {
@@ -771,7 +772,7 @@ static int converge(Work *s, int64_t most, int loose)
             s->damp = s->damp > 1e-4 ? 0.2 * s->damp : 0;
         else if (t <= 0.25 && s->step > FAR) { /* where the model of the step does not hold, nor remembered steps */
             s->damp = fmax(4 * s->damp, 1e-3);
-            calm = s->pairs = 0;
+            s->pairs = 0, calm = 0;
         }
     }
     return accepted(s) ? ITERATED : ITERATION_LIMIT;
@@ -800,7 +801,7 @@ static void start_from_nothing(Work *s)
     memcpy(s->u_from, s->u, sizeof s->u);
     memcpy(s->x_from, s->x, sizeof s->x);
     memcpy(s->k_from, s->k, sizeof s->k);
-    if (now() > s->qp.until)
+    if (now(&s->qp) > s->qp.until)
         return;
     if (try_inputs(s, s->applied) > relaxed) {
         memcpy(s->u, s->u_from, sizeof s->u);
@@ -898,16 +899,16 @@ static int finish(Work *s, int status)
 
 int rt_feedback(Work *s)
 {
-    double begin = now();
+    double begin = now(&s->qp);
     s->qp.until = begin + s->time_limit;
     int status = finish(s, feedback(s, 0));
-    s->seconds = now() - begin;
+    s->seconds = now(&s->qp) - begin;
     return status;
 }
 
 int rt_solve(Work *s)
 {
-    double begin = now();
+    double begin = now(&s->qp);
     s->qp.until = begin + s->time_limit;
     s->seconds_prepare = s->seconds_feedback = 0;
     start(s);
@@ -927,7 +928,7 @@ int rt_solve(Work *s)
             status = ITERATED;
         status = finish(s, status);
     }
-    s->seconds = now() - begin;
+    s->seconds = now(&s->qp) - begin;
     return status;
 }
 
