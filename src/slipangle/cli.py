@@ -1,11 +1,11 @@
-"""The command line: ``slipangle demo | run | inspect | advise | list | data | reproduce | bench``."""
+"""The command line: ``slipangle demo | run | inspect | advise | export | list | data | reproduce | bench``."""
 
 import argparse
 import re
 import sys
 from collections.abc import Sequence
 
-from slipangle.commands import Commands, data, job, listing, log, models, reproduce, run, search, tire
+from slipangle.commands import Commands, data, export, job, listing, log, models, reproduce, run, search, tire
 from slipangle.errors import SlipangleError
 
 _STORY = """\
@@ -16,6 +16,7 @@ Start here:
   slipangle run examples/ferrari_250lm.toml   the same on a real race car's log
   slipangle inspect log.csv                   what is wrong with a log, before anything is fitted
   slipangle advise job.toml                   what to drive next
+  slipangle export c job.toml                 its controller as C that runs without Python
   slipangle list                              kinds of models, signals, controllers and so on, added ones too
   slipangle data list                         public data sets, with licence and origin
   slipangle reproduce table-8.2               a table of the thesis, with our number beside the printed one
@@ -57,7 +58,7 @@ def _parser() -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(prog="slipangle", description=_STORY, epilog=_EXITS, formatter_class=raw)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for group in (job, log, models, search, tire, listing, data, reproduce):
+    for group in (job, log, models, export, search, tire, listing, data, reproduce):
         group.add(Commands(commands))
     return parser
 

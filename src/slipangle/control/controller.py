@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import abc
 from functools import cached_property
+from importlib import import_module
+from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
@@ -60,6 +62,13 @@ class Controller(abc.ABC):
     @cached_property
     def _shape_x(self) -> tuple[int, int]:
         return self.horizon + 1, len(self.model.states)
+
+    def export(self, folder: str | FilePath, **settings: Any) -> FilePath:
+        """Write the controller as C that runs without Python; see `slipangle.export.export`, also for its settings.
+
+        Raises ParameterError if there is no C of it, WriteError if the folder is not empty or cannot be written.
+        """
+        return import_module("slipangle.export").export(self, folder, **settings)  # a room above this one
 
     @abc.abstractmethod
     def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:

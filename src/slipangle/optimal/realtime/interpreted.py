@@ -259,7 +259,7 @@ class WorkArea(Engine):
             return self._solution(u, x, iterate, k=k)
         if status is Status.TIME_OUT or perf_counter() > self._until:
             return self._solution(u, x, replace(iterate, status=Status.TIME_OUT))
-        return self._solution(*self._converge(u, x, MORE, loose=True, before=count))
+        return self._solution(*self._converge(u, x, min(MORE, self._settings.max_iterations), loose=True, before=count))
 
     def _true(self, u: np.ndarray, x: np.ndarray, promise: Promise) -> Truth:
         """`_judge` of a full step, by the values there."""

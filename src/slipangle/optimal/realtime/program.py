@@ -33,7 +33,7 @@ FIELDS = (  # of the C struct, as seen from Python
 COUNTS = "max_iterations fixed fresh iterations qp_iterations".split()
 
 
-def source(ocp: OCP, *, lanes: int = 0) -> str:
+def source(ocp: OCP, *, lanes: int = 0, caller: bool = False) -> str:
     """The whole C source.
 
     Parameters
@@ -42,6 +42,8 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
         The problem; everything but states, references, weights and bounds of a corridor is compiled in.
     lanes : int
         Columns per vector; by default what the processor has.
+    caller : bool
+        Whether a caller in C brings the clock and knows the struct, so that nothing of the system is asked.
     """
     stage = stage_function(ocp)
     stage_lanes = scalar_code(stage)
@@ -68,7 +70,7 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
     return "\n".join(
         [
             "/* Generated from one optimal control problem. */",
-            clock(),
+            "" if caller else clock(),
             '#pragma GCC optimize("O1")' if sum(map(len, code)) > LONG else "",
             *head,
             _casadi_code(called) if called else "",
@@ -77,7 +79,7 @@ def source(ocp: OCP, *, lanes: int = 0) -> str:
             *code,
             _scratch(called, bool(parts)),
             *map(_text, ("ranges.c", "qp.c", "work.c", "stages.c", "solver.c", "fallback.c", "judge.c")),
-            accessors("rt", [*FIELDS, *COUNTS]),
+            "" if caller else accessors("rt", [*FIELDS, *COUNTS]),
         ]
     )
 

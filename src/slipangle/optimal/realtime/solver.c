@@ -892,7 +892,7 @@ static int finish(Work *s, int status)
     if (status == ITERATED && accepted(s))
         return status;
     if (status == ITERATED)
-        status = converge(s, MORE, 1);
+        status = converge(s, s->max_iterations < MORE ? s->max_iterations : MORE, 1);
     keep_inputs(s);
     return status;
 }

@@ -1,0 +1,78 @@
+"""``slipangle export``: what was identified as source code that runs without Python."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from slipangle.commands import Answer, Commands
+from slipangle.commands.models import load_models, read_job
+from slipangle.commands.progress import Bar
+from slipangle.errors import ConfigError
+from slipangle.files import check_output
+
+if TYPE_CHECKING:
+    from slipangle.export import Drive
+
+
+def add(commands: Commands) -> None:
+    """Describe the commands."""
+    about = "Write what a job or a file holds as source code that needs no Python, a folder of its own."
+    group = commands.group("export", "a controller or a model as source code that runs without Python", about)
+    sub = group.add("c", _c, "self-contained C99: source, header, replay of a drive, Makefile, CMake, README")
+    sub.add_argument("what", metavar="JOB.toml|MODEL.json", help="a job with a [controller], or a model's file")
+    sub.add_argument("--out", help="folder for the files (default: slipangle-out/export/NAME)")
+    sub.add_argument("--name", help="with which files and functions begin (default: mpc, model, ...)")
+    sub.add_argument("--force", action="store_true", help="write into a folder that is not empty too")
+
+
+def _c(options: argparse.Namespace) -> Answer:
+    """Write the controller of JOB.toml, on the model that the job identifies, or the model of MODEL.json as C99.
+
+    The program in the folder replays the job's manoeuvre, recorded here, wherever it is compiled.
+    """
+    from slipangle.export import export
+    from slipangle.export.names import checked
+
+    name = checked(options.name) if options.name else ""
+    folder = Path(options.out or f"slipangle-out/export/{name or Path(options.what).stem}")
+    check_output(folder)
+    with Bar(quiet=options.json) as bar:
+        if options.what.endswith(".json"):
+            thing: Any = next(iter(load_models([options.what]).values()))
+            drive: Drive | None = None
+        else:
+            thing, drive = _controller(options.what, bar)
+        bar(0.95, "writing C")
+        made = export(thing, folder, name=name, force=options.force, **({} if drive is None else {"drive": drive}))
+    listed = sorted(p.name for p in made.iterdir())
+    words = f"{made.resolve()}\n  {', '.join(listed)}\nTry it: make -C '{made}' replay"
+    return Answer({"folder": str(made), "files": listed}, words)
+
+
+def _controller(file: str, bar: Bar) -> tuple[Any, Drive]:
+    """The controller of a job and the drive of its manoeuvre.
+
+    Raises ConfigError if the job has none.
+    """
+    from slipangle.export import Recorder
+    from slipangle.simulate.loop import closed_loop
+    from slipangle.workflow.drive import CONTROLLERS, build_path, build_plant
+    from slipangle.workflow.job import identify
+
+    settings, logs = read_job(file)
+    wanted = settings.controller
+    if wanted is None:
+        raise ConfigError(
+            f"'{file}' has no [controller]; expected one to export: add it, or name a model that 'slipangle identify' "
+            "wrote"
+        )
+    bar(0.1, f"identifying {wanted.model}")
+    model = identify(next(m for m in settings.model if m.name == wanted.model), logs.train)
+    bar(0.5, "driving in closed loop")
+    controller = CONTROLLERS[wanted.kind](model, wanted, **wanted.entries)
+    plant, driver, _ = build_plant(settings.plant, model)
+    recorder = Recorder(controller)
+    closed_loop(plant, recorder, build_path(wanted), driver=driver, width=wanted.width)  # type: ignore[arg-type]
+    return controller, recorder.drive

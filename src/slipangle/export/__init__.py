@@ -1,0 +1,55 @@
+"""Out of the lab: controllers and models as C that runs without Python, each a folder of its own.
+
+Start with `export`, or the method of that name of a controller or a model.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from slipangle.export.drives import DEFAULT_STEPS, Drive, Recorder
+from slipangle.export.kinds import project_of
+from slipangle.export.names import checked
+from slipangle.export.project import write
+
+
+def export(
+    thing: Any, folder: str | Path, *, name: str = "", drive: Drive | int = DEFAULT_STEPS, force: bool = False
+) -> Path:
+    """Write a controller as self-contained C99 into a folder.
+
+    The folder has the source, a header with units and ranges, a wrapper for C++17, a program that replays a recorded
+    drive, a Makefile, CMakeLists.txt, a README and a manifest with checksums. The code allocates nothing, opens no
+    file, reads no clock but the caller's, and keeps all its memory in one struct.
+
+    Parameters
+    ----------
+    thing : MPC
+        What to export.
+    folder : str or Path
+        Where; a new or an empty folder.
+    name : str, optional
+        With which files and functions begin; by default what is exported, such as ``mpc``.
+    drive : Drive or int
+        What the program replays: see `slipangle.export.drives.Recorder`; or so many steps of a drive of the
+        controller's own model.
+    force : bool
+        Write into a folder that is not empty too.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    ParameterError
+        If the thing has no C, or the name cannot be one there.
+    WriteError
+        If the folder is not empty or cannot be written.
+    """
+    return write(project_of(thing, checked(name) if name else "", drive), folder, force=force)
+
+
+__all__ = ["Drive", "Recorder", "export"]

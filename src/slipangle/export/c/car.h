@@ -1,0 +1,118 @@
+/* @TITLE@.
+   Written by slipangle; SI units and radians, axes of ISO 8855.
+
+   One struct holds all memory; nothing is allocated, no file and no clock is read, and every loop is bounded. A plan is
+   always finite and within limits and rates, whatever is given. Ranges are those beyond which a value is taken for a
+   fault. */
+
+#ifndef CAR_H
+#define CAR_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Doubles per vector, the same in all files of a program: 8, 4, 2, or 1 where the processor has no vectors of doubles. */
+#ifndef CAR_LANES
+#if defined __AVX512F__
+#define CAR_LANES 8
+#elif defined __AVX__
+#define CAR_LANES 4
+#elif defined __SSE2__ || defined __aarch64__ || defined __wasm_simd128__
+#define CAR_LANES 2
+#else
+#define CAR_LANES 1
+#endif
+#endif
+@BYTES@
+#else
+#error "CAR_LANES must be 1, 2, 4 or 8"
+#endif
+
+@COUNTS@
+#define CAR_DT @DT@ /* time from plan to plan [s] */
+
+/* Entries of the state. */
+@STATES@
+/* Decided inputs, with their limits. */
+@CONTROLS@
+/* Columns of the reference. */
+@REFERENCES@
+/* Columns of the exogenous inputs. */
+@EXOGENOUS@
+
+/* Nodes are at these times from now [s]: @TIMES@. */
+typedef struct {
+    double x[CAR_STATES]; /* state now */
+#if CAR_REFERENCES > 0
+    double tracked[CAR_NODES][CAR_REFERENCES]; /* what is wanted */
+#endif
+#if CAR_EXOGENOUS > 0
+    double exogenous[CAR_EXOGENOUS_ROWS][CAR_EXOGENOUS]; /* what is known of inputs that are not decided */
+#endif
+#if CAR_CORRIDOR
+    double corridor[CAR_NODES][2]; /* distance of the right and of the left edge from the path [m] */
+#endif
+    double inputs[CAR_HORIZON][CAR_CONTROLS]; /* wanted inputs, zero as a rule */
+    double applied[CAR_CONTROLS];             /* inputs applied over the step before, if */
+    int applied_known;                        /* is not 0; else those of the plan before */
+} car_input;
+
+enum {
+    CAR_SOLVED,          /* optimal within tolerance */
+    CAR_REAL_TIME,       /* real-time iterations from the last plan: not converged, but the residuals are small */
+    CAR_ITERATION_LIMIT, /* the iteration limit was reached before the optimum */
+    CAR_STALLED,         /* no further progress was possible before the optimum */
+    CAR_TIME_OUT,        /* the deadline passed before the optimum */
+    CAR_INFEASIBLE,      /* no input keeps every hard limit from this state */
+    CAR_NOT_FINITE,      /* state, reference or prediction is NaN or infinite */
+    CAR_FAILED,          /* the solver stopped without an answer */
+    CAR_IMPLAUSIBLE      /* state or reference lies far outside what it can be */
+};
+
+/* Since car_start: plans asked for; those that were no solution, and how many in a row up to now; those that took longer
+   than the deadline, and how many in a row up to now. */
+typedef struct {
+    int64_t plans, fallbacks, fallbacks_in_a_row, overruns, overruns_in_a_row;
+} car_health;
+
+typedef struct {
+    double command[CAR_CONTROLS];             /* to be applied now */
+    double u[CAR_HORIZON][CAR_CONTROLS];      /* over the horizon */
+    double x[CAR_NODES][CAR_STATES];          /* predicted states */
+    double cost, residual, violation;         /* NaN of a fallback */
+    double seconds;                           /* by the caller's clock; 0 without */
+    int status;                               /* how the solve ended, one of the above */
+    int age;                                  /* 0: a solution; k: a fallback, the k-th in a row */
+    int stopping;                             /* the stop law, as no recent plan is left: the speed should go to zero */
+    int iterations;
+    car_health health;
+} car_output;
+
+typedef struct {
+#if defined __GNUC__ || defined __clang__
+    __attribute__((aligned(8 * CAR_LANES)))
+#endif
+    double memory[CAR_BYTES / 8];
+} car_controller;
+
+enum { CAR_OK, CAR_TOO_SMALL, CAR_MISALIGNED };
+
+/* Makes a controller of `bytes` bytes of memory, sizeof(car_controller); CAR_OK, or why not. Call it once, and again for
+   a new drive. */
+int car_start(car_controller *controller, size_t bytes);
+
+/* Bounds the work of a plan: the most iterations towards an optimum (0: as it was exported) and, where there is a clock,
+   the longest time [s] (0: any). The clock counts seconds and is asked with `of`. */
+void car_deadline(car_controller *controller, int iterations, double seconds, double (*clock)(void *), void *of);
+
+/* Plans from the state now; returns the status. */
+int car_plan(car_controller *controller, const car_input *input, car_output *output);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,264 @@
+/* The controller around the solver: what it is given is judged, the solver starts from the plan before, and where there
+   is no solution that plan is shifted or the stop law takes over. The same decisions as those of `MPC.plan`. */
+
+#define MOST_ATTEMPTS 50 /* solves in a row that go on from an unfinished one; then another start is better */
+#define FEASIBLE 1e-6    /* an unfinished answer with no larger constraint violation is still a plan */
+#define WHOLE_TURN 6.283185307179586
+
+typedef struct {
+    Work work; /* first, as its vectors are aligned */
+    double u[N * NU], x[(N + 1) * NX], kept_u[N * NU], kept_x[(N + 1) * NX];
+    double seconds, pace; /* deadline, and what a fallback has needed lately */
+    int64_t health[5], attempts;
+    int plans, age, stopping, found, kept, kept_age;
+} Controller;
+
+typedef char car_bytes_are_enough[sizeof(Controller) <= CAR_BYTES ? 1 : -1];
+
+static Controller *own(car_controller *c) { return (Controller *)(void *)c->memory; }
+
+int car_start(car_controller *memory, size_t bytes)
+{
+    Controller *c = own(memory);
+    if (bytes < sizeof(Controller))
+        return CAR_TOO_SMALL;
+    if ((uintptr_t)c % sizeof(V))
+        return CAR_MISALIGNED;
+    Work *s = &c->work;
+    memset(c, 0, sizeof *c);
+    rt_begin(s);
+    memcpy(s->q, OF_ERRORS, sizeof s->q);
+    memcpy(s->wr, OF_INPUTS, sizeof s->wr);
+    memcpy(s->ws, OF_CHANGES, sizeof s->ws);
+    memcpy(s->lowest, LOWEST, sizeof s->lowest);
+    memcpy(s->highest, HIGHEST, sizeof s->highest);
+    memcpy(s->safe, SAFE, sizeof s->safe);
+    memcpy(s->relaxing, RELAXING, sizeof s->relaxing);
+    if (N_LIMITS > 0) {
+        memcpy(s->plain, PLAIN, sizeof s->plain);
+        memcpy(s->square, SQUARE, sizeof s->square);
+    }
+    for (int i = 0; i < (N + 1) * NL * 2; i++)
+        s->bounds[i] = BOUNDS[i % (2 * M1(NL))];
+    s->tolerance = TOLERANCE, s->newton = NEWTON, s->accept = ACCEPT, s->time_limit = INFINITY;
+    s->max_iterations = MAX_ITERATIONS, s->fixed = FIXED;
+    c->seconds = INFINITY;
+    return CAR_OK;
+}
+
+void car_deadline(car_controller *memory, int iterations, double seconds, double (*clock)(void *), void *of)
+{
+    Controller *c = own(memory);
+    c->work.max_iterations = iterations > 0 ? iterations : MAX_ITERATIONS;
+    c->work.qp.clock = clock, c->work.qp.clock_of = of;
+    c->seconds = clock && seconds > 0 ? seconds : INFINITY;
+    c->pace = smaller(5e-5, 0.5 * c->seconds);
+}
+
+static int all_finite(const double *v, int n)
+{
+    double sum = 0;
+    for (int i = 0; i < n; i++)
+        sum += v[i] * v[i];
+    return sum < INFINITY;
+}
+
+static int numbers(const double *v, int n)
+{
+    int all = 1;
+    for (int i = 0; i < n; i++)
+        all &= fabs(v[i]) <= 1e150;
+    return all;
+}
+
+/* What is wrong with what is given, which the work area holds; SOLVED where nothing is. */
+static int fault(const Work *s, const car_input *in)
+{
+    const double *low = s->lowest, *high = s->highest;
+    int state = plausible(s->x0, 1, NX, low, high);
+    if (!(state && plausible(s->p, N + 1, NP, low + NX, high + NX) &&
+          plausible(s->w, N + 1, NW, low + NX + NP, high + NX + NP))) {
+        int good = numbers(s->x0, NX) && numbers(s->p, (N + 1) * NP) && numbers(s->w, (N + 1) * NW);
+        return good ? CAR_IMPLAUSIBLE : CAR_NOT_FINITE;
+    }
+#ifdef EDGES
+    for (int i = 0; i < 2 * (N + 1); i++)
+        if (s->corridor[i] != s->corridor[i])
+            return CAR_NOT_FINITE;
+#endif
+    return all_finite(in->inputs[0], N * NU) ? SOLVED : CAR_NOT_FINITE;
+}
+
+/* The wanted heading on the turn nearest to the vehicle's. */
+static void unwind(Work *s)
+{
+#ifdef HEADING
+    volatile double turns = rint((s->x0[HEADING] - s->p[HEADING_WANTED]) / WHOLE_TURN), angle = WHOLE_TURN * turns;
+    if (turns != 0)
+        for (int i = 0; i <= N; i++)
+            s->p[i * NP + HEADING_WANTED] += angle;
+#else
+    (void)s;
+#endif
+}
+
+/* Inputs applied over the step before, within bounds: as said, else as planned, else those at rest. */
+static void applied_before(const Controller *c, const car_input *in, double *to)
+{
+    double size = 0;
+    for (int j = 0; j < NU; j++)
+        size += in->applied[j] * in->applied[j];
+    int said = in->applied_known && size <= ANY_INPUT * ANY_INPUT;
+    for (int j = 0; j < NU; j++) {
+        double u = said ? in->applied[j] : c->plans ? c->u[j] : 0.0;
+        to[j] = smaller(larger(u, INPUT_LOW[j]), INPUT_HIGH[j]);
+    }
+}
+
+/* Solve from what the plan before left; whether a solve went on from an unfinished one is in c->attempts. */
+static int solve(Controller *c)
+{
+    Work *s = &c->work;
+    int whole = c->found && c->attempts <= MOST_ATTEMPTS && moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX) &&
+                moderate(s->k, (NS + 1) * NK) && moderate(s->working, 1 + 2 * QT);
+    if (whole)
+        s->fresh = c->attempts ? RESUME : CONTINUE;
+    else if (c->plans) {
+        inputs_after(c->u, 1, s->u);
+        s->fresh = GIVEN_INPUTS;
+    } else
+        s->fresh = FROM_NOTHING;
+    if (!whole)
+        c->attempts = 0;
+    int status = rt_solve(s);
+    int answer = moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX);
+    c->attempts = status == TIME_OUT || status == ITERATION_LIMIT ? c->attempts + 1 : 0;
+    return (status == SOLVED || status == ITERATED) && !answer ? NOT_FINITE : status;
+}
+
+/* The stop law where nothing was planned and the state is not known. */
+static void stop_blindly(const Work *s, const double *before, double *u)
+{
+    for (int i = 0; i < N; i++)
+        for (int j = 0; j < NU; j++) {
+            double last = i ? u[(i - 1) * NU + j] : before[j];
+            volatile double left = s->relaxing[i] * (before[j] - s->safe[j]);
+            double v = s->safe[j] + left;
+            v = smaller(larger(v, last + STEP_LOW[i * NU + j]), last + STEP_HIGH[i * NU + j]);
+            u[i * NU + j] = smaller(larger(v, INPUT_LOW[j]), INPUT_HIGH[j]);
+        }
+}
+
+/* The last good plan shifted, or the stop law, into c->u and c->x; `known` says that the state is. */
+static void fall_back(Controller *c, const double *before, int known)
+{
+    Work *s = &c->work;
+    int most = FALLBACK < NS - 1 ? FALLBACK : NS - 1, later = 1;
+    c->age = c->plans ? c->age + 1 : 1;
+    if (!c->plans || c->stopping)
+        c->kept = 0;
+    else if (!c->kept) {
+        memcpy(c->kept_u, c->u, sizeof c->u);
+        memcpy(c->kept_x, c->x, sizeof c->x);
+        c->kept = 1, c->kept_age = c->age - 1;
+    }
+    if (c->age > most)
+        c->kept = 0;
+    c->stopping = !c->kept;
+    memcpy(s->applied, before, sizeof s->applied);
+    if (c->kept) {
+        later = c->age - c->kept_age;
+        memcpy(s->way_u, c->kept_u, sizeof s->way_u);
+        memcpy(s->way_x, c->kept_x, sizeof s->way_x);
+    } else if (c->plans) {
+        memcpy(s->way_u, c->u, sizeof s->way_u);
+        memcpy(s->way_x, c->x, sizeof s->way_x);
+    } else {
+        later = 0;
+        memset(s->way_u, 0, sizeof s->way_u);
+        for (int i = 0; i <= N; i++)
+            memcpy(s->way_x + i * NX, s->x0, sizeof s->x0);
+    }
+    if ((c->plans || known) && rt_fallback(s, later < NS ? later : NS, c->stopping, known)) {
+        memcpy(c->u, s->way_u, sizeof c->u);
+        memcpy(c->x, s->way_x, sizeof c->x);
+        return;
+    }
+    stop_blindly(s, before, c->u);
+    memset(c->x, 0, sizeof c->x);
+}
+
+static void count(Controller *c, int fell, double took)
+{
+    int late = took > c->seconds;
+    c->health[0]++;
+    c->health[1] += fell;
+    c->health[2] = fell ? c->health[2] + 1 : 0;
+    c->health[3] += late;
+    c->health[4] = late ? c->health[4] + 1 : 0;
+}
+
+static void report(const Controller *c, int status, double took, car_output *out)
+{
+    const Work *s = &c->work;
+    memcpy(out->command, c->u, sizeof out->command);
+    memcpy(out->u, c->u, sizeof c->u);
+    memcpy(out->x, c->x, sizeof c->x);
+    out->status = status, out->age = c->age, out->stopping = c->stopping;
+    out->cost = c->age ? NAN : s->cost, out->residual = c->age ? NAN : s->residual;
+    out->violation = c->age ? NAN : s->violation, out->seconds = took;
+    out->health.plans = c->health[0];
+    out->health.fallbacks = c->health[1], out->health.fallbacks_in_a_row = c->health[2];
+    out->health.overruns = c->health[3], out->health.overruns_in_a_row = c->health[4];
+}
+
+int car_plan(car_controller *memory, const car_input *in, car_output *out)
+{
+    Controller *c = own(memory);
+    Work *s = &c->work;
+    double begin = now(&s->qp), before[NU], took;
+    applied_before(c, in, before);
+    memcpy(s->x0, in->x, sizeof s->x0);
+    memcpy(s->applied, before, sizeof s->applied);
+    memcpy(s->r, in->inputs, sizeof s->r);
+#if NP > 0
+    memcpy(s->p, in->tracked, sizeof s->p);
+#endif
+#if NW > 0
+    memcpy(s->w, in->exogenous, sizeof s->w);
+#endif
+#ifdef EDGES
+    memcpy(s->corridor, in->corridor, sizeof s->corridor);
+#endif
+    int status = fault(s, in), known = status == SOLVED || plausible(in->x, 1, NX, s->lowest, s->highest), fell = 1;
+    out->iterations = 0;
+    if (status == SOLVED) {
+        unwind(s);
+        s->time_limit = larger(c->seconds - (now(&s->qp) - begin) - c->pace, 0);
+        status = solve(c);
+        out->iterations = (int)s->iterations;
+        int begun = (status == ITERATION_LIMIT || status == STALLED || status == TIME_OUT) && s->iterations > 0 &&
+                    s->violation <= FEASIBLE && moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX);
+        c->found = status == SOLVED || status == ITERATED || begun || status == ITERATION_LIMIT || status == TIME_OUT;
+        fell = !(status == SOLVED || status == ITERATED || begun);
+    } else
+        c->found = 0;
+    if (fell) {
+        double start = now(&s->qp);
+        s->time_limit = larger(c->seconds - (start - begin), 0);
+        memcpy(s->x0, in->x, sizeof s->x0);
+        fall_back(c, before, known);
+        if (c->seconds < INFINITY)
+            c->pace = smaller(0.8 * c->pace + 0.2 * smaller(now(&s->qp) - start, 2 * c->pace), 0.5 * c->seconds);
+    } else {
+        memcpy(c->u, s->u, sizeof c->u);
+        for (int i = 0; i <= N; i++)
+            memcpy(c->x + i * NX, s->x + NODE(i) * NX, sizeof s->x0);
+        c->age = c->kept = c->stopping = 0;
+    }
+    c->plans = 1;
+    took = now(&s->qp) - begin;
+    count(c, fell, took);
+    report(c, status, took, out);
+    return status;
+}

@@ -1,0 +1,144 @@
+"""What C sees of any controller: a header with units and ranges, a wrapper for C++, a program that replays a drive."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.controller import Controller
+from slipangle.data.channels import STANDARD
+from slipangle.export.drives import Drive
+from slipangle.export.memory import size_of
+from slipangle.export.names import comment, constants, with_prefix
+from slipangle.export.project import Project, template
+
+LANES = (8, 4, 2, 1)
+
+
+def project(
+    controller: Controller, name: str, drive: Drive, source: str, *, kind: str, facts: Mapping[str, Any]
+) -> Project:
+    """The files of a controller whose C is ``source``, a template that begins after its header.
+
+    Parameters
+    ----------
+    controller : Controller
+        What is exported.
+    name : str
+        The project's name, checked.
+    drive : Drive
+        What the replay repeats.
+    source : str
+        C that defines the functions of the header and a struct ``Controller``.
+    kind : str
+        What the controller is, in words.
+    facts : mapping
+        For the manifest.
+    """
+    sizes = {lanes: size_of(source, "Controller", lanes) for lanes in LANES}
+    title = f"{kind} of {controller.horizon} stages, a plan every {controller.dt:g} s"
+    c = f'#include "car.h"\n#define LANES CAR_LANES\n#define CALLERS_CLOCK\n{source}'
+    written = {
+        "car.h": header(controller, sizes, title),
+        "car.hpp": template("car.hpp"),
+        "car.c": c,
+        "main.c": template("main.c"),
+        "drive.csv": drive.text(),
+    }
+    named = {key.replace("car", name): with_prefix(text, name) for key, text in written.items() if key != "drive.csv"}
+    return Project(
+        name=name,
+        kind=kind,
+        sentence=f"A {comment(title)}.",
+        files={**named, "drive.csv": written["drive.csv"]},
+        about=_about(controller, sizes),
+        facts={**facts, "dt": float(controller.dt), "bytes": sizes, "drive": {"steps": len(drive.commands)}},
+    )
+
+
+def header(controller: Controller, sizes: Mapping[int, int], title: str) -> str:
+    """The text of ``car.h``."""
+    counts = {
+        "STATES": len(controller.model.states),
+        "CONTROLS": len(controller.controls),
+        "REFERENCES": len(controller.references),
+        "EXOGENOUS": len(controller.exogenous),
+        "HORIZON": controller.horizon,
+        "NODES": controller.horizon + 1,
+        "EXOGENOUS_ROWS": exogenous_rows(controller),
+        "CORRIDOR": int(getattr(getattr(controller, "ocp", None), "corridor", None) is not None),
+    }
+    bytes_ = "\n".join(
+        f"{'#if' if n == LANES[0] else '#elif'} CAR_LANES == {n}\n#define CAR_BYTES {sizes[n]}" for n in LANES
+    )
+    places = {"@STATES@": ("X", controller.model.states), "@CONTROLS@": ("U", controller.controls)}
+    places |= {"@REFERENCES@": ("P", controller.references), "@EXOGENOUS@": ("W", controller.exogenous)}
+    low, high = controller._judge.ranges
+    ranges = dict(
+        zip(
+            [*controller.model.states, *controller.references, *controller.exogenous],
+            zip(low, high, strict=True),
+            strict=False,
+        )
+    )
+    bounds = limits_of(controller)
+    text = template("car.h").replace("@TITLE@", comment(title)).replace("@BYTES@", bytes_)
+    text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in counts.items()))
+    text = text.replace("@DT@", repr(float(controller.dt)))
+    for mark, (letter, names) in places.items():
+        known = bounds if letter == "U" else ranges
+        lines = [
+            f"#define {c} {i} /* {_meaning(n, known.get(n))} */"
+            for i, (n, c) in enumerate(constants(f"CAR_{letter}", names).items())
+        ]
+        text = text.replace(mark, "\n".join(lines) or "/* none */")
+    return text.replace("@TIMES@", ", ".join(f"{t:g}" for t in controller.times))
+
+
+def limits_of(controller: Controller) -> dict[str, tuple[float, float]]:
+    """Lowest and highest of each decided input, where it is bounded."""
+    ocp, problem = getattr(controller, "ocp", None), getattr(controller, "problem", None)
+    if ocp is not None:
+        return {n: (float(a), float(b)) for n, (a, b) in zip(controller.controls, ocp.input_bounds, strict=True)}
+    if problem is not None:
+        return {controller.controls[0]: (float(problem.bounds[0]), float(problem.bounds[1]))}
+    limit = float(getattr(controller, "limit", np.inf))
+    return {controller.controls[0]: (-limit, limit)}
+
+
+def exogenous_rows(controller: Controller) -> int:
+    """Rows of the exogenous inputs: with or without one for the end."""
+    return controller.horizon + (getattr(controller, "ocp", None) is not None)
+
+
+def _meaning(name: str, between: tuple[float, float] | None) -> str:
+    known = STANDARD.get(name)
+    said = f"{comment(name)}: {known.doc} [{known.unit}]" if known else f"{comment(name)}"
+    return said if between is None else f"{said}, {between[0]:.6g} to {between[1]:.6g}"
+
+
+def _about(controller: Controller, sizes: Mapping[int, int]) -> str:
+    rows = [f"| {n} | {sizes[n]} |" for n in sorted(sizes)]
+    listed = [
+        ("state", controller.model.states),
+        ("decided", controller.controls),
+        ("reference, a row a node", controller.references),
+        ("exogenous inputs, a row a node", controller.exogenous),
+    ]
+    names = [f"- {what}: {', '.join(comment(n) for n in names) or 'none'}" for what, names in listed]
+    return "\n".join([*names, "", "| doubles per vector | bytes of memory |", "|---|---|", *rows])
+
+
+def table(name: str, values: Any, kind: str = "double") -> str:
+    """A constant array of numbers in C; one 0 where there are none."""
+
+    def write(v: float) -> str:
+        v = float(v)
+        if kind == "int":
+            return str(int(v))
+        return float.hex(v) if np.isfinite(v) else "NAN" if np.isnan(v) else "INFINITY" if v > 0 else "-INFINITY"
+
+    listed: Sequence[str] = [write(v) for v in np.ravel(values)] or ["0"]
+    return f"static const {kind} {name}[] = {{{', '.join(listed)}}};"

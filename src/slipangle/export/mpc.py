@@ -1,0 +1,70 @@
+"""C of an `MPC`: the solver's own source, its weights and settings as constants, and the controller around it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slipangle.control.mpc import MPC
+from slipangle.errors import ParameterError
+from slipangle.export.controllers import project, table
+from slipangle.export.drives import Drive
+from slipangle.export.project import Project, template
+from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.realtime.parts import slack_of_rows
+from slipangle.optimal.realtime.program import source
+
+
+def mpc_project(mpc: MPC, name: str, drive: Drive) -> Project:
+    """The files of an MPC that the real-time solver solves.
+
+    Parameters
+    ----------
+    mpc : MPC
+        The controller.
+    name : str
+        The project's name, checked.
+    drive : Drive
+        What the replay repeats.
+
+    Raises
+    ------
+    ParameterError
+        If another solver solves it.
+    """
+    settings = RealTime() if mpc.solver == "realtime" else mpc.solver
+    if not isinstance(settings, RealTime):
+        raise ParameterError(
+            f'the solver is {mpc.solver!r}, which has no C; expected the real-time one: say solver="realtime"'
+        )
+    text = "\n".join([*_renamed(), source(mpc.ocp, caller=True), _constants(mpc, settings), template("mpc.c")])
+    facts = {"solver": "realtime", "horizon": mpc.horizon, "deadline": mpc.deadline}
+    return project(mpc, name, drive, text, kind="model predictive controller", facts=facts)
+
+
+def _renamed() -> list[str]:
+    """The solver's functions under the project's name, so that several projects go into one program."""
+    names = ("prepare", "feedback", "solve", "again", "begin", "fallback")
+    return [f"#define rt_{n} car_rt_{n}" for n in names]
+
+
+def _constants(mpc: MPC, settings: RealTime) -> str:
+    ocp = mpc.ocp
+    of_errors, of_inputs, of_changes = ocp.stage_weights
+    plain, square = slack_of_rows(ocp)
+    low, high = mpc._judge.ranges
+    arrays = {
+        "OF_ERRORS": of_errors,
+        "OF_INPUTS": of_inputs,
+        "OF_CHANGES": of_changes,
+        "LOWEST": low,
+        "HIGHEST": high,
+        "SAFE": mpc._safe_input,
+        "RELAXING": mpc._relaxing,
+        "PLAIN": plain,
+        "SQUARE": square,
+        "BOUNDS": ocp.state_limits if len(ocp.limited) else np.zeros(2),
+    }
+    numbers = {"TOLERANCE": settings.tolerance, "NEWTON": settings.newton, "ACCEPT": settings.accept}
+    whole = {"MAX_ITERATIONS": settings.max_iterations, "FIXED": settings.iterations, "FALLBACK": mpc.fallback}
+    lines = [table(n, v) for n, v in arrays.items()]
+    return "\n".join([*lines, *(f"#define {n} {v!r}" for n, v in (numbers | whole).items()), ""])

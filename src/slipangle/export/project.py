@@ -1,0 +1,101 @@
+"""A project: the files of one exported thing, written whole into a folder of its own or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from slipangle.errors import WriteError
+from slipangle.export.names import with_prefix
+from slipangle.files import check_output, output_folder
+
+
+@dataclass(frozen=True, kw_only=True)
+class Project:
+    """What is exported: its name, what it is in a sentence, its files but for those that all projects have.
+
+    ``facts`` go into the manifest; ``about`` into the README, in Markdown.
+    """
+
+    name: str
+    kind: str
+    sentence: str
+    files: Mapping[str, str]
+    about: str = ""
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def everything(self) -> dict[str, str]:
+        """All files by name, the manifest too."""
+        shared = {n: self._template(n) for n in ("Makefile", "CMakeLists.txt", "README.md")}
+        made = {**self.files, **shared}
+        made["README.md"] = made["README.md"].replace("@SENTENCE@", self.sentence).replace("@ABOUT@", self.about)
+        made["LICENSE"] = LICENCE
+        sums = {n: hashlib.sha256(text.encode()).hexdigest() for n, text in sorted(made.items())}
+        record = {"name": self.name, "kind": self.kind, "slipangle": version("slipangle"), **self.facts, "sha256": sums}
+        made["manifest.json"] = json.dumps(record, indent=2) + "\n"
+        return made
+
+    def _template(self, name: str) -> str:
+        return with_prefix(template(name), self.name)
+
+
+LICENCE = """\
+What slipangle writes into this folder may be used under the terms of the MIT licence, as slipangle itself; there is no
+code of third parties in it. It comes without any warranty.
+"""
+
+
+def template(name: str) -> str:
+    """A file of ``export/c``."""
+    return (files("slipangle.export") / "c" / name).read_text(encoding="utf-8")
+
+
+def write(project: Project, folder: str | Path, *, force: bool = False) -> Path:
+    """Write a project into a folder, which is new or empty, whole or not at all.
+
+    Parameters
+    ----------
+    project : Project
+        What to write.
+    folder : str or Path
+        Where.
+    force : bool
+        Write into a folder that is not empty too: files of the same names are replaced, others stay.
+
+    Raises
+    ------
+    WriteError
+        If the folder is not empty, or cannot be written.
+    """
+    target = Path(folder)
+    check_output(target)
+    if target.is_dir() and any(target.iterdir()) and not force:
+        raise WriteError(
+            f"the folder '{target}' is not empty; expected a new one: name another, or replace what is there with "
+            "force (--force)"
+        )
+    output_folder(target)
+    try:
+        with tempfile.TemporaryDirectory(dir=target, prefix=".export.") as scratch:
+            for name, text in project.everything.items():
+                (Path(scratch) / name).write_text(text, encoding="utf-8", newline="\n")
+            for name in project.everything:
+                if (target / name).is_dir():
+                    shutil.rmtree(target / name)
+                os.replace(Path(scratch) / name, target / name)
+    except OSError as error:
+        raise WriteError(
+            f"'{target}' cannot be written ({error.strerror or error}); expected a folder with write permission and "
+            "room: name another one"
+        ) from None
+    return target

@@ -1,0 +1,99 @@
+"""Exported C loaded into this process and called as a program in C would call it."""
+
+import ctypes
+import re
+
+import numpy as np
+
+from slipangle.codegen import compiler
+from slipangle.optimal.realtime.backend import FLAGS
+from slipangle.optimal.solution import Status
+
+STATUSES = [
+    Status[name]
+    for name in "SOLVED REAL_TIME ITERATION_LIMIT STALLED TIME_OUT INFEASIBLE NOT_FINITE FAILED IMPLAUSIBLE".split()
+]
+
+
+def defines(header):
+    """Whole numbers that a header defines."""
+    return {k: int(v) for k, v in re.findall(r"^#define CAR_(\w+) (\d+)\b", header, re.MULTILINE)}
+
+
+def as_one(files, name="car"):
+    """The project's C as one source without headers of its own."""
+    return files[f"{name}.c"].replace(f'#include "{name}.h"\n', files[f"{name}.h"])
+
+
+class Loaded:
+    """A controller exported under the name ``car``."""
+
+    def __init__(self, files, flags=FLAGS, **most):
+        self.size = n = defines(files["car.h"])
+        double = ctypes.c_double
+
+        def array(*lengths):
+            kind = double
+            for length in reversed(lengths):
+                kind = kind * length
+            return kind
+
+        given = [("x", array(n["STATES"]))]
+        if n["REFERENCES"]:
+            given.append(("tracked", array(n["NODES"], n["REFERENCES"])))
+        if n["EXOGENOUS"]:
+            given.append(("exogenous", array(n["EXOGENOUS_ROWS"], n["EXOGENOUS"])))
+        if n["CORRIDOR"]:
+            given.append(("corridor", array(n["NODES"], 2)))
+        given += [("inputs", array(n["HORIZON"], n["CONTROLS"])), ("applied", array(n["CONTROLS"]))]
+        self.Input = type("Input", (ctypes.Structure,), {"_fields_": [*given, ("applied_known", ctypes.c_int)]})
+        health = [(k, ctypes.c_int64) for k in ("plans", "fallbacks", "in_a_row", "overruns", "overruns_in_a_row")]
+        made = [("command", array(n["CONTROLS"])), ("u", array(n["HORIZON"], n["CONTROLS"]))]
+        made += [("x", array(n["NODES"], n["STATES"]))]
+        made += [(k, double) for k in ("cost", "residual", "violation", "seconds")]
+        made += [(k, ctypes.c_int) for k in ("status", "age", "stopping", "iterations")]
+        health = type("Health", (ctypes.Structure,), {"_fields_": health})
+        self.Output = type("Output", (ctypes.Structure,), {"_fields_": [*made, ("health", health)]})
+        self.library = compiler.library(as_one(files), name="exported", flags=flags)
+        self.library.car_plan.argtypes = [ctypes.c_void_p] * 3
+        self.library.car_start.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
+        self.library.car_deadline.argtypes = [ctypes.c_void_p, ctypes.c_int, double, ctypes.c_void_p, ctypes.c_void_p]
+        self.bytes = max(int(b) for b in re.findall(r"#define CAR_BYTES (\d+)", files["car.h"]))
+        raw = np.zeros(self.bytes + 64, dtype=np.uint8)
+        self.memory = raw[-raw.ctypes.data % 64 :]
+        assert self.start() == 0
+
+    def start(self, bytes_=None, offset=0):
+        return self.library.car_start(self.memory.ctypes.data + offset, self.bytes if bytes_ is None else bytes_)
+
+    def limit(self, iterations, seconds=0.0, clock=None):
+        self.library.car_deadline(self.memory.ctypes.data, iterations, seconds, clock, None)
+
+    def plan(self, x, reference, applied=None):
+        given, out = self.Input(), self.Output()
+        pairs = {"x": x, "tracked": reference.tracked, "corridor": reference.corridor, "inputs": reference.inputs}
+        w = reference.exogenous
+        pairs["exogenous"] = w if len(w) >= self.size["EXOGENOUS_ROWS"] else np.vstack([w, w[-1:]])
+        pairs["applied"] = applied
+        given.applied_known = applied is not None
+        for key, value in pairs.items():
+            if value is not None and hasattr(given, key):
+                np.ctypeslib.as_array(getattr(given, key))[...] = value[: len(getattr(given, key))]
+        code = self.library.car_plan(self.memory.ctypes.data, ctypes.byref(given), ctypes.byref(out))
+        assert code == out.status
+        return out
+
+
+def same(out, plan):
+    """Whether what C decided is the plan, to the last bit."""
+    return (
+        STATUSES[out.status] is plan.status
+        and (out.age, bool(out.stopping), out.iterations) == (plan.age, plan.stopping, plan.iterations)
+        and np.array_equal(np.array(out.command), plan.command)
+        and np.array_equal(np.array(out.u), plan.u)
+        and np.array_equal(np.array(out.x), plan.x)
+        and tuple(getattr(out.health, name) for name, _ in out.health._fields_) == tuple(plan.health)
+        and np.array_equal(
+            [out.cost, out.residual, out.violation], [plan.cost, plan.residual, plan.violation], equal_nan=True
+        )
+    )

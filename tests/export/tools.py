@@ -1,0 +1,118 @@
+"""Compilers and machines that exported C is tried on; a test skips, with the reason, where one is absent."""
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from functools import cache
+
+import pytest
+
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion")
+ZIG = (sys.executable, "-m", "ziglang", "cc")
+WASI = """
+import { WASI } from 'node:wasi'
+import { readFile } from 'node:fs/promises'
+const wasi = new WASI({ version: 'preview1', args: process.argv.slice(2), env: {}, returnOnExit: true })
+const made = await WebAssembly.compile(await readFile(process.argv[2]))
+process.exitCode = wasi.start(await WebAssembly.instantiate(made, wasi.getImportObject()))
+"""
+PACKAGES = {  # of Debian
+    "gcc": "gcc",
+    "clang": "clang",
+    "wine": "wine",
+    "node": "nodejs",
+    "qemu-arm": "qemu-user",
+    "qemu-aarch64": "qemu-user",
+    "arm-none-eabi-gcc": "gcc-arm-none-eabi",
+    "arm-linux-gnueabihf-gcc": "gcc-arm-linux-gnueabihf",
+    "aarch64-linux-gnu-gcc": "gcc-aarch64-linux-gnu",
+    "cmake": "cmake",
+    "g++": "g++",
+}
+
+
+def needs(*tools):
+    """Skip unless all these are installed."""
+    for tool in tools:
+        if tool == "zig":
+            if importlib.util.find_spec("ziglang") is None:
+                pytest.skip("ziglang is not installed: pip install --group export")
+        elif shutil.which(tool) is None:
+            pytest.skip(f"{tool} is not installed: apt-get install {PACKAGES.get(tool, tool)}")
+
+
+def run(*command, folder, stdin=None, environment=None, limit=240):
+    """Standard output of a command that must succeed."""
+    with open(stdin or os.devnull) as given:
+        done = subprocess.run(
+            [str(c) for c in command],
+            cwd=folder,
+            stdin=given,
+            capture_output=True,
+            text=True,
+            timeout=limit,
+            check=False,
+            env={**os.environ, **(environment or {})},
+        )
+    assert done.returncode == 0, (command, done.stdout[-2000:], done.stderr[-3000:])
+    return done.stdout
+
+
+@cache
+def machine(name):
+    """Compiler with its flags, suffix of what it makes, and what runs that."""
+    wasi = ("node", "--no-warnings", "wasi.mjs")
+    return {
+        "gcc": (("gcc", "-O2", "-march=native"), "", (), ("gcc",)),
+        "gcc without SIMD": (("gcc", "-O2", "-DCAR_LANES=1"), "", (), ("gcc",)),
+        "clang": (("clang", "-O2", "-march=native"), "", (), ("clang",)),
+        "Windows": ((*ZIG, "-target", "x86_64-windows-gnu", "-O2"), ".exe", ("wine",), ("zig", "wine")),
+        "Cortex-A53": (
+            ("aarch64-linux-gnu-gcc", "-mcpu=cortex-a53", "-O2", "-static"),
+            "",
+            ("qemu-aarch64",),
+            ("aarch64-linux-gnu-gcc", "qemu-aarch64"),
+        ),
+        "aarch64 Linux by Zig": (
+            (*ZIG, "-target", "aarch64-linux-musl", "-O2"),
+            "",
+            ("qemu-aarch64",),
+            ("zig", "qemu-aarch64"),
+        ),
+        "arm Linux by Zig": ((*ZIG, "-target", "arm-linux-musleabihf", "-O2"), "", ("qemu-arm",), ("zig", "qemu-arm")),
+        "arm Linux": (
+            ("arm-linux-gnueabihf-gcc", "-O2", "-static"),
+            "",
+            ("qemu-arm",),
+            ("arm-linux-gnueabihf-gcc", "qemu-arm"),
+        ),
+        "WebAssembly": ((*ZIG, "-target", "wasm32-wasi", "-O2"), ".wasm", wasi, ("zig", "node")),
+    }[name]
+
+
+MACHINES = (
+    "gcc",
+    "gcc without SIMD",
+    "clang",
+    "Windows",
+    "Cortex-A53",
+    "aarch64 Linux by Zig",
+    "arm Linux by Zig",
+    "arm Linux",
+    "WebAssembly",
+)
+
+
+def built_and_run(name, sources, folder, *words, stdin=None):
+    """Standard output of a program, compiled for a machine and run as on it."""
+    compiler, suffix, runner, tools = machine(name)
+    needs(*tools)
+    out = f"program{suffix}"
+    run(*compiler, "-std=c99", "-o", out, *sources, "-lm", folder=folder)
+    if name == "WebAssembly":
+        (folder / "wasi.mjs").write_text(WASI)
+    started = [*runner, out] if runner else [f"./{out}"]
+    home = {"WINEDEBUG": "-all", "WINEPREFIX": str(folder / "wine")} if runner == ("wine",) else {}
+    return run(*started, *words, folder=folder, stdin=stdin, environment=home)
