@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.io import savemat
 
+from tests.fuzz.logs import make_expression, maker, read_expression, read_log
 from tests.fuzz.mutate import CELLS, Rng, bytes_of, encoded, text_of, tree_of
 
 
@@ -383,4 +384,12 @@ TARGETS: dict[str, Target] = {
     "job": Target(_make_job, _read_job, 3000),
     "run": Target(_make_run, _run, 40, seconds=60.0),
     "model": Target(_make_model, _read_model, 2500),
+    "type-arrow": Target(maker("parquet", "feather", suffix=".parquet"), read_log, 150),
+    "type-expression": Target(make_expression, read_expression, 1000),
+    "type-ld": Target(maker("ld", suffix=".ld"), read_log, 400),
+    "type-mat": Target(maker("mat5", "mat73", suffix=".mat"), read_log, 200),
+    "type-mdf": Target(maker("mdf3", "mdf4", suffix=".mf4"), read_log, 40),
+    "type-position": Target(maker("gpx", "kml", suffix=".gpx", text=True), read_log, 500),
+    "type-ros": Target(maker("bag", "db3", "mcap", suffix=".mcap"), read_log, 60),
+    "type-text": Target(maker("motec", "racecapture", suffix=".csv", text=True), read_log, 300),
 }

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-import contextlib
+import gc
 import json
 import logging
+import sys
 import warnings
-import weakref
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from slipangle.data.readers.mdf_chains import require_chains
 from slipangle.data.readers.recording import Recording
 from slipangle.data.readers.registry import reader
-from slipangle.data.readers.tables import Header, LazyTable
+from slipangle.data.readers.tables import ChannelTable, Header, LazyTable
 from slipangle.errors import FormatError, SlipangleError
 from slipangle.extras import extra
+from slipangle.files import read_bytes
 
+T = TypeVar("T")
 _NUMBERS = {3: (0, 1, 2, 3, 9, 10, 11, 12, 13, 14, 15, 16), 4: (0, 1, 2, 3, 4, 5)}  # data types of MDF 3 and 4
 _MOST = 100_000  # channels
 OURS = "slipangle: "  # begins the comment that our writer leaves
@@ -35,48 +38,47 @@ def read_mdf(path: Path) -> Recording:
     Raises FormatError if it is damaged, ConfigError if asammdf is not installed.
     """
     asammdf = extra("asammdf", "io", "reading an MDF file")
-    with _sentence(path):
-        opened = asammdf.MDF(path)
-    tables: dict[str, LazyTable] = {}
+    require_chains(read_bytes(path, "the log", "an MDF file: check its permissions"), path)
+    opened = _trusted(path, lambda: asammdf.MDF(path))
+
+    def tables_of() -> tuple[dict[str, ChannelTable], dict[str, Any]]:
+        tables: dict[str, ChannelTable] = {}
+        for i in range(len(opened.groups)):
+            _add_group(opened, i, path, tables)
+        return tables, _meta(opened)
+
     try:
-        with _sentence(path):
-            for i in range(len(opened.groups)):
-                _add_group(opened, i, path, tables)
-            meta = _meta(opened)
+        tables, meta = _trusted(path, tables_of)
+        return Recording(name=path.stem, tables=tables, meta=meta)
     except SlipangleError:
         opened.close()
         raise
-    recording = Recording(name=path.stem, tables=tables or _none(opened), meta=meta)
-    weakref.finalize(next(iter(tables.values())), opened.close)
-    return recording
 
 
-def _none(opened: Any) -> dict[str, Any]:
-    opened.close()
-    return {}
-
-
-@contextlib.contextmanager
-def _sentence(path: Path) -> Iterator[None]:
-    """Whatever asammdf stumbles over is a damaged file; what it logs is not shown."""
-    logger = logging.getLogger("asammdf")
+def _trusted(path: Path, call: Callable[[], T]) -> T:
+    """What asammdf gives; whatever it stumbles over is a damaged file, and what it logs is not shown."""
+    logger, hook = logging.getLogger("asammdf"), sys.unraisablehook
     level = logger.level
     logger.setLevel(logging.CRITICAL + 1)
+    sys.unraisablehook = lambda _: None  # a file half opened complains once more when it is forgotten
     try:
         with warnings.catch_warnings(action="ignore"), np.errstate(all="ignore"):
-            yield
-    except SlipangleError:
-        raise
-    except Exception as error:  # of many kinds: it trusts every byte
-        why = (str(error).splitlines() or [type(error).__name__])[0][:120]
-        raise FormatError(
-            f"'{path}' cannot be read as MDF ({why}); expected a whole, finalised file: copy or export it again"
-        ) from None
+            try:
+                return call()
+            except SlipangleError:
+                raise
+            except Exception as error:  # of many kinds: it trusts every byte
+                why = (str(error).splitlines() or [type(error).__name__])[0][:120]
+            gc.collect()  # the file half opened, while nobody listens
     finally:
         logger.setLevel(level)
+        sys.unraisablehook = hook
+    raise FormatError(
+        f"'{path}' cannot be read as MDF ({why}); expected a whole, finalised file: copy or export it again"
+    )
 
 
-def _add_group(opened: Any, i: int, path: Path, tables: dict[str, LazyTable]) -> None:
+def _add_group(opened: Any, i: int, path: Path, tables: dict[str, ChannelTable]) -> None:
     group = opened.groups[i]
     master = opened.masters_db.get(i)
     numeric = _NUMBERS[3 if opened.version < "4" else 4]
@@ -89,22 +91,24 @@ def _add_group(opened: Any, i: int, path: Path, tables: dict[str, LazyTable]) ->
     )
     time = (Header(text="t", name="t", unit="s"),) if master is not None else ()
 
-    def load(column: int) -> np.ndarray:
-        with _sentence(path):
-            if time and column == 0:
-                return np.asarray(opened.get_master(i), dtype=float)
-            k = found[column - len(time)]
-            signal = opened.get(group=i, index=k, ignore_invalidation_bits=True)
-            values = np.asarray(signal.samples)
-            if values.dtype.kind not in "biuf" or values.ndim != 1:
-                values = np.asarray(opened.get(group=i, index=k, raw=True).samples)
-            if values.dtype.kind not in "biuf" or values.ndim != 1:
-                raise FormatError(f"channel '{headers[column - len(time)].name}' of '{path}' holds no plain numbers")
-            return values.astype(float)
+    def loaded(column: int) -> np.ndarray:
+        if time and column == 0:
+            return np.asarray(opened.get_master(i), dtype=float)
+        k = found[column - len(time)]
+        values = np.asarray(opened.get(group=i, index=k, ignore_invalidation_bits=True).samples)
+        if values.dtype.kind not in "biuf" or values.ndim != 1:  # a conversion to text
+            values = np.asarray(opened.get(group=i, index=k, raw=True).samples)
+        if values.dtype.kind not in "biuf" or values.ndim != 1:
+            raise FormatError(f"channel '{headers[column - len(time)].name}' of '{path}' holds no plain numbers")
+        return values.astype(float)
 
     name = str(getattr(group.channel_group, "acq_name", "") or "").strip() or f"group {i}"
     topic = name if name not in tables else f"{name} {i}"
-    tables[topic] = LazyTable(name=f"{topic!r} of '{path.name}'", headers=(*time, *headers), load=load)
+    tables[topic] = LazyTable(
+        name=f"{topic!r} of '{path.name}'",
+        headers=(*time, *headers),
+        load=lambda column: _trusted(path, lambda: loaded(column)),
+    )
 
 
 def _short(name: str) -> str:

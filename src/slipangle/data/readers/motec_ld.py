@@ -109,7 +109,8 @@ def _table(raw: bytes, channels: list[_Channel], rate: int, count: int, name: st
         if column == 0:
             return np.arange(count) / rate
         c = channels[column - 1]
-        values = np.frombuffer(raw, c.kind, c.samples, c.start).astype(float)
+        with np.errstate(invalid="ignore"):  # signalling NaNs are missing values too
+            values = np.frombuffer(raw, c.kind, c.samples, c.start).astype(float)
         return (values / c.scale * 10.0**-c.decimals + c.shift) * c.multiplier
 
     headers = (Header(text=c.name, name=c.name, unit=c.unit or None) for c in channels)
