@@ -79,6 +79,12 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake(name="yaw rate 0.3 s late", data=_late, says=r"\blate|delay|behind|lags"),
     Mistake(name="yaw rate stuck", data=_stuck, says=r"stuck|frozen|stands still|does not (move|change)|constant for"),
     Mistake(
+        name="gain of the steering",
+        data=_changed("delta", lambda d: 1.8 * d),
+        says=r"times what delta says|steering ratio|steering.?gain",
+    ),
+    Mistake(name="mass in tonnes", known=lambda known: replace(known, mass=1e-3 * known.mass), says=r"\bmass\b"),
+    Mistake(
         name="twice the mass",
         known=lambda known: replace(known, mass=2 * known.mass),
         says=r"\bmass\b",

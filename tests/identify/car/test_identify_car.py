@@ -111,6 +111,15 @@ def test_a_car_a_third_as_long_is_the_same_car(car):
         assert factor * small.model.value(name) == pytest.approx(car.model.value(name), rel=1e-3)
 
 
+def test_a_mass_in_tonnes_is_doubted_and_one_that_cannot_be_checked_is_said(car):
+    light = identify_car(drives(), **KNOWN | {"mass": 1e-3 * KNOWN["mass"]})
+    assert any(
+        said.startswith("mass is 1.3 kg at a wheelbase of 2.6 m; expected 264 to 26 400 kg") for said in light.doubts
+    )
+    assert not any("mass" in said for said in car.doubts)
+    assert any("in proportion to the mass that was given, 1300 kg" in said for said in car.sentences)
+
+
 def test_the_car_is_saved_and_read_again(car, tmp_path):
     again = load(save(car.model, tmp_path / "car.json"))
     assert again == car.model
@@ -143,9 +152,11 @@ def test_a_missing_channel_and_milliseconds_get_a_sentence():
 
 
 def test_a_job_fits_it_and_checks_its_entries(car):
-    with pytest.warns(IdentifiabilityWarning, match="->"):
+    with pytest.warns(IdentifiabilityWarning) as said:
         model = fitted(KINDS["car"], KNOWN, ("delta", "v_x"), ("v_y", "r"), drives(), "car")
     assert model == car.model
+    assert any("->" in str(warning.message) for warning in said)
+    assert any("the log uses 0.53 at most" in str(warning.message) for warning in said)
     with pytest.raises(ConfigError, match="weight"):
         check_entries("car", KNOWN | {"weight": 3.0}, "model 'car'")
 

@@ -1,5 +1,7 @@
 """Vehicle equations against limit cases that are known in closed form."""
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from slipangle.models.vehicles.catalogue import FERRARI_250LM, SOUSA_TABLE_6_1, 
 from slipangle.models.vehicles.kinematic import Kinematic
 from slipangle.models.vehicles.longitudinal import Longitudinal, LongitudinalParams
 from slipangle.models.vehicles.parameters import BicycleParams
+from slipangle.models.vehicles.quasi_steady import QuasiSteadySingleTrack
 from slipangle.models.vehicles.single_track import SingleTrack
 from slipangle.units import deg
 
@@ -45,6 +48,28 @@ def test_bicycle_eigenvalues_are_the_corrected_matrix():
     u = np.array([0.0, v])
     columns = [model.derivative(e, u) for e in np.eye(2)]
     assert np.column_stack(columns) == pytest.approx(A, rel=1e-12)
+
+
+@pytest.mark.parametrize("v", [0.0, 0.15, 0.6, 8.0])
+@pytest.mark.parametrize("kind", [SingleTrack, QuasiSteadySingleTrack])
+def test_a_car_a_third_as_long_moves_alike_from_standstill_on(kind, v):
+    """Lengths and speeds over 3, mass over 300: forces over 900, inertias and torques over 2700, the same angles."""
+    p = SOUSA_TABLE_6_1
+    small = dataclasses.replace(
+        p,
+        **{n: getattr(p, n) / 3 for n in ("wheelbase", "l_f", "radius")},
+        **{n: getattr(p, n) / 2700 for n in ("inertia_z", "inertia_wheel_f", "inertia_wheel_r")},
+        mass=p.mass / 300,
+    )
+    tire, soft = (LinearTire(C_alpha=6e4 / k, C_s=9e4 / k) for k in (1.0, 900.0))
+    wheels = {"SingleTrack": (1.02 * v / p.radius, 0.9 * v / p.radius)}.get(kind.__name__, ())
+    x = np.array([v, 0.1, 0.2, *wheels, 5.0, 2.0, 0.4])
+    u, u_scale = np.array([0.08, 60.0, -40.0]), np.array([1.0, 2700.0, 2700.0])
+    scale = np.array([3.0, 3.0, 1.0, *(1.0 for _ in wheels), 3.0, 3.0, 1.0])
+    given = dict(dt=1e-3) | ({"grip": 1e3} if kind is QuasiSteadySingleTrack else {})
+    rate = kind(params=p, tire_f=tire, tire_r=tire, **given).derivative(x, u)
+    small_rate = kind(params=small, tire_f=soft, tire_r=soft, **given).derivative(x / scale, u / u_scale)
+    assert scale * small_rate == pytest.approx(rate, rel=1e-12)
 
 
 def test_steering_left_turns_left():

@@ -14,7 +14,11 @@ _SLOW = 0.7  # Hz, below which a car nearly follows its steering
 _SHARES = (
     (0.0, 0.024, "delta is logged in degrees: declare its unit as deg"),
     (0.024, 0.115, "delta is the angle of the hand wheel: give the steering ratio, about {ratio:.0f}"),
-    (0.115, 0.36, "v_x is logged in km/h: declare its unit as km/h"),
+    (
+        0.115,
+        0.36,
+        "v_x is logged in km/h: declare its unit as km/h, or delta is a command: give steering_gain, about {gain:.2g}",
+    ),
     (15.0, 120.0, "r is logged in deg/s: declare its unit as deg/s"),
 )
 _SPEEDS = 0.2  # range of speeds over their mean, from which understeer and offsets show
@@ -46,7 +50,7 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
     said += cornering
     if not about_r:
         drives = np.repeat(np.arange(len(fast)), [part.n_samples for part in fast])
-        said += _steering(smooth, wheelbase, drives) or _zero(fast)
+        said += _steering(smooth, wheelbase, drives) or _zero(smooth, drives)
     return tuple(said)
 
 
@@ -133,7 +137,7 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
     scale = np.maximum(np.abs(table).max(axis=0), 1e-300)
     gain = float(np.linalg.lstsq(table / scale, _inside(asked, drives), rcond=None)[0][0] / scale[0])
     return [
-        f"r wheelbase / v_x is about {gain:.2g} of delta: {words.format(ratio=0.8 / gain)}"
+        f"r wheelbase / v_x is about {gain:.2g} of delta: {words.format(ratio=0.8 / gain, gain=gain / 0.8)}"
         for low, high, words in _SHARES
         if low < gain <= high and (speeds or "km/h" not in words)
     ]
@@ -145,18 +149,17 @@ def _inside(x: np.ndarray, drives: np.ndarray) -> np.ndarray:
     return x - (np.bincount(drives, x) / count)[drives]
 
 
-def _zero(fast: list[Dataset]) -> list[str]:
+def _zero(smooth: dict[str, np.ndarray], drives: np.ndarray) -> list[str]:
     """A sentence on an offset of r beyond what a fit corrects: what delta, v_x and understeer do not explain.
 
     An offset of the steering counts for more the faster the car is, one of the sensor does not; its standard error is
     that of a jackknife over blocks of the drive (R. G. Miller, The jackknife: a review, Biometrika 61, 1974).
     """
-    rows, speed = [], np.concatenate([part["v_x"] for part in fast])
-    if np.ptp(speed) < _SPEEDS * speed.mean():  # at one speed, offsets of delta and r are one
+    v, r, delta = smooth["v_x"], smooth["r"], smooth["delta"]
+    if np.ptp(v) < _SPEEDS * v.mean():  # at one speed, offsets of delta and r are one
         return []
-    for part in fast:
-        v, r, delta = (_low_pass(part[name], part.dt) for name in ("v_x", "r", "delta"))
-        rows.append(np.column_stack([v * delta, v * v * r, v, np.ones(len(v)), r]))
+    table = np.column_stack([v * delta, v * v * r, v, np.ones(len(v)), r])
+    rows = np.split(table, np.flatnonzero(np.diff(drives)) + 1)
     blocks = [b for part in rows for b in np.array_split(part, max(1, _BLOCKS // len(rows)))]
     squares = np.array([b.T @ b for b in blocks])
     size = np.sqrt(np.maximum(np.diagonal(squares.sum(axis=0)), 1e-300))

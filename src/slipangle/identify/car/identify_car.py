@@ -25,6 +25,7 @@ from slipangle.identify.car.structures import (
     errors,
     first_guess,
     fit,
+    friction_used,
     helps,
     with_shape,
 )
@@ -44,7 +45,9 @@ _WIDE = 0.25  # half of an interval over the value, from which a parameter count
 _MOVED = 0.05  # change of a parameter that is worth a sentence
 _OFFSET = 0.2  # of a sensor, over the standard deviation of its channel, from which it is told
 _GAIN = (0.75, 1.33)  # of the steering, found over given, that needs no word
+_BEYOND = 1.2  # friction found over friction used, from which a limit is extrapolated
 _LATE = 0.25  # s, of delay and lag together, that no steering has
+_DENSITIES = 15.0, 1500.0  # kg/m3, mass over the wheelbase cubed: cars about 75, an open-wheeler 30, a full truck 700
 _SHAPES = (1.1, 1.7)  # other tires, see `with_shape`
 
 
@@ -152,7 +155,7 @@ class WholeCar(Checked):
         lowest, highest = final.problem.ranges
         limits = np.clip(limits, lowest[:, None], highest[:, None])
         separated = _separated(names, final, limits)
-        wrong = (*suspect, *_sensors(final, spread, self.steering_gain))
+        wrong = (*suspect, *self._weight(), *_sensors(final, spread, self.steering_gain))
         changes = _changes(stages)
         unknown = (*_ridges(names, final, spread, limits, separated), *_bounds(final))
         info = ProfileInfo(
@@ -173,8 +176,24 @@ class WholeCar(Checked):
             model=model,
             stages=tuple(stages),
             doubts=wrong,
-            sentences=(*wrong, *changes, *unknown),
+            sentences=(*wrong, *changes, *unknown, self._of_the_mass()),
             separated=separated,
+        )
+
+    def _weight(self) -> list[str]:
+        """A sentence where no vehicle of this length weighs so little or so much."""
+        lightest, heaviest = (density * self.wheelbase**3 for density in _DENSITIES)
+        if lightest < self.mass < heaviest:
+            return []
+        return [
+            f"mass is {self.mass:g} kg at a wheelbase of {self.wheelbase:g} m; expected {_short(lightest)} to "
+            f"{_short(heaviest)} kg: check both, and their units"
+        ]
+
+    def _of_the_mass(self) -> str:
+        return (
+            f"C_f, C_r and inertia_z are in proportion to the mass that was given, {self.mass:g} kg, which no log of "
+            "the motion can check: weigh the car as it was driven"
         )
 
 
@@ -243,6 +262,8 @@ def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[Fit
     """Structures that explain the data about as well as the chosen one: with a correction more, or other tires."""
     at = errors(final.model, data)
     trials = [corrected(final, correction, data) for correction in dropped]
+    if "lever_v_y" in final.free:  # which is hard to tell from a centre of gravity that is not where it was said to be
+        trials.append(fit(final.model, (*final.free, "l_f"), data, final))
     if "mu_f" in final.free:
         trials += [fit(with_shape(final.model, shape), final.free, data, final) for shape in _SHAPES]
     return [other for other in trials if change(at, errors(other.model, data))[0] < _AS_GOOD]
@@ -321,7 +342,15 @@ def _sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
 
 
 def _bounds(final: Fitted) -> list[str]:
+    used = friction_used(final.problem.data)
+    limits = {n: v for n, v in final.values.items() if n in ("mu_f", "mu_r") and v < 0.99 * final.model.si(n).upper}
     said = []
+    if limits and min(limits.values()) > _BEYOND * used:
+        found = ", ".join(f"{n} = {v:.2g}" for n, v in limits.items())
+        said.append(
+            f"{found} are read from the bend of the tire curves: the log uses {used:.2g} at most, and what the car "
+            "does beyond is extrapolated; drive nearer the limit before relying on it"
+        )
     for name, value in final.values.items():
         si = final.model.si(name)
         if name in ("mu_f", "mu_r") and value > 0.99 * si.upper:

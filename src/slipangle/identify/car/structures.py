@@ -22,6 +22,8 @@ _LINEAR = 8.0  # peak friction at which an axle is as good as linear
 _LONGEST = 0.3  # s, of a steering delay
 _ITERATIONS, _FLAT = 60, 1e-7  # of a fit, and the relative gain of its last step
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
+_ALIKE = 0.15  # standard deviation of the difference of both axles' friction
+_WORTH = 0.05  # fall of the squared held-out error that is worth a correction by itself
 _HARM = 0.01  # rise of the squared held-out error that a correction may bring
 _SETTLES = 1.0  # s, until an initial state that was guessed is forgotten
 _ROUNDS, _COLOUR = 4, 400  # of weighing outputs and prior; lags of the residuals' autocorrelation
@@ -40,14 +42,15 @@ class Correction:
 def corrections(data: Dataset, wheelbase: float) -> tuple[Correction, ...]:
     """Corrections in the order in which they are tried; each stays if it helps on held-out stretches."""
     biases = tuple(f"bias_{name}" for name in data.outputs)
-    used = float(np.quantile(np.abs(data["v_x"] * data["r"]), 0.999)) / GRAVITY  # friction, at least
+    used = friction_used(data)
     frictions = tuple({"mu_f": share * used, "mu_r": share * used} for share in _SHARES)
     length = 0.1 * wheelbase
     listed = [
         Correction("the steering's delay and lag are free", ("delay_delta", "steering_lag")),
-        Correction("the steering's offset and the sensors' biases are free", ("steering_offset", *biases)),
+        Correction("the steering's offset is free", ("steering_offset",)),
         Correction("the steering's gain is free", ("steering_gain",)),
         Correction("the axles saturate", ("mu_f", "mu_r"), frictions),
+        Correction("the sensors' biases are free", biases),
         Correction(
             "the tires' relaxation lengths are free",
             ("relaxation_f", "relaxation_r"),
@@ -58,6 +61,11 @@ def corrections(data: Dataset, wheelbase: float) -> tuple[Correction, ...]:
     if "v_y" in data.outputs:
         listed.insert(-1, Correction("the place of the v_y sensor is free", ("lever_v_y",)))
     return tuple(listed)
+
+
+def friction_used(data: Dataset) -> float:
+    """Largest lateral acceleration of a log over that of gravity, but for outliers."""
+    return float(np.quantile(np.abs(data["v_x"] * data["r"]), 0.999)) / GRAVITY
 
 
 def first_guess(
@@ -111,10 +119,10 @@ def fit(model: Any, free: tuple[str, ...], data: Dataset, before: Fitted | None 
     rows, stretch = np.repeat(kept, ny), np.repeat(np.arange(len(lengths)), lengths)[kept]
     prior, z = ordinary(model, free), problem.start
     for _ in range(_ROUNDS):
-        slopes, offsets = _pull(prior, problem, thinning)
-        slope: Any = lambda z, a=slopes: np.vstack([problem.evaluate(z)[1][rows], np.diag(a)])  # noqa: E731
+        pull, centre = _pull(prior, problem, thinning)
+        slope: Any = lambda z, a=pull: np.vstack([problem.evaluate(z)[1][rows], a])  # noqa: E731
         solution = trust_region(
-            lambda z, a=slopes, b=offsets: np.concatenate([problem.evaluate(z)[0][rows], a * z - b]),
+            lambda z, a=pull, b=centre: np.concatenate([problem.evaluate(z)[0][rows], a @ z - b]),
             z,
             jac=slope,
             bounds=(problem.lower, problem.upper),
@@ -166,21 +174,30 @@ def ordinary(model: Any, free: tuple[str, ...]) -> dict[str, tuple[float, float,
         "relaxation_f": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "relaxation_r": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "lever_v_y": (0.0, 0.1 * p.wheelbase, False),
+        "l_f": (p.l_f, 0.05 * p.wheelbase, False),
         "delay_delta": (0.0, 0.1, False),
         "steering_lag": (0.0, 0.1, False),
     }
     return {name: known[name] for name in free if name in known}
 
 
-def _pull(prior: Mapping[str, tuple[float, float, bool]], problem: FreeRunProblem, thinning: float) -> Any:
-    """Slopes and offsets of the rows that draw scaled unknowns to the prior, as hard as coloured samples allow."""
-    slopes, offsets = np.zeros(problem.n_p), np.zeros(problem.n_p)
+def _pull(
+    prior: Mapping[str, tuple[float, float, bool]], problem: FreeRunProblem, thinning: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows, shape (n, n_free), and their centres that draw scaled unknowns to the prior, if samples are coloured.
+
+    Both axles' frictions are drawn to each other: a car whose rear slides long before its front is not built.
+    """
+    at, widths, centres = np.eye(problem.n_p), np.full(problem.n_p, np.inf), np.zeros(problem.n_p)
     for i, name in enumerate(problem.free):
         if name in prior:
             centre, spread, relative = prior[name]
-            slopes[i] = np.sqrt(thinning) * problem.scale[i] / (spread * centre if relative else spread)
-            offsets[i] = slopes[i] * centre / problem.scale[i]
-    return slopes, offsets
+            widths[i], centres[i] = spread * centre if relative else spread, centre
+    if {"mu_f", "mu_r"} <= set(problem.free):
+        between = at[problem.free.index("mu_f")] - at[problem.free.index("mu_r")]
+        at, widths, centres = np.vstack([at, between]), np.append(widths, _ALIKE), np.append(centres, 0.0)
+    weight = np.sqrt(thinning) / widths
+    return weight[:, None] * at * problem.scale, weight * centres
 
 
 def _thinning(error: np.ndarray, stretch: np.ndarray) -> float:
@@ -238,12 +255,14 @@ def change(before: np.ndarray, after: np.ndarray) -> tuple[float, float]:
 def helps(before: Fitted, after: Fitted, held_before: np.ndarray, held_after: np.ndarray) -> bool:
     """Whether a correction is worth its parameters on the data of the fit, and does no harm on held-out ones.
 
-    Worth by the Bayesian information criterion with as many samples as are independent.
+    Worth by the Bayesian information criterion with as many samples as are independent; where a poor structure colours
+    its errors so much that few are, also by what it brings on nearly every held-out stretch.
     """
     independent = len(after.error) / after.thinning
     gain = -2.0 * independent * float(np.log(after.sigma / before.sigma).sum())
     price = (len(after.free) - len(before.free)) * np.log(independent)
-    return bool(gain > price and change(held_before, held_after)[0] < _HARM)
+    moved, scatter = change(held_before, held_after)
+    return bool((gain > price and moved < max(_HARM, scatter)) or moved < -max(_WORTH, 2.0 * scatter))
 
 
 def with_shape(model: Any, shape: float) -> Any:

@@ -12,16 +12,14 @@ def axle_velocities(v_y: Scalar, r: Scalar, p: ChassisParams) -> tuple[Scalar, S
     return v_y + p.l_f * r, v_y - p.l_r * r
 
 
-def slip_angles(
-    v_x: Scalar, v_y: Scalar, r: Scalar, delta: Scalar, p: ChassisParams, v_low: float
-) -> tuple[Scalar, Scalar]:
-    """Slip angles of the front and the rear axle at any speed, softened below ``v_low``. [rad]
+def slip_angles(v_x: Scalar, v_y: Scalar, r: Scalar, delta: Scalar, p: ChassisParams) -> tuple[Scalar, Scalar]:
+    """Slip angles of the front and the rear axle at any speed, softened below `crawl`. [rad]
 
     They use atan2 of the axle's velocity and reduce to eqs. 3-11, 3-12 of [1]_ at small angles; alpha > 0 gives a
     force to the left. A wheel at rest that is turned feels no slip.
     """
     v_yf, v_yr = axle_velocities(v_y, r, p)
-    v = speed_floor(v_x, v_low)
+    v = speed_floor(v_x, crawl(p))
     return delta * v_x / v - atan2(v_yf, v), -atan2(v_yr, v)
 
 
@@ -29,6 +27,11 @@ def small_slip_angles(v: Scalar, v_y: Scalar, r: Scalar, delta: Scalar, p: Chass
     """Slip angles of the front and the rear axle where they are small, at a speed ``v`` above zero. [rad]"""
     v_yf, v_yr = axle_velocities(v_y, r, p)
     return delta - v_yf / v, -v_yr / v
+
+
+def crawl(p: ChassisParams) -> float:
+    """Speed below which slip is softened, in proportion to the car: 0.2 wheelbases a second. [m/s]"""
+    return 0.2 * p.wheelbase
 
 
 def lowest_speed(p: ChassisParams, C_f: Scalar, C_r: Scalar) -> Scalar:

@@ -26,8 +26,6 @@ class QuasiSteadySingleTrack(OdeModel):
         One front and one rear tire.
     grip : float
         Largest longitudinal force over load. [-]
-    v_low : float
-        Speed below which slip is softened. [m/s]
 
     Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eqs. 3-1 to 3-8 with 3-4, 3-5 at rest.
     """
@@ -39,7 +37,6 @@ class QuasiSteadySingleTrack(OdeModel):
     tire_f: Tire
     tire_r: Tire
     grip: float = 1.0
-    v_low: float = 0.5
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,7 +52,7 @@ class QuasiSteadySingleTrack(OdeModel):
         """Rates of the six states."""
         p, (v_x, v_y, r, psi) = self.params, (x[0], x[1], x[2], x[5])
         delta = p.road_wheel(u[0])
-        alpha_f, alpha_r = slip_angles(v_x, v_y, r, delta, p, self.v_low)
+        alpha_f, alpha_r = slip_angles(v_x, v_y, r, delta, p)
         F_yf = 2 * self.tire_f.forces(0.0, alpha_f, p.load_f).F_y
         F_yr = 2 * self.tire_r.forces(0.0, alpha_r, p.load_r).F_y
         most_f, most_r = 2 * self.grip * p.load_f, 2 * self.grip * p.load_r

@@ -8,17 +8,17 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import MissingColumnError, nearest
 from slipangle.models.ode import OdeModel
 from slipangle.models.tires.simple import Tire, slip_ratio
-from slipangle.models.vehicles.axle import axle_velocities, ground_velocity, slip_angles, steered
+from slipangle.models.vehicles.axle import axle_velocities, crawl, ground_velocity, slip_angles, steered
 from slipangle.models.vehicles.parameters import SingleTrackParams
 from slipangle.ops import Scalar, Vector, cos, sin, stack
 
 
-def single_track(x: Vector, u: Vector, p: SingleTrackParams, tire_f: Tire, tire_r: Tire, v_low: float = 0.5) -> Vector:
+def single_track(x: Vector, u: Vector, p: SingleTrackParams, tire_f: Tire, tire_r: Tire) -> Vector:
     """State rates of the single track with wheel spin.
 
     The state is v_x, v_y [m/s], r [rad/s], omega_f, omega_r [rad/s], X, Y [m], psi [rad]; inputs are the road-wheel
     angle [rad] and the drive torque on the front and on the rear axle [N m]. The tires are one of the two of an axle;
-    below ``v_low`` [m/s] slip is softened. Slip angles use atan2 of the axle's velocity, and the front slip ratio the
+    below `crawl` slip is softened. Slip angles use atan2 of the axle's velocity, and the front slip ratio the
     speed along the wheel's own plane; both reduce to eqs. 3-11 to 3-13 at small angles.
 
     Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eqs. 3-1 to 3-8, slip sign corrected.
@@ -26,10 +26,10 @@ def single_track(x: Vector, u: Vector, p: SingleTrackParams, tire_f: Tire, tire_
     v_x, v_y, r, omega_f, omega_r, psi = x[0], x[1], x[2], x[3], x[4], x[7]
     delta, T_f, T_r = u[0], u[1], u[2]
     v_yf, _ = axle_velocities(v_y, r, p)
-    alpha_f, alpha_r = slip_angles(v_x, v_y, r, delta, p, v_low)
+    alpha_f, alpha_r = slip_angles(v_x, v_y, r, delta, p)
     v_wheel = v_x * cos(delta) + v_yf * sin(delta)
-    front = tire_f.forces(slip_ratio(v_wheel, omega_f, p.radius, v_low=v_low), alpha_f, p.load_f)
-    rear = tire_r.forces(slip_ratio(v_x, omega_r, p.radius, v_low=v_low), alpha_r, p.load_r)
+    front = tire_f.forces(slip_ratio(v_wheel, omega_f, p.radius, v_low=crawl(p)), alpha_f, p.load_f)
+    rear = tire_r.forces(slip_ratio(v_x, omega_r, p.radius, v_low=crawl(p)), alpha_r, p.load_r)
     F_xf, F_yf, F_xr, F_yr = 2 * front.F_x, 2 * front.F_y, 2 * rear.F_x, 2 * rear.F_y
     along, across = steered(F_xf, F_yf, delta)
     return stack(
@@ -83,7 +83,7 @@ class SingleTrack(StartsRolling):
     def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
         """Accelerations of the centre of gravity, slip angles of the axles."""
         rate, delta = self.derivative(x, u), self.params.road_wheel(u[0])
-        alpha_f, alpha_r = slip_angles(x[0], x[1], x[2], delta, self.params, 0.5)
+        alpha_f, alpha_r = slip_angles(x[0], x[1], x[2], delta, self.params)
         return {
             "a_x": rate[0] - x[1] * x[2],
             "a_y": rate[1] + x[0] * x[2],
