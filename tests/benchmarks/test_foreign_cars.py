@@ -111,7 +111,7 @@ def test_each_mistake_changes_the_log_or_what_is_known():
     rng = np.random.default_rng(3)
     for name in ("v_y", "r", "a_y"):
         data = data.with_channel(name, rng.standard_normal(len(data)))
-    assert len(MISTAKES) == 12
+    assert len(MISTAKES) == 14
     for mistake in MISTAKES:
         wrong, known = mistake.data(data), mistake.known(KNOWN)
         same = wrong.dt == data.dt and np.array_equal(wrong.values, data.values)
