@@ -283,14 +283,31 @@ MUTANTS = [
     ),
     # ---- paths, manoeuvres, sensors
     *mistakes(
-        "paths/path.py",
+        "paths/line.c",
         MEASURES,
         [
             (
                 "path: distance positive to the right",
+                "(Y - p[1]) * cos(p[2]) - (X - p[0]) * sin(p[2])",
+                "(X - p[0]) * sin(p[2]) - (Y - p[1]) * cos(p[2])",
+            ),
+        ],
+    ),
+    *mistakes(
+        "paths/path.py",
+        "paths/test_line.py::test_feet",
+        [
+            (
+                "path without a compiler: distance positive to the right",
                 "float((Y - p.Y[0]) * math.cos(psi) - (X - p.X[0]) * math.sin(psi))",
                 "float((X - p.X[0]) * math.sin(psi) - (Y - p.Y[0]) * math.cos(psi))",
             ),
+        ],
+    ),
+    *mistakes(
+        "paths/path.py",
+        MEASURES,
+        [
             ("path: edges swapped", "((self.right, -1.0), (self.left, 1.0))", "((self.right, 1.0), (self.left, -1.0))"),
             (
                 "path: width of the car on one side",
@@ -301,8 +318,13 @@ MUTANTS = [
     ),
     *mistakes(
         "paths/path.py",
+        "paths/test_line.py::test_places",
+        [("path without a compiler: turns off beyond its end", "+ beyond * np.sin(psi)", "+ beyond * np.cos(psi)")],
+    ),
+    *mistakes(
+        "paths/line.c",
         f"{PATH}::test_open_path_goes_straight_on_beyond_its_ends",
-        [("path: turns off beyond its end", "+ beyond * np.sin(psi)", "+ beyond * np.cos(psi)")],
+        [("path: turns off beyond its end", "out[1] += beyond * sin(psi)", "out[1] += beyond * cos(psi)")],
     ),
     *mistakes(
         "paths/centreline.py",
@@ -381,7 +403,7 @@ MUTANTS = [
     *mistakes(
         "simulate/loop.py",
         "simulate/test_loop.py::test_the_run_holds_what_happened",
-        [("drive: sign of the heading error", 'true["psi"] - foot.psi', 'foot.psi - true["psi"]')],
+        [("drive: sign of the heading error", "remainder(psi - foot.psi", "remainder(foot.psi - psi")],
     ),
     *mistakes(
         "simulate/run.py",

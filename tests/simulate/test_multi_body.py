@@ -14,7 +14,7 @@ from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import End
 
 pytest.importorskip("vehiclemodels", reason="commonroad-vehicle-models is not installed")
-from tests.simulate.multi_body import DRIVER, WIDTH, MultiBodyPlant
+from tests.simulate.multi_body import DRIVER, WIDTH, MultiBody
 
 P = BMW_320I
 BICYCLE = BicycleParams(
@@ -52,7 +52,7 @@ slow = pytest.mark.slow
 def test_lane_change_of_iso_3888_1_in_the_lane(name, v_x):
     # aiming at a point ahead cuts corners: at 25 m/s it needs the roundest path that the lanes allow
     path = double_lane_change(v_x, width=WIDTH, blend=12.0 if "near" in name else 10.0)
-    theirs = closed_loop(MultiBodyPlant(), FOLLOWERS[name], path, driver=DRIVER, width=WIDTH)
+    theirs = closed_loop(Plant(MultiBody()), FOLLOWERS[name], path, driver=DRIVER, width=WIDTH)
     ours = closed_loop(OURS, FOLLOWERS[name], path, driver=pedal_driver(P), width=WIDTH)
     for run in (theirs, ours):
         assert run.end is End.FINISHED

@@ -94,11 +94,11 @@ def test_standing_and_reversing_are_defined(name, v_x):
 @slow
 def test_lane_change_of_iso_3888_1_in_the_lane_of_a_multi_body_car(name, v_x):
     pytest.importorskip("vehiclemodels", reason="commonroad-vehicle-models is not installed")
-    from tests.simulate.multi_body import DRIVER, WIDTH, MultiBodyPlant
+    from tests.simulate.multi_body import DRIVER, WIDTH, MultiBody
 
     mpc = controller(name, BMW_320I, (15.0, 20.0, 25.0), 0.4)
     path = double_lane_change(v_x, width=WIDTH, blend=7.0)  # its own margin is 0.095 m
-    run = closed_loop(MultiBodyPlant(), mpc, path, driver=DRIVER, width=WIDTH)
+    run = closed_loop(Plant(MultiBody()), mpc, path, driver=DRIVER, width=WIDTH)
     assert run.end is End.FINISHED
     assert run.inside
     assert np.isfinite(run.commands).all()

@@ -7,14 +7,16 @@ in `slipangle.paths.lane_change`.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path as FilePath
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
 from slipangle.errors import NotFiniteError, ParameterError, TooShortError
 from slipangle.paths.centreline import edge_between, hermite, limit_rise, points_of_line, read_track, sample_spline
+from slipangle.paths.line import Line
 from slipangle.paths.preview import Preview, Projection, strides_between
 
 SPACING = 0.25  # m, between the samples of a centre line
@@ -152,6 +154,21 @@ class Path:
         v = limit_rise(v[::-1], k[::-1], self.spacing, a_y, brake, passes, closed=self.closed)[::-1]
         return replace(self, v_x=v)
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy needs, in this process or another: nothing compiled."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    @cached_property
+    def line(self) -> Line | None:
+        """The samples in compiled C; None without a compiler: then NumPy does the same, slower."""
+        if self.spacing * 1e9 < self.length or not np.isfinite(self.psi).all():
+            return None
+        free = np.full_like(self.s, np.inf)
+        speed = np.full_like(self.s, np.nan) if self.v_x is None else self.v_x
+        lane = (free if edge is None else edge for edge in (self.right, self.left))
+        columns = (self.X, self.Y, self.psi, self.curvature, speed, *lane)
+        return Line.of(columns, closed=self.closed, spacing=self.spacing, length=self.length)
+
     # ---- looking -----------------------------------------------------------------------------------------------
 
     @property
@@ -172,6 +189,8 @@ class Path:
     def at(self, s: np.ndarray | float) -> Preview:
         """The path at arc lengths ``s``, shape (n,); an open path goes straight on beyond its ends."""
         s = np.atleast_1d(np.asarray(s, dtype=float))
+        if self.line is not None and s.ndim == 1:
+            return Preview.of(s, self.line.at(s))
         turns = np.floor(s / self.length) if self.closed else np.zeros_like(s)
         inside = s - turns * self.length if self.closed else np.clip(s, 0.0, self.length)
         beyond = np.zeros_like(s) if self.closed else s - inside
@@ -209,12 +228,17 @@ class Path:
             times, strides = dt * np.arange(steps + 1), [(1, dt)] * int(steps)
         else:
             times = np.asarray(steps, dtype=float)
-            strides = strides_between(times)
+            strides = strides_between(times.tobytes())
         if self.v_x is None and v_x is None:
             raise ParameterError(
                 f"'{self.name}' has no speed profile; expected one to look ahead in time: use path.with_speed(20.0), "
                 "or give the measured v_x"
             )
+        if self.line is not None:
+            constant = self.v_x is None
+            off = v_x if constant or v_x is None else v_x - self.speed(s)
+            rows = self.line.ahead(s, strides, 0.0 if off is None else off, constant=constant)
+            return Preview.of(rows[0], rows[1:], times)
         places, speeds = np.empty(len(times)), np.empty(len(times))
         offset = 0.0 if v_x is None or self.v_x is None else v_x - self.speed(s)
 
@@ -230,13 +254,18 @@ class Path:
 
     def speed(self, s: float) -> float:
         """Speed of the profile at one arc length [m/s]; NaN without a profile."""
-        profile = self.v_x
-        if profile is None:
+        if self.v_x is None:
             return math.nan
-        place = s % self.length if self.closed else min(max(s, 0.0), self.length)
-        position = place / self.spacing
+        profile, length, spacing = self._profile
+        place = s % length if self.closed else min(max(s, 0.0), length)
+        position = place / spacing
         i = min(int(position), len(profile) - 2)
-        return float(profile[i] + (position - i) * (profile[i + 1] - profile[i]))
+        return profile[i] + (position - i) * (profile[i + 1] - profile[i])
+
+    @cached_property
+    def _profile(self) -> tuple[list[float], float, float]:
+        """Speeds [m/s], length and spacing [m] as plain numbers, which are quick to take one of."""
+        return [] if self.v_x is None else self.v_x.tolist(), self.length, self.spacing
 
     def project(self, X: float, Y: float, near_s: float | None = None, *, window: float = 15.0) -> Projection:
         """Foot of a point [m] on the path.
@@ -248,6 +277,9 @@ class Path:
         """
         if not (math.isfinite(X) and math.isfinite(Y)):
             raise NotFiniteError(f"the point to project is ({X}, {Y}); expected finite coordinates")
+        found = None if self.line is None else self.line.foot(X, Y, near_s, window)
+        if found is not None:
+            return Projection(*found)
         h, n = self.spacing, len(self.s)
         if near_s is None:
             s = h * int(np.argmin((self.X - X) ** 2 + (self.Y - Y) ** 2))
@@ -272,8 +304,12 @@ class Path:
 
     def project_all(self, X: np.ndarray, Y: np.ndarray, near_s: float | None = None) -> np.ndarray:
         """`project` of consecutive points of a drive, shape (n, 3): s [m], e_y [m], psi [rad]."""
+        X, Y = np.asarray(X, float), np.asarray(Y, float)
+        good = np.isfinite(X).all() and np.isfinite(Y).all() and X.shape == Y.shape == (len(X),)
+        if self.line is not None and good and (near_s is None or abs(near_s) < 1e9):
+            return self.line.feet(X, Y, near_s, 15.0)
         out = np.empty((len(X), 3))
-        for k, (x, y) in enumerate(zip(np.asarray(X, float), np.asarray(Y, float), strict=True)):
+        for k, (x, y) in enumerate(zip(X, Y, strict=True)):
             out[k] = foot = self.project(float(x), float(y), near_s)
             near_s = foot.s
         return out

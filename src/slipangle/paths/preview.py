@@ -2,7 +2,8 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import lru_cache
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -37,6 +38,12 @@ class Preview:
     left: np.ndarray
     t: np.ndarray | None = None
 
+    @classmethod
+    def of(cls, s: np.ndarray, rows: np.ndarray, t: np.ndarray | None = None) -> Self:
+        """From places and X, Y, psi, curvature, v_x, right, left there, shape (7, n)."""
+        X, Y, psi, curvature, v_x, right, left = rows
+        return cls(s=s, X=X, Y=Y, psi=psi, curvature=curvature, v_x=v_x, right=right, left=left, t=t)
+
     def __len__(self) -> int:
         return len(self.s)
 
@@ -61,11 +68,14 @@ class Preview:
         return self.curvature * self.v_x
 
 
-def strides_between(times: np.ndarray) -> list[tuple[int, float]]:
+@lru_cache(maxsize=64)
+def strides_between(instants: bytes) -> tuple[tuple[int, float], ...]:
     """How many strides of which length lead from each instant to the next, none longer than the first interval.
 
-    Raises ParameterError if the instants do not rise from 0.
+    ``instants`` are the bytes of an array, since a loop asks for the same ones at every step. Raises ParameterError if
+    the instants do not rise from 0.
     """
+    times = np.frombuffer(instants)
     gaps = np.diff(np.atleast_1d(times))
     if not (len(gaps) and times[0] == 0 and (gaps > 0).all() and np.isfinite(times[-1])):
         raise ParameterError(
@@ -77,4 +87,4 @@ def strides_between(times: np.ndarray) -> list[tuple[int, float]]:
     for gap in gaps.tolist():
         count = max(math.ceil(gap / first - 1e-6), 1)
         strides.append((count, first if math.isclose(gap, count * first, rel_tol=1e-9) else gap / count))
-    return strides
+    return tuple(strides)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.errors import ParameterError, SampleTimeError
 from slipangle.estimate.ekf import EKF
 from slipangle.estimate.observed import Observed
+from slipangle.models.fast import bind
 from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import Values, require_names
 from slipangle.paths.path import Path
@@ -19,6 +20,7 @@ from slipangle.simulate.plant import Plant, Simulation
 from slipangle.simulate.run import End, Run
 
 FAR = 20.0  # m from the path: the drive is over
+JUDGED = ("X", "Y", "psi", "v_x")
 STOPPING = 5.0  # m/s2, deceleration of a plant whose speed is an input
 
 
@@ -123,7 +125,8 @@ class _Loop:
     driving: DriverState = field(default_factory=DriverState)
     plans: list[Plan] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
-    rows: list[np.ndarray] = field(default_factory=list)
+    calls: dict[str, tuple[list[np.ndarray], np.ndarray, Callable[[], None]]] = field(default_factory=dict)
+    rows: list[list[float]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         if self.path.v_x is None:
@@ -145,6 +148,9 @@ class _Loop:
         require_names(self.held, plant.model.inputs, "held", "use an input of the plant")
         shares = self.driver.inputs(0.0) if self.driver is not None else {}
         require_names(shares, plant.model.inputs, "the driver", "share its output over inputs of the plant")
+        self.place = {name: j for j, name in enumerate(plant.model.inputs)}
+        known = (*plant.model.states, *plant.model.inputs)
+        self.judged = [known.index(n) if n in known else None for n in JUDGED]
         self.base = np.zeros(plant.model.n_inputs)
         for j, name in enumerate(plant.model.inputs):
             if name in self.controller.controls or name in shares or name == "v_x":
@@ -217,26 +223,38 @@ class _Loop:
         y = np.array([measured[n] for n in model.outputs])
         step, _, correct = model.functions
         if self.plans:
-            self.x = np.asarray(step(self.x, self.model_inputs).full()).ravel()
+            self.x = self._called(step, self.x, self.model_inputs)
         if np.isfinite(y).all() and np.isfinite(inputs).all():
-            self.x = np.asarray(correct(self.x, inputs, y).full()).ravel()
+            self.x = self._called(correct, self.x, inputs, y)
         return inputs
+
+    def _called(self, function: Any, *given: np.ndarray) -> np.ndarray:
+        """A function of the controller's model, shape (n_states,)."""
+        name = function.name()
+        if name not in self.calls:
+            arrays, out = [np.empty(len(a)) for a in given], np.empty(len(self.x))
+            self.calls[name] = arrays, out, bind(function, arrays, out)
+        arrays, out, call = self.calls[name]
+        for array, values in zip(arrays, given, strict=True):
+            array[:] = values
+        call()
+        return out.copy()
 
     def drive(self, simulation: Simulation) -> None:
         """Set the plant's inputs and advance it by one sample."""
-        names, u = self.plant.model.inputs, self.base.copy()
+        at, u = self.place, self.base.copy()
         if self.driver is not None:
             wanted = self.speed(self.s)
             slope = (self.speed(self.s + 0.5) - self.speed(self.s - 0.5)) * wanted
             output, self.driving = self.driver.step(self.driving, wanted, simulation.measure()["v_x"], slope)
             for name, value in self.driver.inputs(output).items():
-                u[names.index(name)] = value
-        if "v_x" in names:
-            j, most = names.index("v_x"), STOPPING * self.sample
+                u[at[name]] = value
+        if "v_x" in at:
+            j, most = at["v_x"], STOPPING * self.sample
             change = self.speed(self.s) - self.command[j]
             u[j] = self.command[j] + (max(change, -most) if self.plans[-1].stopping else change)
         for name, value in zip(self.controller.controls, self.plans[-1].command, strict=True):
-            u[names.index(name)] = value
+            u[at[name]] = value
         self.command = u
         simulation.advance(u, self.per_sample)
         self.tick += 1
@@ -245,13 +263,15 @@ class _Loop:
 
     def record(self, simulation: Simulation, limit: float, *, stop_at_end: bool) -> End | None:
         """Note the state of the plant; why the drive is over, if it is."""
-        true = simulation.true()
-        if not np.isfinite(simulation.x).all():
+        state = simulation.state
+        if not math.isfinite(sum(state[: simulation.x.size])):
             return End.NOT_FINITE
-        foot = self.path.project(true["X"], true["Y"], self.rows[-1][1] if self.rows else self.s)
-        e_psi = math.remainder(true["psi"] - foot.psi, 2 * math.pi)
-        row = [self.tick * self.sample, foot.s, foot.e_y, e_psi, true["v_x"]]
-        self.rows.append(np.concatenate([row, simulation.x, simulation.inputs]))
+        known = simulation.true() if None in self.judged else {}
+        X, Y, psi, v_x = (known[n] if j is None else state[j] for n, j in zip(JUDGED, self.judged, strict=True))
+        foot = self.path.project(X, Y, self.rows[-1][1] if self.rows else self.s)
+        e_psi = math.remainder(psi - foot.psi, 2 * math.pi)
+        row = [self.tick * self.sample, foot.s, foot.e_y, e_psi, v_x]
+        self.rows.append(row + state)
         if abs(foot.e_y) > FAR:
             return End.LEFT_PATH
         if stop_at_end and foot.s >= self.path.length:

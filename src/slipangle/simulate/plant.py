@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import KW_ONLY, dataclass, field
 from functools import cached_property
 from typing import Annotated, Any
@@ -12,7 +13,7 @@ import numpy as np
 
 from slipangle.errors import ParameterError
 from slipangle.fields import Checked, Within
-from slipangle.models.fast import evaluate
+from slipangle.models.fast import bind, evaluate
 from slipangle.models.model import Model
 from slipangle.optimal.terms import Values, require_names
 from slipangle.simulate.foreign import Foreign, Held
@@ -99,6 +100,12 @@ class Plant(Checked):
         return ca.Function("plant", [state, u], [ca.vertcat(model.functions[0](x, moved), moved)])
 
 
+def _draws(rng: np.random.Generator) -> Iterator[float]:
+    """Standard normal numbers, one after another."""
+    while True:
+        yield from rng.standard_normal(256).tolist()
+
+
 class Simulation:
     """A drive of a `Plant`: state, actuators and delayed commands, advanced in place."""
 
@@ -112,12 +119,17 @@ class Simulation:
         self._plant = plant
         self._state = np.concatenate([self._begin(x), inputs])
         self._delay = [round(plant.delay.get(n, 0.0) / plant.dt) for n in model.inputs]
+        self._lags = [(j, float(share)) for j, share in enumerate(plant._share) if share < 1.0]
+        self._true: dict[str, float] | None = None  # every channel now, once somebody asked
         self._past = np.tile(inputs, (max(self._delay, default=0), 1))
         self._many: dict[int, ca.Function] = {}
+        self._output: Callable[[], None] | None = None
         names = sorted(plant.channels)
-        self._noise = {
-            n: (std, np.random.default_rng([plant.seed, names.index(n)])) for n, std in plant.noise.items() if std > 0
-        }
+        self._noise = [
+            (n, std, _draws(np.random.default_rng([plant.seed, names.index(n)])))
+            for n, std in plant.noise.items()
+            if std > 0
+        ]
         self._tick = 0
         self._streams: dict[str, Stream] = {}
         first = self.true() if plant.sensors else {}
@@ -132,17 +144,27 @@ class Simulation:
         return self._state[: self._plant.model.n_states]
 
     @property
+    def state(self) -> list[float]:
+        """State and inputs now."""
+        return self._state.tolist()
+
+    @property
     def inputs(self) -> np.ndarray:
         """Inputs that act on the vehicle now, after delay and lag, shape (n_inputs,)."""
         return self._state[self._plant.model.n_states :]
 
     def advance(self, command: np.ndarray, steps: int) -> None:
         """Hold a command, shape (n_inputs,), for some steps of the plant."""
-        commands = np.vstack([self._past, np.tile(np.asarray(command, dtype=float), (steps, 1))])
-        first = len(self._past)
-        table = np.column_stack([commands[first - d : first - d + steps, j] for j, d in enumerate(self._delay)])
-        self._past = commands[len(commands) - first :]
+        first, held = len(self._past), np.asarray(command, dtype=float)
+        commands = np.empty((first + steps, len(held)))
+        commands[:first], commands[first:] = self._past, held
+        table = commands[first:].copy()
+        for j, d in enumerate(self._delay):
+            if d:
+                table[:, j] = commands[first - d : first - d + steps, j]
+        self._past = commands[steps:]
         states = self._run(table)
+        self._true = None
         self._sense(states)
         self._state = states[-1].copy()
         self._tick += steps
@@ -153,9 +175,12 @@ class Simulation:
 
     def _lagged(self, table: np.ndarray) -> np.ndarray:
         """Where the actuators are after each step, in place of the commands that have reached them."""
-        now, share = self.inputs, self._plant._share
-        for k in range(len(table)):
-            table[k] = now = now + share * (table[k] - now)
+        for j, share in self._lags:
+            now, moved = float(self.inputs[j]), []
+            for wanted in table[:, j].tolist():
+                now += share * (wanted - now)
+                moved.append(now)
+            table[:, j] = moved
         return table
 
     def _run(self, table: np.ndarray) -> np.ndarray:
@@ -163,7 +188,7 @@ class Simulation:
         kernel, steps = self._plant.model.steps, len(table)
         if kernel is not None:
             table = self._lagged(table)
-            return np.hstack([kernel.run(self.x, table)[1:], table])
+            return np.concatenate([kernel.run(self.x, table)[1:], table], axis=1)
         if steps not in self._many:
             self._many[steps] = self._plant._step.mapaccum("many", steps, {"base": 4})
         return np.asarray(self._many[steps](self._state, table.T).full()).T
@@ -182,20 +207,33 @@ class Simulation:
 
     def true(self) -> dict[str, float]:
         """Every channel now, without noise, by name."""
-        model = self._plant.model
-        values = dict(zip(model.inputs, self.inputs.tolist(), strict=True))
-        y = np.asarray(model.functions[1](self.x, self.inputs).full()).ravel()
-        values.update(zip(model.outputs, y.tolist(), strict=True))
-        values.update(zip(model.states, self.x.tolist(), strict=True))
-        return values
+        if self._true is None:
+            model = self._plant.model
+            now = self._state.tolist()
+            values = dict(zip(model.inputs, now[model.n_states :], strict=True))
+            if not set(model.outputs) <= set(model.states):
+                values.update(zip(model.outputs, self._outputs(), strict=True))
+            values.update(zip(model.states, now[: model.n_states], strict=True))
+            self._true = values
+        return self._true.copy()
+
+    def _outputs(self) -> list[float]:
+        """Outputs of the model now."""
+        if self._output is None:
+            model = self._plant.model
+            self._arguments = np.empty(model.n_states), np.empty(model.n_inputs), np.empty(model.n_outputs)
+            self._output = bind(model.functions[1], self._arguments[:2], self._arguments[2])
+        self._arguments[0][:], self._arguments[1][:] = self.x, self.inputs
+        self._output()
+        return self._arguments[2].tolist()
 
     def measure(self) -> dict[str, float]:
         """Every channel now as the sensors see it, by name; each call draws new noise, sensors keep their sample."""
         values = self.true()
         for name, stream in self._streams.items():
             values[name] = stream.read(self._tick)
-        for name, (std, rng) in self._noise.items():
-            values[name] += std * float(rng.standard_normal())
+        for name, std, draws in self._noise:
+            values[name] += std * next(draws)
         return values
 
 
@@ -227,9 +265,9 @@ class ForeignSimulation(Simulation):
 
     def true(self) -> dict[str, float]:
         """What it measured last, and its inputs, by name."""
-        model = self._plant.model
-        values = dict(zip(model.inputs, self.inputs.tolist(), strict=True))
-        return values | dict(zip(model.states, self.x.tolist(), strict=True))
+        model, now = self._plant.model, self._state.tolist()
+        values = dict(zip(model.inputs, now[model.n_states :], strict=True))
+        return values | dict(zip(model.states, now[: model.n_states], strict=True))
 
     def measure(self) -> dict[str, float]:
         """Every channel now, as `Simulation.measure`; NaN where the plant measured nothing."""

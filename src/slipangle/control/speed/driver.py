@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple, Self
-
-import numpy as np
 
 from slipangle.errors import ParameterError
 from slipangle.fields import Checked, NotNegative, Positive
@@ -132,7 +133,9 @@ class SpeedDriver(Checked):
         state = self._sound(state)
         if not (abs(wanted) <= FASTEST and abs(v_x) <= FASTEST and abs(a_x) <= FASTEST):
             return state.output, state
-        kp, ki = (float(np.interp(v_x, self.speeds, gain)) for gain in (self.kp, self.ki))
+        kp, ki = self.kp[0], self.ki[0]
+        if len(self.speeds) > 1:
+            kp, ki = _between(self.speeds, self.kp, v_x), _between(self.speeds, self.ki, v_x)
         error = wanted - v_x
         free = kp * error + state.integral + self.feedforward * a_x
         rolling = min(max(v_x / STANDSTILL, 0.0), 1.0)  # brakes stop the car, they do not push it back
@@ -149,6 +152,20 @@ class SpeedDriver(Checked):
 
     def inputs(self, output: float) -> dict[str, float]:
         """The output shared out over the vehicle's inputs, by name."""
+        return {name: output * (drive if output >= 0 else brake) for name, drive, brake in self._shares}
+
+    @cached_property
+    def _shares(self) -> tuple[tuple[str, float, float], ...]:
+        """Each input's share of a positive and of a negative output."""
         brake = self.drive if self.brake is None else self.brake
-        shares = self.drive if output >= 0 else brake
-        return {name: output * shares.get(name, 0.0) for name in dict.fromkeys((*self.drive, *brake))}
+        names = dict.fromkeys((*self.drive, *brake))
+        return tuple((name, self.drive.get(name, 0.0), brake.get(name, 0.0)) for name in names)
+
+
+def _between(speeds: Sequence[float], gains: Sequence[float], v_x: float) -> float:
+    """Linear between the speeds, constant beyond."""
+    i = bisect_right(speeds, v_x)
+    if i == 0 or i == len(speeds):
+        return gains[min(i, len(speeds) - 1)]
+    slope = (gains[i] - gains[i - 1]) / (speeds[i] - speeds[i - 1])
+    return slope * (v_x - speeds[i - 1]) + gains[i - 1]
