@@ -53,14 +53,14 @@ _CALL = _LIBRARY | {
 _DOUBLE = """\
 #include <math.h>
 #define d_true(condition) ((double)(condition))
-static inline double d_fmin(double a, double b) { return a < b ? a : b; }
-static inline double d_fmax(double a, double b) { return a > b ? a : b; }
-static inline double d_hypot(double a, double b) { return sqrt(a * a + b * b); }
-static inline double d_sign(double a) { return (double)((a > 0.0) - (a < 0.0)); }
-static inline double d_and(double a, double b) { return a != 0.0 && b != 0.0; }
-static inline double d_or(double a, double b) { return a != 0.0 || b != 0.0; }
-static inline double d_not(double a) { return a == 0.0; }
-static inline double d_if(double condition, double a) { return condition != 0.0 ? a : 0.0; }
+static inline __attribute__((unused)) double d_fmin(double a, double b) { return a < b ? a : b; }
+static inline __attribute__((unused)) double d_fmax(double a, double b) { return a > b ? a : b; }
+static inline __attribute__((unused)) double d_hypot(double a, double b) { return sqrt(a * a + b * b); }
+static inline __attribute__((unused)) double d_sign(double a) { return (double)((a > 0.0) - (a < 0.0)); }
+static inline __attribute__((unused)) double d_and(double a, double b) { return a != 0.0 && b != 0.0; }
+static inline __attribute__((unused)) double d_or(double a, double b) { return a != 0.0 || b != 0.0; }
+static inline __attribute__((unused)) double d_not(double a) { return a == 0.0; }
+static inline __attribute__((unused)) double d_if(double condition, double a) { return condition != 0.0 ? a : 0.0; }
 """
 _NATIVE = """\
 #ifndef LANES

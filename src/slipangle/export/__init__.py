@@ -8,6 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from slipangle.data.dataset import Dataset
 from slipangle.export.drives import DEFAULT_STEPS, Drive, Recorder
 from slipangle.export.kinds import project_of
 from slipangle.export.names import checked
@@ -15,9 +16,9 @@ from slipangle.export.project import write
 
 
 def export(
-    thing: Any, folder: str | Path, *, name: str = "", drive: Drive | int = DEFAULT_STEPS, force: bool = False
+    thing: Any, folder: str | Path, *, name: str = "", drive: Drive | Dataset | int = DEFAULT_STEPS, force: bool = False
 ) -> Path:
-    """Write a controller as self-contained C99 into a folder.
+    """Write a controller or a model as self-contained C99 into a folder.
 
     The folder has the source, a header with units and ranges, a wrapper for C++17, a program that replays a recorded
     drive, a Makefile, CMakeLists.txt, a README and a manifest with checksums. The code allocates nothing, opens no
@@ -25,15 +26,15 @@ def export(
 
     Parameters
     ----------
-    thing : MPC
-        What to export.
+    thing : Model, MPC or MultiARXMPC
+        What to export; an MPC is one solved in real time.
     folder : str or Path
         Where; a new or an empty folder.
     name : str, optional
         With which files and functions begin; by default what is exported, such as ``mpc``.
-    drive : Drive or int
-        What the program replays: see `slipangle.export.drives.Recorder`; or so many steps of a drive of the
-        controller's own model.
+    drive : Drive, Dataset or int
+        What the program replays. Of a controller: what a `Recorder` wrote down. Of a model: data, from whose start and
+        inputs it runs free. Or so many steps of a drive of its own.
     force : bool
         Write into a folder that is not empty too.
 

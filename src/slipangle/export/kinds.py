@@ -5,15 +5,20 @@ from __future__ import annotations
 from functools import singledispatch
 from typing import Any
 
+from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
+from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.export.drives import Drive, standard_drive
+from slipangle.export.marx import marx_project
+from slipangle.export.models import model_project
 from slipangle.export.mpc import mpc_project
 from slipangle.export.project import Project
+from slipangle.models.model import Model
 
 
 @singledispatch
-def project_of(thing: Any, name: str, drive: Drive | int) -> Project:
+def project_of(thing: Any, name: str, drive: Drive | Dataset | int) -> Project:
     """The project of a thing; others register theirs.
 
     Parameters
@@ -22,7 +27,7 @@ def project_of(thing: Any, name: str, drive: Drive | int) -> Project:
         What is exported.
     name : str
         The project's name, checked; empty for the kind's own.
-    drive : Drive or int
+    drive : Drive, Dataset or int
         What the replay repeats, or the number of steps of a drive of its own.
 
     Raises
@@ -30,9 +35,37 @@ def project_of(thing: Any, name: str, drive: Drive | int) -> Project:
     ParameterError
         If there is no C of such a thing.
     """
-    raise ParameterError(f"a {type(thing).__name__} has no C; expected an MPC solved in real time")
+    raise ParameterError(
+        f"a {type(thing).__name__} has no C; expected a model, an MPC solved in real time or a MultiARXMPC"
+    )
+
+
+def _driven(controller: Any, drive: Drive | Dataset | int) -> Drive:
+    """A recorded drive of a controller.
+
+    Raises ParameterError if a data set is given, which says nothing of what a controller was asked.
+    """
+    if isinstance(drive, Drive):
+        return drive
+    if isinstance(drive, Dataset):
+        raise ParameterError(
+            "the drive is a Dataset; expected what a controller was asked: record it with slipangle.export.Recorder"
+        )
+    return standard_drive(controller, drive)
 
 
 @project_of.register
-def _(thing: MPC, name: str, drive: Drive | int) -> Project:
-    return mpc_project(thing, name or "mpc", drive if isinstance(drive, Drive) else standard_drive(thing, drive))
+def _(thing: MPC, name: str, drive: Drive | Dataset | int) -> Project:
+    return mpc_project(thing, name or "mpc", _driven(thing, drive))
+
+
+@project_of.register
+def _(thing: MultiARXMPC, name: str, drive: Drive | Dataset | int) -> Project:
+    return marx_project(thing, name or "marx", _driven(thing, drive))
+
+
+@project_of.register
+def _(thing: Model, name: str, drive: Drive | Dataset | int) -> Project:
+    if isinstance(drive, Drive):
+        raise ParameterError("the drive is that of a controller; expected a Dataset, or a number of samples")
+    return model_project(thing, name or "model", drive)

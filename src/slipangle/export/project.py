@@ -23,7 +23,7 @@ from slipangle.files import check_output, output_folder
 class Project:
     """What is exported: its name, what it is in a sentence, its files but for those that all projects have.
 
-    ``facts`` go into the manifest; ``about`` into the README, in Markdown.
+    ``facts`` go into the manifest; ``about`` into the README, in Markdown, whose template is ``readme``.
     """
 
     name: str
@@ -31,12 +31,14 @@ class Project:
     sentence: str
     files: Mapping[str, str]
     about: str = ""
+    readme: str = "README.md"
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def everything(self) -> dict[str, str]:
         """All files by name, the manifest too."""
-        shared = {n: self._template(n) for n in ("Makefile", "CMakeLists.txt", "README.md")}
+        shared = {n: self._template(n) for n in ("Makefile", "CMakeLists.txt")}
+        shared["README.md"] = self._template(self.readme)
         made = {**self.files, **shared}
         made["README.md"] = made["README.md"].replace("@SENTENCE@", self.sentence).replace("@ABOUT@", self.about)
         made["LICENSE"] = LICENCE

@@ -8,8 +8,10 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
 from itertools import combinations
 from operator import attrgetter
+from pathlib import Path
 from typing import Any, ClassVar, NoReturn, final
 
 import casadi as ca
@@ -283,6 +285,13 @@ class Model(FastPaths, abc.ABC):
         """State of straight driving at a speed [m/s] and pose [m, m, rad]; by default all other states are zero."""
         known = {"v_x": v_x, "X": X, "Y": Y, "psi": psi}
         return np.array([known.get(name, 0.0) for name in self.states])
+
+    def export(self, folder: str | Path, **settings: Any) -> Path:
+        """Write the model as C that runs without Python; see `slipangle.export.export`, also for its settings.
+
+        Raises WriteError if the folder is not empty or cannot be written.
+        """
+        return import_module("slipangle.export").export(self, folder, **settings)  # a room above this one
 
     def spread(self, data: Dataset) -> np.ndarray:
         """Standard deviation of the free runs of `alternatives`, shape (n_samples, n_outputs); zero for one alone."""

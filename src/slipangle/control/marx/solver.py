@@ -26,8 +26,8 @@ FLAGS = ("-fno-math-errno", "-fno-trapping-math")
 OUTCOMES = (Status.SOLVED, Status.NOT_FINITE, Status.FAILED, Status.INFEASIBLE)
 
 
-def source(problem: MarxProgram) -> str:
-    """The problem as one C source."""
+def source(problem: MarxProgram, *, caller: bool = False) -> str:
+    """The problem as one C source; ``caller`` says that one in C brings the clock and knows the struct."""
     names = list(problem.outputs)
     sizes = {
         "NH": problem.horizon,
@@ -50,8 +50,8 @@ def source(problem: MarxProgram) -> str:
     shared = [files("slipangle.optimal.realtime") / name for name in ("ranges.c", "qp.c")]
     text = [preamble("V"), *(file.read_text(encoding="utf-8") for file in shared)]
     own = (files("slipangle.control.marx") / "marx.c").read_text(encoding="utf-8")
-    head = [clock(), *(f"#define {k} {v}" for k, v in sizes.items())]
-    return "\n".join([*head, *text, _shares(problem), own, accessors("marx", FIELDS)])
+    head = ["" if caller else clock(), *(f"#define {k} {v}" for k, v in sizes.items())]
+    return "\n".join([*head, *text, _shares(problem), own, "" if caller else accessors("marx", FIELDS)])
 
 
 def _shares(problem: MarxProgram) -> str:

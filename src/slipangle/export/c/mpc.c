@@ -198,7 +198,7 @@ static void count(Controller *c, int fell, double took)
     c->health[4] = late ? c->health[4] + 1 : 0;
 }
 
-static void report(const Controller *c, int status, double took, car_output *out)
+static void tell(const Controller *c, int status, double took, car_output *out)
 {
     const Work *s = &c->work;
     memcpy(out->command, c->u, sizeof out->command);
@@ -259,6 +259,6 @@ int car_plan(car_controller *memory, const car_input *in, car_output *out)
     c->plans = 1;
     took = now(&s->qp) - begin;
     count(c, fell, took);
-    report(c, status, took, out);
+    tell(c, status, took, out);
     return status;
 }

@@ -1,0 +1,170 @@
+/* The controller around the quadratic program: what it is given is judged, and where there is no solution the plan
+   before is shifted or the stop law takes over. The same decisions as those of `MultiARXMPC.plan`. */
+
+enum { DECIDED, IMPOSSIBLE = CAR_NOT_FINITE, NO_PLAN = CAR_FAILED };
+
+typedef struct {
+    Work work; /* first, as its vectors are aligned */
+    double u[NH], x[(NH + 1) * NS], offset[NY];
+    double seconds;
+    int64_t health[5];
+    int plans, age, stopping;
+} Controller;
+
+typedef char car_bytes_are_enough[sizeof(Controller) <= CAR_BYTES ? 1 : -1];
+
+static Controller *own(car_controller *c) { return (Controller *)(void *)c->memory; }
+
+int car_start(car_controller *memory, size_t bytes)
+{
+    Controller *c = own(memory);
+    if (bytes < sizeof(Controller))
+        return CAR_TOO_SMALL;
+    if ((uintptr_t)c % sizeof(V))
+        return CAR_MISALIGNED;
+    Work *s = &c->work;
+    memset(c, 0, sizeof *c);
+    memcpy(s->speeds, SPEEDS, sizeof s->speeds);
+    memcpy(s->A, OF_OUTPUTS, sizeof s->A);
+    memcpy(s->B, OF_INPUTS, sizeof s->B);
+    memcpy(s->c, CONSTANTS, sizeof s->c);
+    memcpy(s->q, OF_ERRORS, sizeof(double) * NT);
+    memcpy(s->end, OF_END, sizeof(double) * NT);
+    s->r[0] = OF_INPUT, s->s[0] = OF_CHANGE;
+    memcpy(s->bounds, BOUNDS, sizeof s->bounds);
+    memcpy(s->steps, STEPS, sizeof s->steps);
+    memcpy(s->lowest, LOWEST, sizeof s->lowest);
+    memcpy(s->highest, HIGHEST, sizeof s->highest);
+    c->seconds = INFINITY;
+    return CAR_OK;
+}
+
+/* The number of events of the quadratic program is bounded as it was exported; a clock counts overruns. */
+void car_deadline(car_controller *memory, int iterations, double seconds, double (*clock)(void *), void *of)
+{
+    Controller *c = own(memory);
+    (void)iterations;
+    c->work.qp.clock = clock, c->work.qp.clock_of = of;
+    c->seconds = clock && seconds > 0 ? seconds : INFINITY;
+}
+
+static int numbers(const double *v, int n)
+{
+    int all = 1;
+    for (int i = 0; i < n; i++)
+        all &= fabs(v[i]) <= 1e150;
+    return all;
+}
+
+static int fault(const Work *s)
+{
+    const double *low = s->lowest, *high = s->highest;
+    if (plausible(s->x, 1, NS, low, high) && plausible(s->path, NH + 1, 3, low + NS, high + NS) &&
+        plausible(s->v, NH, 1, low + NS + 3, high + NS + 3))
+        return DECIDED;
+    return numbers(s->x, NS) && numbers(s->path, (NH + 1) * 3) && numbers(s->v, NH) ? CAR_IMPLAUSIBLE : IMPOSSIBLE;
+}
+
+static double within(double v, double low, double high) { return smaller(larger(v, low), high); }
+
+/* Sum of the believed prediction errors, from a fresh plan one step ago; zero after anything else. */
+static void believe(Controller *c)
+{
+    double sum[NY];
+    int good = INTEGRAL > 0 && c->plans && c->age == 0;
+    for (int o = 0; o < NY; o++) {
+        volatile double part = INTEGRAL * (c->work.x[o] - c->x[NS + o]);
+        sum[o] = c->offset[o] + part;
+        good &= fabs(sum[o]) < FARTHEST;
+    }
+    for (int o = 0; o < NY; o++)
+        c->offset[o] = good ? sum[o] : 0;
+    memcpy(c->work.offset, c->offset, sizeof c->offset);
+}
+
+/* The plan before shifted, the wheels where they are (`standing`), or the stop law; into c->u and c->x. */
+static void fall_back(Controller *c, double before, int standing)
+{
+    const Work *s = &c->work;
+    int left = c->plans && !c->stopping ? (FALLBACK < NH - 1 ? FALLBACK : NH - 1) : 0;
+    c->age = c->plans ? c->age + 1 : 1;
+    c->stopping = !standing && c->age > left;
+    double last = before, safe = within(SAFE, s->bounds[0], s->bounds[1]);
+    for (int i = 0; i < NH; i++) {
+        double v = before;
+        if (!standing && (c->stopping || !c->plans)) {
+            volatile double part = RELAXING[i] * (before - safe);
+            v = safe + part;
+        } else if (!standing)
+            v = c->u[i + 1 < NH ? i + 1 : NH - 1];
+        v = within(v, last + s->steps[0], last + s->steps[1]);
+        c->u[i] = last = within(v, s->bounds[0], s->bounds[1]);
+    }
+    if (standing)
+        for (int i = 0; i <= NH; i++)
+            memcpy(c->x + i * NS, s->x, sizeof s->x);
+    else if (c->plans)
+        memmove(c->x, c->x + NS, sizeof(double) * NH * NS);
+    memset(c->offset, 0, sizeof c->offset);
+}
+
+static void count(Controller *c, int fell, double took)
+{
+    int late = took > c->seconds;
+    c->health[0]++;
+    c->health[1] += fell;
+    c->health[2] = fell ? c->health[2] + 1 : 0;
+    c->health[3] += late;
+    c->health[4] = late ? c->health[4] + 1 : 0;
+}
+
+static void tell(const Controller *c, int status, double took, car_output *out)
+{
+    const Work *s = &c->work;
+    out->command[0] = c->u[0];
+    memcpy(out->u, c->u, sizeof c->u);
+    memcpy(out->x, c->x, sizeof c->x);
+    out->status = status, out->age = c->age, out->stopping = c->stopping;
+    out->iterations = c->age ? 0 : (int)s->iterations[0];
+    out->cost = c->age ? NAN : s->cost[0], out->residual = c->age ? NAN : s->residual[0];
+    out->violation = NAN, out->seconds = took;
+    out->health.plans = c->health[0];
+    out->health.fallbacks = c->health[1], out->health.fallbacks_in_a_row = c->health[2];
+    out->health.overruns = c->health[3], out->health.overruns_in_a_row = c->health[4];
+}
+
+int car_plan(car_controller *memory, const car_input *in, car_output *out)
+{
+    static const int outcomes[] = {CAR_SOLVED, CAR_NOT_FINITE, CAR_FAILED, CAR_INFEASIBLE};
+    Controller *c = own(memory);
+    Work *s = &c->work;
+    double begin = now(&s->qp), said = in->applied[0], took;
+    int believed = in->applied_known && fabs(said) <= ANY_INPUT;
+    double before = within(believed ? said : c->plans ? c->u[0] : 0.0, s->bounds[0], s->bounds[1]);
+    memcpy(s->x, in->x, sizeof s->x);
+    memcpy(s->path, in->tracked, sizeof s->path);
+    memcpy(s->v, in->exogenous, sizeof s->v);
+    s->applied[0] = before;
+    int status = fault(s), fell = 1, standing = 0;
+    if (status == DECIDED && s->v[0] < SLOWEST)
+        status = NO_PLAN, standing = 1;
+    if (status == DECIDED) {
+        believe(c);
+        status = outcomes[marx_plan(s)];
+        if (status == CAR_SOLVED && !(moderate(s->u, NH) && moderate(s->states, (NH + 1) * NS)))
+            status = NO_PLAN;
+        fell = status != CAR_SOLVED;
+    }
+    if (fell)
+        fall_back(c, before, standing);
+    else {
+        memcpy(c->u, s->u, sizeof c->u);
+        memcpy(c->x, s->states, sizeof c->x);
+        c->age = c->stopping = 0;
+    }
+    c->plans = 1;
+    took = now(&s->qp) - begin;
+    count(c, fell, took);
+    tell(c, status, took, out);
+    return status;
+}
