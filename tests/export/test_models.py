@@ -15,7 +15,7 @@ from tests.models.all_models import ALL_MODELS, typical
 
 EVERY = pytest.mark.parametrize("name", ALL_MODELS)
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
-FEW = ("bicycle", "ARX", "single track")
+FEW = ("bicycle", "NARX", "single track, Radau", "dual track, front drive")
 
 
 def loaded(files):

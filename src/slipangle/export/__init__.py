@@ -26,7 +26,7 @@ def export(
 
     Parameters
     ----------
-    thing : Model, MPC or MultiARXMPC
+    thing : Model, MPC, MultiARXMPC or PathFollower
         What to export; an MPC is one solved in real time.
     folder : str or Path
         Where; a new or an empty folder.

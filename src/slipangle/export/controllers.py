@@ -37,7 +37,8 @@ def project(
     facts : mapping
         For the manifest.
     """
-    sizes = {lanes: size_of(source, "Controller", lanes) for lanes in LANES}
+    counts = "\n".join(f"#define CAR_{k} {v}" for k, v in counts_of(controller).items())
+    sizes = {lanes: size_of(f"{counts}\n{source}", "Controller", lanes) for lanes in LANES}
     title = f"{kind} of {controller.horizon} stages, a plan every {controller.dt:g} s"
     c = f'#include "car.h"\n#define LANES CAR_LANES\n#define CALLERS_CLOCK\n{source}'
     written = {
@@ -60,16 +61,6 @@ def project(
 
 def header(controller: Controller, sizes: Mapping[int, int], title: str) -> str:
     """The text of ``car.h``."""
-    counts = {
-        "STATES": len(controller.model.states),
-        "CONTROLS": len(controller.controls),
-        "REFERENCES": len(controller.references),
-        "EXOGENOUS": len(controller.exogenous),
-        "HORIZON": controller.horizon,
-        "NODES": controller.horizon + 1,
-        "EXOGENOUS_ROWS": exogenous_rows(controller),
-        "CORRIDOR": int(getattr(getattr(controller, "ocp", None), "corridor", None) is not None),
-    }
     bytes_ = "\n".join(
         f"{'#if' if n == LANES[0] else '#elif'} CAR_LANES == {n}\n#define CAR_BYTES {sizes[n]}" for n in LANES
     )
@@ -85,7 +76,7 @@ def header(controller: Controller, sizes: Mapping[int, int], title: str) -> str:
     )
     bounds = limits_of(controller)
     text = template("car.h").replace("@TITLE@", comment(title)).replace("@BYTES@", bytes_)
-    text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in counts.items()))
+    text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in counts_of(controller).items()))
     text = text.replace("@DT@", repr(float(controller.dt)))
     for mark, (letter, names) in places.items():
         known = bounds if letter == "U" else ranges
@@ -95,6 +86,20 @@ def header(controller: Controller, sizes: Mapping[int, int], title: str) -> str:
         ]
         text = text.replace(mark, "\n".join(lines) or "/* none */")
     return text.replace("@TIMES@", ", ".join(f"{t:g}" for t in controller.times))
+
+
+def counts_of(controller: Controller) -> dict[str, int]:
+    """Sizes by their names in C, without the prefix."""
+    return {
+        "STATES": len(controller.model.states),
+        "CONTROLS": len(controller.controls),
+        "REFERENCES": len(controller.references),
+        "EXOGENOUS": len(controller.exogenous),
+        "HORIZON": controller.horizon,
+        "NODES": controller.horizon + 1,
+        "EXOGENOUS_ROWS": exogenous_rows(controller),
+        "CORRIDOR": int(getattr(getattr(controller, "ocp", None), "corridor", None) is not None),
+    }
 
 
 def limits_of(controller: Controller) -> dict[str, tuple[float, float]]:

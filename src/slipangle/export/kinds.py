@@ -5,11 +5,13 @@ from __future__ import annotations
 from functools import singledispatch
 from typing import Any
 
+from slipangle.control.followers.followers import PathFollower
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.export.drives import Drive, standard_drive
+from slipangle.export.followers import follower_project
 from slipangle.export.marx import marx_project
 from slipangle.export.models import model_project
 from slipangle.export.mpc import mpc_project
@@ -36,7 +38,8 @@ def project_of(thing: Any, name: str, drive: Drive | Dataset | int) -> Project:
         If there is no C of such a thing.
     """
     raise ParameterError(
-        f"a {type(thing).__name__} has no C; expected a model, an MPC solved in real time or a MultiARXMPC"
+        f"a {type(thing).__name__} has no C; expected a model, an MPC solved in real time, a MultiARXMPC or a path "
+        "follower"
     )
 
 
@@ -54,14 +57,31 @@ def _driven(controller: Any, drive: Drive | Dataset | int) -> Drive:
     return standard_drive(controller, drive)
 
 
+def _require_own(controller: Any, kind: type) -> None:
+    """Raise ParameterError if a subclass plans in another way than the class whose C there is."""
+    if type(controller).plan is not vars(kind)["plan"]:
+        raise ParameterError(
+            f"a {type(controller).__name__} has a plan of its own, which has no C; expected a {kind.__name__}: export "
+            "that"
+        )
+
+
 @project_of.register
 def _(thing: MPC, name: str, drive: Drive | Dataset | int) -> Project:
+    _require_own(thing, MPC)
     return mpc_project(thing, name or "mpc", _driven(thing, drive))
 
 
 @project_of.register
 def _(thing: MultiARXMPC, name: str, drive: Drive | Dataset | int) -> Project:
+    _require_own(thing, MultiARXMPC)
     return marx_project(thing, name or "marx", _driven(thing, drive))
+
+
+@project_of.register
+def _(thing: PathFollower, name: str, drive: Drive | Dataset | int) -> Project:
+    _require_own(thing, PathFollower)
+    return follower_project(thing, name or "follower", _driven(thing, drive))
 
 
 @project_of.register

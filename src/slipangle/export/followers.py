@@ -1,0 +1,82 @@
+"""C of the path followers: each law once more, its parameters as constants."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+from typing import Any
+
+from slipangle.control.followers.followers import PathFollower, PurePursuit, Stanley
+from slipangle.control.followers.preview_lqr import PreviewLQR
+from slipangle.errors import ParameterError
+from slipangle.export.controllers import project, table
+from slipangle.export.drives import Drive
+from slipangle.export.project import Project, template
+
+
+@singledispatch
+def law(follower: Any) -> tuple[str, str, dict[str, Any], dict[str, Any]]:
+    """Name of a steering law, its file, its numbers and its arrays; others register theirs.
+
+    Raises ParameterError if there is no C of it.
+    """
+    raise ParameterError(f"a {type(follower).__name__} has no law; expected a path follower")
+
+
+@law.register
+def _(follower: PurePursuit) -> tuple[str, str, dict[str, Any], dict[str, Any]]:
+    p = follower.params
+    numbers = {"REAR": p.l_r, "WHEELBASE": p.wheelbase, "LOOK_AHEAD": follower.gain, "SHORTEST": follower.shortest}
+    return "pure pursuit", "pure_pursuit.c", numbers, {}
+
+
+@law.register
+def _(follower: Stanley) -> tuple[str, str, dict[str, Any], dict[str, Any]]:
+    numbers = {"PULL": follower.gain, "SOFTENING": follower.softening, "DAMPING": follower.damping}
+    return "Stanley controller", "stanley.c", {"FRONT": follower.params.l_f, **numbers}, {}
+
+
+@law.register
+def _(follower: PreviewLQR) -> tuple[str, str, dict[str, Any], dict[str, Any]]:
+    feedback, ahead = follower.gains
+    numbers = {"FRONT": follower.params.l_f, "SLIP": follower.slip}
+    return (
+        "LQR with preview",
+        "preview_lqr.c",
+        numbers,
+        {"SPEEDS": follower.speeds, "FEEDBACK": feedback, "AHEAD": ahead},
+    )
+
+
+def follower_project(follower: PathFollower, name: str, drive: Drive) -> Project:
+    """The files of a path follower.
+
+    Parameters
+    ----------
+    follower : PathFollower
+        The controller.
+    name : str
+        The project's name, checked.
+    drive : Drive
+        What the replay repeats.
+
+    Raises
+    ------
+    ParameterError
+        If there is no C of its law.
+    """
+    writer = next(k for k in type(follower).__mro__ if "law" in vars(k))  # of the law, which a subclass may change
+    if writer not in law.registry:
+        raise ParameterError(
+            f"a {type(follower).__name__} has a law of its own, which has no C; expected PurePursuit, Stanley or "
+            "PreviewLQR: register it with slipangle.export.followers.law"
+        )
+    kind, file, numbers, arrays = law.dispatch(writer)(follower)
+    low, high = follower._judge.ranges
+    numbers |= {"GAIN": follower.params.steering_gain, "OFFSET": follower.params.steering_offset}
+    numbers |= {"LIMIT": follower.limit, "MOST": follower.rate * follower.dt, "WHOLE_TURN": 6.283185307179586}
+    arrays |= {"LOWEST": low, "HIGHEST": high}
+    lines = ["#include <math.h>", "#include <string.h>", *(table(n, v) for n, v in arrays.items())]
+    lines += [f"#define {n} ({'INFINITY' if v == float('inf') else repr(float(v))})" for n, v in numbers.items()]
+    lines += [f"#define N_SPEEDS {len(arrays['SPEEDS'])}"] if "SPEEDS" in arrays else []
+    text = "\n".join([*lines, template(file), template("follower.c")])
+    return project(follower, name, drive, text, kind=kind, facts={"horizon": follower.horizon})
