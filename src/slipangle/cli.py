@@ -1,11 +1,26 @@
-"""The command line: ``slipangle demo | run | inspect | advise | export | list | data | reproduce | bench``."""
+"""The command line: ``slipangle demo | run | init | inspect | advise | export | list | data | reproduce | bench``."""
 
 import argparse
 import re
 import sys
 from collections.abc import Sequence
+from importlib.metadata import version
 
-from slipangle.commands import Commands, data, export, job, listing, log, models, reproduce, run, search, tire
+from slipangle.commands import (
+    Commands,
+    data,
+    doctor,
+    export,
+    init,
+    job,
+    listing,
+    log,
+    models,
+    reproduce,
+    run,
+    search,
+    tire,
+)
 from slipangle.errors import SlipangleError
 
 _STORY = """\
@@ -14,7 +29,8 @@ From a vehicle's drive log to an identified model to a predictive controller.
 Start here:
   slipangle demo                              the whole job on a built-in car, no data needed
   slipangle run examples/ferrari_250lm.toml   the same on a real race car's log
-  slipangle inspect log.csv                   what is wrong with a log, before anything is fitted
+  slipangle inspect log.csv                   what is in a log, and what is wrong with it
+  slipangle init log.csv                      a commented job for a log, guesses marked
   slipangle advise job.toml                   what to drive next
   slipangle export c job.toml                 its controller as C that runs without Python
   slipangle list                              kinds of models, signals, controllers and so on, added ones too
@@ -30,7 +46,11 @@ what to do)."""
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit code."""
     given = list(sys.argv[1:] if arguments is None else arguments)
-    options = _parser().parse_args(_joined(given))
+    parser = _parser()
+    options = parser.parse_args(_joined(given))
+    if options.function is None:
+        print(parser.format_help(), end="")
+        return 0
     try:
         return run(options)
     except SlipangleError as error:
@@ -57,8 +77,10 @@ def _joined(given: Sequence[str]) -> list[str]:
 def _parser() -> argparse.ArgumentParser:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(prog="slipangle", description=_STORY, epilog=_EXITS, formatter_class=raw)
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for group in (job, log, models, export, search, tire, listing, data, reproduce):
+    parser.add_argument("--version", action="version", version=f"slipangle {version('slipangle')}")
+    parser.set_defaults(function=None)
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND")
+    for group in (job, init, log, models, export, search, tire, listing, data, doctor, reproduce):
         group.add(Commands(commands))
     return parser
 

@@ -20,17 +20,19 @@ class Answer(NamedTuple):
 def run(options: argparse.Namespace) -> int:
     """Do what was asked for, print what came of it, and return the exit code."""
     answer = options.function(options)
-    print(json.dumps(answer.data, indent=2) if options.json else answer.words)
+    if options.json or not options.quiet:
+        print(json.dumps(answer.data, indent=2) if options.json else answer.words)
     return answer.code
 
 
 class Commands:
-    """Where a group adds its commands; every one knows ``--json``."""
+    """Where a group adds its commands; every one knows ``--json`` and ``--quiet``."""
 
     def __init__(self, actions: argparse._SubParsersAction) -> None:
         self._actions = actions
         self._json = argparse.ArgumentParser(add_help=False)
         self._json.add_argument("--json", action="store_true", help="print JSON on standard output, and nothing else")
+        self._json.add_argument("--quiet", action="store_true", help="print nothing but what is wrong, no progress")
 
     def add(
         self, name: str, function: Callable[[argparse.Namespace], Answer], text: str, *, about: str = "", more: str = ""

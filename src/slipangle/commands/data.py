@@ -36,7 +36,7 @@ def _data_list(options: argparse.Namespace) -> Answer:
 def _data_get(options: argparse.Namespace) -> Answer:
     from slipangle.data.public import registry
 
-    with Bar(quiet=options.json) as bar:
+    with Bar(quiet=options.json or options.quiet) as bar:
         places = {name: registry.fetch(name, progress=lambda what: bar(0.5, what)) for name in options.names}
     known = {name: {file: str(place) for file, place in files.items()} for name, files in places.items()}
     return Answer(known, "\n".join("\n  ".join([f"{name}:", *files.values()]) for name, files in known.items()))

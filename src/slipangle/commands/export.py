@@ -38,7 +38,7 @@ def _c(options: argparse.Namespace) -> Answer:
     name = checked(options.name) if options.name else ""
     folder = Path(options.out or f"slipangle-out/export/{name or Path(options.what).stem}")
     check_output(folder)
-    with Bar(quiet=options.json) as bar:
+    with Bar(quiet=options.json or options.quiet) as bar:
         if options.what.endswith(".json"):
             thing: Any = next(iter(load_models([options.what]).values()))
             drive: Drive | None = None

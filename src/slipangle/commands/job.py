@@ -29,7 +29,7 @@ def _demo(options: argparse.Namespace) -> Answer:
     from slipangle.workflow.demo import prepare_demo
 
     check_output(options.out)
-    with Bar(quiet=options.json) as bar:
+    with Bar(quiet=options.json or options.quiet) as bar:
         settings = prepare_demo(options.out, progress=lambda share: bar(0.15 * share, "test drive of the built-in car"))
         return _job(settings, options.out, lambda share, what: bar(0.15 + 0.85 * share, what), ["slipangle", "demo"])
 
@@ -39,7 +39,7 @@ def _run(options: argparse.Namespace) -> Answer:
 
     FILE.toml says which log, channels, units, models and manoeuvre; examples/ferrari_250lm.toml explains the entries.
     """
-    with Bar(quiet=options.json) as bar:
+    with Bar(quiet=options.json or options.quiet) as bar:
         return _job(Path(options.file), options.out, bar, ["slipangle", "run", options.file])
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from slipangle.commands import Answer, Commands
@@ -13,12 +14,14 @@ from slipangle.errors import ConfigError
 
 if TYPE_CHECKING:
     from slipangle.data.dataset import Dataset
+    from slipangle.data.quality.survey import Survey
     from slipangle.models.model import Model
 
 _CAR = ("delta", "v_x", "r")  # what ties the channels of a car's log together
 _ABOUT = """\
-Say what spoils an identification from a log: spikes, jumps, clipping, offsets, delay and lag, poor excitation,
-and channels that contradict each other in sign, unit or time. Nothing is changed or repaired.
+Say what is in a log, with rates, units, ranges and gaps, and which columns look like the channels of a car's model, in
+the words of a job; then what spoils an identification: spikes, jumps, clipping, offsets, delay and lag, poor
+excitation, and channels that contradict each other in sign, unit or time. Nothing is changed or repaired.
 
 FILE is a job, whose log is then read as it says, or a log itself, with --channel for what its headings do not say.
 """
@@ -64,7 +67,7 @@ def _inspect(options: argparse.Namespace) -> Answer:
     from slipangle.data.quality.inspect import inspect
     from slipangle.data.quality.plausible import doubts
 
-    data, wheelbase = _log(options)
+    seen, data, wheelbase = _log(options)
     report = inspect(data)
     said: tuple[str, ...] = ()
     missing = [name for name in _CAR if name not in data]
@@ -82,7 +85,10 @@ def _inspect(options: argparse.Namespace) -> Answer:
     delays = [{n: _plain(getattr(d, n)) for n in names} for d in report.delays]
     found = {"samples": report.samples, "dt": report.dt, "duration": report.duration, "doubts": list(said)}
     found |= {"sentences": list(report.sentences), "delays": delays}
-    words = (*(f"contradiction: {s}" for s in said), *report.sentences, *unchecked)
+    found |= {"channels": [asdict(c) for c in seen.channels] if seen else []}
+    found |= {"columns": {g.channel: g.line for g in seen.guesses} if seen else {}}
+    told = (*seen.sentences, "", "read so, the log says:") if seen else ()
+    words = (*told, *(f"contradiction: {s}" for s in said), *report.sentences, *unchecked)
     return Answer(found, "\n".join(words), int(bool(said)))
 
 
@@ -91,10 +97,11 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not abs(value) < float("inf") else value
 
 
-def _log(options: argparse.Namespace) -> tuple[Dataset, float | None]:
-    """The log as it is, and the wheelbase where one was given. [m]"""
-    from slipangle.data.readers import read
-    from slipangle.data.readers.columns import Column
+def _log(options: argparse.Namespace) -> tuple[Survey | None, Dataset, float | None]:
+    """What is in a log that nothing else is said of, the log, and the wheelbase where one was given. [m]"""
+    from slipangle.commands.init import said_channel
+    from slipangle.data.quality.survey import survey
+    from slipangle.data.readers import open_log, read
     from slipangle.workflow.log import load_data
     from slipangle.workflow.settings import read_settings
 
@@ -107,26 +114,26 @@ def _log(options: argparse.Namespace) -> tuple[Dataset, float | None]:
         settings = read_settings(options.file)
         tables = [t for m in settings.model for t in (m.entries, m.entries.get("car")) if isinstance(t, Mapping)]
         own = next((float(t["wheelbase"]) for t in tables if "wheelbase" in t), None)
-        return load_data(settings), own if wheelbase is None else wheelbase
-    columns = {}
-    for text in options.channel:
-        name, equals, source = text.partition("=")
-        heading, _, unit = source.partition(":")
-        if not (name and equals and heading):
-            raise ConfigError(f"--channel {text} names no column; expected NAME=HEADING or NAME=HEADING:UNIT")
-        columns[name] = Column(heading, unit or None)
-    data = read(options.file, columns or None)
+        return None, load_data(settings), own if wheelbase is None else wheelbase
+    columns = {g.channel: g.column for g in map(said_channel, options.channel)}
+    log, seen = open_log(options.file), None
+    if columns or log.meta:
+        data = read(options.file, columns or None)
+    else:
+        seen = survey(log)
+        nan = "merge" if any(line.startswith("nan") for line, _ in seen.settings) else "gap"
+        data = read(options.file, seen.columns() or None, time=seen.time, nan=nan)
     if data.inputs and data.outputs:
-        return data, wheelbase
+        return seen, data, wheelbase
     inputs = data.inputs or tuple(n for n in ("delta", "v_x") if n in data)
     outputs = data.outputs or tuple(n for n in ("r", "v_y", "a_y") if n in data and n not in inputs)
-    return data.select(inputs=inputs, outputs=outputs), wheelbase
+    return seen, data.select(inputs=inputs, outputs=outputs), wheelbase
 
 
 def _advise(options: argparse.Namespace) -> Answer:
     from slipangle.identify.physics.advise import advise
 
-    with Bar(quiet=options.json) as bar:
+    with Bar(quiet=options.json or options.quiet) as bar:
         model, train = _fitted(options, bar)
         bar(0.5, "simulating manoeuvres")
         every = advise(model, train, parameter=options.parameter, duration=options.duration)

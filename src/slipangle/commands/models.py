@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING
 
 from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
-from slipangle.errors import ConfigError, ModelWarning
+from slipangle.errors import ConfigError, ModelWarning, SlipangleError
 from slipangle.files import check_output
 
 if TYPE_CHECKING:
     from slipangle.data.dataset import Dataset
-    from slipangle.models.model import Model
+    from slipangle.models.model import FitInfo, Model
     from slipangle.workflow.log import Logs
     from slipangle.workflow.settings import ModelSettings, Settings
+
+_MANY = 40  # parameters that are told one by one
 
 
 def add(commands: Commands) -> None:
@@ -46,7 +48,7 @@ def _identify(options: argparse.Namespace) -> Answer:
     from slipangle.workflow.job import each_model, identify
 
     check_output(options.out)
-    with Bar(quiet=options.json) as bar:
+    with Bar(quiet=options.json or options.quiet) as bar:
         settings, logs = read_job(options.file)
 
         def fit(i: int, wanted: ModelSettings) -> Model:
@@ -54,16 +56,58 @@ def _identify(options: argparse.Namespace) -> Answer:
             return identify(wanted, logs.train)
 
         models, failures = each_model(settings, fit)
-    paths = {name: save(model, Path(options.out) / f"{_slug(name)}.json") for name, model in models.items()}
+    targets = {name: Path(options.out) / f"{_slug(name)}.json" for name in models}
+    replaced = {name for name, path in targets.items() if path.exists()}
+    paths = {name: save(model, targets[name]) for name, model in models.items()}
+    fits = {name: _fits(model, logs, settings) for name, model in models.items()}
     warned = {name: list(m.fit_info.warnings) if m.fit_info else [] for name, m in models.items()}
     words = []
     for name, path in paths.items():
         info = models[name].fit_info
         said = info.confounding if info is not None and 1 < len(info.names) <= 14 else ""
-        words += [f"{name}: {path}", *(f"  {sentence}" for sentence in (said, *warned[name]) if sentence)]
+        again = ", which it replaces" if name in replaced else ""
+        words += [f"{name}: {path}{again}", *(f"  {line}" for line in (*_estimates(info), *fits[name].values()))]
+        words += [f"  {sentence}" for sentence in (said, *warned[name]) if sentence]
     words += [f"{name}: failed. {why}" for name, why in failures.items()]
-    listed: dict[str, dict] = {n: {"file": str(p), "warnings": warned[n]} for n, p in paths.items()}
+    listed: dict[str, dict] = {
+        n: {"file": str(p), "replaced": n in replaced, "warnings": warned[n]} | _parameters(models[n].fit_info)
+        for n, p in paths.items()
+    }
     return Answer(listed | {n: {"failure": why} for n, why in failures.items()}, "\n".join(words), int(bool(failures)))
+
+
+def _parameters(info: FitInfo | None) -> dict[str, dict]:
+    """Estimates for machines, each with the ends of its 95 % interval, SI units."""
+    if info is None:
+        return {}
+    rows = zip(info.names, info.values.tolist(), info.interval().tolist(), strict=True)
+    return {"parameters": {name: {"value": value, "interval": ends} for name, value, ends in rows}}
+
+
+def _estimates(info: FitInfo | None) -> list[str]:
+    """Estimates with their 95 % intervals; of a network's many weights only how many."""
+    from slipangle.report.tables import number
+
+    if info is None or not info.names:
+        return []
+    if len(info.names) > _MANY:
+        return [f"{len(info.names)} parameters"]
+    units = info.units or ("",) * len(info.names)
+    rows = zip(info.names, info.values.tolist(), info.interval().tolist(), units, strict=True)
+    return [f"{n:16} {number(v)} {unit} (95 %: {number(a)} to {number(b)})" for n, v, (a, b), unit in rows]
+
+
+def _fits(model: Model, logs: Logs, settings: Settings) -> dict[str, str]:
+    """How the free run over the test part fits, by output; a model that runs away there says so."""
+    from slipangle.identify.judge.validate import validate
+
+    with warnings.catch_warnings(action="ignore", category=ModelWarning):
+        try:
+            seen = validate(model, logs.test, train=logs.train, start=settings.data.start)
+        except SlipangleError as error:
+            return {"": f"on the test part: {error}"}
+    scores = seen.free_run_scores.items()
+    return {o: f"free run on the test part: {o} fit {s.fit:.2f} %, VAF {s.vaf:.2f} %" for o, s in scores}
 
 
 def _validate(options: argparse.Namespace) -> Answer:

@@ -35,7 +35,7 @@ def _reproduce(options: argparse.Namespace) -> Answer:
     modules = [(name, find(name)) for name in options.names]
     results = []
     for name, module in modules:
-        with Bar(quiet=options.json) as bar:
+        with Bar(quiet=options.json or options.quiet) as bar:
             result = experiments.run(module.bench if bench else module.reproduce, bar)
         command = f"slipangle {options.command} {name}"
         results.append((name, result, record_table(result.records, title=result.title, command=command)))

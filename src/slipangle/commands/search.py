@@ -66,7 +66,7 @@ def _search(options: argparse.Namespace) -> Answer:
         pruner=options.pruner,
     )
     objective = NarxObjective(data=train, stages=tuple(replace(s, epochs=options.epochs) for s in STAGES))
-    with Bar(quiet=options.json) as bar:
+    with Bar(quiet=options.json or options.quiet) as bar:
         bar(0.0, "starting the workers")
         result = search.run(objective, progress=bar)
     page = _page(result, options, train.name)

@@ -88,7 +88,7 @@ def _fit(options: argparse.Namespace) -> Answer:
             check_output(Path(path).parent)
     if options.out and _suffix(options.out) == ".tir" and options.model != "mf61":
         raise FormatError(f"a {options.model} tire has no place in a .tir file; expected .json, or --model mf61")
-    with Bar(quiet=options.json) as bar:
+    with Bar(quiet=options.json or options.quiet) as bar:
         bar(0.05, "reading")
         data = joined([read_ttc(path) for path in options.files])
         bar(0.2, f"fitting {options.model} to {data.n_samples} samples")
