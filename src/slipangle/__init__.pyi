@@ -1,5 +1,6 @@
 """The public names, where each lives."""
 
+from slipangle.control.driver import Driver as Driver
 from slipangle.control.followers.followers import PurePursuit as PurePursuit
 from slipangle.control.followers.followers import Stanley as Stanley
 from slipangle.control.followers.preview_lqr import PreviewLQR as PreviewLQR
@@ -69,6 +70,7 @@ from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycleParams
 from slipangle.models.vehicles.single_track import SingleTrack as SingleTrack
 from slipangle.models.vehicles.steering import Steered as Steered
 from slipangle.models.wrappers.delayed import Delayed as Delayed
+from slipangle.models.wrappers.disturbed import Disturbed as Disturbed
 from slipangle.models.wrappers.multi_arx import MultiARXModel as MultiARXModel
 from slipangle.models.wrappers.on_ground import OnGround as OnGround
 from slipangle.optimal.ipopt import Ipopt as Ipopt
@@ -83,6 +85,7 @@ from slipangle.paths.lane_change import lane_changes as lane_changes
 from slipangle.paths.lane_change import obstacle_avoidance as obstacle_avoidance
 from slipangle.paths.path import Path as Path
 from slipangle.report.comparison import comparison_page as comparison_page
+from slipangle.simulate.drive import drive as drive
 from slipangle.simulate.foreign import PlantFunctions as PlantFunctions
 from slipangle.simulate.loop import closed_loop as closed_loop
 from slipangle.simulate.plant import Plant as Plant

@@ -1,0 +1,100 @@
+"""What a `Driver` takes where nothing is said: its model, its estimator and its controller, from the identified model.
+
+Lengths, times and accelerations scale with the wheelbase L as those of bodies that move alike: a car of 2.7 m counts in
+metres, radians and seconds as below, another one in lengths of L / 2.7 m and times of sqrt(L / 2.7 m) s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from slipangle.control.mpc import MPC
+from slipangle.errors import ParameterError
+from slipangle.estimate.ekf import EKF
+from slipangle.models.model import Model
+from slipangle.models.ode import Parametrised
+from slipangle.models.wrappers.disturbed import Disturbed
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.models.wrappers.wrapper import Wrapper
+from slipangle.optimal.terms import Limits, Weights
+
+USUAL = 2.7  # m, wheelbase of the car that the numbers are for
+STAGES = (1, *[1] * 5, *[2] * 6, *[3] * 4, *[5] * 4)  # of the horizon, in steps of 0.02 s: one second
+STEP = 0.02  # s, that these stages and the weights are for
+E_Y, E_PSI, CHANGE = 1.0, 1.0, 2.0  # weights per m2, per rad2, per rad2 of a step
+ANGLE, RATE = 0.5, 1.05  # rad and rad/s at the road wheels
+WANDER = {"v_y": 0.3, "r": 0.05, "d_v_y": 0.5, "d_r": 0.3}  # how far a state wanders in a root of a second
+START = {"v_y": 0.3, "r": 0.1, "d_v_y": 0.5, "d_r": 0.3}  # standard deviation of states at the start
+POSE_WANDER = {"X": 0.01, "Y": 0.01, "psi": 0.001}
+GATE, PATIENCE = 8.0, 5  # of outliers
+_POWER = {"v_y": 0.5, "r": -0.5, "d_r": -1.0, "X": 1.0, "Y": 1.0}  # of the size, by which these scale
+
+
+def _parameter(model: Model, name: str, otherwise: float) -> float:
+    """A parameter of the identified model, where it has one of that name."""
+    while isinstance(model, Wrapper) and not isinstance(model, Parametrised):
+        model = model.model
+    if isinstance(model, Parametrised) and name in model.parameter_names:
+        return model.value(name)
+    return otherwise
+
+
+def driven_model(model: Model, dt: float) -> OnGround:
+    """The identified model at a sample time [s] where it is an ODE, with what may push it, on the ground.
+
+    Raises ParameterError if it has no yaw rate among its states.
+    """
+    base = model.off_ground
+    if isinstance(base, Parametrised):
+        base = base.resampled(dt)
+    if not any(name.startswith("d_") for name in base.states):
+        known = {name.removeprefix("base ").removesuffix("[k]") for name in base.states}
+        on = tuple(name for name in ("v_y", "r") if name in known)
+        if "r" not in on:
+            raise ParameterError(
+                f"the model has the states {list(base.states)[:8]}; expected a yaw rate 'r' among them, so that what "
+                "pushes the car can be told: give controller and estimator for another model"
+            )
+        base = Disturbed(base, on=on)
+    posed: Any = model
+    return replace(posed, model=base) if model.off_ground is not model else OnGround(base)
+
+
+def default_estimator(model: OnGround, noise: Mapping[str, float], late: Mapping[str, float]) -> EKF:
+    """A filter for the outputs of `driven_model`; noise that is not given is that of the fit's residuals."""
+    size = _parameter(model, "wheelbase", USUAL) / USUAL
+    scale = {name: size**power for name, power in _POWER.items()}
+    states = {name.removeprefix("base ").removesuffix("[k]"): name for name in model.states}
+    wander = {n: v * scale.get(n, 1.0) for n, v in {**WANDER, **POSE_WANDER}.items() if n in states}
+    start = {n: v * scale.get(n, 1.0) for n, v in START.items() if n in states}
+    return EKF(
+        start=model,
+        noise_std=noise,
+        process_std={states[n]: v for n, v in wander.items()},
+        state_std={states[n]: v for n, v in start.items()},
+        gate=GATE,
+        patience=PATIENCE,
+        late=late,
+    )
+
+
+def default_controller(model: OnGround, control: str = "delta") -> MPC:
+    """An MPC on `driven_model` that looks a second ahead: distance and heading against quick steering."""
+    size, gain = _parameter(model, "wheelbase", USUAL) / USUAL, abs(_parameter(model, "steering_gain", 1.0))
+    grain = model.dt / STEP
+    steps: Any = [max(round(n / grain), 1) for n in STAGES]
+    steps[0] = 1
+    weight = CHANGE * gain**2 * size / grain**2
+    return MPC(
+        model,
+        horizon=len(steps),
+        steps=None if set(steps) == {1} else tuple(steps),
+        controls=(control,),
+        Q=Weights(e_y=E_Y / size**2, e_psi=E_PSI),
+        S=Weights({control: weight}),
+        limits=Limits({control: ANGLE / gain}),
+        rates=Limits({control: RATE / gain / math.sqrt(size)}),
+    )

@@ -1,0 +1,345 @@
+"""`Driver`: from measurements to commands: an estimator, a controller, a path and a speed law in one object."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.default_drive import default_controller, default_estimator, driven_model
+from slipangle.control.speed.driver import DriverState, SpeedDriver
+from slipangle.control.targets import SteadyStates
+from slipangle.errors import ParameterError, SimulationError
+from slipangle.models.model import Model
+from slipangle.models.wrappers.on_ground import POSE
+from slipangle.optimal.checks import NUMBER, Plausible
+from slipangle.optimal.solution import NEW, Health, Plan, Status
+from slipangle.optimal.terms import require_names
+from slipangle.paths.path import Path
+
+SLOWEST = 1.5  # m/s, below which a lateral model does not describe the car
+LONGEST_GAP = 1.0  # s between two calls, after which the estimator starts anew
+JUMP, MOST = 2.0, 30.0  # m/s and m/s2 by which a measured speed may change at once and over time
+LOST = 1.0  # m of standard deviation of the position from which the car should stop
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Commands:
+    """What a `Driver` wants, and how it is.
+
+    Parameters
+    ----------
+    values : dict of str to float
+        Inputs of the car by name, finite and within limits.
+    wanted_v_x : float
+        Speed that the car should have: the path's, or 0 to stop. [m/s]
+    plan : Plan or None
+        Of the controller; None before the first pose and at walking pace.
+    message : str
+        One sentence on where the commands come from.
+    s, e_y : float
+        Arc length of the path beside the car, and how far it is to the left of it, as estimated. [m]
+    state, state_std : array, shape (n_states,)
+        Estimated state of the driver's model, and its standard deviation.
+    age : dict of str to float
+        How long ago each output was measured and believed. [s]
+    restarts : int
+        How often the estimator had to start anew.
+    """
+
+    values: dict[str, float]
+    wanted_v_x: float
+    plan: Plan | None = None
+    message: str
+    s: float = 0.0
+    e_y: float = 0.0
+    state: np.ndarray
+    state_std: np.ndarray
+    age: dict[str, float] = field(default_factory=dict)
+    restarts: int = 0
+
+    def __getitem__(self, name: str) -> float:
+        """One command."""
+        return self.values[name]
+
+    @property
+    def status(self) -> Status:
+        """How the controller's solve ended; NOT_FINITE before the first pose and at walking pace."""
+        return Status.NOT_FINITE if self.plan is None else self.plan.status
+
+    @property
+    def fallback(self) -> bool:
+        """Whether the commands are not those of a fresh plan."""
+        return self.plan is None or self.plan.age > 0
+
+    @property
+    def health(self) -> Health:
+        """Plans, fallbacks and overruns so far."""
+        return NEW if self.plan is None else self.plan.health
+
+
+class Driver:
+    """Drives a car along a path from what its sensors say, complete when constructed.
+
+    `step` takes measurements by name at any rate and at any time, some of them missing, slow or late, and returns
+    commands. Inside, at every multiple of ``dt``, an estimator (`slipangle.estimate.ekf.EKF`) finds the state of the
+    identified model and what pushes the car off it (`Disturbed`), and a controller plans on that same model: delay and
+    lag of the steering are states of it, so they are compensated, and wind, bank, a wrong stiffness or a steering
+    offset leave no steady error. Wanted headings are those at which the car, pushed as it is, moves along the path
+    (`SteadyStates`). Defaults follow from the model alone, see `slipangle.control.default_drive`.
+
+    Slower than 1.5 m/s, which lateral models do not describe, the wheels stay where they are.
+
+    Parameters
+    ----------
+    model : Model
+        Lateral dynamics as identified, such as ``identify_car(...).model``; its inputs are the steering, the speed
+        ``v_x`` and others that are measured.
+    path : Path
+        With a speed profile.
+    speed : SpeedDriver, optional
+        Holds the path's speed by its inputs; without one `Commands.wanted_v_x` is for whoever does.
+    controller : Controller, optional
+        By default an MPC on the estimator's model.
+    estimator : EKF, optional
+        Its model is the controller's. By default one for `noise` and `late`.
+    noise : mapping of str to float
+        Standard deviation of measured outputs, as of `EKF`, X, Y and psi among them.
+    late : mapping of str to float
+        How long after its instant an output arrives. [s]
+    dt : float
+        Time between plans [s]; a model that is no ODE brings its own.
+
+    Raises
+    ------
+    ParameterError
+        If the path has no speed profile, or the models of controller and estimator are not the same.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        path: Path,
+        *,
+        speed: SpeedDriver | None = None,
+        controller: Any = None,
+        estimator: Any = None,
+        noise: Mapping[str, float] | None = None,
+        late: Mapping[str, float] | None = None,
+        dt: float = 0.02,
+    ) -> None:
+        if path.v_x is None:
+            raise ParameterError(f"'{path.name}' has no speed profile; expected one: use path.with_speed(20.0)")
+        if estimator is not None:
+            whole = estimator.model
+        else:
+            whole = controller.model if controller is not None else driven_model(model, dt)
+        self.path, self.dt = path, float(whole.dt)
+        self.estimator = estimator or default_estimator(whole, noise or {}, late or {})
+        self.controller = controller or default_controller(whole)
+        if self.controller.model.states != whole.states or not math.isclose(self.controller.dt, self.dt):
+            raise ParameterError(
+                f"the controller plans every {self.controller.dt:g} s on {self.controller.model.n_states} states, the "
+                f"estimator knows {whole.n_states} every {self.dt:g} s; expected the same model in both"
+            )
+        require_names(POSE, whole.states, "the driver", "use a model on the ground")
+        self.speed = None if speed is None else replace(speed, dt=self.dt)
+        self.steering = self.controller.controls[0]
+        self._targets = SteadyStates(whole, self.steering)
+        self._model: Any = whole
+        self._motion = [whole.states.index(name) for name in POSE]
+        names = tuple(dict.fromkeys((*POSE, "v_x", *whole.outputs, *whole.inputs)))
+        self._ranges = dict(zip(names, np.column_stack(Plausible(names).ranges).tolist(), strict=True))
+        self._whole = Plausible(whole.states)
+        self._steps = {name: round(self.estimator.late.get(name, 0.0) / self.dt) for name in whole.outputs}
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the drive so far; the next call of `step` begins another."""
+        self._tracker: Any = None
+        self._t0, self._tick, self._now = 0.0, -1, 0.0
+        self._raw: dict[str, float] = {}  # what each channel read last
+        self._pending: dict[str, float] = {}  # outputs measured since the last sample of the estimator
+        self._inputs = dict.fromkeys(self._model.inputs, 0.0)
+        self._v_x, self._v_at, self._jumps = math.nan, 0.0, 0
+        self._s, self._restarts = math.nan, 0
+        self._seen: dict[str, float] = {}
+        self._plan: Plan | None = None
+        self._driving = DriverState()
+        self._steered = 0.0
+        self._last: Commands | None = None
+
+    # ---- one step ----------------------------------------------------------------------------------------------
+
+    def step(self, measurements: Mapping[str, float], t: float) -> Commands:
+        """Take in what was measured and say what to do.
+
+        Raises ParameterError if the time is not finite or goes back; no measurement is an error.
+
+        Parameters
+        ----------
+        measurements : mapping of str to float
+            Channels that are new at this call, SI units: X, Y, psi, v_x, and outputs and inputs of the model. Missing
+            ones, NaN, and what reads exactly as before are not new.
+        t : float
+            Time of the call. [s]
+
+        Returns
+        -------
+        Commands
+            Those of the last plan, if no new one is due.
+        """
+        t = float(t)
+        if not math.isfinite(t) or (self._last is not None and t < self._now - 1e-9):
+            raise ParameterError(f"t is {t:g} s after {self._now:g} s; expected finite times that do not go back")
+        if self._last is None:
+            self._t0 = t
+        self._now = t
+        due = math.floor((t - self._t0) / self.dt + 0.25)
+        self._gather(measurements, t, max(due, self._tick + (due == self._tick)))
+        if due == self._tick and self._last is not None:
+            return self._last
+        behind = due - self._tick
+        self._tick = due
+        self._last = self._decide(self._observe(behind))
+        return self._last
+
+    def _gather(self, measurements: Mapping[str, float], t: float, tick: int) -> None:
+        """Note new values; a pose is moved to the estimator's sample that it will count for."""
+        for name, value in measurements.items():
+            value = float(value)
+            if self._raw.get(name) == value or not self._believed(name, value, t):
+                continue
+            self._raw[name] = value
+            if name == "v_x":
+                self._v_x, self._v_at = value, t
+            if name in self._inputs and name not in self.controller.controls:
+                self._inputs[name] = value
+            if name in self._model.outputs:
+                at = self._t0 + (tick - self._steps[name]) * self.dt
+                off = at - (t - self.estimator.late.get(name, 0.0))
+                self._pending[name] = value + off * self._rate(name)
+
+    def _believed(self, name: str, value: float, t: float) -> bool:
+        """Whether a value is in the range of its channel; a speed also whether a car can have changed it so much."""
+        low, high = self._ranges.get(name, (-NUMBER, NUMBER))
+        if not low <= value <= high:
+            return False
+        if name != "v_x" or math.isnan(self._v_x):
+            return True
+        jump = abs(value - self._v_x) > JUMP + MOST * (t - self._v_at)
+        self._jumps = self._jumps + 1 if jump else 0
+        return not jump or self._jumps > self.estimator.patience
+
+    def _rate(self, name: str) -> float:
+        """How fast a part of the pose changes now; of other channels it is not known. [per s]"""
+        if name not in POSE or self._tracker is None:
+            return 0.0
+        x = self._tracker.state
+        later = np.asarray(self._model.functions[0](x, self._tracker.inputs).full()).ravel()
+        i = self._model.states.index(name)
+        return float(later[i] - x[i]) / self.dt
+
+    def _observe(self, behind: int) -> str:
+        """Bring the estimate to now, ``behind`` samples after the last; what hinders, empty if nothing does."""
+        moving = self._v_x if "v_x" in self._raw else math.nan
+        if not moving >= SLOWEST:
+            self._tracker, self._plan = None, None
+            self._pending.clear()
+            return "the speed is not known yet" if math.isnan(moving) else "the car stands or creeps"
+        if self._tracker is None or behind * self.dt > LONGEST_GAP:
+            if not set(POSE) <= self._raw.keys():
+                return "the pose is not known yet"
+            self._begin()
+            behind = 1
+        tracker: Any = self._tracker
+        given = {**self._inputs, self.steering: self._steered}
+        try:
+            for _ in range(behind - 1):
+                tracker.take(given)
+            tracker.take({**given, **self._pending})
+            if not self._whole.holds(tracker.state):
+                raise SimulationError(f"the estimate is {tracker.state.tolist()[:4]}; expected plausible numbers")
+        except SimulationError:
+            self._restarts += 1
+            self._begin()
+            tracker = self._tracker
+            tracker.take(given)
+        for name, good in zip(self._model.outputs, tracker.taken, strict=True):
+            if good:
+                self._seen[name] = self._now
+        self._pending.clear()
+        return ""
+
+    def _begin(self) -> None:
+        """Start the estimator where the last measurements say the car is."""
+        self._tracker = self.estimator.begin({**self._raw, self.steering: self._steered})
+        self._plan, self._s = None, math.nan
+
+    def _decide(self, hindered: str) -> Commands:
+        """Commands from the estimate now."""
+        if hindered or self._tracker is None:
+            place = [self._raw.get(n, math.nan) for n in ("X", "Y")]
+            if all(map(math.isfinite, place)):
+                self._project(*place)
+            s = self._s if math.isfinite(self._s) else 0.0
+            known = "v_x" in self._raw and math.isfinite(self._s)
+            wanted = self.path.speed(s) if known else 0.0
+            nothing = np.zeros(self._model.n_states)
+            message = f"{hindered}, the wheels stay where they are"
+            return self._commands(wanted, s, 0.0, (nothing, np.full_like(nothing, np.inf)), message)
+        x, std = self._tracker.state, self._tracker.state_std
+        e_y = self._project(x[self._motion[0]], x[self._motion[1]])
+        plan = self._plan = self._planned(x)
+        self._steered = float(plan.command[0])
+        self._tracker.hold(dict(zip(self.controller.controls, plan.command.tolist(), strict=True)))
+        lost = bool(max(std[i] for i in self._motion[:2]) > LOST)
+        wanted = 0.0 if plan.stopping or lost else self.path.speed(self._s)
+        message = "the position is not known any more, the car should stop" if lost else plan.message
+        return self._commands(wanted, self._s, e_y, (x, std), message)
+
+    def _project(self, X: float, Y: float) -> float:
+        """Find the place on the path; the distance to its left. [m]"""
+        near = self._s if math.isfinite(self._s) else None
+        foot = self.path.project(float(X), float(Y), near)
+        self._s = foot.s
+        return foot.e_y
+
+    def _planned(self, x: np.ndarray) -> Plan:
+        preview = self.path.ahead(self._s, self.controller.times, v_x=self._v_x)
+        ahead = {"v_x": preview.v_x, "v_x_dot": np.gradient(preview.v_x, self.controller.times)}
+        given = {n: ahead.get(n, self._inputs[n]) for n in self.controller.exogenous}
+        reference = self.controller.reference(preview, **given)
+        if "psi" in self.controller.references:
+            d = x[list(self._targets.disturbances)]
+            v_y, _ = self._targets(self._v_x, preview.r, d)
+            tracked = np.array(reference.tracked, dtype=float)
+            tracked[:, self.controller.references.index("psi")] -= np.arctan2(v_y, np.maximum(preview.v_x, SLOWEST))
+            reference = replace(reference, tracked=tracked)
+        return self.controller.plan(x, reference, self._plan, applied=np.array([self._steered]))
+
+    def _commands(
+        self, wanted: float, s: float, e_y: float, known: tuple[np.ndarray, np.ndarray], message: str
+    ) -> Commands:
+        values = {self.steering: self._steered}
+        if self._plan is not None:
+            values |= dict(zip(self.controller.controls, self._plan.command.tolist(), strict=True))
+        if self.speed is not None:
+            slope = (self.path.speed(s + 0.5) - self.path.speed(s - 0.5)) * wanted
+            output, self._driving = self.speed.step(self._driving, wanted, self._v_x, slope)
+            values |= {n: v for n, v in self.speed.inputs(output).items() if n not in values}
+        return Commands(
+            values=values,
+            wanted_v_x=wanted,
+            plan=self._plan,
+            message=message,
+            s=s,
+            e_y=e_y,
+            state=known[0],
+            state_std=known[1],
+            age={name: self._now - at for name, at in self._seen.items()},
+            restarts=self._restarts,
+        )
