@@ -1,4 +1,4 @@
-"""The command line: ``slipangle demo | run | init | inspect | advise | export | list | data | reproduce | bench``."""
+"""The command line: ``slipangle demo | run | init | inspect | export | build | list | data | reproduce``."""
 
 import argparse
 import re

@@ -1,12 +1,15 @@
 """`slipangle export`: what it writes of a job, what it refuses."""
 
 import json
+import zipfile
 
 import numpy as np
 import pytest
 
 from slipangle.cli import main
+from slipangle.models.storage import save
 from tests.commands.test_log import folder  # noqa: F401  # a fixture
+from tests.models.all_models import ALL_MODELS
 
 CONTROLLER = """
 [controller]
@@ -37,3 +40,17 @@ def test_controller_of_a_job(folder, capsys):  # noqa: F811
 def test_names_are_checked_first(name, capsys):
     assert main(["export", "c", "no.toml", "--name", name]) == 2
     assert "expected" in capsys.readouterr().err
+
+
+def test_a_model_s_file(tmp_path, capsys):
+    save(ALL_MODELS["bicycle"], tmp_path / "car.json")
+    given = [str(tmp_path / "car.json"), "--json"]
+    assert main(["export", "c", *given, "--out", str(tmp_path / "made"), "--name", "racer"]) == 0
+    assert "racer.c" in json.loads(capsys.readouterr().out)["files"]
+    fmu = ["export", "fmu", *given, "--out", str(tmp_path / "car.fmu"), "--source-only"]
+    assert main(fmu) == 0
+    with zipfile.ZipFile(tmp_path / "car.fmu") as archive:
+        assert "sources/model.c" in archive.namelist()
+    capsys.readouterr()
+    assert main(fmu) == 2
+    assert "is there already" in capsys.readouterr().err

@@ -15,9 +15,12 @@ from slipangle.export.kinds import project_of
 from slipangle.export.memory import size_of
 from slipangle.export.names import checked, comment, constants
 from slipangle.models.vehicles.catalogue import FERRARI_250LM
+from tests.control.marx.test_mpc import BY_POSE
 from tests.export.loaded import Loaded, same
 from tests.export.tools import MACHINES, STRICT, built_and_run, needs, run
+from tests.models.all_models import ALL_MODELS
 
+STANLEY = sa.Stanley(params=FERRARI_250LM)
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
 
 
@@ -241,6 +244,17 @@ def test_names_of_channels_cannot_be_code():
     assert all(re.fullmatch(r"[A-Z0-9_]+", c) for c in made.values())
     for name in evil:
         assert not set(comment(name)) & {"*", "\n", "\\", '"', "#"}
+
+
+@pytest.mark.parametrize("name", ["", "rt", "marx", "plain", "fmu", "units"])
+def test_no_name_is_one_inside(name, tmp_path):
+    """What a kind is called by default, and what its own functions are called."""
+    needs("gcc")
+    for thing in (controller(3), BY_POSE, ALL_MODELS["bicycle"], STANLEY):
+        made = project_of(thing, name, 2)
+        for file, content in made.everything.items():
+            (tmp_path / file).write_text(content)
+        run("gcc", *STRICT, "-fsyntax-only", f"{made.name}.c", "main.c", folder=tmp_path)
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ from slipangle.errors import ConfigError, ModelWarning, shown
 
 NATIVE = ("-O3", "-march=native")
 PORTABLE = ("-O3",)
+SUFFIX = {"Windows": ".dll", "Darwin": ".dylib"}.get(platform.system(), ".so")  # of shared libraries
 _PROTOTYPE = re.compile(r"^(\w+)\s+(\*?)\s*(\w+)\(([^()]*)\)\s*\{", re.MULTILINE)
 _TYPES = {"void": None, "int": ctypes.c_int, "long": ctypes.c_long, "double": ctypes.c_double}
 
@@ -110,6 +111,44 @@ def library(source: str, *, name: str, flags: tuple[str, ...] = ()) -> ctypes.CD
     return _library(source, name, (*command, *flags), _levels(), files.cache_folder()) if command else None
 
 
+def compile_file(
+    source: Path, target: Path, *, flags: tuple[str, ...] = (), portable: bool = False
+) -> dict[str, str | list[str]]:
+    """A shared library from a file, outside the cache; by which compiler and flags it was made.
+
+    Parameters
+    ----------
+    source, target : Path
+        The C file, and the library.
+    flags : tuple of str, optional
+        More flags for the compiler.
+    portable : bool
+        For every processor of this machine's kind.
+
+    Raises
+    ------
+    ConfigError
+        If there is no compiler, or it rejects the source.
+    """
+    command = compiler()
+    if command is None:
+        raise ConfigError(f"{sentence().partition(',')[0]}; expected one: install it as cc, or pip install ziglang")
+    given = bool(os.environ.get("SLIPANGLE_CFLAGS", "").strip())
+    said = ""
+    for level in _levels() if given or not portable else (PORTABLE,):
+        options = (*flags, *level, "-shared", "-fPIC", "-std=gnu11")
+        try:
+            status, text = _run((*command, *options, "-o", str(target), str(source), "-lm"), os.environ)
+        except _RejectedError as error:
+            status, text = 1, f"error: {error}"
+        if status == 0 and target.is_file():
+            return {"compiler": _version(command).partition("\n")[0], "command": list(command), "flags": list(options)}
+        said = next((line for line in text.splitlines() if "error" in line), f"exit code {status}")
+    raise ConfigError(
+        f"'{' '.join(command)}' did not compile '{source}' ({said[:200]}): set SLIPANGLE_CC to another one"
+    )
+
+
 def _levels() -> tuple[tuple[str, ...], ...]:
     """Optimisation flags, of which the first that the compiler knows are taken."""
     given = os.environ.get("SLIPANGLE_CFLAGS", "").strip()
@@ -123,8 +162,8 @@ def _library(
     source: str, name: str, command: tuple[str, ...], levels: tuple[tuple[str, ...], ...], home: Path
 ) -> ctypes.CDLL | None:
     """The library, from the first place that holds it or can hold it; ``home`` only tells caches apart."""
-    suffix = {"Windows": ".dll", "Darwin": ".dylib"}.get(platform.system(), ".so")
-    identity = "\0".join((source, *command, str(levels), _version(command), _processor()))
+    suffix = SUFFIX
+    identity = "\0".join((source, *command, str(levels), _version(command), processor()))
     complaint = "no folder for it can be written"
     for folder, reason in code_cache.folders():
         if reason:
@@ -249,7 +288,7 @@ def _version(command: tuple[str, ...]) -> str:
 
 
 @cache
-def _processor() -> str:
+def processor() -> str:
     """What ``-march=native`` depends on, so that a shared home never serves another processor's code."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text(errors="replace").splitlines() if info.is_file() else []

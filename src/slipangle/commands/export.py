@@ -1,4 +1,4 @@
-"""``slipangle export``: what was identified as source code that runs without Python."""
+"""``slipangle export`` and ``build``: what was identified as source code or a library that runs without Python."""
 
 from __future__ import annotations
 
@@ -25,6 +25,18 @@ def add(commands: Commands) -> None:
     sub.add_argument("--out", help="folder for the files (default: slipangle-out/export/NAME)")
     sub.add_argument("--name", help="with which files and functions begin (default: mpc, model, ...)")
     sub.add_argument("--force", action="store_true", help="write into a folder that is not empty too")
+    sub = group.add("fmu", _fmu, "an FMU for co-simulation, FMI 2.0: C source and a library for this machine")
+    sub.add_argument("what", metavar="JOB.toml|MODEL.json", help="a job with a [controller], or a model's file")
+    sub.add_argument("--out", help="the file (default: slipangle-out/export/NAME.fmu)")
+    sub.add_argument("--name", help="the model identifier (default: mpc, model, ...)")
+    sub.add_argument("--source-only", action="store_true", help="compile nothing")
+    sub.add_argument("--force", action="store_true", help="replace a file that is there")
+    sub = commands.add("build", _build, "compile the controller of a job, to be loaded where there is no compiler")
+    sub.add_argument("what", metavar="JOB.toml", help="a job with a [controller]")
+    sub.add_argument("--out", help="folder for the files (default: slipangle-out/build/NAME)")
+    sub.add_argument("--name", help="with which files and functions begin (default: mpc, marx, follower)")
+    sub.add_argument("--portable", action="store_true", help="for every processor of this machine's kind")
+    sub.add_argument("--force", action="store_true", help="write into a folder that is not empty too")
 
 
 def _c(options: argparse.Namespace) -> Answer:
@@ -48,6 +60,47 @@ def _c(options: argparse.Namespace) -> Answer:
         made = export(thing, folder, name=name, force=options.force, **({} if drive is None else {"drive": drive}))
     listed = sorted(p.name for p in made.iterdir())
     words = f"{made.resolve()}\n  {', '.join(listed)}\nTry it: make -C '{made}' replay"
+    return Answer({"folder": str(made), "files": listed}, words)
+
+
+def _fmu(options: argparse.Namespace) -> Answer:
+    """Write the controller of JOB.toml, on the model that the job identifies, or the model of MODEL.json as an FMU.
+
+    A step is a whole number of sample times, inputs are held over it; docs/export.md says which variables there are.
+    """
+    from slipangle.export.fmi import export_fmu
+    from slipangle.export.names import checked
+
+    name = checked(options.name) if options.name else ""
+    path = Path(options.out or f"slipangle-out/export/{name or Path(options.what).stem}.fmu")
+    check_output(path.parent)
+    with Bar(quiet=options.json) as bar:
+        if options.what.endswith(".json"):
+            thing: Any = next(iter(load_models([options.what]).values()))
+        else:
+            thing = _controller(options.what, bar)[0]
+        bar(0.9, "writing the FMU")
+        made = export_fmu(thing, path, name=name, binary=not options.source_only, force=options.force)
+    return Answer({"file": str(made)}, str(made.resolve()))
+
+
+def _build(options: argparse.Namespace) -> Answer:
+    """Compile the controller of JOB.toml once; slipangle.export.load takes the folder where there is no compiler.
+
+    It checks the files, the machine and what the library decides on the recorded drive.
+    """
+    from slipangle.export import build
+    from slipangle.export.names import checked
+
+    name = checked(options.name) if options.name else ""
+    folder = Path(options.out or f"slipangle-out/build/{name or Path(options.what).stem}")
+    check_output(folder)
+    with Bar(quiet=options.json) as bar:
+        controller, drive = _controller(options.what, bar)
+        bar(0.8, "compiling")
+        made = build(controller, folder, name=name, drive=drive, portable=options.portable, force=options.force)
+    listed = sorted(p.name for p in made.iterdir())
+    words = f"{made.resolve()}\n  {', '.join(listed)}\nLoad it: slipangle.export.load('{made}')"
     return Answer({"folder": str(made), "files": listed}, words)
 
 

@@ -1,6 +1,7 @@
 """Out of the lab: controllers and models as C that runs without Python, each a folder of its own.
 
-Start with `export`, or the method of that name of a controller or a model.
+Start with `export`, or the method of that name of a controller or a model; `build` compiles ahead of time what `load`
+takes where there is no compiler.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from slipangle.data.dataset import Dataset
+from slipangle.export.built import BuiltController, build, load
 from slipangle.export.drives import DEFAULT_STEPS, Drive, Recorder
 from slipangle.export.kinds import project_of
 from slipangle.export.names import checked
@@ -53,4 +55,4 @@ def export(
     return write(project_of(thing, checked(name) if name else "", drive), folder, force=force)
 
 
-__all__ = ["Drive", "Recorder", "export"]
+__all__ = ["BuiltController", "Drive", "Recorder", "build", "export", "load"]

@@ -18,7 +18,14 @@ LANES = (8, 4, 2, 1)
 
 
 def project(
-    controller: Controller, name: str, drive: Drive, source: str, *, kind: str, facts: Mapping[str, Any]
+    controller: Controller,
+    name: str,
+    drive: Drive,
+    source: str,
+    *,
+    kind: str,
+    facts: Mapping[str, Any],
+    flags: tuple[str, ...] = (),
 ) -> Project:
     """The files of a controller whose C is ``source``, a template that begins after its header.
 
@@ -36,6 +43,8 @@ def project(
         What the controller is, in words.
     facts : mapping
         For the manifest.
+    flags : tuple of str, optional
+        Those that Python compiles the same code with.
     """
     counts = "\n".join(f"#define CAR_{k} {v}" for k, v in counts_of(controller).items())
     sizes = {lanes: size_of(f"{counts}\n{source}", "Controller", lanes) for lanes in LANES}
@@ -55,8 +64,21 @@ def project(
         sentence=f"A {comment(title)}.",
         files={**named, "drive.csv": written["drive.csv"]},
         about=_about(controller, sizes),
-        facts={**facts, "dt": float(controller.dt), "bytes": sizes, "drive": {"steps": len(drive.commands)}},
+        facts={
+            **facts,
+            "dt": float(controller.dt),
+            "drive": {"steps": len(drive.commands)},
+            **_interface(controller, sizes),
+        },
+        flags=flags,
     )
+
+
+def _interface(controller: Controller, sizes: Mapping[int, int]) -> dict[str, Any]:
+    """Names and sizes, for those who load what was compiled from this."""
+    names = {n: list(getattr(controller, n)) for n in ("controls", "references", "exogenous")}
+    names |= {"states": list(controller.model.states), "times": [float(t) for t in controller.times]}
+    return {"interface": names, "sizes": {**counts_of(controller), "BYTES": max(sizes.values())}, "bytes": dict(sizes)}
 
 
 def header(controller: Controller, sizes: Mapping[int, int], title: str) -> str:

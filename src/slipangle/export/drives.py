@@ -131,9 +131,14 @@ def standard_drive(controller: Controller, steps: int = DEFAULT_STEPS) -> Drive:
     return recorder.drive
 
 
+def preview_columns(preview: Preview) -> dict[str, np.ndarray]:
+    """What a look along a path knows, by the names of channels."""
+    return {n: getattr(preview, n) for n in ("X", "Y", "psi", "v_x", "r", "curvature")}
+
+
 def _wanted(controller: Controller, preview: Preview, k: int) -> Reference:
     """The reference of a preview; what that does not know is zero or, where it knows nothing, a square wave."""
-    known = {n: getattr(preview, n) for n in ("X", "Y", "psi", "v_x", "r", "curvature")}
+    known = preview_columns(preview)
     wave = np.full(len(preview.X), 0.1 if k // 25 % 2 else -0.1)
     is_known = any(n in known for n in controller.references)
 

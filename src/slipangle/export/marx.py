@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from slipangle.control.fallback import RELAX
 from slipangle.control.marx.mpc import FARTHEST, SLOWEST, MultiARXMPC
-from slipangle.control.marx.solver import source
+from slipangle.control.marx.solver import FLAGS, source
 from slipangle.export.controllers import project, table
 from slipangle.export.drives import Drive
 from slipangle.export.project import Project, template
@@ -24,10 +26,11 @@ def marx_project(mpc: MultiARXMPC, name: str, drive: Drive) -> Project:
     drive : Drive
         What the replay repeats.
     """
-    renamed = [f"#define marx_{n} car_marx_{n}" for n in ("plan", "again")]
-    text = "\n".join([*renamed, source(mpc.problem, caller=True), _constants(mpc), template("marx.c")])
+    text = "\n".join([source(mpc.problem, caller=True), _constants(mpc), template("marx.c")])
+    text = re.sub(r"\bmarx_(?=[a-z])", "car_program_", text)  # so that several projects go into one program
     facts = {"horizon": mpc.horizon, "models": len(mpc.numbers.speeds)}
-    return project(mpc, name, drive, text, kind="predictive controller on ARX models blended by speed", facts=facts)
+    kind = "predictive controller on ARX models blended by speed"
+    return project(mpc, name, drive, text, kind=kind, facts=facts, flags=FLAGS)
 
 
 def _constants(mpc: MultiARXMPC) -> str:

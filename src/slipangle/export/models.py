@@ -43,10 +43,10 @@ def model_source(model: Model) -> str:
     for name, function, arguments, result in zip(PARTS, model.functions, given, to, strict=True):
         plain = scalar_code(function)
         if plain is not None and plain.n_instructions() <= MOST_INSTRUCTIONS:
-            code.append(emit(plain, f"plain_{name}"))
-            call = f"    plain_{name}({', '.join((*arguments, result))});"
+            code.append(emit(plain, f"plain{name.title()}"))
+            call = f"    plain{name.title()}({', '.join((*arguments, result))});"
         else:
-            called.append(_wide(function, f"wide_{name}"))
+            called.append(_wide(function, f"wide{name.title()}"))
             call = _call(called[-1], arguments, result)
         listed = [f"const double {a}[{_SIZES[a]}]" for a in arguments]
         calls.append(f"void car_{name}({', '.join(listed)}, double {result}[{_SIZES[result]}])\n{{\n{call}\n}}\n")

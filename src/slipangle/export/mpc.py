@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from slipangle.control.mpc import MPC
@@ -10,6 +12,7 @@ from slipangle.export.controllers import project, table
 from slipangle.export.drives import Drive
 from slipangle.export.project import Project, template
 from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.realtime.backend import FLAGS
 from slipangle.optimal.realtime.parts import slack_of_rows
 from slipangle.optimal.realtime.program import source
 
@@ -36,15 +39,10 @@ def mpc_project(mpc: MPC, name: str, drive: Drive) -> Project:
         raise ParameterError(
             f'the solver is {mpc.solver!r}, which has no C; expected the real-time one: say solver="realtime"'
         )
-    text = "\n".join([*_renamed(), source(mpc.ocp, caller=True), _constants(mpc, settings), template("mpc.c")])
+    text = "\n".join([source(mpc.ocp, caller=True), _constants(mpc, settings), template("mpc.c")])
+    text = re.sub(r"\brt_(?=[a-z])", "car_rt_", text)  # so that several projects go into one program
     facts = {"solver": "realtime", "horizon": mpc.horizon, "deadline": mpc.deadline}
-    return project(mpc, name, drive, text, kind="model predictive controller", facts=facts)
-
-
-def _renamed() -> list[str]:
-    """The solver's functions under the project's name, so that several projects go into one program."""
-    names = ("prepare", "feedback", "solve", "again", "begin", "fallback")
-    return [f"#define rt_{n} car_rt_{n}" for n in names]
+    return project(mpc, name, drive, text, kind="model predictive controller", facts=facts, flags=FLAGS)
 
 
 def _constants(mpc: MPC, settings: RealTime) -> str:

@@ -23,7 +23,8 @@ from slipangle.files import check_output, output_folder
 class Project:
     """What is exported: its name, what it is in a sentence, its files but for those that all projects have.
 
-    ``facts`` go into the manifest; ``about`` into the README, in Markdown, whose template is ``readme``.
+    ``facts`` go into the manifest; ``about`` into the README, in Markdown, whose template is ``readme``; ``flags`` are
+    those that Python compiles the same code with.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Project:
     files: Mapping[str, str]
     about: str = ""
     readme: str = "README.md"
+    flags: tuple[str, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     @property

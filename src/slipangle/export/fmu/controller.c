@@ -1,0 +1,22 @@
+/* Real numbers: what a controller is given, in the order of its input struct; then what it decided. */
+typedef struct {
+    car_controller controller;
+    car_input given;
+    car_output out;
+} Part;
+
+static void fmuStart(Part *p) { (void)car_start(&p->controller, sizeof p->controller); }
+
+static void fmuOutput(Part *p, double *v)
+{
+    double *to = v + OUTPUTS;
+    memcpy(to, p->out.command, sizeof p->out.command);
+    to[CAR_CONTROLS] = p->out.status, to[CAR_CONTROLS + 1] = p->out.age, to[CAR_CONTROLS + 2] = p->out.stopping;
+    to[CAR_CONTROLS + 3] = (double)p->out.health.fallbacks;
+}
+
+static void fmuStep(Part *p, double *v)
+{
+    memcpy(&p->given, v, sizeof(double) * OUTPUTS);
+    (void)car_plan(&p->controller, &p->given, &p->out);
+}

@@ -1,0 +1,185 @@
+"""FMUs: valid, and the same numbers as the simulation inside, alone and closed through an importer."""
+
+import re
+import zipfile
+
+import numpy as np
+import pytest
+
+import slipangle as sa
+from slipangle.codegen import compiler
+from slipangle.errors import ParameterError, WriteError
+from slipangle.export.fmi import export_fmu
+from tests.export.test_mpc import controller
+from tests.export.tools import STRICT, needs, run
+from tests.models.all_models import ALL_MODELS
+
+fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install --group export")
+pytestmark = [
+    pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence()),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
+]
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1")
+
+
+class Slave:
+    """An instance in fmpy, its variables by name."""
+
+    def __init__(self, path, folder, **start):
+        self.description = fmpy.read_model_description(str(path))
+        self.at = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.dt = float(self.description.defaultExperiment.stepSize)
+        self.fmu = fmpy.fmi2.FMU2Slave(
+            guid=self.description.guid,
+            unzipDirectory=fmpy.extract(str(path), unzipdir=str(folder)),
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            instanceName="one",
+        )
+        self.fmu.instantiate()
+        self.fmu.setupExperiment(startTime=0.0)
+        self.set(**start)
+        self.fmu.enterInitializationMode()
+        self.fmu.exitInitializationMode()
+        self.time = 0.0
+
+    def set(self, **values):
+        self.fmu.setReal([self.at[n] for n in values], [float(v) for v in values.values()])
+
+    def get(self, *names):
+        return np.array(self.fmu.getReal([self.at[n] for n in names]))
+
+    def step(self, steps=1):
+        self.fmu.doStep(self.time, steps * self.dt)
+        self.time += steps * self.dt
+
+    def end(self):
+        self.fmu.terminate()
+        self.fmu.freeInstance()
+
+
+LONG = [pytest.param(n, marks=pytest.mark.slow) for n in ("single track, Radau", "dual track, front drive")]
+
+
+@pytest.mark.parametrize("name", ["bicycle, three outputs", "NARX", *LONG])
+def test_a_model_runs_as_inside(name, tmp_path):
+    import fmpy.validation
+
+    model, rng = ALL_MODELS[name], np.random.default_rng(2)
+    path = export_fmu(model, tmp_path / "model.fmu")
+    assert fmpy.validation.validate_fmu(str(path)) == []
+    x = np.array(model.straight(20.0))
+    slave = Slave(path, tmp_path / "at", **{f"state.{n}": v for n, v in zip(model.states, x, strict=True)})
+    step, output, _ = model.functions
+    for _ in range(60):
+        u = np.array([20.0 if n == "v_x" else 0.02 * rng.normal() for n in model.inputs])
+        slave.set(**dict(zip(model.inputs, u, strict=True)))
+        assert slave.get(*model.outputs) == pytest.approx(np.asarray(output(x, u)).ravel(), rel=1e-9, abs=1e-9)
+        slave.step()
+        x = np.asarray(step(x, u)).ravel()
+    assert slave.get(*(f"state.{n}" for n in model.states)) == pytest.approx(x, rel=1e-9, abs=1e-9)
+    slave.end()
+
+
+def test_units_and_start_values(tmp_path):
+    path = export_fmu(ALL_MODELS["bicycle, three outputs"], tmp_path / "car.fmu", name="racer")
+    described = fmpy.read_model_description(str(path))
+    by_name = {v.name: v for v in described.modelVariables}
+    assert (by_name["v_x"].unit, by_name["a_y"].unit, by_name["delta"].causality) == ("m/s", "m/s2", "input")
+    assert (by_name["v_x"].start, described.coSimulation.modelIdentifier) == ("20.0", "racer")
+    results = fmpy.simulate_fmu(
+        str(path), stop_time=1.0, start_values={"delta": 0.02}, output=["r"], output_interval=0.02
+    )
+    free = ALL_MODELS["bicycle, three outputs"]
+    x = np.zeros(2)
+    for _ in range(50):
+        x = np.asarray(free.step(x, np.array([0.02, 20.0])))
+    assert results["r"][-1] == pytest.approx(free.output(x, np.array([0.02, 20.0]))[1], rel=1e-9)
+
+
+def test_state_is_saved_restored_and_written_out(tmp_path):
+    model = ALL_MODELS["bicycle, three outputs"]
+    path = export_fmu(model, tmp_path / "model.fmu")
+    slave = Slave(path, tmp_path / "at", **{"state.v_y": 0.1})
+    slave.set(delta=0.03)
+    slave.step(5)
+    saved, here = slave.fmu.getFMUState(), slave.get(*model.outputs)
+    kept = slave.fmu.serializeFMUState(saved)
+    slave.step(3)
+    later = slave.get(*model.outputs)
+    assert not np.allclose(here, later, rtol=1e-6)
+    slave.fmu.setFMUState(saved)
+    assert np.array_equal(slave.get(*model.outputs), here)
+    slave.step(3)
+    assert np.array_equal(slave.get(*model.outputs), later)
+    slave.fmu.setFMUState(slave.fmu.deserializeFMUState(kept))
+    assert np.array_equal(slave.get(*model.outputs), here)
+    slave.fmu.freeFMUState(saved)
+    slave.end()
+
+
+def test_a_step_between_samples_is_refused(tmp_path):
+    slave = Slave(export_fmu(ALL_MODELS["bicycle"], tmp_path / "model.fmu"), tmp_path / "at")
+    with pytest.raises(Exception, match="fmi2DoStep failed with status 3"):
+        slave.fmu.doStep(0.0, 0.5 * slave.dt)
+    slave.end()
+
+
+@pytest.mark.slow
+def test_controller_and_plant_close_the_loop(tmp_path):
+    """Two FMUs, which know nothing of Python, drive as MPC and model do in Python."""
+    import fmpy.validation
+
+    mpc = controller(6)
+    model, path = mpc.model, sa.double_lane_change(20.0)
+    files = export_fmu(mpc, tmp_path / "mpc.fmu"), export_fmu(model, tmp_path / "plant.fmu")
+    assert [fmpy.validation.validate_fmu(str(f)) for f in files] == [[], []]
+    driver, plant = (Slave(f, tmp_path / f.stem) for f in files)
+    x, s, plan = model.straight(20.0), 0.0, None
+    for _ in range(60):
+        reference = mpc.reference(path.ahead(s, mpc.times))
+        given = {
+            f"state.{n}": v for n, v in zip(model.states, plant.get(*(f"state.{n}" for n in model.states)), strict=True)
+        }
+        for what, names, rows in (
+            ("reference", mpc.references, reference.tracked),
+            ("exogenous", mpc.exogenous, reference.exogenous),
+        ):
+            given |= {f"{what}.{n}[{i}]": row[j] for i, row in enumerate(rows) for j, n in enumerate(names)}
+        driver.set(**given)
+        driver.step()
+        plant.set(delta=driver.get("delta")[0], v_x=20.0)
+        plant.step()
+        plan = mpc.plan(x, reference, plan)
+        assert driver.get("delta", "age") == pytest.approx([plan.command[0], 0.0], rel=1e-9, abs=1e-12)
+        x = np.asarray(model.step(x, np.array([plan.command[0], 20.0])))
+        s += 1.0
+    assert plant.get(*(f"state.{n}" for n in model.states)) == pytest.approx(x, rel=1e-9, abs=1e-9)
+    assert abs(x[3]) > 1.0
+    driver.end()
+    plant.end()
+
+
+@pytest.mark.parametrize("compiler_", ["gcc", "clang"])
+def test_compilers_have_nothing_to_say(compiler_, tmp_path):
+    needs(compiler_)
+    for name, thing in (("model", ALL_MODELS["bicycle"]), ("mpc", controller(3))):
+        path = export_fmu(thing, tmp_path / f"{name}.fmu", binary=False)
+        with zipfile.ZipFile(path) as archive:
+            assert not [n for n in archive.namelist() if n.startswith("binaries")]
+            (tmp_path / f"{name}.c").write_bytes(archive.read(f"sources/{name}.c"))
+        run(compiler_, *STRICT, "-fsyntax-only", f"{name}.c", folder=tmp_path)
+
+
+def test_a_file_is_new_or_asked_for(tmp_path):
+    path = export_fmu(ALL_MODELS["bicycle"], tmp_path / "model.fmu", binary=False)
+    with pytest.raises(WriteError, match="is there already"):
+        export_fmu(ALL_MODELS["bicycle"], path, binary=False)
+    export_fmu(ALL_MODELS["bicycle"], path, binary=False, force=True)
+    with pytest.raises(ParameterError, match="expected a lower-case identifier"):
+        export_fmu(ALL_MODELS["bicycle"], tmp_path / "b.fmu", name="../x")
+    with zipfile.ZipFile(path) as archive:
+        assert re.search(r"state\.v_y", archive.read("modelDescription.xml").decode())
