@@ -7,12 +7,14 @@ import pytest
 
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError, nearest
+from slipangle.models.custom import Ode
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.optimal.ocp import OCP, ProblemSettings, Reference
 from slipangle.optimal.terms import Limits, Values, Weights
 from slipangle.paths.lane_change import double_lane_change
+from slipangle.paths.path import Path
 from tests.optimal.linear import double_integrator, two_masses
 
 CAR = OnGround(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r", "a_y")))
@@ -153,6 +155,29 @@ def test_reference_from_a_path():
         ocp.reference(double_lane_change(20.0).ahead(50.0, 6, 0.05))
     with pytest.raises(ParameterError, match="v_x"):
         ocp.reference(preview, v_X=12.0)
+
+
+def test_the_speed_and_its_rate_over_the_horizon_are_those_of_the_profile():
+    """An acceleration of 2 m/s2 from 10 m/s on, measured 0.5 m/s slower: v^2 = 10^2 + 2 a s along the path."""
+    model = Ode(
+        f=lambda x, u, p: [u[2] + 0.1 * u[0] - x[0]],
+        states=("v",),
+        inputs=("a", "v_x", "v_x_dot"),
+        params={},
+        dt=0.1,
+    )
+    ocp = OCP(model, horizon=5, Q=Weights(v=1.0), R=Weights(a=1.0), steps=(1, 1, 2, 2, 4))
+    x = np.linspace(0.0, 100.0, 201)
+    path = Path.from_points(x, np.zeros(201), spacing=0.05)
+    path = path.with_speed(np.sqrt(100.0 + 4.0 * path.s))
+    preview = path.ahead(10.0, ocp.times, v_x=float(path.speed(10.0)) - 0.5)
+    v_x, rate = ocp.reference(preview).exogenous.T
+    assert v_x[0] == pytest.approx(np.sqrt(140.0) - 0.5, abs=1e-3)
+    assert rate == pytest.approx(2.0, rel=0.06)  # the slower car meets the same speeds later
+    assert v_x[1:] == pytest.approx(v_x[:-1] + rate[:-1] * np.diff(ocp.times), abs=1e-9)
+    assert rate[-1] == rate[-2]
+    given = ocp.reference(preview, v_x_dot=0.3).exogenous
+    assert (given[:, 1] == 0.3).all()
 
 
 def test_a_path_error_is_the_same_in_every_direction():

@@ -310,7 +310,7 @@ class Driver:
 
     def _planned(self, x: np.ndarray) -> Plan:
         preview = self.path.ahead(self._s, self.controller.times, v_x=self._v_x)
-        ahead = {"v_x": preview.v_x, "v_x_dot": np.gradient(preview.v_x, self.controller.times)}
+        ahead = {"v_x": preview.v_x, "v_x_dot": preview.v_x_dot(self.controller.times)}
         given = {n: ahead.get(n, self._inputs[n]) for n in self.controller.exogenous}
         reference = self.controller.reference(preview, **given)
         if "psi" in self.controller.references:

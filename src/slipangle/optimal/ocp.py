@@ -416,7 +416,8 @@ class OCP(Checked):
             From ``path.ahead(s, ocp.times)``, horizon + 1 rows. X, Y, psi, v_x, r and curvature come from
             it; other tracked quantities, such as v_y, are wanted at zero.
         **exogenous : array, shape (horizon + 1,) or (horizon,), or float
-            Exogenous inputs; ``v_x`` comes from the preview unless given.
+            Exogenous inputs; ``v_x``, its rate of change ``v_x_dot`` and ``curvature`` come from the preview unless
+            given.
 
         Raises
         ------
@@ -427,7 +428,8 @@ class OCP(Checked):
         preview.require_times(self.times)
         require_names(exogenous, self.exogenous, "reference()", "use an input that is not decided")
         known = {n: getattr(preview, n) for n in (*POSE, "v_x", "r", "curvature")}
-        given: dict[str, Any] = {"v_x": preview.v_x, "curvature": preview.curvature, **exogenous}
+        ahead = {"v_x": preview.v_x, "v_x_dot": preview.v_x_dot(self.times), "curvature": preview.curvature}
+        given: dict[str, Any] = {**ahead, **exogenous}
         for name in self.exogenous:
             if name not in given:
                 raise ParameterError(

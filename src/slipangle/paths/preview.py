@@ -62,6 +62,11 @@ class Preview:
                 "use path.ahead(s, mpc.times)"
             )
 
+    def v_x_dot(self, times: np.ndarray) -> np.ndarray:
+        """Mean acceleration along the path from each row's instant to the next one's; of the last as before. [m/s2]"""
+        rate = np.diff(self.v_x) / np.diff(times)
+        return np.append(rate, rate[-1:])
+
     @property
     def r(self) -> np.ndarray:
         """Yaw rate of following the path at its speed. [rad/s]"""

@@ -198,7 +198,7 @@ class _Loop:
         if all(math.isfinite(here[n]) for n in ("X", "Y")):
             self.s = self.path.project(here["X"], here["Y"], self.s).s
         preview = self.path.ahead(self.s, controller.times, v_x=v_x if math.isfinite(v_x) else self.speed(self.s))
-        exogenous = {n: measured[n] for n in controller.exogenous if n != "v_x"}
+        exogenous = {n: measured[n] for n in controller.exogenous if n not in ("v_x", "v_x_dot")}  # these are ahead
         plan = controller.plan(
             self.x, controller.reference(preview, **exogenous), self.plans[-1] if self.plans else None
         )

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slipangle.control.followers.feedforward import FeedforwardFeedback
 from slipangle.control.followers.followers import PurePursuit, Stanley
 from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.control.speed.pedals import drive_force, moving_mass, pedal_driver
@@ -26,7 +27,12 @@ from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import End
 
 CAR = SOUSA_TABLE_7_2
-FOLLOWERS = {"pure pursuit": PurePursuit(params=CAR), "Stanley": Stanley(params=CAR), "LQR": PreviewLQR(params=CAR)}
+FOLLOWERS = {
+    "pure pursuit": PurePursuit(params=CAR),
+    "Stanley": Stanley(params=CAR),
+    "LQR": PreviewLQR(params=CAR),
+    "feed-forward": FeedforwardFeedback(params=CAR),
+}
 EACH = pytest.mark.parametrize("follower", FOLLOWERS.values(), ids=FOLLOWERS.keys())
 
 
@@ -235,3 +241,37 @@ def test_drive_force_and_mass_follow_the_gears():
     assert moving_mass(SOUSA_CAR_7, 5.0) > moving_mass(SOUSA_CAR_7, 30.0) > SOUSA_CAR_7.mass
     with pytest.raises(ParameterError, match="engine"):
         pedal_driver(replace(SOUSA_CAR_7, driveline=Driveline(engine=Engine(torques=(0.0,) * 5))))
+
+
+def test_the_feedforward_is_that_of_a_steady_bend():
+    """On the linear bicycle, whose understeer gradient it knows, a circle is driven without error."""
+    law = FeedforwardFeedback(params=CAR)
+    plant = Plant(OnGround(Bicycle(params=CAR, dt=0.001, outputs=("v_y", "r"))))
+    run = closed_loop(plant, law, circle(150.0, 20.0), duration=12.0)
+    assert np.abs(run.e_y[run.t > 9.0]).max() < 2e-3
+    gradient = CAR.mass * ((CAR.wheelbase - CAR.l_f) / CAR.C_f - CAR.l_f / CAR.C_r) / CAR.wheelbase
+    assert law.understeer_gradient == pytest.approx(gradient)
+    steady = run.inputs[-1, 0]
+    assert steady == pytest.approx((CAR.wheelbase + gradient * 20.0**2) / 150.0, rel=2e-3)
+
+
+@pytest.mark.parametrize("v_x", [10.0, 30.0])
+def test_the_feedback_has_its_bandwidth_at_every_speed(v_x):
+    """Critically damped: beside a straight path the distance is (1 + w t) exp(-w t), the tires' lag apart."""
+    law = FeedforwardFeedback(params=CAR, bandwidth=1.0, dt=0.01)
+    plant = Plant(OnGround(Bicycle(params=CAR, dt=0.001, outputs=("v_y", "r"))))
+    run = closed_loop(plant, law, straight_path(v_x), x0=plant.straight(v_x, Y=0.2), duration=8.0)
+    expected = 0.2 * (1 + run.t) * np.exp(-run.t)
+    assert np.abs(run.e_y - expected).max() < 0.02
+    assert run.e_y.min() > -0.01
+
+
+def test_the_lead_makes_up_for_late_steering():
+    path = double_lane_change(20.0, blend=10.0)
+    late = Plant(
+        OnGround(Bicycle(params=CAR, dt=0.001, outputs=("v_y", "r"))),
+        delay=Values(delta=0.05),
+        lag=Values(delta=0.1),
+    )
+    plain, ahead = (closed_loop(late, FeedforwardFeedback(params=CAR, dt=0.02, lead=t), path) for t in (0.0, 0.15))
+    assert ahead.rmse("y") < 0.6 * plain.rmse("y")
