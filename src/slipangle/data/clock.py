@@ -9,6 +9,7 @@ from scipy import interpolate, signal
 
 from slipangle.errors import NotFiniteError, SampleTimeError, TimeError, TooShortError
 
+_AT_ONCE = 1 << 18  # windows of a long record
 _SUSTAINED = 5  # this many steps in a row at another rate are another rate, not gaps
 
 
@@ -44,7 +45,7 @@ class TimeGrid:
             rows.append(part)
             starts.append(count)
             count += len(part)
-        return np.vstack(rows), tuple(starts)
+        return rows[0] if len(rows) == 1 else np.vstack(rows), tuple(starts)
 
 
 def find_grid(
@@ -144,8 +145,11 @@ def _one_rate(t: np.ndarray, steps: np.ndarray, dt: float, row_name: Callable[[i
     if len(steps) < _SUSTAINED:
         return
     windows = np.lib.stride_tricks.sliding_window_view(steps, _SUSTAINED)
-    local = np.median(windows, axis=1)
-    steady = np.abs(windows - local[:, None]).max(axis=1) < 0.2 * local
+    local, steady = np.empty(len(windows)), np.empty(len(windows), dtype=bool)
+    for k in range(0, len(windows), _AT_ONCE):
+        part = windows[k : k + _AT_ONCE]
+        local[k : k + _AT_ONCE] = middle = np.median(part, axis=1)
+        steady[k : k + _AT_ONCE] = np.abs(part - middle[:, None]).max(axis=1) < 0.2 * middle
     other = np.flatnonzero(steady & ((local > 1.3 * dt) | (local < 0.7 * dt)))
     if len(other):
         i = int(other[0])
@@ -198,10 +202,11 @@ def _gap_notes(
 ) -> tuple[str, ...]:
     notes = []
     if len(spans) > 1:
-        places = [f"{t[a] - t[a - 1]:.3g} s at {row_name(a)} (t = {t[a - 1]:.6g} s)" for a, _ in spans[1:]]
-        more = f" and {len(places) - 5} more" if len(places) > 5 else ""
-        count = "1 gap splits" if len(places) == 1 else f"{len(places)} gaps split"
-        notes.append(f"{count} the log: " + ", ".join(places[:5]) + more)
+        gaps = len(spans) - 1
+        places = [f"{t[a] - t[a - 1]:.3g} s at {row_name(a)} (t = {t[a - 1]:.6g} s)" for a, _ in spans[1:6]]
+        more = f" and {gaps - 5} more" if gaps > 5 else ""
+        count = "1 gap splits" if gaps == 1 else f"{gaps} gaps split"
+        notes.append(f"{count} the log: " + ", ".join(places) + more)
     dropped = [s for s in spans if s not in pieces]
     if dropped:
         lost = sum(b - a for a, b in dropped)

@@ -12,15 +12,17 @@ from slipangle import units
 from slipangle.data.channels import STANDARD
 from slipangle.data.clock import find_grid
 from slipangle.data.dataset import Channel, Dataset
+from slipangle.data.expression import Expression
 from slipangle.data.readers.column import Column
 from slipangle.data.readers.derived import derive, keep
-from slipangle.data.readers.tables import DATE, ArrayTable, ChannelTable, Header, find_column
+from slipangle.data.readers.tables import DATE, ArrayTable, ChannelTable, Header, find_column, prefetch
 from slipangle.errors import (
     FormatError,
     MissingColumnError,
     NotFiniteError,
     ParameterError,
     SampleTimeError,
+    SlipangleError,
     TimeError,
     TooShortError,
     UnitError,
@@ -195,6 +197,32 @@ def _cut_missing(
     return whole, f"{seen}: {int((~whole).sum())} rows cut, each run a gap"
 
 
+def _needed(
+    table: ChannelTable,
+    columns: Mapping[str, Column | str] | Sequence[str] | None,
+    time: Column | str | None,
+    experiment: str | None,
+    condition: str | None,
+) -> set[int]:
+    """Positions of the columns that will be asked for, as far as they are there."""
+    if columns is None:
+        return set(range(len(table.headers)))
+    given = columns.values() if isinstance(columns, Mapping) else (columns,) if isinstance(columns, str) else columns
+    chosen = [c if isinstance(c, Column) else Column(c) for c in given]
+    chosen += [time if isinstance(time, Column) else Column(time)] if time is not None else []
+    texts = [*(c.derive for c in chosen if c.derive), *([condition] if condition else [])]
+    named = [n for text in texts for n in Expression(text).names]
+    sources = [*(c.source for c in chosen if not c.derive), *named, *([experiment] if experiment is not None else [])]
+    clocks = [] if time is not None else [h.name for h in table.headers if h.name.lower() in (*_TIME_NAMES, *_STEPS)]
+    found = set()
+    for source in (*sources, *clocks):
+        try:
+            found.add(find_column(table, source, ""))
+        except SlipangleError:
+            continue  # it is a channel, or is asked for again and then told
+    return found
+
+
 def _on_grids(
     table: ChannelTable,
     stamps: np.ndarray,
@@ -213,7 +241,7 @@ def _on_grids(
             how = {"jitter": jitter, "shortest": shortest, "what": table.name}
             grid = find_grid(stamps[part], dt=dt, row_name=lambda k, part=part: table.row_name(int(part[k])), **how)
             dt = dt or grid.dt
-            piece, begins = grid.onto(stamps[part], values[part])
+            piece, begins = grid.onto(stamps[part], values if len(part) == len(values) else values[part])
             clock = grid.start_times
             notes += grid.notes
         tables.append(piece)
@@ -222,7 +250,9 @@ def _on_grids(
         count += len(piece)
     if dt is None or count < max(shortest, 1):
         raise TooShortError(f"{table.name} holds {count} samples; expected at least {shortest}: record longer")
-    return {"values": np.vstack(tables), "starts": starts, "start_times": times, "dt": dt, "notes": notes}
+    joined = tables[0] if len(tables) == 1 else np.vstack(tables)
+    joined.setflags(write=False)  # it is nobody else's: a data set need not copy it
+    return {"values": joined, "starts": starts, "start_times": times, "dt": dt, "notes": notes}
 
 
 def assemble(
@@ -254,6 +284,7 @@ def assemble(
     said: list[str] = list(notes)
     assumed: list[str] = []
     names = columns if columns is not None else [h.name for h in table.headers]
+    prefetch(table, _needed(table, columns, time, experiment, filter))
     t, time_column = time_of(table, time, dt, names, epoch, said)
     label = find_column(table, experiment, "experiment") if experiment is not None else None
     chosen = as_columns(table, columns, {i for i in (time_column, label) if i is not None})
@@ -261,21 +292,18 @@ def assemble(
         raise MissingColumnError(f"no column of {table.name} was chosen; expected at least one channel: name some")
     picked = {n: _column(table, n, c, assumed) for n, c in chosen.items() if not c.derive}
     picked = derive(table, chosen, picked, t)
-    for kind, wanted in (("input", inputs), ("output", outputs)):
-        for n in (wanted,) if isinstance(wanted, str) else wanted:
-            if n not in picked:
-                raise MissingColumnError(
-                    f"the {kind} '{n}' is not among the channels read from {table.name}; {nearest(n, picked)}: use one "
-                    "of these, or add it to columns"
-                )
+    _require_picked(table, inputs, outputs, picked)
     if assumed:
         said.append(f"no unit named for {', '.join(assumed)}: taken as SI")
-    values = np.column_stack([v for v, _ in picked.values()])
-    stamps = t if t is not None else (dt or 1.0) * np.arange(len(values))
+    stamps = t if t is not None else (dt or 1.0) * np.arange(len(next(iter(picked.values()))[0]))
     kept, note = keep(table, filter, picked, stamps) if filter else (None, "")
+    channels = tuple(Channel(n, unit) for n, (_, unit) in picked.items())
+    values = np.empty((len(stamps), len(channels)))
+    for k, channel in enumerate(channels):
+        values[:, k] = picked.pop(channel.name)[0]  # of a long log no column is held twice
     said += [note] if note else []
     seen = values if kept is None else np.where(kept[:, None], values, 0.0)
-    whole, note = _cut_missing(table, list(picked), seen, stamps, nan)
+    whole, note = _cut_missing(table, [c.name for c in channels], seen, stamps, nan)
     whole = whole if kept is None else whole & kept
     said += [note] if note else []
     rows = np.flatnonzero(whole)
@@ -285,13 +313,26 @@ def assemble(
     parts = [rows[a:b] for a, b in pairwise(borders)]
     uniform = _on_grids(table, stamps, values, parts, dt, jitter if t is not None else 0.0, shortest)
     return Dataset(
-        channels=tuple(Channel(n, unit) for n, (_, unit) in picked.items()),
+        channels=channels,
         inputs=tuple((inputs,) if isinstance(inputs, str) else inputs),
         outputs=tuple((outputs,) if isinstance(outputs, str) else outputs),
         name=name,
         notes=(*said, *uniform.pop("notes")),
         **uniform,
     )
+
+
+def _require_picked(
+    table: ChannelTable, inputs: Sequence[str], outputs: Sequence[str], picked: Mapping[str, Any]
+) -> None:
+    """Raise a MissingColumnError unless inputs and outputs are among the channels read."""
+    for kind, wanted in (("input", inputs), ("output", outputs)):
+        for n in (wanted,) if isinstance(wanted, str) else wanted:
+            if n not in picked:
+                raise MissingColumnError(
+                    f"the {kind} '{n}' is not among the channels read from {table.name}; {nearest(n, picked)}: use one "
+                    "of these, or add it to columns"
+                )
 
 
 def check_dt(dt: float | None) -> None:

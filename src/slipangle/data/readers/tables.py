@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -117,3 +117,10 @@ def find_column(table: ChannelTable, source: str | int, channel: str) -> int:
     raise MissingColumnError(
         f"{table.name} has no column '{source}' for channel '{channel}'; {nearest(source, known)}: correct the name"
     )
+
+
+def prefetch(table: ChannelTable, columns: Iterable[int]) -> None:
+    """Tell a table which columns will be asked for; one that has a ``fetch`` loads them at once."""
+    fetch = getattr(table, "fetch", None)
+    if fetch is not None:
+        fetch(list(columns))

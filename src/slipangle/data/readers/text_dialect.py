@@ -170,3 +170,9 @@ def _dated(headers: tuple[Header, ...], rows: list[list[str]]) -> tuple[Header, 
     return tuple(
         Header(text=h.text, name=h.name, unit=DATE) if is_instant(c) else h for h, c in zip(headers, cells, strict=True)
     )
+
+
+def filled(line: str, delimiter: str) -> str:
+    """The line with ``nan`` in its empty cells; quotes that hold a separator are left to whoever reads it."""
+    cells = line.split(delimiter)
+    return delimiter.join(c if c.strip(' "\t\r') else "nan" for c in cells)

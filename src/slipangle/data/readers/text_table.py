@@ -11,13 +11,15 @@ from typing import Any
 import numpy as np
 
 from slipangle.data.numerals import decoded, to_number
+from slipangle.data.readers.fast_csv import StreamedTable
 from slipangle.data.readers.registry import require_log
 from slipangle.data.readers.tables import DATE, Header
-from slipangle.data.readers.text_dialect import MISSING, cells_of, find_headings, separator_of, to_instant
+from slipangle.data.readers.text_dialect import MISSING, cells_of, filled, find_headings, separator_of, to_instant
 from slipangle.errors import FormatError, TooShortError, shown
 from slipangle.files import read_bytes
 
 OURS = "# slipangle: "  # begins the line that `write_csv` says its settings in
+_LARGE, _HEAD = 4 << 20, 1 << 18  # bytes from which a file is read block by block, and of its beginning
 _SAMPLE = 100  # lines by which the dialect is known
 _COMMENTS = ("#", "%", "//")
 _POINT = re.compile(r"[+-]?\d*\.\d+([eE][+-]?\d+)?")
@@ -69,7 +71,7 @@ class TextTable:
         if self.delimiter is None:
             return None
         try:
-            return np.loadtxt([_filled(line, self.delimiter) for line in lines], quotechar='"', **how)
+            return np.loadtxt([filled(line, self.delimiter) for line in lines], quotechar='"', **how)
         except (ValueError, IndexError):
             return None
 
@@ -101,12 +103,6 @@ class TextTable:
             ) from None
 
 
-def _filled(line: str, delimiter: str) -> str:
-    """The line with ``nan`` in its empty cells; quotes that hold a separator are left to whoever reads it."""
-    cells = line.split(delimiter)
-    return delimiter.join(c if c.strip(' "\t\r') else "nan" for c in cells)
-
-
 def _text(path: Path) -> str:
     """The file's text in whichever common encoding it has."""
     require_log(path)
@@ -114,24 +110,65 @@ def _text(path: Path) -> str:
     return decoded(raw, path, "comma-separated text: export the log as CSV")
 
 
-def read_table(path: str | Path, *, delimiter: str | None = None, skip_lines: int = 0) -> TextTable:
+def read_table(path: str | Path, *, delimiter: str | None = None, skip_lines: int = 0) -> TextTable | StreamedTable:
     """Cut a text file into headings and rows; no number is read yet.
 
     Raises MissingFileError, FormatError or TooShortError if the file is missing, not text, ragged or empty.
     """
     path = Path(path)
-    name = f"'{path.name}'"
-    lines = _text(path).splitlines()
+    if _is_large(path, delimiter):
+        large = _streamed(path, delimiter, skip_lines)
+        if large is not None:
+            return large
+    return _read_whole(path, delimiter, skip_lines)
+
+
+def _read_whole(path: Path, delimiter: str | None, skip_lines: int) -> TextTable:
+    """The table with every cell at hand, which knows the place of each."""
+    return _cut(_text(path), f"'{path.name}'", delimiter, skip_lines)
+
+
+def _is_large(path: Path, delimiter: str | None) -> bool:
+    return path.is_file() and path.stat().st_size >= _LARGE and (delimiter is None or len(delimiter) == 1)
+
+
+def _streamed(path: Path, delimiter: str | None, skip_lines: int) -> StreamedTable | None:
+    """A large file by the dialect of its beginning; None where that does not tell."""
+    with path.open("rb") as file:
+        raw = file.read(_HEAD)
+    if b"\0" in raw[:4096] or raw[:2] in (b"\xff\xfe", b"\xfe\xff") or raw.count(b"\r") > raw.count(b"\n"):
+        return None
+    head = raw[: raw.rfind(b"\n") + 1]
+    try:
+        table = _cut(decoded(head, path, "text"), f"'{path.name}'", delimiter, skip_lines)
+    except FormatError:
+        return None
+    if table.delimiter is None or len(table.delimiter) != 1:
+        return None
+    return StreamedTable(
+        path=path,
+        headers=table.headers,
+        named=table.named,
+        above=table.line_numbers[0] - 1,
+        delimiter=table.delimiter,
+        decimal_comma=table.decimal_comma,
+        meta=table.meta,
+        exact=lambda: _read_whole(path, delimiter, skip_lines),
+    )
+
+
+def _cut(text: str, name: str, delimiter: str | None, skip_lines: int) -> TextTable:
+    lines = text.splitlines()
     comments: list[str] = []
     body: list[tuple[int, str]] = []
     meta: dict[str, Any] = {}
     for number, line in enumerate(lines[skip_lines:], start=skip_lines + 1):
-        text = line.strip()
-        if text.startswith(OURS):
-            meta = _meta(text[len(OURS) :], name, number)
-        elif text.startswith(_COMMENTS):
-            comments.append(text.lstrip("#%/ ").strip())
-        elif text.strip(",;\t "):
+        said = line.strip()
+        if said.startswith(OURS):
+            meta = _meta(said[len(OURS) :], name, number)
+        elif said.startswith(_COMMENTS):
+            comments.append(said.lstrip("#%/ ").strip())
+        elif said.strip(",;\t "):
             body.append((number, line))
     if not body:
         raise TooShortError(f"the log {name} is empty; expected a header line and rows of numbers: export it again")
