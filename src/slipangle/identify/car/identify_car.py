@@ -16,6 +16,7 @@ from slipangle.errors import IdentifiabilityWarning, MissingColumnError, Paramet
 from slipangle.fields import Checked, Within
 from slipangle.identify.car.stretches import stretches
 from slipangle.identify.car.structures import (
+    ELSEWHERE,
     STIFF,
     Correction,
     Fitted,
@@ -157,7 +158,7 @@ class WholeCar(Checked):
         separated = _separated(names, final, limits)
         wrong = (*suspect, *self._weight(), *_sensors(final, spread, self.steering_gain))
         changes = _changes(stages)
-        unknown = (*_ridges(names, final, spread, limits, separated), *_bounds(final))
+        unknown = (*_ridges(names, final, spread, limits, separated), *_elsewhere(final, others), *_bounds(final))
         info = ProfileInfo(
             names=names,
             values=np.array([final.values[n] for n in names]),
@@ -259,11 +260,16 @@ def _stage(said: str, kept: bool, fitted: Fitted, squares: np.ndarray, moved: fl
 
 
 def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[Fitted]:
-    """Structures that explain the data about as well as the chosen one: with a correction more, or other tires."""
+    """Structures that explain the data about as well as the chosen one: with a correction more, or other tires.
+
+    A centre of gravity elsewhere too, which is hard to tell from another place of the v_y sensor, if the data want it.
+    """
     at = errors(final.model, data)
     trials = [corrected(final, correction, data) for correction in dropped]
-    if "lever_v_y" in final.free:  # which is hard to tell from a centre of gravity that is not where it was said to be
-        trials.append(fit(final.model, (*final.free, "l_f"), data, final))
+    if "lever_v_y" in final.free:
+        moved = fit(final.model, (*final.free, "l_f"), data, final)
+        if abs(moved.values["l_f"] - final.model.value("l_f")) > 2 * ELSEWHERE * final.model.value("wheelbase"):
+            trials.append(moved)
     if "mu_f" in final.free:
         trials += [fit(with_shape(final.model, shape), final.free, data, final) for shape in _SHAPES]
     return [other for other in trials if change(at, errors(other.model, data))[0] < _AS_GOOD]
@@ -339,6 +345,16 @@ def _sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
     if late > _LATE:
         said.append(f"the car answers its steering {late:.2f} s late: delta or the outputs may come delayed in the log")
     return said
+
+
+def _elsewhere(final: Fitted, others: list[Fitted]) -> list[str]:
+    return [
+        f"a v_y sensor {final.values['lever_v_y']:+.2g} m from the centre of gravity explains the log, and so does "
+        f"l_f = {other.values['l_f']:.3g} m in place of {final.model.value('l_f'):.3g} m: check both; the intervals "
+        "hold for either"
+        for other in others
+        if "l_f" in other.free
+    ]
 
 
 def _bounds(final: Fitted) -> list[str]:

@@ -17,6 +17,7 @@ from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, Satura
 from slipangle.models.vehicles.steering import Steered
 from slipangle.models.wrappers.delayed import Delayed
 
+ELSEWHERE = 0.05  # wheelbases, standard deviation of the centre of gravity about where it was said to be
 STIFF = ("C_f", "C_r", "inertia_z")
 _LINEAR = 8.0  # peak friction at which an axle is as good as linear
 _LONGEST = 0.3  # s, of a steering delay
@@ -100,6 +101,7 @@ class Fitted:
     stretch: np.ndarray  # (n,), to which stretch a row belongs
     sigma: np.ndarray  # (n_outputs,), standard deviation of the outputs' errors, SI units
     thinning: float  # samples per independent one
+    pull: np.ndarray  # (n, n_free), rows that draw `z` to what is ordinary, as hard as `thinning` allows
 
     @property
     def values(self) -> dict[str, float]:
@@ -149,6 +151,7 @@ def fit(model: Any, free: tuple[str, ...], data: Dataset, before: Fitted | None 
         stretch=stretch,
         sigma=problem.sigma,
         thinning=thinning,
+        pull=_pull(prior, problem, thinning)[0],
     )
 
 
@@ -174,7 +177,7 @@ def ordinary(model: Any, free: tuple[str, ...]) -> dict[str, tuple[float, float,
         "relaxation_f": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "relaxation_r": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "lever_v_y": (0.0, 0.1 * p.wheelbase, False),
-        "l_f": (p.l_f, 0.05 * p.wheelbase, False),
+        "l_f": (p.l_f, ELSEWHERE * p.wheelbase, False),
         "delay_delta": (0.0, 0.1, False),
         "steering_lag": (0.0, 0.1, False),
     }

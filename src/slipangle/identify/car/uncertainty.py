@@ -15,7 +15,8 @@ def covariance(fitted: Fitted) -> tuple[np.ndarray, str]:
     """Covariance of the free parameters, SI units, and how it was found.
 
     The larger one, parameter by parameter, of that for coloured residuals and of the jackknife over stretches: what the
-    model lacks makes stretches of unlike speed and size disagree, which no colour of residuals shows.
+    model lacks makes stretches of unlike speed and size disagree, which no colour of residuals shows. Where the data
+    are silent, what is ordinary for a car bounds it.
 
     References
     ----------
@@ -24,14 +25,17 @@ def covariance(fitted: Fitted) -> tuple[np.ndarray, str]:
     """
     n, ny, n_p = fitted.jacobian.shape
     e, J = fitted.error.ravel(), fitted.jacobian.reshape(n * ny, n_p)
-    coloured, how = uncertainty.covariance(e, J, ny)
-    full, moves = J.T @ J, []
+    prior = fitted.pull.T @ fitted.pull
+    full, moves = J.T @ J + prior, []
+    middle, lags = uncertainty.middle_of_sandwich(e, J, ny)
+    middle = middle if lags else (full - prior) * float(e @ e) / len(e)
+    inverse = _inverse(full)
+    share = len(e) / max(1, len(e) - n_p)
+    coloured = inverse @ (share * middle + fitted.thinning * prior) @ inverse
     for k in np.unique(fitted.stretch):
         rows = np.repeat(fitted.stretch == k, ny)
         rest = full - J[rows].T @ J[rows]
-        lengths = np.sqrt(np.maximum(np.diag(rest), 1e-300))
-        even = np.linalg.pinv(rest / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
-        moves.append(even @ (J[rows].T @ e[rows] / lengths) / lengths)
+        moves.append(_inverse(rest) @ (J[rows].T @ e[rows]))
     count = len(moves)
     spread = np.array(moves) - np.mean(moves, axis=0)
     jackknife = spread.T @ spread * (count - 1) / count
@@ -40,7 +44,14 @@ def covariance(fitted: Fitted) -> tuple[np.ndarray, str]:
     along = np.sqrt(np.maximum(np.diag(coloured), 1e-300))
     scaled = coloured / np.outer(along, along) * np.outer(std, std)
     scale = fitted.problem.scale
+    how = uncertainty.coloured(lags) if lags else "covariance for white residuals"
     return scaled * np.outer(scale, scale), f"{how} or jackknife over {count} stretches, the larger"
+
+
+def _inverse(information: np.ndarray) -> np.ndarray:
+    lengths = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    even = np.linalg.pinv(information / np.outer(lengths, lengths), rcond=1e-12, hermitian=True)
+    return even / np.outer(lengths, lengths)
 
 
 def hull(names: Sequence[str], best: Fitted, others: Sequence[Fitted]) -> tuple[np.ndarray, np.ndarray, str]:
