@@ -3,6 +3,7 @@
 import ctypes
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -285,6 +286,28 @@ def test_two_thousand_steps_to_the_last_bit(monkeypatch):
         x, tracked, w, _ = np.split(asked, np.cumsum([n["STATES"], n["NODES"] * n["REFERENCES"], n["NODES"]]))
         wanted = sa.Reference(tracked=tracked.reshape(n["NODES"], -1), exogenous=w.reshape(n["NODES"], -1))
         assert exported.plan(x, wanted).command[0] == command[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "sanitizer",
+    [
+        ("gcc", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-march=native"),
+        ("gcc", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-DCAR_LANES=1"),
+        ("clang", "-fsanitize=memory", "-march=native"),
+    ],
+    ids=["address, undefined", "address, undefined, without SIMD", "memory"],
+)
+def test_sanitizers_have_nothing_to_say(sanitizer, tmp_path):
+    """Of 100 000 random inputs, a third of which hold NaN, infinities and what no sensor says."""
+    needs(sanitizer[0])
+    made = files(controller(**KINDS["corridor and soft limits"] | {"horizon": 10}))
+    for file, content in {**made, "fuzz.c": (Path(__file__).parent / "fuzz.c").read_text()}.items():
+        (tmp_path / file).write_text(content)
+    run(*sanitizer, "-std=c99", "-O1", "-g", "-o", "fuzz", "car.c", "fuzz.c", "-lm", folder=tmp_path)
+    said = run("./fuzz", "100000", folder=tmp_path, limit=900)
+    fallbacks = int(re.search(r"^100000 calls, (\d+) without a solution, 0 inputs outside", said)[1])
+    assert 10_000 < fallbacks < 60_000
 
 
 @pytest.mark.slow

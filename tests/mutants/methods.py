@@ -235,6 +235,33 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "export/c/mpc.c",
+        "export/test_mpc.py::test_same_as_python_to_the_last_bit_whatever_happens",
+        [
+            (
+                "exported MPC: a heading wound up once more",
+                "s->p[i * NP + HEADING_WANTED] += angle;",
+                "s->p[i * NP + HEADING_WANTED] -= angle;",
+            ),
+            (
+                "exported MPC: a fallback that does not move on",
+                "later = c->age - c->kept_age;",
+                "later = 1;",
+            ),
+        ],
+    ),
+    *mistakes(
+        "export/c/marx.c",
+        "export/test_marx.py::test_same_as_python_to_the_last_bit_whatever_happens",
+        [
+            (
+                "exported MARX-MPC: errors of the step now for those of the step before",
+                "(c->work.x[o] - c->x[NS + o])",
+                "(c->work.x[o] - c->x[o])",
+            )
+        ],
+    ),
+    *mistakes(
         "optimal/realtime/fallback.c",
         "control/test_usual_call.py::test_a_fallback_in_one_piece_is_the_one_put_together",
         [
