@@ -17,6 +17,7 @@ from slipangle.commands import (
     log,
     models,
     reproduce,
+    robust,
     run,
     search,
     tire,
@@ -80,7 +81,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"slipangle {version('slipangle')}")
     parser.set_defaults(function=None)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
-    for group in (job, init, log, models, export, search, tire, listing, data, doctor, reproduce):
+    for group in (job, init, log, models, export, search, robust, tire, listing, data, doctor, reproduce):
         group.add(Commands(commands))
     return parser
 

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
+
 from slipangle.control.controller import Controller
 from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import SpeedDriver
@@ -87,7 +89,8 @@ PLANTS: Registry[Callable[..., Model | PlantProtocol]] = Registry("plant", "slip
 class ControllerSettings:
     """The controller, one of `CONTROLLERS` on one of the job's models, and its test.
 
-    The limits are those of the road-wheel angle and its rate; ``entries`` are the table's other ones: the settings that
+    The limits are those of the road-wheel angle and its rate; ``cars`` is the number of cars that differ from the model
+    on which the controller is tried, 0: none; ``entries`` are the table's other ones: the settings that
     the kind takes, checked.
     """
 
@@ -97,6 +100,7 @@ class ControllerSettings:
     v_x: Annotated[float, Within(1, 150, "m/s")] = 20.0
     dt: Annotated[float, Within(1e-3, 1, "s")] = 0.05
     width: Annotated[float, Within(0.5, 10, "m")] = 1.8
+    cars: Annotated[int, Within(0, 10_000)] = 200
     delta_max: Annotated[float, Within(0.1, 90, "deg")] = 20.0
     delta_rate_max: Annotated[float, Within(0.1, 1e4, "deg/s")] = 60.0
     entries: dict[str, Any] = field(default_factory=dict)
@@ -187,7 +191,7 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
         params, tire = _PLANTS[wanted.catalogue]
         tires = (tire, tire)
         text = f"the catalogue car {wanted.catalogue} with wheel spin and Magic Formula tires"
-    elif identified := getattr(getattr(model, "params", None), "bicycle", None):
+    elif identified := identified_bicycle(model):
         params, tires = around(identified, wanted.friction)
         text = (
             "a stand-in for the car: the identified mass, geometry and cornering stiffness on Magic Formula tires that "
@@ -199,7 +203,7 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
         )
     car = SingleTrack(params=params, dt=0.001, tire_f=tires[0], tire_r=tires[1])
     noise = {**NOISE, **wanted.noise}
-    delay, lag = (Values() if wanted.catalogue else _late(model, name) for name in ("delay_delta", "steering_lag"))
+    delay, lag = (Values() if wanted.catalogue else late(model, name) for name in ("delay_delta", "steering_lag"))
     reach = 0.8 * params.mass * GRAVITY * params.radius
     driver = SpeedDriver.for_car(mass=params.mass, radius=params.radius, limits=(-reach, 0.5 * reach))
     return Plant(car, noise=Values(**noise), seed=wanted.seed, delay=delay, lag=lag), driver, text
@@ -219,7 +223,27 @@ def _foreign(wanted: PlantSettings) -> tuple[Plant, SpeedDriver | None, str]:
     return plant, driver if "a_x" in plant.model.inputs else None, text
 
 
-def _late(model: Model, name: str) -> Values:
+def identified_bicycle(model: Model) -> BicycleParams | None:
+    """Mass, geometry and stiffness that a model holds, or None."""
+    return getattr(getattr(model, "params", None), "bicycle", None)
+
+
+def catalogued(name: str) -> tuple[BicycleParams, float]:
+    """A car of the catalogue as a bicycle, and its tires' largest friction coefficient across."""
+    params, tire = _PLANTS[name]
+    angles, small = np.linspace(0.01, 0.5, 200), 1e-4
+
+    def across(angle: np.ndarray | float, load: float) -> Any:
+        return tire.forces(0.0, angle, load).F_y
+
+    stiffness = {f"C_{a}": 2 * float(across(small, getattr(params, f"load_{a}"))) / small for a in ("f", "r")}
+    grip = max(float(across(a, params.load_f)) for a in angles) / params.load_f
+    geometry = {n: getattr(params, n) for n in ("mass", "inertia_z", "wheelbase", "l_f")}
+    more = {n: getattr(params, n) for n in ("steering_gain", "steering_offset")}
+    return BicycleParams(**geometry, **more, **stiffness), grip
+
+
+def late(model: Model, name: str) -> Values:
     """Delay or lag of an identified steering; none where the model has no such parameter. [s]"""
     if isinstance(model, Parametrised) and name in model.parameter_names:
         return Values(delta=model.value(name))

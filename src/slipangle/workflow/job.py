@@ -17,6 +17,7 @@ from slipangle.report.tables import number
 from slipangle.workflow.drive import drive
 from slipangle.workflow.kinds import KINDS, fitted
 from slipangle.workflow.log import read_logs
+from slipangle.workflow.robustness import Tried, tried
 from slipangle.workflow.settings import ModelSettings, Settings
 
 Progress = Callable[[float, str], None]
@@ -30,7 +31,7 @@ class Outcome:
     ``data`` is the log as identified from, ``train`` and ``test`` its parts; ``quality`` is what was seen in the log
     before anything was changed. There is one validation per model, on the test part and on the training part;
     ``delay_check`` says what the steering delay does to the parameters, ``failures`` why the other models could not be
-    fitted, or not be driven.
+    fitted, or not be driven. ``tried`` is the controller on cars that differ from its model.
     """
 
     settings: Settings
@@ -44,6 +45,7 @@ class Outcome:
     run: Run | None
     plant: str
     controller: Controller | None = None
+    tried: Tried | None = None
     failures: dict[str, str] = field(default_factory=dict)
 
     def metrics(self) -> dict[str, Any]:
@@ -81,6 +83,8 @@ class Outcome:
                 "solver_seconds_median": float(np.median(seconds)),
                 "solver_seconds_p99": float(np.percentile(seconds, 99)),
             }
+            if self.tried is not None and self.tried.trials is not None:
+                record["closed_loop"]["cars"] = self.tried.trials.metrics()
         return record
 
     def to_json(self) -> str:
@@ -101,7 +105,7 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
     judged, failures = _judged(settings, train, test, progress)
     progress(0.5, "checking the steering delay")
     said = delay_check(settings, quality, train)
-    run, plant_name, controller = None, "", None
+    run, plant_name, controller, cars = None, "", None, None
     wanted = settings.controller
     if wanted is not None and wanted.model in failures:
         failures["controller"] = f"its model '{wanted.model}' could not be fitted"
@@ -111,7 +115,14 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
             wanted,
             settings.plant,
             judged[wanted.model][0].model,
-            lambda share: progress(0.55 + 0.4 * share, "driving in closed loop"),
+            lambda share: progress(0.55 + 0.2 * share, "driving in closed loop"),
+        )
+        cars = tried(
+            wanted,
+            settings.plant,
+            judged[wanted.model][0].model,
+            controller,
+            lambda share: progress(0.75 + 0.2 * share, f"driving {wanted.cars} other cars"),
         )
     return Outcome(
         settings=settings,
@@ -125,6 +136,7 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
         run=run,
         plant=plant_name,
         controller=controller,
+        tried=cars,
         failures=failures,
     )
 

@@ -8,8 +8,11 @@ from slipangle import Run, Validation
 from slipangle.registry import Registry
 from slipangle.report import Findings, Number, Section, Verdict
 from slipangle.report.page import Block
+from slipangle.report.robust import CHANGES
 from slipangle.report.tables import Tone
+from slipangle.simulate.robust import ENOUGH
 from slipangle.workflow.job import Outcome
+from slipangle.workflow.robustness import Tried
 from slipangle.workflow.settings import PublishedSettings
 
 SECTIONS: Registry[Callable[[Outcome, str], Iterable[Section]]] = Registry("page section", "slipangle.sections")
@@ -74,7 +77,10 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     seconds = run.seconds[1:]
     median, late = float(np.median(seconds)), float(np.percentile(seconds, 99))
     in_time = late < wanted.dt
-    tone: Tone = "good" if run.inside and run.fallbacks == 0 and in_time else "fair" if run.inside else "poor"
+    others = outcome.tried
+    enough = others is None or (others.trials is not None and others.trials.good)
+    good = run.inside and run.fallbacks == 0 and in_time and enough
+    tone: Tone = "good" if good else "fair" if run.inside else "poor"
     named = "An MPC" if wanted.kind == "mpc" else f"The controller {wanted.kind}"
     where = "stays inside its lanes" if run.inside else "leaves its lanes"
     sentence = (
@@ -83,14 +89,33 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     )
     if run.fallbacks:
         sentence += f" {run.fallbacks} of {len(run.plans)} commands came from an older plan."
-    deadline = f"deadline {1000 * wanted.dt:g} ms"
+    if others is not None:
+        sentence += f" {_on_others(others)}"
+    deadline = f"deadline {1000 * wanted.dt:g} ms, margin {100 * (1 - late / wanted.dt):.0f} %"
     numbers = (
         Number(label="lateral error, RMS", value=run.rmse("y"), unit="m", digits=3),
         Number(label="lateral error, largest", value=run.max("y"), unit="m", digits=3),
         Number(label="solver, median", value=1000 * median, unit="ms", digits=3),
         Number(label="solver, 99th percentile", value=1000 * late, unit="ms", digits=3, note=deadline),
     )
+    if others is not None and others.trials is not None:
+        note = f"of {len(others.trials)}; good needs {100 * ENOUGH:g} %"
+        share = Number(label="cars inside", value=100 * others.trials.share, unit="%", digits=3, note=note)
+        numbers = (*numbers, share)
     return Verdict(title="Closed loop", sentence=sentence, tone=tone, numbers=numbers, command=command)
+
+
+def _on_others(others: Tried) -> str:
+    """What cars that differ from the model do, in sentences."""
+    trials = others.trials
+    if trials is None:
+        return f"It was not tried on cars that differ from the model: {others.why_not}."
+    count, row, (name, gain) = len(trials), trials.worst, others.cause
+    margin = trials.column("margin")[row]
+    said = f"{round(count * trials.share)} of {count} cars that differ from the model stay inside."
+    end = f"{100 * margin:.0f} cm from its lane's edge" if margin >= 0 else "leaves its lanes"
+    why = f", most of all by its {CHANGES[name][0]}" if gain > 0 else ""
+    return f"{said} The worst of them {'stays ' if margin >= 0 else ''}{end}{why}."
 
 
 _MANOEUVRE = {

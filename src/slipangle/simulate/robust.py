@@ -1,0 +1,320 @@
+"""`try_on`: one controller on many cars that differ from its model, side by side; `Trials`: what came of it.
+
+The nominal car is the identified bicycle as a dual track with saturating tires; how far others are from it says a
+`Spread`. Whatever the number of cars in hand, each one's draw, noise and drive are the same: results are equal for
+equal seeds, wherever they were computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.controller import Controller
+from slipangle.errors import ParameterError, SampleTimeError
+from slipangle.models.fast import bind, evaluate
+from slipangle.models.vehicles.parameters import BicycleParams
+from slipangle.optimal.terms import Values, require_names
+from slipangle.paths.path import Path
+from slipangle.simulate.loop import FAR, Starts
+from slipangle.simulate.perturbed import Fleet, Spread
+
+ENOUGH = 0.97  # share of the cars inside their lanes that makes a controller good
+STEP = 0.001  # s, of the plant
+EVERY = 10  # steps between samples of the record
+SIDE = 0.5  # m, from a path without lanes
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trial:
+    """What is tried: a controller on a path, and the car around which others are drawn.
+
+    Raises ParameterError if the controller needs what these cars do not measure, SampleTimeError if its step is no
+    multiple of 10 ms.
+
+    Parameters
+    ----------
+    controller, path : Controller, Path
+        As of `closed_loop`; the path has a speed profile.
+    bicycle, friction
+        The car as identified, and the friction coefficient at which its tires saturate.
+    spread : Spread
+        How far the others are from it.
+    noise, delay, lag
+        Standard deviation of the sensors' white noise by channel; dead time and time constant of the steering [s] as
+        they are known.
+    width : float
+        Of the vehicle. [m]
+    seed : int
+        Of the draws and of the noise.
+    """
+
+    controller: Controller
+    path: Path
+    bicycle: BicycleParams
+    friction: float = 1.0
+    spread: Spread = field(default_factory=Spread)
+    noise: Values = field(default_factory=Values)
+    delay: float = 0.0
+    lag: float = 0.0
+    width: float = 1.8
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        model, controls = self.controller.model, tuple(self.controller.controls)
+        seen = ("X", "Y", "psi", "v_x", "v_y", "r")
+        if controls != ("delta",):
+            raise ParameterError(f"the controller decides {list(controls)}; expected delta alone: the speed is held")
+        require_names((*model.outputs, *self.controller.exogenous), seen, "the controller", "use what is measured")
+        require_names(model.inputs, ("delta", "v_x"), "the controller's model", "use these inputs")
+        require_names(self.noise, seen, "noise", "use what is measured")
+        if self.path.v_x is None:
+            raise ParameterError(f"'{self.path.name}' has no speed profile; expected one: use path.with_speed(20.0)")
+        per_plan = self.controller.dt / (STEP * EVERY)
+        if round(per_plan) < 1 or abs(per_plan - round(per_plan)) > 1e-6:
+            raise SampleTimeError(f"the controller's step is {self.controller.dt:g} s; expected a multiple of 0.01 s")
+
+
+COLUMNS = ("inside", "margin", "e_y", "finished", "fallbacks")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trials:
+    """Cars with their changes and what came of them; one row per car in all arrays.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The changes: columns of `changes`, shape (n, n_names), see `Spread`.
+    results : array, shape (n, 5)
+        Whether it stayed in its lanes (0 or 1), least distance of its side to an edge, negative beyond [m], largest
+        distance from the path [m], whether it reached the end (0 or 1), commands that came from an older plan.
+    seconds : array, shape (n_plans,)
+        Wall time of plans; empty where it was not kept. [s]
+    """
+
+    names: tuple[str, ...]
+    changes: np.ndarray
+    results: np.ndarray
+    seconds: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    def __len__(self) -> int:
+        return len(self.results)
+
+    def column(self, name: str) -> np.ndarray:
+        """One of the results, or of the changes, shape (n,)."""
+        if name in COLUMNS:
+            return self.results[:, COLUMNS.index(name)]
+        return self.changes[:, self.names.index(name)]
+
+    @property
+    def share(self) -> float:
+        """Share of the cars that stayed in their lanes."""
+        return float(self.column("inside").mean())
+
+    @property
+    def good(self) -> bool:
+        """Whether that is enough."""
+        return self.share >= ENOUGH
+
+    @property
+    def worst(self) -> int:
+        """Row of the car with the least margin; of those, that farthest from the path."""
+        return int(np.lexsort((-self.column("e_y"), self.column("margin")))[0])
+
+    def metrics(self) -> dict[str, Any]:
+        """Numbers for machines; the changes of the worst car."""
+        row = self.worst
+        drawn = dict(zip(self.names, self.changes[row].tolist(), strict=True))
+        return {
+            "cars": len(self),
+            "share_inside": self.share,
+            "worst": {"number": row, "changes": drawn} | dict(zip(COLUMNS, self.results[row].tolist(), strict=True)),
+            "influence": self.influence,
+        }
+
+    @property
+    def influence(self) -> dict[str, float]:
+        """How much of the margin's variance goes with each change, the largest first; of ranks, up and down apart. [-]
+
+        The share that a straight line through the ranks of the change, or of its size, explains, the larger of the two.
+        """
+        y = _ranks(np.maximum(self.column("margin"), -FAR))
+        shares = {}
+        for j, name in enumerate(self.names):
+            x = self.changes[:, j]
+            kinds = [_correlation(_ranks(x), y) ** 2, _correlation(_ranks(np.abs(x)), y) ** 2]
+            shares[name] = max(kinds)
+        return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def _ranks(x: np.ndarray) -> np.ndarray:
+    return np.unique(x, return_inverse=True)[1].astype(float)
+
+
+def _correlation(x: np.ndarray, y: np.ndarray) -> float:
+    x, y = x - x.mean(), y - y.mean()
+    size = float(np.sqrt((x @ x) * (y @ y)))
+    return float(x @ y) / size if size > 0 else 0.0
+
+
+def try_on(
+    trial: Trial,
+    numbers: Sequence[int],
+    *,
+    changes: np.ndarray | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Trials:
+    """Drive the cars of these numbers side by side.
+
+    Raises ConfigError without a compiler, ParameterError if the cars cannot be computed, see `Fleet`.
+
+    Parameters
+    ----------
+    trial : Trial
+        Controller, path and car.
+    numbers : sequence of int
+        Which cars; a number says what is drawn.
+    changes : array, shape (n, 8), optional
+        The changes in place of those that are drawn; the noise stays that of the numbers.
+    progress : callable, optional
+        Told the share of the time that is over.
+    """
+    drawn = trial.spread.draw(numbers, trial.seed) if changes is None else np.asarray(changes, dtype=float)
+    race = _Race(trial, list(numbers), drawn)
+    steps = race.steps
+    for k in range(steps):
+        race.advance(k)
+        if progress is not None:
+            progress((k + 1) / steps)
+        if race.over.all():
+            break
+    return Trials(names=trial.spread.names, changes=drawn, results=race.results(), seconds=np.array(race.seconds))
+
+
+def cause(trial: Trial, trials: Trials, numbers: Sequence[int], row: int) -> tuple[str, float]:
+    """Which change alone, taken back to nominal, helps a car most, and by how much its margin grows then. [m]"""
+    table = np.tile(trials.changes[row], (len(trials.names), 1))
+    np.fill_diagonal(table, 0.0)
+    again = try_on(trial, [numbers[row]] * len(table), changes=table)
+    gain = np.minimum(again.column("margin"), FAR) - max(float(trials.column("margin")[row]), -FAR)
+    best = int(np.argmax(gain))
+    return trials.names[best], float(gain[best])
+
+
+class _Race:
+    """Cars and, for each, what its controller knows."""
+
+    def __init__(self, trial: Trial, numbers: list[int], changes: np.ndarray) -> None:
+        self.trial, self.controller, self.path = trial, trial.controller, trial.path
+        self.fleet = Fleet(bicycle=trial.bicycle, friction=trial.friction, changes=changes)
+        n, path, model = len(numbers), trial.path, trial.controller.model
+        X, Y, psi = path.start
+        speeds = np.maximum(path.v_x if path.v_x is not None else np.ones(1), 0.5)
+        self.per_plan = round(self.controller.dt / STEP)
+        self.steps = int(np.ceil((1.3 * float(np.sum(path.spacing / speeds[:-1])) + 1.0) / self.controller.dt))
+        self.x = self.fleet.straight(float(speeds[0]), X, Y, psi)
+        at = self.fleet.states.index
+        self.pose = [at(name) for name in ("X", "Y", "psi", "v_x")]
+        column = {name: changes[:, trial.spread.names.index(name)] for name in ("delay", "lag", "noise")}
+        self.late = np.round((trial.delay + column["delay"]) / STEP).astype(int)
+        lag = trial.lag + column["lag"]
+        self.share = np.where(lag > 0, -np.expm1(-STEP / np.maximum(lag, 1e-9)), 1.0)
+        self.actuator, self.past = np.zeros(n), np.zeros((int(self.late.max(initial=0)), n))
+        self.seen = tuple(dict.fromkeys(("X", "Y", "psi", "v_x", *model.outputs)))
+        self.columns = [at(name) for name in self.seen]
+        self.noise = np.array([trial.noise.get(n, 0.0) for n in self.seen]) * (1 + column["noise"])[:, None]
+        self.rngs = [np.random.default_rng([trial.seed, k, 1]) for k in numbers]
+        self.known = np.tile(self._first(), (n, 1))
+        self.inputs, self.s = np.zeros((n, model.n_inputs)), np.zeros(n)
+        self.plans: list[Any] = [None] * n
+        self.over, self.fallbacks = np.zeros(n, dtype=bool), np.zeros(n, dtype=int)
+        self.record: list[np.ndarray] = [self.x[None][:, :, self.pose]]
+        self.seconds: list[float] = []
+
+    def _first(self) -> np.ndarray:
+        true = dict(zip(self.fleet.states, self.x[0].tolist(), strict=True)) | {"delta": 0.0}
+        if isinstance(self.controller, Starts):
+            return np.asarray(self.controller.start(true))
+        return np.array([true.get(name, 0.0) for name in self.controller.model.states])
+
+    def advance(self, k: int) -> None:
+        """Measure, plan and drive for one step of the controller."""
+        with np.errstate(all="ignore"):
+            draws = np.array([rng.standard_normal(len(self.seen)) for rng in self.rngs])
+            measured = self.x[:, self.columns] + self.noise * draws
+            self._estimate(k, measured)
+            command = np.array([self._plan(i, measured[i]) for i in range(len(self.x))])
+            self.inputs[:, list(self.controller.model.inputs).index("delta")] = command
+            wanted = np.array([self.path.speed(s) for s in self.s])
+            states = self.fleet.advance(self.x, self._acting(command), wanted)
+        self.x = states[-1]
+        self.record.append(states[EVERY - 1 :: EVERY, :, self.pose])
+        off = ~np.isfinite(self.x).all(axis=1)
+        self.x[off] = 0.0  # a car that left the finite numbers is over
+        self.record[-1][:, off] = np.nan
+        self.over |= off
+
+    def _estimate(self, k: int, measured: np.ndarray) -> None:
+        """Bring what the controllers know of their models' states to now, as `closed_loop` does."""
+        model = self.controller.model
+        step, _, correct = model.functions
+        if k:
+            self.known = evaluate(step, self.known, self.inputs)
+        for j, name in enumerate(model.inputs):
+            if name != "delta":
+                self.inputs[:, j] = measured[:, self.seen.index(name)]
+        y = measured[:, [self.seen.index(name) for name in model.outputs]]
+        arguments = [np.ascontiguousarray(a) for a in (self.known, self.inputs, y)]
+        out = np.empty_like(self.known)
+        bind(correct.map(len(y)), arguments, out)()
+        self.known = out
+
+    def _plan(self, i: int, measured: np.ndarray) -> float:
+        """Steering angle of one car. [rad]"""
+        before, controller = self.plans[i], self.controller
+        if self.over[i]:
+            return 0.0
+        X, Y, _, v_x = measured[:4]
+        self.s[i] = self.path.project(float(X), float(Y), float(self.s[i])).s
+        if self.s[i] >= self.path.length or abs(float(self.x[i, self.pose[1]])) > 1e6:
+            self.over[i] = True
+        preview = self.path.ahead(float(self.s[i]), controller.times, v_x=float(v_x))
+        plan = self.plans[i] = controller.plan(self.known[i], controller.reference(preview), before)
+        self.fallbacks[i] += plan.age > 0
+        if before is not None:
+            self.seconds.append(plan.seconds)
+        return float(plan.command[0])
+
+    def _acting(self, command: np.ndarray) -> np.ndarray:
+        """Steering angles at every millisecond, after delay and lag, shape (rows, n). [rad]"""
+        rows, first = self.per_plan, len(self.past)
+        commands = np.vstack([self.past, np.tile(command, (rows, 1))])
+        when = first - self.late + np.arange(rows)[:, None]
+        table = np.take_along_axis(commands, when, axis=0)
+        for row in table:
+            row[:] = self.actuator = self.actuator + self.share * (row - self.actuator)
+        self.past = commands[rows:]
+        return table
+
+    def results(self) -> np.ndarray:
+        """Rows of `Trials.results`."""
+        track = np.concatenate(self.record).transpose(1, 0, 2)
+        rows = []
+        half, length = 0.5 * self.trial.width, self.path.length
+        for i, drive in enumerate(track):
+            whole = np.isfinite(drive).all(axis=1)
+            drive = drive[: len(drive) if whole.all() else int(np.argmin(whole))]
+            feet = self.path.project_all(drive[:, 0], drive[:, 1], 0.0)
+            done = feet[:, 0] >= length
+            last = int(np.argmax(done)) + 1 if done.any() else len(feet)
+            lane, e_y = self.path.at(feet[:last, 0]), feet[:last, 1]
+            marked = np.isfinite(lane.left).any() or np.isfinite(lane.right).any()
+            left, right = (lane.left, lane.right) if marked else (half + SIDE, half + SIDE)
+            margin = min(float(np.min(left - e_y)), float(np.min(right + e_y))) - half
+            finished = bool(done.any()) and np.abs(e_y).max() <= FAR
+            rows.append([finished and margin >= 0, margin, np.abs(e_y).max(), finished, self.fallbacks[i]])
+        return np.array(rows, dtype=float).reshape(len(rows), len(COLUMNS))

@@ -1,0 +1,151 @@
+"""Cars that differ from the model: the nominal one is the identified bicycle, equal draws give equal drives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slipangle.codegen.compiler import compiler
+from slipangle.control.mpc import MPC
+from slipangle.errors import ParameterError, SampleTimeError
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.optimal.terms import Limits, Values, Weights
+from slipangle.paths.lane_change import double_lane_change
+from slipangle.simulate.loop import closed_loop
+from slipangle.simulate.perturbed import Fleet, Spread
+from slipangle.simulate.plant import Plant
+from slipangle.simulate.robust import Trial, Trials, cause, try_on
+
+pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
+CAR = BicycleParams(mass=1500, inertia_z=2500, wheelbase=2.7, l_f=1.2, C_f=9e4, C_r=1.1e5)
+NAMES = Spread().names
+
+
+def fleet(friction=1.0, **changes):
+    values = np.zeros((1, len(NAMES)))
+    for name, value in changes.items():
+        values[0, NAMES.index(name)] = value
+    return Fleet(bicycle=CAR, friction=friction, changes=values)
+
+
+def settled(cars, delta, v_x=20.0, seconds=3.0):
+    """State after a steady turn, by name."""
+    x = cars.straight(v_x, 0.0, 0.0, 0.0)
+    for _ in range(round(seconds / 0.1)):
+        x = cars.advance(x, np.full((100, 1), delta), np.array([v_x]))[-1]
+    return dict(zip(cars.states, x[0].tolist(), strict=True))
+
+
+@pytest.mark.parametrize(("stiffness_f", "stiffness_r", "mass"), [(0, 0, 0), (0.2, 0, 0), (0, -0.2, 0), (0, 0, 0.15)])
+def test_a_steady_turn_is_that_of_the_changed_bicycle(stiffness_f, stiffness_r, mass):
+    end = settled(fleet(stiffness_f=stiffness_f, stiffness_r=stiffness_r, mass=mass), 0.005)
+    C_f, C_r, m, L = CAR.C_f * (1 + stiffness_f), CAR.C_r * (1 + stiffness_r), CAR.mass * (1 + mass), CAR.wheelbase
+    understeer = m / L * ((L - CAR.l_f) / C_f - CAR.l_f / C_r)
+    assert end["r"] == pytest.approx(end["v_x"] * 0.005 / (L + understeer * end["v_x"] ** 2), rel=0.01)
+
+
+@pytest.mark.parametrize("friction", [0.7, 1.0, 1.3])
+def test_the_largest_lateral_acceleration_is_the_friction(friction):
+    cars = fleet(friction=friction)
+    x, most = cars.straight(25.0, 0.0, 0.0, 0.0), 0.0
+    v_x, v_y, r = (cars.states.index(n) for n in ("v_x", "v_y", "r"))
+    for k in range(40):
+        states = cars.advance(x, np.full((50, 1), 0.004 * k), np.array([25.0]))[:, 0]
+        a_y = np.diff(states[:, v_y]) / 0.001 + states[1:, v_x] * states[1:, r]
+        x, most = states[-1:], max(most, float(a_y.max()))
+    assert most / GRAVITY == pytest.approx(friction, rel=0.06)  # one axle saturates before the other
+
+
+def test_crosswind_pushes_with_its_force():
+    cars = fleet(crosswind=0.5)
+    x = cars.straight(20.0, 0.0, 0.0, 0.0)
+    after = cars.advance(x, np.zeros((20, 1)), np.array([20.0]))[-1][0]
+    assert after[cars.states.index("v_y")] == pytest.approx(0.5 * 0.02, rel=0.15)
+
+
+def trial(v_x=15.0, **options):
+    mpc = MPC(
+        OnGround(Bicycle(params=CAR, dt=0.05, outputs=("v_y", "r"))),
+        horizon=15,
+        controls=("delta",),
+        Q=Weights(X=0.1, Y=1.0, psi=1.0),
+        S=Weights(delta=50.0),
+        limits=Limits(delta=0.35),
+    )
+    return Trial(controller=mpc, path=double_lane_change(v_x), bicycle=CAR, **options)
+
+
+@pytest.fixture(scope="module")
+def many():
+    wanted = trial(noise=Values(r=0.002, X=0.02, Y=0.02), spread=Spread(friction=0.6, lag=0.15))
+    return wanted, try_on(wanted, range(24))
+
+
+def test_the_nominal_car_drives_as_the_closed_loop_has_it():
+    """The same controller on the bicycle itself, in the ordinary loop: tires and wheels differ by a little."""
+    wanted = trial(v_x=14.0)
+    ours = try_on(wanted, [0], changes=np.zeros((1, 8)))
+    plant = Plant(OnGround(Bicycle(params=CAR, dt=0.001, outputs=("v_y", "r"))))
+    run = closed_loop(plant, wanted.controller, wanted.path)
+    assert ours.column("finished")[0] == run.inside == 1
+    assert ours.column("e_y")[0] == pytest.approx(run.max("y"), abs=0.03)
+
+
+def test_a_car_is_the_same_wherever_it_is_driven(many):
+    wanted, all_cars = many
+    apart = np.vstack([try_on(wanted, [k]).results for k in (3, 11, 20)])
+    assert np.array_equal(apart, all_cars.results[[3, 11, 20]])
+    assert np.array_equal(wanted.spread.draw([11]), all_cars.changes[[11]])
+    assert not np.array_equal(wanted.spread.draw([11], seed=1), all_cars.changes[[11]])
+
+
+def test_what_is_drawn_is_within_the_spread():
+    spread = Spread(friction=0.3, delay=0.02)
+    drawn = spread.draw(range(3000))
+    for j, name in enumerate(spread.names):
+        low = 0.0 if name in ("delay", "lag") else -getattr(spread, name)
+        assert drawn[:, j].min() == pytest.approx(low, abs=0.02 * getattr(spread, name))
+        assert drawn[:, j].max() == pytest.approx(getattr(spread, name), rel=0.02)
+    assert np.abs(np.corrcoef(drawn.T) - np.eye(8)).max() < 0.08
+
+
+def test_what_breaks_it_is_named(many):
+    wanted, trials = many
+    assert trials.worst == int(np.argmin(trials.column("margin")))
+    name, gain = cause(wanted, trials, range(24), trials.worst)
+    again = trials.changes[[trials.worst]].copy()
+    again[0, NAMES.index(name)] = 0.0
+    better = try_on(wanted, [trials.worst], changes=again)
+    assert min(better.column("margin")[0], 20.0) - max(trials.column("margin").min(), -20.0) == pytest.approx(gain)
+    assert set(trials.influence) == set(NAMES)
+
+
+def test_influence_finds_the_change_that_did_it():
+    changes = Spread().draw(range(500))
+    margin = 0.3 - np.abs(changes[:, NAMES.index("crosswind")])
+    results = np.column_stack([margin >= 0, margin, -margin, np.ones(500), np.zeros(500)])
+    trials = Trials(names=NAMES, changes=changes, results=results)
+    assert next(iter(trials.influence)) == "crosswind"
+    assert trials.influence["crosswind"] > 0.99
+    assert trials.share == pytest.approx(0.3 / 0.7, abs=0.06)
+    assert not trials.good
+
+
+def test_late_steering_is_late():
+    wanted = trial(delay=0.3)
+    assert try_on(wanted, [0], changes=np.zeros((1, 8))).column("margin")[0] < 0
+    assert try_on(trial(), [0], changes=np.zeros((1, 8))).column("margin")[0] > 0
+
+
+def test_bad_trials():
+    with pytest.raises(ParameterError, match="noise"):
+        trial(noise=Values(a_y=0.1))
+    mpc = trial().controller
+    with pytest.raises(ParameterError, match="no speed profile"):
+        Trial(controller=mpc, path=replace(double_lane_change(15.0), v_x=None), bicycle=CAR)
+    car = OnGround(Bicycle(params=CAR, dt=0.004, outputs=("v_y", "r")))
+    short = MPC(car, horizon=5, controls=("delta",), Q=Weights(Y=1.0), S=Weights(delta=1.0))
+    with pytest.raises(SampleTimeError, match="a multiple of"):
+        Trial(controller=short, path=double_lane_change(15.0), bicycle=CAR)
