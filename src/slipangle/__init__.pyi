@@ -16,7 +16,9 @@ from slipangle.data.quality.inspect import inspect as inspect
 from slipangle.data.readers import open_log as open_log
 from slipangle.data.readers import read as read
 from slipangle.data.readers.column import Column as Column
+from slipangle.data.readers.frame import from_frame as from_frame
 from slipangle.data.readers.recording import Recording as Recording
+from slipangle.data.writers import write as write
 from slipangle.estimate.ekf import EKF as EKF
 from slipangle.identify.adapt import Adapt as Adapt
 from slipangle.identify.car.identify_car import IdentifiedCar as IdentifiedCar

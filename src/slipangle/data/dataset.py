@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 
 from slipangle.data.clock import at_rate
+from slipangle.data.frames import InFrames
 from slipangle.errors import (
     MissingColumnError,
     NotFiniteError,
@@ -32,7 +33,7 @@ class Channel:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Dataset:
+class Dataset(InFrames):
     """One or several recordings ("experiments") of the same channels at one sample time.
 
     Experiments are stored one after another; `experiments` gives each as a data set of its own.

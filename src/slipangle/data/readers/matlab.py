@@ -12,7 +12,7 @@ References
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -68,7 +68,7 @@ def read_mat(path: Path) -> Recording:
             f"'{path}' holds no vectors of numbers that can be read; expected some: timetables and objects become "
             "structs in MATLAB with S = table2struct(timetable2table(T), 'ToScalar', true)"
         )
-    return Recording(name=path.stem, tables=grouped(vectors, path), meta=meta)
+    return Recording(name=path.stem, tables=grouped(vectors, path, meta.get("units", {})), meta=meta)
 
 
 def _noted(text: Any) -> dict[str, Any]:
@@ -82,7 +82,7 @@ def _noted(text: Any) -> dict[str, Any]:
 # ---- which vectors belong together ---------------------------------------------------------------------------------
 
 
-def grouped(vectors: list[Vector], path: Path) -> dict[str, LazyTable]:
+def grouped(vectors: list[Vector], path: Path, units: Mapping[str, str]) -> dict[str, LazyTable]:
     """Vectors of one length as a table; where several clocks have one length, each with what stands nearest to it."""
     tables: dict[str, LazyTable] = {}
     for count in sorted({v.rows for v in vectors}, reverse=True):
@@ -95,7 +95,9 @@ def grouped(vectors: list[Vector], path: Path) -> dict[str, LazyTable]:
         for home, own in parts.items():
             clock = home or next((c.way for c in clocks), "")
             topic = clock.rpartition(".")[0] or f"{count} samples"
-            tables[topic if topic not in tables else f"{topic} ({count} samples)"] = _table(own, clock, topic, path)
+            tables[topic if topic not in tables else f"{topic} ({count} samples)"] = _table(
+                own, clock, topic, path, units
+            )
     return tables if len(tables) > 1 else {"": next(iter(tables.values()))}
 
 
@@ -109,13 +111,13 @@ def _shared(a: str, b: str) -> int:
     return next((k for k, (x, y) in enumerate(pairs) if x != y), min(a.count("."), b.count(".")) + 1)
 
 
-def _table(vectors: list[Vector], clock: str, topic: str, path: Path) -> LazyTable:
+def _table(vectors: list[Vector], clock: str, topic: str, path: Path, units: Mapping[str, str]) -> LazyTable:
     headers = []
     for v in vectors:
         name = v.way.removeprefix(f"{topic}.")
         name = "t" if v.way == clock else name
         found = parse_heading(name)
-        headers.append(Header(text=name, name=found.name, unit=found.unit))
+        headers.append(Header(text=name, name=found.name, unit=units.get(name, found.unit)))
     return LazyTable(name=f"'{path.name}'", headers=tuple(headers), load=lambda i: vectors[i].load())
 
 

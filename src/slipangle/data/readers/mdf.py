@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import html
 import json
 import logging
 import sys
@@ -124,7 +125,7 @@ def _unit(channel: Any) -> str | None:
 
 def _meta(opened: Any) -> dict[str, Any]:
     """What our writer noted in the file's comment, or nothing."""
-    comment = str(getattr(opened.header, "comment", "") or "")
+    comment = html.unescape(str(getattr(opened.header, "comment", "") or ""))  # it is XML
     start = comment.find(OURS)
     if start < 0:
         return {}

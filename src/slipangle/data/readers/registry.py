@@ -56,7 +56,6 @@ def reader(
             return as_recording(columns_of(path), path.stem)
 
         def read(path: str | Path, columns: Any = None, **settings: Any) -> Dataset:
-            settings.setdefault("name", Path(path).stem)
             return build(opened(Path(path)), columns, **settings)
 
         READERS.register(name)(
