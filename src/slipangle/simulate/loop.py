@@ -217,6 +217,10 @@ class _Loop:
         if self.plans:
             now.update(zip(controller.controls, self.plans[-1].command.tolist(), strict=True))
         inputs = np.array([now[n] for n in model.inputs])
+        missing = np.isnan(inputs)
+        if missing.any():  # the last ones known: one NaN would stay in the state for ever
+            first = [self.speed(self.s) if n == "v_x" else 0.0 for n in model.inputs]
+            inputs[missing] = (self.model_inputs if self.plans else np.array(first))[missing]
         if self.observed is not None:
             self.x = self.observed.take(now)
             return inputs
