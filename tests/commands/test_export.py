@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from slipangle.cli import main
+from slipangle.codegen import compiler
 from slipangle.models.storage import save
 from tests.commands.test_log import folder  # noqa: F401  # a fixture
 from tests.models.all_models import ALL_MODELS
@@ -21,6 +22,7 @@ horizon = 6
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
 def test_controller_of_a_job(folder, capsys):  # noqa: F811
     job = folder / "job.toml"
     out = ["--out", str(folder / "made"), "--name", "racer", "--json"]

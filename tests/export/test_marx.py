@@ -73,6 +73,7 @@ def test_compilers_have_nothing_to_say(kind, compiler_, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_two_thousand_steps_on_every_machine(name, tmp_path):
+    needs()
     drive = standard_drive(INTEGRAL, 2000)
     for file, content in project_of(INTEGRAL, "car", drive).everything.items():
         (tmp_path / file).write_text(content)

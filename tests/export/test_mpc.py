@@ -204,6 +204,7 @@ int main()
     assert run("./use", folder=tmp_path) == "0 1"
 
 
+@needs_compiler
 def test_source_asks_nothing_of_the_system():
     """No memory, no file, no time: functions of string.h and math.h, and the caller's clock."""
     text = files(controller(4))["car.c"]
@@ -213,6 +214,7 @@ def test_source_asks_nothing_of_the_system():
     assert set(re.findall(r"#include <(\w+)\.h>", text)) == {"math", "stdint", "string", "immintrin"}
 
 
+@needs_compiler
 def test_a_folder_is_new_or_asked_for(tmp_path):
     mpc = controller(3)
     folder = mpc.export(tmp_path / "new", drive=2)
@@ -262,6 +264,7 @@ def test_no_name_is_one_inside(name, tmp_path):
 @pytest.mark.parametrize("name", MACHINES)
 def test_two_thousand_steps_on_every_machine(name, tmp_path):
     """The same commands to 1e-10 from every compiler and processor."""
+    needs()
     mpc = controller(10)
     drive = standard_drive(mpc, 2000)
     for file, content in project_of(mpc, "car", drive).everything.items():
