@@ -9,7 +9,6 @@ from scipy import interpolate, signal
 
 from slipangle.errors import NotFiniteError, SampleTimeError, TimeError, TooShortError
 
-_AT_ONCE = 1 << 18  # windows of a long record
 _SUSTAINED = 5  # this many steps in a row at another rate are another rate, not gaps
 
 
@@ -144,17 +143,16 @@ def _one_rate(t: np.ndarray, steps: np.ndarray, dt: float, row_name: Callable[[i
     """Raise where the sample time changes for a while (not for single long steps, which are gaps)."""
     if len(steps) < _SUSTAINED:
         return
-    windows = np.lib.stride_tricks.sliding_window_view(steps, _SUSTAINED)
-    local, steady = np.empty(len(windows)), np.empty(len(windows), dtype=bool)
-    for k in range(0, len(windows), _AT_ONCE):
-        part = windows[k : k + _AT_ONCE]
-        local[k : k + _AT_ONCE] = middle = np.median(part, axis=1)
-        steady[k : k + _AT_ONCE] = np.abs(part - middle[:, None]).max(axis=1) < 0.2 * middle
+    odd = np.concatenate([[0], np.cumsum((steps > 1.3 * dt) | (steps < 0.7 * dt))])
+    most = np.flatnonzero(odd[_SUSTAINED:] - odd[:-_SUSTAINED] > _SUSTAINED // 2)  # windows whose median can be odd
+    windows = np.lib.stride_tricks.sliding_window_view(steps, _SUSTAINED)[most]
+    local = np.median(windows, axis=1) if len(most) else np.empty(0)
+    steady = np.abs(windows - local[:, None]).max(axis=1, initial=0.0) < 0.2 * local
     other = np.flatnonzero(steady & ((local > 1.3 * dt) | (local < 0.7 * dt)))
     if len(other):
-        i = int(other[0])
-        place = i if i else int(np.flatnonzero(np.abs(steps / local[0] - 1) > 0.2)[0])
-        before, after = (dt, local[i]) if i else (local[0], dt)
+        own, i = float(local[other[0]]), int(most[other[0]])
+        place = i if i else int(np.flatnonzero(np.abs(steps / own - 1) > 0.2)[0])
+        before, after = (dt, own) if i else (own, dt)
         raise TimeError(
             f"{what} changes its sample time at {row_name(place)} (t = {t[place]:.6g} s) from {before:.4g} to "
             f"{after:.4g} s; expected one sample time: read the parts on their own, resample() them alike and join() "

@@ -106,7 +106,9 @@ class StreamedTable:
         try:
             with csv.open_csv(
                 self.path,
-                read_options=csv.ReadOptions(column_names=names, skip_rows=self.above, block_size=_BLOCK),
+                read_options=csv.ReadOptions(
+                    column_names=names, skip_rows=self.above, block_size=_BLOCK, use_threads=False
+                ),
                 parse_options=csv.ParseOptions(delimiter=self.delimiter),
                 convert_options=csv.ConvertOptions(
                     include_columns=wanted,
