@@ -6,7 +6,8 @@ Between command and road wheels lie 20 ms of delay and 50 ms of lag that nobody 
 path, a speed law, and how noisy and late its sensors are; it sees r, v_x, X, Y, psi alone: v_y is not measured.
 ISO 3888-1 at 24 m/s, lateral RMSE to the path. True pose: every 10 ms, without noise; late pose: every 100 ms, 100 ms
 late, with noise of 2 cm and 1 mrad. Noise of 0.002 rad/s in r, 0.02 m/s in v_x. Weights and noise of the defaults were
-chosen on the same cars at 22 m/s, seed 7.
+chosen on these same two cars: about twenty settings were scanned at 24 m/s, seed 0, then two of them settled at 22 m/s,
+seed 7. No car was kept back.
 """
 
 from __future__ import annotations
