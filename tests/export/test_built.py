@@ -83,6 +83,15 @@ def test_needs_no_compiler(built):
     assert done.stdout.strip() in ("SOLVED", "REAL_TIME")
 
 
+def test_a_start_is_found_or_refused(built, tmp_path, monkeypatch):
+    mpc, folder = built
+    assert np.array_equal(load(folder).start({"Y": 2.0}), [2.0 * (n == "Y") for n in mpc.model.states])
+    monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1")
+    lagged = load(build(BY_POSE, tmp_path / "made", drive=60))
+    with pytest.raises(ParameterError, match="does not know the state to start from"):
+        lagged.start({"Y": 2.0})
+
+
 def test_marx(tmp_path, monkeypatch):
     monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1")
     folder = build(BY_POSE, tmp_path / "made", drive=60)

@@ -6,6 +6,7 @@ import ctypes
 import hashlib
 import json
 import platform
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
@@ -86,6 +87,7 @@ def build(
         "sha256": hashlib.sha256((target / library).read_bytes()).hexdigest(),
         **made,
         **_machine(portable),
+        "starts": callable(getattr(controller, "start", None)),
     }
     try:
         save_record(controller.model, target / "model.json")
@@ -232,6 +234,18 @@ class BuiltController(Controller):
         file = self.folder / "model.json"
         read_bytes(file, "the model", f"one that a file can keep ({self.built.get('without_model', 'it is missing')})")
         return load_record(file)
+
+    def start(self, measured: Mapping[str, float]) -> np.ndarray:
+        """State of the model from the channels measured now, zero where none is; shape (n_states,).
+
+        Raises ParameterError if the controller that was built has a way of its own to find it, such as one with lags.
+        """
+        if self.built.get("starts"):
+            raise ParameterError(
+                f"the built controller '{self.name}' does not know the state to start from; expected the state that "
+                "the controller finds that it was built from: call that one's start, or give an estimator"
+            )
+        return np.array([measured.get(n, 0.0) for n in self._states])
 
     def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
         """`Reference` from a look along a path; exogenous inputs that it does not know must be given."""
