@@ -4,7 +4,7 @@ A log of 21 columns at 100 Hz with empty cells; four of them and the time are as
 its own; peak memory is what it takes beyond its imports and a small file, over that of the columns chosen (8 bytes a
 number). Processor seconds are those of all threads, so that a busy machine says the same.
 
-Run with ``python benchmarks/bench_csv.py [MEGABYTES]`` (default 200).
+Another size of file: ``python benchmarks/bench_csv.py MEGABYTES``.
 """
 
 from __future__ import annotations
@@ -12,9 +12,13 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+
+from slipangle.report.records import Record
+from slipangle.reproduce import Progress, Reproduction
 
 CHOSEN = ("c0", "c1", "c2", "c3")
 _OURS = "read = lambda: sa.read(PATH, CHOSEN, nan='gap')"
@@ -57,22 +61,39 @@ def write_log(path: Path, rows: int) -> Path:
     return path
 
 
-def main(megabytes: float) -> None:
-    """Print a line for each reader."""
+def measured(path: Path, how: str) -> tuple[float, float, float]:
+    """Megabytes per second by the clock and per processor second, and peak memory over the columns."""
+    call = [sys.executable, "-c", _MEASURE.format(chosen=list(CHOSEN), how=how), str(path)]
+    wall, cpu, peak, rows = map(float, subprocess.check_output(call, text=True).split())
+    size = path.stat().st_size / 1e6
+    return size / wall, size / cpu, peak / (8 * rows * (len(CHOSEN) + 1))
+
+
+def bench(progress: Progress, megabytes: float = 200.0) -> Reproduction:
+    """Every reader on one file; see the module."""
+    records = []
     with tempfile.TemporaryDirectory() as folder:
         path = write_log(Path(folder) / "log.csv", int(megabytes * 1e6 / 195))
         write_log(Path(f"{path}.small.csv"), 30_000)
-        size = path.stat().st_size
-        print(f"{size / 1e6:.0f} MB, {len(CHOSEN) + 1} of 21 columns")
-        for name, how in _READERS.items():
-            call = [sys.executable, "-c", _MEASURE.format(chosen=list(CHOSEN), how=how), str(path)]
-            wall, cpu, peak, rows = map(float, subprocess.check_output(call, text=True).split())
-            chosen = 8 * rows * (len(CHOSEN) + 1)
-            print(
-                f"{name:24} {size / 1e6 / wall:7.0f} MB/s   {size / 1e6 / cpu:7.0f} MB per processor second   "
-                f"peak {peak / 1e6:6.0f} MB, {peak / chosen:5.2f} x the columns"
-            )
+        for k, (name, how) in enumerate(_READERS.items()):
+            progress((k + 1) / (len(_READERS) + 1), name)
+            if name == "pandas" and find_spec("pandas") is None:
+                records.append(Record(name, "speed [MB/s]", None, "not run", note="pandas is not installed"))
+                continue
+            fast = {"at_least": 200.0} if name == "slipangle, pyarrow" else {}
+            lean = {"at_most": 2.5} if name != "pandas" else {}
+            by_clock, by_work, peak = measured(path, how)
+            records += [
+                Record.judged(name, "speed [MB/s]", None, by_clock, **fast),
+                Record.judged(name, "work [MB per processor second]", None, by_work),
+                Record.judged(name, "peak memory over the columns", None, peak, **lean),
+            ]
+    return Reproduction.told(__doc__, records)
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]) if len(sys.argv) > 1 else 200.0)
+    from slipangle.report.records import record_table
+
+    size = float(sys.argv[1]) if len(sys.argv) > 1 else 200.0
+    outcome = bench(lambda share, what: print(f"{share:5.1%} {what}", file=sys.stderr), size)
+    print(record_table(outcome.records, title=outcome.title).to_text())
