@@ -126,7 +126,7 @@ def _parameter_section(outcome: Outcome, command: str) -> Iterator[report.Sectio
         blocks.append(report.Findings.of(title, outcome.delay_check, "fair"))
     yield report.Section(
         title="Parameters",
-        lead="Estimates with 95 % confidence intervals. A warning names what the data do not determine.",
+        lead="Estimates with 95 % confidence intervals. A warning names what moves them or stays open.",
         blocks=tuple(blocks),
     )
 

@@ -49,8 +49,8 @@ def _model_verdict(
     warned = len(v.model.fit_info.warnings) if v.model.fit_info else 0
     if warned:
         sentence += (
-            f" Trust its predictions more than its parameters: {warned} warning{'s' if warned > 1 else ''} on what the "
-            "data do not determine stand below."
+            f" Trust its predictions more than its parameters: {warned} warning"
+            f"{'s on them stand' if warned > 1 else ' on them stands'} below."
         )
     if name in v.free_run.astray:
         sentence += f" Do not use it: {v.free_run.astray[name]}."
