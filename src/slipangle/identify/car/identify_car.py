@@ -38,10 +38,11 @@ from slipangle.numerics.blas import one_blas_thread
 from slipangle.ops import Scalar
 
 _SLOWEST = 1.0  # wheelbases a second: slower, steering and speed sensors say little
-_AS_GOOD = 0.02  # of the held-out error by which another structure may be worse and still be believed
+_AS_GOOD = 0.02  # of the held-out error by which another structure may be worse and still be believed by half
 # What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
 # transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
 _FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
+_HALF = 0.5  # share from which a structure is told of
 _WIDE = 0.25  # half of an interval over the value, from which a parameter counts as not separated
 _MOVED = 0.05  # change of a parameter that is worth a sentence
 _OFFSET = 0.2  # of a sensor, over the standard deviation of its channel, from which it is told
@@ -259,20 +260,25 @@ def _stage(said: str, kept: bool, fitted: Fitted, squares: np.ndarray, moved: fl
     return Stage(correction=said, kept=kept, error=rms, change=moved, values=fitted.values)
 
 
-def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[Fitted]:
-    """Structures that explain the data about as well as the chosen one: with a correction more, or other tires.
+def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[tuple[Fitted, float]]:
+    """Structures that explain the data about as well as the chosen one, and how far each counts, 0 to 1.
 
-    A centre of gravity elsewhere too, which is hard to tell from another place of the v_y sensor, if the data want it.
+    With a correction more, or other tires; with a centre of gravity elsewhere too, which is hard to tell from another
+    place of the v_y sensor, if the data want it. Nothing counts all at once, so that no rounding decides an interval.
     """
     at = errors(final.model, data)
-    trials = [corrected(final, correction, data) for correction in dropped]
+    trials = [(corrected(final, correction, data), 1.0) for correction in dropped]
     if "lever_v_y" in final.free:
         moved = fit(final.model, (*final.free, "l_f"), data, final)
-        if abs(moved.values["l_f"] - final.model.value("l_f")) > 2 * ELSEWHERE * final.model.value("wheelbase"):
-            trials.append(moved)
+        away = abs(moved.values["l_f"] - final.model.value("l_f")) / (ELSEWHERE * final.model.value("wheelbase"))
+        trials.append((moved, away - 1.5))
     if "mu_f" in final.free:
-        trials += [fit(with_shape(final.model, shape), final.free, data, final) for shape in _SHAPES]
-    return [other for other in trials if change(at, errors(other.model, data))[0] < _AS_GOOD]
+        trials += [(fit(with_shape(final.model, shape), final.free, data, final), 1.0) for shape in _SHAPES]
+    counted = []
+    for other, share in trials:
+        worse = change(at, errors(other.model, data))[0] / _AS_GOOD
+        counted.append((other, float(min(share, 1.5 - worse, 1.0))))
+    return [(other, share) for other, share in counted if share > 0]
 
 
 # ---- words ---------------------------------------------------------------------------------------------------------
@@ -347,13 +353,13 @@ def _sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
     return said
 
 
-def _elsewhere(final: Fitted, others: list[Fitted]) -> list[str]:
+def _elsewhere(final: Fitted, others: list[tuple[Fitted, float]]) -> list[str]:
     return [
         f"a v_y sensor {final.values['lever_v_y']:+.2g} m from the centre of gravity explains the log, and so does "
         f"l_f = {other.values['l_f']:.3g} m in place of {final.model.value('l_f'):.3g} m: check both; the intervals "
         "hold for either"
-        for other in others
-        if "l_f" in other.free
+        for other, share in others
+        if "l_f" in other.free and share > _HALF
     ]
 
 

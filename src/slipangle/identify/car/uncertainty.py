@@ -54,20 +54,24 @@ def _inverse(information: np.ndarray) -> np.ndarray:
     return even / np.outer(lengths, lengths)
 
 
-def hull(names: Sequence[str], best: Fitted, others: Sequence[Fitted]) -> tuple[np.ndarray, np.ndarray, str]:
+def hull(
+    names: Sequence[str], best: Fitted, others: Sequence[tuple[Fitted, float]]
+) -> tuple[np.ndarray, np.ndarray, str]:
     """Covariance, 95 % limits, shape (n_names, 2), and method of a fit, and of others that explain the data as well.
 
-    A parameter's limits reach from the lowest to the highest of the fits in which it is free.
+    A parameter's limits reach from the lowest to the highest of the fits in which it is free, as far as each counts.
     """
     spread, how = covariance(best)
     half = 1.96 * np.sqrt(np.maximum(np.diag(spread), 0.0))
     values = np.array([best.values[name] for name in names])
     limits = np.column_stack([values - half, values + half])
-    for other in others:
+    own_limits = limits.copy()
+    for other, share in others:
         own = 1.96 * np.sqrt(np.maximum(np.diag(covariance(other)[0]), 0.0))
         for i, name in enumerate(names):
             if name in other.free:
                 value, reach = other.values[name], own[other.free.index(name)]
-                limits[i] = min(limits[i, 0], value - reach), max(limits[i, 1], value + reach)
+                low, high = own_limits[i] + share * (np.array([value - reach, value + reach]) - own_limits[i])
+                limits[i] = min(limits[i, 0], low), max(limits[i, 1], high)
     ranges = best.problem.ranges.T
     return spread, np.clip(limits, ranges[:, :1], ranges[:, 1:]), how
