@@ -41,6 +41,7 @@ from slipangle.models.vehicles.saturating_bicycle import (
 from slipangle.models.vehicles.single_track import SingleTrack
 from slipangle.models.vehicles.steering import Steered
 from slipangle.models.wrappers.delayed import Delayed
+from slipangle.models.wrappers.disturbed import Disturbed
 from slipangle.models.wrappers.ensemble import EnsembleModel
 from slipangle.models.wrappers.hybrid import HybridModel, OffsetModel
 from slipangle.models.wrappers.multi_arx import MultiARXModel, ParallelARX
@@ -379,6 +380,7 @@ ALL_MODELS = {
             for seed in (1, 2)
         )
     ),
+    "bicycle pushed by a wind": Disturbed(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r", "v_y"))),
     "bicycle on the ground": OnGround(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r", "v_y"))),
     "ARX models blended by speed": MultiARXModel(
         models=(
