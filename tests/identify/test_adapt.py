@@ -175,3 +175,10 @@ def test_wrong_settings_get_a_sentence(settings, error, said, other):
 def test_a_lead_is_at_most_a_third_of_a_sample():
     with pytest.raises(ParameterError, match=r"lag of 'delta' is -0\.03 s; expected at least -0\.0167 s"):
         OffsetModel(model=CAR, lags={"delta": -0.03})
+
+
+@pytest.mark.parametrize("wrong", [[0.1, 0.2], "0.1", float("nan"), None])
+@pytest.mark.parametrize("kind", ["inputs_at_zero", "gains", "lags"])
+def test_a_correction_that_is_no_number_gets_a_sentence(kind, wrong):
+    with pytest.raises(ParameterError, match=r"the correction of 'delta' is .*; expected a finite number"):
+        OffsetModel(model=CAR, **{kind: {"delta": wrong}})

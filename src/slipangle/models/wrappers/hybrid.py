@@ -1,6 +1,8 @@
 """Hybrids: a model plus a network that predicts its error; a model behind the sensors of another session."""
 
+import math
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import Annotated, Any, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -169,7 +171,8 @@ _NEW: Any = {"may be missing in a file": True}
 class OffsetModel(Wrapper):
     """A model behind the sensors of another session: it sees ``lag(gain (u - u_0))``; its outputs read ``y + y_0``.
 
-    Raises MissingColumnError if the model has no such channel, and ParameterError if a lead is too long.
+    Raises MissingColumnError if the model has no such channel, and ParameterError if a correction is no finite number
+    or a lead too long.
 
     Parameters
     ----------
@@ -205,6 +208,10 @@ class OffsetModel(Wrapper):
                     raise MissingColumnError(
                         f"the model has no channel '{name}' to correct; {nearest(name, known)}: use one of these names"
                     )
+        for table in (self.inputs_at_zero, self.outputs_at_zero, self.gains, self.lags):
+            for name, value in table.items():
+                if not (isinstance(value, Real) and math.isfinite(value)):
+                    raise ParameterError(f"the correction of '{name}' is {str(value)[:40]!r}; expected a finite number")
         for name, lag in self.lags.items():
             if not lag >= -0.34 * self.dt:
                 raise ParameterError(
