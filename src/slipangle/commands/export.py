@@ -21,22 +21,38 @@ def add(commands: Commands) -> None:
     about = "Write what a job or a file holds as source code that needs no Python, a folder of its own."
     group = commands.group("export", "a controller or a model as source code that runs without Python", about)
     sub = group.add("c", _c, "self-contained C99: source, header, replay of a drive, Makefile, CMake, README")
-    sub.add_argument("what", metavar="JOB.toml|MODEL.json", help="a job with a [controller], or a model's file")
-    sub.add_argument("--out", help="folder for the files (default: slipangle-out/export/NAME)")
-    sub.add_argument("--name", help="with which files and functions begin (default: mpc, model, ...)")
-    sub.add_argument("--force", action="store_true", help="write into a folder that is not empty too")
+    _options(sub, "JOB.toml|MODEL.json", "slipangle-out/export/NAME", "mpc, model, ...")
     sub = group.add("fmu", _fmu, "an FMU for co-simulation, FMI 2.0: C source and a library for this machine")
-    sub.add_argument("what", metavar="JOB.toml|MODEL.json", help="a job with a [controller], or a model's file")
-    sub.add_argument("--out", help="the file (default: slipangle-out/export/NAME.fmu)")
-    sub.add_argument("--name", help="the model identifier (default: mpc, model, ...)")
+    _options(sub, "JOB.toml|MODEL.json", "slipangle-out/export/NAME.fmu", "mpc, model, ...")
     sub.add_argument("--source-only", action="store_true", help="compile nothing")
-    sub.add_argument("--force", action="store_true", help="replace a file that is there")
     sub = commands.add("build", _build, "compile the controller of a job, to be loaded where there is no compiler")
-    sub.add_argument("what", metavar="JOB.toml", help="a job with a [controller]")
-    sub.add_argument("--out", help="folder for the files (default: slipangle-out/build/NAME)")
-    sub.add_argument("--name", help="with which files and functions begin (default: mpc, marx, follower)")
+    _options(sub, "JOB.toml", "slipangle-out/build/NAME", "mpc, marx, follower")
     sub.add_argument("--portable", action="store_true", help="for every processor of this machine's kind")
-    sub.add_argument("--force", action="store_true", help="write into a folder that is not empty too")
+
+
+def _options(sub: argparse.ArgumentParser, what: str, out: str, names: str) -> None:
+    """Options of all that is written."""
+    files = "a job with a [controller]" + (", or a model's file" if "MODEL" in what else "")
+    sub.add_argument("what", metavar=what, help=files)
+    sub.add_argument("--out", help=f"where to write it (default: {out})")
+    sub.add_argument("--name", help=f"with which files and functions begin (default: {names})")
+    sub.add_argument("--force", action="store_true", help="replace what is there")
+
+
+def _place(options: argparse.Namespace, folder: str, suffix: str = "") -> tuple[str, Path]:
+    """The name, checked, and where to write."""
+    from slipangle.export.names import checked
+
+    name = checked(options.name) if options.name else ""
+    return name, Path(options.out or f"slipangle-out/{folder}/{name or Path(options.what).stem}{suffix}")
+
+
+def _thing(options: argparse.Namespace, bar: Bar) -> tuple[Any, dict[str, Any]]:
+    """The model of a file, or the controller of a job and the drive of its manoeuvre."""
+    if options.what.endswith(".json"):
+        return next(iter(load_models([options.what]).values())), {}
+    thing, drive = _controller(options.what, bar)
+    return thing, {"drive": drive}
 
 
 def _c(options: argparse.Namespace) -> Answer:
@@ -45,19 +61,13 @@ def _c(options: argparse.Namespace) -> Answer:
     The program in the folder replays the job's manoeuvre, recorded here, wherever it is compiled.
     """
     from slipangle.export import export
-    from slipangle.export.names import checked
 
-    name = checked(options.name) if options.name else ""
-    folder = Path(options.out or f"slipangle-out/export/{name or Path(options.what).stem}")
+    name, folder = _place(options, "export")
     check_output(folder)
     with Bar(quiet=options.json or options.quiet) as bar:
-        if options.what.endswith(".json"):
-            thing: Any = next(iter(load_models([options.what]).values()))
-            drive: Drive | None = None
-        else:
-            thing, drive = _controller(options.what, bar)
+        thing, drive = _thing(options, bar)
         bar(0.95, "writing C")
-        made = export(thing, folder, name=name, force=options.force, **({} if drive is None else {"drive": drive}))
+        made = export(thing, folder, name=name, force=options.force, **drive)
     listed = sorted(p.name for p in made.iterdir())
     words = f"{made.resolve()}\n  {', '.join(listed)}\nTry it: make -C '{made}' replay"
     return Answer({"folder": str(made), "files": listed}, words)
@@ -69,16 +79,11 @@ def _fmu(options: argparse.Namespace) -> Answer:
     A step is a whole number of sample times, inputs are held over it; docs/export.md says which variables there are.
     """
     from slipangle.export.fmi import export_fmu
-    from slipangle.export.names import checked
 
-    name = checked(options.name) if options.name else ""
-    path = Path(options.out or f"slipangle-out/export/{name or Path(options.what).stem}.fmu")
+    name, path = _place(options, "export", ".fmu")
     check_output(path.parent)
     with Bar(quiet=options.json) as bar:
-        if options.what.endswith(".json"):
-            thing: Any = next(iter(load_models([options.what]).values()))
-        else:
-            thing = _controller(options.what, bar)[0]
+        thing, _ = _thing(options, bar)
         bar(0.9, "writing the FMU")
         made = export_fmu(thing, path, name=name, binary=not options.source_only, force=options.force)
     return Answer({"file": str(made)}, str(made.resolve()))
@@ -90,10 +95,8 @@ def _build(options: argparse.Namespace) -> Answer:
     It checks the files, the machine and what the library decides on the recorded drive.
     """
     from slipangle.export import build
-    from slipangle.export.names import checked
 
-    name = checked(options.name) if options.name else ""
-    folder = Path(options.out or f"slipangle-out/build/{name or Path(options.what).stem}")
+    name, folder = _place(options, "build")
     check_output(folder)
     with Bar(quiet=options.json) as bar:
         controller, drive = _controller(options.what, bar)

@@ -11,7 +11,7 @@ from slipangle.control.controller import Controller
 from slipangle.data.channels import STANDARD
 from slipangle.export.drives import Drive
 from slipangle.export.memory import size_of
-from slipangle.export.names import comment, constants, with_prefix
+from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, template
 
 LANES = (8, 4, 2, 1)
@@ -38,7 +38,7 @@ def project(
     drive : Drive
         What the replay repeats.
     source : str
-        C that defines the functions of the header and a struct ``Controller``.
+        C that defines the functions of the header and a struct ``Controller``; see `around`.
     kind : str
         What the controller is, in words.
     facts : mapping
@@ -50,19 +50,17 @@ def project(
     sizes = {lanes: size_of(f"{counts}\n{source}", "Controller", lanes) for lanes in LANES}
     title = f"{kind} of {controller.horizon} stages, a plan every {controller.dt:g} s"
     c = f'#include "car.h"\n#define LANES CAR_LANES\n#define CALLERS_CLOCK\n{source}'
-    written = {
-        "car.h": header(controller, sizes, title),
-        "car.hpp": template("car.hpp"),
-        "car.c": c,
-        "main.c": template("main.c"),
-        "drive.csv": drive.text(),
-    }
-    named = {key.replace("car", name): with_prefix(text, name) for key, text in written.items() if key != "drive.csv"}
     return Project(
         name=name,
         kind=kind,
         sentence=f"A {comment(title)}.",
-        files={**named, "drive.csv": written["drive.csv"]},
+        files={
+            "car.h": header(controller, sizes, title),
+            "car.hpp": template("car.hpp"),
+            "car.c": c,
+            "main.c": template("main.c"),
+        },
+        drive=drive.text(),
         about=_about(controller, sizes),
         facts={
             **facts,
@@ -72,6 +70,11 @@ def project(
         },
         flags=flags,
     )
+
+
+def around(*decision: str) -> str:
+    """C of a controller: files that define its struct and how it decides, and around these what all have."""
+    return template("controller.c").replace("@DECISION@", "\n".join(map(template, decision)))
 
 
 def _interface(controller: Controller, sizes: Mapping[int, int]) -> dict[str, Any]:

@@ -8,9 +8,9 @@ from typing import Any
 from slipangle.control.followers.followers import PathFollower, PurePursuit, Stanley
 from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.errors import ParameterError
-from slipangle.export.controllers import project, table
+from slipangle.export.controllers import around, project, table
 from slipangle.export.drives import Drive
-from slipangle.export.project import Project, template
+from slipangle.export.project import Project
 
 
 @singledispatch
@@ -48,21 +48,9 @@ def _(follower: PreviewLQR) -> tuple[str, str, dict[str, Any], dict[str, Any]]:
 
 
 def follower_project(follower: PathFollower, name: str, drive: Drive) -> Project:
-    """The files of a path follower.
+    """The files of a path follower; name and drive as for `project`.
 
-    Parameters
-    ----------
-    follower : PathFollower
-        The controller.
-    name : str
-        The project's name, checked.
-    drive : Drive
-        What the replay repeats.
-
-    Raises
-    ------
-    ParameterError
-        If there is no C of its law.
+    Raises ParameterError if there is no C of its law.
     """
     writer = next(k for k in type(follower).__mro__ if "law" in vars(k))  # of the law, which a subclass may change
     if writer not in law.registry:
@@ -78,5 +66,5 @@ def follower_project(follower: PathFollower, name: str, drive: Drive) -> Project
     lines = ["#include <math.h>", "#include <string.h>", *(table(n, v) for n, v in arrays.items())]
     lines += [f"#define {n} ({'INFINITY' if v == float('inf') else repr(float(v))})" for n, v in numbers.items()]
     lines += [f"#define N_SPEEDS {len(arrays['SPEEDS'])}"] if "SPEEDS" in arrays else []
-    text = "\n".join([*lines, template(file), template("follower.c")])
+    text = "\n".join([*lines, around(file, "follower.c")])
     return project(follower, name, drive, text, kind=kind, facts={"horizon": follower.horizon})

@@ -9,24 +9,14 @@ import numpy as np
 from slipangle.control.fallback import RELAX
 from slipangle.control.marx.mpc import FARTHEST, SLOWEST, MultiARXMPC
 from slipangle.control.marx.solver import FLAGS, source
-from slipangle.export.controllers import project, table
+from slipangle.export.controllers import around, project, table
 from slipangle.export.drives import Drive
-from slipangle.export.project import Project, template
+from slipangle.export.project import Project
 
 
 def marx_project(mpc: MultiARXMPC, name: str, drive: Drive) -> Project:
-    """The files of predictive control on ARX models blended by speed.
-
-    Parameters
-    ----------
-    mpc : MultiARXMPC
-        The controller.
-    name : str
-        The project's name, checked.
-    drive : Drive
-        What the replay repeats.
-    """
-    text = "\n".join([source(mpc.problem, caller=True), _constants(mpc), template("marx.c")])
+    """The files of predictive control on ARX models blended by speed; name and drive as for `project`."""
+    text = "\n".join([source(mpc.problem, caller=True), _constants(mpc), around("marx.c")])
     text = re.sub(r"\bmarx_(?=[a-z])", "car_program_", text)  # so that several projects go into one program
     facts = {"horizon": mpc.horizon, "models": len(mpc.numbers.speeds)}
     kind = "predictive controller on ARX models blended by speed"

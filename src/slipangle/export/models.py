@@ -11,7 +11,7 @@ from slipangle.codegen.expression import emit, preamble, scalar_code
 from slipangle.data.channels import STANDARD
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
-from slipangle.export.names import comment, constants, with_prefix
+from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, template
 from slipangle.models.model import Model
 from slipangle.units import SI
@@ -104,13 +104,6 @@ def model_project(model: Model, name: str, data: Dataset | int) -> Project:
         raise ParameterError("the model has no states; expected a dynamic one: nothing is to be stepped")
     start, rows = free_run(model, data)
     title = f"{type(model).__name__} of {model.n_states} states, a step every {model.dt:g} s"
-    written = {
-        "car.h": header(model, title, start),
-        "car.hpp": template("model.hpp"),
-        "car.c": f'#include "car.h"\n{model_source(model)}',
-        "main.c": template("model_main.c"),
-    }
-    named = {key.replace("car", name): with_prefix(text, name) for key, text in written.items()}
     columns = [f"{kind} {i}" for kind, n in zip("xuy", _counts(model), strict=True) for i in range(n)]
     lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows.tolist())]
     listed = zip(("states", "inputs", "outputs"), (model.states, model.inputs, model.outputs), strict=True)
@@ -118,7 +111,13 @@ def model_project(model: Model, name: str, data: Dataset | int) -> Project:
         name=name,
         kind="model",
         sentence=f"A {comment(title)}.",
-        files={**named, "drive.csv": "\n".join(lines) + "\n"},
+        files={
+            "car.h": header(model, title, start),
+            "car.hpp": template("model.hpp"),
+            "car.c": f'#include "car.h"\n{model_source(model)}',
+            "main.c": template("model_main.c"),
+        },
+        drive="\n".join(lines) + "\n",
         about="\n".join(f"- {what}: {', '.join(comment(n) for n in names) or 'none'}" for what, names in listed),
         facts={"model": type(model).__name__, "dt": float(model.dt), "drive": {"steps": len(rows)}},
         readme="MODEL.md",

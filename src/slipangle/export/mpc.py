@@ -8,9 +8,9 @@ import numpy as np
 
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError
-from slipangle.export.controllers import project, table
+from slipangle.export.controllers import around, project, table
 from slipangle.export.drives import Drive
-from slipangle.export.project import Project, template
+from slipangle.export.project import Project
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.backend import FLAGS
 from slipangle.optimal.realtime.parts import slack_of_rows
@@ -18,28 +18,16 @@ from slipangle.optimal.realtime.program import source
 
 
 def mpc_project(mpc: MPC, name: str, drive: Drive) -> Project:
-    """The files of an MPC that the real-time solver solves.
+    """The files of an MPC that the real-time solver solves; name and drive as for `project`.
 
-    Parameters
-    ----------
-    mpc : MPC
-        The controller.
-    name : str
-        The project's name, checked.
-    drive : Drive
-        What the replay repeats.
-
-    Raises
-    ------
-    ParameterError
-        If another solver solves it.
+    Raises ParameterError if another solver solves it.
     """
     settings = RealTime() if mpc.solver == "realtime" else mpc.solver
     if not isinstance(settings, RealTime):
         raise ParameterError(
             f'the solver is {mpc.solver!r}, which has no C; expected the real-time one: say solver="realtime"'
         )
-    text = "\n".join([source(mpc.ocp, caller=True), _constants(mpc, settings), template("mpc.c")])
+    text = "\n".join([source(mpc.ocp, caller=True), _constants(mpc, settings), around("mpc.c")])
     text = re.sub(r"\brt_(?=[a-z])", "car_rt_", text)  # so that several projects go into one program
     facts = {"solver": "realtime", "horizon": mpc.horizon, "deadline": mpc.deadline}
     return project(mpc, name, drive, text, kind="model predictive controller", facts=facts, flags=FLAGS)

@@ -23,7 +23,8 @@ from slipangle.files import check_output, output_folder
 class Project:
     """What is exported: its name, what it is in a sentence, its files but for those that all projects have.
 
-    ``facts`` go into the manifest; ``about`` into the README, in Markdown, whose template is ``readme``; ``flags`` are
+    ``files`` are templates, which call everything ``car``, and a recorded ``drive``, as it is. ``facts`` go into the
+    manifest; ``about`` into the README, in Markdown, whose template is ``readme``; ``flags`` are
     those that Python compiles the same code with.
     """
 
@@ -31,6 +32,7 @@ class Project:
     kind: str
     sentence: str
     files: Mapping[str, str]
+    drive: str
     about: str = ""
     readme: str = "README.md"
     flags: tuple[str, ...] = ()
@@ -39,18 +41,16 @@ class Project:
     @property
     def everything(self) -> dict[str, str]:
         """All files by name, the manifest too."""
-        shared = {n: self._template(n) for n in ("Makefile", "CMakeLists.txt")}
-        shared["README.md"] = self._template(self.readme)
-        made = {**self.files, **shared}
+        named = {"Makefile": template("Makefile"), "CMakeLists.txt": template("CMakeLists.txt")}
+        named |= {**self.files, "README.md": template(self.readme)}
+        made = {key.replace("car", self.name): with_prefix(text, self.name) for key, text in named.items()}
+        made["drive.csv"] = self.drive
         made["README.md"] = made["README.md"].replace("@SENTENCE@", self.sentence).replace("@ABOUT@", self.about)
         made["LICENSE"] = LICENCE
         sums = {n: hashlib.sha256(text.encode()).hexdigest() for n, text in sorted(made.items())}
         record = {"name": self.name, "kind": self.kind, "slipangle": version("slipangle"), **self.facts, "sha256": sums}
         made["manifest.json"] = json.dumps(record, indent=2) + "\n"
         return made
-
-    def _template(self, name: str) -> str:
-        return with_prefix(template(name), self.name)
 
 
 LICENCE = """\

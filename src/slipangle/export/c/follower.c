@@ -2,38 +2,17 @@
    they are. The same decisions as those of `PathFollower.plan`. */
 
 typedef struct {
-    double u[CAR_HORIZON], last;
-    double seconds;
-    int64_t health[5];
-    double (*clock)(void *);
-    void *clock_of;
-    int plans, age;
+    Around around;
+    double u[CAR_HORIZON];
+    int plans, age, stopping;
 } Controller;
 
-typedef char car_bytes_are_enough[sizeof(Controller) <= CAR_BYTES ? 1 : -1];
+#define ALIGNED sizeof(double)
 
-static Controller *own(car_controller *c) { return (Controller *)(void *)c->memory; }
-
-int car_start(car_controller *memory, size_t bytes)
-{
-    Controller *c = own(memory);
-    if (bytes < sizeof(Controller))
-        return CAR_TOO_SMALL;
-    if ((uintptr_t)c % sizeof(double))
-        return CAR_MISALIGNED;
-    memset(c, 0, sizeof *c);
-    c->seconds = INFINITY;
-    return CAR_OK;
-}
+static void set_up(Controller *c) { (void)c; }
 
 /* A law has no iterations; a clock counts overruns. */
-void car_deadline(car_controller *memory, int iterations, double seconds, double (*clock)(void *), void *of)
-{
-    Controller *c = own(memory);
-    (void)iterations;
-    c->clock = clock, c->clock_of = of;
-    c->seconds = clock && seconds > 0 ? seconds : INFINITY;
-}
+static void set_bound(Controller *c, int iterations) { (void)c, (void)iterations; }
 
 static double within(double v, double low, double high)
 {
@@ -62,10 +41,9 @@ static int fault(const car_input *in)
     return good ? CAR_SOLVED : finite ? CAR_IMPLAUSIBLE : CAR_NOT_FINITE;
 }
 
-int car_plan(car_controller *memory, const car_input *in, car_output *out)
+static int decide(Controller *c, const car_input *in, car_output *out, double begun)
 {
-    Controller *c = own(memory);
-    double begin = c->clock ? c->clock(c->clock_of) : 0, said = in->applied[0];
+    double said = in->applied[0];
     int believed = in->applied_known && fabs(said) <= 1e12, status = fault(in);
     double before = within(believed ? said : c->plans ? c->u[0] : 0.0, -LIMIT, LIMIT), angle = before, last = before;
     if (status == CAR_SOLVED) {
@@ -77,26 +55,13 @@ int car_plan(car_controller *memory, const car_input *in, car_output *out)
     for (int i = 0; i < CAR_HORIZON; i++) {
         double moved = within(angle, last - MOST, last + MOST);
         c->u[i] = last = within(moved, -LIMIT, LIMIT);
-        out->u[i][0] = last;
     }
     for (int i = 0; i < CAR_NODES; i++)
         for (int a = 0; a < CAR_STATES; a++)
             out->x[i][a] = fabs(in->x[a]) < 1e150 ? in->x[a] : 0;
-    int fell = status != CAR_SOLVED;
-    c->age = fell ? c->age + 1 : 0;
-    c->plans = 1;
-    double took = (c->clock ? c->clock(c->clock_of) : 0) - begin;
-    int late = took > c->seconds;
-    c->health[0]++;
-    c->health[1] += fell;
-    c->health[2] = fell ? c->health[2] + 1 : 0;
-    c->health[3] += late;
-    c->health[4] = late ? c->health[4] + 1 : 0;
-    out->command[0] = c->u[0];
-    out->status = status, out->age = c->age, out->stopping = 0, out->iterations = 0;
-    out->cost = out->residual = out->violation = NAN, out->seconds = took;
-    out->health.plans = c->health[0];
-    out->health.fallbacks = c->health[1], out->health.fallbacks_in_a_row = c->health[2];
-    out->health.overruns = c->health[3], out->health.overruns_in_a_row = c->health[4];
+    c->age = status != CAR_SOLVED ? c->age + 1 : 0;
+    out->iterations = 0;
+    out->cost = out->residual = out->violation = NAN;
+    (void)begun;
     return status;
 }

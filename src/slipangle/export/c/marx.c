@@ -6,24 +6,15 @@ enum { DECIDED, IMPOSSIBLE = CAR_NOT_FINITE, NO_PLAN = CAR_FAILED };
 typedef struct {
     Work work; /* first, as its vectors are aligned */
     double u[NH], x[(NH + 1) * NS], offset[NY];
-    double seconds;
-    int64_t health[5];
+    Around around;
     int plans, age, stopping;
 } Controller;
 
-typedef char car_bytes_are_enough[sizeof(Controller) <= CAR_BYTES ? 1 : -1];
+#define ALIGNED sizeof(V)
 
-static Controller *own(car_controller *c) { return (Controller *)(void *)c->memory; }
-
-int car_start(car_controller *memory, size_t bytes)
+static void set_up(Controller *c)
 {
-    Controller *c = own(memory);
-    if (bytes < sizeof(Controller))
-        return CAR_TOO_SMALL;
-    if ((uintptr_t)c % sizeof(V))
-        return CAR_MISALIGNED;
     Work *s = &c->work;
-    memset(c, 0, sizeof *c);
     memcpy(s->speeds, SPEEDS, sizeof s->speeds);
     memcpy(s->A, OF_OUTPUTS, sizeof s->A);
     memcpy(s->B, OF_INPUTS, sizeof s->B);
@@ -35,17 +26,13 @@ int car_start(car_controller *memory, size_t bytes)
     memcpy(s->steps, STEPS, sizeof s->steps);
     memcpy(s->lowest, LOWEST, sizeof s->lowest);
     memcpy(s->highest, HIGHEST, sizeof s->highest);
-    c->seconds = INFINITY;
-    return CAR_OK;
 }
 
 /* The number of events of the quadratic program is bounded as it was exported; a clock counts overruns. */
-void car_deadline(car_controller *memory, int iterations, double seconds, double (*clock)(void *), void *of)
+static void set_bound(Controller *c, int iterations)
 {
-    Controller *c = own(memory);
     (void)iterations;
-    c->work.qp.clock = clock, c->work.qp.clock_of = of;
-    c->seconds = clock && seconds > 0 ? seconds : INFINITY;
+    c->work.qp.clock = c->around.clock, c->work.qp.clock_of = c->around.clock_of;
 }
 
 static int numbers(const double *v, int n)
@@ -108,37 +95,11 @@ static void fall_back(Controller *c, double before, int standing)
     memset(c->offset, 0, sizeof c->offset);
 }
 
-static void count(Controller *c, int fell, double took)
-{
-    int late = took > c->seconds;
-    c->health[0]++;
-    c->health[1] += fell;
-    c->health[2] = fell ? c->health[2] + 1 : 0;
-    c->health[3] += late;
-    c->health[4] = late ? c->health[4] + 1 : 0;
-}
-
-static void tell(const Controller *c, int status, double took, car_output *out)
-{
-    const Work *s = &c->work;
-    out->command[0] = c->u[0];
-    memcpy(out->u, c->u, sizeof c->u);
-    memcpy(out->x, c->x, sizeof c->x);
-    out->status = status, out->age = c->age, out->stopping = c->stopping;
-    out->iterations = c->age ? 0 : (int)s->iterations[0];
-    out->cost = c->age ? NAN : s->cost[0], out->residual = c->age ? NAN : s->residual[0];
-    out->violation = NAN, out->seconds = took;
-    out->health.plans = c->health[0];
-    out->health.fallbacks = c->health[1], out->health.fallbacks_in_a_row = c->health[2];
-    out->health.overruns = c->health[3], out->health.overruns_in_a_row = c->health[4];
-}
-
-int car_plan(car_controller *memory, const car_input *in, car_output *out)
+static int decide(Controller *c, const car_input *in, car_output *out, double begun)
 {
     static const int outcomes[] = {CAR_SOLVED, CAR_NOT_FINITE, CAR_FAILED, CAR_INFEASIBLE};
-    Controller *c = own(memory);
     Work *s = &c->work;
-    double begin = now(&s->qp), said = in->applied[0], took;
+    double said = in->applied[0];
     int believed = in->applied_known && fabs(said) <= ANY_INPUT;
     double before = within(believed ? said : c->plans ? c->u[0] : 0.0, s->bounds[0], s->bounds[1]);
     memcpy(s->x, in->x, sizeof s->x);
@@ -162,9 +123,9 @@ int car_plan(car_controller *memory, const car_input *in, car_output *out)
         memcpy(c->x, s->states, sizeof c->x);
         c->age = c->stopping = 0;
     }
-    c->plans = 1;
-    took = now(&s->qp) - begin;
-    count(c, fell, took);
-    tell(c, status, took, out);
+    memcpy(out->x, c->x, sizeof c->x);
+    out->iterations = fell ? 0 : (int)s->iterations[0];
+    out->cost = fell ? NAN : s->cost[0], out->residual = fell ? NAN : s->residual[0], out->violation = NAN;
+    (void)begun;
     return status;
 }

@@ -8,24 +8,17 @@
 typedef struct {
     Work work; /* first, as its vectors are aligned */
     double u[N * NU], x[(N + 1) * NX], kept_u[N * NU], kept_x[(N + 1) * NX];
-    double seconds, pace; /* deadline, and what a fallback has needed lately */
-    int64_t health[5], attempts;
+    Around around;
+    double pace; /* what a fallback has needed lately [s] */
+    int64_t attempts;
     int plans, age, stopping, found, kept, kept_age;
 } Controller;
 
-typedef char car_bytes_are_enough[sizeof(Controller) <= CAR_BYTES ? 1 : -1];
+#define ALIGNED sizeof(V)
 
-static Controller *own(car_controller *c) { return (Controller *)(void *)c->memory; }
-
-int car_start(car_controller *memory, size_t bytes)
+static void set_up(Controller *c)
 {
-    Controller *c = own(memory);
-    if (bytes < sizeof(Controller))
-        return CAR_TOO_SMALL;
-    if ((uintptr_t)c % sizeof(V))
-        return CAR_MISALIGNED;
     Work *s = &c->work;
-    memset(c, 0, sizeof *c);
     rt_begin(s);
     memcpy(s->q, OF_ERRORS, sizeof s->q);
     memcpy(s->wr, OF_INPUTS, sizeof s->wr);
@@ -42,17 +35,14 @@ int car_start(car_controller *memory, size_t bytes)
         s->bounds[i] = BOUNDS[i % (2 * M1(NL))];
     s->tolerance = TOLERANCE, s->newton = NEWTON, s->accept = ACCEPT, s->time_limit = INFINITY;
     s->max_iterations = MAX_ITERATIONS, s->fixed = FIXED;
-    c->seconds = INFINITY;
-    return CAR_OK;
 }
 
-void car_deadline(car_controller *memory, int iterations, double seconds, double (*clock)(void *), void *of)
+/* What a deadline means to the solver. */
+static void set_bound(Controller *c, int iterations)
 {
-    Controller *c = own(memory);
     c->work.max_iterations = iterations > 0 ? iterations : MAX_ITERATIONS;
-    c->work.qp.clock = clock, c->work.qp.clock_of = of;
-    c->seconds = clock && seconds > 0 ? seconds : INFINITY;
-    c->pace = smaller(5e-5, 0.5 * c->seconds);
+    c->work.qp.clock = c->around.clock, c->work.qp.clock_of = c->around.clock_of;
+    c->pace = smaller(5e-5, 0.5 * c->around.seconds);
 }
 
 static int all_finite(const double *v, int n)
@@ -188,35 +178,10 @@ static void fall_back(Controller *c, const double *before, int known)
     memset(c->x, 0, sizeof c->x);
 }
 
-static void count(Controller *c, int fell, double took)
+static int decide(Controller *c, const car_input *in, car_output *out, double begun)
 {
-    int late = took > c->seconds;
-    c->health[0]++;
-    c->health[1] += fell;
-    c->health[2] = fell ? c->health[2] + 1 : 0;
-    c->health[3] += late;
-    c->health[4] = late ? c->health[4] + 1 : 0;
-}
-
-static void tell(const Controller *c, int status, double took, car_output *out)
-{
-    const Work *s = &c->work;
-    memcpy(out->command, c->u, sizeof out->command);
-    memcpy(out->u, c->u, sizeof c->u);
-    memcpy(out->x, c->x, sizeof c->x);
-    out->status = status, out->age = c->age, out->stopping = c->stopping;
-    out->cost = c->age ? NAN : s->cost, out->residual = c->age ? NAN : s->residual;
-    out->violation = c->age ? NAN : s->violation, out->seconds = took;
-    out->health.plans = c->health[0];
-    out->health.fallbacks = c->health[1], out->health.fallbacks_in_a_row = c->health[2];
-    out->health.overruns = c->health[3], out->health.overruns_in_a_row = c->health[4];
-}
-
-int car_plan(car_controller *memory, const car_input *in, car_output *out)
-{
-    Controller *c = own(memory);
     Work *s = &c->work;
-    double begin = now(&s->qp), before[NU], took;
+    double before[NU], limit = c->around.seconds;
     applied_before(c, in, before);
     memcpy(s->x0, in->x, sizeof s->x0);
     memcpy(s->applied, before, sizeof s->applied);
@@ -234,31 +199,30 @@ int car_plan(car_controller *memory, const car_input *in, car_output *out)
     out->iterations = 0;
     if (status == SOLVED) {
         unwind(s);
-        s->time_limit = larger(c->seconds - (now(&s->qp) - begin) - c->pace, 0);
+        s->time_limit = larger(limit - (now(&s->qp) - begun) - c->pace, 0);
         status = solve(c);
         out->iterations = (int)s->iterations;
-        int begun = (status == ITERATION_LIMIT || status == STALLED || status == TIME_OUT) && s->iterations > 0 &&
-                    s->violation <= FEASIBLE && moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX);
-        c->found = status == SOLVED || status == ITERATED || begun || status == ITERATION_LIMIT || status == TIME_OUT;
-        fell = !(status == SOLVED || status == ITERATED || begun);
+        int started = (status == ITERATION_LIMIT || status == STALLED || status == TIME_OUT) && s->iterations > 0 &&
+                      s->violation <= FEASIBLE && moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX);
+        c->found = status == SOLVED || status == ITERATED || started || status == ITERATION_LIMIT || status == TIME_OUT;
+        fell = !(status == SOLVED || status == ITERATED || started);
     } else
         c->found = 0;
     if (fell) {
         double start = now(&s->qp);
-        s->time_limit = larger(c->seconds - (start - begin), 0);
+        s->time_limit = larger(limit - (start - begun), 0);
         memcpy(s->x0, in->x, sizeof s->x0);
         fall_back(c, before, known);
-        if (c->seconds < INFINITY)
-            c->pace = smaller(0.8 * c->pace + 0.2 * smaller(now(&s->qp) - start, 2 * c->pace), 0.5 * c->seconds);
+        if (limit < INFINITY)
+            c->pace = smaller(0.8 * c->pace + 0.2 * smaller(now(&s->qp) - start, 2 * c->pace), 0.5 * limit);
     } else {
         memcpy(c->u, s->u, sizeof c->u);
         for (int i = 0; i <= N; i++)
             memcpy(c->x + i * NX, s->x + NODE(i) * NX, sizeof s->x0);
         c->age = c->kept = c->stopping = 0;
     }
-    c->plans = 1;
-    took = now(&s->qp) - begin;
-    count(c, fell, took);
-    tell(c, status, took, out);
+    memcpy(out->x, c->x, sizeof c->x);
+    out->cost = c->age ? NAN : s->cost, out->residual = c->age ? NAN : s->residual;
+    out->violation = c->age ? NAN : s->violation;
     return status;
 }

@@ -1,0 +1,63 @@
+/* What all controllers have around their decision: memory, the caller's clock, the deadline, health. */
+
+typedef struct {
+    double seconds; /* deadline [s] */
+    double (*clock)(void *);
+    void *clock_of;
+    int64_t health[5]; /* as car_health */
+} Around;
+
+@DECISION@
+typedef char car_bytes_are_enough[sizeof(Controller) <= CAR_BYTES ? 1 : -1];
+
+static Controller *own(car_controller *c) { return (Controller *)(void *)c->memory; }
+
+static double clock_of(const Controller *c) { return c->around.clock ? c->around.clock(c->around.clock_of) : 0; }
+
+int car_start(car_controller *memory, size_t bytes)
+{
+    Controller *c = own(memory);
+    if (bytes < sizeof(Controller))
+        return CAR_TOO_SMALL;
+    if ((uintptr_t)c % ALIGNED)
+        return CAR_MISALIGNED;
+    memset(c, 0, sizeof *c);
+    c->around.seconds = INFINITY;
+    set_up(c);
+    return CAR_OK;
+}
+
+void car_deadline(car_controller *memory, int iterations, double seconds, double (*clock)(void *), void *of)
+{
+    Controller *c = own(memory);
+    c->around.clock = clock, c->around.clock_of = of;
+    c->around.seconds = clock && seconds > 0 ? seconds : INFINITY;
+    set_bound(c, iterations);
+}
+
+static void count(Around *a, int fell, double took)
+{
+    int late = took > a->seconds;
+    a->health[0]++;
+    a->health[1] += fell;
+    a->health[2] = fell ? a->health[2] + 1 : 0;
+    a->health[3] += late;
+    a->health[4] = late ? a->health[4] + 1 : 0;
+}
+
+int car_plan(car_controller *memory, const car_input *in, car_output *out)
+{
+    Controller *c = own(memory);
+    double begun = clock_of(c), took;
+    int status = decide(c, in, out, begun);
+    c->plans = 1;
+    took = clock_of(c) - begun;
+    count(&c->around, c->age > 0, took);
+    memcpy(out->command, c->u, sizeof out->command);
+    memcpy(out->u, c->u, sizeof c->u);
+    out->status = status, out->age = c->age, out->stopping = c->stopping, out->seconds = took;
+    out->health.plans = c->around.health[0];
+    out->health.fallbacks = c->around.health[1], out->health.fallbacks_in_a_row = c->around.health[2];
+    out->health.overruns = c->around.health[3], out->health.overruns_in_a_row = c->around.health[4];
+    return status;
+}
