@@ -55,10 +55,52 @@ def test_eval_outside_the_range(tmp_path, capsys):
     from slipangle.models.tires.magic_formula.validity import ValidRange
 
     path = replace(TIRE, limits=ValidRange(load=(100.0, 1500.0))).write_tir(tmp_path / "tire.tir")
-    with pytest.raises(ParameterError, match="load is 5000 N; expected 100 to 1500 N"):
+    with pytest.raises(ParameterError, match=r"load is 5000 N; expected 100 to 1500 N .* extrapolation with --extrap"):
         run("eval", path, "--load", "5000")
     assert run("eval", path, "--load", "5000", "--extrapolate") == 0
     assert "slipangle: the tire is extrapolated: load is 5000 N" in capsys.readouterr().err
+
+
+def rows_of(capsys, *arguments):
+    assert run("eval", *arguments, "--json") == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_eval_in_other_axes_slips_pressure_and_speed(tir, capsys):
+    at = (tir, "--load", "700", "--slip-angle", "4", "--camber", "2")
+    gamma, alpha = np.deg2rad(2.0), np.deg2rad(4.0)
+    for option, axes in (("iso", "ISO-W"), ("sae", "SAE"), ("adapted-sae", "adapted SAE")):
+        (row,) = rows_of(capsys, *at, "--axes", option, "--kappa", "0.05", "--pressure", "90", "--speed", "15")
+        known = TIRE.evaluate(0.05, alpha, 700.0, axes=axes, camber=gamma, pressure=90e3, speed=15.0)
+        for name in ("F_x", "F_y"):
+            assert row[f"{name} [N]"] == pytest.approx(getattr(known, name), rel=1e-9)
+        for name in ("M_x", "M_y", "M_z"):
+            assert row[f"{name} [N m]"] == pytest.approx(getattr(known, name), rel=1e-9)
+        assert row["kappa [-]"] == 0.05
+    (s,), (kappa,) = (rows_of(capsys, *at, name, "0.2") for name in ("--slip-ratio", "--kappa"))
+    assert s["F_x [N]"] == pytest.approx(TIRE.forces(0.2, alpha, 700.0, camber=gamma).F_x)
+    assert kappa["F_x [N]"] == pytest.approx(TIRE.forces(0.2 / 1.2, alpha, 700.0, camber=gamma).F_x)
+
+
+def test_conventions_by_name(tir, capsys):
+    at = (tir, "--load", "700", "--slip-angle", "12", "--camber", "4")
+    plain, mfeval = (rows_of(capsys, *at, *more)[0]["F_y [N]"] for more in ((), ("--conventions", "mfeval")))
+    named = rows_of(capsys, *at, "--conventions", "lateral_slip=angle,camber=angle")[0]["F_y [N]"]
+    assert abs(plain - mfeval) > 0.1
+    assert named == pytest.approx(mfeval, rel=1e-9)
+    assert rows_of(capsys, *at, "--file-axes", "adapted-sae")[0]["F_y [N]"] == pytest.approx(-plain, rel=0.1)
+    for bad, message in (("matlab", "'matlab' is no convention; "), ("camber=sin", "camber is 'sin'")):
+        with pytest.raises(SystemExit):
+            run("eval", *at, "--conventions", bad)
+        assert message in capsys.readouterr().err
+
+
+def test_force_waives_a_range(tir, capsys):
+    tir.write_text(tir.read_text(encoding="utf-8").replace("QCZ1 ", "!QCZ1 ") + "QCZ1 = 58.8\n", encoding="utf-8")
+    with pytest.raises(FormatError, match="read it all the same with force=True"):
+        run("eval", tir, "--load", "600")
+    assert run("eval", tir, "--load", "600", "--force") == 0
+    assert "QCZ1 = 58.8 (trail shape factor); expected 0 to 10: used as it stands" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -122,6 +164,8 @@ def test_mistakes(tir, runs, tmp_path):
         (("convert", brush, tmp_path / "x.tir"), FormatError, "BrushTire has no place in a .tir file"),
         (("convert", brush, tmp_path / "x.json", "--mirror"), ConfigError, "only a Magic Formula tire can be mirrored"),
         (("convert", tir, tmp_path / "x.tir", "--mirror"), FormatError, "mirrored tire has no place"),
+        (("eval", brush, "--load", "1", "--speed", "9"), ParameterError, "a BrushTire does not depend on speed"),
+        (("eval", brush, "--load", "1", "--conventions", "mfeval"), ConfigError, "for .tir files only"),
     ]
     for arguments, error, message in cases:
         with pytest.raises(error) as caught:

@@ -9,19 +9,24 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
-from slipangle.errors import ConfigError, FormatError
+from slipangle.errors import ConfigError, FormatError, ParameterError, nearest
 from slipangle.files import check_output
 
 if TYPE_CHECKING:
     from slipangle.data.tire_data import TireData
+    from slipangle.models.tires.magic_formula.terms import Conventions
+    from slipangle.models.tires.magic_formula.tire import AxisSystem
     from slipangle.models.tires.simple import Tire
 
 _MODELS = "mf61, magic, linear, brush, dugoff, rbf:N, mlp:N,N,... (N neurons)"
+_AXES: dict[str, AxisSystem] = {"iso": "ISO-W", "sae": "SAE", "adapted-sae": "adapted SAE"}
+_PRESETS = ("book", "mfeval")  # of `slipangle.models.tires.magic_formula.terms.Conventions`
 _FILES = "a .tir file, or a tire that slipangle saved as .json"
 
 
@@ -29,11 +34,12 @@ def add(commands: Commands) -> None:
     """Describe the commands."""
     about = (
         "Evaluate, fit, draw and convert tires. A positive slip ratio drives, a positive slip angle gives\n"
-        "a force to the left; loads are positive."
+        "a force to the left; loads are positive. --slip-ratio is s = (omega r - v_x) / max(|v_x|, |omega r|),\n"
+        "--kappa the practical slip (omega r - v_x) / |v_x| of tire files and rigs; see docs/tires.md."
     )
     actions = commands.group("tire", "tires: eval, fit, plot, convert", about)
     sub = actions.add("eval", _eval, "forces and moments at given slips and loads")
-    sub.add_argument("file", metavar="FILE", help=_FILES)
+    _tire(sub)
     _conditions(sub)
     sub = actions.add("fit", _fit, "fit a tire to runs of a rig (FSAE TTC .mat, .dat)")
     sub.add_argument("files", nargs="+", metavar="FILE", help="runs of one tire: cornering, drive/brake")
@@ -44,32 +50,65 @@ def add(commands: Commands) -> None:
     sub.add_argument("--out", metavar="FILE", help="write the tire: .tir (mf61) or .json")
     sub.add_argument("--page", metavar="FILE.html", help="write a page with measurements, fit and residuals")
     sub = actions.add("plot", _plot, "a page of force over slip and load, combined slip")
-    sub.add_argument("file", metavar="FILE", help=_FILES)
+    _tire(sub)
     sub.add_argument("--load", type=_numbers, default=(), metavar="N,...", help="loads [N]")
     sub.add_argument("--camber", type=float, default=0.0, metavar="DEG", help="inclination [deg]")
     sub.add_argument("--out", default="tire.html", metavar="FILE.html", help="default: %(default)s")
     sub = actions.add("convert", _convert, "write a tire as .tir in SI units, or as .json")
-    sub.add_argument("file", metavar="FILE", help=_FILES)
+    _tire(sub)
     sub.add_argument("out", metavar="OUT", help=".tir or .json")
     sub.add_argument("--mirror", action="store_true", help="for the other side of the vehicle (.json only)")
 
 
+def _tire(sub: argparse.ArgumentParser) -> None:
+    """The tire, and how its file is to be read."""
+    sub.add_argument("file", metavar="FILE", help=_FILES)
+    sub.add_argument("--force", action="store_true", help="use coefficients outside their range as they stand")
+    sub.add_argument(
+        "--conventions",
+        type=conventions,
+        metavar="NAME",
+        help=f"where codes differ: {', '.join(_PRESETS)}, or name=value,... such as camber=angle (default: book)",
+    )
+    sub.add_argument(
+        "--file-axes", choices=_AXES, help="axes of the coefficients (default: by the sign of the cornering stiffness)"
+    )
+
+
 def _conditions(sub: argparse.ArgumentParser) -> None:
-    sub.add_argument("--slip-ratio", type=_numbers, default=(0.0,), metavar="LIST", help="such as 0,0.05 or 0:0.2:0.05")
+    slip = sub.add_mutually_exclusive_group()
+    ratio = "s, such as 0,0.05 or 0:0.2:0.05"
+    slip.add_argument("--slip-ratio", type=_numbers, default=(0.0,), metavar="LIST", help=ratio)
+    slip.add_argument("--kappa", type=_numbers, metavar="LIST", help="practical slip instead of s")
     sub.add_argument("--slip-angle", type=_numbers, default=(0.0,), metavar="LIST", help="[deg], such as -10:10:2")
     sub.add_argument("--load", type=_numbers, required=True, metavar="LIST", help="[N], such as 2000,4000")
     sub.add_argument("--camber", type=_numbers, default=(0.0,), metavar="LIST", help="[deg]")
+    sub.add_argument("--pressure", type=float, metavar="KPA", help="inflation pressure [kPa] (default: the file's)")
+    sub.add_argument("--speed", type=float, metavar="M/S", help="forward speed [m/s] (default: the file's LONGVL)")
+    sub.add_argument(
+        "--axes", choices=_AXES, help="of slip angles and results; default: positive slip angle, force to the left"
+    )
     sub.add_argument("--extrapolate", action="store_true", help="evaluate outside the file's range, with a warning")
 
 
 def _eval(options: argparse.Namespace) -> Answer:
     from slipangle.report.tires import evaluate_table
 
-    tire = read_tire(options.file, extrapolate=options.extrapolate)
-    with _warnings_printed():
+    tire = _read(options, extrapolate=options.extrapolate)
+    practical = options.kappa is not None
+    with _warnings_printed(), _named_as_options():
         angle, camber = ([math.radians(a) for a in angles] for angles in (options.slip_angle, options.camber))
-        slips = {"slip_ratio": options.slip_ratio, "slip_angle": angle}
-        table = evaluate_table(tire, load=options.load, camber=camber, **slips)
+        table = evaluate_table(
+            tire,
+            slip_ratio=options.kappa if practical else options.slip_ratio,
+            slip_angle=angle,
+            load=options.load,
+            camber=camber,
+            pressure=None if options.pressure is None else 1e3 * options.pressure,
+            speed=options.speed,
+            axes=_AXES[options.axes] if options.axes else "slipangle",
+            practical=practical,
+        )
     heads = [f"{c.title} [{c.unit}]" for c in table.columns]
     return Answer([dict(zip(heads, row.cells, strict=True)) for row in table.rows], table.to_text().rstrip("\n"))
 
@@ -117,7 +156,7 @@ def _plot(options: argparse.Namespace) -> Answer:
     from slipangle.report.tires import tire_page
 
     check_output(Path(options.out).parent)
-    tire = read_tire(options.file, extrapolate=True)
+    tire = _read(options, extrapolate=True)
     page = tire_page(
         tire,
         title=Path(options.file).name,
@@ -129,11 +168,9 @@ def _plot(options: argparse.Namespace) -> Answer:
 
 
 def _convert(options: argparse.Namespace) -> Answer:
-    from dataclasses import replace
-
     from slipangle.models.storage import save
 
-    tire: Any = read_tire(options.file, extrapolate=False)
+    tire: Any = _read(options, extrapolate=False)
     check_output(Path(options.out).parent)
     if options.mirror:
         if tire.mirrored is None:
@@ -148,10 +185,26 @@ def _written(path: Path) -> Answer:
     return Answer({"written": str(path)}, f"wrote {path}")
 
 
-def read_tire(path: str | Path, *, extrapolate: bool = False) -> Tire:
+def _read(options: argparse.Namespace, *, extrapolate: bool) -> Tire:
+    """The tire that the options of `_tire` name."""
+    axes = _AXES[options.file_axes] if options.file_axes else None
+    return read_tire(
+        options.file, extrapolate=extrapolate, conventions=options.conventions, axes=axes, force=options.force
+    )
+
+
+def read_tire(
+    path: str | Path,
+    *,
+    extrapolate: bool = False,
+    conventions: Conventions | None = None,
+    axes: AxisSystem | None = None,
+    force: bool = False,
+) -> Tire:
     """Tire of a ``.tir`` file or of a JSON file that slipangle saved.
 
-    Raises MissingFileError or FormatError if there is no such file, or it is not one of a tire.
+    ``conventions``, ``axes`` and ``force`` are those of `MagicFormulaTire.from_tir`. Raises MissingFileError or
+    FormatError if there is no such file, or it is not one of a tire, ConfigError if a JSON file is read by other ones.
     """
     from slipangle.models.storage import load
     from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
@@ -161,9 +214,14 @@ def read_tire(path: str | Path, *, extrapolate: bool = False) -> Tire:
     outside = "extrapolate" if extrapolate else "error"
     if suffix == ".tir":
         with _warnings_printed():
-            return MagicFormulaTire.from_tir(path, outside=outside)
+            return MagicFormulaTire.from_tir(path, outside=outside, conventions=conventions, axes=axes, force=force)
     if suffix != ".json":
         raise FormatError(f"'{path}' ends in '{suffix}'; expected {_FILES}")
+    if conventions or axes or force:
+        raise ConfigError(
+            f"'{path}' holds a tire with its conventions and axes; expected --conventions, --file-axes and --force for "
+            ".tir files only: leave them out"
+        )
     tire = load(path)
     if not isinstance(tire, Tire):
         raise FormatError(f"'{path}' holds a {type(tire).__name__}; expected a tire")
@@ -247,6 +305,43 @@ def _numbers(text: str) -> tuple[float, ...]:
         raise argparse.ArgumentTypeError(
             f"'{text}' is no list of numbers; expected such as 0,0.05 or 0:0.2:0.05"
         ) from None
+
+
+def conventions(text: str) -> Conventions:
+    """A preset, or choices by name, or both: ``mfeval,camber=sine``.
+
+    >>> conventions("mfeval,camber=sine").camber
+    'sine'
+    """
+    from slipangle.models.tires.magic_formula.terms import PRESETS
+
+    first, *rest = text.split(",")
+    chosen, parts = (PRESETS[first], rest) if first in PRESETS else (PRESETS["book"], [first, *rest])
+    known = {f.name: f.default for f in fields(chosen)}
+    values: dict[str, Any] = {}
+    for part in parts:
+        name, equals, value = part.partition("=")
+        if not equals or name not in known:
+            raise argparse.ArgumentTypeError(
+                f"'{part}' is no convention; {nearest(name, [*PRESETS, *known])}: use one of these, the latter as "
+                "name=value"
+            )
+        try:
+            kind = type(known[name])
+            values[name] = value.lower() in ("true", "yes", "1") if kind is bool else kind(value)
+            chosen = replace(chosen, **values)
+        except (ValueError, ParameterError) as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+    return chosen
+
+
+@contextmanager
+def _named_as_options() -> Iterator[None]:
+    """Errors with the option of the command line where they offer an argument."""
+    try:
+        yield
+    except ParameterError as error:
+        raise ParameterError(str(error).replace("outside='extrapolate'", "--extrapolate")) from None
 
 
 @contextmanager

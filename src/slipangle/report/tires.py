@@ -10,7 +10,8 @@ import numpy as np
 from slipangle.data.tire_data import TireData
 from slipangle.errors import ParameterError
 from slipangle.models.model import FitInfo
-from slipangle.models.tires.simple import Tire
+from slipangle.models.tires.magic_formula.tire import AXES
+from slipangle.models.tires.simple import Tire, slip_from_practical
 from slipangle.report.page import Fact, Figure, Findings, Grid, Page, Section
 from slipangle.report.tables import Heading, Row, Table, parameter_table
 from slipangle.report.tire_figures import (
@@ -32,17 +33,43 @@ def evaluate_table(
     slip_angle: Sequence[float] | np.ndarray,
     load: Sequence[float] | np.ndarray,
     camber: Sequence[float] | np.ndarray = (0.0,),
+    pressure: float | None = None,
+    speed: float | None = None,
+    axes: str = "slipangle",
+    practical: bool = False,
 ) -> Table:
-    """Forces and moments at every combination of the given conditions [-, rad, N, rad], one row each."""
+    """Forces and moments at every combination of the given conditions [-, rad, N, rad], one row each.
+
+    Raises ParameterError if the tire does not know a pressure or speed that is given.
+
+    Parameters
+    ----------
+    pressure, speed : float, optional
+        Inflation pressure [Pa] and forward speed [m/s]; by default those of the tire's file.
+    axes : {"slipangle", "ISO-W", "SAE", "adapted SAE"}
+        What slip angles are given in and the side force, M_y and M_z are told in.
+    practical : bool
+        Whether ``slip_ratio`` is kappa, counted on the forward speed, and not on the larger speed.
+    """
+    asked = {"pressure": pressure, "speed": speed}
+    unknown = [name for name, value in asked.items() if value is not None and name not in tire.conditions]
+    if unknown:
+        raise ParameterError(
+            f"a {type(tire).__name__} does not depend on {unknown[0]}; expected a Magic Formula tire: leave it out"
+        )
     grid = np.meshgrid(*(np.atleast_1d(np.asarray(v, dtype=float)) for v in (load, camber, slip_angle, slip_ratio)))
     weight, gamma, angle, ratio = (g.transpose(1, 0, 2, 3).ravel() for g in grid)
-    at_rows = tire.forces(ratio, angle, weight, camber=gamma)
-    columns = [np.broadcast_to(np.asarray(v, dtype=float), ratio.shape) for v in at_rows]
+    turned, side = (a * b for a, b in zip(AXES["slipangle"], AXES[axes], strict=True))
+    slip = slip_from_practical(ratio) if practical else ratio
+    forces = tire.forces_at(slip, turned * angle, weight, camber=gamma, **asked)
+    told = forces._replace(F_y=side * forces.F_y, M_y=side * forces.M_y, M_z=side * forces.M_z)
+    columns = [np.broadcast_to(np.asarray(v, dtype=float), ratio.shape) for v in told]
     given = weight, np.degrees(gamma), np.degrees(angle), ratio
     rows = tuple(Row(tuple(map(float, cells))) for cells in zip(*given, *columns, strict=True))
-    heads = (("load", "N"), ("camber", "deg"), ("slip angle", "deg"), ("slip ratio", "-"), ("F_x", "N"), ("F_y", "N"))
-    heads += (("M_x", "N m"), ("M_y", "N m"), ("M_z", "N m"))
-    return Table(title="Forces and moments", columns=tuple(Heading(t, u) for t, u in heads), rows=rows)
+    heads = (("load", "N"), ("camber", "deg"), ("slip angle", "deg"), ("kappa" if practical else "slip ratio", "-"))
+    heads += (("F_x", "N"), ("F_y", "N"), ("M_x", "N m"), ("M_y", "N m"), ("M_z", "N m"))
+    title = "Forces and moments" + ("" if axes == "slipangle" else f", {axes} axes")
+    return Table(title=title, columns=tuple(Heading(t, u) for t, u in heads), rows=rows)
 
 
 def tire_page(

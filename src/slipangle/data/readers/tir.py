@@ -8,7 +8,8 @@ business of `slipangle.models.tires.magic_formula.tire`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy as np
 
 from slipangle.data.readers.tir_lines import TirLine, insert_line, new_line, parse_line, rewritten
 from slipangle.data.readers.tir_units import Units, read_units
-from slipangle.errors import FormatError, ParameterError, nearest, shown
+from slipangle.errors import FormatError, ModelWarning, ParameterError, nearest, shown
 from slipangle.files import read_bytes, write_atomic
 
 # These headings hold words about the file; a key such as MASS there is a unit, not a number.
@@ -224,12 +225,25 @@ def parse_tir(text: str, *, name: str = "tir", encoding: str = "utf-8") -> TirFi
     lines: list[TirLine] = []
     section = ""
     for number, line in enumerate(raw, start=1):
-        parsed = parse_line(line, number, section, name)
+        parsed = parse_line(line, number, section, name, above=lines[-1].comment if lines else "")
         section = parsed.section
         lines.append(parsed)
+    _tell_wrapped(lines, name)
     if not any(line.key for line in lines):
         raise FormatError(
             f"'{name}' holds no 'KEY = value' line; expected a tire property file with sections such as [MODEL] and "
             "[VERTICAL]: choose another file"
         )
     return TirFile(lines=tuple(lines), name=name, newline=newline, encoding=encoding, final_newline=final)
+
+
+def _tell_wrapped(lines: Sequence[TirLine], name: str) -> None:
+    wrapped = [line for line in lines if line.wrapped]
+    if wrapped:
+        more = f" and {len(wrapped) - 1} more" if len(wrapped) > 1 else ""
+        warnings.warn(
+            f"line {wrapped[0].number} of '{name}'{more} is read as the rest of the comment above it: "
+            f"{shown(wrapped[0].text.strip())}",
+            ModelWarning,
+            stacklevel=4,
+        )

@@ -2,6 +2,7 @@
 
 import math
 import re
+import string
 from dataclasses import dataclass, replace
 
 from slipangle.data.numerals import to_number
@@ -9,6 +10,8 @@ from slipangle.errors import FormatError, shown
 
 SECTION = re.compile(r"\[\s*([^\]]+?)\s*\]\s*$")
 _KEY = re.compile(r"[A-Za-z_][\w.\-]*$")
+_COEFFICIENT = re.compile(r"[A-Z][A-Z_]*\d+$")
+_OPENS_WORDS = frozenset("(" + string.ascii_letters)
 _WORD = re.compile(r"[A-Za-z_][\w .\-/]*$")
 
 
@@ -17,7 +20,7 @@ class TirLine:
     """One line of the file: as it stands, its number from 1 (0 if it was added), the heading above it in capitals.
 
     An entry has a key in capitals, a value in the units of the file (None where that is blank) and a comment; a line
-    of a table has a row of numbers.
+    of a table has a row of numbers. ``wrapped`` is the rest of the comment in the line above.
     """
 
     text: str
@@ -27,10 +30,14 @@ class TirLine:
     value: float | str | None = None
     comment: str = ""
     row: tuple[float, ...] = ()
+    wrapped: bool = False
 
 
-def parse_line(text: str, number: int, section: str, name: str) -> TirLine:
+def parse_line(text: str, number: int, section: str, name: str, *, above: str = "") -> TirLine:
     """What a line says, in the section before it unless it opens another.
+
+    Words below a line with a comment, ``above``, are the rest of that comment, unless they look like a key and its
+    value.
 
     Raises FormatError if it cannot be read, with its number.
     """
@@ -46,12 +53,20 @@ def parse_line(text: str, number: int, section: str, name: str) -> TirLine:
     if equals and _KEY.match(key):
         return replace(line, key=key.upper(), value=_parse_value(value, key, number, name))
     row = tuple(_to_float(word) for word in body.split())
+    if above and not equals and body[0] in _OPENS_WORDS and not _like_an_entry(body, row):
+        return replace(line, comment=text.strip(), wrapped=True)
     if equals or not section or not all(math.isfinite(x) for x in row):
         raise FormatError(
             f"line {number} of '{name}' reads {text.strip()[:60]!r}; expected a [SECTION], a 'KEY = value' line, "
             "a row of numbers or a comment after '!' or '$': correct that line"
         )
     return replace(line, row=row)
+
+
+def _like_an_entry(body: str, row: tuple[float, ...]) -> bool:
+    """Whether a line reads like ``PKY1 -20.5`` or ``MASS 9``."""
+    first = body.split()[0].rstrip(":")
+    return bool(_COEFFICIENT.match(first)) or (len(row) > 1 and bool(_KEY.match(first)) and math.isfinite(row[1]))
 
 
 def _split_comment(text: str) -> tuple[str, str]:

@@ -21,7 +21,7 @@ from slipangle.errors import FormatError
 from slipangle.fields import Checked
 from slipangle.models.model import FitInfo
 from slipangle.models.parameters import ParameterSet
-from slipangle.ops import Scalar, atan, clip, sin, smooth_abs, speed_floor, sqrt
+from slipangle.ops import Scalar, atan, clip, maximum, sin, smooth_abs, speed_floor, sqrt
 from slipangle.units import SI
 
 
@@ -58,6 +58,7 @@ class Tire(abc.ABC):
     mirrored: bool | None = None
     source: TirFile | None = None
     fit_info: FitInfo | None = None
+    conditions: ClassVar[tuple[str, ...]] = ()  # what `forces_at` counts besides slip, load and camber
 
     @abc.abstractmethod
     def forces(
@@ -80,9 +81,16 @@ class Tire(abc.ABC):
         """
 
     def forces_at(
-        self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar, pressure: Scalar | None
+        self,
+        slip_ratio: Scalar,
+        slip_angle: Scalar,
+        load: Scalar,
+        *,
+        camber: Scalar,
+        pressure: Scalar | None,
+        speed: Scalar | None = None,
     ) -> TireForces:
-        """`forces` at an inflation pressure [Pa], which most tires do not know."""
+        """`forces` at an inflation pressure [Pa] and a forward speed [m/s], where ``conditions`` names them."""
         return self.forces(slip_ratio, slip_angle, load, camber=camber)
 
     def mounted(self, side: Literal["LEFT", "RIGHT"]) -> Self:
@@ -132,6 +140,15 @@ def practical_slip(slip_ratio: Scalar) -> Scalar:
     (0.25, -0.2)
     """
     return slip_ratio / (1.0 - clip(slip_ratio, 0.0, 0.999))
+
+
+def slip_from_practical(kappa: Scalar) -> Scalar:
+    """Slip ratio s of a practical slip, `practical_slip` turned round: kappa / (1 + kappa) when driving. [-]
+
+    >>> float(slip_from_practical(0.25)), float(slip_from_practical(-0.2))
+    (0.2, -0.2)
+    """
+    return kappa / (1.0 + maximum(kappa, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -207,7 +207,7 @@ def test_an_unknown_coefficient_with_a_value_is_flagged_and_kept(tmp_path):
     ("extra", "message"),
     [
         ("[S]\nLMUX = 'high'\n", "line 17 .* LMUX the value 'high'; expected a number"),
-        ("[S]\nLMUX = -1\n", r"LMUX .* is -1 -; expected 0 to 100"),
+        ("[S]\nLMUX = -1\n", r"LMUX = -1 .*; expected 0 to 100.*--force"),
         ("[R]\nFZMIN = 9000\nFZMAX = 200\n", "FZMIN = 9000 and FZMAX = 200; expected FZMIN below FZMAX"),
     ],
 )
@@ -308,3 +308,99 @@ def test_symbols_cannot_be_written():
 def test_versions_write_their_own_number():
     assert MF61.to_tir().fit_type == 61
     assert MF52.to_tir().fit_type == 6
+
+
+# ---- files as they are ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("PKY1", "PKY2", "PKY4", "axes"),
+    [
+        (-20.0, 2.0, 2.0, "ISO-W"),
+        (20.0, 2.0, 2.0, "adapted SAE"),
+        (27.4, 2.0, -3.27, "ISO-W"),
+        (-20.0, -2.0, 2.0, "adapted SAE"),
+        (20.0, -2.0, 2.0, "ISO-W"),
+    ],
+)
+def test_axes_go_by_the_cornering_stiffness(PKY1, PKY2, PKY4, axes):
+    """A positive slip angle gives a force to the left whichever coefficient carries the sign."""
+    tir = (
+        bare()
+        .with_values({"PKY1": PKY1, "PKY2": PKY2})
+        .with_values({"PKY4": PKY4}, section={"PKY4": "LATERAL_COEFFICIENTS"})
+    )
+    tire = MagicFormulaTire.from_tir(tir)
+    assert tire.axes == axes
+    assert tire.forces(0.0, 0.03, 4000.0).F_y > 500
+    assert tire.to_tir().text == tir.text
+
+
+def test_version_5_2_has_no_pky4():
+    tir = bare("FITTYP = 6", "PKY4 = -2\n").with_values({"PKY1": 20.0})
+    with pytest.warns(ModelWarning, match="PKY4"):
+        assert MagicFormulaTire.from_tir(tir).axes == "adapted SAE"
+
+
+def test_a_slip_ratio_that_brakes_is_turned_round():
+    usual = MagicFormulaTire.from_tir(bare())
+    with pytest.warns(ModelWarning, match=r"PKX1 = -22\): a positive slip ratio of its coefficients brakes"):
+        turned = MagicFormulaTire.from_tir(bare().with_values({"PKX1": -22.0}))
+    slip = np.linspace(-0.3, 0.3, 13)
+    for name in ("F_x", "F_y", "K_x"):
+        a, b = (getattr(t.evaluate(slip, 0.05, 4000.0, axes="ISO-W"), name) for t in (usual, turned))
+        np.testing.assert_allclose(b, a, rtol=1e-12)
+
+
+def test_a_stiffness_of_both_signs_is_said():
+    with pytest.warns(ModelWarning, match="changes its sign with load, at 6000 N against 4000 N"):
+        MagicFormulaTire.from_tir(bare(extra="PKY4 = 5.8\n"))
+
+
+def test_a_coefficient_beyond_its_range_can_be_waived(tmp_path):
+    tir = bare(extra="[A]\nQCZ1 = 58.8\nQDZ1 = 0.1\nQBZ1 = 10\n")
+    with pytest.raises(FormatError, match=r"QCZ1 = 58.8 \(trail shape factor\); expected 0 to 10: .* --force|force"):
+        MagicFormulaTire.from_tir(tir)
+    with pytest.warns(ModelWarning, match="QCZ1 = 58.8 .* used as it stands"):
+        tire = MagicFormulaTire.from_tir(tir, force=True)
+    x = np.tan(-0.02)
+    K = -20 * 4000 * math.sin(2 * math.atan(0.5))
+    F_y = 4400 * math.sin(1.3 * math.atan(K / (1.3 * 4400) * x))
+    trail = 0.1 * 0.31 * math.cos(58.8 * math.atan(10 * x)) * math.cos(0.02)
+    assert tire.evaluate(0.0, -0.02, 4000.0, axes="ISO-W").M_z == pytest.approx(-trail * F_y, rel=1e-6)
+    assert tire.with_coefficients(PDY1=1.0).coefficients.QCZ1 == 58.8
+    from slipangle.models.storage import load, save
+
+    assert load(save(tire, tmp_path / "tire.json")) == tire
+
+
+def test_empty_limits_can_be_waived():
+    tir = bare(extra="[R]\nPRESMIN = 0\nPRESMAX = 0\n")
+    with pytest.warns(ModelWarning, match="PRESMIN = 0 and PRESMAX = 0: no limit"):
+        assert MagicFormulaTire.from_tir(tir, force=True).limits.pressure == (-math.inf, math.inf)
+
+
+def test_no_ratio_of_radii_is_one():
+    tir = bare(extra="[V]\nQ_RE0 = 0\n")
+    tire = MagicFormulaTire.from_tir(tir)
+    assert tire.rolling_radius(4000.0) == 0.31
+    assert tire.to_tir().text == tir.text
+
+
+WRAPPED = "PCX1 = 1.6 $shape factor of the force\nalong, as measured on (dry) asphalt\n  and wet\n"
+
+
+def test_comments_that_wrap(tmp_path):
+    text = BARE.format(head="FITTYP = 61").replace("PCX1 = 1.6\n", WRAPPED)
+    with pytest.warns(ModelWarning, match="line 9 of 'tir' and 1 more is read as the rest of the comment above it"):
+        tir = parse_tir(text)
+    assert tir.number("PCX1") == 1.6
+    assert tir.text == text
+    assert tir.with_values({"PCX1": 1.5}).number("PCX1") == 1.5
+
+
+@pytest.mark.parametrize("line", ["PDX1 1.2", "PDX1: 1.2", "PDX1", "MASS 9", "[MODEL", "1.0 x 2", "PDX1 1,2"])
+def test_what_looks_like_an_entry_is_no_comment(line):
+    text = BARE.format(head="FITTYP = 61").replace("PCX1 = 1.6\n", f"PCX1 = 1.6 $shape\n{line}\n")
+    with pytest.raises(FormatError, match="line 9 of 'tir' reads"):
+        parse_tir(text)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from slipangle.errors import ModelWarning, ParameterError
-from slipangle.models.tires.magic_formula.terms import Conventions
+from slipangle.models.tires.magic_formula.coefficients import MF61Coefficients
+from slipangle.models.tires.magic_formula.terms import PRESETS, Conventions
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
 from slipangle.models.tires.magic_formula.validity import ValidRange
 from tests.models.tires.example_tires import MF52, MF61, TIRES
@@ -564,3 +565,40 @@ def test_wrong_names_are_refused():
         replace(MF61, side="").mounted("LEFT")
     with pytest.raises(ParameterError, match="no parameter 'PDY7'; nearest are"):
         MF61.with_coefficients(PDY7=1.0)
+
+
+# ---- choices of other codes ------------------------------------------------------------------------------------------
+
+
+def test_mfeval_takes_slip_angle_and_camber_themselves():
+    """Equations 4.E19 to 4.E30 written out for MFeval's useMode 111: no alpha*, A_mu = 1; M_y by A48 of the paper."""
+    c = MF61Coefficients(
+        FNOMIN=4000, UNLOADED_RADIUS=0.31, PCX1=1.6, PDX1=1.2, PKX1=22, PCY1=1.3, PDY1=1.1, PDY3=2.0, PKY1=-20,
+        PKY2=2.0, PEY1=-1.0, PEY3=0.3, PEY4=-2.0, PHY1=0.003, PVY1=0.02, PVY3=-0.3, PKY6=-0.8, LMUY=0.7,
+        QSY1=0.01, QSY7=0.9,
+    )  # fmt: skip
+    tire = MagicFormulaTire(coefficients=c, conventions=PRESETS["mfeval"])
+    alpha, gamma, load = np.linspace(-0.4, 0.4, 41), 0.08, 5000.0
+    K = -20 * 4000 * np.sin(2 * np.arctan(5000 / (2.0 * 4000)))
+    S_vg = load * -0.3 * gamma * 0.7
+    S_h = 0.003 + (load * -0.8 * gamma - S_vg) / K
+    S_v = load * 0.02 * 0.7 + S_vg
+    x = alpha + S_h
+    D = 1.1 * (1 - 2.0 * gamma**2) * 0.7 * load
+    E = np.minimum(-1.0 * (1 - (0.3 - 2.0 * gamma) * np.sign(x)), 1.0)
+    B = K / (1.3 * D)
+    expected = D * np.sin(1.3 * np.arctan(B * x - E * (B * x - np.arctan(B * x)))) + S_v
+    found = tire.evaluate(0.0, alpha, load, axes="ISO-W", camber=gamma)
+    np.testing.assert_allclose(found.F_y, expected, rtol=1e-9)
+    np.testing.assert_allclose(found.M_y, -4000 * 0.31 * 0.01 * 1.25**0.9, rtol=1e-12)
+    book = replace(tire, conventions=Conventions()).evaluate(0.0, alpha, load, axes="ISO-W", camber=gamma)
+    assert np.max(np.abs(book.F_y - expected)) > 20
+
+
+def test_speed_reaches_the_forces():
+    tire = MagicFormulaTire(
+        coefficients=replace(MF61.coefficients, QSY1=0.01, QSY2=0.0, QSY3=0.01, QSY4=0.0, LONGVL=20.0)
+    )
+    slow, fast = (tire.forces(0.0, 0.0, 4000.0, speed=v).M_y for v in (20.0, 40.0))
+    assert fast / slow == pytest.approx(0.03 / 0.02)
+    assert tire.forces_at(0.0, 0.0, 4000.0, camber=0.0, pressure=None, speed=40.0).M_y == fast

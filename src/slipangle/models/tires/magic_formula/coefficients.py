@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TypeVar
 
-from slipangle.models.parameters import ParameterSet
+from slipangle.models.parameters import ParameterSet, require_in_range
 from slipangle.units import SI
 
 # A line has a coefficient and its meaning; or the words that several meanings begin with, " : " and how they go on,
@@ -166,12 +166,18 @@ class MagicCoefficients(ParameterSet):
 
     version: ClassVar[str]  # of the Magic Formula, "5.2" or "6"
     fit_type: ClassVar[int]  # FITTYP of a file
+    waived: tuple[str, ...] = ()  # coefficients that may leave their range
 
     if TYPE_CHECKING:
 
         def __init__(self, **values: Any) -> None: ...
 
         def __getattr__(self, name: str) -> Any: ...
+
+    def __post_init__(self) -> None:
+        for name, meta in self.metadata().items():
+            if name not in self.waived:
+                require_in_range(f"{type(self).__name__}.{name} ({meta.doc})", getattr(self, name), meta)
 
 
 @_with(_ONLY_6)

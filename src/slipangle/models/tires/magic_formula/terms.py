@@ -62,6 +62,18 @@ class Conventions(Checked):
     limit_curvature: bool = True
 
 
+MFEVAL = Conventions(
+    lateral_slip="angle",
+    camber="angle",
+    aligning="paper",
+    overturning="manual",
+    rolling_resistance="paper",
+    digression=1.0,
+)
+"""Choices of MFeval without its alpha*, useMode 111, which follow MF-Tyre."""
+PRESETS = {"book": Conventions(), "mfeval": MFEVAL}
+
+
 class MagicForces(NamedTuple):
     """Forces and moments with what they are made of.
 

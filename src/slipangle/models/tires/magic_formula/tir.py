@@ -2,9 +2,11 @@
 
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields
 from typing import Any, Literal, NamedTuple
+
+import numpy as np
 
 from slipangle.data.readers.tir import TirFile, parse_tir
 from slipangle.errors import FormatError, ModelWarning, ParameterError, nearest
@@ -12,6 +14,7 @@ from slipangle.models.tires.magic_formula.coefficients import MagicCoefficients,
 from slipangle.models.tires.magic_formula.terms import Conventions
 from slipangle.models.tires.magic_formula.validity import ValidRange
 from slipangle.ops import is_symbolic
+from slipangle.units import SI
 
 _VERSIONS: dict[int, type[MagicCoefficients]] = {
     **dict.fromkeys((5, 6, 21, 52), MF52Coefficients),
@@ -26,6 +29,7 @@ _SPELLINGS: dict[str, tuple[str, ...]] = {
 # Coefficients of what is not a steady-state slip force: gyroscopic couple, damping at low speed, vertical and belt
 # dynamics. They are kept in the file.
 _ELSEWHERE = ("QTZ1", "MBELT", "PTX4", "PTY3", "LGYR", "LIP", "LCZ", "LSGKP", "LSGAL", "LGAX", "LGAY", "LGAZ", "LKG")
+_NOT_ZERO = ("Q_RE0",)  # zero stands for "not given"
 _STEMS = {"load": "FZ", "slip_ratio": "KPU", "slip_angle": "ALP", "camber": "CAM", "pressure": "PRES"}
 _LIMITS = {name: (f"{stem}MIN", f"{stem}MAX") for name, stem in _STEMS.items()}
 _SECTIONS = {  # of a new key, by what its name begins with; the first that fits
@@ -67,18 +71,19 @@ def version_of(tir: TirFile) -> type[MagicCoefficients]:
     return _VERSIONS[fit_type]
 
 
-def coefficients_from(tir: TirFile, o: Conventions) -> MF61Coefficients | MF52Coefficients:
+def coefficients_from(tir: TirFile, o: Conventions, *, force: bool = False) -> MF61Coefficients | MF52Coefficients:
     """Coefficients of a file.
 
     Blank and absent coefficients take the defaults of the record; nonzero ones that no equation here knows are named in
-    a `ModelWarning`. Raises FormatError if a coefficient without default is missing, or a value is a word.
+    a `ModelWarning`, as are those outside their range with ``force``. Raises FormatError if a coefficient without
+    default is missing, a value is a word, or, without ``force``, outside its range.
     """
     kind = version_of(tir)
     values: dict[str, float] = {}
     for name in kind.metadata():
         for spelling in (name, *_SPELLINGS.get(name, ())):
             value = tir.number(spelling)
-            if value is not None:
+            if value is not None and not (value == 0 and name in _NOT_ZERO):
                 values[name] = value
                 break
     missing = [f.name for f in fields(kind) if f.default is MISSING and f.name not in values]
@@ -91,11 +96,47 @@ def coefficients_from(tir: TirFile, o: Conventions) -> MF61Coefficients | MF52Co
     if "QSY7" not in values and o.rolling_resistance == "paper":
         values["QSY7"] = 1.0  # that form carries the load in this power alone
     _warn_unknown(tir, kind)
-    try:
-        c: Any = kind(**values)
-    except ParameterError as error:
-        raise FormatError(f"'{tir.name}': {error}") from None
+    ranges = {name: kind.si(name) for name in values}
+    waived = tuple(n for n, meta in ranges.items() if not meta.lower <= values[n] <= meta.upper)
+    said = [_beyond(name, values[name], ranges[name]) for name in waived]
+    if said and not force:
+        raise FormatError(
+            f"'{tir.name}' has {said[0]}: correct the file, or read it all the same with force=True (--force)"
+        )
+    if said:
+        text = f"'{tir.name}' has {'; '.join(said)}: used as it stands, because force was given"
+        warnings.warn(text, ModelWarning, stacklevel=3)
+    c: Any = kind(**values, waived=waived)
     return c
+
+
+def _beyond(name: str, value: float, meta: SI) -> str:
+    unit = "" if meta.unit == "-" else f" {meta.unit}"
+    return f"{name} = {value:g}{unit} ({meta.doc}); expected {meta.lower:g} to {meta.upper:g}{unit}"
+
+
+def warn_signs(c: MF61Coefficients | MF52Coefficients, stiffness: Callable[..., Any], name: str) -> None:
+    """Say where a slip ratio is turned round, and where no axis system makes a tire of the coefficients.
+
+    ``stiffness`` is the cornering stiffness of the coefficients' version over load, pressure and camber.
+    """
+    if c.PKX1 < 0:
+        warnings.warn(
+            f"'{name}' has a slip stiffness below zero (PKX1 = {c.PKX1:g}): a positive slip ratio of its coefficients "
+            "brakes and is turned round, so that a positive one drives here",
+            ModelWarning,
+            stacklevel=3,
+        )
+    load = c.FNOMIN * np.array([0.25, 0.5, 1.0, 1.5, 2.0])
+    K = np.asarray(stiffness(c, load, 0.0, 0.0), dtype=float)
+    if K.min() < 0 < K.max():
+        turned = load[np.sign(K) != np.sign(K[2])]
+        warnings.warn(
+            f"the cornering stiffness of '{name}' changes its sign with load, at {turned[0]:.4g} N against "
+            f"{load[2]:.4g} N; expected one sign up to twice the nominal load: check PKY1, PKY2 and PKY4",
+            ModelWarning,
+            stacklevel=3,
+        )
 
 
 class Switches(NamedTuple):
@@ -112,8 +153,8 @@ def switches_from(tir: TirFile) -> Switches:
 
     ``FE_METHOD = 'YES'`` asks for the friction ellipse, a USE_MODE that ends in 3 for no combined slip; without
     coefficients of combined slip the ellipse stands in. A negative USE_MODE mirrors. ``AXIS_SYSTEM``, a key of ours,
-    names the axes of the coefficients; without it they are ISO-W, or adapted SAE where PKY1 is positive. Raises
-    FormatError if AXIS_SYSTEM is unknown.
+    names the axes of the coefficients; without it they are ISO-W, or adapted SAE where the cornering stiffness at
+    nominal load is positive. Raises FormatError if AXIS_SYSTEM is unknown.
     """
     mode = int(tir.number("USE_MODE") or 0)
     weights = any(tir.number(name) for name in ("RBX1", "RBY1", "RCX1", "RCY1"))
@@ -126,13 +167,21 @@ def switches_from(tir: TirFile) -> Switches:
         "ISO-W": "ISO-W",
         "SAE": "SAE",
         "ADAPTED SAE": "adapted SAE",
-        "": "adapted SAE" if (tir.number("PKY1") or 0.0) > 0 else "ISO-W",
+        "": "adapted SAE" if _cornering_sign(tir) > 0 else "ISO-W",
     }
     word = tir.word("AXIS_SYSTEM")
     if word not in known:
         raise FormatError(f"'{tir.name}' has AXIS_SYSTEM {word!r}; {nearest(word, known)}: use one of these")
     side = tir.word("TYRESIDE")
     return Switches(combined, known[word], "LEFT" if side == "LEFT" else "RIGHT" if side == "RIGHT" else "", mode < 0)
+
+
+def _cornering_sign(tir: TirFile) -> float:
+    """Sign of K_yalpha at nominal load, 4.E25; PKY1 alone does not have it where PKY2 or PKY4 is negative."""
+    size, top, shape = (tir.number(f"PKY{i}") or 0.0 for i in (1, 2, 4))
+    if version_of(tir) is MF52Coefficients or tir.number("PKY4") is None:
+        shape = 2.0
+    return math.copysign(1.0, math.sin(shape * math.atan(1.0 / top))) * size if top else size
 
 
 def _with_switches(tir: TirFile, wanted: Switches) -> TirFile:
@@ -175,8 +224,11 @@ def _warn_unknown(tir: TirFile, kind: type[MagicCoefficients]) -> None:
         )
 
 
-def limits_from(tir: TirFile) -> ValidRange:
-    """Valid ranges of a file; open where it says nothing; raises FormatError if a range is empty."""
+def limits_from(tir: TirFile, *, force: bool = False) -> ValidRange:
+    """Valid ranges of a file; open where it says nothing, and with ``force`` where they are empty.
+
+    Raises FormatError if a range is empty.
+    """
     ranges: dict[str, tuple[float, float]] = {}
     for name, (low, high) in _LIMITS.items():
         a, b = tir.number(low), tir.number(high)
@@ -184,9 +236,14 @@ def limits_from(tir: TirFile) -> ValidRange:
             continue
         lowest = 0.0 if name == "load" else -math.inf
         lower, upper = (lowest if a is None else a), (math.inf if b is None else b)
+        if not lower < upper and force:
+            text = f"'{tir.name}' has {low} = {lower:g} and {high} = {upper:g}: no limit, because force was given"
+            warnings.warn(text, ModelWarning, stacklevel=3)
+            continue
         if not lower < upper:
             raise FormatError(
-                f"'{tir.name}' has {low} = {lower:g} and {high} = {upper:g}; expected {low} below {high}: correct them"
+                f"'{tir.name}' has {low} = {lower:g} and {high} = {upper:g}; expected {low} below {high}: correct "
+                "them, or leave them open with force=True (--force)"
             )
         ranges[name] = (lower, upper)
     return ValidRange(**ranges)
@@ -218,7 +275,7 @@ def file_from(
         if written is None:
             if value != defaults[name] and not (name == "QSY7" and value == 1.0):
                 changed[name] = value
-        elif source.number(written) != value:
+        elif source.number(written) != value and not (source.number(written) == 0 and name in _NOT_ZERO):
             changed[written] = value
         if name in comments:
             notes[written or name] = comments[name]

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -22,7 +22,14 @@ from slipangle.models.tires.magic_formula.coefficients import MF52Coefficients, 
 from slipangle.models.tires.magic_formula.mf52 import MF52
 from slipangle.models.tires.magic_formula.mf61 import MF61
 from slipangle.models.tires.magic_formula.terms import Conventions, MagicForces, is_zero, prepare
-from slipangle.models.tires.magic_formula.tir import Switches, coefficients_from, file_from, limits_from, switches_from
+from slipangle.models.tires.magic_formula.tir import (
+    Switches,
+    coefficients_from,
+    file_from,
+    limits_from,
+    switches_from,
+    warn_signs,
+)
 from slipangle.models.tires.magic_formula.validity import ValidRange
 from slipangle.models.tires.simple import KnownRange, Tire, TireForces, practical_slip
 from slipangle.ops import Scalar, is_symbolic, is_traced
@@ -30,7 +37,7 @@ from slipangle.ops import Scalar, is_symbolic, is_traced
 AxisSystem = Literal["ISO-W", "SAE", "adapted SAE"]
 Side = Literal["LEFT", "RIGHT"]
 # Relative to ISO-W: sign of slip angle, sign of F_y, M_y and M_z. F_x, M_x, slip ratio and camber agree in all.
-_AXES: dict[str, tuple[float, float]] = {
+AXES: dict[str, tuple[float, float]] = {
     "ISO-W": (1.0, 1.0),
     "SAE": (-1.0, -1.0),
     "adapted SAE": (1.0, -1.0),
@@ -95,6 +102,8 @@ class MagicFormulaTire(Checked, Tire):
     True
     """
 
+    conditions: ClassVar[tuple[str, ...]] = ("pressure", "speed")
+
     coefficients: MF61Coefficients | MF52Coefficients
     conventions: Conventions = field(default_factory=Conventions)
     limits: ValidRange = field(default_factory=ValidRange)
@@ -117,21 +126,29 @@ class MagicFormulaTire(Checked, Tire):
         camber: Scalar = 0.0,
         friction: Scalar = 1.0,
         pressure: Scalar | None = None,
+        speed: Scalar | None = None,
     ) -> TireForces:
         """Forces in ISO 8855 axes with a positive slip angle giving a force to the left.
 
-        At the reference speed of the file and, unless given, its pressure [Pa], without turn slip; `evaluate` has them
-        all. Slip ratio is that of `slipangle.models.tires.simple.slip_ratio`, converted to the one of tire files
+        Unless given, at the reference speed [m/s] and the pressure [Pa] of the file, without turn slip; `evaluate` has
+        them all. Slip ratio is that of `slipangle.models.tires.simple.slip_ratio`, converted to the one of tire files
         (`practical_slip`).
         """
         kappa = practical_slip(slip_ratio if not isinstance(slip_ratio, (list, tuple)) else np.asarray(slip_ratio))
-        return TireForces(*self._run("slipangle", kappa, slip_angle, load, camber, friction, pressure)[:5])
+        return TireForces(*self._run("slipangle", kappa, slip_angle, load, camber, friction, pressure, speed)[:5])
 
     def forces_at(
-        self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar, pressure: Scalar | None
+        self,
+        slip_ratio: Scalar,
+        slip_angle: Scalar,
+        load: Scalar,
+        *,
+        camber: Scalar,
+        pressure: Scalar | None,
+        speed: Scalar | None = None,
     ) -> TireForces:
-        """`forces` at an inflation pressure [Pa]; None is that of the file."""
-        return self.forces(slip_ratio, slip_angle, load, camber=camber, pressure=pressure)
+        """`forces` at an inflation pressure [Pa] and a speed [m/s]; None is that of the file."""
+        return self.forces(slip_ratio, slip_angle, load, camber=camber, pressure=pressure, speed=speed)
 
     def evaluate(
         self,
@@ -175,7 +192,7 @@ class MagicFormulaTire(Checked, Tire):
         friction : scalar or array
             Road friction relative to the road of the test; scales LMUX and LMUY. [-]
         """
-        if axes not in _AXES or axes == "slipangle":
+        if axes not in AXES or axes == "slipangle":
             names = ("ISO-W", "SAE", "adapted SAE")
             raise ParameterError(f"axes is {axes!r}; {nearest(str(axes), names)}: use one of these")
         return self._run(axes, slip_ratio, slip_angle, load, camber, friction, pressure, speed, turn_slip)
@@ -190,7 +207,10 @@ class MagicFormulaTire(Checked, Tire):
             self._require_turn_slip()
         inputs = {k: v if not isinstance(v, (list, tuple)) else np.asarray(v, dtype=float) for k, v in inputs.items()}
         hand = -1.0 if self.mirrored else 1.0
-        slip_sign, side_sign = (a * b for a, b in zip(_AXES[axes], _AXES[self.axes], strict=True))
+        slip_sign, side_sign = (a * b for a, b in zip(AXES[axes], AXES[self.axes], strict=True))
+        braking = not is_symbolic(c.PKX1) and c.PKX1 < 0
+        if braking:  # the coefficients count a positive slip ratio as braking
+            inputs["kappa"] = -inputs["kappa"]
         if slip_sign * hand < 0:
             inputs["alpha"] = -inputs["alpha"]
         if hand < 0:
@@ -202,10 +222,10 @@ class MagicFormulaTire(Checked, Tire):
             self._check(inputs)
             forces = self._chunked(inputs)
         # the equations give M_y about the axis to the left, whatever the axes of the coefficients
-        spin_sign = _AXES[axes][1]
+        spin_sign = AXES[axes][1]
         lateral = side_sign * hand
         signs = dict.fromkeys(("F_y", "M_z", "F_y0", "M_zr", "arm"), lateral)
-        signs |= {"M_x": hand, "M_y": spin_sign, "K_y": side_sign * slip_sign}
+        signs |= {"M_x": hand, "M_y": spin_sign, "K_y": side_sign * slip_sign, "K_x": -1.0 if braking else 1.0}
         return forces._replace(
             **{name: getattr(forces, name) if s > 0 else -getattr(forces, name) for name, s in signs.items()}
         )
@@ -313,11 +333,15 @@ class MagicFormulaTire(Checked, Tire):
         combined: Literal["weighting", "ellipse", "none"] | None = None,
         axes: AxisSystem | None = None,
         side: Literal["LEFT", "RIGHT", ""] | None = None,
+        force: bool = False,
     ) -> Self:
         """Tire of a ``.tir`` file.
 
-        Raises MissingFileError, FormatError, UnitError if the file cannot be read, has a bad line, mixes units or lacks
-        a coefficient.
+        Raises MissingFileError, FormatError, UnitError if the file cannot be read, has a bad line, mixes units, lacks
+        a coefficient or has one outside its range.
+
+        Warns with ModelWarning, with what ``force`` waived, where a positive slip ratio of the coefficients brakes
+        (PKX1 < 0; it is turned round), and where the cornering stiffness changes its sign with load.
 
         Parameters
         ----------
@@ -327,14 +351,17 @@ class MagicFormulaTire(Checked, Tire):
             As in the class.
         combined, axes, side : optional
             As in the class; by default what the file says (FE_METHOD, USE_MODE, AXIS_SYSTEM, TYRESIDE). Without
-            coefficients of combined slip that is the ellipse; without axes ISO-W, or adapted SAE where PKY1 is
-            positive.
+            coefficients of combined slip that is the ellipse; without axes ISO-W, or adapted SAE where the cornering
+            stiffness K_yalpha at nominal load is positive.
+        force : bool
+            Use coefficients outside their range as they stand, and leave empty limits open.
         """
         tir = file if isinstance(file, TirFile) else read_tir(file)
         o = conventions or Conventions()
         given: dict[str, Any] = {"combined": combined, "axes": axes, "side": side}
         switches = switches_from(tir)._asdict() | {key: value for key, value in given.items() if value is not None}
-        coefficients, limits = coefficients_from(tir, o), limits_from(tir)
+        coefficients, limits = coefficients_from(tir, o, force=force), limits_from(tir, force=force)
+        warn_signs(coefficients, _EQUATIONS[coefficients.version].cornering_stiffness, tir.name)
         return cls(coefficients=coefficients, conventions=o, limits=limits, outside=outside, source=tir, **switches)
 
     def to_tir(self, *, comments: Mapping[str, str] | None = None) -> TirFile:
