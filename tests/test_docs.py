@@ -167,3 +167,14 @@ def test_tools_that_judge_are_exact_and_read_what_is_installed():
     floor = re.search(r">=([\d.]+)", table["project"]["requires-python"])[1]
     assert table["tool"]["pyright"]["pythonVersion"] == floor
     assert f"python{floor}/site-packages" in (ROOT / "Makefile").read_text()
+
+
+@pytest.mark.parametrize("name", ["linear-analysis.md"])
+def test_python_in_the_docs_runs(name, tmp_path, monkeypatch):
+    """Blocks of a page run one after the other, as a reader would paste them."""
+    monkeypatch.chdir(tmp_path)
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / name).read_text(), re.S)
+    assert blocks
+    names: dict[str, Any] = {}
+    for block in blocks:
+        exec(compile(block, name, "exec"), names)

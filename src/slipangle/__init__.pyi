@@ -43,6 +43,8 @@ from slipangle.identify.networks.neural_statespace import NeuralStateSpace as Ne
 from slipangle.identify.physics.advise import advise as advise
 from slipangle.identify.physics.collocation import Collocation as Collocation
 from slipangle.identify.physics.grey_box import GreyBox as GreyBox
+from slipangle.models.analysis.handling import handling as handling
+from slipangle.models.analysis.linearize import linearize as linearize
 from slipangle.models.black_box.arx import ARXModel as ARXModel
 from slipangle.models.black_box.narx import NARXModel as NARXModel
 from slipangle.models.custom import Ode as Ode

@@ -1,0 +1,67 @@
+"""Figures and tables of linear analysis show the numbers of the model, in the units that people read."""
+
+import numpy as np
+import pytest
+
+from slipangle.models.analysis.handling import handling
+from slipangle.models.analysis.linearize import linearize
+from tests.models.analysis.test_linearize import BICYCLE, fitted
+
+
+def lines(figure, axis="y"):
+    return [t for t in figure.data if t.mode == "lines" and (t.yaxis or "y") == axis and t.fill is None]
+
+
+def test_bode_has_magnitude_phase_and_bands():
+    model, _ = fitted()
+    curve = linearize(model, v_x=20.0, name="fit").bode("r", "delta")
+    figure = curve.plot(linearize(BICYCLE, v_x=20.0, name="start").bode("r", "delta"))
+    assert lines(figure)[0].y == pytest.approx(curve.magnitude, rel=1e-6)
+    assert lines(figure, "y2")[0].y == pytest.approx(np.degrees(curve.phase), rel=1e-5, abs=1e-4)
+    assert [t.name for t in lines(figure)] == ["fit", "start"]
+    bands = [t for t in figure.data if t.fill == "toself"]
+    assert len(bands) == 2  # of the fit alone
+    n = len(curve.frequency)
+    assert bands[0].y[:n] == pytest.approx(curve.magnitude_band()[:, 0], rel=1e-6)
+    assert figure.layout.xaxis.type == "log"
+    assert "1/s" in figure.layout.yaxis.title.text or "(rad/s)/rad" in figure.layout.yaxis.title.text
+
+
+def test_nyquist_and_step_draw_what_they_hold():
+    linear = linearize(BICYCLE, v_x=20.0)
+    curve, step = linear.bode("r", "delta"), linear.step("r", "delta")
+    figure = curve.plot(kind="nyquist")
+    assert figure.data[0].x == pytest.approx(curve.value.real)
+    drawn = lines(step.plot())
+    assert drawn[0].y == pytest.approx(step.y, rel=1e-6)
+    assert drawn[1].y == pytest.approx([step.final] * 2, rel=1e-6)
+
+
+def test_handling_is_read_in_degrees_and_kilometres_an_hour():
+    model, _ = fitted()
+    found = handling(model, v_x=[10.0, 20.0, 30.0], name="car")
+    figure = found.plot("understeer_gradient")
+    assert lines(figure)[0].x == pytest.approx([36.0, 72.0, 108.0])
+    assert lines(figure)[0].y == pytest.approx(np.degrees(found["understeer_gradient"]), rel=1e-6)
+    table = found.table(29.0)
+    assert table.title == "Handling of car at 108 km/h"
+    rows = {r.cells[0]: r.cells for r in table.rows}
+    gradient = rows["understeer gradient"]
+    assert gradient[1] == pytest.approx(np.degrees(found["understeer_gradient"][2]))
+    assert gradient[3:] == ("deg/(m/s²)", "ISO 4138")
+    assert rows["characteristic speed"][1] == pytest.approx(3.6 * found.characteristic_speed.value)
+    assert "critical speed" not in rows
+    assert "<table>" in found._repr_html_()
+    assert "km/h: characteristic speed" in repr(found)
+
+
+def test_poles_are_a_table():
+    linear = linearize(fitted()[0], v_x=30.0)
+    text = linear._repr_html_()
+    assert "± 4.664 j" in text
+    assert text.count("<tr>") == 2  # the pair once, below the headings
+    assert "standard deviations of C_f, C_r" in text
+    assert repr(linear).startswith("<linear Bicycle at 30 m/s")
+    assert repr(linear.step("r", "delta")) == "<step response of 'Bicycle': delta to r, to 5.378 (rad/s)/rad>"
+    assert "0.0" in repr(linear.bode("r", "delta"))
+    assert str(linear.gain("r", "delta")).startswith("5.378 ± ")
