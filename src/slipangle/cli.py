@@ -11,6 +11,7 @@ from slipangle.commands import (
     data,
     doctor,
     export,
+    help,
     init,
     job,
     listing,
@@ -34,6 +35,7 @@ Start here:
   slipangle init log.csv                      a commented job for a log, guesses marked
   slipangle advise job.toml                   what to drive next
   slipangle export c job.toml                 its controller as C that runs without Python
+  slipangle help job                          every table and key of a job, with range, default and meaning
   slipangle list                              kinds of models, signals, controllers and so on, added ones too
   slipangle data list                         public data sets, with licence and origin
   slipangle reproduce table-8.2               a table of the thesis, with our number beside the printed one
@@ -83,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     for group in (job, init, log, models, export, search, robust, tire, listing, data, doctor, reproduce):
         group.add(Commands(commands))
+    help.add(Commands(commands), _parser)
     return parser
 
 

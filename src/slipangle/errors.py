@@ -93,8 +93,8 @@ def shown(value: object, most: int = 60) -> str:
     return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Sentence part that offers the names closest to ``name`` among ``known``.
+def nearest(name: str, known: Iterable[str], *, every: bool = False) -> str:
+    """Sentence part that offers the names closest to ``name`` among ``known``, or all that are near if ``every``.
 
     >>> nearest("v_X", ["v_x", "v_y", "delta"])
     "nearest are 'v_x', 'v_y'"
@@ -102,12 +102,12 @@ def nearest(name: str, known: Iterable[str]) -> str:
     names = sorted({str(k)[:80] for k in known})
     if not names:
         return "there are none"
-    lower = {n.lower(): n for n in names}
-    close = [lower[n] for n in difflib.get_close_matches(name[:80].lower(), list(lower), n=3, cutoff=0.5)]
+    lower, most = {n.lower(): n for n in names}, len(names) if every else 3
+    close = [lower[n] for n in difflib.get_close_matches(name[:80].lower(), list(lower), n=most, cutoff=0.5)]
     if close:
         return "nearest are " + ", ".join(repr(n) for n in close)
-    shown = ", ".join(repr(n) for n in names[:12])
-    return f"there are {shown}" + (", ..." if len(names) > 12 else "")
+    listed = names if every else names[:12]
+    return f"there are {', '.join(map(repr, listed))}" + (", ..." if len(names) > len(listed) else "")
 
 
 def require_known(name: str, known: Sequence[str], what: str) -> None:

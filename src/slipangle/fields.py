@@ -72,6 +72,8 @@ Whole = Annotated[int, Within(0)]
 Finite = Annotated[float, Within(-inf, open="both")]
 Positive = Annotated[float, Within(0, open="low")]
 NotNegative = Annotated[float, Within(0)]
+Radius = Annotated[float, Within(0, open="low", example="0.999")]
+Seed = Annotated[int, Within(0, 2**32 - 1)]
 
 
 class Checked:

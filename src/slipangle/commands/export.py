@@ -115,7 +115,7 @@ def _controller(file: str, bar: Bar) -> tuple[Any, Drive]:
     from slipangle.export import Recorder
     from slipangle.simulate.loop import closed_loop
     from slipangle.workflow.drive import CONTROLLERS, build_path, build_plant
-    from slipangle.workflow.job import identify
+    from slipangle.workflow.job import identify_named
 
     settings, logs = read_job(file)
     wanted = settings.controller
@@ -125,7 +125,7 @@ def _controller(file: str, bar: Bar) -> tuple[Any, Drive]:
             "wrote"
         )
     bar(0.1, f"identifying {wanted.model}")
-    model = identify(next(m for m in settings.model if m.name == wanted.model), logs.train)
+    model = identify_named(settings, wanted.model, logs.train)
     bar(0.5, "driving in closed loop")
     controller = CONTROLLERS[wanted.kind](model, wanted, **wanted.entries)
     plant, driver, _ = build_plant(settings.plant, model)

@@ -51,9 +51,12 @@ def _identify(options: argparse.Namespace) -> Answer:
     with Bar(quiet=options.json or options.quiet) as bar:
         settings, logs = read_job(options.file)
 
+        fitted: dict[str, Model] = {}
+
         def fit(i: int, wanted: ModelSettings) -> Model:
             bar(i / len(settings.model), f"identifying {wanted.name}")
-            return identify(wanted, logs.train)
+            fitted[wanted.name] = identify(wanted, logs.train, fitted)
+            return fitted[wanted.name]
 
         models, failures = each_model(settings, fit)
     targets = {name: Path(options.out) / f"{_slug(name)}.json" for name in models}

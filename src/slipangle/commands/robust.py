@@ -37,7 +37,7 @@ def add(commands: Commands) -> None:
 def _robust(options: argparse.Namespace) -> Answer:
     from slipangle.workflow import robustness
     from slipangle.workflow.drive import CONTROLLERS
-    from slipangle.workflow.job import identify
+    from slipangle.workflow.job import identify_named
     from slipangle.workflow.log import read_logs
     from slipangle.workflow.settings import read_settings
 
@@ -53,7 +53,7 @@ def _robust(options: argparse.Namespace) -> Answer:
     with Bar(quiet=options.json) as bar:
         bar(0.0, "identifying the model")
         train = read_logs(settings).train
-        model = identify(next(m for m in settings.model if m.name == wanted.model), train)
+        model = identify_named(settings, wanted.model, train)
         controller = CONTROLLERS[wanted.kind](model, wanted, **wanted.entries)
         trial = robustness.trial_of(wanted, settings.plant, model, controller)
         signature = robustness.signature_of(Path(options.file), trial.seed)

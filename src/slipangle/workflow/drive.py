@@ -51,7 +51,20 @@ NOISE = {"v_y": 0.02, "r": 0.002, "X": 0.02, "Y": 0.02, "psi": 0.001, "v_x": 0.0
 class PlantSettings:
     """The car that the controller drives in simulation: one of `PLANTS`, of the catalogue, or around the bicycle.
 
-    ``entries`` are the table's other ones: those that the kind takes, checked.
+    Parameters
+    ----------
+    kind : str
+        A vehicle from outside; see 'slipangle list plants'. The table's other entries are those of the kind.
+    catalogue : str
+        A car of the catalogue.
+    friction : float
+        Where the car is made of the identified bicycle: friction coefficient at which its tires saturate.
+    noise : table
+        Standard deviation of what is measured, by channel, in the channel's unit.
+    seed : int
+        Of the noise.
+    entries : dict
+        The table's other ones: those that the kind takes, checked.
     """
 
     kind: str = ""
@@ -89,9 +102,28 @@ PLANTS: Registry[Callable[..., Model | PlantProtocol]] = Registry("plant", "slip
 class ControllerSettings:
     """The controller, one of `CONTROLLERS` on one of the job's models, and its test.
 
-    The limits are those of the road-wheel angle and its rate; ``cars`` is the number of cars that differ from the model
-    on which the controller is tried, 0: none; ``entries`` are the table's other ones: the settings that
-    the kind takes, checked.
+    Parameters
+    ----------
+    model : str
+        Name of the model that it knows the car by.
+    kind : str
+        What it is; see 'slipangle list controllers'. The table's other entries are those of the kind.
+    manoeuvre : str
+        What is driven.
+    v_x : float
+        Speed of the manoeuvre. [m/s]
+    dt : float
+        Time between two plans. [s]
+    width : float
+        Of the car, for the lanes. [m]
+    cars : int
+        Cars that differ from the model, on which the controller is tried; 0 for none.
+    delta_max : float
+        Largest angle of the road wheels. [deg]
+    delta_rate_max : float
+        Largest rate of that angle. [deg/s]
+    entries : dict
+        The table's other ones: the settings that the kind takes, checked.
     """
 
     model: str
@@ -135,7 +167,13 @@ def drive(
 
 @PLANTS.register("process")
 def plant_process(*, address: str) -> PlantProcess:
-    """A vehicle in another process on this machine, such as at "127.0.0.1:5005"; see `PlantProcess`."""
+    """A vehicle in another process on this machine; see `PlantProcess`.
+
+    Parameters
+    ----------
+    address : str
+        Where it listens, such as "127.0.0.1:5005".
+    """
     return PlantProcess(address)
 
 
@@ -150,7 +188,23 @@ def build_mpc(
     Q: dict[str, Weight] | None = None,
     S: dict[str, Weight] | None = None,
 ) -> MPC:
-    """The predictive controller; its model is re-discretised at the controller's step where it is an ODE."""
+    """The predictive controller; its model is re-discretised at the controller's step where it is an ODE.
+
+    Parameters
+    ----------
+    model, wanted
+        The identified model and the table's common entries.
+    solver : {"realtime", "ipopt"}
+        The real-time one runs compiled; Ipopt is the reference to compare with.
+    horizon : int
+        Steps that it plans ahead.
+    steps : tuple of int
+        Length of each step of the horizon in steps of the controller; by default all are one.
+    Q : table
+        Weights of squared deviations, by name of what is tracked; by default X = 0.1, Y = 1, psi = 1.
+    S : table
+        Weights of squared changes of inputs, by name; by default delta = 50.
+    """
     if isinstance(model, Parametrised) and {"v_y", "r"} <= set(model.states):
         model = model.resampled(wanted.dt, outputs=("v_y", "r"))
     elif not math.isclose(model.dt, wanted.dt, rel_tol=1e-6):

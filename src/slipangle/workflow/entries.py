@@ -1,23 +1,76 @@
 """Entries of a TOML table, checked against the names and types that a record or a function takes."""
 
 import inspect
-import types
 import typing
-from collections.abc import Callable, Sequence
-from dataclasses import MISSING, fields
-from math import isfinite
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
+from math import inf, isfinite
 from typing import Annotated, Any, Literal, TypeVar
 
-from slipangle.errors import ConfigError, nearest, shown
+from slipangle.errors import ConfigError, ParameterError, nearest, shown
+from slipangle.fields import Seed as Seed
 from slipangle.fields import Within
+from slipangle.workflow.hints import SIMPLE, bound, called, expressible, is_model, is_named, is_record, parts, words
 
 T = TypeVar("T")
 _LARGEST = 10**15  # of the whole numbers in a job
+_COUNT = 10**6  # of those that have no bound of their own
 _MANY, _WIDE = 64, 1000  # entries that a list and a table of a job may have
 
-Lags = Annotated[int, Within(0, 1000, "samples")]
-Seed = Annotated[int, Within(0, 2**32 - 1)]
 Weight = Annotated[float, Within(0, 1e12)]
+
+
+class OtherModel(str):
+    """The name of another model of a job, where a setting is a model."""
+
+    __slots__ = ()
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One name that a table may have: what it takes, and what it is otherwise; MISSING where the table must say it."""
+
+    name: str
+    hint: Any
+    default: Any = MISSING
+
+    @property
+    def needed(self) -> bool:
+        """Whether a table must have it."""
+        return self.default is MISSING
+
+
+def entries_of(thing: Callable[..., Any], skip: int = 0) -> dict[str, Entry]:
+    """What a table for a record, a class or a function may say; what TOML cannot say is left out.
+
+    Parameters
+    ----------
+    thing : callable
+        Its fields or parameters are the entries.
+    skip : int
+        How many leading ones are given otherwise.
+    """
+    hints = _hints(thing)
+    if isinstance(thing, type) and is_dataclass(thing):
+        known = {f.name: _default(f) for f in fields(thing) if f.init}
+    else:
+        named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+        takes = [p for p in inspect.signature(thing).parameters.values() if p.kind in named]
+        known = {p.name: MISSING if p.default is inspect.Parameter.empty else p.default for p in takes}
+    own = {name: Entry(name, hints.get(name, Any), known[name]) for name in list(known)[skip:]}
+    return {name: entry for name, entry in own.items() if expressible(entry.hint)}
+
+
+def _default(field: Any) -> Any:
+    return field.default if field.default_factory is MISSING else field.default_factory()
+
+
+def _hints(thing: Callable[..., Any]) -> dict[str, Any]:
+    own = is_dataclass(thing) or inspect.isfunction(thing)
+    try:
+        return typing.get_type_hints(thing if own else thing.__init__, include_extras=True)
+    except (NameError, TypeError, AttributeError):  # annotations that only a type checker can read
+        return {}
 
 
 def record(cls: type[T], table: dict[str, Any], where: str) -> T:
@@ -25,15 +78,15 @@ def record(cls: type[T], table: dict[str, Any], where: str) -> T:
 
     Raises ConfigError if an entry is unknown, missing or of the wrong type; the nearest names are given.
     """
-    hints = typing.get_type_hints(cls, include_extras=True)
-    known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
-    needed = {n for n, f in known.items() if f.default is MISSING and f.default_factory is MISSING}
-    return cls(**_checked(table, {n: hints[n] for n in known}, needed, where))
+    try:
+        return cls(**_checked(table, entries_of(cls), where))
+    except ParameterError as error:
+        raise ConfigError(f"{where}: {error}") from None
 
 
 def common(cls: type[T], table: dict[str, Any], where: str) -> tuple[T, dict[str, Any]]:
-    """A dataclass from those entries of a table that are its fields, but for ``entries``, and the other ones."""
-    own = {f.name for f in fields(cls)} - {"entries"}  # type: ignore[arg-type]
+    """A dataclass from those entries of a table that are its own, and the other ones."""
+    own = entries_of(cls)
     others = {key: value for key, value in table.items() if key not in own}
     return record(cls, {key: table[key] for key in table if key in own}, where), others
 
@@ -54,87 +107,156 @@ def arguments(call: Callable[..., Any], table: dict[str, Any], where: str, *, sk
     skip : int
         How many leading parameters are given otherwise.
     """
-    try:
-        hints = typing.get_type_hints(call if inspect.isfunction(call) else call.__init__, include_extras=True)
-        hints |= typing.get_type_hints(call, include_extras=True) if isinstance(call, type) else {}
-    except (NameError, TypeError, AttributeError):  # annotations that only a type checker can read
-        hints = {}
-    named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    known = [p for p in inspect.signature(call).parameters.values() if p.kind in named][skip:]
-    needed = {p.name for p in known if p.default is inspect.Parameter.empty}
-    return _checked(table, {p.name: hints.get(p.name, Any) for p in known}, needed, where)
+    return _checked(table, entries_of(call, skip), where)
 
 
-def _checked(table: dict[str, Any], known: dict[str, Any], needed: set[str], where: str) -> dict[str, Any]:
+def _checked(table: dict[str, Any], known: dict[str, Entry], where: str) -> dict[str, Any]:
     for key in table:
         if key not in known:
-            raise ConfigError(f"{where} has no entry {shown(key)}; {nearest(key[:60], known)}: use one of these names")
-    for name in known:
-        if name in needed and name not in table:
+            near = nearest(key[:60], known, every=True)
+            raise ConfigError(f"{where} has no entry {shown(key)}; {near}: use one of these names")
+    for name, entry in known.items():
+        if entry.needed and name not in table:
             raise ConfigError(f"{where} lacks the entry '{name}'; expected it: add {name} = ...")
-    return {key: _value(value, known[key], f"{where}: {key}") for key, value in table.items()}
+    return {key: _value(value, known[key].hint, f"{where}: {key}", known[key].default) for key, value in table.items()}
 
 
-def _value(value: Any, hint: Any, where: str) -> Any:
+def _value(value: Any, hint: Any, where: str, default: Any = None) -> Any:
     """One entry, converted to what the record's field says."""
-    if typing.get_origin(hint) is Annotated:
-        inner, *more = typing.get_args(hint)
-        number = _value(value, inner, where)
-        for span in more:
-            if number not in span:
-                unit = f" {span.unit}" if span.unit else ""
-                raise ConfigError(
-                    f"{where} is {shown(number)}{unit}; expected {span.low:g} to {span.high:g}{unit}: correct it"
-                )
-        return number
-    origin, options = typing.get_origin(hint), typing.get_args(hint)
-    if origin is types.UnionType or origin is typing.Union:
-        return _value_of_any(value, [a for a in options if a is not type(None)], where)
-    if origin is Literal:
-        if value not in options:
-            raise ConfigError(
-                f"{where} is {shown(value)}; {nearest(str(value)[:60], map(str, options))}: use one of these"
-            )
+    hint = bound(hint)
+    kind, options = parts(hint)
+    if kind is Annotated:
+        return _in_range(_value(value, options[0], where), options, where)
+    if kind is typing.Union:
+        return _value_of_any(value, [o for o in options if expressible(o)], where, default)
+    if kind is Literal:
+        if not any(type(value) is type(o) and value == o for o in options):
+            near = nearest(str(value)[:60], map(str, options), every=True)
+            raise ConfigError(f"{where} is {shown(value)}; {near}: use one of these")
         return value
-    if origin in (tuple, list, Sequence):
-        items = value if isinstance(value, list | tuple) else [value]  # one entry may stand without brackets
-        _bounded(len(items), _MANY, where)
-        if items is not value and not isinstance(value, str | dict) and not _is_number(value):
-            raise ConfigError(f"{where} is {shown(value)}; expected a list")
-        return tuple(_value(v, options[0], f"{where}[{i}]") for i, v in enumerate(items))
-    if origin is dict:
+    if kind is tuple:
+        return _list(value, options, where)
+    if kind is dict:
         if not isinstance(value, dict):
             raise ConfigError(f"{where} is {shown(value)}; expected a table of name = value")
         _bounded(len(value), _WIDE, where)
         return {k: _value(v, options[1], f"{where}.{shown(k)[1:-1]}") for k, v in value.items()}
-    if hasattr(hint, "__dataclass_fields__"):
-        if isinstance(value, str) and hasattr(hint, "from_text"):
-            return hint.from_text(value)
-        if not isinstance(value, dict):
-            raise ConfigError(f"{where} is {shown(value)}; expected a table")
-        return hint.from_table(value, where) if hasattr(hint, "from_table") else record(hint, value, where)
+    if is_model(hint):
+        return OtherModel(_value(value, str, where))
+    if is_named(hint):
+        try:
+            return hint(_value(value, dict[str, Any], where))
+        except ParameterError as error:
+            raise ConfigError(f"{where}: {error}") from None
+    if is_record(hint):
+        return _table(value, hint, where, default)
+    return _plain(value, hint, where)
+
+
+def _in_range(number: Any, options: tuple[Any, ...], where: str) -> Any:
+    for span in options[1:]:
+        if not isinstance(span, Within) or is_named(options[0]):
+            continue
+        if options[0] is int and span.high == inf:
+            span = replace(span, high=_COUNT)
+        if number not in span:
+            unit = f" {span.unit}" if span.unit else ""
+            said = f"{span.low:g} to {span.high:g}{unit}" if span.high < inf else span.sentence(options[0] is int)
+            raise ConfigError(f"{where} is {shown(number)}{unit}; expected {said}: correct it")
+    return number
+
+
+def _list(value: Any, options: tuple[Any, ...], where: str) -> tuple[Any, ...]:
+    inner: Any = options[0]
+    items = value if isinstance(value, list | tuple) else [value]  # one entry may stand without brackets
+    _bounded(len(items), _MANY, where)
+    if items is not value and not isinstance(value, str | dict) and not _is_number(value):
+        raise ConfigError(f"{where} is {shown(value)}; expected a list")
+    if options[-1] is not ... and len(options) > 1 and len(items) != len(options):
+        raise ConfigError(f"{where} is {shown(value)}; expected {len(options)} entries")
+    return tuple(_value(v, inner, f"{where}[{i}]") for i, v in enumerate(items))
+
+
+def _table(value: Any, hint: Any, where: str, default: Any) -> Any:
+    """A record from its table; where there is a default, the table says what differs from it."""
+    if isinstance(value, str) and hasattr(hint, "from_text"):
+        return hint.from_text(value)
+    if not isinstance(value, dict):
+        raise ConfigError(f"{where} is {shown(value)}; expected a table")
+    if hasattr(hint, "from_table"):
+        return hint.from_table(value, where)
+    if type(default) is not hint:
+        return record(hint, value, where)
+    optional = {name: replace(entry, default=None) for name, entry in entries_of(hint).items()}
+    try:
+        return replace(default, **_checked(value, optional, where))
+    except ParameterError as error:
+        raise ConfigError(f"{where}: {error}") from None
+
+
+def _plain(value: Any, hint: Any, where: str) -> Any:
+    """A number, text, or true and false."""
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) > _LARGEST:
         raise ConfigError(f"{where} is {shown(value)}; expected a number of at most {len(str(_LARGEST))} digits")
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
-    if hint not in _SPOKEN:  # of a kind that TOML does not have: whoever asked for it checks it
+    if hint not in SIMPLE:  # of a kind that TOML does not have: whoever asked for it checks it
         return value
     if not isinstance(value, hint) or (isinstance(value, bool) and hint is not bool):
-        raise ConfigError(f"{where} is {shown(value)}; expected {_SPOKEN.get(hint, hint.__name__)}")
+        raise ConfigError(f"{where} is {shown(value)}; expected {SIMPLE[hint]}")
     if isinstance(value, float) and not isfinite(value):
         raise ConfigError(f"{where} is {value}; expected a finite number")
     return value
 
 
-def _value_of_any(value: Any, hints: list[Any], where: str) -> Any:
-    listed = isinstance(value, list | tuple)
-    hints = [hint for hint in hints if (typing.get_origin(hint) is tuple) == listed] or hints
-    for hint in hints[:-1]:
+def _value_of_any(value: Any, hints: list[Any], where: str, default: Any) -> Any:
+    """One entry of several kinds: those that its shape fits, the first that takes it."""
+    fitting = [hint for hint in hints if _fits(value, hint)]
+    fitting = fitting or [hint for hint in hints if parts(hint)[0] is tuple and not isinstance(value, dict)]
+    if isinstance(value, dict) and len(fitting) > 1 and all(map(is_record, fitting)):
+        return _of_kind(value, fitting, where, default)
+    for hint in fitting[:-1]:
         try:
-            return _value(value, hint, where)
+            return _value(value, hint, where, default)
         except ConfigError:
             continue
-    return _value(value, hints[-1], where)
+    if len(fitting) == 1 and parts(fitting[0])[0] is not Literal:
+        return _value(value, fitting[0], where, default)
+    if fitting:
+        try:
+            return _value(value, fitting[-1], where, default)
+        except ConfigError:
+            if not isinstance(value, str):
+                raise
+    raise ConfigError(f"{where} is {shown(value)}; expected {words(typing.Union[tuple(hints)])}")  # noqa: UP007
+
+
+def _fits(value: Any, hint: Any) -> bool:
+    """Whether a value has the shape of a hint: a list, a table, text, or a number."""
+    kind, options = parts(hint)
+    if kind is Annotated:
+        return _fits(value, options[0])
+    if kind is tuple:
+        return isinstance(value, list | tuple)
+    if kind is dict or is_named(hint):
+        return isinstance(value, dict)
+    if is_record(hint):
+        return isinstance(value, dict) or (isinstance(value, str) and hasattr(hint, "from_text"))
+    if kind is Literal:
+        return any(type(value) is type(o) for o in options)
+    if hint is str or is_model(hint):
+        return isinstance(value, str)
+    return not isinstance(value, dict | list | tuple) and (not isinstance(value, str) or hint is Any)
+
+
+def _of_kind(table: dict[str, Any], hints: list[Any], where: str, default: Any) -> Any:
+    """A record of one of several kinds, named by ``kind``; by default that of the default, else the first."""
+    kinds = {called(hint): hint for hint in hints}
+    usual = called(type(default)) if type(default) in hints else next(iter(kinds))
+    name = table.get("kind", usual)
+    if name not in kinds:
+        raise ConfigError(f"{where}: kind is {shown(name)}; {nearest(str(name)[:60], kinds)}: use one of these")
+    return _table({k: v for k, v in table.items() if k != "kind"}, kinds[name], where, default)
 
 
 def _is_number(value: Any) -> bool:
@@ -144,6 +266,3 @@ def _is_number(value: Any) -> bool:
 def _bounded(count: int, most: int, where: str) -> None:
     if count > most:
         raise ConfigError(f"{where} has {count} entries; expected at most {most}")
-
-
-_SPOKEN = {float: "a number", int: "a whole number", str: "text in quotes", bool: "true or false"}

@@ -2,7 +2,7 @@
 
 import json
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -15,7 +15,7 @@ from slipangle.errors import ConfigError, IdentifiabilityWarning, ModelWarning, 
 from slipangle.identify.judge.standing import Standing
 from slipangle.report.tables import number
 from slipangle.workflow.drive import drive
-from slipangle.workflow.kinds import KINDS, fitted
+from slipangle.workflow.kinds import KINDS, fitted, needed
 from slipangle.workflow.log import read_logs
 from slipangle.workflow.robustness import Tried, tried
 from slipangle.workflow.settings import ModelSettings, Settings
@@ -145,10 +145,11 @@ def _judged(
     settings: Settings, train: Dataset, test: Dataset, progress: Progress
 ) -> tuple[dict[str, tuple[Validation, Validation]], dict[str, str]]:
     """Verdicts on the test and the training part of each model that could be fitted, and why the others could not."""
+    models: dict[str, Model] = {}
 
     def judge(i: int, wanted: ModelSettings) -> tuple[Validation, Validation]:
         progress(0.1 + 0.4 * i / len(settings.model), f"identifying {wanted.name}")
-        model = identify(wanted, train)
+        model = models[wanted.name] = identify(wanted, train, models)
         with warnings.catch_warnings(action="ignore", category=ModelWarning):  # shown on the page
             seen = validate(model, train, name=wanted.name, on_training_data=True)
             return validate(model, test, train=train, name=wanted.name, start=settings.data.start), seen
@@ -178,12 +179,22 @@ def each_model(settings: Settings, make: Callable[[int, ModelSettings], T]) -> t
 # ---- models --------------------------------------------------------------------------------------------------------
 
 
-def identify(wanted: ModelSettings, train: Dataset) -> Model:
-    """Fit one model; what the data do not determine is in its ``fit_info.warnings``."""
+def identify(wanted: ModelSettings, train: Dataset, others: Mapping[str, Model] | None = None) -> Model:
+    """Fit one model; what the data do not determine is in its ``fit_info.warnings``.
+
+    ``others`` are the job's models so far, among them those that this one is made of.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentifiabilityWarning)  # shown on the page
         warnings.simplefilter("ignore", ModelWarning)
-        return fitted(KINDS[wanted.kind], wanted.entries, wanted.inputs, wanted.outputs, train, wanted.name)
+        return fitted(KINDS[wanted.kind], wanted.entries, wanted.inputs, wanted.outputs, train, wanted.name, others)
+
+
+def identify_named(settings: Settings, name: str, train: Dataset) -> Model:
+    """Fit one model of a job by its name, after those that it is made of."""
+    wanted = next(m for m in settings.model if m.name == name)
+    others = {other: identify_named(settings, other, train) for other in needed(wanted.entries)}
+    return identify(wanted, train, others)
 
 
 def delay_check(settings: Settings, quality: DataReport, train: Dataset) -> tuple[str, ...]:

@@ -7,20 +7,27 @@ kind takes in a job's ``[[model]]`` are the arguments of what is registered.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from itertools import pairwise
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Any, get_type_hints
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ConfigError, nearest, shown
+from slipangle.errors import ConfigError, ParameterError, nearest, shown
 from slipangle.identify.car.identify_car import WholeCar
 from slipangle.identify.judge.compare import Estimator
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.multi_arx import MultiARX
-from slipangle.identify.linear.orders import LEVELS, Chosen
-from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError
+from slipangle.identify.linear.orders import LEVELS
+from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError, Polynomial
+from slipangle.identify.linear.recursive import RLS
 from slipangle.identify.linear.statespace import StateSpace
-from slipangle.identify.physics.at_the_limit import Gain, Mass, ToFrontAxle, Wheelbase
+from slipangle.identify.linear.subspace import Subspace
+from slipangle.identify.lure.lure import Lure
+from slipangle.identify.networks.hybrid import Hybrid
+from slipangle.identify.networks.joint import Joint
+from slipangle.identify.networks.narx import NARX
+from slipangle.identify.networks.narx_free_run import FreeRunNARX
+from slipangle.identify.networks.neural_statespace import NeuralStateSpace
 from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.model import Model
 from slipangle.models.ode import OdeModel
@@ -31,9 +38,9 @@ from slipangle.models.vehicles.longitudinal import Longitudinal
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle
 from slipangle.models.wrappers.delayed import Delayed
 from slipangle.registry import Registry
-from slipangle.workflow.entries import Lags, Seed, Within, arguments, record
+from slipangle.workflow.entries import OtherModel, arguments, entries_of, record
+from slipangle.workflow.hints import called, is_model, is_record, parts
 
-PerInput = Lags | tuple[Lags, ...]  # one number, or one for each input
 _WEIGHTS = 1_000_000  # of a network
 
 
@@ -45,12 +52,26 @@ class Physics:
     free: tuple[str, ...] = ()
     catalogue: Mapping[str, ParameterSet] = field(default_factory=dict)
 
+    @property
+    def parameters(self) -> type[ParameterSet]:
+        """Record of the model's parameters."""
+        return get_type_hints(self.model)["params"]
+
 
 @dataclass(frozen=True, kw_only=True)
 class PhysicsEntries:
     """What a job says about a physical model: parameter values or a name of its catalogue, and which are free.
 
-    Those of ``per_experiment`` have one value for each file, and for each stretch of a file between gaps.
+    Parameters
+    ----------
+    car : table
+        Parameters by name, SI units: known values, and start values of free ones.
+    catalogue : str
+        A car whose values stand where ``car`` says none.
+    free : tuple of str
+        Parameters that are fitted; ``delay_`` before an input is its delay. [s]
+    per_experiment : tuple of str
+        Parameters with one value for each file, and for each stretch of a file between gaps.
     """
 
     car: dict[str, float] = field(default_factory=dict)
@@ -78,113 +99,12 @@ KINDS.register("longitudinal")(Physics(model=Longitudinal, free=("k_e", "k_d", "
 
 
 KINDS.register("car")(WholeCar)
-
-
-@KINDS.register("arx")
-def _arx(
-    *,
-    na: Chosen | Lags = "chosen",
-    nb: Chosen | PerInput = "chosen",
-    nk: Chosen | PerInput | None = None,
-    offset: bool = False,
-) -> Estimator:
-    return ARX(na=na, nb=nb, nk=nk, offset=offset)
-
-
-@KINDS.register("multi-arx")
-def _multi_arx(
-    *,
-    na: Chosen | Lags = "chosen",
-    nb: Chosen | Lags = "chosen",
-    nk: Chosen | Lags | None = None,
-    speeds: tuple[float, ...] = (),
-    offset: bool = True,
-) -> Estimator:
-    return MultiARX(na=na, nb=nb, nk=nk, speeds=speeds, offset=offset)
-
-
-@KINDS.register("armax")
-def _armax(*, na: Lags = 2, nb: PerInput = 2, nc: Lags = 1, nk: PerInput = 1, offset: bool = False) -> Estimator:
-    return ARMAX(na=na, nb=nb, nc=nc, nk=nk, offset=offset)
-
-
-@KINDS.register("output-error")
-def _output_error(*, nb: PerInput = 2, nf: PerInput = 2, nk: PerInput = 1, offset: bool = False) -> Estimator:
-    return OutputError(nb=nb, nf=nf, nk=nk, offset=offset, max_radius=1.0)
-
-
-@KINDS.register("box-jenkins")
-def _box_jenkins(
-    *, nb: PerInput = 2, nf: PerInput = 2, nc: Lags = 1, nd: Lags = 1, nk: PerInput = 1, offset: bool = False
-) -> Estimator:
-    return BoxJenkins(nb=nb, nf=nf, nc=nc, nd=nd, nk=nk, offset=offset)
-
-
-@KINDS.register("state-space")
-def _state_space(
-    *,
-    order: tuple[Annotated[int, Within(1, 50)], ...] = (),
-    focus: Literal["prediction", "simulation"] = "simulation",
-    nk: Lags = 1,
-    offset: bool = False,
-) -> Estimator:
-    orders = order[0] if len(order) == 1 else order or StateSpace.order
-    offsets = "output" if offset else "none"
-    return StateSpace(order=orders, focus=focus, offsets=offsets, direct=nk == 0, max_radius=1.0)
-
-
-@KINDS.register("narx")
-def _narx(
-    *,
-    na: Chosen | Lags = "chosen",
-    nb: Chosen | Lags = "chosen",
-    nk: Chosen | Lags | None = None,
-    hidden: tuple[Annotated[int, Within(1, 1000)], ...] = (30, 30),
-    seeds: tuple[Seed, ...] = (0,),
-) -> Estimator:
-    from slipangle.identify.networks.narx import NARX  # brings JAX
-
-    return NARX(na=na, nb=nb, nk=nk, hidden=hidden, seeds=seeds)
-
-
-@KINDS.register("hybrid")
-def _hybrid(
-    *,
-    mass: Mass,
-    wheelbase: Wheelbase,
-    l_f: ToFrontAxle,
-    steering_gain: Gain = 1.0,
-    hidden: tuple[Annotated[int, Within(1, 1000)], ...] = (40, 40),
-    epochs: tuple[Annotated[int, Within(1, 100_000)], ...] = (200, 1000),
-    seeds: tuple[Seed, ...] = (0,),
-) -> Estimator:
-    from slipangle.identify.networks.hybrid import Hybrid  # brings JAX
-    from slipangle.identify.networks.presets import SOUSA_TABLE_8_2
-
-    if len(epochs) != len(SOUSA_TABLE_8_2.stages):
-        raise ConfigError(
-            f"a hybrid's epochs are {list(epochs)}; expected two numbers: one step ahead, then 40 steps ahead"
-        )
-    stages = tuple(replace(stage, epochs=n) for stage, n in zip(SOUSA_TABLE_8_2.stages, epochs, strict=True))
-    network = replace(SOUSA_TABLE_8_2, hidden=hidden, stages=stages, seeds=seeds)
-    return Hybrid(mass=mass, wheelbase=wheelbase, l_f=l_f, steering_gain=steering_gain, discrepancy=network)
-
-
-@KINDS.register("joint")
-def _joint(
-    *,
-    mass: Mass,
-    wheelbase: Wheelbase,
-    l_f: ToFrontAxle,
-    steering_gain: Gain = 1.0,
-    hidden: tuple[Annotated[int, Within(1, 1000)], ...] = (24,),
-    max_iterations: Annotated[int, Within(1, 10_000)] = 80,
-    seeds: tuple[Seed, ...] = (0,),
-) -> Estimator:
-    from slipangle.identify.networks.joint import Joint  # brings JAX
-
-    known: Any = {"mass": mass, "wheelbase": wheelbase, "l_f": l_f, "steering_gain": steering_gain}
-    return Joint(**known, hidden=hidden, max_iterations=max_iterations, seeds=seeds)
+for _estimator in (
+    *(ARX, MultiARX, Polynomial, ARMAX, OutputError, BoxJenkins, RLS, Subspace, StateSpace, Lure),
+    *(NARX, FreeRunNARX, Hybrid, Joint),
+):
+    KINDS.register(called(_estimator))(_estimator)
+KINDS.register("neural-state-space")(NeuralStateSpace)
 
 
 def check_entries(kind: str, table: dict[str, Any], where: str) -> dict[str, Any]:
@@ -195,18 +115,37 @@ def check_entries(kind: str, table: dict[str, Any], where: str) -> dict[str, Any
     if kind not in KINDS:
         raise ConfigError(f"{where}: kind is {shown(kind)}; {nearest(kind[:60], KINDS)}: use one of these")
     thing = KINDS[kind]
-    if _physics(thing) is not None:
-        return vars(record(PhysicsEntries, table, where))
+    physics = as_physics(thing)
+    if physics is not None:
+        entries = vars(record(PhysicsEntries, table, where))
+        known = physics.parameters.metadata()
+        for name in entries["car"]:
+            if name not in known:
+                near = nearest(name[:60], known, every=True)
+                raise ConfigError(f"{where}: car has no parameter {shown(name)}; {near}: use one of these names")
+        return entries
     own = arguments(thing, table, where)  # type: ignore[arg-type]  # all others are callable
-    if kind == "narx":
-        lags = sum(n if isinstance(n, int) else LEVELS[-1] for n in (own.get("na"), own.get("nb")))
-        weights = sum(a * b for a, b in pairwise((lags, *own.get("hidden", ()), 1)))
-        if weights > _WEIGHTS:
-            raise ConfigError(
-                f"{where} has about {weights:.1g} weights; expected at most {_WEIGHTS:.0g}: choose fewer or smaller "
-                "entries of hidden"
-            )
+    _no_giant(own, where)
+    if isinstance(thing, type) and is_dataclass(thing) and not any(isinstance(v, OtherModel) for v in own.values()):
+        try:
+            thing(**own)
+        except ParameterError as error:
+            raise ConfigError(f"{where}: {error}") from None
     return own
+
+
+def _no_giant(entries: Mapping[str, Any], where: str) -> None:
+    """Raise ConfigError if a network would have more weights than a machine holds."""
+    lags = sum(n if isinstance(n, int) else LEVELS[-1] for n in (entries.get("na"), entries.get("nb")))
+    weights = sum(a * b for a, b in pairwise((lags, *entries.get("hidden", ()), 1)))
+    if weights > _WEIGHTS:
+        raise ConfigError(
+            f"{where} has about {weights:.1g} weights; expected at most {_WEIGHTS:.0g}: choose fewer or smaller "
+            "entries of hidden"
+        )
+    for key, value in entries.items():
+        if is_record(type(value)):
+            _no_giant(vars(value), f"{where}: {key}")
 
 
 def fitted(
@@ -216,11 +155,16 @@ def fitted(
     outputs: tuple[str, ...],
     train: Dataset,
     name: str,
+    others: Mapping[str, Model] | None = None,
 ) -> Model:
-    """The model of a kind, fitted to training data; entries as of `check_entries`, channels by default all."""
-    physics = _physics(thing)
+    """The model of a kind, fitted to training data; entries as of `check_entries`, channels by default all.
+
+    Raises ParameterError if a model that it needs is not among the ``others``, or of another class than it needs.
+    """
+    physics = as_physics(thing)
     if physics is None:
-        return thing(**entries).fit(train.select(inputs=inputs or None, outputs=outputs or None))  # type: ignore[operator]
+        made = thing(**_with_models(thing, entries, others or {}, name))  # type: ignore[operator]
+        return made.fit(train.select(inputs=inputs or None, outputs=outputs or None))
     start = _start(physics, PhysicsEntries(**entries), outputs, train, name)
     each = entries["per_experiment"]
     free = entries["free"] or tuple(n for n in physics.free if n not in each)
@@ -228,14 +172,38 @@ def fitted(
     return GreyBox(start=Delayed(start, delays=late) if late else start, free=free, per_experiment=each).fit(train)
 
 
-def _physics(thing: Any) -> Physics | None:
+def needed(entries: Mapping[str, Any]) -> tuple[str, ...]:
+    """Names of the other models that entries of a model speak of."""
+    return tuple(str(v) for v in entries.values() if isinstance(v, OtherModel))
+
+
+def _with_models(thing: Any, entries: Mapping[str, Any], others: Mapping[str, Model], name: str) -> dict[str, Any]:
+    """Entries with models in place of their names."""
+    own, hints = dict(entries), entries_of(thing)
+    for key, value in entries.items():
+        if not isinstance(value, OtherModel):
+            continue
+        if value not in others:
+            raise ParameterError(f"the model '{value}', which '{name}' needs, could not be fitted: mend that one first")
+        classes = tuple(o for o in (hints[key].hint, *parts(hints[key].hint)[1]) if is_model(o))
+        if not isinstance(others[value], classes):
+            raise ParameterError(
+                f"{key} of '{name}' is '{value}', a {type(others[value]).__name__}; expected a "
+                f"{' or '.join(c.__name__ for c in classes)}: name another one"
+            )
+        own[key] = others[value]
+    return own
+
+
+def as_physics(thing: Any) -> Physics | None:
+    """A kind whose parameters are fitted; None if it is an estimator."""
     if isinstance(thing, Physics):
         return thing
     return Physics(model=thing) if isinstance(thing, type) and issubclass(thing, OdeModel) else None
 
 
 def _start(physics: Physics, wanted: PhysicsEntries, outputs: tuple[str, ...], train: Dataset, name: str) -> OdeModel:
-    kind: type[ParameterSet] = get_type_hints(physics.model)["params"]
+    kind = physics.parameters
     if wanted.catalogue:
         if wanted.catalogue not in physics.catalogue:
             raise ConfigError(
@@ -244,8 +212,6 @@ def _start(physics: Physics, wanted: PhysicsEntries, outputs: tuple[str, ...], t
             )
         params: Any = physics.catalogue[wanted.catalogue].with_values(**wanted.car)
     else:
-        for parameter in wanted.car:
-            kind.si(parameter)
         try:
             params = kind(**wanted.car)
         except TypeError:

@@ -11,12 +11,28 @@ from slipangle.errors import ConfigError, nearest, shown
 from slipangle.files import read_bytes
 from slipangle.workflow.drive import ControllerSettings, PlantSettings
 from slipangle.workflow.entries import Within, common, record
-from slipangle.workflow.kinds import check_entries
+from slipangle.workflow.kinds import check_entries, needed
 
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnSettings:
-    """Where a channel is in the file, in which unit, and what makes it ours; see `slipangle.data.readers.Column`."""
+    """Where a channel is in the file, in which unit, and what makes it ours; see `slipangle.data.readers.Column`.
+
+    Parameters
+    ----------
+    column : str
+        Name in the file's header, with or without its unit.
+    unit : str
+        Unit of the file's numbers; by default the one in the header.
+    scale, offset : float
+        Of raw counts: physical = scale * raw + offset, in ``unit``.
+    sign : int
+        -1 where the file counts the other way: delta, r, v_y and a_y are positive to the left.
+    ratio : float
+        Of the steering: hand wheel angle over road wheel angle.
+    derive : str
+        Arithmetic on other channels and columns in SI units, in place of a column, such as "curvature * v_x".
+    """
 
     column: str = ""
     unit: str = ""
@@ -51,11 +67,43 @@ class ColumnSettings:
 class DataSettings:
     """The log: files with named columns, or a public data set.
 
-    ``file`` is one file or several to identify from, patterns such as ``run*.csv`` among them. ``test`` are other files
-    to judge on, which no pattern of ``file`` takes; without them the first part, ``train``, of the log is identified
-    from and the rest judged on. ``beside`` are files of the same drive and clock as a single ``file``, with more
-    channels. ``filter`` is a condition on channels and t, in SI units; other rows are cut. ``start`` is the number of
-    samples of each test record whose measured outputs tell the model's initial state; they do not count in its scores.
+    Parameters
+    ----------
+    file : tuple of str
+        Files to identify from, relative to the job, patterns such as "run*.csv" among them.
+    beside : tuple of str
+        Files of the same drive and clock as a single ``file``, with more channels.
+    test : tuple of str
+        Files to judge on, which no pattern of ``file`` takes.
+    set : str
+        A public data set in place of files; see 'slipangle data list'.
+    columns : table
+        Where each channel is in the files, by the channel's name; by default headings are the names.
+    time : table or str
+        The time column; by default one called t, time or timestamp.
+    dt : float
+        Sample time, for files without time. [s]
+    inputs : tuple of str
+        Channels that drive the system.
+    outputs : tuple of str
+        Channels that are to be explained.
+    rate : float
+        What the log is resampled to, after a zero-phase low-pass. [Hz]
+    cutoff : float
+        Of that low-pass; by default 0.4 times the rate. [Hz]
+    despike : tuple of str
+        Channels whose spikes are replaced by what lies between their neighbours.
+    hold : str
+        Whether an input's sample holds until the next one, or stands for the mean until then.
+    nan : str
+        Whether missing numbers are an error, cut the log, or belong to columns with rates of their own.
+    filter : str
+        A condition on channels and t, in SI units, such as "v_x > 5 and t < 200"; other rows are cut.
+    train : float
+        First part of the log, that is identified from; the rest is judged on. Not used where there are ``test`` files.
+    start : int
+        Samples of each test record whose measured outputs tell the model's initial state; they do not count in its
+        scores.
     """
 
     file: tuple[str, ...] = ()
@@ -79,7 +127,19 @@ class DataSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class PublishedSettings:
-    """Somebody else's numbers on the same car, shown beside ours."""
+    """Somebody else's numbers on the same car, shown beside ours.
+
+    Parameters
+    ----------
+    source : str
+        Where they are from.
+    fit : float
+        Of the first output's free run. [%]
+    vaf : float
+        Variance that it accounts for. [%]
+    rmse : float
+        Root mean square of its error, in the output's unit.
+    """
 
     source: str
     fit: float | None = None
@@ -91,7 +151,20 @@ class PublishedSettings:
 class ModelSettings:
     """One model to identify: what the page calls it, one of `slipangle.workflow.kinds.KINDS`, and its channels.
 
-    ``entries`` are the table's other ones: the settings that the kind takes, checked.
+    Parameters
+    ----------
+    name : str
+        What the page calls it; each of a job's models has its own.
+    kind : str
+        What it is; see 'slipangle list models'. The table's other entries are those of the kind.
+    inputs : tuple of str
+        Channels that it is driven by; by default all inputs of the data.
+    outputs : tuple of str
+        Channels that it explains; by default all outputs of the data.
+    published : table
+        Somebody else's numbers, shown beside ours.
+    entries : dict
+        The table's other ones: the settings that the kind takes, checked.
     """
 
     name: str
@@ -112,8 +185,24 @@ class ModelSettings:
 class Settings:
     """A job: the tables of its file. Without a controller it ends with the verdict.
 
-    ``out`` is the folder for the results, below the one that the job is run in; only the command line may name another.
-    ``folder`` is where the settings file is; the log's file name is relative to it.
+    Parameters
+    ----------
+    title : str
+        Of the page.
+    subtitle : str
+        Second line of the page's title.
+    data : table
+        The log.
+    model : list of tables
+        What is identified from it, one ``[[model]]`` each.
+    controller : table
+        What drives one of the models' cars in simulation; without it nothing drives.
+    plant : table
+        The car that is driven; by default one made of the identified bicycle.
+    out : str
+        Folder for the results, below the one that the job is run in; only the command line may name another.
+    folder : Path
+        Where the settings file is; the log's file name is relative to it.
     """
 
     title: str
@@ -145,7 +234,7 @@ def read_settings(path: str | Path) -> Settings:
         raise ConfigError(
             f"'{file}' is not valid TOML: {str(error)[:200]}; expected key = value lines: correct that line"
         ) from None
-    settings = record(Settings, {**table, "folder": file.parent}, file.name)
+    settings = replace(record(Settings, table, file.name), folder=file.parent)
     _check(settings, file.name)
     return settings
 
@@ -178,6 +267,13 @@ def _check(settings: Settings, where: str) -> None:
     if len(set(names)) < len(names):
         again = next(n for n in names if names.count(n) > 1)
         raise ConfigError(f"{where}: model names repeat: {shown(again)}; expected each once: rename one")
+    for i, model in enumerate(settings.model):
+        for other in needed(model.entries):
+            if other not in names[:i]:
+                raise ConfigError(
+                    f"{where}: model {shown(model.name)} needs {shown(other)}, which does not stand above it; "
+                    f"{nearest(other, names[:i], every=True)}: name one of these, or move it up"
+                )
     out = PurePath(settings.out)
     if PureWindowsPath(settings.out).anchor or out.is_absolute() or normpath(out).split(sep)[0] == "..":
         raise ConfigError(

@@ -97,7 +97,7 @@ def test_a_job_names_them_and_their_defaults_are_those_of_table_8_2():
 @pytest.mark.parametrize(
     ("kind", "entries", "said"),
     [
-        ("joint", {"mass": 982.0, "wheelbase": 2.4}, "lacks the entry 'l_f'"),
+        ("joint", {"mass": 982.0, "wheelbase": 2.4}, "neither start nor l_f is given"),
         ("hybrid", {**KNOWN, "mass": 0.2}, "mass is 0.2 kg; expected 1 to 100000 kg"),
         ("joint", {**KNOWN, "epochs": 3}, "has no entry 'epochs'"),
     ],
@@ -107,16 +107,12 @@ def test_a_wrong_entry_gets_a_sentence(kind, entries, said):
         check_entries(kind, entries, "model 1")
 
 
-def test_a_hybrid_is_trained_in_two_stages():
-    with pytest.raises(ConfigError, match=r"epochs are \[3\]; expected two numbers"):
-        KINDS["hybrid"](**check_entries("hybrid", {**KNOWN, "epochs": 3}, "model 1"))
-
-
 @pytest.mark.slow
 def test_small_ones_fit_in_one_call():
     data = drive(400)
     data = data.with_channel("r", data["r"] + 0.02 * np.random.default_rng(0).standard_normal(400), "rad/s")
-    tiny = {"joint": {"hidden": (3,), "max_iterations": 3}, "hybrid": {"hidden": (4,), "epochs": (3, 2)}}
+    stages = [{"epochs": 3}, {"horizon": 40, "epochs": 2}]
+    tiny = {"joint": {"hidden": (3,), "max_iterations": 3}, "hybrid": {"discrepancy": {"hidden": 4, "stages": stages}}}
     physics = KnownCar(**KNOWN).bicycle(data).fit_info
     assert physics.warnings
     base = GreyBox(start=KnownCar(**KNOWN).guess(0.05), free=("C_f",), starts=1).fit(data)

@@ -95,8 +95,12 @@ class WholeCar(Checked):
 
     Parameters
     ----------
-    mass, wheelbase, l_f : float
-        Of the car as it was driven; l_f is from the centre of gravity to the front axle. [kg], [m], [m]
+    mass : float
+        Of the car as it was driven. [kg]
+    wheelbase : float
+        From axle to axle. [m]
+    l_f : float
+        From the centre of gravity to the front axle. [m]
     steering_gain : float
         A first guess of the road-wheel angle per logged angle, such as 1/15 for a hand wheel; negative turns the sign.
     """

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Literal
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
-from slipangle.fields import Positive, Whole, Within
+from slipangle.fields import Positive, Radius, Whole
 from slipangle.identify.linear.estimator import LinearEstimator, described
 from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.linear.prediction_covariance import covariance
@@ -42,6 +42,8 @@ class PEM(LinearEstimator[StateSpaceModel]):
         the standard deviation of its signal, or each by the error given here, in the outputs' units.
     max_radius : float, optional
         Largest modulus of the poles, such as 1 for a stable model; by default not limited.
+    max_iterations : int
+        Steps at most.
 
     References
     ----------
@@ -54,7 +56,7 @@ class PEM(LinearEstimator[StateSpaceModel]):
     offsets: Offsets = "none"
     direct: bool | None = None
     weights: Literal["residual", "output"] | tuple[Positive, ...] = "residual"
-    max_radius: Annotated[float, Within(0, open="low", example="0.999")] | None = None
+    max_radius: Radius | None = None
     max_iterations: Whole = 100
 
     _what = "the state space"

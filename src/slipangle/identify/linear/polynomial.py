@@ -5,18 +5,17 @@ from __future__ import annotations
 import time
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from scipy import linalg
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
-from slipangle.fields import Count, Whole, Within
+from slipangle.fields import Count, Radius, Whole
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.arx import per_input
 from slipangle.identify.linear.estimator import LinearEstimator, channels, described
-from slipangle.identify.linear.lags import PerInput
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.polynomial_start import first_guess
 from slipangle.identify.linear.prediction import Point, PredictionCriterion, shrunk
@@ -44,6 +43,8 @@ class Polynomial(LinearEstimator[PolynomialModel]):
         Estimate the output's level at the inputs' means; for data whose means were not removed.
     max_radius : float, optional
         Largest modulus of the poles of system and disturbance, such as 1 for a stable model.
+    max_iterations : int
+        Steps at most.
 
     Source: L. Ljung, System Identification, 2nd ed., 1999, ch. 4, 7.
     """
@@ -55,7 +56,7 @@ class Polynomial(LinearEstimator[PolynomialModel]):
     nf: Whole | tuple[Whole, ...] = 0
     nk: Whole | tuple[Whole, ...] = 1
     offset: bool = False
-    max_radius: Annotated[float, Within(0, open="low", example="0.999")] | None = None
+    max_radius: Radius | None = None
     max_iterations: Whole = 100
 
     _what = "the polynomial model"
@@ -95,12 +96,24 @@ class Polynomial(LinearEstimator[PolynomialModel]):
 
 @dataclass(frozen=True, kw_only=True)
 class _Special(LinearEstimator[PolynomialModel]):
-    """A `Polynomial` by its own name."""
+    """A `Polynomial` by its own name.
 
-    nb: PerInput
-    nk: PerInput = 1
+    Parameters
+    ----------
+    nb : int or tuple of int
+        Coefficients of each input's B.
+    nk : int or tuple of int
+        Samples from each input to the output; 0 where the output depends on the input at the same sample.
+    offset : bool
+        Estimate the output's level at the inputs' means; for data whose means were not removed.
+    max_radius : float, optional
+        Largest modulus of the poles of system and disturbance, such as 1 for a stable model.
+    """
+
+    nb: Count | tuple[Count, ...] = 2
+    nk: Whole | tuple[Whole, ...] = 1
     offset: bool = False
-    max_radius: float | None = None
+    max_radius: Radius | None = None
 
     _what = "the polynomial model"
 
@@ -110,26 +123,47 @@ class _Special(LinearEstimator[PolynomialModel]):
 
 @dataclass(frozen=True, kw_only=True)
 class ARMAX(_Special):
-    """``A(z) y = sum_i B_i(z) u_i + C(z) e``: the disturbance shares the system's poles. See `Polynomial`."""
+    """``A(z) y = sum_i B_i(z) u_i + C(z) e``: the disturbance shares the system's poles. See `Polynomial`.
 
-    na: int
-    nc: int
+    Parameters
+    ----------
+    na, nc : int
+        Coefficients of A, C after the leading 1.
+    """
+
+    na: Whole = 2
+    nc: Whole = 1
 
 
 @dataclass(frozen=True, kw_only=True)
 class OutputError(_Special):
-    """``y = sum_i B_i(z) / F_i(z) u_i + e``: the free-run error is minimised. See `Polynomial`."""
+    """``y = sum_i B_i(z) / F_i(z) u_i + e``: the free-run error is minimised. See `Polynomial`.
 
-    nf: PerInput
+    Parameters
+    ----------
+    nf : int or tuple of int
+        Coefficients of each input's F after the leading 1.
+    """
+
+    nf: Whole | tuple[Whole, ...] = 2
+    max_radius: Radius | None = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class BoxJenkins(_Special):
-    """``y = sum_i B_i(z) / F_i(z) u_i + C(z) / D(z) e``: system and disturbance apart. See `Polynomial`."""
+    """``y = sum_i B_i(z) / F_i(z) u_i + C(z) / D(z) e``: system and disturbance apart. See `Polynomial`.
 
-    nc: int
-    nd: int
-    nf: PerInput
+    Parameters
+    ----------
+    nc, nd : int
+        Coefficients of C, D after the leading 1.
+    nf : int or tuple of int
+        Coefficients of each input's F after the leading 1.
+    """
+
+    nc: Whole = 1
+    nd: Whole = 1
+    nf: Whole | tuple[Whole, ...] = 2
 
 
 class _Layout:

@@ -11,7 +11,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, SlipangleError
-from slipangle.fields import Count, Within
+from slipangle.fields import Radius, Whole, Within
 from slipangle.identify.linear.estimator import LinearEstimator, criteria
 from slipangle.identify.linear.pem import PEM, Focus, Offsets
 from slipangle.identify.linear.subspace import Algorithm, Subspace, project
@@ -20,6 +20,8 @@ from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import Candidate
 from slipangle.models.plausible import growth
 from slipangle.numerics.blas import one_blas_thread
+
+Order = Annotated[int, Within(1, 200)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,17 +71,17 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         Share of a single record, at its end, on which orders are compared. Several experiments are held out in turn.
     """
 
-    order: Count | tuple[Count, ...] = tuple(range(1, 9))
+    order: Order | tuple[Order, ...] = tuple(range(1, 9))
     focus: Focus = "simulation"
     algorithm: Algorithm = "cva"
     block_rows: int | None = None
     direct: bool = False
     offsets: Offsets = "none"
     weights: Literal["residual", "output"] | tuple[float, ...] = "residual"
-    max_radius: float | None = None
-    memory: int = 0
+    max_radius: Radius | None = None
+    memory: Whole = 0
     holdout: Annotated[float, Within(0, 1, open="both", example="0.25")] = 0.25
-    max_iterations: int = 100
+    max_iterations: Whole = 100
 
     def __post_init__(self) -> None:
         super().__post_init__()

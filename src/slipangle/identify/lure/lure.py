@@ -62,8 +62,12 @@ class Lure(Checked):
     carried : int
         Of these, how many are fitted for a few steps; then, in the order of what these gave, to the end, until two
         of at least three met in the best minimum. Twice as many again follow where they do not.
+    seed : int
+        Of the random branches.
     memory : int
         Samples from which the model's free run reads its initial state.
+    max_iterations : int
+        Steps of one fit at most.
     """
 
     linear: StateSpace | StateSpaceModel

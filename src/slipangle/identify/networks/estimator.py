@@ -13,7 +13,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import IdentifiabilityWarning, ModelWarning, SlipangleError, TooShortError
-from slipangle.fields import Checked, Count
+from slipangle.fields import Checked, Count, Seed
 from slipangle.identify.excitation import require_identifiable, require_independent
 from slipangle.identify.networks.problem import Precision, Stage, TrainingProblem
 from slipangle.identify.networks.training import IDLE, Holdout, Progress, Trained, require_jax, train
@@ -50,6 +50,8 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
     ----------
     hidden : tuple of int
         Neurons of each hidden layer; empty for an affine map.
+    activation : {"sigmoid", "tanh", "elu"}
+        Of the neurons.
     stages : tuple of Stage
         How far ahead the loss looks and for how long.
     holdout : float
@@ -68,7 +70,7 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
     activation: Activation
     stages: tuple[Stage, ...]
     holdout: Holdout = 0.15
-    seeds: tuple[int, ...] = (0,)
+    seeds: tuple[Seed, ...] = (0,)
     linear_start: bool = True
     precision: Precision = "single"
 

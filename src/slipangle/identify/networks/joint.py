@@ -12,7 +12,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError
-from slipangle.fields import Count, NotNegative, Positive
+from slipangle.fields import Count, NotNegative, Positive, Seed
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.judge.validate import restarted
 from slipangle.identify.networks.runs import PaddedRuns, side_by_side
@@ -63,6 +63,8 @@ class Joint(KnownCar):
         bounds (`TireNetworkBicycle`).
     hidden : tuple of int
         Neurons of each hidden layer.
+    activation : {"sigmoid", "tanh", "elu"}
+        Of the neurons.
     weight_prior, parameter_prior : float
         Precision of the priors, per sample and per unit of scaled weight or relative parameter.
     also : tuple of str
@@ -75,6 +77,8 @@ class Joint(KnownCar):
         How long before its fitted part each run starts; the state is thrown off only where this is positive. [s]
     thrown_off : float
         How far, as a share of the largest v_y and r of the training data.
+    max_iterations : int
+        Steps at most.
     holdout : float
         Share at the end of the training data that only chooses the step to stop at; 0 works all steps on all data.
     seeds : tuple of int
@@ -97,7 +101,7 @@ class Joint(KnownCar):
     thrown_off: NotNegative = 1.0
     max_iterations: Count = 80
     holdout: Holdout = 0.0
-    seeds: tuple[int, ...] = (0,)
+    seeds: tuple[Seed, ...] = (0,)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -29,11 +29,19 @@ class FreeRunNARX(Checked):
     do what thousands of epochs on short windows do not. A network that starts from a linear model (see `NARX`) is
     fitted to what ``start`` does not hold out, its linear path drawn to where Adam left it instead of to zero, and kept
     at the step whose free run over the held-out part is best; others are fitted to all of the data.
+
+    Parameters
+    ----------
+    start : NARX
+        Lags, architecture, seeds and the training that the weights start from.
+    weight_prior : float
+        Precision of the prior per sample and per unit of scaled weight, relative to the mean squared error that the
+        weights start from.
+    max_iterations : int
+        Steps at most.
     """
 
-    start: NARX  # lags, architecture, seeds and the training that the weights start from
-    # precision of the prior per sample and per unit of scaled weight, relative to the mean squared error that the
-    # weights start from
+    start: NARX
     weight_prior: Positive = 6e-3
     max_iterations: Count = 50
 

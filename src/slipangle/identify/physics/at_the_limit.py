@@ -33,8 +33,12 @@ class KnownCar(Checked):
 
     Parameters
     ----------
-    mass, wheelbase, l_f : float, optional
-        Of the car as it was driven; l_f is from the centre of gravity to the front axle. [kg], [m], [m]
+    mass : float, optional
+        Of the car as it was driven. [kg]
+    wheelbase : float, optional
+        From axle to axle. [m]
+    l_f : float, optional
+        From the centre of gravity to the front axle. [m]
     steering_gain : float
         Road-wheel angle per logged angle, such as 1/15 for a hand wheel; negative turns the sign.
     """
