@@ -15,9 +15,9 @@ STATUSES = [
 ]
 
 
-def defines(header):
+def defines(header, prefix="CAR"):
     """Whole numbers that a header defines."""
-    return {k: int(v) for k, v in re.findall(r"^#define CAR_(\w+) (\d+)\b", header, re.MULTILINE)}
+    return {k: int(v) for k, v in re.findall(rf"^#define {prefix}_(\w+) (\d+)\b", header, re.MULTILINE)}
 
 
 def as_one(files, name="car"):
@@ -25,39 +25,52 @@ def as_one(files, name="car"):
     return files[f"{name}.c"].replace(f'#include "{name}.h"\n', files[f"{name}.h"])
 
 
+def array(*lengths):
+    """Type of an array of doubles."""
+    kind = ctypes.c_double
+    for length in reversed(lengths):
+        kind = kind * length
+    return kind
+
+
+HEALTH = [(k, ctypes.c_int64) for k in ("plans", "fallbacks", "in_a_row", "overruns", "overruns_in_a_row")]
+Health = type("Health", (ctypes.Structure,), {"_fields_": HEALTH})
+
+
+def given_and_made(n):
+    """The structs ``car_input`` and ``car_output`` of a controller with these sizes."""
+    given = [("x", array(n["STATES"]))]
+    if n["REFERENCES"]:
+        given.append(("tracked", array(n["NODES"], n["REFERENCES"])))
+    if n["EXOGENOUS"]:
+        given.append(("exogenous", array(n["EXOGENOUS_ROWS"], n["EXOGENOUS"])))
+    if n["CORRIDOR"]:
+        given.append(("corridor", array(n["NODES"], 2)))
+    given += [("inputs", array(n["HORIZON"], n["CONTROLS"])), ("applied", array(n["CONTROLS"]))]
+    made = [("command", array(n["CONTROLS"])), ("u", array(n["HORIZON"], n["CONTROLS"]))]
+    made += [("x", array(n["NODES"], n["STATES"]))]
+    made += [(k, ctypes.c_double) for k in ("cost", "residual", "violation", "seconds")]
+    made += [(k, ctypes.c_int) for k in ("status", "age", "stopping", "iterations")]
+    given, made = [*given, ("applied_known", ctypes.c_int)], [*made, ("health", Health)]
+    return [type(n, (ctypes.Structure,), {"_fields_": f}) for n, f in (("Input", given), ("Output", made))]
+
+
 class Loaded:
     """A controller exported under the name ``car``."""
 
     def __init__(self, files, flags=FLAGS, **most):
         self.size = n = defines(files["car.h"])
-        double = ctypes.c_double
-
-        def array(*lengths):
-            kind = double
-            for length in reversed(lengths):
-                kind = kind * length
-            return kind
-
-        given = [("x", array(n["STATES"]))]
-        if n["REFERENCES"]:
-            given.append(("tracked", array(n["NODES"], n["REFERENCES"])))
-        if n["EXOGENOUS"]:
-            given.append(("exogenous", array(n["EXOGENOUS_ROWS"], n["EXOGENOUS"])))
-        if n["CORRIDOR"]:
-            given.append(("corridor", array(n["NODES"], 2)))
-        given += [("inputs", array(n["HORIZON"], n["CONTROLS"])), ("applied", array(n["CONTROLS"]))]
-        self.Input = type("Input", (ctypes.Structure,), {"_fields_": [*given, ("applied_known", ctypes.c_int)]})
-        health = [(k, ctypes.c_int64) for k in ("plans", "fallbacks", "in_a_row", "overruns", "overruns_in_a_row")]
-        made = [("command", array(n["CONTROLS"])), ("u", array(n["HORIZON"], n["CONTROLS"]))]
-        made += [("x", array(n["NODES"], n["STATES"]))]
-        made += [(k, double) for k in ("cost", "residual", "violation", "seconds")]
-        made += [(k, ctypes.c_int) for k in ("status", "age", "stopping", "iterations")]
-        health = type("Health", (ctypes.Structure,), {"_fields_": health})
-        self.Output = type("Output", (ctypes.Structure,), {"_fields_": [*made, ("health", health)]})
+        self.Input, self.Output = given_and_made(n)
         self.library = compiler.library(as_one(files), name="exported", flags=flags)
         self.library.car_plan.argtypes = [ctypes.c_void_p] * 3
         self.library.car_start.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
-        self.library.car_deadline.argtypes = [ctypes.c_void_p, ctypes.c_int, double, ctypes.c_void_p, ctypes.c_void_p]
+        self.library.car_deadline.argtypes = [
+            ctypes.c_void_p,
+            ctypes.c_int,
+            ctypes.c_double,
+            ctypes.c_void_p,
+            ctypes.c_void_p,
+        ]
         self.bytes = max(int(b) for b in re.findall(r"#define CAR_BYTES (\d+)", files["car.h"]))
         raw = np.zeros(self.bytes + 64, dtype=np.uint8)
         self.memory = raw[-raw.ctypes.data % 64 :]

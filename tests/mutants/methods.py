@@ -251,6 +251,33 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "export/c/filter.c",
+        "export/test_estimators.py::test_same_as_python_to_the_last_bit_whatever_it_is_given",
+        [
+            (
+                "exported filter: a late output taken for one of now",
+                "if (LATE[i] > 0)\n            f->now.seen[i] = 0;",
+                "if (LATE[i] < 0)\n            f->now.seen[i] = 0;",
+            )
+        ],
+    ),
+    *mistakes(
+        "export/c/driver.c",
+        "export/test_drivers.py::test_same_as_python_to_the_last_bit_whatever_it_is_told",
+        [
+            (
+                "exported driver: a pose for the sample after the one it counts for",
+                "(double)(tick - LATE[i])",
+                "(double)(tick + 1 - LATE[i])",
+            ),
+            (
+                "exported driver: headings without what pushes the car",
+                "(curvature[k] * v[k]) + push",
+                "(curvature[k] * v[k])",
+            ),
+        ],
+    ),
+    *mistakes(
         "export/c/marx.c",
         "export/test_marx.py::test_same_as_python_to_the_last_bit_whatever_happens",
         [

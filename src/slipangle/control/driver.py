@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from importlib import import_module
+from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
@@ -172,6 +174,13 @@ class Driver:
         self._steered = 0.0
         self._last: Commands | None = None
 
+    def export(self, folder: str | FilePath, **settings: Any) -> FilePath:
+        """Write the driver as C that runs without Python; see `slipangle.export.export`, also for its settings.
+
+        Raises ParameterError if a part of it has no C, WriteError if the folder is not empty or cannot be written.
+        """
+        return import_module("slipangle.export").export(self, folder, **settings)  # a room above this one
+
     # ---- one step ----------------------------------------------------------------------------------------------
 
     def step(self, measurements: Mapping[str, float], t: float) -> Commands:
@@ -317,7 +326,8 @@ class Driver:
             d = x[list(self._targets.disturbances)]
             v_y, _ = self._targets(self._v_x, preview.r, d)
             tracked = np.array(reference.tracked, dtype=float)
-            tracked[:, self.controller.references.index("psi")] -= np.arctan2(v_y, np.maximum(preview.v_x, SLOWEST))
+            slips = zip(v_y.tolist(), np.maximum(preview.v_x, SLOWEST).tolist(), strict=True)
+            tracked[:, self.controller.references.index("psi")] -= [math.atan2(a, b) for a, b in slips]
             reference = replace(reference, tracked=tracked)
         return self.controller.plan(x, reference, self._plan, applied=np.array([self._steered]))
 

@@ -90,4 +90,17 @@ class SteadyStates:
         i = min(int(place), len(_SPEEDS) - 2)
         share = place - i
         slip, control = (1.0 - share) * self._table[i] + share * self._table[i + 1]
-        return slip[0] + slip[1] * r + slip[2:] @ d, control[0] + control[1] * r + control[2:] @ d
+        return slip[0] + slip[1] * r + _sum(slip[2:], d), control[0] + control[1] * r + _sum(control[2:], d)
+
+    @property
+    def table(self) -> tuple[np.ndarray, np.ndarray]:
+        """Speeds [m/s], shape (m,), and v_y there at no yaw rate and per yaw rate and disturbance, shape (m, 2 + n)."""
+        return _SPEEDS, self._table[:, 0]
+
+
+def _sum(a: np.ndarray, b: np.ndarray) -> float:
+    """Of the products, one after the other: the same number whatever library multiplies."""
+    total = 0.0
+    for left, right in zip(a.tolist(), b.tolist(), strict=True):
+        total += left * right
+    return total

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Generic, TypeVar
+from importlib import import_module
+from pathlib import Path
+from typing import Annotated, Any, Generic, TypeVar
 
 import numpy as np
 
@@ -130,6 +132,13 @@ class EKF(Checked, Generic[M]):
         tracker = RecursiveVehicle(self)
         tracker.restart(x0)
         return tracker
+
+    def export(self, folder: str | Path, **settings: Any) -> Path:
+        """Write the filter as C that runs without Python; see `slipangle.export.export`, also for its settings.
+
+        Raises ParameterError if there is no C of it, WriteError if the folder is not empty or cannot be written.
+        """
+        return import_module("slipangle.export").export(self, folder, **settings)  # a room above this one
 
     def fit(self, data: Dataset) -> M:
         """The model with the parameters after the last sample of ``data``, their covariance in its ``fit_info``.

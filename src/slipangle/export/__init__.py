@@ -1,4 +1,4 @@
-"""Out of the lab: controllers and models as C that runs without Python, each a folder of its own.
+"""Out of the lab: drivers, controllers and models as C that runs without Python, each a folder of its own.
 
 Start with `export`, or the method of that name of a controller or a model; `build` compiles ahead of time what `load`
 takes where there is no compiler.
@@ -11,6 +11,7 @@ from typing import Any
 
 from slipangle.data.dataset import Dataset
 from slipangle.export.built import BuiltController, build, load
+from slipangle.export.drivers import DriverRecorder
 from slipangle.export.drives import DEFAULT_STEPS, Drive, Recorder
 from slipangle.export.kinds import project_of
 from slipangle.export.names import checked
@@ -20,7 +21,7 @@ from slipangle.export.project import write
 def export(
     thing: Any, folder: str | Path, *, name: str = "", drive: Drive | Dataset | int = DEFAULT_STEPS, force: bool = False
 ) -> Path:
-    """Write a controller or a model as self-contained C99 into a folder.
+    """Write a driver, a controller or a model as self-contained C99 into a folder.
 
     The folder has the source, a header with units and ranges, a wrapper for C++17, a program that replays a recorded
     drive, a Makefile, CMakeLists.txt, a README and a manifest with checksums. The code allocates nothing, opens no
@@ -28,15 +29,16 @@ def export(
 
     Parameters
     ----------
-    thing : Model, MPC, MultiARXMPC or PathFollower
-        What to export; an MPC is one solved in real time.
+    thing : Model, EKF, MPC, MultiARXMPC, PathFollower or Driver
+        What to export; an MPC is one solved in real time. A driver is estimator, path, controller and speed law in one.
     folder : str or Path
         Where; a new or an empty folder.
     name : str, optional
         With which files and functions begin; by default what is exported, such as ``mpc``.
     drive : Drive, Dataset or int
-        What the program replays. Of a controller: what a `Recorder` wrote down. Of a model: data, from whose start and
-        inputs it runs free. Or so many steps of a drive of its own.
+        What the program replays. Of a controller or a driver: what a `Recorder` or a `DriverRecorder` wrote down. Of a
+        model: data, from whose start and inputs it runs free. Of an estimator: data that it goes over. Or so many steps
+        of a drive of its own.
     force : bool
         Write into a folder that is not empty too.
 
@@ -55,4 +57,4 @@ def export(
     return write(project_of(thing, checked(name) if name else "", drive), folder, force=force)
 
 
-__all__ = ["BuiltController", "Drive", "Recorder", "build", "export", "load"]
+__all__ = ["BuiltController", "Drive", "DriverRecorder", "Recorder", "build", "export", "load"]

@@ -77,7 +77,7 @@ def build(
     """
     project = project_of(controller, checked(name) if name else "", drive)
     if "interface" not in project.facts:
-        raise ParameterError(f"a {type(controller).__name__} is no controller; expected one: models are exported only")
+        raise ParameterError(f"a {type(controller).__name__} is no controller; expected one: it is exported only")
     target = write(project, folder, force=force)
     library = f"{project.name}{compiler.SUFFIX}"
     made = compiler.compile_file(target / f"{project.name}.c", target / library, flags=project.flags, portable=portable)

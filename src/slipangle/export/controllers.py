@@ -166,7 +166,7 @@ def table(name: str, values: Any, kind: str = "double") -> str:
 
     def write(v: float) -> str:
         v = float(v)
-        if kind == "int":
+        if kind in ("int", "long"):
             return str(int(v))
         return float.hex(v) if np.isfinite(v) else "NAN" if np.isnan(v) else "INFINITY" if v > 0 else "-INFINITY"
 

@@ -18,13 +18,14 @@ import numpy as np
 
 from slipangle.codegen import compiler
 from slipangle.data.channels import STANDARD
-from slipangle.errors import WriteError
+from slipangle.errors import ParameterError, WriteError
 from slipangle.export.controllers import table
 from slipangle.export.drives import SPEED
 from slipangle.export.kinds import project_of
 from slipangle.export.names import checked, with_prefix
 from slipangle.export.project import Project
 from slipangle.files import write_atomic
+from slipangle.models.model import Model
 
 PLATFORMS = {"Linux": "linux64", "Windows": "win64", "Darwin": "darwin64"}
 BASE_UNITS = {
@@ -92,6 +93,8 @@ def export_fmu(thing: Any, path: str | Path, *, name: str = "", binary: bool = T
         raise WriteError(f"'{target}' is there already; expected a new file: name another, or replace it with --force")
     project = project_of(thing, checked(name) if name else "", 2)
     is_controller = "interface" in project.facts
+    if not is_controller and not isinstance(thing, Model):
+        raise ParameterError(f"a {type(thing).__name__} has no FMU; expected a model or a controller: export it as C")
     variables = _of_controller(project) if is_controller else _of_model(thing)
     source, description = _source(project, variables, is_controller)
     with tempfile.TemporaryDirectory(prefix="slipangle-fmu-") as scratch:

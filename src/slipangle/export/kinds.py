@@ -5,12 +5,16 @@ from __future__ import annotations
 from functools import singledispatch
 from typing import Any
 
+from slipangle.control.driver import Driver
 from slipangle.control.followers.followers import PathFollower
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
+from slipangle.estimate.ekf import EKF
+from slipangle.export.drivers import driver_project, standard_driver_drive
 from slipangle.export.drives import Drive, standard_drive
+from slipangle.export.estimators import estimator_project
 from slipangle.export.followers import follower_project
 from slipangle.export.marx import marx_project
 from slipangle.export.models import model_project
@@ -38,12 +42,12 @@ def project_of(thing: Any, name: str, drive: Drive | Dataset | int) -> Project:
         If there is no C of such a thing.
     """
     raise ParameterError(
-        f"a {type(thing).__name__} has no C; expected a model, an MPC solved in real time, a MultiARXMPC or a path "
-        "follower"
+        f"a {type(thing).__name__} has no C; expected a model, an MPC solved in real time, a MultiARXMPC, a path "
+        "follower, an EKF or a Driver"
     )
 
 
-def _driven(controller: Any, drive: Drive | Dataset | int) -> Drive:
+def _driven(controller: Any, drive: Drive | Dataset | int, record: Any = standard_drive) -> Drive:
     """A recorded drive of a controller.
 
     Raises ParameterError if a data set is given, which says nothing of what a controller was asked.
@@ -54,7 +58,7 @@ def _driven(controller: Any, drive: Drive | Dataset | int) -> Drive:
         raise ParameterError(
             "the drive is a Dataset; expected what a controller was asked: record it with slipangle.export.Recorder"
         )
-    return standard_drive(controller, drive)
+    return record(controller, drive)
 
 
 def _require_own(controller: Any, kind: type) -> None:
@@ -82,6 +86,18 @@ def _(thing: MultiARXMPC, name: str, drive: Drive | Dataset | int) -> Project:
 def _(thing: PathFollower, name: str, drive: Drive | Dataset | int) -> Project:
     _require_own(thing, PathFollower)
     return follower_project(thing, name or "follower", _driven(thing, drive))
+
+
+@project_of.register
+def _(thing: Driver, name: str, drive: Drive | Dataset | int) -> Project:
+    return driver_project(thing, name or "driver", _driven(thing, drive, standard_driver_drive))
+
+
+@project_of.register
+def _(thing: EKF, name: str, drive: Drive | Dataset | int) -> Project:
+    if isinstance(drive, Drive):
+        raise ParameterError("the drive is that of a controller; expected a Dataset, or a number of samples")
+    return estimator_project(thing, name or "estimator", drive)
 
 
 @project_of.register

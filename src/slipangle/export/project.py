@@ -23,9 +23,9 @@ from slipangle.files import check_output, output_folder
 class Project:
     """What is exported: its name, what it is in a sentence, its files but for those that all projects have.
 
-    ``files`` are templates, which call everything ``car``, and a recorded ``drive``, as it is. ``facts`` go into the
-    manifest; ``about`` into the README, in Markdown, whose template is ``readme``; ``flags`` are
-    those that Python compiles the same code with.
+    ``files`` are templates, which call everything ``car``, ``sources`` those to be compiled, and ``drive`` is what was
+    recorded. ``facts`` go into the manifest; ``about`` into the README, in Markdown, whose template is ``readme``;
+    ``flags`` are those that Python compiles the same code with.
     """
 
     name: str
@@ -33,6 +33,7 @@ class Project:
     sentence: str
     files: Mapping[str, str]
     drive: str
+    sources: tuple[str, ...] = ("car.c",)
     about: str = ""
     readme: str = "README.md"
     flags: tuple[str, ...] = ()
@@ -41,7 +42,7 @@ class Project:
     @property
     def everything(self) -> dict[str, str]:
         """All files by name, the manifest too."""
-        named = {"Makefile": template("Makefile"), "CMakeLists.txt": template("CMakeLists.txt")}
+        named = {n: template(n).replace("@SOURCES@", " ".join(self.sources)) for n in ("Makefile", "CMakeLists.txt")}
         named |= {**self.files, "README.md": template(self.readme)}
         made = {key.replace("car", self.name): with_prefix(text, self.name) for key, text in named.items()}
         made["drive.csv"] = self.drive

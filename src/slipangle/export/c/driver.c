@@ -1,0 +1,356 @@
+/* From measurements to commands. The same decisions as those of `Driver.step`. */
+
+#define SLOWEST 1.5     /* m/s, below which a lateral model does not describe the vehicle */
+#define LONGEST_GAP 1.0 /* s between two calls, after which the estimator starts anew */
+#define JUMP 2.0        /* m/s and m/s2 by which a measured speed may change at once and over time */
+#define MOST 30.0
+#define LOST 1.0  /* m of standard deviation of the position from which the vehicle should stop */
+#define WINDOW 15 /* m around the last place on the path, in which the next one is looked for */
+#define LATEST 1e9
+
+typedef struct {
+    Filter filter;
+    double raw[CAR_CHANNELS]; /* what each channel read last, NaN before */
+    double pending[NY];       /* outputs measured since the last sample of the filter, NaN where there are none */
+    double read[NY];          /* what each output read when it was taken in last */
+    double inputs[NU], v_x, v_at, s, seen[NY], integral, output, steered, t0, now;
+    int64_t tick, jumps, restarts;
+    int tracking, planned, begun, iterations;
+    double seconds;
+    double (*clock)(void *);
+    void *of;
+    car_planner_input given;
+    car_planner_output plan;
+    car_commands last;
+} Driver;
+
+typedef char car_bytes_are_enough[sizeof(Driver) <= CAR_BYTES ? 1 : -1];
+
+static Driver *own(car_driver *d) { return (Driver *)(void *)d->memory; }
+
+static double within(double v, double low, double high)
+{
+    double raised = low > v ? low : v;
+    return high < raised ? high : raised;
+}
+
+int car_start(car_driver *memory, size_t bytes)
+{
+    Driver *d = own(memory);
+    int code = bytes < sizeof *memory ? CAR_TOO_SMALL : car_planner_start(&memory->planner, sizeof memory->planner);
+    if (code != CAR_OK)
+        return code;
+    memset(d, 0, sizeof *d);
+    for (int i = 0; i < CAR_CHANNELS; i++)
+        d->raw[i] = NAN;
+    for (int i = 0; i < NY; i++)
+        d->pending[i] = d->seen[i] = NAN;
+    d->v_x = d->s = NAN, d->tick = -1;
+    return CAR_OK;
+}
+
+void car_deadline(car_driver *memory, int iterations, double seconds, double (*clock)(void *), void *of)
+{
+    Driver *d = own(memory);
+    d->iterations = iterations, d->seconds = seconds, d->clock = clock, d->of = of;
+    car_planner_deadline(&memory->planner, iterations, seconds, clock, of);
+}
+
+const car_planner_output *car_last_plan(const car_driver *memory)
+{
+    return &((const Driver *)(const void *)memory->memory)->plan;
+}
+
+/* ---- measurements ---------------------------------------------------------------------------------------------- */
+
+/* Whether a value is in the range of its channel; a speed also whether a vehicle can have changed it so much. */
+static int believed(Driver *d, int channel, double value, double t)
+{
+    if (!(value >= LOWEST[channel] && value <= HIGHEST[channel]))
+        return 0;
+    if (channel != SPEED || d->v_x != d->v_x)
+        return 1;
+    int jump = fabs(value - d->v_x) > JUMP + MOST * (t - d->v_at);
+    d->jumps = jump ? d->jumps + 1 : 0;
+    return !jump || d->jumps > PATIENCE;
+}
+
+/* How fast a part of the pose changes now; of other outputs it is not known. [per s] */
+static double rate(const Driver *d, int output)
+{
+    double later[NX];
+    int a = POSE_OF_OUTPUT[output];
+    if (a < 0 || !d->tracking)
+        return 0;
+    model_step(d->filter.now.z, d->filter.now.before, later);
+    return (later[a] - d->filter.now.z[a]) / CAR_DT;
+}
+
+/* Notes new values; a pose is moved to the sample of the filter that it will count for. */
+static void gather(Driver *d, const double *value, double t, int64_t tick)
+{
+    for (int c = 0; c < CAR_CHANNELS; c++) {
+        if (d->raw[c] == value[c] || !believed(d, c, value[c], t))
+            continue;
+        d->raw[c] = value[c];
+        if (c == SPEED)
+            d->v_x = value[c], d->v_at = t;
+        for (int j = 0; j < NU; j++)
+            if (INPUTS[j] == c && j != STEERING)
+                d->inputs[j] = value[c];
+        for (int i = 0; i < NY; i++)
+            if (OUTPUTS[i] == c) {
+                double at = d->t0 + (double)(tick - LATE[i]) * CAR_DT, off = at - (t - LATE_SECONDS[i]);
+                d->pending[i] = value[c] + off * rate(d, i);
+            }
+    }
+}
+
+/* ---- estimate -------------------------------------------------------------------------------------------------- */
+
+static double known(const Driver *d, int channel)
+{
+    return channel < 0 ? NAN : channel == INPUTS[STEERING] ? d->steered : d->raw[channel];
+}
+
+/* Starts the filter where the last measurements say the vehicle is. */
+static void start_filter(Driver *d)
+{
+    double x[NX];
+    for (int a = 0; a < NX; a++) {
+        double said = known(d, STATES[a]);
+        x[a] = said == said ? said : known(d, PLAIN[a]);
+    }
+    filter_begin(&d->filter, x);
+    for (int i = 0; i < NY; i++)
+        d->read[i] = NAN;
+    d->tracking = 1, d->planned = 0, d->s = NAN;
+}
+
+/* Takes in the inputs now and, where `fresh`, what was measured; what reads exactly as before is held by its instrument. */
+static int take(Driver *d, int fresh)
+{
+    double y[NY], u[NU];
+    for (int j = 0; j < NU; j++)
+        u[j] = j == STEERING ? d->steered : d->inputs[j];
+    for (int i = 0; i < NY; i++) {
+        int j = SAME_INPUT[i], waits = fresh && d->pending[i] == d->pending[i];
+        y[i] = waits ? d->pending[i] : j >= 0 ? u[j] : NAN;
+        if (waits && j >= 0)
+            u[j] = d->pending[i];
+        if (y[i] == d->read[i])
+            y[i] = NAN;
+        if (y[i] == y[i])
+            d->read[i] = y[i];
+    }
+    return filter_take(&d->filter, y, u);
+}
+
+static int plausible(const double *x)
+{
+    int all = 1;
+    for (int a = 0; a < NX; a++)
+        all &= x[a] >= STATE_LOW[a] && x[a] <= STATE_HIGH[a];
+    return all;
+}
+
+/* Brings the estimate to now, `behind` samples after the last; what hinders, CAR_PLANNED if nothing does. */
+static int observe(Driver *d, int64_t behind)
+{
+    if (!(d->v_x >= SLOWEST)) {
+        d->tracking = d->planned = 0;
+        for (int i = 0; i < NY; i++)
+            d->pending[i] = NAN;
+        return d->v_x != d->v_x ? CAR_SPEED_UNKNOWN : CAR_STANDING;
+    }
+    if (!d->tracking || (double)behind * CAR_DT > LONGEST_GAP) {
+        for (int k = 0; k < 3; k++)
+            if (d->raw[POSE[k]] != d->raw[POSE[k]])
+                return CAR_POSE_UNKNOWN;
+        start_filter(d);
+        behind = 1;
+    }
+    int good = 1;
+    for (int64_t k = 1; good && k < behind; k++)
+        good = take(d, 0);
+    if (!(good && take(d, 1) && plausible(d->filter.now.z))) {
+        d->restarts++;
+        start_filter(d);
+        take(d, 0);
+    }
+    for (int i = 0; i < NY; i++) {
+        if (d->filter.fresh[i] && d->filter.taken[i] > 0)
+            d->seen[i] = d->now;
+        d->pending[i] = NAN;
+    }
+    return CAR_PLANNED;
+}
+
+/* ---- plan ------------------------------------------------------------------------------------------------------ */
+
+/* Finds the place on the path; the distance to its left. [m] */
+static double project(Driver *d, double X, double Y)
+{
+    double found[3];
+    int near = is_finite(d->s);
+    foot(LINE, SHAPE, SIZE, X, Y, near ? d->s : 0, near ? WINDOW : -1, found);
+    d->s = found[0];
+    return found[1];
+}
+
+static double speed(double s) { return speed_at(LINE, SHAPE, SIZE, s); }
+
+/* Steady lateral velocity at no yaw rate, and its derivatives by that and by what pushes the car. */
+static void steady(double v_x, double *slip)
+{
+    int i = 0;
+    while (i < N_SPEEDS - 2 && SPEEDS[i + 1] <= v_x)
+        i++;
+    double place = i + (v_x - SPEEDS[i]) * (1 / (SPEEDS[i + 1] - SPEEDS[i]));
+    place = within(place, 0, N_SPEEDS - 1);
+    double share = place - i;
+    for (int k = 0; k < N_SLIPS; k++)
+        slip[k] = (1 - share) * SLIPS[i * N_SLIPS + k] + share * SLIPS[(i + 1) * N_SLIPS + k];
+}
+
+static void plan(car_driver *memory, Driver *d)
+{
+    enum { ROWS = CAR_PLANNER_NODES };
+    double ahead[8 * ROWS], slip[N_SLIPS], push = 0;
+    const double *x = d->filter.now.z, *curvature = ahead + 4 * ROWS, *v = ahead + 5 * ROWS;
+    car_planner_input *in = &d->given;
+    line_ahead(LINE, SHAPE, SIZE, d->s, 0, d->v_x - speed(d->s), COUNTS, STRIDES, ROWS, ahead);
+    memcpy(in->x, x, sizeof in->x);
+    steady(d->v_x, slip);
+    for (int k = 2; k < N_SLIPS; k++)
+        push += slip[k] * x[PUSHES[k - 2]];
+    for (int k = 0; k < ROWS; k++) {
+#if CAR_PLANNER_REFERENCES > 0
+        for (int p = 0; p < CAR_PLANNER_REFERENCES; p++) {
+            int of = REFERENCES[p];
+            double wanted = of == YAW_RATE ? curvature[k] * v[k] : of >= 0 ? ahead[of * ROWS + k] : 0;
+            if (of == HEADING)
+                wanted -= atan2(slip[0] + slip[1] * (curvature[k] * v[k]) + push, v[k] > SLOWEST ? v[k] : SLOWEST);
+            in->tracked[k][p] = wanted;
+        }
+#endif
+#if CAR_PLANNER_EXOGENOUS > 0
+        int at = k < ROWS - 1 ? k : ROWS - 2;
+        for (int w = 0; w < CAR_PLANNER_EXOGENOUS && k < CAR_PLANNER_EXOGENOUS_ROWS; w++) {
+            int of = EXOGENOUS[w];
+            double change = (v[at + 1] - v[at]) / (TIMES[at + 1] - TIMES[at]);
+            in->exogenous[k][w] = of == SPEED_AHEAD ? v[k] : of == SPEED_CHANGE ? change : d->inputs[of];
+        }
+#endif
+#if CAR_PLANNER_CORRIDOR
+        in->corridor[k][0] = ahead[6 * ROWS + k], in->corridor[k][1] = ahead[7 * ROWS + k];
+#endif
+    }
+    in->applied[0] = d->steered, in->applied_known = 1;
+    if (!d->planned) {
+        (void)car_planner_start(&memory->planner, sizeof memory->planner);
+        car_planner_deadline(&memory->planner, d->iterations, d->seconds, d->clock, d->of);
+    }
+    (void)car_planner_plan(&memory->planner, in, &d->plan);
+    d->planned = 1;
+    d->steered = d->plan.command[0];
+    d->filter.now.before[STEERING] = d->steered; /* from this sample on */
+}
+
+/* ---- speed ----------------------------------------------------------------------------------------------------- */
+
+#if N_SHARES > 0
+static double scheduled(const double *gains, double v_x)
+{
+    int i = 0;
+    while (i < N_GAINS && GAIN_SPEEDS[i] <= v_x)
+        i++;
+    if (i == 0 || i == N_GAINS)
+        return gains[i < N_GAINS - 1 ? i : N_GAINS - 1];
+    double slope = (gains[i] - gains[i - 1]) / (GAIN_SPEEDS[i] - GAIN_SPEEDS[i - 1]);
+    return slope * (v_x - GAIN_SPEEDS[i - 1]) + gains[i - 1];
+}
+
+/* Drive and brake that hold a speed; the last ones while a speed is no number. */
+static void hold_speed(Driver *d, double wanted)
+{
+    double a_x = (speed(d->last.s + 0.5) - speed(d->last.s - 0.5)) * wanted, v_x = d->v_x;
+    if (fabs(wanted) <= 1e3 && fabs(v_x) <= 1e3 && fabs(a_x) <= 1e3) {
+        double kp = scheduled(KP, v_x), ki = scheduled(KI, v_x), error = wanted - v_x;
+        double free = kp * error + d->integral + FEEDFORWARD * a_x, rolling = within(v_x / 0.5, 0, 1);
+        double output = within(free, BRAKE_MOST * rolling, DRIVE_MOST), back = kp > 0 ? ki / kp : 1;
+        d->integral = d->integral + CAR_DT * (ki * error + back * (output - free));
+        if (!(fabs(d->integral) <= 1e12))
+            d->integral = 0;
+        d->output = output;
+    }
+    for (int k = 0; k < N_SHARES; k++)
+        d->last.value[1 + k] = d->output * (d->output >= 0 ? DRIVE[k] : BRAKE[k]);
+}
+#else
+static void hold_speed(Driver *d, double wanted) { (void)d, (void)wanted; }
+#endif
+
+/* ---- commands -------------------------------------------------------------------------------------------------- */
+
+/* Commands from the estimate now. */
+static void decide(car_driver *memory, Driver *d, int hindered)
+{
+    car_commands *c = &d->last;
+    memset(c, 0, sizeof *c);
+    c->reason = hindered;
+    if (hindered) {
+        double X = d->raw[POSE[0]], Y = d->raw[POSE[1]];
+        if (X == X && Y == Y)
+            project(d, X, Y);
+        int placed = is_finite(d->s);
+        c->s = placed ? d->s : 0;
+        c->wanted_v_x = d->v_x == d->v_x && placed ? speed(c->s) : 0;
+        for (int a = 0; a < NX; a++)
+            c->state_std[a] = INFINITY;
+    } else {
+        double most = 0;
+        for (int a = 0; a < NX; a++) {
+            c->state[a] = d->filter.now.z[a];
+            c->state_std[a] = sqrt(d->filter.now.P[a * NZ + a]);
+        }
+        for (int k = 0; k < 2; k++)
+            most = c->state_std[MOTION[k]] > most ? c->state_std[MOTION[k]] : most;
+        c->e_y = project(d, c->state[MOTION[0]], c->state[MOTION[1]]);
+        c->s = d->s;
+        plan(memory, d);
+        c->reason = most > LOST ? CAR_LOST : CAR_PLANNED;
+        c->wanted_v_x = d->plan.stopping || most > LOST ? 0 : speed(d->s);
+    }
+    c->value[0] = d->steered;
+    hold_speed(d, c->wanted_v_x);
+    for (int i = 0; i < NY; i++)
+        c->age[i] = d->now - d->seen[i];
+    c->restarts = d->restarts, c->planned = d->planned;
+    if (d->planned) {
+        c->status = d->plan.status, c->plan_age = d->plan.age, c->stopping = d->plan.stopping;
+        c->health = d->plan.health;
+    }
+}
+
+int car_step(car_driver *memory, const car_measurements *measured, car_commands *commands)
+{
+    Driver *d = own(memory);
+    double t = measured->t;
+    int code = CAR_WRONG_TIME;
+    if (fabs(t) <= LATEST && !(d->begun && t < d->now - 1e-9)) {
+        if (!d->begun)
+            d->t0 = t;
+        d->now = t;
+        int64_t due = (int64_t)floor((t - d->t0) / CAR_DT + 0.25), next = d->tick + (due == d->tick);
+        gather(d, measured->value, t, due > next ? due : next);
+        if (due != d->tick || !d->begun) {
+            int64_t behind = due - d->tick;
+            d->tick = due;
+            decide(memory, d, observe(d, behind));
+        }
+        d->begun = 1, code = CAR_OK;
+    }
+    *commands = d->last;
+    return code;
+}

@@ -1,0 +1,302 @@
+"""C of a `Driver`: estimator, path, controller and speed law in one struct, from measurements to commands."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.driver import Commands, Driver
+from slipangle.control.mpc import MPC
+from slipangle.control.speed.driver import SpeedDriver
+from slipangle.errors import ParameterError
+from slipangle.estimate.ekf import EKF
+from slipangle.estimate.measurements import plain_name
+from slipangle.export.controllers import limits_of, table
+from slipangle.export.drives import Drive
+from slipangle.export.estimators import filter_source
+from slipangle.export.memory import size_of
+from slipangle.export.models import meaning
+from slipangle.export.mpc import mpc_project
+from slipangle.export.names import comment, constants
+from slipangle.export.project import Project, template
+from slipangle.models.wrappers.on_ground import POSE
+from slipangle.paths.preview import strides_between
+
+AHEAD = {"X": 1, "Y": 2, "psi": 3, "curvature": 4, "v_x": 5}  # rows of a look along the path
+CODES = {"HEADING": 3, "YAW_RATE": -2, "SPEED_AHEAD": -1, "SPEED_CHANGE": -2}
+NO_DRIVE = Drive(columns=(), asked=np.empty((0, 0)), commands=np.empty((0, 1)), controls=())
+
+
+@dataclass
+class DriverRecorder:
+    """A `Driver` that writes down what it is told and what it wants; `slipangle.simulate.drive.drive` drives with it.
+
+    Parameters
+    ----------
+    driver : Driver
+        The one that decides.
+
+    Examples
+    --------
+    ``recorder = DriverRecorder(driver); drive(plant, recorder); driver.export("folder", drive=recorder.drive)``
+    """
+
+    driver: Driver
+    told: list[list[float]] = field(default_factory=list)
+    commands: list[list[float]] = field(default_factory=list)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.driver, name)
+
+    def reset(self) -> None:
+        """Forget the drive so far."""
+        self.driver.reset()
+        self.told.clear()
+        self.commands.clear()
+
+    def step(self, measurements: Mapping[str, float], t: float) -> Commands:
+        """As `Driver.step`."""
+        said = self.driver.step(measurements, t)
+        self.told.append([float(t), *(float(measurements.get(n, math.nan)) for n in channels(self.driver))])
+        self.commands.append([said[n] for n in commands(self.driver)])
+        return said
+
+    @property
+    def drive(self) -> Drive:
+        """What has been recorded since the start or `reset`.
+
+        Raises ParameterError if that is nothing.
+        """
+        if not self.told:
+            raise ParameterError("nothing has been recorded; expected a drive: call step, or drive, first")
+        columns = ("t", *(comment(n) for n in channels(self.driver)))
+        return Drive(
+            columns=columns, asked=np.array(self.told), commands=np.array(self.commands), controls=commands(self.driver)
+        )
+
+
+def channels(driver: Driver) -> tuple[str, ...]:
+    """What a driver may be told: measured outputs, pose, speed, inputs, and states that some instrument knows."""
+    model = driver.controller.model
+    states = map(plain_name, model.states)
+    return tuple(dict.fromkeys((*POSE, "v_x", *model.outputs, *model.inputs, *states, *model.states)))
+
+
+def commands(driver: Driver) -> tuple[str, ...]:
+    """What a driver decides, the steering first."""
+    law = {} if driver.speed is None else driver.speed.inputs(0.0)
+    return tuple(dict.fromkeys((driver.steering, *law)))
+
+
+def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
+    """The files of a driver; name and drive as for `project`.
+
+    Raises ParameterError if a part of it has no C.
+    """
+    _require_known(driver)
+    planner = mpc_project(driver.controller, "car_planner", NO_DRIVE)
+    inner = {n: planner.everything[n] for n in ("car_planner.h", "car_planner.c")}
+    source = _source(driver)
+    title = f"driver along '{driver.path.name}', a plan every {driver.dt:g} s"
+    header = _header(driver, title)
+    bytes_ = size_of("\n".join([inner["car_planner.h"], header, source]), "Driver", 1)
+    return Project(
+        name=name,
+        kind="driver",
+        sentence=f"A {comment(title)}.",
+        files={
+            "car.h": header.replace("@BYTES@", str(bytes_)),
+            "car.hpp": template("driver.hpp"),
+            "car.c": f'#include "car.h"\n{source}',
+            **inner,
+            "main.c": template("driver_main.c"),
+        },
+        sources=("car.c", "car_planner.c"),
+        drive=drive.text(),
+        about=_about(driver, bytes_ + planner.facts["sizes"]["BYTES"]),
+        readme="DRIVER.md",
+        facts={"dt": driver.dt, "horizon": driver.controller.horizon, "drive": {"steps": len(drive.commands)}},
+        flags=planner.flags,
+    )
+
+
+def _require_known(driver: Driver) -> None:
+    parts = ((driver, Driver, "step"), (driver.estimator, EKF, "begin"), (driver.controller, MPC, "plan"))
+    for part, kind, method in (*parts, *([] if driver.speed is None else [(driver.speed, SpeedDriver, "step")])):
+        if getattr(type(part), method, None) is not getattr(kind, method):
+            raise ParameterError(
+                f"a {type(part).__name__} in the driver has no C; expected a plain {kind.__name__}: write the parts "
+                "that have C by their own export"
+            )
+    if len(driver.controller.controls) != 1:
+        raise ParameterError(
+            f"the driver's controller decides {list(driver.controller.controls)}; expected the steering alone"
+        )
+
+
+def _counts(driver: Driver) -> dict[str, int]:
+    model = driver.controller.model
+    listed = {"CHANNELS": channels(driver), "COMMANDS": commands(driver)}
+    return {k: len(v) for k, v in {**listed, "STATES": model.states, "OUTPUTS": model.outputs}.items()}
+
+
+def _source(driver: Driver) -> str:
+    """What stands after the header in ``car.c``."""
+    line = (files("slipangle.paths") / "line.c").read_text(encoding="utf-8")
+    unasked = line.index("/* The line at places"), line.index("/* Rows ahead")
+    line = (line[: unasked[0]] + line[unasked[1] :]).replace("\nvoid line_ahead", "\nstatic void line_ahead")
+    step = driver.controller.model.functions[0]
+    parts = [
+        filter_source(driver.estimator, model_step=step),
+        line,
+        *_of_model(driver),
+        *_of_path(driver),
+        *_of_speed(driver),
+    ]
+    return "\n".join([*parts, *(f"#define {k} ({v})" for k, v in CODES.items()), template("driver.c")])
+
+
+def _of_model(driver: Driver) -> list[str]:
+    """Which channel is what in the filter and the planner."""
+    model, known = driver.controller.model, channels(driver)
+
+    def at(names: Sequence[str], within: Sequence[str] = known) -> list[int]:
+        return [within.index(n) if n in within else -1 for n in names]
+
+    low, high = zip(*(driver._ranges.get(n, (-1e150, 1e150)) for n in known), strict=True)
+    lowest, highest = driver._whole.ranges
+    pose = [model.states.index(n) if n in POSE else -1 for n in model.outputs]
+    whole = {
+        "INPUTS": at(model.inputs),
+        "OUTPUTS": at(model.outputs),
+        "STATES": at(model.states),
+        "PLAIN": at([plain_name(n) for n in model.states]),
+        "POSE": at(POSE),
+        "MOTION": at(POSE, model.states),
+        "POSE_OF_OUTPUT": pose,
+        "SAME_INPUT": at(model.outputs, model.inputs),
+        "PUSHES": driver._targets.disturbances,
+    }
+    late = [driver.estimator.late.get(n, 0.0) for n in model.outputs]
+    real = {"LOWEST": low, "HIGHEST": high, "STATE_LOW": lowest, "STATE_HIGH": highest, "LATE_SECONDS": late}
+    lines = [table(n, v, "int") for n, v in whole.items()] + [table(n, v) for n, v in real.items()]
+    places = {"STEERING": model.inputs.index(driver.steering), "SPEED": known.index("v_x")}
+    return [*lines, *(f"#define {n} {v}" for n, v in places.items())]
+
+
+def _of_path(driver: Driver) -> list[str]:
+    """The path, what is looked at of it, and the steady side slip on it."""
+    path, planner, model = driver.path, driver.controller, driver.controller.model
+    free = np.full_like(path.s, np.inf)
+    lane = [free if edge is None else edge for edge in (path.right, path.left)]
+    rows = np.column_stack([path.X, path.Y, path.psi, path.curvature, np.asarray(path.v_x), *lane, *_turned(path.psi)])
+    strides = strides_between(np.asarray(planner.times, dtype=float).tobytes())
+    speeds, slips = driver._targets.table
+    lines = [table("LINE", rows), table("SIZE", [path.spacing, path.length])]
+    lines += [table("SHAPE", [len(rows), path.closed], "long"), table("COUNTS", [n for n, _ in strides], "long")]
+    lines += [table("STRIDES", [h for _, h in strides]), table("SPEEDS", speeds), table("SLIPS", slips)]
+    lines += [f"#define N_SPEEDS {len(speeds)}", f"#define N_SLIPS {slips.shape[1]}"]
+    if planner.references:
+        codes = AHEAD | {"r": CODES["YAW_RATE"]}
+        lines.append(table("REFERENCES", [codes.get(n, -1) for n in planner.references], "int"))
+    if planner.exogenous:
+        codes = {"v_x": CODES["SPEED_AHEAD"], "v_x_dot": CODES["SPEED_CHANGE"]}
+        of = [codes[n] if n in codes else model.inputs.index(n) for n in planner.exogenous]
+        lines += [table("EXOGENOUS", of, "int"), table("TIMES", planner.times)]
+    return lines
+
+
+def _turned(psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return np.cos(psi), np.sin(psi)
+
+
+def _of_speed(driver: Driver) -> list[str]:
+    law = driver.speed
+    if law is None:
+        return ["#define N_SHARES 0"]
+    shares = [share for share in law._shares if share[0] != driver.steering]
+    lines = [table("KP", law.kp), table("KI", law.ki), table("GAIN_SPEEDS", law.speeds)]
+    lines += [table("DRIVE", [drive for _, drive, _ in shares]), table("BRAKE", [brake for *_, brake in shares])]
+    numbers = {"FEEDFORWARD": law.feedforward, "BRAKE_MOST": law.limits[0], "DRIVE_MOST": law.limits[1]}
+    lines += [f"#define {n} ({float(v)!r})" for n, v in numbers.items()]
+    return [*lines, f"#define N_GAINS {len(law.speeds)}", f"#define N_SHARES {len(shares)}"]
+
+
+def _header(driver: Driver, title: str) -> str:
+    """The text of ``car.h`` but for the size of its memory."""
+    model, bounds = driver.controller.model, limits_of(driver.controller)
+    if driver.speed is not None:
+        low, high = driver.speed.limits
+        for n, drive, brake in driver.speed._shares:
+            bounds[n] = min(high * drive, low * brake, 0.0), max(high * drive, low * brake, 0.0)
+    ranges = {n: driver._ranges[n] for n in channels(driver) if n in driver._ranges}
+    text = template("driver.h").replace("@TITLE@", comment(title))
+    text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in _counts(driver).items()))
+    text = text.replace("@DT@", repr(driver.dt))
+    places = {"@CHANNELS@": ("M", channels(driver), ranges), "@COMMANDS@": ("C", commands(driver), bounds)}
+    places |= {"@STATES@": ("X", model.states, {}), "@OUTPUTS@": ("Y", model.outputs, {})}
+    for mark, (letter, names, known) in places.items():
+        lines = []
+        for i, (n, c) in enumerate(constants(f"CAR_{letter}", names).items()):
+            said = f", {known[n][0]:.6g} to {known[n][1]:.6g}" if n in known else ""
+            lines.append(f"#define {c} {i} /* {meaning(n)}{said} */")
+        text = text.replace(mark, "\n".join(lines))
+    return text
+
+
+def _about(driver: Driver, bytes_: int) -> str:
+    listed = {"measured": channels(driver), "commands": commands(driver), "state": driver.controller.model.states}
+    lines = [f"- {what}: {', '.join(comment(n) for n in names)}" for what, names in listed.items()]
+    path = driver.path
+    lines.append(f"- path: {len(path.s)} samples over {path.length:.6g} m, constants of {72 * len(path.s)} bytes")
+    return "\n".join([*lines, f"- memory: {bytes_} bytes at most, by the vectors of the processor"])
+
+
+def standard_driver_drive(driver: Driver, steps: int) -> Drive:
+    """A drive of the driver's own model from the path's start, its outputs noisy, the pose slow and as late as told.
+
+    Parameters
+    ----------
+    driver : Driver
+        To be recorded; its own drive goes on as if nothing had been.
+    steps : int
+        Of the drive, two calls a sample time.
+    """
+    own = copy.copy(driver)
+    recorder, model, rng = DriverRecorder(own), driver.controller.model, np.random.default_rng(0)
+    recorder.reset()
+    step, output, _ = model.functions
+    X, Y, psi = driver.path.start
+    x = np.array(model.straight(driver.path.speed(0.0)), dtype=float)
+    for n, v in zip(POSE, (X, Y, psi), strict=True):
+        x[model.states.index(n)] = v
+    past: list[np.ndarray] = []
+    late = [round(driver.estimator.late.get(n, 0.0) / driver.dt) for n in model.outputs]
+    v_x, wanted = driver.path.speed(0.0), {n: 0.0 for n in commands(driver)}
+    for k in range(steps):
+        t = 0.5 * driver.dt * k
+        if k % 2:
+            wanted = recorder.step({"v_x": v_x + 0.02 * rng.normal()}, t).values
+            continue
+        u = np.array([v_x if n == "v_x" else wanted.get(n, 0.0) for n in model.inputs])
+        if past:
+            x = np.asarray(step(x, u).full()).ravel()
+        noise = [driver.estimator.noise(n) for n in model.outputs]
+        past.append(np.asarray(output(x, u).full()).ravel() + rng.normal(0.0, noise))
+        told = {"v_x": v_x + 0.02 * rng.normal()}
+        if k == 0:
+            told |= {n: float(x[model.states.index(n)]) for n in POSE}
+        for i, n in enumerate(model.outputs):
+            if len(past) > late[i] and (n not in POSE or k % 10 == 0):
+                told[n] = float(past[-1 - late[i]][i])
+        said = recorder.step(told, t)
+        wanted, v_x = said.values, driver.path.speed(said.s)
+    return recorder.drive
