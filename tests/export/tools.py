@@ -32,6 +32,8 @@ PACKAGES = {  # of Debian
     "aarch64-linux-gnu-gcc": "gcc-aarch64-linux-gnu",
     "cmake": "cmake",
     "g++": "g++",
+    "valgrind": "valgrind",
+    "size": "binutils",
 }
 
 

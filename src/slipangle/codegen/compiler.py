@@ -76,6 +76,12 @@ def sentence() -> str:
     )
 
 
+def version() -> str:
+    """What the compiler calls itself; empty without one."""
+    command = compiler()
+    return "" if command is None else _version(command).partition("\n")[0]
+
+
 def library(source: str, *, name: str, flags: tuple[str, ...] = ()) -> ctypes.CDLL | None:
     """The source as a loaded shared library; compiled at most once per content, compiler and processor.
 

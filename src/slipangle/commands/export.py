@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,15 @@ def add(commands: Commands) -> None:
     group = commands.group("export", "a controller or a model as source code that runs without Python", about)
     sub = group.add("c", _c, "self-contained C99: source, header, replay of a drive, Makefile, CMake, README")
     _options(sub, "JOB.toml|MODEL.json", "slipangle-out/export/NAME", "mpc, model, ...")
+    sub.add_argument(
+        "--budget",
+        type=int,
+        nargs="?",
+        const=10_000,
+        default=0,
+        metavar="N",
+        help="count instructions and stack of a step over N hard states (default: 10000); needs Valgrind",
+    )
     sub = group.add("fmu", _fmu, "an FMU for co-simulation, FMI 2.0: C source and a library for this machine")
     _options(sub, "JOB.toml|MODEL.json", "slipangle-out/export/NAME.fmu", "mpc, model, ...")
     sub.add_argument("--source-only", action="store_true", help="compile nothing")
@@ -67,10 +77,17 @@ def _c(options: argparse.Namespace) -> Answer:
     with Bar(quiet=options.json or options.quiet) as bar:
         thing, drive = _thing(options, bar)
         bar(0.95, "writing C")
-        made = export(thing, folder, name=name, force=options.force, **drive)
+        made = export(thing, folder, name=name, budget=options.budget, force=options.force, **drive)
     listed = sorted(p.name for p in made.iterdir())
     words = f"{made.resolve()}\n  {', '.join(listed)}\nTry it: make -C '{made}' replay"
-    return Answer({"folder": str(made), "files": listed}, words)
+    answer: dict[str, Any] = {"folder": str(made), "files": listed}
+    if options.budget:
+        answer["budget"] = budget = json.loads((made / "manifest.json").read_text(encoding="utf-8"))["budget"]
+        words += "\n" + ", ".join(f"{what} {budget[key]}" for what, key in _BUDGET.items())
+    return Answer(answer, words)
+
+
+_BUDGET = {"instructions of the longest call": "most", "of the middle one": "median", "stack": "stack", "code": "code"}
 
 
 def _fmu(options: argparse.Namespace) -> Answer:

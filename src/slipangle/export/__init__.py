@@ -6,10 +6,12 @@ takes where there is no compiler.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from slipangle.data.dataset import Dataset
+from slipangle.export.budget import measured, with_budget
 from slipangle.export.built import BuiltController, build, load
 from slipangle.export.drivers import DriverRecorder
 from slipangle.export.drives import DEFAULT_STEPS, Drive, Recorder
@@ -19,7 +21,13 @@ from slipangle.export.project import write
 
 
 def export(
-    thing: Any, folder: str | Path, *, name: str = "", drive: Drive | Dataset | int = DEFAULT_STEPS, force: bool = False
+    thing: Any,
+    folder: str | Path,
+    *,
+    name: str = "",
+    drive: Drive | Dataset | int = DEFAULT_STEPS,
+    budget: int = 0,
+    force: bool = False,
 ) -> Path:
     """Write a driver, a controller or a model as self-contained C99 into a folder.
 
@@ -39,6 +47,9 @@ def export(
         What the program replays. Of a controller or a driver: what a `Recorder` or a `DriverRecorder` wrote down. Of a
         model: data, from whose start and inputs it runs free. Of an estimator: data that it goes over. Or so many steps
         of a drive of its own.
+    budget : int
+        Over how many hard states to count the instructions and the stack of a step, of a controller or a driver; the
+        README and the manifest have what is at most. 0 for not.
     force : bool
         Write into a folder that is not empty too.
 
@@ -49,12 +60,17 @@ def export(
 
     Raises
     ------
+    ConfigError
+        If Valgrind or a compiler is missing, for the budget.
     ParameterError
         If the thing has no C, or the name cannot be one there.
     WriteError
         If the folder is not empty or cannot be written.
     """
-    return write(project_of(thing, checked(name) if name else "", drive), folder, force=force)
+    project = project_of(thing, checked(name) if name else "", drive)
+    if budget:
+        project = replace(project, **with_budget(project, measured(project, budget)))
+    return write(project, folder, force=force)
 
 
 __all__ = ["BuiltController", "Drive", "DriverRecorder", "Recorder", "build", "export", "load"]

@@ -123,7 +123,12 @@ def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
         drive=drive.text(),
         about=_about(driver, bytes_ + planner.facts["sizes"]["BYTES"]),
         readme="DRIVER.md",
-        facts={"dt": driver.dt, "horizon": driver.controller.horizon, "drive": {"steps": len(drive.commands)}},
+        facts={
+            "dt": driver.dt,
+            "horizon": driver.controller.horizon,
+            "drive": {"steps": len(drive.commands)},
+            "bytes": {lanes: size + bytes_ for lanes, size in planner.facts["bytes"].items()},
+        },
         flags=planner.flags,
     )
 
