@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import gzip
 import html.parser
 import json
 import re
@@ -103,9 +105,44 @@ def test_the_browser_is_told_to_refuse_requests(outline):
     assert "connect-src" not in rules  # falls back to default-src
 
 
-def test_plotly_is_there_once_and_the_page_is_light(text):
-    assert text.count("plotly.js v") == 1
-    assert len(text.encode()) < 8e6
+def test_plotly_is_there_once_and_the_page_is_light(text, outline):
+    [library] = [body for attrs, body in outline.scripts if attrs.get("id") == "plotly"]
+    script = gzip.decompress(base64.b64decode(library)).decode()
+    assert script.count("plotly.js v") == 1
+    assert "</script" not in library
+    assert len(text.encode()) < 1.5e6
+
+
+def test_a_page_without_figures_carries_no_library():
+    text = Page(title="t", sections=(Section(title="s", blocks=(Text(text="p"),)),)).to_html()
+    assert 'id="plotly"' not in text
+
+
+def test_the_command_of_the_page_stands_once_to_be_copied():
+    block = Figure(title="f", figure=new_figure(200), command="slipangle demo")
+    other = Figure(title="g", figure=new_figure(200), command="slipangle list")
+    page = Page(title="t", sections=(Section(title="s", blocks=(block, other)),), command="slipangle demo")
+    text = page.to_html()
+    assert text.count("slipangle demo") == 1
+    assert '<code id="again">slipangle demo</code>' in text
+    assert text.count("slipangle list") == 1
+
+
+def test_a_verdict_links_to_its_evidence():
+    block = Verdict(title="t", sentence="s", tone="good", evidence=("Data", "Not on this page"))
+    text = Page(
+        title="t", sections=(Section(title="A", blocks=(block,)), Section(title="Data", blocks=(Text(text="p"),)))
+    ).to_html()
+    assert '<a href="#data">data</a>' in text
+    assert "not on this page" not in text
+
+
+def test_figures_are_reached_by_keyboard_and_say_what_they_show(outline):
+    plots = [a for _, a in outline.elements if a.get("class") == "plot"]
+    assert plots
+    assert all(a["tabindex"] == "0" and a["aria-label"] for a in plots)
+    [skip] = [a for _, a in outline.elements if a.get("class") == "skip"]
+    assert skip["href"][1:] in {a.get("id") for _, a in outline.elements}
 
 
 def test_ids_are_unique_and_links_have_targets(outline):
@@ -124,7 +161,7 @@ def test_same_titles_get_different_ids():
         ),
     )
     ids = [a["id"] for _, a in read(twice.to_html()).elements if "id" in a]  # not those in the text of plotly.js
-    assert len(ids) == len(set(ids)) == 1 + 2 + 2 * 4
+    assert len(ids) == len(set(ids)) == 2 + 2 + 2 * 4
 
 
 def test_user_text_is_escaped_everywhere(text, outline):

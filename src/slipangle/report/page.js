@@ -42,7 +42,19 @@
     base.xaxis.nticks = 5;
   }
 
+  /* The library is packed in the page: unpacked once, then run as any other script. */
+  async function unpack() {
+    const packed = document.getElementById("plotly");
+    if (!packed) return;
+    const bytes = Uint8Array.from(atob(packed.textContent), (c) => c.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    const script = document.createElement("script");
+    script.textContent = await new Response(stream).text();
+    document.head.append(script);
+  }
+
   function draw(plot) {
+    if (!window.Plotly) return undefined;
     const spec = specification(plot);
     return window.Plotly.react(plot, spec.data, spec.layout, spec.config);
   }
@@ -95,6 +107,20 @@
   window.addEventListener("afterprint", afterPrint);
   window.addEventListener("resize", onResize);
   dark.addEventListener("change", drawAll);
+  const copy = document.getElementById("copy");
+  if (copy) copy.addEventListener("click", () => {
+    const code = document.getElementById("again");
+    const chosen = document.createRange();
+    chosen.selectNodeContents(code);
+    window.getSelection().removeAllRanges();
+    window.getSelection().addRange(chosen);
+    const done = () => { copy.textContent = "Copied"; };
+    if (navigator.clipboard) navigator.clipboard.writeText(code.textContent).then(done, () => {});
+    else if (document.execCommand("copy")) done();
+  });
+
   onResize();
-  drawAll();
+  unpack().then(drawAll, (error) => {
+    for (const plot of plots) plot.textContent = "This browser cannot unpack the figures: " + error.message;
+  });
 })();

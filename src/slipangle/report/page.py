@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any, Self
 
 import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
 from plotly.utils import PlotlyJSONEncoder
 
 from slipangle.errors import ParameterError
 from slipangle.files import write_atomic
+from slipangle.report.bundle import packed
 from slipangle.report.style import dark_map, pretty_unit, template
 from slipangle.report.tables import Cell, Table, Tone, command_html, number, published, typeset
 
@@ -40,13 +40,17 @@ class Number:
 
 @dataclass(frozen=True, kw_only=True)
 class Verdict:
-    """A judgement in one sentence, how it is meant, the key numbers it rests on, and what reproduces them."""
+    """A judgement in one sentence, how it is meant, the key numbers it rests on, and what reproduces them.
+
+    ``evidence`` are titles of the sections that it rests on, which it then links to.
+    """
 
     title: str
     sentence: str
     tone: Tone
     numbers: tuple[Number, ...] = ()
     command: str = ""
+    evidence: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,7 +98,16 @@ class Text:
     text: str
 
 
-Block = Verdict | Figure | Grid | Table | Findings | Text
+@dataclass(frozen=True, kw_only=True)
+class Picture:
+    """A drawing that needs no script: SVG of this package's own making, what is seen, how to read it."""
+
+    title: str
+    svg: str
+    caption: str = ""
+
+
+Block = Verdict | Figure | Grid | Table | Findings | Text | Picture
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +134,8 @@ class Page:
 
     Notes
     -----
-    plotly.js is in the file once; a content security policy forbids every request. All texts are escaped.
+    The part of plotly.js that the figures need is in the file once, see `slipangle.report.bundle`; a content security
+    policy forbids every request. All texts are escaped. A command that is the page's own stands at the foot only.
     """
 
     title: str
@@ -141,29 +155,47 @@ class Page:
         """The whole page."""
         if not self.sections:
             raise ParameterError(f"the page '{self.title}' has no section; expected at least one: add the verdict")
-        ids = _Ids({"figure-settings"})
+        ids = _Ids({"figure-settings", "plotly", "again", "copy"})
         names = [ids.new(section.short or section.title) for section in self.sections]
         links = "".join(
             f'<li><a href="#{name}">{html.escape(section.short or section.title)}</a></li>'
             for name, section in zip(names, self.sections, strict=True)
         )
+        ids.links = {section.title: name for name, section in zip(names, self.sections, strict=True)}
         body = "".join(_section(section, name, ids) for name, section in zip(names, self.sections, strict=True))
+        body = body.replace(command_html(self.command), "") if self.command else body
         subtitle = f'<p class="subtitle">{typeset(self.subtitle)}</p>' if self.subtitle else ""
         return (
             '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             f"<title>{html.escape(self.title)}</title>\n<style>\n{_asset('page.css')}</style>\n</head>\n<body>\n"
-            f'<div class="layout">\n<nav aria-label="Sections"><p class="name">slipangle</p><ol>{links}</ol></nav>\n'
+            f'<a class="skip" href="#{names[0]}">To the results</a>\n<div class="layout">\n'
+            f'<nav aria-label="Sections"><p class="name">slipangle</p><ol>{links}</ol></nav>\n'
             f"<header><h1>{html.escape(self.title)}</h1>{subtitle}</header>\n"
             "<main>\n<noscript><p>The figures need JavaScript; verdict and tables do not.</p></noscript>\n"
-            f"{body}{self._footer()}</main>\n</div>\n{_scripts()}</body>\n</html>\n"
+            f"{body}{self._footer()}</main>\n</div>\n{self._scripts()}</body>\n</html>\n"
         )
 
     def _footer(self) -> str:
         facts = "".join(f"<dt>{html.escape(f.label)}</dt><dd>{html.escape(f.value)}</dd>" for f in self.facts)
-        inside = (f"<dl>{facts}</dl>" if facts else "") + command_html(self.command)
+        inside = f"<dl>{facts}</dl>" if facts else ""
+        if self.command:
+            inside = (
+                '<h3>To make this page again</h3><div class="again"><pre><code id="again">'
+                f'{html.escape(self.command)}</code></pre><button type="button" id="copy">Copy</button></div>{inside}'
+            )
         return f"<footer>{inside}</footer>\n" if inside else ""
+
+    def _scripts(self) -> str:
+        drawn = [f.figure for section in self.sections for f in figures(section.blocks)]
+        kinds = frozenset(trace.type or "scatter" for figure in drawn for trace in figure.data)
+        settings = _json({"template": template().to_plotly_json(), "dark": dark_map()})
+        library = f'<script type="application/gzip" id="plotly">{packed(kinds)}</script>\n' if drawn else ""
+        return (
+            f'<script type="application/json" id="figure-settings">{settings}</script>\n'
+            f"{library}<script>\n{_asset('page.js')}</script>\n"
+        )
 
 
 class _Ids:
@@ -171,6 +203,7 @@ class _Ids:
 
     def __init__(self, taken: set[str]) -> None:
         self._taken = taken
+        self.links: dict[str, str] = {}  # of the sections, by title
 
     def new(self, title: str) -> str:
         stem = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-") or "part"
@@ -190,7 +223,7 @@ def _section(section: Section, name: str, ids: _Ids) -> str:
 def _block(block: Block, ids: _Ids) -> str:
     match block:
         case Verdict():
-            return _verdict(block)
+            return _verdict(block, ids.links)
         case Figure():
             return _figure(block, ids)
         case Grid():
@@ -207,21 +240,31 @@ def _block(block: Block, ids: _Ids) -> str:
             return f'<div class="block"><h3>{html.escape(block.title)}</h3><ul class="findings">{items}</ul></div>'
         case Text():
             return "".join(f"<p>{typeset(part.strip())}</p>" for part in block.text.split("\n\n") if part.strip())
+        case Picture():
+            under = f'<div class="caption"><p>{typeset(block.caption)}</p></div>' if block.caption else ""
+            return f'<div class="block"><h3>{html.escape(block.title)}</h3>{block.svg}{under}</div>'
     raise ParameterError(
-        f"a section holds a {type(block).__name__}; expected Verdict, Figure, Grid, Table, Findings or Text: wrap it"
+        f"a section holds a {type(block).__name__}; expected Verdict, Figure, Grid, Table, Findings, Text or Picture: "
+        "wrap it"
     )
 
 
-def _verdict(verdict: Verdict) -> str:
+def _verdict(verdict: Verdict, links: dict[str, str]) -> str:
     numbers = "".join(_number(n) for n in verdict.numbers)
     return (
         f'<div class="verdict"><h3 class="tone"><span class="mark {verdict.tone}"></span>'
         f'<span>{html.escape(verdict.title)}: <span class="{verdict.tone}">{verdict.tone}</span></span></h3>'
-        f'<p class="sentence">{typeset(verdict.sentence)}</p>'
+        f'<p class="sentence">{typeset(verdict.sentence)}{_evidence(verdict, links)}</p>'
         + (f'<dl class="numbers">{numbers}</dl>' if numbers else "")
         + command_html(verdict.command)
         + "</div>"
     )
+
+
+def _evidence(verdict: Verdict, links: dict[str, str]) -> str:
+    """Links to the sections that a verdict rests on."""
+    found = [f'<a href="#{links[t]}">{html.escape(t.lower())}</a>' for t in verdict.evidence if t in links]
+    return f' <span class="evidence">Evidence: {", ".join(found)}.</span>' if found else ""
 
 
 def _number(item: Number) -> str:
@@ -252,8 +295,10 @@ def _figure(figure: Figure, ids: _Ids) -> str:
     return (
         f'<div class="block"><h3>{html.escape(figure.title)}</h3>'
         f'<div class="plot" id="{name}" style="height:{height:g}px" role="img" '
-        f'aria-label="{html.escape(figure.title)}"></div><script type="application/json" id="{name}-data">'
-        f"{data}</script>" + (f'<div class="caption">{under}</div>' if under else "") + "</div>"
+        f'tabindex="0" aria-label="{html.escape(f"{figure.title}. {figure.caption}".strip())}"></div>'
+        f'<script type="application/json" id="{name}-data">{data}</script>'
+        + (f'<div class="caption">{under}</div>' if under else "")
+        + "</div>"
     )
 
 
@@ -261,14 +306,6 @@ def _json(value: object) -> str:
     """JSON that can stand inside a script element."""
     text = json.dumps(value, cls=PlotlyJSONEncoder, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e")
-
-
-def _scripts() -> str:
-    settings = _json({"template": template().to_plotly_json(), "dark": dark_map()})
-    return (
-        f'<script type="application/json" id="figure-settings">{settings}</script>\n'
-        f"<script>{get_plotlyjs()}</script>\n<script>\n{_asset('page.js')}</script>\n"
-    )
 
 
 @cache

@@ -99,6 +99,21 @@ def pretty_unit(unit: str) -> str:
     return unit.translate(_POWERS)
 
 
+def read_in(name: str, unit: str) -> tuple[float, str]:
+    """Factor and unit in which people read a channel or parameter: degrees, km/h for speeds of travel, ms for delays.
+
+    >>> read_in("v_y", "m/s"), read_in("C_f", "N/rad")
+    ((1.0, 'm/s'), (1.0, 'N/rad'))
+    >>> read_in("delay_delta", "s"), round(read_in("v_x", "m/s")[0], 3)
+    ((1000.0, 'ms'), 3.6)
+    """
+    if unit in ("rad", "rad/s", "rad/s2"):
+        return 180 / np.pi, unit.replace("rad", "deg")
+    if unit == "m/s" and name in ("v_x", "v"):
+        return 3.6, "km/h"
+    return (1000.0, "ms") if unit == "s" and name != "t" else (1.0, unit)
+
+
 def axis_title(channel: Channel, *, lines: int = 1, prefix: str = "") -> str:
     """Quantity, name and unit of a channel as an axis title, safe for plotly's markup.
 
@@ -185,20 +200,31 @@ def axes(
     return figure.update_layout(**titled, **layout)
 
 
+def lighter(x: Any) -> Any:
+    """Abscissae in single precision where that moves none by a thousandth of their spacing; else as they are."""
+    if not isinstance(x, np.ndarray) or x.dtype != np.float64 or len(x) < 50:
+        return x
+    light = x.astype(np.float32)
+    good = np.isfinite(x)
+    if not good.any() or np.abs(light[good] - x[good]).max() > 1e-3 * np.ptp(x[good]) / len(x):
+        return x
+    return light
+
+
 def line(
     figure: go.Figure, x: Any, y: Any, colour: Colour, width: float = 1.6, *, dash: str = "solid", **more: Any
 ) -> None:
     """A line; without ``hovertemplate`` nothing is said about it."""
     silent = {} if "hovertemplate" in more else {"hoverinfo": "skip"}
     style = {"color": colour.light, "width": width, "dash": dash}
-    figure.add_scatter(x=x, y=compact(y), mode="lines", line=style, **silent, **more)
+    figure.add_scatter(x=lighter(x), y=compact(y), mode="lines", line=style, **silent, **more)
 
 
 def dots(figure: go.Figure, x: Any, y: Any, colour: Any, size: float = 4, *, hover: str = "", **more: Any) -> None:
     """Markers in a colour or with colours of their own; what is said about each, if anything."""
     marker = {"color": colour.light if isinstance(colour, Colour) else colour, "size": size, **more.pop("marker", {})}
     said = {"hovertemplate": hover} if hover else {"hoverinfo": "skip"}
-    figure.add_scatter(x=x, y=compact(y), mode="markers", marker=marker, **said, **more)
+    figure.add_scatter(x=lighter(x), y=compact(y), mode="markers", marker=marker, **said, **more)
 
 
 def nice_step(span: float, count: int = 5) -> float:

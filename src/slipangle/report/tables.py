@@ -285,7 +285,7 @@ def parameter_table(
         share = 100 * half[k] / abs(value) if value else math.nan
         tone: Tone = "poor" if not share <= 100 else "fair" if share > 20 else "good"
         cells: list[Cell] = [name, pretty_unit(fit.units[k]) if fit.units else "-"]
-        cells += [_to_digit(value, half[k]), _to_digit(interval[k, 0], half[k]), _to_digit(interval[k, 1], half[k])]
+        cells += [to_digit(value, half[k]), to_digit(interval[k, 0], half[k]), to_digit(interval[k, 1], half[k])]
         cells += [share, *([published(known.get(name), 6)] if known else [])]
         rows.append(Row(tuple(cells), tone=tone))
     percent = f"{100 * level:g} %"
@@ -349,10 +349,10 @@ def correlation_table(fit: FitInfo, *, title: str = "Correlation of the estimate
     )
 
 
-def _to_digit(value: float, half: float) -> str:
+def to_digit(value: float, half: float) -> str:
     """A value written to the second significant digit of its uncertainty.
 
-    >>> _to_digit(112345.678, 2345.6), _to_digit(0.123456, 0.0021)
+    >>> to_digit(112345.678, 2345.6), to_digit(0.123456, 0.0021)
     ('112 300', '0.1235')
     """
     if not (math.isfinite(value) and math.isfinite(half)) or half <= 0 or value == 0:

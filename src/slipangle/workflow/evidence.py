@@ -1,12 +1,16 @@
 """What the verdict of a job's page rests on: free runs, parameters, residuals, the data, the closed loop."""
 
 from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from slipangle import MPC, Channel, Dataset, Model, Validation, deg, report
+from slipangle import MPC, Channel, Dataset, Model, Trajectory, Validation, deg, report
 from slipangle.data.race import with_dead_reckoning
+from slipangle.identify.judge.scores import Score
 from slipangle.report.page import Block
+from slipangle.report.style import read_in
 from slipangle.report.tables import number
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.verdict import SECTIONS, spoken
@@ -27,10 +31,11 @@ def _fit_sections(outcome: Outcome, command: str) -> Iterator[report.Section]:
 
 
 def _fit_section(outcome: Outcome, name: str, command: str) -> report.Section:
-    channel = Channel(name, outcome.data.unit(name))
+    factor, unit = read_in(name, outcome.data.unit(name))
+    channel = Channel(name, unit)
     judged = {v.name: v for v in outcome.validations if name in v.model.outputs}
-    free = {label: v.free_run for label, v in judged.items()}
-    errors = {label: _error(v, name) for label, v in judged.items()}
+    free = {label: _scaled(v.free_run, factor) for label, v in judged.items()}
+    errors = {label: t.error[t.predicted, t.outputs.index(name)] for label, t in free.items()}
     extent = max(float(np.abs(t.measured[:, t.outputs.index(name)]).max()) for t in free.values())
     scatter = []
     for i, (label, t) in enumerate(free.items()):
@@ -59,7 +64,7 @@ def _fit_section(outcome: Outcome, name: str, command: str) -> report.Section:
     ]
     place = _position(outcome.test)
     if place is not None:
-        t = first.free_run
+        t = free[first.name]
         value = np.where(t.predicted, t.error[:, t.outputs.index(name)], np.nan)
         figure = report.track_map(*place, value, channel=channel, starts=t.starts)
         caption = "Test part. Colour is the size of the free-run error."
@@ -67,13 +72,21 @@ def _fit_section(outcome: Outcome, name: str, command: str) -> report.Section:
     return report.Section(title=f"Free run: {spoken(name)}", short=f"Free run: {name}", blocks=tuple(blocks))
 
 
-def _error(v: Validation, name: str) -> np.ndarray:
-    t = v.free_run
-    return t.error[t.predicted, t.outputs.index(name)]
+def _scaled(run: Trajectory, factor: float) -> Trajectory:
+    """A trajectory in another unit, for a figure of one of its outputs."""
+    return replace(run, y=factor * run.y, measured=factor * run.measured)
+
+
+def _signal(name: str, unit: str, values: np.ndarray, **more: Any) -> report.Signal:
+    """A signal with what belongs to it in the unit that people read."""
+    factor, shown = read_in(name, unit)
+    given = {key: factor * v if key in ("reference", "lower", "upper") else v for key, v in more.items()}
+    return report.Signal(channel=Channel(name, shown), values=factor * values, **given)
 
 
 def _score_rows(outcome: Outcome, judged: dict[str, Validation], name: str) -> list[report.ScoreRow]:
-    shared, rows = {"channel": name, "unit": outcome.data.unit(name)}, []
+    factor, unit = read_in(name, outcome.data.unit(name))
+    shared, rows = {"channel": name, "unit": unit}, []
     training = {v.name: v for v in outcome.training}
     published = {m.name: m.published for m in outcome.settings.model}
     for label, v in judged.items():
@@ -82,18 +95,24 @@ def _score_rows(outcome: Outcome, judged: dict[str, Validation], name: str) -> l
             ("one-step-ahead, test", v.one_step_scores[name]),
             ("free run, training", training[label].free_run_scores[name]),
         ):
-            rows.append(report.ScoreRow(model=label, kind=kind, **shared, **vars(score)))
+            rows.append(report.ScoreRow(model=label, kind=kind, **shared, **_score(score, factor)))
     simple = next(iter(judged.values())).standing[name].baselines  # alike for all, but for the samples predicted
     rows += [
-        report.ScoreRow(model=f"{label}, a simple model", kind="free run, test", **shared, **vars(score))
+        report.ScoreRow(model=f"{label}, a simple model", kind="free run, test", **shared, **_score(score, factor))
         for label, score in simple.items()
     ]
     for label in judged:
         theirs = published[label]
         if theirs is not None:
-            given = {"fit": theirs.fit, "vaf": theirs.vaf, "rmse": theirs.rmse, "r2": None, "note": "published"}
+            rmse = None if theirs.rmse is None else factor * theirs.rmse
+            given = {"fit": theirs.fit, "vaf": theirs.vaf, "rmse": rmse, "r2": None, "note": "published"}
             rows.append(report.ScoreRow(model=theirs.source, kind="free run, test", **shared, **given))
     return rows
+
+
+def _score(score: Score, factor: float) -> dict[str, Any]:
+    """A score with its RMSE in another unit."""
+    return {**vars(score), "rmse": factor * score.rmse}
 
 
 def _position(data: Dataset) -> tuple[np.ndarray, np.ndarray] | None:
@@ -193,7 +212,7 @@ def _data_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
     blocks: list[Block] = [report.Findings(title="Seen in the log, before anything was changed", items=tuple(items))]
     if data.notes:
         blocks.append(report.Findings.of("Done to the data", data.notes))
-    rows = [report.Signal(channel=Channel(n, data.unit(n)), values=data[n]) for n in (*data.inputs, *data.outputs)]
+    rows = [_signal(n, data.unit(n), data[n]) for n in (*data.inputs, *data.outputs)]
     edge = float(outcome.test.t[0])
     spans = (
         report.Span(start=float(data.t[0]), end=edge, label="training"),
@@ -217,11 +236,11 @@ def _drive_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
     own = "" if outcome.settings.plant.kind else ", stepped at 1 kHz, with sensor noise"
     limit = deg(wanted.delta_max)
     rows = [
-        report.Signal(channel=Channel("delta", "rad"), values=run["delta"], lower=-limit, upper=limit, held=True),
-        report.Signal(channel=Channel("e_y", "m"), values=run.e_y),
-        report.Signal(channel=Channel("e_psi", "rad"), values=run.e_psi),
-        report.Signal(channel=Channel("v_x", "m/s"), values=run.v_x, reference=run.reference[:, 3]),
-        report.Signal(channel=Channel("r", "rad/s"), values=run["r"]),
+        _signal("delta", "rad", run["delta"], lower=-limit, upper=limit, held=True),
+        _signal("e_y", "m", run.e_y),
+        _signal("e_psi", "rad", run.e_psi),
+        _signal("v_x", "m/s", run.v_x, reference=run.reference[:, 3]),
+        _signal("r", "rad/s", run["r"]),
     ]
     failed = np.array([p.age > 0 for p in run.plans])
     line, seconds = np.column_stack([run.path.X, run.path.Y]), run.seconds[1:]

@@ -9,9 +9,11 @@ from slipangle.registry import Registry
 from slipangle.report import Findings, Number, Section, Verdict
 from slipangle.report.page import Block
 from slipangle.report.robust import CHANGES
+from slipangle.report.style import read_in
 from slipangle.report.tables import Tone
 from slipangle.simulate.robust import ENOUGH
 from slipangle.workflow.job import Outcome
+from slipangle.workflow.overview import overview
 from slipangle.workflow.robustness import Tried
 from slipangle.workflow.settings import PublishedSettings
 
@@ -21,7 +23,7 @@ SECTIONS: Registry[Callable[[Outcome, str], Iterable[Section]]] = Registry("page
 
 @SECTIONS.register("verdict")
 def _verdict_section(outcome: Outcome, command: str) -> Iterator[Section]:
-    blocks: list[Block] = list(verdicts(outcome, command))
+    blocks: list[Block] = [*overview(outcome, command), *verdicts(outcome, command)]
     if outcome.failures:
         said = [f"{name}: {why}" for name, why in outcome.failures.items()]
         blocks.append(Findings.of("What could not be done", said, "poor"))
@@ -55,19 +57,26 @@ def _model_verdict(
     if name in v.free_run.astray:
         sentence += f" Do not use it: {v.free_run.astray[name]}."
     shown = ("fit", f"fit of {name}, free run", "%", 4), ("vaf", "VAF", "%", 4)
+    factor, unit = read_in(name, outcome.data.unit(name))
     numbers = tuple(
         Number(
             label=label,
-            value=getattr(score, key),
-            unit=unit,
+            value=(factor if key == "rmse" else 1.0) * getattr(score, key),
+            unit=measure,
             digits=digits,
-            reference=getattr(published, key, None),
+            reference=_scaled(getattr(published, key, None), factor if key == "rmse" else 1.0),
             reference_label=published.source if published else "",
         )
-        for key, label, unit, digits in (*shown, ("rmse", "RMSE", outcome.data.unit(name), 3))
+        for key, label, measure, digits in (*shown, ("rmse", "RMSE", unit, 3))
     )
     tone: Tone = "poor" if name in v.free_run.astray else stands.word
-    return Verdict(title=f"{v.name}, {spoken(name)}", sentence=sentence, tone=tone, numbers=numbers, command=command)
+    evidence = (f"Free run: {spoken(name)}", "Parameters", "Residuals")
+    title = f"{v.name}, {spoken(name)}"
+    return Verdict(title=title, sentence=sentence, tone=tone, numbers=numbers, command=command, evidence=evidence)
+
+
+def _scaled(value: float | None, factor: float) -> float | None:
+    return None if value is None else factor * value
 
 
 def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
@@ -84,7 +93,8 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     named = "An MPC" if wanted.kind == "mpc" else f"The controller {wanted.kind}"
     where = "stays inside its lanes" if run.inside else "leaves its lanes"
     sentence = (
-        f"{named} on “{wanted.model}” drives {_MANOEUVRE[wanted.manoeuvre]} at {wanted.v_x:g} m/s and {where}, "
+        f"{named} on “{wanted.model}” drives {_MANOEUVRE[wanted.manoeuvre]} at {3.6 * wanted.v_x:.3g} km/h and "
+        f"{where}, "
         f"{100 * run.rmse('y'):.1f} cm (RMS) from the path. The plant is {outcome.plant}."
     )
     if run.fallbacks:
@@ -102,7 +112,10 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
         note = f"of {len(others.trials)}; good needs {100 * ENOUGH:g} %"
         share = Number(label="cars inside", value=100 * others.trials.share, unit="%", digits=3, note=note)
         numbers = (*numbers, share)
-    return Verdict(title="Closed loop", sentence=sentence, tone=tone, numbers=numbers, command=command)
+    evidence = ("Controller in closed loop", "Cars that differ from the model")
+    return Verdict(
+        title="Closed loop", sentence=sentence, tone=tone, numbers=numbers, command=command, evidence=evidence
+    )
 
 
 def _on_others(others: Tried) -> str:

@@ -1,0 +1,166 @@
+"""The first screen of a job's page: models beside outputs, the drive as a picture, parameters and what to doubt."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+import numpy as np
+
+from slipangle import Validation, report
+from slipangle.models.model import FitInfo
+from slipangle.report.drawing import seen_from_above
+from slipangle.report.page import Block, Picture
+from slipangle.report.style import pretty_unit, read_in
+from slipangle.report.tables import number, to_digit
+from slipangle.workflow.job import Outcome
+
+_MOST = 14  # parameters that a first screen has room for
+_ALIKE = 0.95  # correlation from which two parameters can stand in for each other
+_WIDE = 0.2  # half of the interval over the value, from which it is said
+_ABOUT_ZERO = ("offset", "bias", "delay", "lag", "compliance")  # in names of parameters that may well be zero
+
+
+def overview(outcome: Outcome, command: str) -> Iterator[Block]:
+    """The blocks of the first screen that come before the sentences."""
+    yield scoreboard(outcome, command)
+    drawn = picture(outcome)
+    if drawn is not None:
+        yield drawn
+    for v in _told_by_parameters(outcome):
+        if v.model.fit_info is not None:
+            yield doubts(v.name, v.model.fit_info)
+
+
+def scoreboard(outcome: Outcome, command: str) -> report.Table:
+    """One row per model and output: its free run beside what noise allows and beside the best simple model."""
+    rows = []
+    for v in outcome.validations:
+        count = len(v.model.fit_info.names) if v.model.fit_info is not None else None
+        for name in v.model.outputs:
+            score, stands = v.free_run_scores[name], v.standing[name]
+            factor, unit = read_in(name, outcome.data.unit(name))
+            lost = name in v.free_run.astray
+            word = "poor" if lost else stands.word
+            cells = (v.name, name, word, score.fit, stands.highest if np.isfinite(stands.noise) else None)
+            simple = stands.baselines[stands.best].fit
+            error = f"{number(factor * score.rmse, 3)} {pretty_unit(unit)}"
+            rows.append(report.Row((*cells, simple, error, count), tone=word))
+    columns = (
+        *(report.Heading(title, words=True) for title in ("model", "output", "verdict")),
+        *(report.Heading(title, "%", 3) for title in ("fit", "at most", "simple model")),
+        *(report.Heading(title) for title in ("RMSE", "parameters")),
+    )
+    seconds = f"{outcome.test.duration:.0f} s"
+    return report.Table(
+        title="Free runs over data that no model was fitted to",
+        columns=columns,
+        rows=tuple(rows),
+        caption=f"From inputs alone, {seconds}; at most: what the noise of the output leaves a perfect model; simple "
+        f"model: the best of those that need no vehicle. {next_step(outcome)}",
+        command=command,
+    )
+
+
+def picture(outcome: Outcome) -> Picture | None:
+    """The closed loop at true scale."""
+    run, wanted = outcome.run, outcome.settings.controller
+    if run is None or wanted is None:
+        return None
+    right, left = run.path.boundaries()
+    line = np.column_stack([run.path.X, run.path.Y])
+    body = report.Body(width=wanted.width)
+    said = f"The closed loop at {3.6 * wanted.v_x:.3g} km/h, seen from above"
+    label = (
+        f"{said}: largest distance from the path {100 * run.max('y'):.0f} cm, {'inside' if run.inside else 'outside'}"
+    )
+    svg = seen_from_above(
+        run["X"], run["Y"], run["psi"], reference=line, left=left, right=right, body=body, label=label
+    )
+    return Picture(title=said, svg=svg, caption="One scale for both axes; lanes, path to follow (dashed), driven path.")
+
+
+def doubts(name: str, info: FitInfo) -> report.Table:
+    """Parameters with their intervals, and what to doubt about each."""
+    ends = info.interval()
+    rows = []
+    for k, parameter in enumerate(info.names):
+        value, half = float(info.values[k]), float(ends[k, 1] - ends[k, 0]) / 2
+        factor, unit = read_in(parameter, info.units[k] if info.units else "-")
+        said = doubt(info, k, half)
+        share = half / abs(value) if value else np.inf
+        lost = not share <= 1 and not any(m in parameter for m in _ABOUT_ZERO)
+        tone = "poor" if lost else "fair" if share > _WIDE or said else "good"
+        shown = to_digit(factor * value, factor * half) if abs(value) > 0.01 * half else "0"
+        rows.append(report.Row((parameter, shown, f"± {number(factor * half, 2)}", pretty_unit(unit), said), tone=tone))
+    columns = (
+        report.Heading("parameter", words=True),
+        report.Heading("estimate"),
+        report.Heading("95 %"),
+        *(report.Heading(title, words=True) for title in ("unit", "what to doubt")),
+    )
+    return report.Table(title=f"Parameters of {name}", columns=columns, rows=tuple(rows))
+
+
+def doubt(info: FitInfo, k: int, half: float) -> str:
+    """What to doubt about one parameter, in a few words; empty where nothing speaks against it."""
+    name, value = info.names[k], float(info.values[k])
+    said = []
+    if not half <= abs(value):
+        said.append("may be 0" if any(m in name for m in _ABOUT_ZERO) else "these data do not determine it")
+    elif half > _WIDE * abs(value):
+        said.append(f"wide: ± {100 * half / abs(value):.0f} %")
+    for a, b, rho in info.correlated(_ALIKE):
+        if name in (a, b):
+            said.append(f"hardly told apart from {b if name == a else a} ({rho:.2f})")
+            break
+    if any(re.search(rf"(?<![\w]){re.escape(name)}(?![\w])", sentence) for sentence in info.warnings):
+        said.append("a warning names it")
+    return "; ".join(said)
+
+
+def next_step(outcome: Outcome) -> str:
+    """What to do next, in one sentence."""
+    words = {v.name: [v.standing[n].word for n in v.model.outputs] for v in outcome.validations}
+    best = max(outcome.validations, key=_mean_fit)
+    if outcome.failures:
+        return f"Next: see why {', '.join(outcome.failures)} failed, below."
+    if all(w == "poor" for w in words[best.name]):
+        return "Next: look at Data and Residuals; no model explains half of what the noise allows."
+    undetermined = [p for p in _told_by_parameters(outcome) if _open(p.model.fit_info)]
+    if undetermined:
+        names = ", ".join(_open(undetermined[0].model.fit_info))
+        return f"Next: drive what determines {names} (slipangle advise), or fix it."
+    run, wanted = outcome.run, outcome.settings.controller
+    if run is not None and wanted is not None:
+        late = float(np.percentile(run.seconds[1:], 99))
+        if late >= wanted.dt and wanted.entries.get("solver") != "realtime":
+            return f'Next: set solver = "realtime"; the solver takes {1000 * late:.0f} of {1000 * wanted.dt:.0f} ms.'
+        if not run.inside:
+            return "Next: drive slower, widen the limits or change the weights; the car leaves its lanes."
+        if outcome.tried is not None and outcome.tried.trials is not None and not outcome.tried.trials.good:
+            return "Next: make the controller bear other cars (slipangle robust), then slipangle export c."
+        return "Next: slipangle export c writes the controller as C."
+    return f"Next: control with {best.name}: add a [controller] to the job."
+
+
+def _mean_fit(v: Validation) -> float:
+    return float(np.mean([v.free_run_scores[name].fit for name in v.model.outputs]))
+
+
+def _told_by_parameters(outcome: Outcome) -> list[Validation]:
+    """Models whose parameters mean something one by one, and are few."""
+    return [
+        v
+        for v in outcome.validations
+        if v.model.fit_info is not None and not v.model.told_by_poles and 0 < len(v.model.fit_info.names) <= _MOST
+    ]
+
+
+def _open(info: FitInfo | None) -> list[str]:
+    """Parameters whose interval is as wide as their value, leaving out those that may well be zero."""
+    if info is None:
+        return []
+    half = (info.interval()[:, 1] - info.interval()[:, 0]) / 2
+    return [n for n, h, v in zip(info.names, half, info.values, strict=True)
+            if not h <= abs(v) and not any(m in n for m in _ABOUT_ZERO)]  # fmt: skip
