@@ -2,8 +2,11 @@
 
 import pytest
 from benchmarks.bench_driver import BOUNDS, Car
+from benchmarks.bench_driver_fleet import FleetCar
+from benchmarks.bench_driver_lap import CARS, MOST, TrackCar
 
 from slipangle.codegen.compiler import compiler, sentence
+from slipangle.paths.path import Path
 
 
 @pytest.mark.slow
@@ -14,3 +17,21 @@ def test_iso_3888_at_24_m_per_s_from_raw_measurements():
     model = car.identified()
     for pose, bound in BOUNDS.items():
         assert car.error(model, pose, 0) < bound
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(compiler() is None, reason=sentence())
+@pytest.mark.parametrize("name", ["1:10 car", "truck, 40 t"])
+def test_a_lane_change_of_a_car_of_another_size(name):
+    """One seed of the benchmark on its lightest and its heaviest car."""
+    car = FleetCar(name)
+    for pose, bound in BOUNDS.items():
+        assert car.error(pose, 0) < bound
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(compiler() is None, reason=sentence())
+def test_a_lap_of_the_norisring(real_data):
+    """One seed of the benchmark, the late pose."""
+    track = Path.from_csv(real_data("tracks/tum/Norisring.csv"))
+    assert TrackCar("sports car").lap(track, CARS["sports car"], "late pose", 0) < MOST

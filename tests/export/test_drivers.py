@@ -15,6 +15,7 @@ from slipangle.export.drivers import DriverRecorder, channels, commands
 from slipangle.export.kinds import project_of
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle, SaturatingBicycleParams
 from slipangle.models.vehicles.steering import Steered
 from slipangle.models.wrappers.delayed import Delayed
 from slipangle.optimal.terms import Values
@@ -28,6 +29,8 @@ from tests.export.tools import MACHINES, STRICT, built_and_run, needs, run
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
 KNOWN = Bicycle(params=SOUSA_TABLE_7_2, dt=0.02, outputs=("r",))
 LAGGED = Delayed(Steered(KNOWN, steering_lag=0.05), delays={"delta": 0.02}, longest=0.04)
+SHORT = SaturatingBicycleParams(mass=900.0, inertia_z=900.0, wheelbase=2.0, l_f=0.95, C_f=7e4, C_r=8e4, mu_f=0.9)
+SATURATING = Steered(SaturatingBicycle(params=SHORT, dt=0.02, outputs=("r",)), steering_lag=0.05)
 NOISE = {"r": 0.002, "X": 0.02, "Y": 0.02, "psi": 0.001}
 LATE = dict.fromkeys(("X", "Y", "psi"), 0.1)
 PEDALS = SpeedDriver(
@@ -140,8 +143,11 @@ def told_by(plant, x, t, k, rng):
 VARIANTS = {
     "plain": lambda: driver(double_lane_change(20.0), horizon=6),
     "late, lagged, pedals": lambda: driver(circle(), LAGGED, late=LATE, speed=PEDALS),
+    "short, saturating": lambda: driver(double_lane_change(20.0), SATURATING),
 }
-EACH = pytest.mark.parametrize("variant", ["plain", pytest.param("late, lagged, pedals", marks=pytest.mark.slow)])
+EACH = pytest.mark.parametrize(
+    "variant", ["plain", *(pytest.param(n, marks=pytest.mark.slow) for n in [*VARIANTS][1:])]
+)
 
 
 @needs_compiler

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from slipangle.control.front_slip import front_slip
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError
 from slipangle.estimate.ekf import EKF
@@ -30,6 +31,7 @@ WANDER = {"v_y": 0.3, "r": 0.05, "d_v_y": 0.5, "d_r": 0.3}  # how far a state wa
 START = {"v_y": 0.3, "r": 0.1, "d_v_y": 0.5, "d_r": 0.3}  # standard deviation of states at the start
 POSE_WANDER = {"X": 0.01, "Y": 0.01, "psi": 0.001}
 GATE, PATIENCE = 8.0, 5  # of outliers
+PAST_PEAK = 50.0  # weight per rad by which the front axle slips more than where its force peaks
 _POWER = {"v_y": 0.5, "r": -0.5, "d_r": -1.0, "X": 1.0, "Y": 1.0}  # of the size, by which these scale
 
 
@@ -40,6 +42,11 @@ def _parameter(model: Model, name: str, otherwise: float) -> float:
     if isinstance(model, Parametrised) and name in model.parameter_names:
         return model.value(name)
     return otherwise
+
+
+def size_of(model: Model) -> float:
+    """Wheelbase over that of the car that the defaults are for; 1 for a model without one. [-]"""
+    return _parameter(model, "wheelbase", USUAL) / USUAL
 
 
 def driven_model(model: Model, dt: float) -> OnGround:
@@ -65,7 +72,7 @@ def driven_model(model: Model, dt: float) -> OnGround:
 
 def default_estimator(model: OnGround, noise: Mapping[str, float], late: Mapping[str, float]) -> EKF:
     """A filter for the outputs of `driven_model`; noise that is not given is that of the fit's residuals."""
-    size = _parameter(model, "wheelbase", USUAL) / USUAL
+    size = size_of(model)
     scale = {name: size**power for name, power in _POWER.items()}
     states = {name.removeprefix("base ").removesuffix("[k]"): name for name in model.states}
     wander = {n: v * scale.get(n, 1.0) for n, v in {**WANDER, **POSE_WANDER}.items() if n in states}
@@ -82,12 +89,19 @@ def default_estimator(model: OnGround, noise: Mapping[str, float], late: Mapping
 
 
 def default_controller(model: OnGround, control: str = "delta") -> MPC:
-    """An MPC on `driven_model` that looks a second ahead: distance and heading against quick steering."""
-    size, gain = _parameter(model, "wheelbase", USUAL) / USUAL, abs(_parameter(model, "steering_gain", 1.0))
+    """An MPC on `driven_model` that looks a second ahead: distance and heading against quick steering.
+
+    Where the model's front axle has a slip angle at which its force is largest, the plan keeps to it: past it more
+    steering is less force, and an estimator that takes what is missing for a push would ask for ever more.
+    """
+    size, gain = size_of(model), abs(_parameter(model, "steering_gain", 1.0))
     grain = model.dt / STEP
     steps: Any = [max(round(n / grain), 1) for n in STAGES]
     steps[0] = 1
     weight = CHANGE * gain**2 * size / grain**2
+    slip = front_slip(model, control)
+    known: Any = {} if slip is None else {"terms": {"slip": slip}, "slack_linear": Weights(slip=PAST_PEAK)}
+    peak = {} if slip is None else {"slip": slip.peak}
     return MPC(
         model,
         horizon=len(steps),
@@ -95,6 +109,7 @@ def default_controller(model: OnGround, control: str = "delta") -> MPC:
         controls=(control,),
         Q=Weights(e_y=E_Y / size**2, e_psi=E_PSI),
         S=Weights({control: weight}),
-        limits=Limits({control: ANGLE / gain}),
+        limits=Limits({control: ANGLE / gain, **peak}),
         rates=Limits({control: RATE / gain / math.sqrt(size)}),
+        **known,
     )

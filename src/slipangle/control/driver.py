@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.default_drive import default_controller, default_estimator, driven_model
+from slipangle.control.default_drive import default_controller, default_estimator, driven_model, size_of
 from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.control.targets import SteadyStates
 from slipangle.errors import ParameterError, SimulationError
@@ -22,6 +22,7 @@ from slipangle.optimal.solution import NEW, Health, Plan, Status
 from slipangle.optimal.terms import require_names
 from slipangle.paths.path import Path
 
+# For a road car; lengths scale with the wheelbase, speeds with its root.
 SLOWEST = 1.5  # m/s, below which a lateral model does not describe the car
 LONGEST_GAP = 1.0  # s between two calls, after which the estimator starts anew
 JUMP, MOST = 2.0, 30.0  # m/s and m/s2 by which a measured speed may change at once and over time
@@ -93,7 +94,8 @@ class Driver:
     offset leave no steady error. Wanted headings are those at which the car, pushed as it is, moves along the path
     (`SteadyStates`). Defaults follow from the model alone, see `slipangle.control.default_drive`.
 
-    Slower than 1.5 m/s, which lateral models do not describe, the wheels stay where they are.
+    Slower than 1.5 m/s (times the root of the car's size: wheelbase over 2.7 m), which lateral models do not describe,
+    the wheels stay where they are.
 
     Parameters
     ----------
@@ -148,6 +150,8 @@ class Driver:
                 f"estimator knows {whole.n_states} every {self.dt:g} s; expected the same model in both"
             )
         require_names(POSE, whole.states, "the driver", "use a model on the ground")
+        size = size_of(whole)
+        self._slowest, self._jump, self._lost = SLOWEST * math.sqrt(size), JUMP * math.sqrt(size), LOST * size
         self.speed = None if speed is None else replace(speed, dt=self.dt)
         self.steering = self.controller.controls[0]
         self._targets = SteadyStates(whole, self.steering)
@@ -239,7 +243,7 @@ class Driver:
             return False
         if name != "v_x" or math.isnan(self._v_x):
             return True
-        jump = abs(value - self._v_x) > JUMP + MOST * (t - self._v_at)
+        jump = abs(value - self._v_x) > self._jump + MOST * (t - self._v_at)
         self._jumps = self._jumps + 1 if jump else 0
         return not jump or self._jumps > self.estimator.patience
 
@@ -255,7 +259,7 @@ class Driver:
     def _observe(self, behind: int) -> str:
         """Bring the estimate to now, ``behind`` samples after the last; what hinders, empty if nothing does."""
         moving = self._v_x if "v_x" in self._raw else math.nan
-        if not moving >= SLOWEST:
+        if not moving >= self._slowest:
             self._tracker, self._plan = None, None
             self._pending.clear()
             return "the speed is not known yet" if math.isnan(moving) else "the car stands or creeps"
@@ -305,7 +309,7 @@ class Driver:
         plan = self._plan = self._planned(x)
         self._steered = float(plan.command[0])
         self._tracker.hold(dict(zip(self.controller.controls, plan.command.tolist(), strict=True)))
-        lost = bool(max(std[i] for i in self._motion[:2]) > LOST)
+        lost = bool(max(std[i] for i in self._motion[:2]) > self._lost)
         wanted = 0.0 if plan.stopping or lost else self.path.speed(self._s)
         message = "the position is not known any more, the car should stop" if lost else plan.message
         return self._commands(wanted, self._s, e_y, (x, std), message)
@@ -326,7 +330,7 @@ class Driver:
             d = x[list(self._targets.disturbances)]
             v_y, _ = self._targets(self._v_x, preview.r, d)
             tracked = np.array(reference.tracked, dtype=float)
-            slips = zip(v_y.tolist(), np.maximum(preview.v_x, SLOWEST).tolist(), strict=True)
+            slips = zip(v_y.tolist(), np.maximum(preview.v_x, self._slowest).tolist(), strict=True)
             tracked[:, self.controller.references.index("psi")] -= [math.atan2(a, b) for a, b in slips]
             reference = replace(reference, tracked=tracked)
         return self.controller.plan(x, reference, self._plan, applied=np.array([self._steered]))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.driver import Commands, Driver
+from slipangle.control.driver import MOST, Commands, Driver
 from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError
@@ -194,6 +194,10 @@ def _of_model(driver: Driver) -> list[str]:
     real = {"LOWEST": low, "HIGHEST": high, "STATE_LOW": lowest, "STATE_HIGH": highest, "LATE_SECONDS": late}
     lines = [table(n, v, "int") for n, v in whole.items()] + [table(n, v) for n, v in real.items()]
     places = {"STEERING": model.inputs.index(driver.steering), "SPEED": known.index("v_x")}
+    # m/s, below which a lateral model does not describe the vehicle; m/s and m/s2 by which a measured speed may change
+    # at once and over time; m of standard deviation of the position from which the vehicle should stop
+    sized = {"SLOWEST": driver._slowest, "JUMP": driver._jump, "MOST": MOST, "LOST": driver._lost}
+    lines += [f"#define {n} ({float(v)!r})" for n, v in sized.items()]
     return [*lines, *(f"#define {n} {v}" for n, v in places.items())]
 
 

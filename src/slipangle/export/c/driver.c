@@ -1,11 +1,7 @@
 /* From measurements to commands. The same decisions as those of `Driver.step`. */
 
-#define SLOWEST 1.5     /* m/s, below which a lateral model does not describe the vehicle */
 #define LONGEST_GAP 1.0 /* s between two calls, after which the estimator starts anew */
-#define JUMP 2.0        /* m/s and m/s2 by which a measured speed may change at once and over time */
-#define MOST 30.0
-#define LOST 1.0  /* m of standard deviation of the position from which the vehicle should stop */
-#define WINDOW 15 /* m around the last place on the path, in which the next one is looked for */
+#define WINDOW 15       /* m around the last place on the path, in which the next one is looked for */
 #define LATEST 1e9
 
 typedef struct {

@@ -1,0 +1,93 @@
+"""`FrontSlip`: the front axle's slip angle, as a term of an optimal control problem, and where its force peaks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from scipy import optimize
+
+from slipangle.models.model import Model
+from slipangle.models.ode import Parametrised
+from slipangle.models.tires.magic_formula.terms import curved
+from slipangle.models.vehicles.axle import lowest_speed, small_slip_angles
+from slipangle.models.vehicles.parameters import GRAVITY
+from slipangle.models.wrappers.wrapper import Wrapper
+from slipangle.ops import Scalar, Vector, maximum
+
+_STEERING = {"delta_s": True, "delta_w": False}  # states of steering with a lag; whether gain and offset are to come
+
+
+@dataclass(frozen=True)
+class FrontSlip:
+    """Slip angle of the front axle [rad] from a model's state and inputs.
+
+    Parameters
+    ----------
+    places : tuple of int
+        Of v_y and r in the state.
+    speed : int
+        Place of v_x in the inputs.
+    steering : int
+        Place of the road wheels' angle in the state, or, below zero, -1 minus that in the inputs.
+    geared : bool
+        Whether gain and offset stand between that angle and the road wheels.
+    params : ParameterSet
+        Geometry, steering gain and offset, cornering stiffness.
+    peak : float
+        Slip angle at which the axle's force is largest. [rad]
+    """
+
+    places: tuple[int, int]
+    speed: int
+    steering: int
+    geared: bool
+    params: Any
+    peak: float
+
+    def __call__(self, x: Vector, u: Vector, _: Any) -> Scalar:
+        """The slip angle of the motion, without relaxation."""
+        p = self.params
+        angle = u[-1 - self.steering] if self.steering < 0 else x[self.steering]
+        v = maximum(u[self.speed], lowest_speed(p, p.C_f, p.C_r))
+        return small_slip_angles(
+            v, x[self.places[0]], x[self.places[1]], p.road_wheel(angle) if self.geared else angle, p
+        )[0]
+
+
+def front_slip(model: Model, control: str = "delta") -> FrontSlip | None:
+    """The front slip of a model whose front axle's force has a peak; None for others, such as linear ones."""
+    inner = model
+    while isinstance(inner, Wrapper) and not isinstance(inner, Parametrised):
+        inner = inner.model
+    if not isinstance(inner, Parametrised):
+        return None
+    params: Any = inner.params
+    peak = _peak(params)
+    if peak is None or not {"v_y", "r"} <= set(model.states) or not {control, "v_x"} <= set(model.inputs):
+        return None
+    late = [name for name in _STEERING if name in model.states]
+    return FrontSlip(
+        places=(model.states.index("v_y"), model.states.index("r")),
+        speed=model.inputs.index("v_x"),
+        steering=model.states.index(late[0]) if late else -1 - model.inputs.index(control),
+        geared=_STEERING[late[0]] if late else True,
+        params=params,
+        peak=peak,
+    )
+
+
+def _peak(p: Any) -> float | None:
+    """Where the Magic Formula of the front axle at rest is largest: ``shape curved(z) = pi / 2``. [rad]"""
+    if not all(hasattr(p, name) for name in ("C_f", "C_r", "mu_f", "shape", "mass", "l_r", "wheelbase")):
+        return None
+    E, most = getattr(p, "E_f", 0.0), 1e3
+
+    def beyond(z: float) -> float:
+        return p.shape * float(curved(z, E)) - 0.5 * math.pi
+
+    if not beyond(most) > 0:
+        return None
+    z = optimize.brentq(beyond, 0.0, most)
+    return z * p.shape * p.mu_f * p.mass * GRAVITY * p.l_r / p.wheelbase / p.C_f

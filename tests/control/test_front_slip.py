@@ -1,0 +1,86 @@
+"""Where the front axle's force peaks, and that a driver's plans keep to it."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+from slipangle.codegen.compiler import compiler, sentence
+from slipangle.control.default_drive import default_controller, driven_model
+from slipangle.control.driver import Driver
+from slipangle.control.front_slip import front_slip
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, axle_force
+from slipangle.models.vehicles.parameters import GRAVITY
+from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle, SaturatingBicycleParams
+from slipangle.models.vehicles.steering import Steered
+from slipangle.models.wrappers.delayed import Delayed
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.optimal.terms import Values
+from slipangle.paths.path import Path
+from slipangle.simulate.drive import drive
+from slipangle.simulate.plant import Plant
+
+CHASSIS = {"mass": 1200.0, "inertia_z": 1600.0, "wheelbase": 2.5, "l_f": 1.2, "C_f": 9e4, "C_r": 1.1e5}
+CAR = SaturatingBicycleParams(**CHASSIS, mu_f=0.9, mu_r=1.1, steering_gain=0.5, steering_offset=0.02)
+SLIPS = np.linspace(0.01, 0.5, 49001)
+
+
+def late(car):
+    return Delayed(Steered(car, steering_lag=0.05), delays={"delta": 0.02}, longest=0.04)
+
+
+def test_the_peak_is_that_of_the_axle_force():
+    p = CAR
+    load = p.mass * GRAVITY * p.l_r / p.wheelbase
+    force = p.mu_f * load * np.sin(p.shape * np.arctan(p.C_f * SLIPS / (p.shape * p.mu_f * load)))
+    slip = front_slip(late(SaturatingBicycle(params=p, dt=0.02)))
+    assert slip.peak == pytest.approx(SLIPS[force.argmax()], abs=2e-5)
+    q = NonlinearBicycleParams(**CHASSIS, E_f=-2.0, friction_load=0.0, stiffness_load=0.0)
+    curve = axle_force(SLIPS, load, load, 0.0, 0.0, q.C_f, q.mu_f, q.E_f, q)
+    assert front_slip(NonlinearBicycle(params=q, dt=0.02)).peak == pytest.approx(SLIPS[curve.argmax()], rel=0.01)
+
+
+def test_what_has_no_peak_has_no_limit():
+    linear = Bicycle(params=SOUSA_TABLE_7_2, dt=0.02)
+    assert front_slip(late(linear)) is None
+    assert "slip" not in default_controller(driven_model(late(linear), 0.02)).ocp.limits
+    flat = CAR.with_values(shape=1.0)
+    assert front_slip(SaturatingBicycle(params=flat, dt=0.02)) is None
+
+
+def test_the_slip_is_that_of_the_motion_and_survives_copies():
+    """By hand, at 20 m/s: the axle goes 0.0775 rad to the left, the wheels point 0.5 (0.1 - 0.02) rad there."""
+    model = driven_model(late(SaturatingBicycle(params=CAR, dt=0.02)), 0.02)
+    x, u = np.zeros(model.n_states), np.zeros(model.n_inputs)
+    x[[model.states.index(n) for n in ("v_y", "r", "delta_s")]] = 1.19, 0.3, 0.1
+    u[model.inputs.index("v_x")] = 20.0
+    slip = front_slip(model)
+    expected = 0.5 * (0.1 - 0.02) - (1.19 + 1.2 * 0.3) / 20.0
+    assert float(slip(x, u, None)) == pytest.approx(expected)
+    plain = front_slip(SaturatingBicycle(params=CAR, dt=0.02))
+    assert float(plain([1.19, 0.3], [0.1, 20.0], None)) == pytest.approx(expected)
+    assert pickle.loads(pickle.dumps(slip)) == slip == copy.deepcopy(slip)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(compiler() is None, reason=sentence())
+def test_a_bend_too_fast_is_driven_wide_and_left_again():
+    """Front tires that can 8.8 m/s2, a quarter circle that asks for 9.3: they slip to their peak, not past it."""
+    params = CAR.with_values(steering_gain=1.0, steering_offset=0.0)
+    angle, radius = np.linspace(0.0, 0.5 * np.pi, 41)[1:-1], 20.0
+    X = np.concatenate([np.linspace(-60, 0, 31), radius * np.sin(angle), np.full(41, radius)])
+    Y = np.concatenate([np.zeros(31), radius * (1 - np.cos(angle)), radius + np.linspace(0, 80, 41)])
+    path = Path.from_points(X, Y, smoothing=0.05).with_speed(np.sqrt(9.3 * radius))
+    plant = Plant(
+        OnGround(SaturatingBicycle(params=params, dt=0.001)), delay=Values(delta=0.02), lag=Values(delta=0.05)
+    )
+    run = drive(plant, Driver(late(SaturatingBicycle(params=params, dt=0.02)), path, noise={"r": 0.002}))
+    v_y, r = (run.states[:, run.state_names.index(n)] for n in ("v_y", "r"))
+    delta = run.inputs[:, run.input_names.index("delta")]
+    peak = front_slip(SaturatingBicycle(params=params, dt=0.02)).peak
+    assert np.abs(delta - (v_y + params.l_f * r) / run.v_x).max() < 1.02 * peak
+    assert 0.2 < np.abs(run.e_y).max() < 5.0
+    assert np.abs(run.e_y[-50:]).max() < 0.05
