@@ -37,6 +37,7 @@ _EPOCH = 1e7  # larger first stamps count from the log's start [s]
 _SLOW = 2.0  # steps from here on are said, where no unit is named [s]
 _TOO_SLOW = 5.0  # and refused in a log of a drive, if they are whole numbers: they count milliseconds [s]
 _HOURS = 1e4  # and in any log [s]
+_CHUNK = 1 << 16  # rows that are moved at once
 
 
 class LogSettings(TypedDict, total=False):
@@ -223,25 +224,38 @@ def _needed(
     return found
 
 
+def _closed_up(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """These rows, rising, moved to the front where they are: of a long log there is no room for a copy."""
+    for a in range(0, len(rows), _CHUNK):
+        part = rows[a : a + _CHUNK]
+        values[a : a + len(part)] = values[part]
+    return values[: len(rows)]
+
+
 def _on_grids(
     table: ChannelTable,
     stamps: np.ndarray,
     values: np.ndarray,
-    parts: Sequence[np.ndarray],
+    rows: Sequence[int],
+    borders: Sequence[int],
     dt: float | None,
     jitter: float,
     shortest: int,
 ) -> dict[str, Any]:
-    """Values, starts, start times and sample time of a data set, and notes, from the rows of each experiment."""
+    """Values, starts, start times and sample time of a data set, and notes, from rows cut into experiments.
+
+    ``rows`` are those of the table that stamps and values are of, ``borders`` where each experiment begins and ends.
+    """
     tables, starts, times, notes, count = [], [], [], [], 0
-    for part in parts:
-        if len(part) == 1 and dt is not None and shortest <= 1:
-            piece, begins, clock = values[part], (0,), (float(stamps[part[0]]),)
+    for a, b in pairwise(borders):
+        own = stamps[a:b]
+        if len(own) == 1 and dt is not None and shortest <= 1:
+            piece, begins, clock = values[a:b], (0,), (float(own[0]),)
         else:
             how = {"jitter": jitter, "shortest": shortest, "what": table.name}
-            grid = find_grid(stamps[part], dt=dt, row_name=lambda k, part=part: table.row_name(int(part[k])), **how)
+            grid = find_grid(own, dt=dt, row_name=lambda k, a=a: table.row_name(int(rows[a + k])), **how)
             dt = dt or grid.dt
-            piece, begins = grid.onto(stamps[part], values if len(part) == len(values) else values[part])
+            piece, begins = grid.onto(own, values[a:b])
             clock = grid.start_times
             notes += grid.notes
         tables.append(piece)
@@ -306,12 +320,14 @@ def assemble(
     whole, note = _cut_missing(table, [c.name for c in channels], seen, stamps, nan)
     whole = whole if kept is None else whole & kept
     said += [note] if note else []
-    rows = np.flatnonzero(whole)
+    rows: Any = range(len(whole))
+    if not whole.all():
+        rows = np.flatnonzero(whole)
+        stamps, values = stamps[rows], _closed_up(values, rows)
     borders = [0, len(rows)]
     if label is not None:
-        borders = [0, *(np.flatnonzero(np.diff(table.numbers(label)[rows]) != 0) + 1).tolist(), len(rows)]
-    parts = [rows[a:b] for a, b in pairwise(borders)]
-    uniform = _on_grids(table, stamps, values, parts, dt, jitter if t is not None else 0.0, shortest)
+        borders = [0, *(np.flatnonzero(np.diff(table.numbers(label)[whole]) != 0) + 1).tolist(), len(rows)]
+    uniform = _on_grids(table, stamps, values, rows, borders, dt, jitter if t is not None else 0.0, shortest)
     return Dataset(
         channels=channels,
         inputs=tuple((inputs,) if isinstance(inputs, str) else inputs),

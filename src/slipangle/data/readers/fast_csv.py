@@ -21,8 +21,8 @@ from slipangle.data.readers.text_dialect import MISSING, filled
 from slipangle.errors import ConfigError
 from slipangle.extras import extra
 
-_BLOCK = 1 << 20  # bytes
-_LINES = 20_000  # of a block without pyarrow
+_BLOCK = 1 << 18  # bytes that pyarrow reads at once: of larger ones it holds many, and is no faster
+_LINES = 5_000  # of a block without pyarrow
 _NULLS = sorted({form for word in MISSING for form in (word, word.upper(), word.capitalize())} | {"NaN", "N/A"})
 
 
@@ -41,6 +41,7 @@ class StreamedTable:
     decimal_comma: bool
     meta: Mapping[str, Any]
     exact: Callable[[], ChannelTable]
+    _read: list[int] = field(default_factory=list, init=False, repr=False, compare=False)  # rows, once known
     _loaded: dict[int, np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
     _slow: list[ChannelTable] = field(default_factory=list, init=False, repr=False, compare=False)
 
@@ -59,9 +60,20 @@ class StreamedTable:
     @cached_property
     def _blank(self) -> list[int]:
         """Numbers of the lines below the headings that hold nothing."""
+        if self._read and self._read[0] == self._count:
+            return []
         with self.path.open("rb") as file:
             lines = enumerate(file, start=1)
             return [k for k, line in lines if k > self.above and not line.strip(b",;\t \r\n")]
+
+    @cached_property
+    def _count(self) -> int:
+        """Number of lines below the headings, blank ones too."""
+        count, last = 0, b"\n"
+        with self.path.open("rb") as file:
+            while block := file.read(1 << 20):
+                count, last = count + block.count(b"\n"), block[-1:]
+        return count + (last != b"\n") - self.above
 
     def numbers(self, column: int) -> np.ndarray:
         """The numbers of one column, NaN where a cell is empty, shape (n_rows,); they are loaded once and handed over.
@@ -86,6 +98,7 @@ class StreamedTable:
         if loaded is None:
             self._slow.append(self.exact())
         else:
+            self._read[:] = [len(x) for x in loaded.values()][:1]
             self._loaded.update(loaded)
 
     def _rows(self) -> Iterator[tuple[int, bytes]]:
@@ -100,8 +113,7 @@ class StreamedTable:
         csv = extra("pyarrow.csv", "io", "reading a large text table fast")
         names = [str(i) for i in range(len(self.headers))]
         wanted = [names[c] for c in columns]
-        count = _lines(self.path) - self.above
-        held = {c: np.empty(max(count, 0)) for c in columns}
+        held = {c: np.empty(self._count) for c in columns}
         row = 0
         try:
             with csv.open_csv(
@@ -124,11 +136,14 @@ class StreamedTable:
                     row += len(block)
         except (arrow.ArrowException, OSError, ValueError, IndexError):
             return None
+        finally:
+            arrow.default_memory_pool().release_unused()  # what is read next needs it
         return _whole(held, row)
 
     def _by_numpy(self, columns: list[int]) -> dict[int, np.ndarray] | None:
         """The same with what NumPy has, about ten times slower."""
-        order, parts, rows = sorted(columns), [], 0
+        order, rows = sorted(columns), 0
+        held = {c: np.empty(self._count) for c in order}
         lines = (line.decode("latin-1") for _, line in self._rows())
         try:
             while block := list(itertools.islice(lines, _LINES)):
@@ -138,23 +153,13 @@ class StreamedTable:
                     return None
                 text = io.StringIO("\n".join(filled(line.rstrip("\r\n"), self.delimiter) for line in block))
                 how: dict[str, Any] = {"delimiter": self.delimiter, "comments": None, "quotechar": '"', "ndmin": 2}
-                parts.append(np.loadtxt(text, usecols=order, **how))
-                rows += len(block)
+                part = np.loadtxt(text, usecols=order, **how)
+                for k, c in enumerate(order):
+                    held[c][rows : rows + len(part)] = part[:, k]
+                rows += len(part)
         except (ValueError, IndexError):
             return None
-        if not parts:
-            return None
-        held = {c: np.concatenate([part[:, k] for part in parts]) for k, c in enumerate(order)}
         return _whole(held, rows)
-
-
-def _lines(path: Path) -> int:
-    """How many lines a file has, at least."""
-    count = 1
-    with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            count += block.count(b"\n") or block.count(b"\r")
-    return count
 
 
 def _whole(held: dict[int, np.ndarray], rows: int) -> dict[int, np.ndarray] | None:
