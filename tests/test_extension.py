@@ -35,8 +35,8 @@ from slipangle.simulate.foreign import PlantFunctions
 from slipangle.simulate.manoeuvres import Manoeuvre, record
 from slipangle.simulate.plant import Plant
 from slipangle.units import SI
-from slipangle.workflow.drive import CONTROLLERS, PLANTS
-from slipangle.workflow.kinds import KINDS
+from slipangle.workflow.drive import CONTROLLERS, ESTIMATORS, PLANTS
+from slipangle.workflow.kinds import FITS, KINDS
 from slipangle.workflow.page import SECTIONS
 from tests.workflow.test_cli import write_job
 
@@ -271,6 +271,8 @@ def test_what_can_be_listed(capsys):
         "models": set(KINDS),
         "controllers": set(CONTROLLERS),
         "plants": set(PLANTS),
+        "estimators": set(ESTIMATORS),
+        "fits": set(FITS),
         "sections": set(SECTIONS),
         "readers": set(READERS),
         "signals": set(SIGNALS),

@@ -11,6 +11,8 @@ _REGISTRIES = {  # what a user calls it: where it is
     "models": "slipangle.workflow.kinds:KINDS",
     "controllers": "slipangle.workflow.drive:CONTROLLERS",
     "plants": "slipangle.workflow.drive:PLANTS",
+    "estimators": "slipangle.workflow.drive:ESTIMATORS",
+    "fits": "slipangle.workflow.kinds:FITS",
     "sections": "slipangle.workflow.page:SECTIONS",
     "readers": "slipangle.data.readers:READERS",
     "signals": "slipangle.data.signals:SIGNALS",
@@ -43,5 +45,9 @@ def _list(options: argparse.Namespace) -> Answer:
 
 def _home(thing: object) -> str:
     """The module of a class or function, or of what it stands for."""
+    from slipangle.workflow.entries import Made
+
+    if isinstance(thing, Made):
+        return thing.of.__module__
     own = getattr(thing, "read", None) or getattr(thing, "model", None) or thing
     return getattr(own, "__module__", type(own).__module__)

@@ -51,6 +51,8 @@ class Adapt(Checked):
         Blocks of the test whether it helps; 0 trusts it.
     worth : float
         Smallest relative reduction of the squared error over all blocks.
+    max_iterations : int
+        Steps at most.
     """
 
     inputs: tuple[str, ...] = ("delta",)

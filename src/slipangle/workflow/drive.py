@@ -1,20 +1,17 @@
 """The closed loop of a job: a controller on the identified model, a path, and the car that is driven.
 
-A package adds a controller with ``@CONTROLLERS.register("name")`` above a function ``(model, settings, ...)`` that
-returns one, or by an entry point of the group ``slipangle.controllers``. Its further arguments are entries of
-``[controller]``. In the same way ``@PLANTS.register("name")``, or an entry point of ``slipangle.plants``, adds a
-vehicle to drive: its arguments are entries of ``[plant]``, what it returns is a `PlantProtocol` or a `Model`.
+A package adds a vehicle to drive with ``@PLANTS.register("name")`` above a function, or by an entry point of the group
+``slipangle.plants``: its arguments are entries of ``[plant]``, what it returns is a `PlantProtocol` or a `Model`.
+Controllers are in `slipangle.workflow.controllers`.
 """
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 
-from slipangle.control.controller import Controller
-from slipangle.control.mpc import MPC
+from slipangle.control.driver import Driver
 from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ConfigError, nearest, shown
 from slipangle.models.model import Model
@@ -23,26 +20,23 @@ from slipangle.models.tires.simple import MagicCurve, SimpleMagicFormula
 from slipangle.models.vehicles import catalogue
 from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams, SingleTrackParams
 from slipangle.models.vehicles.single_track import SingleTrack
-from slipangle.models.wrappers.on_ground import OnGround
-from slipangle.optimal.terms import Limits, Values, Weights
-from slipangle.paths import lane_change as manoeuvres
-from slipangle.paths.path import Path
+from slipangle.optimal.terms import Values
 from slipangle.registry import Registry
+from slipangle.simulate.drive import drive as drive_plant
 from slipangle.simulate.foreign import PlantProtocol
 from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.plant import Plant
 from slipangle.simulate.process import PlantProcess
 from slipangle.simulate.run import Run
-from slipangle.units import deg
+from slipangle.workflow.controllers import CONTROLLERS as CONTROLLERS
+from slipangle.workflow.controllers import ESTIMATORS, ControllerSettings, EstimatorSettings, build_path
+from slipangle.workflow.controllers import build_mpc as build_mpc
+from slipangle.workflow.controllers import identified_bicycle as identified_bicycle
 from slipangle.workflow.entries import Seed, Weight, Within, arguments, common
 
 _PLANTS = {
     "sousa-table-6.1": (catalogue.SOUSA_TABLE_6_1, catalogue.SOUSA_TABLE_6_2),
     "sousa-table-6.10": (catalogue.SOUSA_TABLE_6_10, catalogue.SOUSA_TABLE_6_8),
-}
-_MANOEUVRES = {
-    "iso3888-1": manoeuvres.double_lane_change,
-    "iso3888-2": manoeuvres.obstacle_avoidance,
 }
 NOISE = {"v_y": 0.02, "r": 0.002, "X": 0.02, "Y": 0.02, "psi": 0.001, "v_x": 0.02}
 
@@ -98,71 +92,44 @@ PLANTS: Registry[Callable[..., Model | PlantProtocol]] = Registry("plant", "slip
 """What ``kind`` in a job's ``[plant]`` may be: functions that return a vehicle."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ControllerSettings:
-    """The controller, one of `CONTROLLERS` on one of the job's models, and its test.
-
-    Parameters
-    ----------
-    model : str
-        Name of the model that it knows the car by.
-    kind : str
-        What it is; see 'slipangle list controllers'. The table's other entries are those of the kind.
-    manoeuvre : str
-        What is driven.
-    v_x : float
-        Speed of the manoeuvre. [m/s]
-    dt : float
-        Time between two plans. [s]
-    width : float
-        Of the car, for the lanes. [m]
-    cars : int
-        Cars that differ from the model, on which the controller is tried; 0 for none.
-    delta_max : float
-        Largest angle of the road wheels. [deg]
-    delta_rate_max : float
-        Largest rate of that angle. [deg/s]
-    entries : dict
-        The table's other ones: the settings that the kind takes, checked.
-    """
-
-    model: str
-    kind: str = "mpc"
-    manoeuvre: Literal["iso3888-1", "iso3888-2", "lane-changes"] = "iso3888-1"
-    v_x: Annotated[float, Within(1, 150, "m/s")] = 20.0
-    dt: Annotated[float, Within(1e-3, 1, "s")] = 0.05
-    width: Annotated[float, Within(0.5, 10, "m")] = 1.8
-    cars: Annotated[int, Within(0, 10_000)] = 200
-    delta_max: Annotated[float, Within(0.1, 90, "deg")] = 20.0
-    delta_rate_max: Annotated[float, Within(0.1, 1e4, "deg/s")] = 60.0
-    entries: dict[str, Any] = field(default_factory=dict)
-
-    @classmethod
-    def from_table(cls, table: dict[str, Any], where: str) -> Self:
-        """Entries of every controller, and those of its kind."""
-        wanted, own = common(cls, table, where)
-        if wanted.kind not in CONTROLLERS:
-            near = nearest(wanted.kind[:60], CONTROLLERS)
-            raise ConfigError(f"{where}: kind is {shown(wanted.kind)}; {near}: use one of these")
-        return replace(wanted, entries=arguments(CONTROLLERS[wanted.kind], own, where, skip=2))
-
-
-CONTROLLERS: Registry[Callable[..., Controller]] = Registry("controller", "slipangle.controllers")
-"""What ``kind`` in a job's ``[controller]`` may be: functions of the identified model and `ControllerSettings`."""
-
-
 def drive(
-    wanted: ControllerSettings, plant_settings: PlantSettings, model: Model, progress: Callable[[float], None]
-) -> tuple[Run, str, Controller]:
+    wanted: ControllerSettings,
+    plant_settings: PlantSettings,
+    model: Model,
+    progress: Callable[[float], None],
+    estimator: EstimatorSettings | None = None,
+) -> tuple[Run, str, Any]:
     """Closed loop of a controller on the identified model with the plant at a millisecond."""
-    plant, driver, description = build_plant(plant_settings, model)
+    plant, speed, description = build_plant(plant_settings, model)
     controller = CONTROLLERS[wanted.kind](model, wanted, **wanted.entries)
-    path = build_path(wanted)
     try:
-        run = closed_loop(plant, controller, path, driver=driver, width=wanted.width, progress=progress)
+        if isinstance(controller, Driver):
+            run = _driven(plant, controller, speed, wanted, estimator, progress)
+        else:
+            knows = ESTIMATORS[estimator.kind](controller.model, **estimator.entries) if estimator else None
+            how: Any = {"driver": speed, "estimator": knows, "width": wanted.width, "progress": progress}
+            run = closed_loop(plant, controller, build_path(wanted), **how)
     finally:
         getattr(getattr(plant.model, "system", None), "close", int)()
     return run, description, controller
+
+
+def _driven(
+    plant: Plant,
+    driver: Driver,
+    speed: SpeedDriver | None,
+    wanted: ControllerSettings,
+    estimator: EstimatorSettings | None,
+    progress: Callable[[float], None],
+) -> Run:
+    """A drive of a `Driver`, which sees nothing but measurements, with the plant's speed driver."""
+    parts: dict[str, Any] = {"controller": driver.controller, "estimator": driver.estimator, "dt": driver.dt}
+    if estimator is not None:
+        parts["estimator"] = ESTIMATORS[estimator.kind](driver.estimator.model, **estimator.entries)
+    whole = Driver(driver.controller.model, driver.path, speed=speed, **parts)
+    length = driver.path.length
+    watch = lambda t, commands: progress(min(max(commands.s / length, 0.0), 1.0))  # noqa: E731
+    return drive_plant(plant, whole, width=wanted.width, watch=watch)
 
 
 @PLANTS.register("process")
@@ -175,62 +142,6 @@ def plant_process(*, address: str) -> PlantProcess:
         Where it listens, such as "127.0.0.1:5005".
     """
     return PlantProcess(address)
-
-
-@CONTROLLERS.register("mpc")
-def build_mpc(
-    model: Model,
-    wanted: ControllerSettings,
-    *,
-    solver: Literal["realtime", "ipopt"] = "realtime",
-    horizon: Annotated[int, Within(1, 200, "steps")] = 20,
-    steps: tuple[Annotated[int, Within(1, 1000)], ...] = (),
-    Q: dict[str, Weight] | None = None,
-    S: dict[str, Weight] | None = None,
-) -> MPC:
-    """The predictive controller; its model is re-discretised at the controller's step where it is an ODE.
-
-    Parameters
-    ----------
-    model, wanted
-        The identified model and the table's common entries.
-    solver : {"realtime", "ipopt"}
-        The real-time one runs compiled; Ipopt is the reference to compare with.
-    horizon : int
-        Steps that it plans ahead.
-    steps : tuple of int
-        Length of each step of the horizon in steps of the controller; by default all are one.
-    Q : table
-        Weights of squared deviations, by name of what is tracked; by default X = 0.1, Y = 1, psi = 1.
-    S : table
-        Weights of squared changes of inputs, by name; by default delta = 50.
-    """
-    if isinstance(model, Parametrised) and {"v_y", "r"} <= set(model.states):
-        model = model.resampled(wanted.dt, outputs=("v_y", "r"))
-    elif not math.isclose(model.dt, wanted.dt, rel_tol=1e-6):
-        raise ConfigError(
-            f"[controller] works at {wanted.dt:g} s, the model '{wanted.model}' was identified at {model.dt:g} s; "
-            f"expected the same: set rate = {1 / wanted.dt:g} in [data] or dt = {model.dt:g} in [controller]"
-        )
-    limit, rate = deg(wanted.delta_max), deg(wanted.delta_rate_max)
-    return MPC(
-        OnGround(model),
-        horizon=horizon,
-        steps=steps or None,
-        controls=("delta",),
-        Q=Weights({"X": 0.1, "Y": 1.0, "psi": 1.0} if Q is None else Q),
-        S=Weights({"delta": 50.0} if S is None else S),
-        limits=Limits(delta=(-limit, limit)),
-        rates=Limits(delta=(-rate, rate)),
-        solver=solver,
-    )
-
-
-def build_path(wanted: ControllerSettings) -> Path:
-    """The manoeuvre's path with its lanes."""
-    if wanted.manoeuvre == "lane-changes":
-        return manoeuvres.lane_changes(wanted.v_x)
-    return _MANOEUVRES[wanted.manoeuvre](wanted.v_x, width=wanted.width)
 
 
 def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver | None, str]:
@@ -275,11 +186,6 @@ def _foreign(wanted: PlantSettings) -> tuple[Plant, SpeedDriver | None, str]:
     driver = SpeedDriver(kp=(2.0,), ki=(1.0,), limits=(-8.0, 4.0), feedforward=1.0, drive=Values(a_x=1.0))
     text = f"a vehicle from outside, “{wanted.kind}”, at {1000 * plant.dt:g} ms a step"
     return plant, driver if "a_x" in plant.model.inputs else None, text
-
-
-def identified_bicycle(model: Model) -> BicycleParams | None:
-    """Mass, geometry and stiffness that a model holds, or None."""
-    return getattr(getattr(model, "params", None), "bicycle", None)
 
 
 def catalogued(name: str) -> tuple[BicycleParams, float]:

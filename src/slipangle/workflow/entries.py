@@ -5,6 +5,7 @@ import typing
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from math import inf, isfinite
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from slipangle.errors import ConfigError, ParameterError, nearest, shown
@@ -40,19 +41,44 @@ class Entry:
         return self.default is MISSING
 
 
+@dataclass(frozen=True)
+class Made:
+    """A class whose settings a job says, and a function that makes one of it from them and what it knows otherwise.
+
+    Parameters
+    ----------
+    of : type
+        Its fields are the entries of the table.
+    given : tuple of str
+        Fields that the function gives.
+    make : callable
+        Called with what a function in its place would be called with.
+    """
+
+    of: type
+    given: tuple[str, ...]
+    make: Callable[..., Any]
+
+    def __call__(self, *known: Any, **entries: Any) -> Any:
+        """What the function makes."""
+        return self.make(*known, **entries)
+
+
 def entries_of(thing: Callable[..., Any], skip: int = 0) -> dict[str, Entry]:
     """What a table for a record, a class or a function may say; what TOML cannot say is left out.
 
     Parameters
     ----------
     thing : callable
-        Its fields or parameters are the entries.
+        Its fields or parameters are the entries; of `Made` those of the class that are not given.
     skip : int
-        How many leading ones are given otherwise.
+        How many leading ones of a function are given otherwise.
     """
+    if isinstance(thing, Made):
+        return {name: entry for name, entry in entries_of(thing.of).items() if name not in thing.given}
     hints = _hints(thing)
     if isinstance(thing, type) and is_dataclass(thing):
-        known = {f.name: _default(f) for f in fields(thing) if f.init}
+        known = {f.name: _default(f) for f in fields(thing) if f.init and f.metadata.get("in_jobs", True)}
     else:
         named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
         takes = [p for p in inspect.signature(thing).parameters.values() if p.kind in named]
@@ -141,6 +167,8 @@ def _value(value: Any, hint: Any, where: str, default: Any = None) -> Any:
             raise ConfigError(f"{where} is {shown(value)}; expected a table of name = value")
         _bounded(len(value), _WIDE, where)
         return {k: _value(v, options[1], f"{where}.{shown(k)[1:-1]}") for k, v in value.items()}
+    if hint is Path:
+        return Path(_value(value, str, where))
     if is_model(hint):
         return OtherModel(_value(value, str, where))
     if is_named(hint):
@@ -185,6 +213,8 @@ def _table(value: Any, hint: Any, where: str, default: Any) -> Any:
         raise ConfigError(f"{where} is {shown(value)}; expected a table")
     if hasattr(hint, "from_table"):
         return hint.from_table(value, where)
+    if value.get("kind") == called(hint) and "kind" not in entries_of(hint):
+        value = {key: own for key, own in value.items() if key != "kind"}
     if type(default) is not hint:
         return record(hint, value, where)
     optional = {name: replace(entry, default=None) for name, entry in entries_of(hint).items()}
@@ -244,7 +274,7 @@ def _fits(value: Any, hint: Any) -> bool:
         return isinstance(value, dict) or (isinstance(value, str) and hasattr(hint, "from_text"))
     if kind is Literal:
         return any(type(value) is type(o) for o in options)
-    if hint is str or is_model(hint):
+    if hint in (str, Path) or is_model(hint):
         return isinstance(value, str)
     return not isinstance(value, dict | list | tuple) and (not isinstance(value, str) or hint is Any)
 

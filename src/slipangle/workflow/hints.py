@@ -5,6 +5,7 @@ import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields, is_dataclass
 from math import inf
+from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 from slipangle.fields import Within
@@ -12,7 +13,7 @@ from slipangle.models.model import Model
 from slipangle.optimal.terms import Limits, Named
 from slipangle.units import SI
 
-SIMPLE = {float: "a number", int: "a whole number", str: "text in quotes", bool: "true or false"}
+SIMPLE: dict[Any, str] = {float: "a number", int: "a whole number", str: "text in quotes", bool: "true or false"}
 
 
 def parts(hint: Any) -> tuple[Any, tuple[Any, ...]]:
@@ -62,7 +63,7 @@ def expressible(hint: Any) -> bool:
     """Whether TOML can say it: not a function, an array, or a table of anything."""
     hint = bound(hint)
     kind, inside = parts(hint)
-    if hint is Any or hint in SIMPLE or kind is Literal or is_model(hint) or is_named(hint):
+    if hint is Any or hint is Path or hint in SIMPLE or kind is Literal or is_model(hint) or is_named(hint):
         return True
     if kind is typing.Union:
         return any(map(expressible, inside))
@@ -85,6 +86,8 @@ def words(hint: Any) -> str:
     kind, inside = parts(hint)
     if hint in SIMPLE:
         return SIMPLE[hint]
+    if hint is Path:
+        return "a file, relative to the job"
     if kind is Annotated:
         said = [_span(span, inside[0]) for span in inside[1:] if isinstance(span, Within | SI)]
         return said[0] if said else words(inside[0])

@@ -116,6 +116,7 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
             settings.plant,
             judged[wanted.model][0].model,
             lambda share: progress(0.55 + 0.2 * share, "driving in closed loop"),
+            settings.estimator,
         )
         cars = tried(
             wanted,

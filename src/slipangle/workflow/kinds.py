@@ -7,17 +7,22 @@ kind takes in a job's ``[[model]]`` are the arguments of what is registered.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
 from itertools import pairwise
-from typing import Any, get_type_hints
+from pathlib import Path
+from typing import Any, Self, get_type_hints
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ConfigError, ParameterError, nearest, shown
+from slipangle.errors import ConfigError, FormatError, ParameterError, nearest, shown
+from slipangle.estimate.ekf import EKF
+from slipangle.fields import Checked
+from slipangle.identify.adapt import Adapt
 from slipangle.identify.car.identify_car import WholeCar
 from slipangle.identify.judge.compare import Estimator
 from slipangle.identify.linear.arx import ARX
 from slipangle.identify.linear.multi_arx import MultiARX
 from slipangle.identify.linear.orders import LEVELS
+from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError, Polynomial
 from slipangle.identify.linear.recursive import RLS
 from slipangle.identify.linear.statespace import StateSpace
@@ -28,20 +33,28 @@ from slipangle.identify.networks.joint import Joint
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.narx_free_run import FreeRunNARX
 from slipangle.identify.networks.neural_statespace import NeuralStateSpace
+from slipangle.identify.physics.collocation import Collocation
 from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.model import Model
 from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import ParameterSet
+from slipangle.models.storage import load
 from slipangle.models.vehicles import catalogue
+from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.kinematic import Kinematic
 from slipangle.models.vehicles.longitudinal import Longitudinal
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle
+from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, SaturatingBicycle
+from slipangle.models.vehicles.steering import Steered
 from slipangle.models.wrappers.delayed import Delayed
+from slipangle.models.wrappers.hybrid import OffsetModel
 from slipangle.registry import Registry
-from slipangle.workflow.entries import OtherModel, arguments, entries_of, record
+from slipangle.workflow.entries import Made, OtherModel, arguments, common, entries_of, record
 from slipangle.workflow.hints import called, is_model, is_record, parts
 
 _WEIGHTS = 1_000_000  # of a network
+_LAG, _RATE = 0.05, 2.0  # s and rad/s that a fit of an actuator starts from
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +71,49 @@ class Physics:
         return get_type_hints(self.model)["params"]
 
 
+FITS: Registry[Callable[..., Any]] = Registry("way of fitting", "slipangle.fits")
+"""What ``kind`` in ``fit = { ... }`` of a physical model may be: called with ``start``, ``free`` and its entries."""
+
+for _way in (GreyBox, Collocation, EKF):
+    FITS.register(called(_way))(Made(_way, ("start", "free", "per_experiment"), _way))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitSettings:
+    """How the parameters of a physical model are fitted.
+
+    Parameters
+    ----------
+    kind : str
+        One of 'slipangle list fits'. The table's other entries are those of the kind.
+    entries : dict
+        These, checked.
+    """
+
+    kind: str = "grey-box"
+    entries: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def from_table(cls, table: dict[str, Any], where: str) -> Self:
+        """Entries of every way, and those of its kind."""
+        wanted, own = common(cls, table, where)
+        if wanted.kind not in FITS:
+            near = nearest(wanted.kind[:60], FITS, every=True)
+            raise ConfigError(f"{where}: kind is {shown(wanted.kind)}; {near}: use one of these")
+        return replace(wanted, entries=arguments(FITS[wanted.kind], own, where))
+
+    def fitted(self, start: Any, free: tuple[str, ...], each: tuple[str, ...], train: Dataset) -> Model:
+        """The model with its free parameters fitted, those of ``each`` one by one for every experiment.
+
+        Raises ParameterError if this way of fitting knows no parameters of single experiments.
+        """
+        made = FITS[self.kind]
+        several = {"per_experiment": each} if each else {}
+        if each and "per_experiment" not in {f.name for f in fields(getattr(made, "of", GreyBox))}:
+            raise ParameterError(f'a fit of kind "{self.kind}" knows no per_experiment; expected none: leave it out')
+        return made(start=start, free=free, **several, **self.entries).fit(train)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PhysicsEntries:
     """What a job says about a physical model: parameter values or a name of its catalogue, and which are free.
@@ -69,15 +125,22 @@ class PhysicsEntries:
     catalogue : str
         A car whose values stand where ``car`` says none.
     free : tuple of str
-        Parameters that are fitted; ``delay_`` before an input is its delay. [s]
+        Parameters that are fitted; ``delay_`` before an input is its delay, steering_lag and steering_rate are those of
+        an actuator where the model has none. [s]
     per_experiment : tuple of str
         Parameters with one value for each file, and for each stretch of a file between gaps.
+    banked : bool
+        The road has a cross slope: an input ``bank``, a channel of the log. [rad]
+    fit : table
+        How it is fitted; by default by the free-run error.
     """
 
     car: dict[str, float] = field(default_factory=dict)
     catalogue: str = ""
     free: tuple[str, ...] = ()
     per_experiment: tuple[str, ...] = ()
+    banked: bool = False
+    fit: FitSettings = field(default_factory=FitSettings)
 
 
 Kind = Physics | type[OdeModel] | type[Estimator] | Callable[..., Estimator]
@@ -96,15 +159,61 @@ KINDS.register("nonlinear-bicycle")(
     Physics(model=NonlinearBicycle, free=("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_lag", "steering_offset"))
 )
 KINDS.register("longitudinal")(Physics(model=Longitudinal, free=("k_e", "k_d", "k_r")))
-
+KINDS.register("kinematic")(Physics(model=Kinematic, free=("steering_gain", "steering_offset")))
+_SATURATING = ("C_f", "C_r", "inertia_z", "mu_f", "mu_r")
+KINDS.register("saturating-bicycle")(Physics(model=SaturatingBicycle, free=_SATURATING))
+KINDS.register("relaxing-bicycle")(Physics(model=RelaxingBicycle, free=(*_SATURATING, "relaxation_f", "relaxation_r")))
 
 KINDS.register("car")(WholeCar)
 for _estimator in (
-    *(ARX, MultiARX, Polynomial, ARMAX, OutputError, BoxJenkins, RLS, Subspace, StateSpace, Lure),
+    *(ARX, MultiARX, Polynomial, ARMAX, OutputError, BoxJenkins, RLS, Subspace, PEM, StateSpace, Lure),
     *(NARX, FreeRunNARX, Hybrid, Joint),
 ):
     KINDS.register(called(_estimator))(_estimator)
 KINDS.register("neural-state-space")(NeuralStateSpace)
+
+
+@KINDS.register("adapt")
+@dataclass(frozen=True, kw_only=True)
+class Adapted(Checked):
+    """Another model, with what the sensors of this log read differently from those that it was fitted to.
+
+    Parameters
+    ----------
+    model : Model
+        The model that is adapted, such as a saved one.
+    settings : Adapt
+        What may differ, and by how much.
+    """
+
+    model: Model
+    settings: Adapt = field(default_factory=Adapt)
+
+    def fit(self, data: Dataset) -> OffsetModel:
+        """See `slipangle.identify.adapt.Adapt.fit`."""
+        return self.settings.fit(self.model, data)
+
+
+@KINDS.register("saved")
+@dataclass(frozen=True, kw_only=True)
+class Saved(Checked):
+    """A model that 'slipangle identify' or `slipangle.save` wrote, as it is.
+
+    Parameters
+    ----------
+    file : Path
+        Relative to the job.
+    """
+
+    file: Path
+
+    def fit(self, data: Dataset) -> Model:
+        """The model of the file, if the data are at its sample time and have its channels."""
+        model = load(self.file)
+        if not isinstance(model, Model):
+            raise FormatError(f"'{self.file}' holds a {type(model).__name__}; expected a model: name another file")
+        model.check(data.select(inputs=model.inputs, outputs=model.outputs))
+        return model
 
 
 def check_entries(kind: str, table: dict[str, Any], where: str) -> dict[str, Any]:
@@ -118,7 +227,7 @@ def check_entries(kind: str, table: dict[str, Any], where: str) -> dict[str, Any
     physics = as_physics(thing)
     if physics is not None:
         entries = vars(record(PhysicsEntries, table, where))
-        known = physics.parameters.metadata()
+        known = (*physics.parameters.metadata(), *Steered.own)
         for name in entries["car"]:
             if name not in known:
                 near = nearest(name[:60], known, every=True)
@@ -165,11 +274,12 @@ def fitted(
     if physics is None:
         made = thing(**_with_models(thing, entries, others or {}, name))  # type: ignore[operator]
         return made.fit(train.select(inputs=inputs or None, outputs=outputs or None))
-    start = _start(physics, PhysicsEntries(**entries), outputs, train, name)
-    each = entries["per_experiment"]
-    free = entries["free"] or tuple(n for n in physics.free if n not in each)
+    wanted = PhysicsEntries(**entries)
+    start = _actuated(_start(physics, wanted, outputs, train, name), wanted, physics)
+    each = wanted.per_experiment
+    free = wanted.free or tuple(n for n in physics.free if n not in each)
     late = {n.removeprefix("delay_"): 0.5 * train.dt for n in (*free, *each) if n.startswith("delay_")}
-    return GreyBox(start=Delayed(start, delays=late) if late else start, free=free, per_experiment=each).fit(train)
+    return wanted.fit.fitted(Delayed(start, delays=late) if late else start, free, each, train)
 
 
 def needed(entries: Mapping[str, Any]) -> tuple[str, ...]:
@@ -202,21 +312,34 @@ def as_physics(thing: Any) -> Physics | None:
     return Physics(model=thing) if isinstance(thing, type) and issubclass(thing, OdeModel) else None
 
 
+def _actuated(start: OdeModel, wanted: PhysicsEntries, physics: Physics) -> OdeModel:
+    """The car on a banked road and behind an actuator of the steering, where the job speaks of them."""
+    car = Banked(start) if wanted.banked else start
+    named = {*wanted.free, *wanted.per_experiment, *wanted.car}
+    own = [n for n in Steered.own if n in named and n not in physics.parameters.metadata()]
+    if not own:
+        return car
+    lag = wanted.car.get("steering_lag", _LAG)
+    rate = wanted.car.get("steering_rate", _RATE if "steering_rate" in own else math.inf)
+    return Steered(car, steering_lag=lag, steering_rate=rate)
+
+
 def _start(physics: Physics, wanted: PhysicsEntries, outputs: tuple[str, ...], train: Dataset, name: str) -> OdeModel:
     kind = physics.parameters
+    car = {n: v for n, v in wanted.car.items() if n in kind.metadata()}
     if wanted.catalogue:
         if wanted.catalogue not in physics.catalogue:
             raise ConfigError(
                 f"model '{name}': there is no {physics.model.__name__} '{wanted.catalogue}' in the catalogue; "
                 f"{nearest(wanted.catalogue, physics.catalogue)}: use one of these names"
             )
-        params: Any = physics.catalogue[wanted.catalogue].with_values(**wanted.car)
+        params: Any = physics.catalogue[wanted.catalogue].with_values(**car)
     else:
         try:
-            params = kind(**wanted.car)
+            params = kind(**car)
         except TypeError:
             optional = {f.name for f in fields(kind) if f.default is not MISSING or f.default_factory is not MISSING}
-            needed = [n for n in kind.metadata() if n not in wanted.car and n not in optional]
+            needed = [n for n in kind.metadata() if n not in car and n not in optional]
             raise ConfigError(
                 f"model '{name}': car lacks {', '.join(needed)}; expected every parameter of the "
                 f"{physics.model.__name__} (free ones as start values), or a catalogue name"

@@ -7,7 +7,10 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+from slipangle.workflow.entries import Made
+
 _ENTRY = re.compile(r"^(\S.*?)(?: : .*)?$")
+_CITED = re.compile(r" \[\d\]_[^.,]*(?:, \[\d\]_[^.,]*)*(?:\.\d+[^.,]*)*\.?(?=$)")  # at the end of a sentence
 _SEE = re.compile(r"See `(\w+)`")
 
 
@@ -16,6 +19,7 @@ def meaning(thing: Callable[..., Any], name: str) -> str:
 
     A sentence "See `Other`" stands for that one's. Empty if nothing is said.
     """
+    thing = thing.of if isinstance(thing, Made) else thing
     for home in inspect.getmro(thing) if isinstance(thing, type) else (thing,):
         text = _described(home).get(name, "")
         see = _SEE.match(text)
@@ -29,7 +33,8 @@ def meaning(thing: Callable[..., Any], name: str) -> str:
 
 def summary(thing: Callable[..., Any]) -> str:
     """First paragraph of the docstring."""
-    return " ".join((inspect.getdoc(thing) or "").partition("\n\n")[0].split())
+    text = inspect.getdoc(thing.of if isinstance(thing, Made) else thing) or ""
+    return _CITED.sub("", " ".join(text.partition("\n\n")[0].split()))
 
 
 def _first(text: str) -> str:

@@ -8,10 +8,17 @@ from math import isfinite
 from typing import Any
 
 from slipangle.errors import ConfigError, nearest
-from slipangle.workflow.drive import CONTROLLERS, PLANTS, ControllerSettings, PlantSettings
+from slipangle.workflow.drive import (
+    CONTROLLERS,
+    ESTIMATORS,
+    PLANTS,
+    ControllerSettings,
+    EstimatorSettings,
+    PlantSettings,
+)
 from slipangle.workflow.entries import Entry, entries_of
 from slipangle.workflow.hints import bound, called, is_record, parts, words
-from slipangle.workflow.kinds import KINDS, PhysicsEntries, as_physics
+from slipangle.workflow.kinds import FITS, KINDS, FitSettings, PhysicsEntries, as_physics
 from slipangle.workflow.meanings import meaning, summary
 from slipangle.workflow.settings import ColumnSettings, DataSettings, ModelSettings, PublishedSettings, Settings
 
@@ -57,8 +64,9 @@ def tables() -> dict[str, Table]:
     """All tables of a job by name: "data", "model", "model.arx" and so on, those of installed packages too."""
     found = [_table(called(record), place, record) for record, place in _PLACES.items()]
     found += [table for kind, thing in KINDS.items() for table in _of_model(kind, thing)]
-    for name, registry, skip in (("controller", CONTROLLERS, 2), ("plant", PLANTS, 0)):
-        found += [_table(f"{name}.{k}", f'[{name}] with kind = "{k}"', thing, skip, k) for k, thing in registry.items()]
+    for name, registry, skip in _KINDS:
+        place = _PLACE.get(name, f"[{name}]")
+        found += [_table(f"{name}.{k}", f'{place} with kind = "{k}"', t, skip, k) for k, t in registry.items()]
     named = {table.name: table for table in found}
     for table in found:
         for inner in (r for key in table.keys for r in records_in(key.entry.hint)):
@@ -170,6 +178,8 @@ def _plain(place: str) -> str:
     return f"`{place}`" if place.startswith("[") and "," not in place and " with" not in place else place
 
 
+_KINDS = (("controller", CONTROLLERS, 2), ("estimator", ESTIMATORS, 1), ("plant", PLANTS, 0), ("fit", FITS, 0))
+_PLACE = {"fit": "fit = { ... }"}
 _PLACES = {
     Settings: "the file itself",
     DataSettings: "[data]",
@@ -177,7 +187,9 @@ _PLACES = {
     ModelSettings: "[[model]], whatever its kind",
     PublishedSettings: "[model.published]",
     ControllerSettings: "[controller], whatever its kind",
+    EstimatorSettings: "[estimator], whatever its kind",
     PlantSettings: "[plant], whatever its kind",
+    FitSettings: "fit = { ... } of a physical model, whatever its kind",
 }
 _HEAD = """\
 # Job reference

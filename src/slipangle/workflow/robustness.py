@@ -13,6 +13,7 @@ import numpy as np
 
 from slipangle.codegen.compiler import compiler
 from slipangle.control.controller import Controller
+from slipangle.control.driver import Driver
 from slipangle.errors import ConfigError, SlipangleError
 from slipangle.identify.search.pool import Cluster, Local, Report, Task, Value
 from slipangle.models.model import Model
@@ -48,6 +49,8 @@ def trial_of(wanted: ControllerSettings, plant: PlantSettings, model: Model, con
 
     Raises SlipangleError with the reason where there is no such car or the controller needs more than it measures.
     """
+    if isinstance(controller, Driver):
+        raise ConfigError("a driver with its estimator is tried on one car only; expected a controller: name another")
     if plant.kind:
         raise ConfigError("a vehicle from outside cannot be perturbed; expected a plant of the toolbox: leave kind out")
     known = identified_bicycle(model)

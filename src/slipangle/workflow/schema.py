@@ -5,16 +5,19 @@ from __future__ import annotations
 import typing
 from collections.abc import Mapping
 from math import inf
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from slipangle.fields import Within
+from slipangle.models.vehicles.steering import Steered
 from slipangle.optimal.terms import Limits
 from slipangle.units import SI
 from slipangle.workflow.hints import bound, called, expressible, is_model, is_named, is_record, parts
 from slipangle.workflow.reference import Key, Table, tables
 
 _SIMPLE = {float: "number", int: "integer", str: "string", bool: "boolean"}
-_KINDS = ("model", "controller", "plant")  # tables whose kind says which keys they have
+_SETTINGS = ("job", "data", "column", "published", "plant")  # tables without a kind
+_KINDS = ("model", "controller", "estimator", "plant", "fit")  # tables whose kind says which keys they have
 
 
 def job_schema() -> dict[str, Any]:
@@ -41,6 +44,8 @@ def _of_kinds(name: str, known: Mapping[str, Table]) -> dict[str, Any]:
         own["properties"]["kind"] = {"const": table.kind, "description": table.about}
         if cars is not None:
             own["properties"]["car"] = _object(cars) | {"required": []}
+            del own["properties"]["car"]["properties"]["kind"]
+            own["properties"]["car"]["properties"] |= {n: {"type": "number"} for n in Steered.own}
         usual = next(k for k in common.keys if k.name == "kind").entry.default
         if usual != table.kind:
             own["required"] = [*dict.fromkeys((*own["required"], "kind"))]
@@ -55,10 +60,11 @@ def _of_kinds(name: str, known: Mapping[str, Table]) -> dict[str, Any]:
 def _object(table: Table, more: tuple[Key, ...] = ()) -> dict[str, Any]:
     """A table: no other keys, each with its meaning and range."""
     keys = (*more, *table.keys)
+    kind = {} if table.name in _SETTINGS else {"kind": {"const": table.name.rpartition(".")[2]}}
     return {
         "type": "object",
         "description": table.about,
-        "properties": {k.name: _of(k.entry.hint) | {"description": _said(k)} for k in keys},
+        "properties": kind | {k.name: _of(k.entry.hint) | {"description": _said(k)} for k in keys},
         "required": [k.name for k in keys if k.entry.needed],
         "additionalProperties": False,
     }
@@ -90,7 +96,7 @@ def _of(hint: Any) -> dict[str, Any]:
         pair = {"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}
         either = {"anyOf": [{"type": "number"}, pair]} if issubclass(hint, Limits) else {"type": "number"}
         return {"type": "object", "additionalProperties": either}
-    if is_model(hint):
+    if is_model(hint) or hint is Path:
         return {"type": "string"}
     if is_record(hint):
         table = {"$ref": f"#/definitions/{called(hint)}"}

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from slipangle.data.readers.column import Column
 from slipangle.errors import ConfigError, nearest, shown
 from slipangle.files import read_bytes
-from slipangle.workflow.drive import ControllerSettings, PlantSettings
+from slipangle.workflow.drive import ControllerSettings, EstimatorSettings, PlantSettings
 from slipangle.workflow.entries import Within, common, record
 from slipangle.workflow.kinds import check_entries, needed
 
@@ -199,6 +199,8 @@ class Settings:
         What drives one of the models' cars in simulation; without it nothing drives.
     plant : table
         The car that is driven; by default one made of the identified bicycle.
+    estimator : table
+        What tells the controller the state from measurements; without it the outputs of its model correct it.
     out : str
         Folder for the results, below the one that the job is run in; only the command line may name another.
     folder : Path
@@ -211,8 +213,9 @@ class Settings:
     subtitle: str = ""
     controller: ControllerSettings | None = None
     plant: PlantSettings = field(default_factory=PlantSettings)
+    estimator: EstimatorSettings | None = None
     out: str = "slipangle-out"
-    folder: Path = field(default=Path(), repr=False)
+    folder: Path = field(default=Path(), repr=False, metadata={"in_jobs": False})
 
 
 def read_settings(path: str | Path) -> Settings:
@@ -234,9 +237,18 @@ def read_settings(path: str | Path) -> Settings:
         raise ConfigError(
             f"'{file}' is not valid TOML: {str(error)[:200]}; expected key = value lines: correct that line"
         ) from None
-    settings = replace(record(Settings, table, file.name), folder=file.parent)
+    settings = _placed(record(Settings, table, file.name), file.parent)
     _check(settings, file.name)
     return settings
+
+
+def _placed(settings: Settings, folder: Path) -> Settings:
+    """The same with every file that a model names in the folder of the job."""
+    models = tuple(
+        replace(m, entries={k: folder / v if isinstance(v, Path) else v for k, v in m.entries.items()})
+        for m in settings.model
+    )
+    return replace(settings, folder=folder, model=models)
 
 
 def _check(settings: Settings, where: str) -> None:

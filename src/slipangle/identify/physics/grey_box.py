@@ -51,10 +51,14 @@ class GreyBox(Checked, Generic[M]):
         among the training data.
     free_initial_state : bool
         Estimate each experiment's initial state too, instead of reading it from its first sample.
+    max_iterations : int
+        Steps of one fit at most.
     starts : int, optional
         From how many places the minimum is looked for, the given one included: see
         `slipangle.identify.physics.starts`. By default 32 for models known to have several minima
         (`OdeModel.several_minima`), such as the nonlinear bicycle, else 1.
+    seed : int
+        Of these places.
 
     References
     ----------
