@@ -53,6 +53,9 @@ def test_a_model_s_file(tmp_path, capsys):
     assert main(fmu) == 0
     with zipfile.ZipFile(tmp_path / "car.fmu") as archive:
         assert "sources/model.c" in archive.namelist()
+    assert main([*fmu, "--fmi", "3", "--force"]) == 0
+    with zipfile.ZipFile(tmp_path / "car.fmu") as archive:
+        assert b'fmiVersion="3.0"' in archive.read("modelDescription.xml")
     capsys.readouterr()
     assert main(fmu) == 2
     assert "is there already" in capsys.readouterr().err

@@ -10,7 +10,7 @@ import slipangle as sa
 from slipangle.codegen import compiler
 from slipangle.errors import ParameterError, WriteError
 from slipangle.export.fmi import export_fmu
-from tests.export.test_mpc import controller
+from tests.export.test_mpc import STANLEY, controller
 from tests.export.tools import STRICT, needs, run
 from tests.models.all_models import ALL_MODELS
 
@@ -27,30 +27,39 @@ def quick(monkeypatch):
 
 
 class Slave:
-    """An instance in fmpy, its variables by name."""
+    """An instance in fmpy, its variables by name, of FMI 2.0 or 3.0."""
 
     def __init__(self, path, folder, **start):
         self.description = fmpy.read_model_description(str(path))
         self.at = {v.name: v.valueReference for v in self.description.modelVariables}
         self.dt = float(self.description.defaultExperiment.stepSize)
-        self.fmu = fmpy.fmi2.FMU2Slave(
+        self.newer = self.description.fmiVersion == "3.0"
+        self.fmu = (fmpy.fmi3.FMU3Slave if self.newer else fmpy.fmi2.FMU2Slave)(
             guid=self.description.guid,
             unzipDirectory=fmpy.extract(str(path), unzipdir=str(folder)),
             modelIdentifier=self.description.coSimulation.modelIdentifier,
             instanceName="one",
         )
         self.fmu.instantiate()
-        self.fmu.setupExperiment(startTime=0.0)
+        if not self.newer:
+            self.fmu.setupExperiment(startTime=0.0)
         self.set(**start)
         self.fmu.enterInitializationMode()
         self.fmu.exitInitializationMode()
         self.time = 0.0
 
     def set(self, **values):
-        self.fmu.setReal([self.at[n] for n in values], [float(v) for v in values.values()])
+        put = self.fmu.setFloat64 if self.newer else self.fmu.setReal
+        put([self.at[n] for n in values], [float(v) for v in values.values()])
 
     def get(self, *names):
-        return np.array(self.fmu.getReal([self.at[n] for n in names]))
+        take = self.fmu.getFloat64 if self.newer else self.fmu.getReal
+        return np.array(take([self.at[n] for n in names]))
+
+    def slope(self, of, **along):
+        return self.fmu.getDirectionalDerivative(
+            [self.at[n] for n in of], [self.at[n] for n in along], [float(v) for v in along.values()]
+        )
 
     def step(self, steps=1):
         self.fmu.doStep(self.time, steps * self.dt)
@@ -61,15 +70,17 @@ class Slave:
         self.fmu.freeInstance()
 
 
+BOTH = pytest.mark.parametrize("version", [2, 3])
 LONG = [pytest.param(n, marks=pytest.mark.slow) for n in ("single track, Radau", "dual track, front drive")]
 
 
+@BOTH
 @pytest.mark.parametrize("name", ["bicycle, three outputs", "NARX", *LONG])
-def test_a_model_runs_as_inside(name, tmp_path):
+def test_a_model_runs_as_inside(name, version, tmp_path):
     import fmpy.validation
 
     model, rng = ALL_MODELS[name], np.random.default_rng(2)
-    path = export_fmu(model, tmp_path / "model.fmu")
+    path = export_fmu(model, tmp_path / "model.fmu", version=version)
     assert fmpy.validation.validate_fmu(str(path)) == []
     x = np.array(model.straight(20.0))
     slave = Slave(path, tmp_path / "at", **{f"state.{n}": v for n, v in zip(model.states, x, strict=True)})
@@ -100,9 +111,10 @@ def test_units_and_start_values(tmp_path):
     assert results["r"][-1] == pytest.approx(free.output(x, np.array([0.02, 20.0]))[1], rel=1e-9)
 
 
-def test_state_is_saved_restored_and_written_out(tmp_path):
+@BOTH
+def test_state_is_saved_restored_and_written_out(version, tmp_path):
     model = ALL_MODELS["bicycle, three outputs"]
-    path = export_fmu(model, tmp_path / "model.fmu")
+    path = export_fmu(model, tmp_path / "model.fmu", version=version)
     slave = Slave(path, tmp_path / "at", **{"state.v_y": 0.1})
     slave.set(delta=0.03)
     slave.step(5)
@@ -128,14 +140,75 @@ def test_a_step_between_samples_is_refused(tmp_path):
     slave.end()
 
 
+@BOTH
+def test_parameters_are_tuned_within_their_ranges(version, tmp_path):
+    """A step with a parameter set is that of the model with it; what no car has is refused."""
+    model = ALL_MODELS["bicycle on the ground"]
+    path = export_fmu(model, tmp_path / "model.fmu", version=version)
+    named = {v.name: v for v in fmpy.read_model_description(str(path)).modelVariables}
+    own = model.off_ground
+    for name in own.parameter_names:
+        said = named[name]
+        assert (said.causality, said.variability, float(said.start)) == ("parameter", "tunable", own.value(name))
+    assert (named["C_f"].unit, named["mass"].unit) == ("N/rad", "kg")
+    slave, u = Slave(path, tmp_path / "at", C_f=0.5 * own.value("C_f")), np.array([0.02, 20.0])
+    slave.set(**dict(zip(model.inputs, u, strict=True)))
+    x = np.array(model.straight(20.0))
+    for mass in (own.value("mass"), 1.3 * own.value("mass")):
+        slave.set(mass=mass)
+        varied = sa.OnGround(own.with_values(C_f=0.5 * own.value("C_f"), mass=mass))
+        for _ in range(20):
+            slave.step()
+            x = np.asarray(varied.step(x, u))
+        assert slave.get(*(f"state.{n}" for n in model.states)) == pytest.approx(x, rel=1e-9, abs=1e-9)
+        assert slave.get(*model.outputs) == pytest.approx(np.asarray(varied.output(x, u)), rel=1e-9, abs=1e-9)
+    assert abs(x[1]) > 0.01
+    with pytest.raises(Exception, match="failed with status 3"):
+        slave.set(mass=-1.0)
+    assert slave.get("mass")[0] == 1.3 * own.value("mass")
+    slave.end()
+
+
+@BOTH
+@pytest.mark.parametrize("name", ["saturating bicycle", "NARX, MIMO, delay"])
+def test_directional_derivatives_are_those_of_finite_differences(name, version, tmp_path):
+    model, rng = ALL_MODELS[name], np.random.default_rng(3)
+    slave = Slave(export_fmu(model, tmp_path / "model.fmu", version=version), tmp_path / "at")
+    known = [v.name for v in slave.description.modelVariables if v.causality in ("local", "input", "parameter")]
+    starts = slave.get(*known) + np.array([0.01 * rng.normal() * (n.startswith("state")) for n in known])
+    slave.set(**dict(zip(known, starts, strict=True)))
+    for _ in range(4):
+        along = rng.normal(size=len(known)) * 1e-2 * np.maximum(np.abs(starts), 1e-2)
+        told = slave.slope(model.outputs, **dict(zip(known, along, strict=True)))
+        ends = []
+        for sign in (1.0, -1.0):
+            slave.set(**dict(zip(known, starts + sign * 1e-4 * along, strict=True)))
+            ends.append(slave.get(*model.outputs))
+        slave.set(**dict(zip(known, starts, strict=True)))
+        assert told == pytest.approx((ends[0] - ends[1]) / 2e-4, rel=1e-5, abs=1e-8)
+        assert np.abs(told).max() > 1e-6
+    with pytest.raises(Exception, match="failed with status 3"):
+        slave.slope([known[0]], **{known[0]: 1.0})
+    slave.end()
+
+
+def test_versions_and_things_without_an_fmu_are_said(tmp_path):
+    with pytest.raises(ParameterError, match="the version of FMI is 1; expected 2 or 3"):
+        export_fmu(ALL_MODELS["bicycle"], tmp_path / "a.fmu", version=1)
+    observer = sa.EKF(start=ALL_MODELS["bicycle"], noise_std={"r": 0.01})
+    with pytest.raises(ParameterError, match="a EKF has no FMU; expected a model or a controller"):
+        export_fmu(observer, tmp_path / "a.fmu")
+
+
 @pytest.mark.slow
-def test_controller_and_plant_close_the_loop(tmp_path):
+@BOTH
+def test_controller_and_plant_close_the_loop(version, tmp_path):
     """Two FMUs, which know nothing of Python, drive as MPC and model do in Python."""
     import fmpy.validation
 
     mpc = controller(6)
     model, path = mpc.model, sa.double_lane_change(20.0)
-    files = export_fmu(mpc, tmp_path / "mpc.fmu"), export_fmu(model, tmp_path / "plant.fmu")
+    files = [export_fmu(t, tmp_path / f"{n}.fmu", version=version) for n, t in (("mpc", mpc), ("plant", model))]
     assert [fmpy.validation.validate_fmu(str(f)) for f in files] == [[], []]
     driver, plant = (Slave(f, tmp_path / f.stem) for f in files)
     x, s, plan = model.straight(20.0), 0.0, None
@@ -166,8 +239,13 @@ def test_controller_and_plant_close_the_loop(tmp_path):
 @pytest.mark.parametrize("compiler_", ["gcc", "clang"])
 def test_compilers_have_nothing_to_say(compiler_, tmp_path):
     needs(compiler_)
-    for name, thing in (("model", ALL_MODELS["bicycle"]), ("mpc", controller(3))):
-        path = export_fmu(thing, tmp_path / f"{name}.fmu", binary=False)
+    for name, version, thing in (
+        ("model", 2, ALL_MODELS["bicycle"]),
+        ("mpc", 2, controller(3)),
+        ("newer", 3, ALL_MODELS["NARX"]),
+        ("newest", 3, STANLEY),
+    ):
+        path = export_fmu(thing, tmp_path / f"{name}.fmu", name=name, version=version, binary=False)
         with zipfile.ZipFile(path) as archive:
             assert not [n for n in archive.namelist() if n.startswith("binaries")]
             (tmp_path / f"{name}.c").write_bytes(archive.read(f"sources/{name}.c"))

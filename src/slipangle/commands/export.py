@@ -32,8 +32,9 @@ def add(commands: Commands) -> None:
         metavar="N",
         help="count instructions and stack of a step over N hard states (default: 10000); needs Valgrind",
     )
-    sub = group.add("fmu", _fmu, "an FMU for co-simulation, FMI 2.0: C source and a library for this machine")
+    sub = group.add("fmu", _fmu, "an FMU for co-simulation, FMI 2.0 or 3.0: C source and a library for this machine")
     _options(sub, "JOB.toml|MODEL.json", "slipangle-out/export/NAME.fmu", "mpc, model, ...")
+    sub.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of the standard (default: 2)")
     sub.add_argument("--source-only", action="store_true", help="compile nothing")
     sub = commands.add("build", _build, "compile the controller of a job, to be loaded where there is no compiler")
     _options(sub, "JOB.toml", "slipangle-out/build/NAME", "mpc, marx, follower")
@@ -102,7 +103,8 @@ def _fmu(options: argparse.Namespace) -> Answer:
     with Bar(quiet=options.json) as bar:
         thing, _ = _thing(options, bar)
         bar(0.9, "writing the FMU")
-        made = export_fmu(thing, path, name=name, binary=not options.source_only, force=options.force)
+        settings = {"name": name, "version": options.fmi, "binary": not options.source_only, "force": options.force}
+        made = export_fmu(thing, path, **settings)
     return Answer({"file": str(made)}, str(made.resolve()))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -37,19 +38,35 @@ def model_source(model: Model) -> str:
     model : Model
         Any model: what is written out operation by operation, else CasADi's own code with its loops and solvers.
     """
-    code, called, calls = [], [], []
     given = (("x", "u"), ("x", "u"), ("x", "u", "y"))
-    to = ("next", "y", "corrected")
-    for name, function, arguments, result in zip(PARTS, model.functions, given, to, strict=True):
+    listed = zip(PARTS, model.functions, given, ("next", "y", "corrected"), strict=True)
+    return sourced(
+        [(f"void car_{n}", f, [f"{a}[{_SIZES[a]}]" for a in g], f"{r}[{_SIZES[r]}]") for n, f, g, r in listed]
+    )
+
+
+def sourced(functions: Sequence[tuple[str, ca.Function, Sequence[str], str]]) -> str:
+    """C of CasADi functions, with its preamble.
+
+    Parameters
+    ----------
+    functions : sequence of (str, Function, sequence of str, str)
+        Each with its type and name, ``void car_step``, and its arguments and its result with their sizes, ``x[4]``;
+        the result's memory is zero where the function has structural zeros.
+    """
+    code, called, calls = [], [], []
+    for declared, function, arguments, result in functions:
+        name = declared.rpartition(" ")[2].rpartition("_")[2].title()
+        names = [word.partition("[")[0] for word in (*arguments, result)]
         plain = scalar_code(function)
         if plain is not None and plain.n_instructions() <= MOST_INSTRUCTIONS:
-            code.append(emit(plain, f"plain{name.title()}"))
-            call = f"    plain{name.title()}({', '.join((*arguments, result))});"
+            code.append(emit(plain, f"plain{name}"))
+            call = f"    plain{name}({', '.join(names)});"
         else:
-            called.append(_wide(function, f"wide{name.title()}"))
-            call = _call(called[-1], arguments, result)
-        listed = [f"const double {a}[{_SIZES[a]}]" for a in arguments]
-        calls.append(f"void car_{name}({', '.join(listed)}, double {result}[{_SIZES[result]}])\n{{\n{call}\n}}\n")
+            called.append(_wide(function, f"wide{name}"))
+            call = _call(called[-1], tuple(names[:-1]), names[-1])
+        listed = ", ".join([*(f"const double {a}" for a in arguments), f"double {result}"])
+        calls.append(f"{declared}({listed})\n{{\n{call}\n}}\n")
     own = [_QUIET, _casadi(called)] if called else []
     return "\n".join([*own, preamble("double"), *code, *calls])
 

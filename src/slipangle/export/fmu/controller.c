@@ -20,3 +20,9 @@ static void fmuStep(Part *p, double *v)
     memcpy(&p->given, v, sizeof(double) * OUTPUTS);
     (void)car_plan(&p->controller, &p->given, &p->out);
 }
+
+static int fmuSlope(const Part *p, const double *v, const double *along, double *to)
+{
+    (void)p, (void)v, (void)along, (void)to;
+    return 0;
+}

@@ -1,15 +1,4 @@
-/* FMI 2.0 for co-simulation around what stands before this: REALS numbers in one array, of which the entries from OUTPUTS
-   on are computed; `fmuStart`, `fmuOutput` and `fmuStep`. Types and functions as in the standard, without its files. */
-
-#include <stdio.h>
-
-#if defined _WIN32
-#define EXPORTED __declspec(dllexport)
-#elif defined __GNUC__
-#define EXPORTED __attribute__((visibility("default")))
-#else
-#define EXPORTED
-#endif
+/* FMI 2.0 for co-simulation. Types and functions as in the standard, without its files. */
 
 typedef void *fmi2Component, *fmi2ComponentEnvironment, *fmi2FMUstate;
 typedef unsigned int fmi2ValueReference;
@@ -31,11 +20,7 @@ typedef struct {
 
 #define NAMED 100
 typedef struct {
-    Part part; /* first, as it may hold vectors */
-    double real[REALS];
-    double time;
-    int stale; /* outputs are to be computed */
-    void *whole;
+    Core core; /* first, as it may hold vectors */
     const fmi2CallbackFunctions *callbacks;
     char name[NAMED];
 } Instance;
@@ -56,15 +41,8 @@ EXPORTED fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t 
     return fmi2OK;
 }
 
-static void begin(Instance *s)
-{
-    memset(&s->part, 0, sizeof s->part);
-    memcpy(s->real, STARTS, sizeof s->real);
-    s->time = 0, s->stale = 1;
-    fmuStart(&s->part);
-}
+static fmi2Status ended(Instance *s, const char *wrong) { return wrong ? say(s, fmi2Error, wrong) : fmi2OK; }
 
-/* The memory of an instance begins where its vectors may. */
 EXPORTED fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                                        const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging)
 {
@@ -72,13 +50,13 @@ EXPORTED fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2Strin
     if (!callbacks || !callbacks->allocateMemory || !callbacks->freeMemory || type != fmi2CoSimulation || !guid ||
         strcmp(guid, GUID) != 0)
         return NULL;
-    char *whole = callbacks->allocateMemory(1, sizeof(Instance) + 64);
+    void *whole = callbacks->allocateMemory(1, sizeof(Instance) + 64);
     if (!whole)
         return NULL;
-    Instance *s = (Instance *)(void *)(whole + (64 - (uintptr_t)whole % 64));
-    s->whole = whole, s->callbacks = callbacks;
+    Instance *s = aligned(whole);
+    s->core.whole = whole, s->callbacks = callbacks;
     snprintf(s->name, NAMED, "%s", name ? name : "");
-    begin(s);
+    begin(&s->core);
     return s;
 }
 
@@ -86,14 +64,14 @@ EXPORTED void fmi2FreeInstance(fmi2Component c)
 {
     Instance *s = c;
     if (s)
-        s->callbacks->freeMemory(s->whole);
+        s->callbacks->freeMemory(s->core.whole);
 }
 
 EXPORTED fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean defined, fmi2Real tolerance, fmi2Real start,
                                         fmi2Boolean ends, fmi2Real stop)
 {
     (void)defined, (void)tolerance, (void)ends, (void)stop;
-    ((Instance *)c)->time = start;
+    ((Instance *)c)->core.time = start;
     return fmi2OK;
 }
 
@@ -103,95 +81,61 @@ EXPORTED fmi2Status fmi2Terminate(fmi2Component c) { return c ? fmi2OK : fmi2Err
 
 EXPORTED fmi2Status fmi2Reset(fmi2Component c)
 {
-    begin(c);
+    begin(&((Instance *)c)->core);
     return fmi2OK;
 }
 
 EXPORTED fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference at[], size_t n, fmi2Real value[])
 {
-    Instance *s = c;
-    if (s->stale)
-        fmuOutput(&s->part, s->real);
-    s->stale = 0;
-    for (size_t i = 0; i < n; i++) {
-        if (at[i] >= REALS)
-            return say(s, fmi2Error, "fmi2GetReal: there is no such variable");
-        value[i] = s->real[at[i]];
-    }
-    return fmi2OK;
+    return ended(c, get(&((Instance *)c)->core, at, n, value));
 }
 
 EXPORTED fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference at[], size_t n, const fmi2Real value[])
 {
-    Instance *s = c;
-    for (size_t i = 0; i < n; i++) {
-        if (at[i] >= OUTPUTS)
-            return say(s, fmi2Error, "fmi2SetReal: outputs cannot be set");
-        s->real[at[i]] = value[i];
-    }
-    s->stale = 1;
-    return fmi2OK;
+    return ended(c, set(&((Instance *)c)->core, at, n, value));
 }
 
-/* Steps of DT each; what is no whole number of them is refused. */
 EXPORTED fmi2Status fmi2DoStep(fmi2Component c, fmi2Real now, fmi2Real length, fmi2Boolean no_way_back)
 {
-    Instance *s = c;
-    double steps = floor(length / DT + 0.5);
     (void)no_way_back;
-    if (!(steps >= 1 && steps < 1e6 && fabs(length - steps * DT) <= 1e-6 * DT))
-        return say(s, fmi2Error, "fmi2DoStep: the step must be a whole number of the step size in modelDescription.xml");
-    for (int i = 0; i < (int)steps; i++)
-        fmuStep(&s->part, s->real);
-    s->time = now + length, s->stale = 1;
-    return fmi2OK;
+    return ended(c, advance(&((Instance *)c)->core, now, length));
+}
+
+EXPORTED fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference of[], size_t m,
+                                                 const fmi2ValueReference by[], size_t n, const fmi2Real d[], fmi2Real to[])
+{
+    return ended(c, slope(&((Instance *)c)->core, of, m, by, n, d, to));
 }
 
 EXPORTED fmi2Status fmi2CancelStep(fmi2Component c) { return say(c, fmi2Error, "fmi2CancelStep: no step is pending"); }
 
 /* ---- state ---- */
 
-typedef struct {
-    Part part;
-    double real[REALS], time;
-    int stale;
-    void *whole;
-} Saved;
-
-static void keep(Saved *to, const Instance *s)
-{
-    to->part = s->part, to->time = s->time, to->stale = s->stale;
-    memcpy(to->real, s->real, sizeof to->real);
-}
-
 EXPORTED fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
     Instance *s = c;
     if (!*state) {
-        char *whole = s->callbacks->allocateMemory(1, sizeof(Saved) + 64);
+        void *whole = s->callbacks->allocateMemory(1, sizeof(Core) + 64);
         if (!whole)
             return say(s, fmi2Error, "fmi2GetFMUstate: no memory");
-        Saved *made = (Saved *)(void *)(whole + (64 - (uintptr_t)whole % 64));
+        Core *made = aligned(whole);
         made->whole = whole;
         *state = made;
     }
-    keep(*state, s);
+    keep(*state, &s->core);
     return fmi2OK;
 }
 
 EXPORTED fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
 {
-    Instance *s = c;
-    const Saved *from = state;
-    s->part = from->part, s->time = from->time, s->stale = from->stale;
-    memcpy(s->real, from->real, sizeof s->real);
+    keep(&((Instance *)c)->core, state);
     return fmi2OK;
 }
 
 EXPORTED fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
 {
     if (*state)
-        ((Instance *)c)->callbacks->freeMemory(((Saved *)*state)->whole);
+        ((Instance *)c)->callbacks->freeMemory(((Core *)*state)->whole);
     *state = NULL;
     return fmi2OK;
 }
@@ -199,28 +143,28 @@ EXPORTED fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
 EXPORTED fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
 {
     (void)c, (void)state;
-    *size = sizeof(Saved);
+    *size = sizeof(Core);
     return fmi2OK;
 }
 
 EXPORTED fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
 {
-    if (size < sizeof(Saved))
+    if (size < sizeof(Core))
         return say(c, fmi2Error, "fmi2SerializeFMUstate: too few bytes");
-    memcpy(bytes, state, sizeof(Saved));
+    memcpy(bytes, state, sizeof(Core));
     return fmi2OK;
 }
 
 EXPORTED fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 {
-    if (size != sizeof(Saved))
+    if (size != sizeof(Core))
         return say(c, fmi2Error, "fmi2DeSerializeFMUstate: these are not the bytes of a state of this FMU");
     fmi2Status status = *state ? fmi2OK : fmi2GetFMUstate(c, state);
     if (status != fmi2OK)
         return status;
-    void *whole = ((Saved *)*state)->whole;
-    memcpy(*state, bytes, sizeof(Saved));
-    ((Saved *)*state)->whole = whole;
+    void *whole = ((Core *)*state)->whole;
+    memcpy(*state, bytes, sizeof(Core));
+    ((Core *)*state)->whole = whole;
     return fmi2OK;
 }
 
@@ -256,12 +200,6 @@ EXPORTED fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference at[]
     (void)at, (void)value;
     return n ? say(c, fmi2Error, "there are no strings") : fmi2OK;
 }
-EXPORTED fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference of[], size_t m,
-                                                 const fmi2ValueReference by[], size_t n, const fmi2Real d[], fmi2Real to[])
-{
-    (void)of, (void)m, (void)by, (void)n, (void)d, (void)to;
-    return say(c, fmi2Error, "there are no directional derivatives");
-}
 EXPORTED fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference at[], size_t n,
                                                 const fmi2Integer order[], const fmi2Real value[])
 {
@@ -283,7 +221,7 @@ EXPORTED fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind
 {
     if (kind != fmi2LastSuccessfulTime)
         return fmi2Discard;
-    *value = ((Instance *)c)->time;
+    *value = ((Instance *)c)->core.time;
     return fmi2OK;
 }
 EXPORTED fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)

@@ -1,4 +1,4 @@
-/* Real numbers: states, inputs, outputs. */
+/* Real numbers: states, inputs, parameters; outputs. */
 typedef struct {
     int none;
 } Part;
@@ -8,13 +8,20 @@ static void fmuStart(Part *p) { (void)p; }
 static void fmuOutput(Part *p, double *v)
 {
     (void)p;
-    car_output(v, v + CAR_STATES, v + CAR_STATES + CAR_INPUTS);
+    outputOf(v, v + OUTPUTS);
 }
 
 static void fmuStep(Part *p, double *v)
 {
-    double next[CAR_STATES];
+    double next[STATES] = {0};
     (void)p;
-    car_step(v, v + CAR_STATES, next);
+    stepOf(v, next);
     memcpy(v, next, sizeof next);
+}
+
+static int fmuSlope(const Part *p, const double *v, const double *along, double *to)
+{
+    (void)p;
+    slopeOf(v, along, to);
+    return 1;
 }
