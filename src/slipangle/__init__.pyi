@@ -74,6 +74,8 @@ from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle as Sa
 from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycleParams as SaturatingBicycleParams
 from slipangle.models.vehicles.single_track import SingleTrack as SingleTrack
 from slipangle.models.vehicles.steering import Steered as Steered
+from slipangle.models.vehicles.tire_bicycle import TireBicycle as TireBicycle
+from slipangle.models.vehicles.tire_bicycle import TireBicycleParams as TireBicycleParams
 from slipangle.models.wrappers.delayed import Delayed as Delayed
 from slipangle.models.wrappers.disturbed import Disturbed as Disturbed
 from slipangle.models.wrappers.multi_arx import MultiARXModel as MultiARXModel

@@ -165,7 +165,7 @@ def test_mistakes(tir, runs, tmp_path):
         (("convert", brush, tmp_path / "x.json", "--mirror"), ConfigError, "only a Magic Formula tire can be mirrored"),
         (("convert", tir, tmp_path / "x.tir", "--mirror"), FormatError, "mirrored tire has no place"),
         (("eval", brush, "--load", "1", "--speed", "9"), ParameterError, "a BrushTire does not depend on speed"),
-        (("eval", brush, "--load", "1", "--conventions", "mfeval"), ConfigError, "for .tir files only"),
+        (("eval", brush, "--load", "1", "--conventions", "mfeval"), FormatError, "for .tir files only"),
     ]
     for arguments, error, message in cases:
         with pytest.raises(error) as caught:

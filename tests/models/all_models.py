@@ -40,6 +40,7 @@ from slipangle.models.vehicles.saturating_bicycle import (
 )
 from slipangle.models.vehicles.single_track import SingleTrack
 from slipangle.models.vehicles.steering import Steered
+from slipangle.models.vehicles.tire_bicycle import TireBicycle, TireBicycleParams
 from slipangle.models.wrappers.delayed import Delayed
 from slipangle.models.wrappers.disturbed import Disturbed
 from slipangle.models.wrappers.ensemble import EnsembleModel
@@ -114,6 +115,13 @@ ALL_MODELS = {
     "nonlinear bicycle": NonlinearBicycle(params=LIMIT, dt=0.05, outputs=("r", "v_y", "a_y")),
     "saturating bicycle": SaturatingBicycle(params=AXLES, dt=0.02, outputs=("v_y", "r", "a_y")),
     "relaxing bicycle": RelaxingBicycle(params=AXLES, dt=0.02, outputs=("a_y", "r")),
+    "bicycle on tires": TireBicycle(
+        params=TireBicycleParams(mass=1500.0, inertia_z=2500.0, wheelbase=2.7, l_f=1.2, transfer_f=0.2, LKY_r=1.1),
+        dt=0.02,
+        tire_f=PASSENGER_TIRE,
+        tire_r=PASSENGER_TIRE,
+        outputs=("v_y", "r", "a_y"),
+    ),
     "steered bicycle": Steered(Bicycle(params=FERRARI_250LM, dt=0.02), steering_lag=0.05),
     "banked bicycle": Banked(Bicycle(params=FERRARI_250LM, dt=0.02, outputs=("a_y", "r"))),
     "steered, banked": Steered(Banked(SaturatingBicycle(params=AXLES, dt=0.02)), steering_lag=0.05),

@@ -105,11 +105,17 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "models/tires/magic_formula/tire.py",
+        "models/tires/magic_formula/axes.py",
         ORACLE,
         [
             ("axes: slip angle of SAE", '"SAE": (-1.0, -1.0)', '"SAE": (1.0, -1.0)'),
             ("axes: sign of our slip angle", '"slipangle": (-1.0, 1.0)', '"slipangle": (1.0, 1.0)'),
+        ],
+    ),
+    *mistakes(
+        "models/tires/magic_formula/tire.py",
+        ORACLE,
+        [
             (
                 "mirrored tire: camber not turned",
                 'inputs["camber"] = -inputs["camber"]',

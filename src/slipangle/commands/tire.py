@@ -20,8 +20,8 @@ from slipangle.files import check_output
 
 if TYPE_CHECKING:
     from slipangle.data.tire_data import TireData
+    from slipangle.models.tires.magic_formula.axes import AxisSystem
     from slipangle.models.tires.magic_formula.terms import Conventions
-    from slipangle.models.tires.magic_formula.tire import AxisSystem
     from slipangle.models.tires.simple import Tire
 
 _MODELS = "mf61, magic, linear, brush, dugoff, rbf:N, mlp:N,N,... (N neurons)"
@@ -201,31 +201,12 @@ def read_tire(
     axes: AxisSystem | None = None,
     force: bool = False,
 ) -> Tire:
-    """Tire of a ``.tir`` file or of a JSON file that slipangle saved.
+    """As `slipangle.models.tires.files.read_tire`, its warnings printed."""
+    from slipangle.models.tires import files
 
-    ``conventions``, ``axes`` and ``force`` are those of `MagicFormulaTire.from_tir`. Raises MissingFileError or
-    FormatError if there is no such file, or it is not one of a tire, ConfigError if a JSON file is read by other ones.
-    """
-    from slipangle.models.storage import load
-    from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
-    from slipangle.models.tires.simple import Tire
-
-    suffix = Path(path).suffix.lower()
     outside = "extrapolate" if extrapolate else "error"
-    if suffix == ".tir":
-        with _warnings_printed():
-            return MagicFormulaTire.from_tir(path, outside=outside, conventions=conventions, axes=axes, force=force)
-    if suffix != ".json":
-        raise FormatError(f"'{path}' ends in '{suffix}'; expected {_FILES}")
-    if conventions or axes or force:
-        raise ConfigError(
-            f"'{path}' holds a tire with its conventions and axes; expected --conventions, --file-axes and --force for "
-            ".tir files only: leave them out"
-        )
-    tire = load(path)
-    if not isinstance(tire, Tire):
-        raise FormatError(f"'{path}' holds a {type(tire).__name__}; expected a tire")
-    return tire
+    with _warnings_printed():
+        return files.read_tire(path, outside=outside, conventions=conventions, axes=axes, force=force)
 
 
 def _suffix(out: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from slipangle.data.tire_data import TireData
 from slipangle.errors import ParameterError
 from slipangle.models.model import FitInfo
-from slipangle.models.tires.magic_formula.tire import AXES
+from slipangle.models.tires.magic_formula.axes import AXES
 from slipangle.models.tires.simple import Tire, slip_from_practical
 from slipangle.report.page import Fact, Figure, Findings, Grid, Page, Section
 from slipangle.report.tables import Heading, Row, Table, parameter_table

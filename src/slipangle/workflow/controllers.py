@@ -265,4 +265,5 @@ def build_driver(
 
 def identified_bicycle(model: Model) -> BicycleParams | None:
     """Mass, geometry and stiffness that a model holds, or None."""
-    return getattr(getattr(model, "params", None), "bicycle", None)
+    own = getattr(getattr(model, "params", None), "bicycle", None)
+    return own or getattr(getattr(model, "ode", None), "bicycle", None)

@@ -7,18 +7,19 @@ Controllers are in `slipangle.workflow.controllers`.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 
 from slipangle.control.driver import Driver
 from slipangle.control.speed.driver import SpeedDriver
-from slipangle.errors import ConfigError, nearest, shown
+from slipangle.errors import ConfigError, ParameterError, nearest, shown
+from slipangle.identify.physics.tire_bicycle_fit import require_tires
 from slipangle.models.model import Model
 from slipangle.models.ode import Parametrised
 from slipangle.models.tires.simple import MagicCurve, SimpleMagicFormula
 from slipangle.models.vehicles import catalogue
-from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams, SingleTrackParams
+from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams, ChassisParams, SingleTrackParams
 from slipangle.models.vehicles.single_track import SingleTrack
 from slipangle.optimal.terms import Values
 from slipangle.registry import Registry
@@ -33,6 +34,7 @@ from slipangle.workflow.controllers import ESTIMATORS, ControllerSettings, Estim
 from slipangle.workflow.controllers import build_mpc as build_mpc
 from slipangle.workflow.controllers import identified_bicycle as identified_bicycle
 from slipangle.workflow.entries import Seed, Weight, Within, arguments, common
+from slipangle.workflow.tires import car_on, plant_tires
 
 _PLANTS = {
     "sousa-table-6.1": (catalogue.SOUSA_TABLE_6_1, catalogue.SOUSA_TABLE_6_2),
@@ -52,7 +54,17 @@ class PlantSettings:
     catalogue : str
         A car of the catalogue.
     friction : float
-        Where the car is made of the identified bicycle: friction coefficient at which its tires saturate.
+        Where the car is made of the identified bicycle: friction coefficient at which its tires saturate; on tires of
+        files the road's, relative to that of their test.
+    tire, tire_f, tire_r : str
+        Tire file, ``.tir`` or ``.json``, of all wheels, or one for each axle, relative to the job's folder: then the
+        car is a dual track of the identified mass and geometry, or the catalogue's, on these tires.
+    force : bool
+        Use coefficients of tire files outside their range as they stand.
+    conventions : {"book", "mfeval"}
+        Where codes of the Magic Formula differ.
+    car : table
+        Parameters of that dual track by name, SI units, such as height and track_f.
     noise : table
         Standard deviation of what is measured, by channel, in the channel's unit.
     seed : int
@@ -64,6 +76,12 @@ class PlantSettings:
     kind: str = ""
     catalogue: str = ""
     friction: Annotated[float, Within(0.01, 10)] = 1.0
+    tire: str = ""
+    tire_f: str = ""
+    tire_r: str = ""
+    force: bool = False
+    conventions: Literal["book", "mfeval"] = "book"
+    car: dict[str, float] = field(default_factory=dict)
     noise: dict[str, Weight] = field(default_factory=dict)
     seed: Seed = 0
     entries: dict[str, Any] = field(default_factory=dict)
@@ -78,13 +96,19 @@ class PlantSettings:
             raise ConfigError(
                 f"{where} has no entry {shown(other)}; {nearest(other[:60], names)}: use one of these names"
             )
+        if wanted.tire or wanted.tire_f or wanted.tire_r:
+            try:
+                require_tires(wanted.tire, wanted.tire_f, wanted.tire_r)
+            except ParameterError as error:
+                raise ConfigError(f"{where}: {error}") from None
         if not wanted.kind:
             return wanted
         if wanted.kind not in PLANTS:
             near = nearest(wanted.kind[:60], PLANTS)
             raise ConfigError(f"{where}: kind is {shown(wanted.kind)}; {near}: use one of these")
-        if wanted.catalogue:
-            raise ConfigError(f"{where} has a kind and a catalogue name; expected one of them: leave the other out")
+        if wanted.catalogue or wanted.tire or wanted.tire_f:
+            other = "catalogue name" if wanted.catalogue else "tire"
+            raise ConfigError(f"{where} has a kind and a {other}; expected one of them: leave the other out")
         return replace(wanted, entries=arguments(PLANTS[wanted.kind], own, where))
 
 
@@ -145,14 +169,22 @@ def plant_process(*, address: str) -> PlantProcess:
 
 
 def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver | None, str]:
-    """The vehicle that is named, or a single track: from the catalogue, or around the identified bicycle."""
+    """The vehicle that is named, or a car from the catalogue or around the identified bicycle.
+
+    On tires of files, or on those that were identified, it is a dual track, else a single track.
+    """
     if wanted.kind:
         return _foreign(wanted)
+    if wanted.catalogue and wanted.catalogue not in _PLANTS:
+        raise ConfigError(
+            f"[plant] catalogue is '{wanted.catalogue}'; {nearest(wanted.catalogue, _PLANTS)}: use one of these"
+        )
+    noise = Values(**{**NOISE, **wanted.noise})
+    delay, lag = (Values() if wanted.catalogue else late(model, name) for name in ("delay_delta", "steering_lag"))
+    if own := plant_tires(wanted, model):
+        dual, pedals, said = car_on(wanted, plant_chassis(wanted, model), own)
+        return Plant(dual, noise=noise, seed=wanted.seed, delay=delay, lag=lag), pedals, said
     if wanted.catalogue:
-        if wanted.catalogue not in _PLANTS:
-            raise ConfigError(
-                f"[plant] catalogue is '{wanted.catalogue}'; {nearest(wanted.catalogue, _PLANTS)}: use one of these"
-            )
         params, tire = _PLANTS[wanted.catalogue]
         tires = (tire, tire)
         text = f"the catalogue car {wanted.catalogue} with wheel spin and Magic Formula tires"
@@ -167,11 +199,9 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
             "[plant] has no catalogue name and the controller's model is no bicycle; expected one of both"
         )
     car = SingleTrack(params=params, dt=0.001, tire_f=tires[0], tire_r=tires[1])
-    noise = {**NOISE, **wanted.noise}
-    delay, lag = (Values() if wanted.catalogue else late(model, name) for name in ("delay_delta", "steering_lag"))
     reach = 0.8 * params.mass * GRAVITY * params.radius
     driver = SpeedDriver.for_car(mass=params.mass, radius=params.radius, limits=(-reach, 0.5 * reach))
-    return Plant(car, noise=Values(**noise), seed=wanted.seed, delay=delay, lag=lag), driver, text
+    return Plant(car, noise=noise, seed=wanted.seed, delay=delay, lag=lag), driver, text
 
 
 def _foreign(wanted: PlantSettings) -> tuple[Plant, SpeedDriver | None, str]:
@@ -186,6 +216,22 @@ def _foreign(wanted: PlantSettings) -> tuple[Plant, SpeedDriver | None, str]:
     driver = SpeedDriver(kp=(2.0,), ki=(1.0,), limits=(-8.0, 4.0), feedforward=1.0, drive=Values(a_x=1.0))
     text = f"a vehicle from outside, “{wanted.kind}”, at {1000 * plant.dt:g} ms a step"
     return plant, driver if "a_x" in plant.model.inputs else None, text
+
+
+def plant_chassis(wanted: PlantSettings, model: Model) -> ChassisParams:
+    """Mass and geometry of the car that tires of files are put on: the catalogue's or the identified one's.
+
+    Raises ConfigError if there is neither.
+    """
+    if wanted.catalogue:
+        return _PLANTS[wanted.catalogue][0]
+    known = identified_bicycle(model)
+    if known is None:
+        raise ConfigError(
+            "[plant] has tires and no car to put them on, since the controller's model is no bicycle; expected one or "
+            "the other: add a catalogue name, or control a bicycle"
+        )
+    return known
 
 
 def catalogued(name: str) -> tuple[BicycleParams, float]:

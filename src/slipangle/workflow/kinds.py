@@ -35,6 +35,7 @@ from slipangle.identify.networks.narx_free_run import FreeRunNARX
 from slipangle.identify.networks.neural_statespace import NeuralStateSpace
 from slipangle.identify.physics.collocation import Collocation
 from slipangle.identify.physics.grey_box import GreyBox
+from slipangle.identify.physics.tire_bicycle_fit import TireBicycleFit
 from slipangle.models.model import Model
 from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import ParameterSet
@@ -171,6 +172,7 @@ for _estimator in (
 ):
     KINDS.register(called(_estimator))(_estimator)
 KINDS.register("neural-state-space")(NeuralStateSpace)
+KINDS.register("tire-bicycle")(TireBicycleFit)
 
 
 @KINDS.register("adapt")

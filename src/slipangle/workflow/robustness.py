@@ -29,8 +29,10 @@ from slipangle.workflow.drive import (
     catalogued,
     identified_bicycle,
     late,
+    plant_chassis,
 )
 from slipangle.workflow.settings import Settings
+from slipangle.workflow.tires import equivalent, plant_tires
 
 BATCH = 50  # cars side by side
 
@@ -53,8 +55,10 @@ def trial_of(wanted: ControllerSettings, plant: PlantSettings, model: Model, con
         raise ConfigError("a driver with its estimator is tried on one car only; expected a controller: name another")
     if plant.kind:
         raise ConfigError("a vehicle from outside cannot be perturbed; expected a plant of the toolbox: leave kind out")
-    known = identified_bicycle(model)
-    if plant.catalogue:
+    known, tires = identified_bicycle(model), plant_tires(plant, model)
+    if tires:
+        bicycle, friction = equivalent(plant, plant_chassis(plant, model), tires)
+    elif plant.catalogue:
         bicycle, friction = catalogued(plant.catalogue)
     elif known is not None:
         bicycle, friction = known, plant.friction

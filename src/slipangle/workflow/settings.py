@@ -12,6 +12,7 @@ from slipangle.files import read_bytes
 from slipangle.workflow.drive import ControllerSettings, EstimatorSettings, PlantSettings
 from slipangle.workflow.entries import Within, common, record
 from slipangle.workflow.kinds import check_entries, needed
+from slipangle.workflow.tires import TIRES, located
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,7 +240,18 @@ def read_settings(path: str | Path) -> Settings:
         ) from None
     settings = _placed(record(Settings, table, file.name), file.parent)
     _check(settings, file.name)
-    return settings
+    return _with_tires(settings, file.name)
+
+
+def _with_tires(settings: Settings, where: str) -> Settings:
+    """The job with its tire files where they are, from its folder."""
+    models = tuple(
+        replace(m, entries=located(m.entries, settings.folder, f"{where}: model {shown(m.name)}"))
+        for m in settings.model
+    )
+    own = {key: getattr(settings.plant, key) for key in TIRES}
+    plant = replace(settings.plant, **located(own, settings.folder, f"{where}: [plant]"))
+    return replace(settings, model=models, plant=plant)
 
 
 def _placed(settings: Settings, folder: Path) -> Settings:

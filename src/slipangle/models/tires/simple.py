@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 from slipangle.data.readers.tir import TirFile
-from slipangle.errors import FormatError
+from slipangle.errors import FormatError, ParameterError
 from slipangle.fields import Checked
 from slipangle.models.model import FitInfo
 from slipangle.models.parameters import ParameterSet
-from slipangle.ops import Scalar, atan, clip, maximum, sin, smooth_abs, speed_floor, sqrt
+from slipangle.ops import Scalar, atan, clip, is_symbolic, maximum, sin, smooth_abs, speed_floor, sqrt
 from slipangle.units import SI
 
 
@@ -46,6 +46,18 @@ class KnownRange(NamedTuple):
     slip_angle: float = math.radians(15.0)
     usual: tuple[float, float] | None = None
     limits: tuple[float, float] = (0.0, math.inf)
+
+
+class Rolling(NamedTuple):
+    """How a tire rolls at a load: rolling radius, relaxation lengths [m], rolling resistance over load [-].
+
+    None is what the tire does not know.
+    """
+
+    radius: float | None = None
+    relaxation_x: float | None = None
+    relaxation_y: float | None = None
+    rolling_resistance: float | None = None
 
 
 class Tire(abc.ABC):
@@ -99,6 +111,20 @@ class Tire(abc.ABC):
 
     def unlimited(self) -> Self:
         """The tire without limits of its validity, for plants and figures, which go on whatever happens."""
+        return self
+
+    def rolling(self, load: float) -> Rolling:
+        """How the tire rolls freely at a load [N], at its own pressure and reference speed."""
+        return Rolling()
+
+    def scaled(self, **factors: Scalar) -> Self:
+        """The tire with its scaling factors (LMUY, LKY, ...) multiplied; raises ParameterError if it has none."""
+        for name, value in factors.items():
+            if is_symbolic(value) or value != 1:
+                raise ParameterError(
+                    f"a {type(self).__name__} has no scaling factor {name}; expected a Magic Formula tire of a .tir "
+                    f"file: leave {name} at 1"
+                )
         return self
 
     @property

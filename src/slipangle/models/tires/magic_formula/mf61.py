@@ -59,6 +59,13 @@ class AligningLean(NamedTuple):
     turned: Scalar
 
 
+class RelaxationLengths(NamedTuple):
+    """Distance that the slip forces lag behind slip [m]: longitudinal and lateral."""
+
+    longitudinal: Scalar
+    lateral: Scalar
+
+
 class MF61:
     """Version 6, and what 5.2 shares with it; ``c`` are the coefficients, ``o`` the conventions, ``s`` the slip."""
 
@@ -148,10 +155,11 @@ class MF61:
         if combined == "weighting":
             g2 = s.gamma_star * s.gamma_star
             G_x = weight_longitudinal(c, o, s, c.RBX1 + c.RBX3 * g2)
-            G_y = weight_lateral(c, o, s, c.RBY1 + c.RBY4 * g2)
-            plain = is_zero(s.gamma) or is_zero(c.RBY4)
-            G_y_upright = G_y if plain else weight_lateral(c, o, s, c.RBY1)
-            S_vyk = induced_lateral(c, s, s.gamma_star, y.mu * s.load if z is None else y.mu * s.load * z.zeta_2)
+            if not is_zero(s.kappa):  # at no slip ratio G_y is 1 and induces nothing
+                G_y = weight_lateral(c, o, s, c.RBY1 + c.RBY4 * g2)
+                plain = is_zero(s.gamma) or is_zero(c.RBY4)
+                G_y_upright = G_y if plain else weight_lateral(c, o, s, c.RBY1)
+                S_vyk = induced_lateral(c, s, s.gamma_star, y.mu * s.load if z is None else y.mu * s.load * z.zeta_2)
         elif combined == "ellipse":
             G_x, G_y = ellipse(s, x, y)
             G_y_upright = G_y

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
@@ -18,9 +18,10 @@ from slipangle.data.readers.tir import TirFile, read_tir
 from slipangle.errors import ModelWarning, ParameterError, nearest
 from slipangle.fields import Checked
 from slipangle.models.model import FitInfo
+from slipangle.models.tires.magic_formula.axes import ASYMMETRIC, AXES, AxisSystem
 from slipangle.models.tires.magic_formula.coefficients import MF52Coefficients, MF61Coefficients
 from slipangle.models.tires.magic_formula.mf52 import MF52
-from slipangle.models.tires.magic_formula.mf61 import MF61
+from slipangle.models.tires.magic_formula.mf61 import MF61, RelaxationLengths
 from slipangle.models.tires.magic_formula.terms import Conventions, MagicForces, is_zero, prepare
 from slipangle.models.tires.magic_formula.tir import (
     Switches,
@@ -31,33 +32,13 @@ from slipangle.models.tires.magic_formula.tir import (
     warn_signs,
 )
 from slipangle.models.tires.magic_formula.validity import ValidRange
-from slipangle.models.tires.simple import KnownRange, Tire, TireForces, practical_slip
+from slipangle.models.tires.simple import KnownRange, Rolling, Tire, TireForces, practical_slip
 from slipangle.ops import Scalar, is_symbolic, is_traced
 
-AxisSystem = Literal["ISO-W", "SAE", "adapted SAE"]
 Side = Literal["LEFT", "RIGHT"]
-# Relative to ISO-W: sign of slip angle, sign of F_y, M_y and M_z. F_x, M_x, slip ratio and camber agree in all.
-AXES: dict[str, tuple[float, float]] = {
-    "ISO-W": (1.0, 1.0),
-    "SAE": (-1.0, -1.0),
-    "adapted SAE": (1.0, -1.0),
-    "slipangle": (-1.0, 1.0),
-}
 _EQUATIONS = {"5.2": MF52(), "6": MF61()}
 _INPUTS = ("kappa", "alpha", "load", "camber", "friction", "pressure", "speed", "turn_slip")
 _CHUNK = 4096  # samples that pass through the equations at a time: their temporaries stay in the cache
-# Coefficients of conicity, ply steer and other differences between left and right.
-_ASYMMETRIC = (
-    *("RHX1", "QSX1", "PEY3", "PHY1", "PHY2", "PVY1", "PVY2", "RBY3", "RVY1", "RVY2"),
-    *("QBZ4", "QDZ6", "QDZ7", "QEZ4", "QHZ1", "QHZ2", "SSZ1"),
-)
-
-
-class RelaxationLengths(NamedTuple):
-    """Distance that the slip forces lag behind slip [m]: longitudinal and lateral."""
-
-    longitudinal: Scalar
-    lateral: Scalar
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,6 +253,15 @@ class MagicFormulaTire(Checked, Tire):
         """Effective rolling radius: forward speed over wheel speed at zero slip. [m]"""
         return self._version.rolling_radius(self.coefficients, load, self._pressure_change(pressure), speed)
 
+    def rolling(self, load: float) -> Rolling:
+        """Radius, relaxation lengths and rolling resistance, each None where the file has no coefficients of it."""
+        c = self.coefficients
+        radius = float(self.rolling_radius(load, speed=c.LONGVL))
+        stiff = c.version == "5.2" or (c.LONGITUDINAL_STIFFNESS and c.LATERAL_STIFFNESS)
+        lengths = [float(v) if v > 0 else None for v in self.relaxation_lengths(load)] if stiff else [None, None]
+        resistance = -float(self.unlimited().forces(0.0, 0.0, load).M_y) / (load * radius)
+        return Rolling(radius, lengths[0], lengths[1], resistance or None)
+
     def _pressure_change(self, pressure: Scalar | None) -> Scalar:
         """Inflation pressure over the nominal one, minus 1; 0 where a file has none. 4.E2b"""
         c = self.coefficients
@@ -283,6 +273,16 @@ class MagicFormulaTire(Checked, Tire):
     def with_coefficients(self, **values: Any) -> Self:
         """A copy with some coefficients replaced (numbers or symbols)."""
         return replace(self, coefficients=self.coefficients.with_values(**values))
+
+    def scaled(self, **factors: Scalar) -> Self:
+        """A copy with scaling factors multiplied (numbers or symbols); raises ParameterError if there is no such."""
+        given = {n: v for n, v in factors.items() if is_symbolic(v) or is_traced(v) or v != 1}
+        for name in given:
+            if not self.coefficients.si(name).doc.startswith("scaling"):
+                raise ParameterError(f"{name} is no scaling factor; expected one, such as LMUY: use with_coefficients")
+        if not given:
+            return self
+        return self.with_coefficients(**{n: getattr(self.coefficients, n) * v for n, v in given.items()})
 
     def mounted(self, side: Side) -> Self:
         """The tire on the given side of the vehicle: mirrored if its coefficients describe the other side.
@@ -316,7 +316,7 @@ class MagicFormulaTire(Checked, Tire):
     def symmetric(self) -> Self:
         """A copy without conicity, ply steer and every other difference between left and right."""
         names = set(self.coefficients.metadata())
-        zero = dict.fromkeys((n for n in _ASYMMETRIC if n in names), 0.0)
+        zero = dict.fromkeys((n for n in ASYMMETRIC if n in names), 0.0)
         if self.coefficients.version == "5.2" or self.conventions.aligning == "paper":
             zero["QDZ3"] = 0.0  # there it multiplies camber, not its absolute value
         return self.with_coefficients(**zero)

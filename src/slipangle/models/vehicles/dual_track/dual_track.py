@@ -10,7 +10,7 @@ numbered 0 to 3: front left, front right, rear left, rear right.
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from slipangle.models.vehicles.car import DualTrackParams
 from slipangle.models.vehicles.driveline import friction_torque, stopped
 from slipangle.models.vehicles.dual_track.contact import Contact, Patch, contact
 from slipangle.models.vehicles.dual_track.kernel import Kernel
+from slipangle.models.vehicles.on_tires import mounted
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.vehicles.road import Road
 from slipangle.models.vehicles.single_track import StartsRolling
@@ -37,11 +38,6 @@ STATES = (
     *("delta_w", "delta_c", "T_e", "T_bf", "T_br", "gear", "distance"),
 )
 _AT = {name: i for i, name in enumerate(STATES)}
-
-
-def _mounted(tire: Tire, side: Literal["LEFT", "RIGHT"]) -> Tire:
-    """A tire on a side of the car, to be used whatever its slip and load."""
-    return (tire.mounted(side) if tire.side else tire).unlimited()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +87,7 @@ class DualTrack(StartsRolling):
     def tires(self) -> tuple[Tire, Tire, Tire, Tire]:
         """The tire of each wheel."""
         front, rear = self.tire_f, self.tire_r
-        return _mounted(front, "LEFT"), _mounted(front, "RIGHT"), _mounted(rear, "LEFT"), _mounted(rear, "RIGHT")
+        return mounted(front, "LEFT"), mounted(front, "RIGHT"), mounted(rear, "LEFT"), mounted(rear, "RIGHT")
 
     def loads(self, x: Vector) -> list[Scalar]:
         """Load on each wheel, never negative. [N]"""
