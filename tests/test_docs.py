@@ -169,7 +169,7 @@ def test_tools_that_judge_are_exact_and_read_what_is_installed():
     assert f"python{floor}/site-packages" in (ROOT / "Makefile").read_text()
 
 
-@pytest.mark.parametrize("name", ["linear-analysis.md"])
+@pytest.mark.parametrize("name", ["linear-analysis.md", "plots.md"])
 def test_python_in_the_docs_runs(name, tmp_path, monkeypatch):
     """Blocks of a page run one after the other, as a reader would paste them."""
     monkeypatch.chdir(tmp_path)

@@ -92,6 +92,7 @@ from slipangle.paths.lane_change import lane_changes as lane_changes
 from slipangle.paths.lane_change import obstacle_avoidance as obstacle_avoidance
 from slipangle.paths.path import Path as Path
 from slipangle.report.comparison import comparison_page as comparison_page
+from slipangle.report.figure_file import save_figure as save_figure
 from slipangle.simulate.drive import drive as drive
 from slipangle.simulate.foreign import PlantFunctions as PlantFunctions
 from slipangle.simulate.loop import closed_loop as closed_loop

@@ -20,6 +20,7 @@ from slipangle.errors import (
     UnitError,
     nearest,
 )
+from slipangle.shown import Shown
 
 _MOST = 100_000_000  # samples that resampling makes; with ten channels 8 GB
 
@@ -32,8 +33,8 @@ class Channel:
     unit: str = "-"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Dataset(InFrames):
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Dataset(InFrames, Shown):
     """One or several recordings ("experiments") of the same channels at one sample time.
 
     Experiments are stored one after another; `experiments` gives each as a data set of its own.
@@ -147,6 +148,9 @@ class Dataset(InFrames):
     def names(self) -> tuple[str, ...]:
         """Channel names, in column order."""
         return tuple(c.name for c in self.channels)
+
+    def _words(self) -> str:
+        return f"{self.n_samples} samples of {', '.join(self.names[:8])} at {1 / self.dt:g} Hz, {self.duration:.4g} s"
 
     @property
     def n_samples(self) -> int:

@@ -23,6 +23,7 @@ from slipangle.models.fast import FastPaths, evaluate
 from slipangle.models.plausible import astray
 from slipangle.models.provenance import Fingerprint
 from slipangle.ops import Vector
+from slipangle.shown import Shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,8 +56,8 @@ class Candidate:
     stable: bool  # whether a free run over the longest experiment would stay
 
 
-@dataclass(frozen=True, kw_only=True)
-class FitInfo:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class FitInfo(Shown):
     """How a model was fitted: estimates, their covariance and what to be careful about.
 
     Parameters
@@ -99,6 +100,12 @@ class FitInfo:
     trials: tuple[Trial, ...] = ()
     candidates: tuple[Candidate, ...] = field(default=(), repr=False, metadata={"may be missing in a file": True})
     fingerprint: Fingerprint | None = field(default=None, repr=False, metadata={"may be missing in a file": True})
+
+    def _words(self) -> str:
+        half = np.ptp(self.interval(), axis=1) / 2
+        rows = [f"{n} = {v:.4g} ± {h:.2g}" for n, v, h in zip(self.names, self.values, half, strict=True)]
+        more = f" and {len(rows) - 6} more" if len(rows) > 6 else ""
+        return f"{', '.join(rows[:6])}{more}; {len(self.warnings)} warnings"
 
     @property
     def std(self) -> np.ndarray:
@@ -149,7 +156,7 @@ class FitInfo:
         return f"condition number {self.condition:.3g}; the strongest correlation is {rho:.2f}, of {a} and {b}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class ProfileInfo(FitInfo):
     """`FitInfo` with intervals at one level from the profile likelihood, which keeps its level on bent valleys."""
 
@@ -161,8 +168,8 @@ class ProfileInfo(FitInfo):
         return self.limits if level == self.level else super().interval(level)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Trajectory:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Trajectory(Shown):
     """Predicted outputs beside what was measured.
 
     Parameters
@@ -191,6 +198,9 @@ class Trajectory:
     kind: str = "free run"
     starts: tuple[int, ...] = field(default=(0,))
     astray: dict[str, str] = field(default_factory=dict)
+
+    def _words(self) -> str:
+        return f"{self.kind} of {', '.join(self.outputs)}, {int(self.predicted.sum())} samples predicted"
 
     @property
     def error(self) -> np.ndarray:
@@ -280,6 +290,9 @@ class Model(FastPaths, abc.ABC):
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
         """State after measuring ``y`` at the same sample; by default nothing is corrected."""
         return x
+
+    def _repr_html_(self) -> str:
+        return import_module("slipangle.report.shown").table(self)._repr_html_()  # a room above this one
 
     def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
         """State of straight driving at a speed [m/s] and pose [m, m, rad]; by default all other states are zero."""

@@ -18,13 +18,14 @@ from slipangle.errors import NotFiniteError, ParameterError, TooShortError
 from slipangle.paths.centreline import edge_between, hermite, limit_rise, points_of_line, read_track, sample_spline
 from slipangle.paths.line import Line
 from slipangle.paths.preview import Preview, Projection, strides_between
+from slipangle.shown import Shown
 
 SPACING = 0.25  # m, between the samples of a centre line
 _FIELDS = ("s", "X", "Y", "psi", "curvature", "v_x", "right", "left")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Path:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Path(Shown):
     """Centre line over arc length ``s``, evenly spaced from zero [m]; all arrays have shape (n,).
 
     Raises ParameterError if lengths differ or the arc length is not evenly spaced from zero, and NotFiniteError if a
@@ -50,6 +51,9 @@ class Path:
     v_x: np.ndarray | None = None
     right: np.ndarray | None = None
     left: np.ndarray | None = None
+
+    def _words(self) -> str:
+        return f"{self.name}, {self.length:.5g} m{', closed' if self.closed else ''}"
 
     def __post_init__(self) -> None:
         n = len(self.s)

@@ -58,12 +58,12 @@ def bode(responses: Sequence[FrequencyResponse]) -> go.Figure:
     first = responses[0]
     heights = ([0.62, 1.0], [0.26, 0.56], [0.0, 0.2]) if seen else ([0.52, 1.0], [0.0, 0.44], None)
     title = f"gain {escape(first.input)} to {escape(first.output)}"
-    above = {"type": "log", "domain": heights[0]}
+    above = {"type": "log", "domain": heights[0], "dtick": "D2"}
     phase = {"title": {"text": "phase [deg]"}, "domain": heights[1], "zeroline": True, "zerolinecolor": SLATE.light}
     more: dict[str, Any] = {"yaxis2": phase}
     if heights[2]:
         more["yaxis3"] = {"title": {"text": "coherence"}, "domain": heights[2], "range": [0, 1.05]}
-    across = {"type": "log", "anchor": "y3" if heights[2] else "y2"}
+    across = {"type": "log", "dtick": "D2", "anchor": "y3" if heights[2] else "y2"}
     return axes(figure, "frequency [Hz]", f"{title}<br>[{pretty_unit(first.unit)}]", xaxis=across, yaxis=above, **more)
 
 

@@ -146,6 +146,26 @@ class Table:
         lines += [f"$ {command}" for command in dict.fromkeys(commands) if command]
         return "\n".join(lines).strip("\n") + "\n"
 
+    def to_markdown(self) -> str:
+        """The table as Markdown: title, rows, explanation."""
+        rule = [":--" if c.words else "--:" for c in self.columns]
+        rows = [[c.heading for c in self.columns], rule, *self.texts()]
+        lines = ["| " + " | ".join(t.replace("|", "\\|") for t in row) + " |" for row in rows]
+        return "\n".join([f"**{self.title}**", "", *lines, *(["", self.caption] if self.caption else [])]) + "\n"
+
+    def to_latex(self) -> str:
+        r"""The table for LaTeX with ``\usepackage{booktabs}``; text is escaped, exponents and signs are LaTeX's."""
+        kinds = "".join("l" if c.words else "r" for c in self.columns)
+        rows = [" & ".join(map(latex, row)) + r" \\" for row in self.texts()]
+        head = " & ".join(latex(c.heading) for c in self.columns) + r" \\"
+        inside = [r"\toprule", head, r"\midrule", *rows, r"\bottomrule"]
+        inside = [r"\begin{tabular}{" + kinds + "}", *inside, r"\end{tabular}"]
+        inside += [r"\caption{" + latex(f"{self.title}. {self.caption}".strip()) + "}"]
+        return "\n".join([r"\begin{table}", r"\centering", *inside, r"\end{table}"]) + "\n"
+
+    def _repr_html_(self) -> str:
+        return f"<b>{html.escape(self.title)}</b>{self.to_html()}"
+
     def to_html(self) -> str:
         """The table as HTML; all text is escaped."""
         head = "".join(
@@ -175,6 +195,22 @@ class Table:
             f'<tr class="with-extra">{"".join(cells)}</tr>'
             f'<tr class="extra"><td colspan="{len(self.columns)}">{extra}</td></tr>'
         )
+
+
+_LATEX = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
+_LATEX |= {c: "\\" + c for c in "&%$#_{}"}
+_LATEX |= {"±": r"$\pm$", "²": r"\textsuperscript{2}", "³": r"\textsuperscript{3}", "∞": r"$\infty$", "–": "--"}
+_LATEX |= {"°": r"\textdegree{}", "µ": r"\textmu{}", "<": r"\textless{}", ">": r"\textgreater{}", "\u00a0": "~"}
+_THOUSANDS = re.compile(r"(?<=\d) (?=\d{3}(?!\d))")
+
+
+def latex(text: str) -> str:
+    r"""Text for LaTeX.
+
+    >>> latex("C_f = 81 200 N/rad, 5 %")
+    'C\\_f = 81\\,200 N/rad, 5 \\%'
+    """
+    return _THOUSANDS.sub(r"\,", "".join(_LATEX.get(c, c) for c in text))
 
 
 def typeset(text: str) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from slipangle.errors import ParameterError, nearest
 from slipangle.optimal.solution import Plan, Status, count
 from slipangle.paths.path import Path
+from slipangle.shown import Shown
 
 
 class End(Enum):
@@ -19,8 +20,8 @@ class End(Enum):
     NOT_FINITE = "the plant's state left the finite numbers"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Run:
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Run(Shown):
     """A closed-loop drive, sampled at ``t`` [s], shape (n,).
 
     Parameters
@@ -55,6 +56,12 @@ class Run:
     t_plan: np.ndarray
     controls: tuple[str, ...]
     end: End
+
+    def _words(self) -> str:
+        where = "inside" if self.inside else "outside"
+        return f"{self.t[-1] - self.t[0]:.4g} s, {where} its lanes, {self.rmse('y'):.3g} m (RMS) from the path; " + (
+            f"{self.end.value}"
+        )
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Samples of a state or input of the plant, or of a path error, shape (n,).

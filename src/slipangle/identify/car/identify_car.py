@@ -36,6 +36,7 @@ from slipangle.models.provenance import provenance
 from slipangle.models.wrappers.delayed import Delayed
 from slipangle.numerics.blas import one_blas_thread
 from slipangle.ops import Scalar
+from slipangle.shown import Shown
 
 _SLOWEST = 1.0  # wheelbases a second: slower, steering and speed sensors say little
 _AS_GOOD = 0.02  # of the held-out error by which another structure may be worse and still be believed by half
@@ -64,8 +65,8 @@ class Stage:
     values: Mapping[str, float] = field(repr=False)
 
 
-@dataclass(frozen=True, kw_only=True)
-class IdentifiedCar:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class IdentifiedCar(Shown):
     """What `identify_car` found: the model, how it came about, and what to know of it, in words."""
 
     model: Any

@@ -15,6 +15,7 @@ from slipangle.identify.judge.initial import Start, free_run
 from slipangle.identify.judge.validate import Score, require_unseen, score
 from slipangle.identify.networks.training import Progress
 from slipangle.models.model import Model, Trajectory
+from slipangle.shown import Shown
 
 HORIZONS = (1, 2, 5, 10, 20, 50, 100)
 
@@ -46,8 +47,8 @@ class Entry:
     warnings: tuple[str, ...] = ()  # what its fit and its free run give cause to say
 
 
-@dataclass(frozen=True, kw_only=True)
-class Comparison:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Comparison(Shown):
     """Models ranked by free run, the best first."""
 
     entries: tuple[Entry, ...]  # every model, failed ones last
@@ -55,6 +56,10 @@ class Comparison:
     data_name: str
     start: Start | int  # protocol of the initial state
     n_samples: int  # samples that every model predicts
+
+    def _words(self) -> str:
+        fits = ", ".join(f"{s.fit:.1f} % of {n}" for n, s in self.best.scores.items())
+        return f"the best of {len(self.entries)} on {self.data_name} is {self.best.name}{f', {fits}' if fits else ''}"
 
     @property
     def best(self) -> Entry:

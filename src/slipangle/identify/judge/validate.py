@@ -17,6 +17,7 @@ from slipangle.identify.judge.scores import Score, score
 from slipangle.identify.judge.standing import Standing, standing
 from slipangle.models.model import FitInfo, Model, Trajectory
 from slipangle.models.provenance import Overlap, fingerprint, overlap
+from slipangle.shown import Shown
 
 _UNNAMED = Dataset.name  # what data are called that nobody named
 
@@ -36,8 +37,8 @@ class Residuals:
     white_p: float  # p value of the Ljung-Box test that the one-step-ahead residual is white
 
 
-@dataclass(frozen=True, kw_only=True)
-class Validation:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Validation(Shown):
     """Verdict on one model; `free_run_scores` and the others are keyed by output name."""
 
     name: str
@@ -49,6 +50,9 @@ class Validation:
     residuals: dict[str, Residuals]
     inputs: tuple[str, ...]
     standing: dict[str, Standing] = field(default_factory=dict)  # beside simple models; empty without training data
+
+    def _words(self) -> str:
+        return f"{self.name} fits " + ", ".join(f"{s.fit:.1f} % of {n}" for n, s in self.free_run_scores.items())
 
 
 def restarted(data: Dataset, seconds: float, memory: int) -> Dataset:

@@ -101,7 +101,7 @@ class Handling:
         return f"<Handling of '{self.name}', {ends}: {kind} speed {getattr(self, f'{kind}_speed')}>"
 
     def _repr_html_(self) -> str:
-        return self.table().to_html()
+        return self.table()._repr_html_()
 
 
 def handling(

@@ -313,7 +313,7 @@ class LinearisedModel:
         )
 
     def _repr_html_(self) -> str:
-        return import_module("slipangle.report.linear").modes_table(self).to_html()  # a room above this one
+        return import_module("slipangle.report.linear").modes_table(self)._repr_html_()  # a room above this one
 
     # ---- details -----------------------------------------------------------------------------------------------
 

@@ -30,7 +30,8 @@ def linearize(
 
     The steady state has the speed ``v_x`` and the lateral acceleration ``a_y``; steering and driving inputs that keep
     it are found. Where the model is no more than an ODE, the result is in continuous time, else sampled as the model
-    is. Position and heading are left out. Bands are those of the fit's covariance, to first order (delta method).
+    is. Position and heading are left out. Bands are those of the fit's intervals and correlations, to first order
+    (delta method).
 
     Raises ParameterError where there is no such steady state, or a name is not the model's; warns with ModelWarning
     where the model has a kink there.
@@ -107,9 +108,10 @@ def _directions(model: Model, names: tuple[str, ...]) -> tuple[str, np.ndarray]:
     if not names:
         return f"no bands: none of {len(info.names)} estimates can be varied by name", np.zeros((0, 0))
     rows = [info.names.index(n) for n in names]
-    covariance = info.covariance[np.ix_(rows, rows)]
-    if not np.isfinite(covariance).all():
+    std = np.ptp(info.interval(), axis=1)[rows] / (2 * quantile(0.95))  # an interval may be wider than the covariance
+    if not (np.isfinite(info.covariance[np.ix_(rows, rows)]).all() and np.isfinite(std).all()):
         return "no bands: the covariance of the fit is not finite", np.zeros((0, 0))
+    covariance = info.correlation[np.ix_(rows, rows)] * np.outer(std, std)
     size, vector = np.linalg.eigh((covariance + covariance.T) / 2)
     shown = ", ".join(names[:6]) + (" and others" if len(names) > 6 else "")
     return f"{quantile(0.95):.3g} standard deviations of {shown}", (vector * np.sqrt(np.maximum(size, 0.0))).T

@@ -1,0 +1,159 @@
+"""Results show themselves: a line that fits a terminal, a table for a notebook, a figure of the right channel."""
+
+import numpy as np
+import pytest
+
+import slipangle as sa
+from slipangle.errors import ParameterError
+from slipangle.identify.car.identify_car import IdentifiedCar
+from slipangle.models.model import ProfileInfo
+from slipangle.report import Heading, Row, Table
+from slipangle.report.shown import figure, table
+from slipangle.simulate.run import End, Run
+from tests.report.example import fit_info
+
+PARAMS = sa.BicycleParams(mass=1500, inertia_z=2500, wheelbase=2.7, l_f=1.2, C_f=9e4, C_r=1.1e5)
+CAR = sa.Bicycle(params=PARAMS, dt=0.02)
+
+
+def log(n=400):
+    t = 0.02 * np.arange(n)
+    delta, v_x = 0.02 * np.sin(2 * np.pi * 0.5 * t), np.full(n, 20.0) + 0.1 * np.sin(t)
+    zero = sa.Dataset.from_arrays(
+        {"delta": delta, "v_x": v_x}, {"r": np.zeros(n)}, 0.02, units={"delta": "rad", "v_x": "m/s", "r": "rad/s"}
+    )
+    r = CAR.simulate(zero).y[:, 0]
+    return zero.with_channel("r", r + 1e-3 * np.cos(9 * t), "rad/s")
+
+
+@pytest.fixture(scope="module")
+def results():
+    data = log()
+    path = sa.double_lane_change(20.0)
+    n = len(path.s)
+    rows = {"v_x": np.full(n, 20.0), "X": path.X, "Y": path.Y, "psi": path.psi}
+    states = np.column_stack([*rows.values()])
+    zeros = np.zeros(n)
+    run = Run(
+        t=path.s / 20.0, state_names=tuple(rows), states=states, input_names=("delta",), inputs=0.1 + zeros[:, None],
+        path=path, width=1.8, s=path.s, reference=np.column_stack([path.X, path.Y, path.psi, rows["v_x"]]), e_y=zeros,
+        e_psi=zeros, v_x=rows["v_x"], plans=(), t_plan=np.zeros(0), controls=("delta",), end=End.FINISHED,
+    )  # fmt: skip
+    return {
+        "data": data,
+        "trajectory": CAR.simulate(data),
+        "fit": fit_info(),
+        "verdict": sa.validate(CAR, data, name="car"),
+        "comparison": sa.compare({"car": CAR, "other": CAR.with_values(C_f=6e4)}, data),
+        "run": run,
+        "path": path,
+        "car": IdentifiedCar(model=_fitted(), stages=(), doubts=(), sentences=("it fits",), separated={}),
+    }
+
+
+def _fitted():
+    from dataclasses import replace
+
+    return replace(CAR, fit_info=fit_info())
+
+
+EVERY = pytest.mark.parametrize("name", ["data", "trajectory", "fit", "verdict", "comparison", "run", "path", "car"])
+
+
+@EVERY
+def test_a_line_fits_a_terminal(results, name):
+    said = repr(results[name])
+    assert said.startswith(f"<{type(results[name]).__name__}: ")
+    assert "\n" not in said
+    assert len(said) < 250
+
+
+@EVERY
+def test_a_notebook_gets_a_table(results, name):
+    text = results[name]._repr_html_()
+    assert text.count("<table>") == 1
+    assert "nan" not in text
+
+
+@EVERY
+def test_each_has_a_figure(results, name):
+    assert len(results[name].plot().data) > 0
+
+
+def test_lines_say_the_numbers(results):
+    assert "9.00" not in repr(results["fit"])
+    assert repr(results["data"]) == "<Dataset: 400 samples of delta, v_x, r at 50 Hz, 8 s>"
+    fit = sa.validate(CAR, results["data"], name="car").free_run_scores["r"].fit
+    assert repr(results["verdict"]) == f"<Validation: car fits {fit:.1f} % of r>"
+    assert f"the best of 2 on data is car, {fit:.1f} % of r" in repr(results["comparison"])
+    assert "inside its lanes, 0 m (RMS)" in repr(results["run"])
+
+
+def test_a_fit_says_its_own_intervals_not_those_of_the_covariance():
+    info = ProfileInfo(
+        names=("C_f",), values=np.array([1.0]), covariance=np.eye(1), noise_std=np.ones(1), n_samples=9,
+        limits=np.array([[0.75, 1.25]]),
+    )  # fmt: skip
+    assert repr(info) == "<ProfileInfo: C_f = 1 ± 0.25; 0 warnings>"
+
+
+def test_channels_are_drawn_in_degrees_and_kilometres_an_hour(results):
+    data = results["data"]
+    drawn = data.plot("delta", "v_x")
+    assert [t.name for t in drawn.data] == ["delta", "v_x"]
+    assert drawn.data[0].y == pytest.approx(np.degrees(data["delta"]), rel=1e-5, abs=1e-6)
+    assert drawn.data[1].y == pytest.approx(3.6 * data["v_x"], rel=1e-5)
+    assert "[deg]" in drawn.layout.yaxis.title.text
+    free = results["verdict"].plot("r")
+    assert free.data[0].y == pytest.approx(np.degrees(data["r"]), rel=1e-5, abs=1e-5)
+    over_time = results["run"].plot("delta")
+    assert over_time.data[0].y == pytest.approx(np.full(len(results["run"].t), np.degrees(0.1)), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("name", "asked", "said"),
+    [
+        ("data", ("rr",), "no channel 'rr'; nearest are 'r'"),
+        ("verdict", ("v_y",), "no output 'v_y'"),
+        ("verdict", ("r", "r"), "2 outputs for one figure; expected one of r"),
+        ("path", ("X",), "no channel of a path 'X'"),
+        ("run", ("yaw",), "the run has no channel 'yaw'"),
+    ],
+)
+def test_names_that_are_not_there_get_a_sentence(results, name, asked, said):
+    with pytest.raises(ParameterError, match=said):
+        results[name].plot(*asked)
+
+
+def test_other_things_are_refused():
+    with pytest.raises(ParameterError, match="a str has no table"):
+        table("text")
+    with pytest.raises(ParameterError, match="a str has no figure"):
+        figure("text", ())
+
+
+def test_a_model_shows_its_parameters():
+    assert "81 200" in _fitted()._repr_html_()
+    text = CAR._repr_html_()
+    assert "110 000" in text
+    assert "kg m²" in text
+    assert "delta, v_x" in text
+
+
+def test_a_table_is_latex_and_markdown():
+    made = Table(
+        title="A_b",
+        columns=(Heading("name", words=True), Heading("gain", "m/s2", 3)),
+        rows=(Row(("C_f | x", 81200.0)), Row(("± 5 %", None))),
+        caption="50 % & more.",
+    )
+    assert made.to_markdown().splitlines() == [
+        "**A_b**", "", "| name | gain [m/s²] |", "| :-- | --: |", "| C_f \\| x | 81 200 |", "| ± 5 % | – |", "",
+        "50 % & more.",
+    ]  # fmt: skip
+    assert made.to_latex().splitlines() == [
+        r"\begin{table}", r"\centering", r"\begin{tabular}{lr}", r"\toprule",
+        r"name & gain [m/s\textsuperscript{2}] \\", r"\midrule", r"C\_f | x & 81\,200 \\", r"$\pm$ 5 \% & -- \\",
+        r"\bottomrule", r"\end{tabular}", r"\caption{A\_b. 50 \% \& more.}", r"\end{table}",
+    ]  # fmt: skip
+    assert made._repr_html_().startswith("<b>A_b</b>")
