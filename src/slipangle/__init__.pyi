@@ -43,6 +43,7 @@ from slipangle.identify.networks.neural_statespace import NeuralStateSpace as Ne
 from slipangle.identify.physics.advise import advise as advise
 from slipangle.identify.physics.collocation import Collocation as Collocation
 from slipangle.identify.physics.grey_box import GreyBox as GreyBox
+from slipangle.models.analysis.frequency import frequency_response as frequency_response
 from slipangle.models.analysis.handling import handling as handling
 from slipangle.models.analysis.linearize import linearize as linearize
 from slipangle.models.black_box.arx import ARXModel as ARXModel
