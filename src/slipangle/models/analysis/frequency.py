@@ -27,8 +27,9 @@ def frequency_response(
 
     The spectra are means over half-overlapping segments with a Hann window, of every experiment, each segment without
     its trend; the response is the cross spectrum over the input's (H1), which noise on the output does not bias. Bands
-    are those of Bendat and Piersol, from the coherence and the number of segments. Lines where the input has hardly
-    any power, and the lowest, which the trend is taken from, are left out. What other inputs do is noise to this estimate: drive at one speed.
+    are those of Bendat and Piersol, from the coherence and the number of segments. Left out are lines where the input
+    has hardly any power, and the lowest, which the trend is taken from. What other inputs do is noise to this estimate:
+    drive at one speed.
 
     Raises ParameterError if a channel or the resolution is none, TooShortError if the log has fewer than 4 segments of
     it, and ExcitationError if the input does not move.
