@@ -212,7 +212,8 @@ def _read_tir(path: Path) -> None:
     except SlipangleError:
         pass
     file.with_values({"MASS": 9.0}, section={"MASS": "DIMENSION"})
-    tire = MagicFormulaTire.from_tir(file)
+    tire = MagicFormulaTire.from_tir(file, force=True)
+    tire.rolling(3000.0)
     with np.errstate(all="ignore"):  # coefficients of 1e308 may overflow
         tire.forces(np.array([0.0, 0.1]), np.array([0.05, -0.1]), np.array([3000.0, 4000.0]))
     tire.to_tir()

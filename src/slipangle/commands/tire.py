@@ -45,6 +45,9 @@ def add(commands: Commands) -> None:
     sub.add_argument("files", nargs="+", metavar="FILE", help="runs of one tire: cornering, drive/brake")
     sub.add_argument("--model", default="mf61", help=f"{_MODELS} (default: %(default)s)")
     sub.add_argument("--radius", type=float, default=0.3, help="unloaded radius for mf61 [m] (default: %(default)s)")
+    sub.add_argument("--units", choices=("US", "metric"), help="where the file names none (default: by the pressure)")
+    sub.add_argument("--keep-warm-up", action="store_true", help="keep samples from before the tread is warm")
+    sub.add_argument("--offsets", action="store_true", help="move each run to the level of the first one")
     sub.add_argument("--inputs", default="", help="of networks besides slip: load, or load,camber")
     sub.add_argument("--seed", type=int, default=0, help="of the random starts (default: %(default)s)")
     sub.add_argument("--out", metavar="FILE", help="write the tire: .tir (mf61) or .json")
@@ -115,6 +118,7 @@ def _eval(options: argparse.Namespace) -> Answer:
 
 def _fit(options: argparse.Namespace) -> Answer:
     from slipangle.data.readers.ttc import read_ttc
+    from slipangle.data.rig_runs import disagreements, without_offsets
     from slipangle.data.tire_data import joined
     from slipangle.models.storage import save
     from slipangle.report.page import Fact
@@ -129,7 +133,10 @@ def _fit(options: argparse.Namespace) -> Answer:
         raise FormatError(f"a {options.model} tire has no place in a .tir file; expected .json, or --model mf61")
     with Bar(quiet=options.json or options.quiet) as bar:
         bar(0.05, "reading")
-        data = joined([read_ttc(path) for path in options.files])
+        parts = [read_ttc(path, units=options.units, warm_up=not options.keep_warm_up) for path in options.files]
+        data = joined(parts)
+        apart = disagreements(data, [part.name for part in parts])
+        data = without_offsets(data) if options.offsets else replace(data, notes=(*data.notes, *apart))
         bar(0.2, f"fitting {options.model} to {data.n_samples} samples")
         with _warnings_printed():
             tire = model(data)

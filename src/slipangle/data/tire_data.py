@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 from slipangle.errors import NotFiniteError, ParameterError, TooShortError, UnitError
 
 _SIGNALS = ("slip_ratio", "slip_angle", "load", "camber", "pressure", "speed", "F_x", "F_y", "M_x", "M_z")
+_SIGNALS += ("time", "temperature", "run")
 _MIRRORED = ("slip_angle", "camber", "F_y", "M_x", "M_z")  # what a mirror turns round
 _MOST_BINS = 80_000  # of a histogram of a signal, eight per tolerance
 _LARGEST_FRICTION = 6.0  # beyond any tire: then units differ
@@ -43,6 +44,11 @@ class TireData:
         Overturning moment about the axis forward, aligning moment about the axis upward. [N m]
     camber, pressure, speed : array, shape (n_samples,), optional
         Positive leans the top to the right, by default none [rad]; inflation pressure [Pa]; forward speed [m/s].
+    time, temperature, run : array, shape (n_samples,), optional
+        When it was measured, rising within a run [s]; temperature of the tread [degC]; number of the run, from 0, by
+        default 0 for all.
+    radius : float, optional
+        Unloaded radius as measured. [m]
     name, notes
         What was measured, what was done to it and what was seen in it, such as the sign system.
     """
@@ -59,6 +65,10 @@ class TireData:
     camber: np.ndarray | None = None
     pressure: np.ndarray | None = None
     speed: np.ndarray | None = None
+    time: np.ndarray | None = None
+    temperature: np.ndarray | None = None
+    run: np.ndarray | None = None
+    radius: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "notes", tuple(self.notes))
@@ -67,7 +77,7 @@ class TireData:
             raise TooShortError(f"'{self.name}' holds no sample; expected at least one: check what was cut away")
         for key in _SIGNALS:
             value = getattr(self, key)
-            if value is None and key == "camber":
+            if value is None and key in ("camber", "run"):
                 value = np.zeros(n)
             if value is None:
                 continue
@@ -124,6 +134,12 @@ class TireData:
     def gamma(self) -> np.ndarray:
         """Camber, zero where it was not given, shape (n_samples,). [rad]"""
         return np.zeros(self.n_samples) if self.camber is None else self.camber
+
+    @property
+    def runs(self) -> tuple[np.ndarray, ...]:
+        """Rows of each run, in order."""
+        number = np.zeros(self.n_samples) if self.run is None else self.run
+        return tuple(np.flatnonzero(number == k) for k in np.unique(number))
 
     @property
     def mu_x(self) -> np.ndarray:
@@ -243,7 +259,8 @@ def levels(values: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray
 def joined(parts: Sequence[TireData], *, name: str = "") -> TireData:
     """Several records as one, such as cornering and drive/brake runs of the same tire.
 
-    Signals that only some of the records have are left out, with a note.
+    Runs are numbered through. Signals that only some of the records have are left out, with a note. Where they
+    contradict each other is told by `slipangle.data.rig_runs.disagreements`.
 
     Raises TooShortError if there is no record.
     """
@@ -258,7 +275,12 @@ def joined(parts: Sequence[TireData], *, name: str = "") -> TireData:
             given[key] = np.concatenate(present)
         elif present:
             notes.append(f"{key} was measured in some of the records only and is left out")
-    return TireData(**given, name=name or " + ".join(p.name for p in parts), notes=tuple(dict.fromkeys(notes)))
+    counts = [len(part.runs) for part in parts]
+    numbers = [np.searchsorted(np.unique(p.run), p.run) for p in parts if p.run is not None]
+    given["run"] = np.concatenate([k + sum(counts[:i]) for i, k in enumerate(numbers)])
+    radius = next((part.radius for part in parts if part.radius), None)
+    named = name or " + ".join(p.name for p in parts)
+    return TireData(**given, radius=radius, name=named, notes=tuple(dict.fromkeys(notes)))
 
 
 def _span(values: np.ndarray) -> tuple[float, float]:

@@ -17,13 +17,14 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from slipangle import errors
 from slipangle.data.numerals import is_number, to_number
 from slipangle.data.readers.mat5 import read_mat5
+from slipangle.data.rig_runs import rig_conditions, tread_temperature, unnamed_units
 from slipangle.data.tire_data import TireData
 from slipangle.units import known as unit_known
 from slipangle.units import quantity, to_si
@@ -34,11 +35,21 @@ _CHANNELS: dict[str, tuple[str, str]] = {
     **dict.fromkeys(("SL", "SR"), ("-", "-")),
     **dict.fromkeys(("FX", "FY", "FZ"), ("N", "lbf")),
     **dict.fromkeys(("MX", "MZ"), ("N m", "ft lbf")),
-    **{"P": ("kPa", "psi"), "V": ("km/h", "mph")},
+    **{"P": ("kPa", "psi"), "V": ("km/h", "mph"), "ET": ("s", "s"), "RE": ("cm", "in")},
+    **dict.fromkeys(("TSTC", "TSTI", "TSTO"), ("degC", "degF")),
 }
 _NEEDED = ("SA", "FX", "FY", "FZ")
 _SPELLINGS = {"lb": "lbf", "lbs": "lbf", "kph": "km/h", "kmh": "km/h", "ft-lb": "ft lbf", "ft-lbs": "ft lbf"}
 _SPELLINGS |= {"n-m": "N m", "n*m": "N m", "none": "-", "unitless": "-", "[-]": "-", "lb-ft": "ft lbf"}
+_SPELLINGS |= {
+    "psig": "psi",
+    "kpag": "kPa",
+    "barg": "bar",
+    "kpa(g)": "kPa",
+    "psi(g)": "psi",
+}
+_SPELLINGS |= {"sec": "s", "seconds": "s", "deg c": "degC", "deg f": "degF", "c": "degC", "f": "degF", "inch": "in"}
+_SAE = "sae"  # in place of the unit of a slip: the sign system's name
 _LARGEST = 1e8  # of any signal of a rig, in SI units
 _UNLOADED = 0.1  # samples below this share of the median load are not a test
 
@@ -69,11 +80,19 @@ class SignSystem:
         return "ISO-W" if self.slip_opposes else "ISO with the slip angle turned round"
 
 
-def read_ttc(path: str | Path, *, name: str = "") -> TireData:
+def read_ttc(
+    path: str | Path, *, name: str = "", units: Literal["US", "metric"] | None = None, warm_up: bool = True
+) -> TireData:
     """Read a run of the Tire Test Consortium, in the signs of docs/nomenclature.md.
 
     The file is ``.mat`` (one variable per channel, MATLAB 7 or older) or ``.dat`` (a title, channel names, units,
-    numbers). Notes say which sign system was found and what was left out.
+    numbers), or ``.tdx``, see `slipangle.data.readers.tydex`. Notes say which sign system was found and what was left
+    out.
+
+    Units that the file does not name are those of ``units``, "US" or "metric"; without it the pressure tells them
+    apart: no tire is tested at 30 kPa or at 30 psi. Samples are left out whose speed is none that the run was held at,
+    as while the belt starts, and those before the tread is warm, of a file with temperatures; ``warm_up=False`` keeps
+    the latter.
 
     Raises MissingFileError, FormatError, MissingColumnError, UnitError, ExcitationError or TooShortError with the file,
     the line or channel, and what to do.
@@ -83,19 +102,23 @@ def read_ttc(path: str | Path, *, name: str = "") -> TireData:
         raise errors.MissingFileError(f"'{file}' does not exist; expected a .mat or .dat file: check the path")
     suffix = file.suffix.lower()
     if suffix == ".mat":
-        columns, units = _read_mat(file)
+        columns, named = _read_mat(file)
     elif suffix in (".dat", ".txt"):
-        columns, units = _read_dat(file)
+        columns, named = _read_dat(file)
     else:
         raise errors.FormatError(f"'{file}' ends in '{suffix}'; expected .mat or .dat: export the run in one of these")
-    return from_channels(columns, units, name=name or file.stem)
+    return from_channels(columns, named, name=name or file.stem, system=units, warm_up=warm_up)
 
 
-def from_channels(columns: Mapping[str, np.ndarray], units: Mapping[str, str], *, name: str = "run") -> TireData:
-    """Rig channels by the consortium's names, shape (n_samples,) each, as `TireData`; errors as in `read_ttc`.
-
-    Units that are left out are those of the metric files (deg, km/h, kPa, N).
-    """
+def from_channels(
+    columns: Mapping[str, np.ndarray],
+    units: Mapping[str, str],
+    *,
+    name: str = "run",
+    system: Literal["US", "metric"] | None = None,
+    warm_up: bool = True,
+) -> TireData:
+    """Rig channels by the consortium's names, shape (n_samples,) each, as `TireData`; arguments as of `read_ttc`."""
     missing = [c for c in _NEEDED if c not in columns]
     if missing:
         raise errors.MissingColumnError(
@@ -104,19 +127,24 @@ def from_channels(columns: Mapping[str, np.ndarray], units: Mapping[str, str], *
     lengths = {len(columns[c]) for c in _CHANNELS if c in columns}
     if len(lengths) > 1:
         raise errors.FormatError(f"the channels of '{name}' have {sorted(lengths)} samples; expected as many in each")
-    si = _to_si(columns, units, name)
+    si, said = _to_si(columns, units, name, system)
     finite = np.all([np.isfinite(v) for v in si.values()], axis=0)
     loaded = np.abs(si["FZ"]) > _UNLOADED * np.median(np.abs(si["FZ"][finite])) if finite.any() else finite
     upright = np.sign(si["FZ"]) == np.sign(np.median(si["FZ"][finite])) if finite.any() else finite
     keep = finite & loaded & upright
+    cut, cuts = rig_conditions(si, keep, warm_up=warm_up)
+    keep &= cut
     if keep.sum() < 20:
         raise errors.TooShortError(f"'{name}' has {int(keep.sum())} loaded samples; expected at least 20: check FZ")
     slip = "SL" if "SL" in si else "SR" if "SR" in si else ""
     picked = {key: value[keep] for key, value in si.items()}
     system = detect_signs(picked, slip_ratio=slip, name=name)
     notes = [f"sign system of the data: {system.name}" + _sentence(picked, system)]
-    if len(finite) > keep.sum():
-        notes.append(f"{len(finite) - int(keep.sum())} of {len(finite)} samples without load or number left out")
+    notes += said
+    unloaded = int((~(finite & loaded & upright)).sum())
+    if unloaded:
+        notes.append(f"{unloaded} of {len(finite)} samples without load or number left out")
+    notes += cuts
     if slip == "SR":
         notes.append("slip ratio from SR, on the loaded radius: F_x does not vanish at zero slip")
     if not slip:
@@ -135,6 +163,9 @@ def from_channels(columns: Mapping[str, np.ndarray], units: Mapping[str, str], *
         camber=picked.get("IA"),
         pressure=picked.get("P"),
         speed=picked.get("V"),
+        time=picked.get("ET"),
+        temperature=tread_temperature(picked),
+        radius=None,
         name=name,
         notes=tuple(notes),
     )
@@ -197,27 +228,43 @@ def _sentence(si: Mapping[str, np.ndarray], system: SignSystem) -> str:
     return f" ({', '.join(parts)})"
 
 
-def _to_si(columns: Mapping[str, np.ndarray], units: Mapping[str, str], name: str) -> dict[str, np.ndarray]:
-    given = {c: _unit(units[c], c, name) for c in _CHANNELS if c in columns and units.get(c, "").strip()}
+def _to_si(
+    columns: Mapping[str, np.ndarray], units: Mapping[str, str], name: str, system: str | None
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Channels in SI units (temperatures in degC), and what has to be said about their units."""
+    given = {
+        c: _unit(units[c], c, name)
+        for c in _CHANNELS
+        if c in columns and units.get(c, "").strip() and not (c in ("SL", "SR") and units[c].strip().lower() == _SAE)
+    }
     force = {given[c] for c in ("FX", "FY", "FZ") if c in given}
     if len(force) > 1:
         which = ", ".join(f"{c} in {given[c]}" for c in ("FX", "FY", "FZ") if c in given)
         raise errors.UnitError(
             f"'{name}' mixes units of force: {which}; expected one for all: correct the units or the columns"
         )
-    pounds = force == {"lbf"}
+    said: list[str] = []
+    if force:
+        pounds = force == {"lbf"}
+    else:
+        pounds, why = unnamed_units(columns, given, system)
+        what = "pounds, miles per hour and psi" if pounds else "newtons, km/h and kPa"
+        said.append(f"the file does not name its unit of force: {what} taken, {why}")
     si: dict[str, np.ndarray] = {}
     for channel, (metric, imperial) in _CHANNELS.items():
         if channel not in columns:
             continue
         expected = imperial if pounds else metric
         unit = given.get(channel, expected)
+        values = np.asarray(columns[channel], dtype=float).ravel()
+        if unit == "degF":
+            values, unit = (values - 32.0) / 1.8, "degC"
+        expected = metric if metric == "degC" else expected
         if quantity(unit) == "ratio" and quantity(expected) != "ratio":
             unit = expected
-        values = np.asarray(columns[channel], dtype=float).ravel()
         si[channel] = to_si(values, unit, expected=expected, what=f"{channel} of '{name}'")
     _check_magnitudes(si, name)
-    return si
+    return si, said
 
 
 def _check_magnitudes(si: Mapping[str, np.ndarray], name: str) -> None:
@@ -248,7 +295,7 @@ def _check_magnitudes(si: Mapping[str, np.ndarray], name: str) -> None:
 def _unit(text: str, channel: str, name: str) -> str:
     plain = text.strip()
     unit = _SPELLINGS.get(plain.lower(), plain)
-    if not unit_known(unit):
+    if unit != "degF" and not unit_known(unit):
         raise errors.UnitError(
             f"'{name}' gives {channel} in '{plain}', an unknown unit; expected such as "
             f"'{_CHANNELS[channel][0]}': correct the units of the file"

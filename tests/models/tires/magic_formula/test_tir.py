@@ -374,6 +374,11 @@ def test_a_coefficient_beyond_its_range_can_be_waived(tmp_path):
     assert load(save(tire, tmp_path / "tire.json")) == tire
 
 
+def test_what_others_count_by_is_not_waived():
+    with pytest.raises(FormatError, match=r"LFZO = -1 .*: correct the file$"):
+        MagicFormulaTire.from_tir(bare(extra="LFZO = -1\n"), force=True)
+
+
 def test_empty_limits_can_be_waived():
     tir = bare(extra="[R]\nPRESMIN = 0\nPRESMAX = 0\n")
     with pytest.warns(ModelWarning, match="PRESMIN = 0 and PRESMAX = 0: no limit"):

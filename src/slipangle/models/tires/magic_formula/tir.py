@@ -29,6 +29,7 @@ _SPELLINGS: dict[str, tuple[str, ...]] = {
 # Coefficients of what is not a steady-state slip force: gyroscopic couple, damping at low speed, vertical and belt
 # dynamics. They are kept in the file.
 _ELSEWHERE = ("QTZ1", "MBELT", "PTX4", "PTY3", "LGYR", "LIP", "LCZ", "LSGKP", "LSGAL", "LGAX", "LGAY", "LGAZ", "LKG")
+_FIRM = ("FNOMIN", "UNLOADED_RADIUS", "LONGVL", "LFZO")  # what the others count by: no range of theirs is waived
 _NOT_ZERO = ("Q_RE0",)  # zero stands for "not given"
 _STEMS = {"load": "FZ", "slip_ratio": "KPU", "slip_angle": "ALP", "camber": "CAM", "pressure": "PRES"}
 _LIMITS = {name: (f"{stem}MIN", f"{stem}MAX") for name, stem in _STEMS.items()}
@@ -99,9 +100,10 @@ def coefficients_from(tir: TirFile, o: Conventions, *, force: bool = False) -> M
     ranges = {name: kind.si(name) for name in values}
     waived = tuple(n for n, meta in ranges.items() if not meta.lower <= values[n] <= meta.upper)
     said = [_beyond(name, values[name], ranges[name]) for name in waived]
-    if said and not force:
+    if said and (not force or set(waived) & set(_FIRM)):
         raise FormatError(
-            f"'{tir.name}' has {said[0]}: correct the file, or read it all the same with force=True (--force)"
+            f"'{tir.name}' has {said[0]}: correct the file"
+            + ("" if set(waived) & set(_FIRM) else ", or read it all the same with force=True (--force)")
         )
     if said:
         text = f"'{tir.name}' has {'; '.join(said)}: used as it stands, because force was given"
