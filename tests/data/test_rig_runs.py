@@ -42,7 +42,7 @@ def test_without_pressure_the_units_are_asked_for():
     columns = us(thin())[0]
     del columns["P"]
     assert "nothing in the file confirms" in from_channels(columns, {}).notes[1]
-    asked = from_channels(columns, {}, system="US")
+    asked = from_channels(columns, {}, unnamed="US")
     assert asked.load.mean() == pytest.approx(from_channels(thin(), UNITS).load.mean(), rel=1e-6)
 
 

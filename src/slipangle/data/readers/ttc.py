@@ -107,7 +107,7 @@ def read_ttc(
         columns, named = _read_dat(file)
     else:
         raise errors.FormatError(f"'{file}' ends in '{suffix}'; expected .mat or .dat: export the run in one of these")
-    return from_channels(columns, named, name=name or file.stem, system=units, warm_up=warm_up)
+    return from_channels(columns, named, name=name or file.stem, unnamed=units, warm_up=warm_up)
 
 
 def from_channels(
@@ -115,7 +115,7 @@ def from_channels(
     units: Mapping[str, str],
     *,
     name: str = "run",
-    system: Literal["US", "metric"] | None = None,
+    unnamed: Literal["US", "metric"] | None = None,
     warm_up: bool = True,
 ) -> TireData:
     """Rig channels by the consortium's names, shape (n_samples,) each, as `TireData`; arguments as of `read_ttc`."""
@@ -127,7 +127,7 @@ def from_channels(
     lengths = {len(columns[c]) for c in _CHANNELS if c in columns}
     if len(lengths) > 1:
         raise errors.FormatError(f"the channels of '{name}' have {sorted(lengths)} samples; expected as many in each")
-    si, said = _to_si(columns, units, name, system)
+    si, said = _to_si(columns, units, name, unnamed)
     finite = np.all([np.isfinite(v) for v in si.values()], axis=0)
     loaded = np.abs(si["FZ"]) > _UNLOADED * np.median(np.abs(si["FZ"][finite])) if finite.any() else finite
     upright = np.sign(si["FZ"]) == np.sign(np.median(si["FZ"][finite])) if finite.any() else finite
