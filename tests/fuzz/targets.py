@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.io import savemat
 
+from slipangle.errors import SlipangleError
 from tests.fuzz.logs import make_expression, maker, read_expression, read_log
 from tests.fuzz.mutate import CELLS, Rng, bytes_of, encoded, text_of, tree_of
 
@@ -253,6 +254,28 @@ def _read_track(path: Path, **options: Any) -> None:
         track.project(1.0, 2.0)
 
 
+def _read_both_ways(path: Path, **options: Any) -> None:
+    """A large table is read block by block, and gives what the same one read as a whole does, refusals too."""
+    from slipangle.data.readers import read_csv, text_table
+
+    def outcome() -> Any:
+        try:
+            data = read_csv(path, **options)
+        except SlipangleError as error:
+            return type(error), str(error)
+        return data.values.tolist(), data.starts, data.start_times, data.dt, data.channels, data.notes
+
+    whole, usual = outcome(), text_table._LARGE
+    text_table._LARGE = 0
+    try:
+        blocks = outcome()
+    finally:
+        text_table._LARGE = usual
+    assert blocks == whole
+    if isinstance(whole[0], type):
+        raise whole[0](whole[1])
+
+
 # ---- jobs and models ---------------------------------------------------------------------------------------------
 
 
@@ -262,6 +285,7 @@ def _jobs() -> tuple[dict, ...]:
 
     folder = Path(__file__).parents[2] / "examples"
     texts = [JOB.format(more=""), *(p.read_text(encoding="utf-8") for p in sorted(folder.glob("*.toml")))]
+    texts += [JOB.format(more="") + more for more in (_MODELS, _LOOP)]
     return tuple(tomllib.loads(text) for text in texts)
 
 
@@ -304,6 +328,46 @@ def _read_job(path: Path) -> None:
     read_settings(path)
 
 
+_MODELS = """
+[[model]]
+name = "ekf"
+kind = "relaxing-bicycle"
+banked = true
+free = ["C_f", "steering_lag"]
+fit = { kind = "ekf", noise_std = { r = 0.01 }, late = { r = 0.1 }, patience = 3 }
+[[model]]
+name = "hybrid"
+kind = "hybrid"
+base = "ekf"
+discrepancy = { kind = "narx", hidden = [4, 3], stages = [{ horizon = 2, epochs = 3 }] }
+[[model]]
+name = "adapted"
+kind = "adapt"
+model = "hybrid"
+settings = { seconds = 3.5, inputs = ["delta"] }
+[[model]]
+name = "lure"
+kind = "lure"
+linear = { order = [1, 2], weights = "residual" }
+[[model]]
+name = "saved"
+kind = "saved"
+file = "model.json"
+"""
+_LOOP = """
+[controller]
+model = "bicycle"
+kind = "mpc"
+solver = { kind = "real-time", iterations = 2 }
+Q = { Y = 1.0 }
+slack = { Y = 3.0 }
+[estimator]
+kind = "ekf"
+noise_std = { r = 0.01, X = 0.1 }
+[plant]
+friction = 0.7
+noise = { r = 0.01 }
+"""
 _SMALL = """
 [[model]]
 name = "arx"
@@ -378,6 +442,7 @@ def _read_model(path: Path) -> None:
 
 TARGETS: dict[str, Target] = {
     "csv": Target(_make_csv, _read_csv, 4000),
+    "csv-blocks": Target(_make_csv, _read_both_ways, 1500),
     "mat5": Target(_make_mat5, _read_mat5, 5000),
     "ttc": Target(_make_ttc, _read_ttc, 2500),
     "tir": Target(_make_tir, _read_tir, 3000),

@@ -284,7 +284,7 @@ def _of_kind(table: dict[str, Any], hints: list[Any], where: str, default: Any) 
     kinds = {called(hint): hint for hint in hints}
     usual = called(type(default)) if type(default) in hints else next(iter(kinds))
     name = table.get("kind", usual)
-    if name not in kinds:
+    if not isinstance(name, str) or name not in kinds:
         raise ConfigError(f"{where}: kind is {shown(name)}; {nearest(str(name)[:60], kinds)}: use one of these")
     return _table({k: v for k, v in table.items() if k != "kind"}, kinds[name], where, default)
 

@@ -23,7 +23,9 @@ from slipangle.extras import extra
 
 _BLOCK = 1 << 18  # bytes that pyarrow reads at once: of larger ones it holds many, and is no faster
 _LINES = 5_000  # of a block without pyarrow
-_NULLS = sorted({form for word in MISSING for form in (word, word.upper(), word.capitalize())} | {"NaN", "N/A"})
+_NULLS = sorted(
+    {form for word in MISSING if "inf" not in word for form in (word, word.upper(), word.capitalize())} | {"NaN", "N/A"}
+)
 
 
 @dataclass(frozen=True, kw_only=True)

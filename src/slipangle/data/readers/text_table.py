@@ -138,10 +138,10 @@ def _streamed(path: Path, delimiter: str | None, skip_lines: int) -> StreamedTab
         raw = file.read(_HEAD)
     if b"\0" in raw[:4096] or raw[:2] in (b"\xff\xfe", b"\xfe\xff") or raw.count(b"\r") > raw.count(b"\n"):
         return None
-    head = raw[: raw.rfind(b"\n") + 1]
+    head = raw if len(raw) < _HEAD else raw[: raw.rfind(b"\n") + 1]
     try:
         table = _cut(decoded(head, path, "text"), f"'{path.name}'", delimiter, skip_lines)
-    except FormatError:
+    except (FormatError, TooShortError):  # of all of it there may be more to say
         return None
     if table.delimiter is None or len(table.delimiter) != 1:
         return None
