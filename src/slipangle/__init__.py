@@ -28,10 +28,10 @@ Inside, everything is SI and radians, axes are those of ISO 8855 (docs/nomenclat
 """
 
 from importlib import import_module
-from pathlib import Path
+from pathlib import Path as _File
 from typing import Any
 
-_STUB = Path(__file__).with_name(
+_STUB = _File(__file__).with_name(
     "__init__.pyi"
 )  # where each name lives, one import a line, which type checkers read too
 _LINES = [line.split() for line in _STUB.read_text(encoding="utf-8").splitlines() if line.startswith("from ")]

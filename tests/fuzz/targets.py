@@ -254,6 +254,24 @@ def _read_track(path: Path, **options: Any) -> None:
         track.project(1.0, 2.0)
 
 
+def _make_scenario(rng: Rng) -> tuple[str, bytes, dict[str, Any]]:
+    from tests.paths.test_commonroad import lanelet
+
+    pieces = [
+        lanelet(k, 0.5 * k, 0.5 * k + 0.5, *rng.integers(0, 5, int(rng.integers(0, 3))), left=int(rng.integers(1, 9)))
+        for k in range(int(rng.integers(0, 5)))
+    ]
+    raw = text_of(rng, f"<commonRoad>{''.join(pieces)}</commonRoad>").encode(errors="replace")
+    options = {"lanelets": tuple(rng.integers(0, 5, int(rng.integers(0, 3))).tolist())}
+    return "road.xml", bytes_of(rng, raw) if _often(rng, 0.2) else raw, options
+
+
+def _read_scenario(path: Path, **options: Any) -> None:
+    from slipangle.paths.path import Path as Line
+
+    assert np.isfinite(Line.from_file(path, **options).curvature).all()
+
+
 def _read_both_ways(path: Path, **options: Any) -> None:
     """A large table is read block by block, and gives what the same one read as a whole does, refusals too."""
     from slipangle.data.readers import read_csv, text_table
@@ -447,6 +465,7 @@ TARGETS: dict[str, Target] = {
     "ttc": Target(_make_ttc, _read_ttc, 2500),
     "tir": Target(_make_tir, _read_tir, 3000),
     "track": Target(_make_track, _read_track, 2500),
+    "track-scenario": Target(_make_scenario, _read_scenario, 500),
     "job": Target(_make_job, _read_job, 3000),
     "run": Target(_make_run, _run, 40, seconds=60.0),
     "model": Target(_make_model, _read_model, 2500),

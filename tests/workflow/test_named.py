@@ -4,6 +4,7 @@ import inspect
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import slipangle as sa
@@ -176,6 +177,14 @@ def test_controllers(kind, tmp_path, capsys):
     seen = drive(tmp_path, capsys, f"kind = '{kind}'\n{DRIVES[kind]}")
     assert seen["end"] == "FINISHED"
     assert seen["max_y"] < 1.5
+
+
+def test_a_track_is_driven_from_a_file_beside_the_job(tmp_path, capsys):
+    s = np.linspace(0, 200, 60)
+    rows = [f"{x:.2f},{10 * np.sin(x / 60):.3f},4,4" for x in s]
+    (tmp_path / "track.csv").write_text("\n".join(["# x_m,y_m,w_tr_right_m,w_tr_left_m", *rows]))
+    seen = drive(tmp_path, capsys, "track = 'track.csv'\nkind = 'stanley'\na_y = 2.0")
+    assert (seen["end"], seen["inside_lane"]) == ("FINISHED", True)
 
 
 def test_an_estimator_in_the_loop(tmp_path, capsys):

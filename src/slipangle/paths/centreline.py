@@ -1,6 +1,7 @@
 """Numerics of centre lines: splines over arc length, interpolation between samples, speed under limits."""
 
 import math
+import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -116,8 +117,12 @@ def read_track(file: str | Path) -> np.ndarray:
     raw = read_bytes(source, "the track", "a CSV file: check the path")
     text = decoded(raw, source, "lines of numbers: export the track as CSV")
     rows: list[list[float]] = []
+    swapped = False
     for number, line in enumerate(text.splitlines(), start=1):
         content = line.split("#")[0].strip()
+        if not rows:
+            swapped = swapped or _left_first(line)
+            content = "" if re.fullmatch(r"[^\d]*[a-z]{2}[^\d]*", content, re.I) else content  # headings
         if not content:
             continue
         try:
@@ -139,7 +144,13 @@ def read_track(file: str | Path) -> np.ndarray:
     table = np.array(rows)
     if len(table) < 4:
         raise TooShortError(f"'{source.name}' has {len(table)} points; expected at least 4")
-    return table
+    return table[:, [0, 1, 3, 2]] if swapped and table.shape[1] == 4 else table
+
+
+def _left_first(line: str) -> bool:
+    """Whether headings name the width to the left before that to the right."""
+    left, right = line.lower().find("left"), line.lower().find("right")
+    return 0 <= left < right
 
 
 def points_of_line(

@@ -16,6 +16,7 @@ import numpy as np
 
 from slipangle.errors import NotFiniteError, ParameterError, TooShortError
 from slipangle.paths.centreline import edge_between, hermite, limit_rise, points_of_line, read_track, sample_spline
+from slipangle.paths.commonroad import is_commonroad, read_lane
 from slipangle.paths.line import Line
 from slipangle.paths.preview import Preview, Projection, strides_between
 from slipangle.shown import Shown
@@ -119,13 +120,45 @@ class Path(Shown):
         return cls(**curve, right=lane.get("right"), left=lane.get("left"), closed=closed, name=name)
 
     @classmethod
+    def from_file(
+        cls,
+        file: str | FilePath,
+        *,
+        closed: bool | None = None,
+        smoothing: float = 0.0,
+        spacing: float = SPACING,
+        lanelets: Sequence[int] = (),
+    ) -> Self:
+        """Track of a file, known by its content: a CommonRoad scenario, or text as of `from_csv` (TUM's race tracks).
+
+        Of a scenario the lane that ``lanelets`` name, see `slipangle.paths.commonroad.read_lane`.
+
+        Raises MissingFileError, FormatError or ParameterError as these two.
+        """
+        try:
+            with FilePath(file).open("rb") as opened:
+                scenario = is_commonroad(opened.read(4096))
+        except OSError:
+            scenario = False  # said below
+        if not scenario:
+            if lanelets:
+                raise ParameterError(
+                    f"lanelets are those of a CommonRoad scenario, and '{file}' is none: leave them out"
+                )
+            return cls.from_csv(file, closed=closed, smoothing=smoothing, spacing=spacing)
+        lane = read_lane(file, lanelets)
+        whole = lane.closed if closed is None else closed
+        how: Any = {"closed": whole, "smoothing": smoothing, "spacing": spacing, "name": FilePath(file).stem}
+        return cls.from_points(lane.X, lane.Y, right=lane.half, left=lane.half, **how)
+
+    @classmethod
     def from_csv(
         cls, file: str | FilePath, *, closed: bool | None = None, smoothing: float = 0.0, spacing: float = SPACING
     ) -> Self:
         """Track from a text file with columns x, y and, if known, width to the right and to the left. [m]
 
-        Lines that start with ``#`` are comments. Whether the track is closed is seen from the distance
-        between its ends unless said.
+        Lines that start with ``#`` are comments; headings, in one or above the numbers, say whether the left width
+        comes first. Whether the track is closed is seen from the distance between its ends unless said.
 
         Raises MissingFileError if there is no such file and FormatError if a line does not hold two or four numbers.
         """

@@ -9,6 +9,7 @@ an estimator: a function of the controller's model.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, Self
 
 from slipangle.control.driver import Driver
@@ -83,6 +84,10 @@ class ControllerSettings:
         What it is; see 'slipangle list controllers'. The table's other entries are those of the kind.
     manoeuvre : str
         What is driven.
+    track : Path
+        A track to drive in place of a manoeuvre: CSV of x, y and widths, or a CommonRoad scenario.
+    a_y, a_x : float
+        Largest accelerations of the speed profile on a track; ``v_x`` is then the largest speed. [m/s2]
     v_x : float
         Speed of the manoeuvre. [m/s]
     dt : float
@@ -102,6 +107,9 @@ class ControllerSettings:
     model: str
     kind: str = "mpc"
     manoeuvre: Literal["iso3888-1", "iso3888-2", "lane-changes"] = "iso3888-1"
+    track: FilePath | None = None
+    a_y: Annotated[float, Within(0.1, 100, "m/s2")] = 4.0
+    a_x: Annotated[float, Within(0.1, 100, "m/s2")] = 2.0
     v_x: Annotated[float, Within(1, 150, "m/s")] = 20.0
     dt: Annotated[float, Within(1e-3, 1, "s")] = 0.05
     width: Annotated[float, Within(0.5, 10, "m")] = 1.8
@@ -204,7 +212,9 @@ def _other_step(model: Model, wanted: ControllerSettings) -> ConfigError:
 
 
 def build_path(wanted: ControllerSettings) -> Path:
-    """The manoeuvre's path with its lanes."""
+    """The manoeuvre's path with its lanes, or the track's at the speed that its limits allow."""
+    if wanted.track is not None:
+        return Path.from_file(wanted.track).with_speed_limits(v_max=wanted.v_x, a_y=wanted.a_y, a_x=wanted.a_x)
     if wanted.manoeuvre == "lane-changes":
         return manoeuvres.lane_changes(wanted.v_x)
     return _MANOEUVRES[wanted.manoeuvre](wanted.v_x, width=wanted.width)

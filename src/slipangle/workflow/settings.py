@@ -255,12 +255,15 @@ def _with_tires(settings: Settings, where: str) -> Settings:
 
 
 def _placed(settings: Settings, folder: Path) -> Settings:
-    """The same with every file that a model names in the folder of the job."""
+    """The same with every file that a model or the controller names in the folder of the job."""
     models = tuple(
         replace(m, entries={k: folder / v if isinstance(v, Path) else v for k, v in m.entries.items()})
         for m in settings.model
     )
-    return replace(settings, folder=folder, model=models)
+    controller = settings.controller
+    if controller is not None and controller.track is not None:
+        controller = replace(controller, track=folder / controller.track)
+    return replace(settings, folder=folder, model=models, controller=controller)
 
 
 def _check(settings: Settings, where: str) -> None:

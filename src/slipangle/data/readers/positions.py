@@ -50,6 +50,15 @@ def read_kml(path: Path) -> ArrayTable:
     return _table(rows, path)
 
 
+@reader("CommonRoad", recognises=lambda head: b"<commonRoad" in head)
+def read_commonroad(path: Path) -> ArrayTable:
+    """Refused: a scenario is a road, not a drive; `slipangle.Path.from_file` reads it.
+
+    Raises FormatError.
+    """
+    raise FormatError(f"'{path}' is a CommonRoad scenario, a road and no log; expected a drive: use Path.from_file")
+
+
 def _tag(element: ElementTree.Element) -> str:
     return str(element.tag).rpartition("}")[2]
 
