@@ -36,6 +36,10 @@ FROM_KEYS = {  # made where a key or another one asks for them
     sa.NonlinearBicycleParams: "car",
     sa.SaturatingBicycleParams: "car",
     sa.SingleTrackParams: "catalogue",
+    sa.TireBicycle: "kind = 'tire-bicycle' fits one",
+    sa.TireBicycleParams: "car of that",
+    sa.MagicFormulaTire: "tire = 'FILE.tir'",
+    sa.DualTrack: "[plant] with tires of files",
     sa.ARXModel: "kind = 'arx' gives one, 'saved' reads one",
     sa.NARXModel: "kind = 'narx' gives one, 'saved' reads one",
     sa.MultiARXModel: "kind = 'multi-arx' gives one, 'saved' reads one",
@@ -55,11 +59,9 @@ NEVER = {  # no setting, or nothing that a file can say
     sa.Reference: "computed at every step",
     sa.Ode: "equations in Python; a package registers its own model",
     sa.PlantFunctions: "functions in Python; a package registers its own plant",
-    sa.MagicFormulaTire: "read from a tire file",
     sa.LinearTire: "a part of a model in Python",
     sa.SimpleMagicFormula: "a part of a model in Python",
     sa.MagicCurve: "a part of that",
-    sa.DualTrack: "its 60 parameters stand in Python; robustness drives it",
 }  # fmt: skip
 
 

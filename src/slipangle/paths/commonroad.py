@@ -63,7 +63,7 @@ def read_lane(file: str | Path, lanelets: Sequence[int] = ()) -> Lane:
         If the lane forks or begins at several places and ``lanelets`` does not say which, or names what is not there.
     """
     known = _lanelets(Path(file))
-    row = tuple(lanelets) if len(lanelets) > 1 else _row(known, tuple(lanelets), str(file))
+    row: Sequence[int] = tuple(lanelets) if len(lanelets) > 1 else _row(known, tuple(lanelets), str(file))
     for number in row:
         if number not in known:
             raise ParameterError(
@@ -84,7 +84,7 @@ def read_lane(file: str | Path, lanelets: Sequence[int] = ()) -> Lane:
         X=middle[new, 0],
         Y=middle[new, 1],
         half=half[new],
-        lanelets=row,
+        lanelets=tuple(row),
         closed=row[0] in known[row[-1]].follows,
     )
 
@@ -92,7 +92,7 @@ def read_lane(file: str | Path, lanelets: Sequence[int] = ()) -> Lane:
 def _row(known: dict[int, _Lanelet], first: tuple[int, ...], file: str) -> tuple[int, ...]:
     """From the first lanelet on, as far as one alone follows."""
     after = {b for lanelet in known.values() for b in lanelet.follows}
-    starts = first or tuple(n for n in known if n not in after) or (min(known),)
+    starts = list(first) or [n for n in known if n not in after] or [min(known)]
     if len(starts) > 1:
         raise ParameterError(
             f"'{file}' begins at {len(starts)} lanelets, {_some(starts)}; expected one: say which with "
@@ -101,14 +101,14 @@ def _row(known: dict[int, _Lanelet], first: tuple[int, ...], file: str) -> tuple
     row = [starts[0]]
     while row[-1] in known and known[row[-1]].follows:
         follows = known[row[-1]].follows
-        if row[0] in follows or (len(follows) == 1 and follows[0] in row):
+        if len(follows) == 1 and follows[0] in row:
             break
         if len(follows) > 1:
             raise ParameterError(
                 f"after lanelet {row[-1]} of '{file}' come {_some(follows)}; expected one: name all in driving "
                 f"order with lanelets=({', '.join(map(str, row[-3:]))}, ...)"
             )
-        row.append(follows[0])
+        row += follows
     return tuple(row)
 
 

@@ -164,8 +164,9 @@ class Path(Shown):
         """
         table = read_track(file)
         if closed is None:
-            gaps = np.hypot(*np.diff(table[:, :2], axis=0).T)
-            closed = bool(np.hypot(*(table[-1, :2] - table[0, :2])) < 3 * np.median(gaps))
+            with np.errstate(over="ignore", invalid="ignore"):  # what is that far away is refused below
+                gaps = np.hypot(*np.diff(table[:, :2], axis=0).T)
+                closed = bool(np.hypot(*(table[-1, :2] - table[0, :2])) < 3 * np.median(gaps))
         widths = {"right": table[:, 2], "left": table[:, 3]} if table.shape[1] == 4 else {}
         X, Y, stem = table[:, 0], table[:, 1], FilePath(file).stem
         return cls.from_points(X, Y, closed=closed, smoothing=smoothing, spacing=spacing, name=stem, **widths)
