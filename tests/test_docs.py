@@ -169,7 +169,9 @@ def test_tools_that_judge_are_exact_and_read_what_is_installed():
     assert f"python{floor}/site-packages" in (ROOT / "Makefile").read_text()
 
 
-@pytest.mark.parametrize("name", ["linear-analysis.md", "plots.md"])
+@pytest.mark.parametrize(
+    "name", ["linear-analysis.md", "plots.md", pytest.param("tutorial.md", marks=pytest.mark.slow)]
+)
 def test_python_in_the_docs_runs(name, tmp_path, monkeypatch):
     """Blocks of a page run one after the other, as a reader would paste them."""
     monkeypatch.chdir(tmp_path)
@@ -178,3 +180,45 @@ def test_python_in_the_docs_runs(name, tmp_path, monkeypatch):
     names: dict[str, Any] = {}
     for block in blocks:
         exec(compile(block, name, "exec"), names)
+
+
+@pytest.mark.parametrize("name", sorted(p.name for p in (ROOT / "docs").glob("*.md")))
+def test_the_docs_name_what_is_there(name):
+    """Public names, links to other pages, and attributes of what a table names."""
+    text = (ROOT / "docs" / name).read_text()
+    assert set(re.findall(r"\bsa\.(\w+)", text)) <= set(slipangle.__all__)
+    for kind, attribute in re.findall(r"\bsa\.([A-Z]\w+)\.(\w+)", text):
+        assert hasattr(getattr(slipangle, kind), attribute), f"{kind}.{attribute}"
+    for target in re.findall(r"\]\(([^)#:]+)\)", text):
+        assert (ROOT / "docs" / target).exists(), target
+
+
+def test_what_a_matlab_user_is_told_is_there():
+    """Methods and settings in the table, of data, models, linear systems and estimators."""
+    from slipangle.models.analysis.linearised import LinearisedModel
+
+    text = (ROOT / "docs" / "from-matlab.md").read_text()
+    owners = {"data": slipangle.Dataset, "model": slipangle.Model, "linear": LinearisedModel, "mpc": slipangle.MPC}
+    for owner, attribute in re.findall(r"\b(data|model|linear|mpc)\.(\w+)", text):
+        assert hasattr(owners[owner], attribute), f"{owner}.{attribute}"
+    for kind, inside in re.findall(r"sa\.(ARX|StateSpace|GreyBox|linearize)\(([^)]*)\)", text):
+        known = inspect.signature(getattr(slipangle, kind)).parameters
+        assert set(re.findall(r"(\w+)=", inside)) <= set(known), kind
+    assert {"values", "covariance", "candidates"} <= set(inspect.signature(slipangle.FitInfo).parameters)
+
+
+def test_troubleshooting_repeats_sentences_of_the_source():
+    text = (ROOT / "docs" / "troubleshooting.md").read_text()
+    phrases = [p.removesuffix(" ...") for p in re.findall(r'^\*\*"(.*?)"\*\*', text, re.M)]
+    assert len(phrases) >= 10
+    source = " ".join(p.read_text() for p in (ROOT / "src").rglob("*.py"))
+    joined = re.sub(r'"\s*\n\s*f?"', "", source)  # sentences that are broken over lines
+    assert [p for p in phrases if p not in joined] == []
+
+
+def test_the_citation_is_that_of_the_package():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    lines = dict(re.findall(r"^([\w-]+): (.+)$", (ROOT / "CITATION.cff").read_text(), re.M))
+    assert lines["version"] == project["version"]
+    assert lines["license"] == project["license"]
+    assert lines["cff-version"] == "1.2.0"
