@@ -36,7 +36,11 @@ class Controller(abc.ABC):
         Instants at which it wants to see the path, rising from 0. [s]
     controls, exogenous, references : tuple of str
         Inputs of the model that it decides, those that it does not, and columns of the reference.
+    steady : bool
+        Whether it finds the heading of steady driving on the path by itself, pushed as its model says.
     """
+
+    steady = False
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy needs, in this process or another: the settings, nothing compiled."""
@@ -134,7 +138,8 @@ class SteeringController(Controller):
         """
         preview.require_times(self.times)
         require_names(exogenous, self.exogenous, "reference()", "only the speed is given from outside")
-        speed = np.asarray(exogenous.get("v_x", preview.v_x[:-1]), dtype=float)
+        speed = np.asarray(exogenous.get("v_x", preview.v_x), dtype=float)
+        speed = speed[: self.horizon] if speed.shape == (self.horizon + 1,) else speed  # the end's counts nowhere here
         return Reference(
             tracked=np.column_stack([getattr(preview, n) for n in self.columns]),
             exogenous=np.broadcast_to(speed, (self.horizon,))[:, None],

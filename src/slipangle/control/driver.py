@@ -326,7 +326,7 @@ class Driver:
         ahead = {"v_x": preview.v_x, "v_x_dot": preview.v_x_dot(self.controller.times)}
         given = {n: ahead.get(n, self._inputs[n]) for n in self.controller.exogenous}
         reference = self.controller.reference(preview, **given)
-        if "psi" in self.controller.references:
+        if "psi" in self.controller.references and not self.controller.steady:
             d = x[list(self._targets.disturbances)]
             v_y, _ = self._targets(self._v_x, preview.r, d)
             tracked = np.array(reference.tracked, dtype=float)

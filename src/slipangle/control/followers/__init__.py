@@ -1,1 +1,1 @@
-"""Path followers to compare with: pure pursuit, Stanley, LQR with preview."""
+"""Path followers to compare with: pure pursuit, Stanley, LQR with preview, feed-forward; their delay compensated."""

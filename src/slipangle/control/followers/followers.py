@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -26,8 +27,52 @@ from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Plan, Status, within
 
 
+class SteeringLaw(SteeringController):
+    """One steering angle at a time, within limit [rad] and rate [rad/s]."""
+
+    limit: Any
+    rate: Any
+
+    @abc.abstractmethod
+    def _angle(self, x: np.ndarray, wanted: Reference, before: float) -> float:
+        """Steering command, the one before given. [rad]"""
+
+    def plan(
+        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
+    ) -> Plan:
+        """See `Controller.plan`: the angle now, held over the horizon, and the one before if the state cannot be."""
+        begin = perf_counter()
+        x, wanted = given(self, x, reference, previous)
+        before = applied_before(previous, applied, self.controls, np.zeros(1), -self.limit, self.limit)
+        judge = self._judge
+        wrong = judge.status(x, wanted.tracked, wanted.exogenous)
+        angle = float(before[0])
+        if wrong is None:
+            try:
+                angle = self._angle(x, wanted, angle)
+            except (ArithmeticError, ValueError):  # a law that has no answer
+                angle = math.nan
+            if not math.isfinite(angle):
+                angle, wrong = float(before[0]), Status.FAILED
+        bounds, steps = np.array([[-self.limit, self.limit]]), np.array([[-self.rate, self.rate]]) * self.dt
+        u = within(np.full((self.horizon, 1), angle), before, bounds, steps)
+        return Plan(
+            u=u,
+            x=np.tile(np.where(np.abs(x) < NUMBER, x, 0.0), (self.horizon + 1, 1)),
+            status=wrong or Status.SOLVED,
+            seconds=perf_counter() - begin,
+            cost=math.nan,
+            iterations=0,
+            controls=self.controls,
+            age=0 if wrong is None else (1 if previous is None else counted(previous.age) + 1),
+            detail=judge.fault(x, wanted.tracked, wanted.exogenous) if wrong is Status.IMPLAUSIBLE else "",
+            times=self.times,
+            health=health_of(previous).after(wrong is not None, False),
+        )
+
+
 @dataclass(frozen=True, kw_only=True)
-class PathFollower(Checked, SteeringController):
+class PathFollower(Checked, SteeringLaw):
     """A steering law; subclasses say from what model's state and how.
 
     Parameters
@@ -73,39 +118,6 @@ class PathFollower(Checked, SteeringController):
         last : float
             Road-wheel angle applied before. [rad]
         """
-
-    def plan(
-        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
-    ) -> Plan:
-        """See `Controller.plan`: the angle now, held over the horizon, and the one before if the state cannot be."""
-        begin = perf_counter()
-        x, wanted = given(self, x, reference, previous)
-        before = applied_before(previous, applied, self.controls, np.zeros(1), -self.limit, self.limit)
-        judge = self._judge
-        wrong = judge.status(x, wanted.tracked, wanted.exogenous)
-        angle = float(before[0])
-        if wrong is None:
-            try:
-                angle = self._angle(x, wanted, angle)
-            except (ArithmeticError, ValueError):  # a law that has no answer
-                angle = math.nan
-            if not math.isfinite(angle):
-                angle, wrong = float(before[0]), Status.FAILED
-        bounds, steps = np.array([[-self.limit, self.limit]]), np.array([[-self.rate, self.rate]]) * self.dt
-        u = within(np.full((self.horizon, 1), angle), before, bounds, steps)
-        return Plan(
-            u=u,
-            x=np.tile(np.where(np.abs(x) < NUMBER, x, 0.0), (self.horizon + 1, 1)),
-            status=wrong or Status.SOLVED,
-            seconds=perf_counter() - begin,
-            cost=math.nan,
-            iterations=0,
-            controls=self.controls,
-            age=0 if wrong is None else (1 if previous is None else counted(previous.age) + 1),
-            detail=judge.fault(x, wanted.tracked, wanted.exogenous) if wrong is Status.IMPLAUSIBLE else "",
-            times=self.times,
-            health=health_of(previous).after(wrong is not None, False),
-        )
 
     def _angle(self, x: np.ndarray, wanted: Reference, before: float) -> float:
         last = float(self.params.road_wheel(before))
