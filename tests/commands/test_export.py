@@ -10,6 +10,7 @@ from slipangle.cli import main
 from slipangle.codegen import compiler
 from slipangle.models.storage import save
 from tests.commands.test_log import folder  # noqa: F401  # a fixture
+from tests.export.tools import needs, run
 from tests.models.all_models import ALL_MODELS
 
 CONTROLLER = """
@@ -36,6 +37,24 @@ def test_controller_of_a_job(folder, capsys):  # noqa: F811
     assert np.abs(drive[:, -1]).max() > 0.01  # the job's manoeuvre
     assert main(["export", "c", str(job), *out]) == 2
     assert "is not empty" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_driver_of_a_job(folder, capsys):  # noqa: F811
+    """Its program repeats the drive of the job's plant, which knows nothing of the driver's model."""
+    needs("gcc", "make")
+    job = folder / "job.toml"
+    text = job.read_text().replace('outputs = ["r"]', 'outputs = ["r"]\nrate = 20.0')
+    job.write_text(text + CONTROLLER.replace("horizon = 6", 'kind = "driver"'))
+    made = folder / "made"
+    assert main(["export", "c", str(job), "--out", str(made), "--name", "racer", "--json"]) == 0
+    assert {"racer.c", "racer_planner.c"} < set(json.loads(capsys.readouterr().out)["files"])
+    drive = np.loadtxt(made / "drive.csv", delimiter=",", skiprows=1)
+    assert len(drive) > 500
+    said = run("make", "-s", "replay", "CC=gcc", folder=made)
+    assert f"{len(drive)} calls in" in said
+    assert main(["export", "fmu", str(job), "--out", str(folder / "a.fmu")]) == 2
+    assert "a Driver has no FMU; expected a model or a controller" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["if", "../racer", "Racer"])

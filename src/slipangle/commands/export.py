@@ -131,9 +131,11 @@ def _controller(file: str, bar: Bar) -> tuple[Any, Drive]:
 
     Raises ConfigError if the job has none.
     """
-    from slipangle.export import Recorder
+    from slipangle.control.driver import Driver
+    from slipangle.export import DriverRecorder, Recorder
+    from slipangle.simulate.drive import drive
     from slipangle.simulate.loop import closed_loop
-    from slipangle.workflow.drive import CONTROLLERS, build_path, build_plant
+    from slipangle.workflow.drive import CONTROLLERS, build_path, build_plant, whole_driver
     from slipangle.workflow.job import identify_named
 
     settings, logs = read_job(file)
@@ -148,6 +150,10 @@ def _controller(file: str, bar: Bar) -> tuple[Any, Drive]:
     bar(0.5, "driving in closed loop")
     controller = CONTROLLERS[wanted.kind](model, wanted, **wanted.entries)
     plant, driver, _ = build_plant(settings.plant, model)
+    if isinstance(controller, Driver):
+        whole = DriverRecorder(whole_driver(controller, driver, settings.estimator))
+        drive(plant, whole, width=wanted.width)  # type: ignore[arg-type]
+        return whole.driver, whole.drive
     recorder = Recorder(controller)
     closed_loop(plant, recorder, build_path(wanted), driver=driver, width=wanted.width)  # type: ignore[arg-type]
     return controller, recorder.drive

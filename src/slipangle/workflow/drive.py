@@ -128,7 +128,7 @@ def drive(
     controller = CONTROLLERS[wanted.kind](model, wanted, **wanted.entries)
     try:
         if isinstance(controller, Driver):
-            run = _driven(plant, controller, speed, wanted, estimator, progress)
+            run = _driven(plant, whole_driver(controller, speed, estimator), wanted, progress)
         else:
             knows = ESTIMATORS[estimator.kind](controller.model, **estimator.entries) if estimator else None
             how: Any = {"driver": speed, "estimator": knows, "width": wanted.width, "progress": progress}
@@ -138,20 +138,17 @@ def drive(
     return run, description, controller
 
 
-def _driven(
-    plant: Plant,
-    driver: Driver,
-    speed: SpeedDriver | None,
-    wanted: ControllerSettings,
-    estimator: EstimatorSettings | None,
-    progress: Callable[[float], None],
-) -> Run:
-    """A drive of a `Driver`, which sees nothing but measurements, with the plant's speed driver."""
+def whole_driver(driver: Driver, speed: SpeedDriver | None, estimator: EstimatorSettings | None) -> Driver:
+    """A job's `Driver` with the plant's speed driver and the job's estimator, where there is one."""
     parts: dict[str, Any] = {"controller": driver.controller, "estimator": driver.estimator, "dt": driver.dt}
     if estimator is not None:
         parts["estimator"] = ESTIMATORS[estimator.kind](driver.estimator.model, **estimator.entries)
-    whole = Driver(driver.controller.model, driver.path, speed=speed, **parts)
-    length = driver.path.length
+    return Driver(driver.controller.model, driver.path, speed=speed, **parts)
+
+
+def _driven(plant: Plant, whole: Driver, wanted: ControllerSettings, progress: Callable[[float], None]) -> Run:
+    """A drive of a `Driver`, which sees nothing but measurements."""
+    length = whole.path.length
     watch = lambda t, commands: progress(min(max(commands.s / length, 0.0), 1.0))  # noqa: E731
     return drive_plant(plant, whole, width=wanted.width, watch=watch)
 
