@@ -126,6 +126,10 @@ def test_fit_of_magic_formula_6_1(runs, tmp_path, capsys):
     assert "95 % interval" in (tmp_path / "a.tir").read_text(encoding="utf-8")
     back = read_tire(tmp_path / "a.tir")
     assert back.forces(0.0, 0.1, 667.0).F_y == pytest.approx(TIRE.forces(0.0, 0.1, 667.0).F_y, rel=0.02)
+    assert run("fit", runs[0], "--start", tmp_path / "a.tir", "--side", "LEFT", "--out", tmp_path / "b.tir") == 0
+    again = read_tire(tmp_path / "b.tir")
+    assert again.mounted("RIGHT").mirrored
+    assert again.coefficients.PDX1 == back.coefficients.PDX1  # a cornering run says nothing about F_x
 
 
 def test_plot(tir, tmp_path, capsys):
@@ -160,6 +164,9 @@ def test_mistakes(tir, runs, tmp_path):
         (("fit", *runs, "--out", tmp_path / "x.doc"), FormatError, "neither .tir nor .json"),
         (("fit", *runs, "--model", "mlp:2", "--inputs", "lode"), ParameterError, "nearest are 'load'"),
         (("fit", tmp_path / "no.mat"), MissingFileError, "does not exist"),
+        (("fit", *runs, "--model", "brush", "--start", tir), ConfigError, "--start is for mf61, the model is brush"),
+        (("fit", *runs, "--model", "brush", "--side", "LEFT"), ConfigError, "--side is for mf61, the model is brush"),
+        (("fit", *runs, "--start", tir, "--radius", "0.2"), ConfigError, "--radius and --start are given"),
         (("plot", tir, "--out", tir / "x.html"), WriteError, "is a file"),
         (("convert", brush, tmp_path / "x.tir"), FormatError, "BrushTire has no place in a .tir file"),
         (("convert", brush, tmp_path / "x.json", "--mirror"), ConfigError, "only a Magic Formula tire can be mirrored"),

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
-from slipangle.errors import ConfigError, FormatError, ParameterError, nearest
+from slipangle.errors import ConfigError, FormatError, ModelWarning, ParameterError, nearest
 from slipangle.files import check_output
 
 if TYPE_CHECKING:
@@ -44,7 +44,12 @@ def add(commands: Commands) -> None:
     sub = actions.add("fit", _fit, "fit a tire to runs of a rig (FSAE TTC .mat, .dat)")
     sub.add_argument("files", nargs="+", metavar="FILE", help="runs of one tire: cornering, drive/brake")
     sub.add_argument("--model", default="mf61", help=f"{_MODELS} (default: %(default)s)")
-    sub.add_argument("--radius", type=float, default=0.3, help="unloaded radius for mf61 [m] (default: %(default)s)")
+    sub.add_argument("--radius", type=float, metavar="M", help="unloaded radius for mf61 [m]; 0.3, with a warning")
+    sub.add_argument("--fnomin", type=float, metavar="N", help="nominal load for mf61 [N] (default: the median load)")
+    sub.add_argument("--side", choices=("LEFT", "RIGHT"), help="of the vehicle that the tire was measured for")
+    sub.add_argument(
+        "--start", metavar="FILE.tir", help="tire that mf61 starts from and keeps where the data are silent"
+    )
     sub.add_argument("--units", choices=("US", "metric"), help="where the file names none (default: by the pressure)")
     sub.add_argument("--keep-warm-up", action="store_true", help="keep samples from before the tread is warm")
     sub.add_argument("--offsets", action="store_true", help="move each run to the level of the first one")
@@ -140,6 +145,8 @@ def _fit(options: argparse.Namespace) -> Answer:
         bar(0.2, f"fitting {options.model} to {data.n_samples} samples")
         with _warnings_printed():
             tire = model(data)
+        if options.side:
+            tire = replace(tire, side=options.side)
     command = f"slipangle tire fit {' '.join(options.files)} --model {options.model}"
     if options.out:
         _write(tire, options.out, save)
@@ -224,14 +231,13 @@ def _suffix(out: str) -> str:
 
 
 def _write(tire: Any, out: str, save: Any) -> Path:
-    from slipangle.identify.tires.magic_formula import confidence
+    from slipangle.identify.tires.written import fitted_file
 
     if _suffix(out) == ".json":
         return save(tire, out)
     if tire.mirrored:
         raise FormatError("a mirrored tire has no place in a .tir file; expected .json as suffix, or no --mirror")
-    comments = None if tire.fit_info is None or tire.mirrored is None else confidence(tire.fit_info)
-    return tire.write_tir(out, comments=comments)
+    return tire.write_tir(out) if tire.fit_info is None or tire.mirrored is None else fitted_file(tire).write(out)
 
 
 def _estimator(options: argparse.Namespace) -> Any:
@@ -244,8 +250,28 @@ def _estimator(options: argparse.Namespace) -> Any:
 
     name, seed = options.model, options.seed
     inputs: Any = tuple(part for part in options.inputs.split(",") if part)
+    for option, given in (("--radius", options.radius), ("--fnomin", options.fnomin), ("--start", options.start)):
+        if given and name != "mf61":
+            raise ConfigError(f"{option} is for mf61, the model is {name}; expected one of both: leave it out")
+        if given and options.start and option != "--start":
+            raise ConfigError(f"{option} and --start are given; expected one of both: the start tire has its own size")
+    if options.side and name != "mf61":
+        raise ConfigError(f"--side is for mf61, the model is {name}; expected one of both: leave it out")
+    if options.start:
+        start: Any = read_tire(options.start, extrapolate=True)
+        return MagicFormulaFit(start=start, seed=seed).fit
     if name == "mf61":
-        return lambda data: MagicFormulaFit(start=typical(data, radius=options.radius), seed=seed).fit(data)
+
+        def from_typical(data: TireData) -> Any:
+            if options.radius is None:
+                text = (
+                    "no unloaded radius is given: 0.3 m is taken, which scales moments and file: name it with --radius"
+                )
+                warnings.warn(text, ModelWarning, stacklevel=2)
+            start = typical(data, radius=options.radius or 0.3, nominal_load=options.fnomin)
+            return MagicFormulaFit(start=start, seed=seed).fit(data)
+
+        return from_typical
     if name == "magic":
         curve = MagicCurveFit(seed=seed)
         return CurveTireFit(longitudinal=curve, lateral=curve).fit

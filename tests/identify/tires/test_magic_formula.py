@@ -1,6 +1,7 @@
 """Magic Formula 6.1 from rig runs: force error at the noise, intervals that cover, files with confidence."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from slipangle.errors import (
     ParameterError,
     SlipangleError,
 )
-from slipangle.identify.tires.magic_formula import MagicFormulaFit, confidence, typical
+from slipangle.identify.tires.magic_formula import MagicFormulaFit, typical
+from slipangle.identify.tires.written import confidence, fitted_file
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
 from slipangle.models.tires.simple import practical_slip
 from slipangle.numerics.multistart import Effort
@@ -232,3 +234,45 @@ def test_published_file_is_recovered_from_noisy_runs(real_data, seed):
     found = prediction(tire, data)
     for k, name in enumerate(("F_x", "F_y")):
         assert rms(getattr(data, name) - getattr(found, name)) < 1.02 * rms(noise[k])
+
+
+def contradicting(arm=-0.04):
+    """The drive/brake run has its overturning moment off by an arm of the load, as another wheel mounting makes it."""
+    drive = replace(RUNS["drive/brake"], M_x=RUNS["drive/brake"].M_x + arm * RUNS["drive/brake"].load)
+    return joined([RUNS["cornering"], drive])
+
+
+@pytest.mark.slow
+def test_a_moment_that_runs_contradict_is_said_and_not_written():
+    """The drive/brake run has F_y too, so the wrong arm moves the fit everywhere."""
+    data = contradicting(-0.2)
+    with pytest.warns(
+        ModelWarning, match="the fit of M_x misses run . of 2 by .* times its spread.* stay those of the"
+    ):
+        tire = quiet_fit(data)
+    assert not any(name.startswith("QSX") for name in tire.fit_info.names)
+    assert {"QSX1", "QSX2", "QSX3"} <= {n for n in tire.coefficients.metadata() if getattr(tire.coefficients, n) == 0}
+    assert any(name.startswith("QDZ") for name in tire.fit_info.names)
+    assert "QSX3" in tire.fit_info.warnings[0] or "M_x" in tire.fit_info.warnings[0]
+
+
+def test_what_is_open_has_no_number_in_the_file(fitted, tmp_path):
+    path = fitted_file(fitted).write(tmp_path / "fit.tir")
+    rows = {
+        r.split("=")[0].strip(): r.split("=", 1)[1] for r in path.read_text(encoding="utf-8").split("\n") if "=" in r
+    }
+    info = fitted.fit_info
+    open_ones = [n for n, v, s in zip(info.names, info.values, info.std, strict=True) if 1.96 * s > max(abs(v), 1e-3)]
+    assert len(open_ones) <= 3, open_ones  # that the fit cannot do without
+    assert all("not determined by the data, but needed" in rows[n] for n in open_ones)
+    assert rows["PDX3"].strip() == "$not determined by the data"  # camber did not act on F_x there
+    assert "95 % interval" in rows["PDY1"]
+    back = MagicFormulaTire.from_tir(path)
+    angle = np.linspace(-0.2, 0.2, 41)
+    assert back.forces(0.05, angle, 600.0).F_y == pytest.approx(fitted.forces(0.05, angle, 600.0).F_y, rel=1e-12)
+
+
+def test_typical_has_the_speed_of_the_rig():
+    tire = typical(BOTH, radius=0.26, nominal_load=700.0)
+    assert tire.coefficients.LONGVL == pytest.approx(40 / 3.6, rel=0.01)
+    assert tire.coefficients.FNOMIN == 700.0

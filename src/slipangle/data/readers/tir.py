@@ -124,7 +124,7 @@ class TirFile:
 
     def with_values(
         self,
-        values: Mapping[str, float | str],
+        values: Mapping[str, float | str | None],
         *,
         comments: Mapping[str, str] | None = None,
         section: Mapping[str, str] | None = None,
@@ -136,7 +136,8 @@ class TirFile:
         Parameters
         ----------
         values : mapping
-            New values by key; numbers in SI units, written in the units of the file with all their digits.
+            New values by key; numbers in SI units, written in the units of the file with all their digits; None
+            leaves the key blank.
         comments : mapping, optional
             New comments by key.
         section : mapping, optional

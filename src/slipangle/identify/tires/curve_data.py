@@ -1,4 +1,4 @@
-"""Checks on (slip, friction) samples before a curve is fitted to them."""
+"""Checks on (slip, friction) samples before a curve is fitted to them, and the range that they cover."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from slipangle.data.tire_data import TireData
 from slipangle.errors import ExcitationError, NotFiniteError, ParameterError, TooShortError, UnitError
+from slipangle.models.tires.magic_formula.validity import ValidRange
 from slipangle.models.tires.neural import CurveInput
 
 Beside = np.ndarray | None  # samples of what a curve may depend on besides slip
@@ -62,3 +64,25 @@ def require_both_signs(slip: np.ndarray, what: str = "slip") -> None:
             f"{what} runs from {low:.4g} to {high:.4g}, on one side of zero only; expected both signs, since shifts "
             "and shape cannot be told apart otherwise: add the other side, or mirror the data"
         )
+
+
+def limits_of(data: TireData) -> ValidRange:
+    """Range of the data, in the axes of the coefficients (ISO-W), rounded outwards a little."""
+
+    def around(values: np.ndarray) -> tuple[float, float]:
+        low, high = float(values.min()), float(values.max())
+        margin = 0.02 * max(high - low, 1e-6)
+        return low - margin, high + margin
+
+    low, high = around(data.load)
+    reach = float(np.max(np.abs(data.slip_angle))) * 1.02 + 1e-3
+    kappa = around(
+        np.where(data.slip_ratio > 0, data.slip_ratio / (1 - np.minimum(data.slip_ratio, 0.99)), data.slip_ratio)
+    )
+    return ValidRange(
+        load=(max(0.0, low), high),
+        slip_angle=(-reach, reach),
+        slip_ratio=(min(kappa[0], -0.05), max(kappa[1], 0.05)),
+        camber=around(np.append(data.gamma, 0.0)),
+        pressure=(-np.inf, np.inf) if data.pressure is None else around(data.pressure),
+    )

@@ -18,7 +18,7 @@ import numpy as np
 
 from slipangle.data.tire_data import TireData
 from slipangle.errors import ExcitationError, IdentifiabilityWarning, ModelWarning, ParameterError, TooShortError
-from slipangle.identify.tires.curve_data import require_both_signs
+from slipangle.identify.tires.curve_data import limits_of, require_both_signs
 from slipangle.identify.tires.magic_formula_coefficients import COMBINED, LATERAL, LONGITUDINAL, MOMENTS, Free
 from slipangle.identify.tires.stages import (
     FittedStage,
@@ -27,6 +27,7 @@ from slipangle.identify.tires.stages import (
     noise,
     robust_covariance,
     scaled,
+    undetermined,
     unscaled,
 )
 from slipangle.models.model import FitInfo
@@ -43,13 +44,16 @@ _SMALL_RATIO = 0.01  # slip ratio that counts as free rolling
 _SMALL_ANGLE = np.deg2rad(0.6)  # slip angle that counts as straight
 
 
-def typical(data: TireData, *, radius: float) -> MagicFormulaTire:
-    """A tire to start from: nominal load and pressure from the data, coefficients of an ordinary tire.
+def typical(data: TireData, *, radius: float, nominal_load: float | None = None) -> MagicFormulaTire:
+    """A tire to start from: nominal load, pressure and reference speed from the data, the rest of an ordinary tire.
 
-    ``radius`` is the unloaded one, the length that moments are made dimensionless with. [m]
+    ``radius`` is the unloaded one, the length that moments are made dimensionless with [m]; ``nominal_load`` [N] is by
+    default the median load.
     """
     pressure = 0.0 if data.pressure is None else float(np.median(data.pressure))
-    size = {"FNOMIN": float(f"{np.median(data.load):.3g}"), "UNLOADED_RADIUS": radius}
+    size = {"FNOMIN": nominal_load or float(f"{np.median(data.load):.3g}"), "UNLOADED_RADIUS": radius}
+    if data.speed is not None:
+        size["LONGVL"] = float(f"{np.median(np.abs(data.speed)):.3g}")
     return MagicFormulaTire(coefficients=MF61Coefficients(**_ORDINARY, **size, NOMPRES=pressure, INFLPRES=pressure))
 
 
@@ -73,8 +77,9 @@ class MagicFormulaFit:
     samples : int
         At most about so many samples are used, evenly spread.
     prune : bool
-        Put coefficients back to their start that the data do not need, as Schwarz's criterion ([3]_) judges: fewer
-        coefficients extrapolate better, and the intervals of the others get narrower.
+        Put coefficients back to their start that the data do not need, as Schwarz's criterion ([3]_) judges, and then
+        those that they do not determine, where no residual grows by more than 1 %: fewer coefficients extrapolate
+        better, and the intervals of the others get narrower.
 
     References
     ----------
@@ -101,8 +106,11 @@ class MagicFormulaFit:
         Raises ExcitationError if no slip moves, or a sweep runs on one side of zero only, and TooShortError if a stage
         has fewer samples than coefficients.
 
-        Warns with ModelWarning, with what the data do not hold and is taken from ``start``, and IdentifiabilityWarning,
-        with the coefficients that the data do not determine.
+        A moment that some run contradicts, so that it is followed worse there than by its mean, keeps the coefficients
+        of ``start``.
+
+        Warns with ModelWarning, with what the data do not hold and is taken from ``start`` and which runs disagree with
+        the fit, and IdentifiabilityWarning, with the coefficients that the data do not determine.
         """
         began = time.perf_counter()
         with one_blas_thread():
@@ -116,22 +124,7 @@ class MagicFormulaFit:
             warnings.warn(note, ModelWarning, stacklevel=2)
         for note in info.warnings[len(job.notes) :]:
             warnings.warn(note, IdentifiabilityWarning, stacklevel=2)
-        return replace(tire, limits=_limits(job.data), fit_info=info, source=None)
-
-
-def confidence(info: FitInfo, *, level: float = 0.95) -> dict[str, str]:
-    """Interval of each coefficient as a comment for `MagicFormulaTire.write_tir`.
-
-    >>> info = FitInfo(names=("PDY1",), values=np.array([1.2]), covariance=np.array([[1e-4]]),
-    ...     noise_std=np.array([1.0]), n_samples=10)
-    >>> confidence(info)
-    {'PDY1': '95 % interval 1.1804 to 1.2196'}
-    """
-    ends = info.interval(level)
-    return {
-        name: f"{100 * level:g} % interval {low:.5g} to {high:.5g}"
-        for name, (low, high) in zip(info.names, ends, strict=True)
-    }
+        return replace(tire, limits=limits_of(job.data), fit_info=info, source=None)
 
 
 class _Job:
@@ -208,7 +201,9 @@ class _Job:
         once = Effort(starts=1, screen=120, carried=1, polish=120, finish=120)
         tire, _ = self.solve(tire, free, outputs, rows, once)
         tire, stage = self.solve(tire, free, outputs, rows, once)  # with each output weighed by its residuals
-        return self.pruned(tire, stage, rows)
+        tire, stage = self.settled(*self.pruned(tire, stage, rows), rows)
+        self.notes += [said for output in outputs if (said := self.contradicted(tire, output))]
+        return tire, stage
 
     def moments(self, tire: MagicFormulaTire) -> tuple[MagicFormulaTire, list[FittedStage]]:
         """Aligning and overturning moment, the forces given."""
@@ -219,7 +214,12 @@ class _Job:
             if getattr(self.data, output) is None or not self.has_y:
                 continue
             fitted = [self.pruned(*self.solve(tire, self.free(table), (output,), rows, few), rows) for table in tables]
-            tire, stage = min(fitted, key=lambda pair: criterion(pair[1]))
+            found, stage = self.settled(*min(fitted, key=lambda pair: criterion(pair[1])), rows)
+            said = self.contradicted(found, output)
+            if said:
+                self.notes.append(f"{said}; its coefficients stay those of the start tire")
+                continue
+            tire = found
             stages.append(stage)
         return tire, stages
 
@@ -247,6 +247,48 @@ class _Job:
                 break
             tire, stage = better
         return tire, stage
+
+    def settled(
+        self, tire: MagicFormulaTire, stage: FittedStage, rows: np.ndarray
+    ) -> tuple[MagicFormulaTire, FittedStage]:
+        """The stage without coefficients that the data leave open, as far as no residual grows by more than 1 %."""
+        once = Effort(starts=1, screen=80, carried=1, polish=80, finish=80)
+        reference = self.settings.start.coefficients
+        while self.settings.prune and (loose := undetermined(stage)):
+            better = None
+            for share in (1.0, 0.5, 0.2):
+                spared = set(loose[: max(1, round(share * len(loose)))])
+                fewer = tuple(f for k, f in enumerate(stage.free) if k not in spared)
+                if not fewer:
+                    continue
+                back = {stage.free[k].name: getattr(reference, stage.free[k].name) for k in spared}
+                trial = self.solve(tire.with_coefficients(**back), fewer, stage.outputs, rows, once)
+                if all(new <= 1.01 * old for new, old in zip(noise(trial[1]), noise(stage), strict=True)):
+                    better = trial
+                    break
+            if better is None:
+                break
+            tire, stage = better
+        return tire, stage
+
+    def contradicted(self, tire: MagicFormulaTire, output: str) -> str:
+        """Which run the tire follows worse than its mean would, as a sentence; empty where there is none."""
+        measured, error = getattr(self.data, output), self._error(tire, output)
+        counts = self.driving if output == "F_x" and self.has_y else np.full(len(error), True)
+        spread = float(np.std(measured[counts])) if counts.any() else 0.0
+        worst, number = 0.0, 0
+        for k, rows in enumerate(self.data.runs):
+            here = rows[counts[rows]]
+            if len(here) >= 20 and len(self.data.runs) > 1:
+                own = max(float(np.std(measured[here])), 0.5 * spread, 1e-9)
+                miss = float(np.sqrt(np.mean(error[here] ** 2))) / own
+                worst, number = max((worst, number), (miss, k + 1))
+        if worst <= 1.0:
+            return ""
+        return (
+            f"the fit of {output} misses run {number} of {len(self.data.runs)} by {worst:.2g} times its spread, worse "
+            "than its mean: the runs disagree, remove their offsets or fit them apart"
+        )
 
     def solve(
         self, tire: MagicFormulaTire, free: tuple[Free, ...], outputs: tuple[str, ...], rows: np.ndarray, effort: Effort
@@ -282,15 +324,19 @@ class _Job:
 
     def _weight(self, tire: MagicFormulaTire, name: str, rows: np.ndarray) -> np.ndarray:
         """One over the residual's standard deviation; free rolling says nothing about F_x."""
+        error = self._error(tire, name)[rows]
+        counts = self.driving[rows] if name == "F_x" and self.has_y else np.full(len(error), True)
+        sigma = max(float(np.std(error[counts])), 1e-6 * float(np.std(getattr(self.data, name)[rows][counts])), 1e-9)
+        return np.where(counts, 1.0 / sigma, 0.0)
+
+    def _error(self, tire: MagicFormulaTire, name: str) -> np.ndarray:
+        """What of an output the tire leaves, at every sample."""
         s = self.samples
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ModelWarning)
             loose = replace(tire, outside="extrapolate", limits=ValidRange())
             forces = loose.evaluate(s[:, 0], s[:, 1], s[:, 2], axes="ISO-W", camber=s[:, 3], pressure=s[:, 4])
-        error = (getattr(self.data, name) - getattr(forces, name))[rows]
-        counts = self.driving[rows] if name == "F_x" and self.has_y else np.full(len(error), True)
-        sigma = max(float(np.std(error[counts])), 1e-6 * float(np.std(getattr(self.data, name)[rows][counts])), 1e-9)
-        return np.where(counts, 1.0 / sigma, 0.0)
+        return getattr(self.data, name) - getattr(forces, name)
 
     # ---- what is reported --------------------------------------------------------------------------------------
 
@@ -338,25 +384,3 @@ class _Job:
             warnings=tuple(said),
             train_name=self.data.name,
         )
-
-
-def _limits(data: TireData) -> ValidRange:
-    """Range of the data, in the axes of the coefficients (ISO-W), rounded outwards a little."""
-
-    def around(values: np.ndarray) -> tuple[float, float]:
-        low, high = float(values.min()), float(values.max())
-        margin = 0.02 * max(high - low, 1e-6)
-        return low - margin, high + margin
-
-    low, high = around(data.load)
-    reach = float(np.max(np.abs(data.slip_angle))) * 1.02 + 1e-3
-    kappa = around(
-        np.where(data.slip_ratio > 0, data.slip_ratio / (1 - np.minimum(data.slip_ratio, 0.99)), data.slip_ratio)
-    )
-    return ValidRange(
-        load=(max(0.0, low), high),
-        slip_angle=(-reach, reach),
-        slip_ratio=(min(kappa[0], -0.05), max(kappa[1], 0.05)),
-        camber=around(np.append(data.gamma, 0.0)),
-        pressure=(-np.inf, np.inf) if data.pressure is None else around(data.pressure),
-    )

@@ -88,6 +88,15 @@ def robust_covariance(stage: FittedStage) -> tuple[np.ndarray, str]:
     return spread, text
 
 
+def undetermined(stage: FittedStage) -> list[int]:
+    """Which coefficients have a 95 % interval wider than their value, the widest first."""
+    std = np.sqrt(np.maximum(np.diag(robust_covariance(stage)[0]), 0.0))
+    half = np.array([(f.upper - f.lower) / 2 for f in stage.free])
+    values = np.array([unscaled(f, z) for f, z in zip(stage.free, stage.solution.theta, strict=True)])
+    width = 1.96 * std * half / np.maximum(np.abs(values), 1e-3)
+    return [int(k) for k in np.argsort(-width) if not width[k] <= 1.0]
+
+
 def scaled(f: Free, value: float) -> float:
     """A coefficient between -1 and 1 over its bounds."""
     return (2 * value - f.upper - f.lower) / (f.upper - f.lower)
