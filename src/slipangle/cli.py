@@ -8,6 +8,7 @@ from importlib.metadata import version
 
 from slipangle.commands import (
     Commands,
+    completion,
     data,
     doctor,
     export,
@@ -85,7 +86,8 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
     for group in (job, init, log, models, export, search, robust, tire, listing, data, doctor, reproduce):
         group.add(Commands(commands))
-    help.add(Commands(commands), _parser)
+    for about in (help, completion):
+        about.add(Commands(commands), _parser)
     return parser
 
 

@@ -3,6 +3,7 @@
 import getpass
 import os
 import tempfile
+from datetime import datetime
 from pathlib import Path
 
 from slipangle.errors import MissingFileError, WriteError
@@ -61,6 +62,15 @@ def check_output(path: str | Path) -> Path:
         raise WriteError(f"the output folder '{folder}' cannot be made ('{existing}' is a file); name another one")
     output_folder(existing)
     return folder
+
+
+def replaced(path: str | Path) -> str:
+    """End of a sentence that says which file a new one replaces; empty if there is none."""
+    try:
+        then = datetime.fromtimestamp(Path(path).stat().st_mtime)  # as the folder shows it
+    except OSError:
+        return ""
+    return f", which replaces the one of {then:%Y-%m-%d %H:%M}"
 
 
 def read_bytes(path: str | Path, what: str, expected: str) -> bytes:

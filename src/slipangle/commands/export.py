@@ -100,7 +100,7 @@ def _fmu(options: argparse.Namespace) -> Answer:
 
     name, path = _place(options, "export", ".fmu")
     check_output(path.parent)
-    with Bar(quiet=options.json) as bar:
+    with Bar(quiet=options.json or options.quiet) as bar:
         thing, _ = _thing(options, bar)
         bar(0.9, "writing the FMU")
         settings = {"name": name, "version": options.fmi, "binary": not options.source_only, "force": options.force}
@@ -117,7 +117,7 @@ def _build(options: argparse.Namespace) -> Answer:
 
     name, folder = _place(options, "build")
     check_output(folder)
-    with Bar(quiet=options.json) as bar:
+    with Bar(quiet=options.json or options.quiet) as bar:
         controller, drive = _controller(options.what, bar)
         bar(0.8, "compiling")
         made = build(controller, folder, name=name, drive=drive, portable=options.portable, force=options.force)

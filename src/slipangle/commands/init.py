@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from os.path import relpath
 from pathlib import Path
 
 from slipangle.commands import Answer, Commands
@@ -104,7 +105,7 @@ def job_text(
     log: Path, out: Path, found: Survey, guesses: list[Guess], car: dict[str, tuple[float, bool]], kind: str
 ) -> str:
     """The job: lines that are guesses end with GUESS and the reason; other channels stand below as comments."""
-    near = log.name if log.parent.resolve() == out.parent.resolve() else str(log.resolve())
+    near = _from(out.parent.resolve(), log.resolve())
     fastest = max((c.rate for c in found.channels), default=0.0)
     rate = max((r for r in _RATES if r <= 0.6 * fastest), default=None)
     outputs = [n for n in ("r", "v_y") if any(g.channel == n for g in guesses)]
@@ -130,6 +131,14 @@ def job_text(
     lines += [f"# also there: {c.name} [{c.unit or 'no unit'}], {c.low:.4g} to {c.high:.4g}" for c in others[:60]]
     lines += ["", "[[model]]", f'name = "{kind}"', f'kind = "{kind}"', *_model(kind, car), ""]
     return "\n".join(line.replace("\n", " ") for line in lines)
+
+
+def _from(folder: Path, file: Path) -> str:
+    """A file as the job says it: from the job's folder on, with slashes, so that both can move to another machine."""
+    try:
+        return Path(relpath(file, folder)).as_posix()
+    except ValueError:  # on another drive of Windows
+        return str(file)
 
 
 def _model(kind: str, car: dict[str, tuple[float, bool]]) -> list[str]:

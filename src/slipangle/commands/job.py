@@ -6,7 +6,7 @@ from pathlib import Path
 
 from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
-from slipangle.files import check_output, write_atomic
+from slipangle.files import check_output, replaced, write_atomic
 
 
 def add(commands: Commands) -> None:
@@ -51,10 +51,12 @@ def _job(file: Path, out: str | None, progress: Callable[[float, str], None], co
     settings = read_settings(file)
     folder = Path(out if out is not None else settings.out)
     check_output(folder)
+    target = folder / "index.html"
+    before = replaced(target)
     outcome = run_job(settings, progress)
     progress(0.96, "writing the page")
-    page = build_page(outcome, command).write(folder / "index.html")
+    page = build_page(outcome, command).write(target)
     write_atomic(folder / "metrics.json", outcome.to_json())
     progress(1.0, "done")
-    words = "\n".join([*summary(outcome), f"\nThe page: {page.resolve()}"])
+    words = "\n".join([*summary(outcome), f"\nThe page: {page.resolve()}{before}"])
     return Answer(outcome.metrics(), words, 1 if outcome.failures else 0)

@@ -7,7 +7,7 @@ from slipangle.commands import Answer, Commands
 from slipangle.errors import ConfigError, nearest
 from slipangle.registry import Registry
 
-_REGISTRIES = {  # what a user calls it: where it is
+REGISTRIES = {  # what a user calls it: where it is
     "models": "slipangle.workflow.kinds:KINDS",
     "controllers": "slipangle.workflow.drive:CONTROLLERS",
     "plants": "slipangle.workflow.drive:PLANTS",
@@ -24,7 +24,7 @@ def add(commands: Commands) -> None:
     """Describe the command."""
     more = "A package adds one with a decorator or an entry point of the group that stands in brackets."
     sub = commands.add("list", _list, "kinds of models, controllers, signals and so on, by name", more=more)
-    sub.add_argument("what", nargs="*", metavar="WHAT", help=f"{', '.join(_REGISTRIES)}; by default all")
+    sub.add_argument("what", nargs="*", metavar="WHAT", help=f"{', '.join(REGISTRIES)}; by default all")
 
 
 def _list(options: argparse.Namespace) -> Answer:
@@ -33,10 +33,10 @@ def _list(options: argparse.Namespace) -> Answer:
     Those of installed packages are among them.
     """
     listed, words = {}, []
-    for what in options.what or _REGISTRIES:
-        if what not in _REGISTRIES:
-            raise ConfigError(f"there is no list of '{what}'; {nearest(what, _REGISTRIES)}: use one of these names")
-        module, _, name = _REGISTRIES[what].partition(":")
+    for what in options.what or REGISTRIES:
+        if what not in REGISTRIES:
+            raise ConfigError(f"there is no list of '{what}'; {nearest(what, REGISTRIES)}: use one of these names")
+        module, _, name = REGISTRIES[what].partition(":")
         registry: Registry = getattr(import_module(module), name)
         listed[what] = {key: _home(thing) for key, thing in registry.items()}
         words.append("\n  ".join([f"{what} [{registry.group}]", *(f"{k:28} {v}" for k, v in listed[what].items())]))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
 from slipangle.errors import ConfigError, ModelWarning, SlipangleError
-from slipangle.files import check_output
+from slipangle.files import check_output, replaced
 
 if TYPE_CHECKING:
     from slipangle.data.dataset import Dataset
@@ -60,7 +60,7 @@ def _identify(options: argparse.Namespace) -> Answer:
 
         models, failures = each_model(settings, fit)
     targets = {name: Path(options.out) / f"{_slug(name)}.json" for name in models}
-    replaced = {name for name, path in targets.items() if path.exists()}
+    before = {name: replaced(path) for name, path in targets.items()}
     paths = {name: save(model, targets[name]) for name, model in models.items()}
     fits = {name: _fits(model, logs, settings) for name, model in models.items()}
     warned = {name: list(m.fit_info.warnings) if m.fit_info else [] for name, m in models.items()}
@@ -68,12 +68,11 @@ def _identify(options: argparse.Namespace) -> Answer:
     for name, path in paths.items():
         info = models[name].fit_info
         said = info.confounding if info is not None and 1 < len(info.names) <= 14 else ""
-        again = ", which it replaces" if name in replaced else ""
-        words += [f"{name}: {path}{again}", *(f"  {line}" for line in (*_estimates(info), *fits[name].values()))]
+        words += [f"{name}: {path}{before[name]}", *(f"  {line}" for line in (*_estimates(info), *fits[name].values()))]
         words += [f"  {sentence}" for sentence in (said, *warned[name]) if sentence]
     words += [f"{name}: failed. {why}" for name, why in failures.items()]
     listed: dict[str, dict] = {
-        n: {"file": str(p), "replaced": n in replaced, "warnings": warned[n]} | _parameters(models[n].fit_info)
+        n: {"file": str(p), "replaced": bool(before[n]), "warnings": warned[n]} | _parameters(models[n].fit_info)
         for n, p in paths.items()
     }
     return Answer(listed | {n: {"failure": why} for n, why in failures.items()}, "\n".join(words), int(bool(failures)))

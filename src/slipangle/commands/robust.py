@@ -9,7 +9,7 @@ from pathlib import Path
 from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
 from slipangle.errors import ConfigError
-from slipangle.files import check_output
+from slipangle.files import check_output, replaced
 
 _ABOUT = """\
 Identify the controller's model as FILE.toml says, and drive its manoeuvre with that controller on many cars whose
@@ -50,7 +50,7 @@ def _robust(options: argparse.Namespace) -> Answer:
     check_output(options.out)
     folder = Path(options.out)
     folder.mkdir(parents=True, exist_ok=True)
-    with Bar(quiet=options.json) as bar:
+    with Bar(quiet=options.json or options.quiet) as bar:
         bar(0.0, "identifying the model")
         train = read_logs(settings).train
         model = identify_named(settings, wanted.model, train)
@@ -67,6 +67,7 @@ def _robust(options: argparse.Namespace) -> Answer:
             progress=lambda share, what: bar(0.05 + 0.95 * share, what),
         )
     command = f"slipangle robust {options.file} --cars {options.cars}"
+    before = replaced(folder / "robust.html")
     page = robustness.page(trials, settings, command).write(folder / "robust.html")
-    words = f"{robustness.sentence(trials)}\n\nThe page: {page.resolve()}"
+    words = f"{robustness.sentence(trials)}\n\nThe page: {page.resolve()}{before}"
     return Answer(trials.metrics(), words, 0 if trials.good else 1)

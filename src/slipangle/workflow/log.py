@@ -78,7 +78,7 @@ def _found(names: Sequence[str], settings: Settings) -> list[Path]:
     """
     found: dict[Path, None] = {}
     for name in names:
-        path = settings.folder / name
+        name, path = _slashed(name, settings.folder)
         if path.exists() or not any(letter in name for letter in "*?["):
             found[path] = None
             continue
@@ -91,6 +91,13 @@ def _found(names: Sequence[str], settings: Settings) -> list[Path]:
     return list(found)
 
 
+def _slashed(name: str, folder: Path) -> tuple[str, Path]:
+    """A file as a job names it, and where it is; backslashes of a job from Windows part folders anywhere."""
+    if "\\" in name and not (folder / name).exists():
+        name = name.replace("\\", "/")
+    return name, folder / name
+
+
 def _read(file: Path, settings: Settings) -> Dataset:
     wanted = settings.data
     try:
@@ -101,7 +108,7 @@ def _read(file: Path, settings: Settings) -> Dataset:
     return read(
         file,
         columns=columns,
-        beside=[settings.folder / other for other in wanted.beside],
+        beside=[_slashed(other, settings.folder)[1] for other in wanted.beside],
         time=time,
         dt=wanted.dt,
         inputs=wanted.inputs,
