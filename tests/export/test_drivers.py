@@ -9,6 +9,8 @@ import pytest
 from slipangle.codegen import compiler
 from slipangle.control.default_drive import default_controller, default_estimator, driven_model
 from slipangle.control.driver import Driver
+from slipangle.control.followers.compensated import Compensated
+from slipangle.control.followers.followers import Stanley
 from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError
 from slipangle.export.drivers import DriverRecorder, channels, commands
@@ -247,6 +249,11 @@ def test_a_drive_is_recorded_and_what_has_no_c_is_said():
         def step(self, measurements, t):
             return super().step(measurements, t)
 
+    law = Compensated(follower=Stanley(params=SOUSA_TABLE_7_2, dt=0.02), car=KNOWN)
+    with pytest.raises(ParameterError, match="a Compensated has no C; expected a model"):
+        project_of(law, "", 2)
+    with pytest.raises(ParameterError, match="a Compensated in the driver has no C; expected a plain MPC"):
+        project_of(Driver(KNOWN, whole.path, controller=law, noise=NOISE), "", 2)
     with pytest.raises(ParameterError, match="a Own in the driver has no C; expected a plain Driver"):
         project_of(Own(KNOWN, whole.path, controller=whole.controller, estimator=whole.estimator), "", 2)
 

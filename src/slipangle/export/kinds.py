@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import singledispatch
 from typing import Any
 
+from slipangle.control.controller import Controller
 from slipangle.control.driver import Driver
 from slipangle.control.followers.followers import PathFollower
 from slipangle.control.marx.mpc import MultiARXMPC
@@ -61,9 +62,9 @@ def _driven(controller: Any, drive: Drive | Dataset | int, record: Any = standar
     return record(controller, drive)
 
 
-def _require_own(controller: Any, kind: type) -> None:
+def _require_own(controller: Any, kind: type[Controller]) -> None:
     """Raise ParameterError if a subclass plans in another way than the class whose C there is."""
-    if type(controller).plan is not vars(kind)["plan"]:
+    if type(controller).plan is not kind.plan:
         raise ParameterError(
             f"a {type(controller).__name__} has a plan of its own, which has no C; expected a {kind.__name__}: export "
             "that"
