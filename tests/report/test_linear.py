@@ -1,5 +1,7 @@
 """Figures and tables of linear analysis show the numbers of the model, in the units that people read."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -47,9 +49,11 @@ def test_handling_is_read_in_degrees_and_kilometres_an_hour():
     assert table.title == "Handling of car at 108 km/h"
     rows = {r.cells[0]: r.cells for r in table.rows}
     gradient = rows["understeer gradient"]
-    assert gradient[1] == pytest.approx(np.degrees(found["understeer_gradient"][2]))
+    exact, half = (np.degrees(v["understeer_gradient"][2]) for v in (found, found.stds))
+    assert float(gradient[1]) == pytest.approx(exact, abs=0.1 * half)
     assert gradient[3:] == ("deg/(m/s²)", "ISO 4138")
-    assert rows["characteristic speed"][1] == pytest.approx(3.6 * found.characteristic_speed.value)
+    assert float(rows["characteristic speed"][1]) == pytest.approx(3.6 * found.characteristic_speed.value, rel=0.01)
+    assert "understeer<br>gradient" in figure.layout.yaxis.title.text
     assert "critical speed" not in rows
     assert "<table>" in found._repr_html_()
     assert "km/h: characteristic speed" in repr(found)
@@ -65,3 +69,24 @@ def test_poles_are_a_table():
     assert repr(linear.step("r", "delta")) == "<step response of 'Bicycle': delta to r, to 5.378 (rad/s)/rad>"
     assert "0.0" in repr(linear.bode("r", "delta"))
     assert str(linear.gain("r", "delta")).startswith("5.378 ± ")
+
+
+def test_a_car_that_may_be_neutral_has_no_special_speed():
+    """Where the interval of the gradient holds zero, neither a characteristic nor a critical speed is said."""
+    wide, _ = fitted(share=(0.3, 0.3), rho=0.0)
+    found = handling(wide, v_x=[20.0])
+    assert 0 > found.band("understeer_gradient")[0, 0]
+    assert not [r for r in found.table().rows if "speed" in r.cells[0]]
+
+
+def test_what_is_not_defined_is_a_dash():
+    rows = {r.cells[0]: r.cells[1] for r in handling(BICYCLE, v_x=[5.0]).table().rows}
+    assert rows["yaw-rate peak response time, step"] == "–"
+
+
+def test_what_is_hardly_known_has_a_band_that_ends():
+    curve = linearize(BICYCLE, v_x=20.0).bode("r", "delta")
+    lost = replace(curve, magnitude_std=np.full(300, 1e9), phase_std=np.full(300, 1e9))
+    bands = [t for t in lost.plot().data if t.fill == "toself"]
+    assert len(bands) == 2
+    assert bands[0].y[300:][::-1] == pytest.approx(np.exp(1.959964) * curve.magnitude, rel=1e-5)

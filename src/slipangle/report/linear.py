@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,8 @@ import plotly.graph_objects as go
 from slipangle.models.analysis.handling import QUANTITIES, Handling
 from slipangle.models.analysis.linearised import LinearisedModel
 from slipangle.models.analysis.responses import FrequencyResponse, TimeResponse, quantile
-from slipangle.report.style import SLATE, axes, dots, escape, line, new_figure, pretty_unit, series_style
-from slipangle.report.tables import Heading, Row, Table, number
+from slipangle.report.style import SLATE, axes, dots, escape, line, new_figure, pretty_unit, series_style, wrap
+from slipangle.report.tables import Heading, Row, Table, number, to_digit
 
 _DEG = 180 / np.pi
 # Quantities as people read them: factor and unit.
@@ -39,18 +40,23 @@ def _band(figure: go.Figure, x: np.ndarray, band: np.ndarray, index: int, axis: 
 
 
 def bode(responses: Sequence[FrequencyResponse]) -> go.Figure:
-    """Magnitude and phase over frequency with bands; coherence below where data gave one."""
+    """Magnitude and phase over frequency with bands; coherence below where data gave one.
+
+    Bands end at a factor of 7 and a phase of 180 degrees: what is less sure than that is not known.
+    """
     figure = new_figure(560, hovermode="closest")
     seen = any(r.coherence is not None for r in responses)
     for index, one in enumerate(responses):
         colour, dash = series_style(index)
         name = escape(one.name)
         own: dict[str, Any] = {"legendgroup": name, "name": name}
-        _band(figure, one.frequency, one.magnitude_band(), index, legendgroup=name)
+        ends = {"magnitude_std": np.minimum(one.magnitude_std, 1.0), "phase_std": np.minimum(one.phase_std, np.pi / 2)}
+        shown = replace(one, **ends)
+        _band(figure, one.frequency, shown.magnitude_band(), index, legendgroup=name)
         hover = "%{x:.3g} Hz: %{y:.4g}"
         line(figure, one.frequency, one.magnitude, colour, dash=dash, hovertemplate=hover, **own)
         below: dict[str, Any] = {"yaxis": "y2", "showlegend": False}
-        _band(figure, one.frequency, _DEG * one.phase_band(), index, "y2", legendgroup=name)
+        _band(figure, one.frequency, _DEG * shown.phase_band(), index, "y2", legendgroup=name)
         line(figure, one.frequency, _DEG * one.phase, colour, dash=dash, hovertemplate=hover + "°", **own, **below)
         if one.coherence is not None:
             last: dict[str, Any] = {"yaxis": "y3", "showlegend": False}
@@ -111,8 +117,7 @@ def handling_curves(several: Sequence[Handling], names: Sequence[str] = ()) -> g
         factor, unit = _READ.get(what.unit, (1.0, what.unit))
         axis = "y" if k == 0 else f"y{k + 1}"
         domain = [1 - (k + 1) / rows + (0.04 if k < rows - 1 else 0.0), 1 - k / rows - 0.02]
-        words = what.title.replace(", ", "<br>", 1)
-        title = {"text": f"{words}<br>[{pretty_unit(unit)}]", "font": {"size": 11}}
+        title = {"text": f"{wrap(what.title, 18)}<br>[{pretty_unit(unit)}]", "font": {"size": 11}}
         layout["yaxis" + axis[1:]] = {"title": title, "domain": domain}
         for index, one in enumerate(several):
             colour, dash = series_style(index)
@@ -139,7 +144,7 @@ def handling_table(handling: Handling, v_x: float | None = None) -> Table:
         rows.append(_row(what.title, value, std, unit, what.standard))
     for name in ("characteristic", "critical"):
         speed = getattr(handling, f"{name}_speed")
-        if np.isfinite(speed.value):
+        if np.isfinite(speed.value) and not speed.value < quantile(0.95) * speed.std:  # else it may be of either kind
             rows.append(_row(f"{name} speed", 3.6 * speed.value, 3.6 * speed.std, "km/h", "ISO 4138"))
     columns = Heading("quantity", words=True), Heading("value"), Heading("± 95 %"), Heading("unit", words=True)
     return Table(
@@ -151,8 +156,9 @@ def handling_table(handling: Handling, v_x: float | None = None) -> Table:
 
 
 def _row(title: str, value: float, std: float, unit: str, standard: str) -> Row:
-    half = quantile(0.95) * std
-    return Row((title, float(value), number(float(half), 2) if np.isfinite(half) else "–", pretty_unit(unit), standard))
+    half = float(quantile(0.95) * std)
+    shown = "–" if np.isnan(value) else to_digit(float(value), half) if abs(value) > 0.01 * half else "0"
+    return Row((title, shown, number(half, 2) if np.isfinite(half) else "–", pretty_unit(unit), standard))
 
 
 def modes_table(model: LinearisedModel) -> Table:

@@ -7,11 +7,11 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 
 from slipangle.report import Fact, Page, Section
-from slipangle.workflow import evidence
+from slipangle.workflow import evidence, handling
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.verdict import SECTIONS, verdicts
 
-__all__ = ["SECTIONS", "build_page", "evidence", "summary"]
+__all__ = ["SECTIONS", "build_page", "evidence", "handling", "summary"]
 
 
 def build_page(outcome: Outcome, command: list[str]) -> Page:
