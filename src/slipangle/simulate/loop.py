@@ -13,7 +13,7 @@ from slipangle.errors import ParameterError, SampleTimeError
 from slipangle.estimate.ekf import EKF
 from slipangle.estimate.observed import Observed
 from slipangle.models.fast import bind
-from slipangle.optimal.solution import Plan
+from slipangle.optimal.solution import Plan, quick
 from slipangle.optimal.terms import Values, require_names
 from slipangle.paths.path import Path
 from slipangle.simulate.plant import Plant, Simulation
@@ -123,6 +123,7 @@ class _Loop:
     model_inputs: np.ndarray = field(default_factory=lambda: np.empty(0))
     command: np.ndarray = field(default_factory=lambda: np.empty(0))
     driving: DriverState = field(default_factory=DriverState)
+    wanted: tuple[float, float] = (0.0, 0.0)  # speed [m/s] and acceleration [m/s2]
     plans: list[Plan] = field(default_factory=list)
     times: list[float] = field(default_factory=list)
     calls: dict[str, tuple[list[np.ndarray], np.ndarray, Callable[[], None]]] = field(default_factory=dict)
@@ -209,6 +210,9 @@ class _Loop:
             self.observed.hold(dict(zip(controller.controls, plan.command.tolist(), strict=True)))
         self.plans.append(plan)
         self.times.append(self.tick * self.sample)
+        wanted = self.speed(self.s)  # until the next plan
+        slope = 0.0 if self.driver is None else (self.speed(self.s + 0.5) - self.speed(self.s - 0.5)) * wanted
+        self.wanted = wanted, slope
 
     def estimate(self, measured: Mapping[str, float]) -> np.ndarray:
         """Bring ``x`` to now; inputs of the controller's model now, those that it decides as applied before."""
@@ -247,15 +251,14 @@ class _Loop:
     def drive(self, simulation: Simulation) -> None:
         """Set the plant's inputs and advance it by one sample."""
         at, u = self.place, self.base.copy()
+        wanted, slope = self.wanted
         if self.driver is not None:
-            wanted = self.speed(self.s)
-            slope = (self.speed(self.s + 0.5) - self.speed(self.s - 0.5)) * wanted
             output, self.driving = self.driver.step(self.driving, wanted, simulation.measure()["v_x"], slope)
             for name, value in self.driver.inputs(output).items():
                 u[at[name]] = value
         if "v_x" in at:
             j, most = at["v_x"], STOPPING * self.sample
-            change = self.speed(self.s) - self.command[j]
+            change = wanted - self.command[j]
             u[j] = self.command[j] + (max(change, -most) if self.plans[-1].stopping else change)
         for name, value in zip(self.controller.controls, self.plans[-1].command, strict=True):
             u[at[name]] = value
@@ -268,7 +271,7 @@ class _Loop:
     def record(self, simulation: Simulation, limit: float, *, stop_at_end: bool) -> End | None:
         """Note the state of the plant; why the drive is over, if it is."""
         state = simulation.state
-        if not math.isfinite(sum(state[: simulation.x.size])):
+        if not math.isfinite(sum(state[: self.plant.model.n_states])):
             return End.NOT_FINITE
         known = simulation.true() if None in self.judged else {}
         X, Y, psi, v_x = (known[n] if j is None else state[j] for n, j in zip(JUDGED, self.judged, strict=True))
@@ -297,7 +300,7 @@ class _Loop:
             path=self.path,
             reference=np.column_stack([line.X, line.Y, line.psi, line.v_x]),
             t_plan=np.array(self.times),
-            plans=tuple(replace(p, memory=None) for p in self.plans),
+            plans=tuple(quick(type(p), {**vars(p), "memory": None}) for p in self.plans),
             controls=tuple(self.controller.controls),
             end=end,
             width=width,

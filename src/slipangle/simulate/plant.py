@@ -120,6 +120,9 @@ class Simulation:
         self._state = np.concatenate([self._begin(x), inputs])
         self._delay = [round(plant.delay.get(n, 0.0) / plant.dt) for n in model.inputs]
         self._lags = [(j, float(share)) for j, share in enumerate(plant._share) if share < 1.0]
+        self._names = (*model.states, *model.inputs)
+        self._computed = not set(model.outputs) <= set(model.states)  # outputs that are no states
+        self._computed |= len(set(self._names)) < len(self._names)
         self._true: dict[str, float] | None = None  # every channel now, once somebody asked
         self._past = np.tile(inputs, (max(self._delay, default=0), 1))
         self._many: dict[int, ca.Function] = {}
@@ -156,13 +159,14 @@ class Simulation:
     def advance(self, command: np.ndarray, steps: int) -> None:
         """Hold a command, shape (n_inputs,), for some steps of the plant."""
         first, held = len(self._past), np.asarray(command, dtype=float)
-        commands = np.empty((first + steps, len(held)))
-        commands[:first], commands[first:] = self._past, held
-        table = commands[first:].copy()
-        for j, d in enumerate(self._delay):
-            if d:
-                table[:, j] = commands[first - d : first - d + steps, j]
-        self._past = commands[steps:]
+        table = np.empty((steps, len(held)))
+        table[:] = held
+        if first:
+            commands = np.concatenate([self._past, table])
+            for j, d in enumerate(self._delay):
+                if d:
+                    table[:, j] = commands[first - d : first - d + steps, j]
+            self._past = commands[steps:]
         states = self._run(table)
         self._true = None
         self._sense(states)
@@ -184,11 +188,15 @@ class Simulation:
         return table
 
     def _run(self, table: np.ndarray) -> np.ndarray:
-        """States and inputs after each step, shape (steps, n_states + n_inputs), from commands without their delay."""
+        """States and inputs after each step, shape (steps, n_states + n_inputs), from commands without their delay.
+
+        Where no sensor looks, those after the last step may be all, shape (1, n_states + n_inputs).
+        """
         kernel, steps = self._plant.model.steps, len(table)
         if kernel is not None:
             table = self._lagged(table)
-            return np.concatenate([kernel.run(self.x, table)[1:], table], axis=1)
+            states, first = kernel.run(self.x, table), 1 if self._streams else steps  # without sensors the last will do
+            return np.concatenate([states[first:], table[first - 1 :]], axis=1)
         if steps not in self._many:
             self._many[steps] = self._plant._step.mapaccum("many", steps, {"base": 4})
         return np.asarray(self._many[steps](self._state, table.T).full()).T
@@ -208,12 +216,14 @@ class Simulation:
     def true(self) -> dict[str, float]:
         """Every channel now, without noise, by name."""
         if self._true is None:
-            model = self._plant.model
             now = self._state.tolist()
-            values = dict(zip(model.inputs, now[model.n_states :], strict=True))
-            if not set(model.outputs) <= set(model.states):
+            if self._computed:
+                model = self._plant.model
+                values = dict(zip(model.inputs, now[model.n_states :], strict=True))
                 values.update(zip(model.outputs, self._outputs(), strict=True))
-            values.update(zip(model.states, now[: model.n_states], strict=True))
+                values.update(zip(model.states, now[: model.n_states], strict=True))
+            else:
+                values = dict(zip(self._names, now, strict=True))
             self._true = values
         return self._true.copy()
 

@@ -147,6 +147,8 @@ class SpeedDriver(Checked):
     def _sound(self, state: DriverState) -> DriverState:
         """The state, or what is left of it where it is no number: an output within limits, no integral part."""
         low, high = self.limits
+        if low <= state.output <= high and abs(state.integral) <= MOST:
+            return state
         output = min(max(state.output, low), high) if math.isfinite(state.output) else 0.0
         return DriverState(state.integral if abs(state.integral) <= MOST else 0.0, output)
 
