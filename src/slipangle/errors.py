@@ -63,6 +63,10 @@ class ConfigError(SlipangleError):
     """A settings file with an unknown or missing entry."""
 
 
+class MissingExtraError(ConfigError):
+    """Something that an extra of the installation brings, which is not there."""
+
+
 class HashError(SlipangleError):
     """A data file that is not the published one."""
 

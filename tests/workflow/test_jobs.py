@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -132,6 +133,30 @@ def test_a_job_of_failures_ends_in_a_sentence(tmp_path, capsys):
     assert main(["run", str(write_job(tmp_path, rows=noisy(), job=job)), "--out", str(tmp_path / "out")]) == 2
     assert "parameters" in sentence(capsys)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("command", ["run", "identify"])
+def test_a_missing_extra_and_a_breakdown_cost_the_others_nothing(command, tmp_path, capsys, monkeypatch):
+    """A network without JAX, and an estimator whose equations turn out singular."""
+
+    class Singular:
+        def fit(self, data):
+            return np.linalg.solve(np.zeros((2, 2)), np.ones(2))
+
+    monkeypatch.setattr(KINDS, "_things", dict(KINDS))
+    KINDS.register("singular")(Singular)
+    monkeypatch.setitem(sys.modules, "jax", None)
+    more = NARX + "inputs = ['delta']\n[[model]]\nname = 's'\nkind = 'singular'\n"
+    job = write_job(tmp_path, rows=noisy(), more=more)
+    assert main([command, str(job), "--out", str(tmp_path / "out"), "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    failed = found["failures"] if command == "run" else {n: f.get("failure", "") for n, f in found.items()}
+    assert "needs jax, which is not installed" in failed["n"]
+    assert "broke down in numbers (Singular matrix)" in failed["s"]
+    assert "bicycle" in (found["models"] if command == "run" else found)
+    alone = JOB[: JOB.index("[[model]]")] + "[[model]]\nname = 's'\nkind = 'singular'\n{more}"
+    assert main([command, str(write_job(tmp_path, rows=noisy(), job=alone)), "--out", str(tmp_path / "out")]) == 2
+    assert re.search(r"'s': its fit broke down in numbers .*; expected", capsys.readouterr().err)
 
 
 def test_a_state_space_by_job_needs_no_settings(tmp_path, capsys):

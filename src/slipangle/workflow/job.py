@@ -11,7 +11,14 @@ import numpy as np
 from slipangle import Dataset, Model, Run, Validation, inspect, validate
 from slipangle.control.controller import Controller
 from slipangle.data.quality.inspect import DataReport
-from slipangle.errors import ConfigError, IdentifiabilityWarning, ModelWarning, SlipangleError
+from slipangle.errors import (
+    ConfigError,
+    IdentifiabilityWarning,
+    MissingExtraError,
+    ModelWarning,
+    SimulationError,
+    SlipangleError,
+)
 from slipangle.identify.judge.standing import Standing
 from slipangle.report.tables import number
 from slipangle.workflow.drive import drive
@@ -22,6 +29,7 @@ from slipangle.workflow.settings import ModelSettings, Settings
 
 Progress = Callable[[float, str], None]
 T = TypeVar("T")
+_NUMERICAL = (np.linalg.LinAlgError, FloatingPointError, OverflowError, ZeroDivisionError)  # of a fit's own numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,12 +176,15 @@ def each_model(settings: Settings, make: Callable[[int, ModelSettings], T]) -> t
     for i, wanted in enumerate(settings.model):
         try:
             made[wanted.name] = make(i, wanted)
-        except ConfigError:
-            raise
-        except SlipangleError as error:
-            if not made and i == len(settings.model) - 1:
+        except (SlipangleError, *_NUMERICAL) as error:
+            wrong_entry = isinstance(error, ConfigError) and not isinstance(error, MissingExtraError)
+            alone = not made and i == len(settings.model) - 1
+            if isinstance(error, SlipangleError) and (wrong_entry or alone):
                 raise
-            failures[wanted.name] = str(error)
+            said = f"its fit broke down in numbers ({str(error)[:120]}); expected richer data: fewer lags or parameters"
+            if alone:
+                raise SimulationError(f"'{wanted.name}': {said}") from None
+            failures[wanted.name] = str(error) if isinstance(error, SlipangleError) else said
     return made, failures
 
 
