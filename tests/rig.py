@@ -89,3 +89,30 @@ def write_dat(path, columns, units=UNITS):
         lines.append("\t".join(units[k] for k in columns))
     lines += ["\t".join(f"{v:.8g}" for v in row) for row in np.column_stack(list(columns.values()))]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+_TYDEX = {"ET": "RUNTIME", "V": "TRAJVELW", "SA": "SLIPANGL", "SL": "LONGSLIP", "IA": "INCLANGL", "P": "INFLPRES"}
+_TYDEX |= {"FX": "FXW", "FY": "FYW", "FZ": "FZW", "MX": "MXW", "MZ": "MZW"}
+_TYDEX_UNITS = {"RUNTIME": ("s", 1.0), "TRAJVELW": ("m/s", 1 / 3.6), "LONGSLIP": ("%", 100.0)}
+_TYDEX_UNITS |= {"INFLPRES": ("bar", 0.01)}
+_TYDEX_UNITS |= {"SLIPANGL": ("deg", 1.0), "INCLANGL": ("deg", 1.0), "MXW": ("Nm", 1.0), "MZW": ("Nm", 1.0)}
+
+
+def write_tydex(path, columns, factors=None, pressure=None):
+    """A TYDEX measurement of channels in metric units and ISO axes; a pressure [bar] makes it a constant."""
+    names = [c for c in _TYDEX if c in columns and not (c == "P" and pressure is not None)]
+    lines = ["**HEADER", "RELEASE   Release of TYDEX-Format                           1.3", "**COMMENTS", "synthetic"]
+    lines += ["**CONSTANTS"]
+    if pressure is not None:
+        lines += [f"{'INFLPRES':<10}{'Inflation pressure':<30}{'bar':<10}{pressure:<10g}"]
+    lines += ["**MEASURCHANNELS", "! name, description, unit, factor, offsets"]
+    stored = []
+    for name in names:
+        key = _TYDEX[name]
+        unit, scale = _TYDEX_UNITS.get(key, ("N", 1.0))
+        factor, before, behind = (factors or {}).get(key, (1.0, 0.0, 0.0))
+        stored.append((columns[name] * scale - behind) / factor - before)
+        lines.append(f"{key:<10}{'what it is, in words':<30}{unit:<10}{factor:<10g}{before:<10g}{behind:<10g}")
+    lines.append("**MEASURDATA")
+    lines += [" ".join(f"{v:.8g}" for v in row) for row in np.column_stack(stored)]
+    path.write_text("\n".join([*lines, "**END"]) + "\n", encoding="utf-8")

@@ -185,6 +185,30 @@ def _read_ttc(path: Path) -> None:
 
 
 @cache
+def _tydex_text(kind: str) -> str:
+    import tempfile
+
+    from tests.rig import channels, write_tydex
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.tdx"
+        write_tydex(path, {k: v[::60] for k, v in channels(kind, z_down=False).items()})
+        return path.read_text(encoding="utf-8")
+
+
+def _make_tydex(rng: Rng) -> tuple[str, bytes, dict[str, Any]]:
+    text = _tydex_text(str(rng.choice(["cornering", "drive/brake"])))
+    raw = encoded(rng, text_of(rng, text))
+    return "run.tdx", bytes_of(rng, raw) if _often(rng, 0.2) else raw, {}
+
+
+def _read_tydex(path: Path) -> None:
+    from slipangle.data.readers.tydex import read_rig
+
+    assert np.isfinite(read_rig(path).F_y).all()
+
+
+@cache
 def _tir_texts() -> tuple[str, ...]:
     from tests.data.readers.test_tir import TEXT
     from tests.models.tires.example_tires import TIRES
@@ -463,6 +487,7 @@ TARGETS: dict[str, Target] = {
     "csv-blocks": Target(_make_csv, _read_both_ways, 1500),
     "mat5": Target(_make_mat5, _read_mat5, 5000),
     "ttc": Target(_make_ttc, _read_ttc, 2500),
+    "tydex": Target(_make_tydex, _read_tydex, 1500),
     "tir": Target(_make_tir, _read_tir, 3000),
     "track": Target(_make_track, _read_track, 2500),
     "track-scenario": Target(_make_scenario, _read_scenario, 500),

@@ -41,7 +41,7 @@ def add(commands: Commands) -> None:
     sub = actions.add("eval", _eval, "forces and moments at given slips and loads")
     _tire(sub)
     _conditions(sub)
-    sub = actions.add("fit", _fit, "fit a tire to runs of a rig (FSAE TTC .mat, .dat)")
+    sub = actions.add("fit", _fit, "fit a tire to runs of a rig (FSAE TTC .mat, .dat; TYDEX .tdx)")
     sub.add_argument("files", nargs="+", metavar="FILE", help="runs of one tire: cornering, drive/brake")
     sub.add_argument("--model", default="mf61", help=f"{_MODELS} (default: %(default)s)")
     sub.add_argument("--radius", type=float, metavar="M", help="unloaded radius for mf61 [m]; 0.3, with a warning")
@@ -122,9 +122,10 @@ def _eval(options: argparse.Namespace) -> Answer:
 
 
 def _fit(options: argparse.Namespace) -> Answer:
-    from slipangle.data.readers.ttc import read_ttc
+    from slipangle.data.readers.tydex import read_rig
     from slipangle.data.rig_runs import disagreements, without_offsets
     from slipangle.data.tire_data import joined
+    from slipangle.identify.tires.relaxation import with_relaxation
     from slipangle.models.storage import save
     from slipangle.report.page import Fact
     from slipangle.report.tables import parameter_table
@@ -138,7 +139,7 @@ def _fit(options: argparse.Namespace) -> Answer:
         raise FormatError(f"a {options.model} tire has no place in a .tir file; expected .json, or --model mf61")
     with Bar(quiet=options.json or options.quiet) as bar:
         bar(0.05, "reading")
-        parts = [read_ttc(path, units=options.units, warm_up=not options.keep_warm_up) for path in options.files]
+        parts = [read_rig(path, units=options.units, warm_up=not options.keep_warm_up) for path in options.files]
         data = joined(parts)
         apart = disagreements(data, [part.name for part in parts])
         data = without_offsets(data) if options.offsets else replace(data, notes=(*data.notes, *apart))
@@ -147,6 +148,10 @@ def _fit(options: argparse.Namespace) -> Answer:
             tire = model(data)
         if options.side:
             tire = replace(tire, side=options.side)
+        relaxed: tuple[str, ...] = ()
+        if options.model == "mf61":
+            bar(0.9, "relaxation length")
+            tire, relaxed = with_relaxation(tire, data)
     command = f"slipangle tire fit {' '.join(options.files)} --model {options.model}"
     if options.out:
         _write(tire, options.out, save)
@@ -155,14 +160,18 @@ def _fit(options: argparse.Namespace) -> Answer:
         tire_page(tire, title=data.name, data=data, facts=facts, command=command).write(options.page)
     errors = fit_errors(tire, data)
     tables = [parameter_table(info, title=f"Coefficients{name}") for name, info in informations(tire)]
-    content = {"samples": data.n_samples, "notes": list(data.notes), "errors": [list(r.cells) for r in errors.rows]}
+    content = {
+        "samples": data.n_samples,
+        "notes": [*data.notes, *relaxed],
+        "errors": [list(r.cells) for r in errors.rows],
+    }
     content["coefficients"] = [
         {"name": n, "value": float(v), "std": float(s)}
         for _, info in informations(tire)
         for n, v, s in zip(info.names, info.values, info.std, strict=True)
     ]
     content["written"] = [path for path in (options.out, options.page) if path]
-    words = [*data.notes, *(table.to_text() for table in (errors, *tables))]
+    words = [*data.notes, *relaxed, *(table.to_text() for table in (errors, *tables))]
     return Answer(content, "\n".join([*words, *(f"wrote {path}" for path in content["written"])]))
 
 

@@ -86,8 +86,7 @@ def read_ttc(
     """Read a run of the Tire Test Consortium, in the signs of docs/nomenclature.md.
 
     The file is ``.mat`` (one variable per channel, MATLAB 7 or older) or ``.dat`` (a title, channel names, units,
-    numbers), or ``.tdx``, see `slipangle.data.readers.tydex`. Notes say which sign system was found and what was left
-    out.
+    numbers). Notes say which sign system was found and what was left out.
 
     Units that the file does not name are those of ``units``, "US" or "metric"; without it the pressure tells them
     apart: no tire is tested at 30 kPa or at 30 psi. Samples are left out whose speed is none that the run was held at,

@@ -257,8 +257,10 @@ class MagicFormulaTire(Checked, Tire):
         """Radius, relaxation lengths and rolling resistance, each None where the file has no coefficients of it."""
         c = self.coefficients
         radius = float(self.rolling_radius(load, speed=c.LONGVL))
-        stiff = c.version == "5.2" or (c.LONGITUDINAL_STIFFNESS and c.LATERAL_STIFFNESS)
-        lengths = [float(v) if v > 0 else None for v in self.relaxation_lengths(load)] if stiff else [None, None]
+        carcass = ("LONGITUDINAL_STIFFNESS", "LATERAL_STIFFNESS")
+        soft = [n for n in carcass if c.version == "6" and not getattr(c, n)]
+        filled = self.with_coefficients(**dict.fromkeys(soft, 1.0)).relaxation_lengths(load)
+        lengths = [float(v) if v > 0 and n not in soft else None for n, v in zip(carcass, filled, strict=True)]
         resistance = -float(self.unlimited().forces(0.0, 0.0, load).M_y) / (load * radius)
         return Rolling(radius, lengths[0], lengths[1], resistance or None)
 
