@@ -24,11 +24,13 @@ def seen_from_above(
     body: Body | None = None,
     outlines: int = 14,
     label: str = "The driven path seen from above",
+    moving: bool = False,
 ) -> str:
     """The path, the lanes and the car at even distances, one scale for both axes, as SVG; colours are the page's.
 
     ``X``, ``Y``, ``psi`` have shape (n,) [m, m, rad]; ``reference``, ``left`` and ``right`` shape (m, 2) [m], where NaN
-    rows are gaps. ``label`` is what screen readers say.
+    rows are gaps. ``label`` is what screen readers say. With ``moving`` there is a car and a predicted path that the
+    page's script moves, see `slipangle.report.page.Playback`.
 
     Raises ParameterError if the lengths differ or nothing is finite.
     """
@@ -47,10 +49,16 @@ def seen_from_above(
     drawn = [f'<path class="{kind}" d="{_path(p, low, high)}"/>' for kind, p in lines]
     drawn += [f'<path class="car" d="{_path(o, low, high)}Z"/>' for o in _cars(way, psi, body, outlines)]
     drawn.append(f'<path class="way" d="{_path(way[rows], low, high)}"/>')
+    if moving:
+        outline = np.array([[body.front, 1.0], [body.front, -1.0], [-body.rear, -1.0], [-body.rear, 1.0]])
+        outline = outline * [1.0, body.width / 2]
+        drawn.append('<path class="horizon"/>')
+        drawn.append(f'<path class="now" d="{_path(outline, np.zeros(2), np.zeros(2))}Z"/>')
     size = high - low
+    origin = f' data-x="{low[0]:.3f}" data-y="{high[1]:.3f}"' if moving else ""
     return (
         f'<svg class="drawing" role="img" aria-label="{html.escape(label)}" '
-        f'viewBox="0 0 {size[0]:.2f} {size[1]:.2f}">{"".join(drawn)}</svg>'
+        f'{origin.strip()}{" " if origin else ""}viewBox="0 0 {size[0]:.2f} {size[1]:.2f}">{"".join(drawn)}</svg>'
     )
 
 

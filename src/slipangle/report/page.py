@@ -107,7 +107,34 @@ class Picture:
     caption: str = ""
 
 
-Block = Verdict | Figure | Grid | Table | Findings | Text | Picture
+@dataclass(frozen=True, kw_only=True)
+class Playback:
+    """A drive that plays: its drawing with a moving car, the frames, and what is said at each.
+
+    Parameters
+    ----------
+    svg : str
+        Of `slipangle.report.drawing.seen_from_above` with ``moving``.
+    t, X, Y, psi : sequence of float
+        Times of the frames [s] and the car's pose then [m, m, rad].
+    horizon : sequence of sequence
+        X and Y of the predicted path of each frame, one after the other; empty where nothing was predicted. [m]
+    said : sequence of str
+        What is said at each frame, such as the steering angle.
+    """
+
+    title: str
+    svg: str
+    t: Sequence[float]
+    X: Sequence[float]
+    Y: Sequence[float]
+    psi: Sequence[float]
+    said: Sequence[str]
+    horizon: Sequence[Sequence[float]] = ()
+    caption: str = ""
+
+
+Block = Verdict | Figure | Grid | Table | Findings | Text | Picture | Playback
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -243,9 +270,35 @@ def _block(block: Block, ids: _Ids) -> str:
         case Picture():
             under = f'<div class="caption"><p>{typeset(block.caption)}</p></div>' if block.caption else ""
             return f'<div class="block"><h3>{html.escape(block.title)}</h3>{block.svg}{under}</div>'
+        case Playback():
+            return _playback(block)
     raise ParameterError(
-        f"a section holds a {type(block).__name__}; expected Verdict, Figure, Grid, Table, Findings, Text or Picture: "
-        "wrap it"
+        f"a section holds a {type(block).__name__}; expected Verdict, Figure, Grid, Table, Findings, Text, Picture or "
+        "Playback: wrap it"
+    )
+
+
+def _playback(block: Playback) -> str:
+    def rounded(values: Sequence[float], digits: int) -> list[float]:
+        return [round(float(v), digits) for v in values]
+
+    frames = {
+        "t": rounded(block.t, 3),
+        "X": rounded(block.X, 2),
+        "Y": rounded(block.Y, 2),
+        "psi": rounded(block.psi, 4),
+    }
+    frames |= {"said": list(block.said), "horizon": [rounded(h, 2) for h in block.horizon]}
+    speeds = "".join(
+        f'<option value="{v}"{" selected" if v == 1 else ""}>{v:g} ×</option>' for v in (0.25, 0.5, 1, 2, 4)
+    )
+    under = f'<div class="caption"><p>{typeset(block.caption)}</p></div>' if block.caption else ""
+    return (
+        f'<div class="block playback"><h3>{html.escape(block.title)}</h3>{block.svg}<div class="controls">'
+        '<button type="button" class="play">Play</button>'
+        f'<input type="range" min="0" max="{len(frames["t"]) - 1}" value="0" step="1" aria-label="time of the drive">'
+        f'<select aria-label="speed of the playback">{speeds}</select><output></output></div>'
+        f'<script type="application/json" class="frames">{_json(frames)}</script>{under}</div>'
     )
 
 

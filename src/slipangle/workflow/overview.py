@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from slipangle import Validation, report
 from slipangle.models.model import FitInfo
 from slipangle.report.drawing import seen_from_above
-from slipangle.report.page import Block, Picture
+from slipangle.report.page import Block, Playback
 from slipangle.report.style import pretty_unit, read_in
 from slipangle.report.tables import number, to_digit
 from slipangle.workflow.job import Outcome
@@ -62,8 +63,8 @@ def scoreboard(outcome: Outcome, command: str) -> report.Table:
     )
 
 
-def picture(outcome: Outcome) -> Picture | None:
-    """The closed loop at true scale."""
+def picture(outcome: Outcome) -> Playback | None:
+    """The closed loop at true scale, which plays."""
     run, wanted = outcome.run, outcome.settings.controller
     if run is None or wanted is None:
         return None
@@ -74,10 +75,37 @@ def picture(outcome: Outcome) -> Picture | None:
     label = (
         f"{said}: largest distance from the path {100 * run.max('y'):.0f} cm, {'inside' if run.inside else 'outside'}"
     )
-    svg = seen_from_above(
-        run["X"], run["Y"], run["psi"], reference=line, left=left, right=right, body=body, label=label
+    edges: dict[str, Any] = {"reference": line, "left": left, "right": right}
+    svg = seen_from_above(run["X"], run["Y"], run["psi"], body=body, label=label, moving=True, **edges)
+    rows = np.searchsorted(run.t, run.t_plan - 1e-9).clip(0, len(run.t) - 1)
+    steering = np.degrees(run["delta"]) if "delta" in (*run.state_names, *run.input_names) else np.zeros(len(run.t))
+    words = [
+        f"steering {steering[k]:+.1f}° of ±{wanted.delta_max:g}°, {3.6 * run.v_x[k]:.1f} km/h, "
+        f"{100 * run.e_y[k]:+.1f} cm from the path"
+        for k in rows
+    ]
+    return Playback(
+        title=said,
+        svg=svg,
+        t=run.t[rows].tolist(),
+        X=run["X"][rows].tolist(),
+        Y=run["Y"][rows].tolist(),
+        psi=run["psi"][rows].tolist(),
+        said=words,
+        horizon=_horizons(outcome, len(rows)),
+        caption="One scale for both axes; lanes, path to follow (dashed), driven path, what the controller predicts.",
     )
-    return Picture(title=said, svg=svg, caption="One scale for both axes; lanes, path to follow (dashed), driven path.")
+
+
+def _horizons(outcome: Outcome, count: int) -> list[list[float]]:
+    """X and Y that each plan predicts, every other stage; none of a controller that predicts nothing."""
+    states = getattr(getattr(outcome.controller, "model", None), "states", ())
+    plans = outcome.run.plans if outcome.run is not None else ()
+    if not {"X", "Y"} <= {*states} or len(plans) != count:
+        return []
+    columns = [states.index("X"), states.index("Y")]
+    fit = all(p.x.ndim == 2 and p.x.shape[1] == len(states) for p in plans)
+    return [p.x[::2, columns].ravel().tolist() for p in plans] if fit else []
 
 
 def doubts(name: str, info: FitInfo) -> report.Table:
