@@ -32,6 +32,8 @@ PACKAGES = {  # of Debian
     "aarch64-linux-gnu-gcc": "gcc-aarch64-linux-gnu",
     "cmake": "cmake",
     "g++": "g++",
+    "cppcheck": "cppcheck",
+    "clang-tidy": "clang-tidy",
     "valgrind": "valgrind",
     "size": "binutils",
 }
