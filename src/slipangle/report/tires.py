@@ -24,6 +24,7 @@ from slipangle.report.tire_figures import (
     pure_slip,
 )
 from slipangle.report.tire_fits import fit_figure, predicted, residual_histogram
+from slipangle.report.tire_grip import GripOver, grip_figure
 
 
 def evaluate_table(
@@ -168,9 +169,24 @@ def _fit(tire: Tire, data: TireData) -> Section:
         if np.any(getattr(data, q) != 0)
     ]
     blocks.append(Grid(figures=tuple(bars)))
+    blocks += _grip(tire, data)
     for name, info in informations(tire):
         blocks.append(parameter_table(info, title=f"Coefficients{name}"))
     return Section(title="Fit to measurements", short="Fit", blocks=tuple(blocks))
+
+
+def _grip(tire: Tire, data: TireData) -> list[Figure]:
+    """Grip over temperature and distance rolled, where the data have them."""
+    figures = []
+    over: tuple[tuple[GripOver, str], ...] = (("temperature", "tread temperature"), ("distance", "distance rolled"))
+    for name, words in over:
+        try:
+            figure = grip_figure(tire, data, name)
+        except ParameterError:
+            continue
+        caption = "Measured force over the fitted one near the limit of friction; medians and quartiles."
+        figures.append(Figure(title=f"Grip over {words}", figure=figure, caption=caption))
+    return figures
 
 
 def informations(tire: Any) -> list[tuple[str, FitInfo]]:
