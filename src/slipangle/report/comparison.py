@@ -3,20 +3,21 @@
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.identify.judge.compare import Comparison, horizon_errors
 from slipangle.report.diagnostics import horizon_curves
-from slipangle.report.page import Figure, Finding, Findings, Page, Section
+from slipangle.report.page import Block, Figure, Finding, Findings, Page, Section, Verdict
 from slipangle.report.plots import rainclouds, trajectories
-from slipangle.report.tables import ScoreRow, score_table
+from slipangle.report.style import pretty_unit, read_in
+from slipangle.report.tables import Heading, Row, ScoreRow, Table, Tone, number, score_table
 
 
 def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> Page:
-    """Ranking, free runs, error clouds and errors over the horizon of all models that did not fail.
+    """The best in a sentence, ranking, free runs, error clouds and errors over the horizon of all that did not fail.
 
     ``data`` are the test data that the comparison was made with; ``command`` is what makes the page again.
     ``page.write("comparison.html")`` writes it.
     """
     good = [e for e in result.entries if not e.failure]
     ahead = {e.name: horizon_errors(e.model, data) for e in good}
-    sections = []
+    sections = [Section(title="Verdict", blocks=_verdict(result, data))]
     for output in result.outputs:
         channel = Channel(output, data.unit(output))
         errors = {n: t.error[t.predicted, t.outputs.index(output)] for n, t in result.trajectories.items()}
@@ -40,8 +41,37 @@ def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> 
         items = tuple(Finding(sentence=f"{e.name}: {s}", tone="poor" if e.failure else "fair") for e, s in said)
         sections.append(Section(title="What to be careful about", blocks=(Findings(title="Warnings", items=items),)))
     return Page(
-        title="Comparison of models",
-        subtitle=f"{result.data_name}, {result.n_samples} samples that none was fitted to",
+        title=f"{len(result.entries)} models on {result.data_name}",
+        subtitle=f"Free runs over {result.n_samples} samples, {result.n_samples * data.dt:.4g} s, the best first",
         sections=tuple(sections),
         command=command,
     )
+
+
+def _verdict(result: Comparison, data: Dataset) -> tuple[Block, ...]:
+    """One table of models and outputs, and the best in a sentence."""
+    rows = []
+    for place, e in enumerate(result.entries):
+        count = len(e.model.fit_info.names) if e.model.fit_info is not None else None
+        for output in result.outputs:
+            factor, unit = read_in(output, data.unit(output))
+            s = e.scores.get(output)
+            error = None if s is None else f"{number(factor * s.rmse, 3)} {pretty_unit(unit)}"
+            cells = (e.name, output, None if s is None else s.fit, None if s is None else s.vaf, error, count)
+            rows.append(Row(cells, tone="poor" if e.failure else "good" if place == 0 else None))
+    words = Heading("model", words=True), Heading("output", words=True)
+    numbers = Heading("fit", "%", 3), Heading("VAF", "%", 3), Heading("RMSE"), Heading("parameters")
+    table = Table(title="Free runs", columns=(*words, *numbers), rows=tuple(rows))
+    best, others = result.best, [e for e in result.entries[1:] if not e.failure]
+    if best.failure:
+        return (table, Verdict(title="None of them", sentence="No model has a free run over these data.", tone="poor"))
+    fits = ", ".join(f"{best.scores[o].fit:.1f} % of {o}" for o in result.outputs)
+    sentence = f"“{best.name}” comes nearest from inputs alone: {fits}."
+    if others:
+        share = 100 * (1 - best.error / others[0].error) if others[0].error > 0 else 0.0
+        sentence += f" Its error is {share:.0f} % smaller than that of “{others[0].name}”, the next."
+    failed = len(result.entries) - len(others) - 1
+    sentence += f" {failed} failed; why stands below." if failed else ""
+    evidence = tuple(f"Output {output}" for output in result.outputs)
+    tone: Tone = "fair" if failed or best.warnings else "good"
+    return (table, Verdict(title=f"The best: {best.name}", sentence=sentence, tone=tone, evidence=evidence))

@@ -99,15 +99,6 @@ class Text:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Picture:
-    """A drawing that needs no script: SVG of this package's own making, what is seen, how to read it."""
-
-    title: str
-    svg: str
-    caption: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Playback:
     """A drive that plays: its drawing with a moving car, the frames, and what is said at each.
 
@@ -134,7 +125,7 @@ class Playback:
     caption: str = ""
 
 
-Block = Verdict | Figure | Grid | Table | Findings | Text | Picture | Playback
+Block = Verdict | Figure | Grid | Table | Findings | Text | Playback
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,14 +258,11 @@ def _block(block: Block, ids: _Ids) -> str:
             return f'<div class="block"><h3>{html.escape(block.title)}</h3><ul class="findings">{items}</ul></div>'
         case Text():
             return "".join(f"<p>{typeset(part.strip())}</p>" for part in block.text.split("\n\n") if part.strip())
-        case Picture():
-            under = f'<div class="caption"><p>{typeset(block.caption)}</p></div>' if block.caption else ""
-            return f'<div class="block"><h3>{html.escape(block.title)}</h3>{block.svg}{under}</div>'
         case Playback():
             return _playback(block)
     raise ParameterError(
-        f"a section holds a {type(block).__name__}; expected Verdict, Figure, Grid, Table, Findings, Text, Picture or "
-        "Playback: wrap it"
+        f"a section holds a {type(block).__name__}; expected Verdict, Figure, Grid, Table, Findings, Text or Playback: "
+        "wrap it"
     )
 
 
