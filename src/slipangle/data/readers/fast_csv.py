@@ -43,7 +43,7 @@ class StreamedTable:
     decimal_comma: bool
     meta: Mapping[str, Any]
     exact: Callable[[], ChannelTable]
-    _read: list[int] = field(default_factory=list, init=False, repr=False, compare=False)  # rows, once known
+    _gapless: list[bool] = field(default_factory=list, init=False, repr=False, compare=False)  # no line is blank
     _loaded: dict[int, np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
     _slow: list[ChannelTable] = field(default_factory=list, init=False, repr=False, compare=False)
 
@@ -62,7 +62,7 @@ class StreamedTable:
     @cached_property
     def _blank(self) -> list[int]:
         """Numbers of the lines below the headings that hold nothing."""
-        if self._read and self._read[0] == self._count:
+        if self._gapless:
             return []
         with self.path.open("rb") as file:
             lines = enumerate(file, start=1)
@@ -100,7 +100,6 @@ class StreamedTable:
         if loaded is None:
             self._slow.append(self.exact())
         else:
-            self._read[:] = [len(x) for x in loaded.values()][:1]
             self._loaded.update(loaded)
 
     def _rows(self) -> Iterator[tuple[int, bytes]]:
@@ -115,15 +114,23 @@ class StreamedTable:
         csv = extra("pyarrow.csv", "io", "reading a large text table fast")
         names = [str(i) for i in range(len(self.headers))]
         wanted = [names[c] for c in columns]
-        held = {c: np.empty(self._count) for c in columns}
-        row = 0
+        held: dict[int, list[np.ndarray]] = {c: [] for c in columns}
+        blank, single = [], len(self.headers) == 1  # of one column a blank line would be an empty cell
+
+        def odd(row: Any) -> str:
+            """Blank lines, whose numbers only messages need, are left out; others stop the reading."""
+            blank.append(row)
+            return "error" if row.text.strip(",;\t \r\n") else "skip"
+
         try:
             with csv.open_csv(
                 self.path,
                 read_options=csv.ReadOptions(
                     column_names=names, skip_rows=self.above, block_size=_BLOCK, use_threads=False
                 ),
-                parse_options=csv.ParseOptions(delimiter=self.delimiter),
+                parse_options=csv.ParseOptions(
+                    delimiter=self.delimiter, ignore_empty_lines=single, invalid_row_handler=odd
+                ),
                 convert_options=csv.ConvertOptions(
                     include_columns=wanted,
                     column_types=dict.fromkeys(wanted, arrow.float64()),
@@ -134,13 +141,14 @@ class StreamedTable:
             ) as blocks:
                 for block in blocks:
                     for c, name in zip(columns, wanted, strict=True):
-                        held[c][row : row + len(block)] = block[name].to_numpy(zero_copy_only=False)
-                    row += len(block)
+                        held[c].append(np.array(block[name].to_numpy(zero_copy_only=False)))
         except (arrow.ArrowException, OSError, ValueError, IndexError):
             return None
         finally:
             arrow.default_memory_pool().release_unused()  # what is read next needs it
-        return _whole(held, row)
+        joined = {c: np.concatenate(held.pop(c)) if held[c] else np.empty(0) for c in columns}
+        self._gapless.extend([] if blank or single else [True])
+        return _whole(joined, len(joined[columns[0]]))
 
     def _by_numpy(self, columns: list[int]) -> dict[int, np.ndarray] | None:
         """The same with what NumPy has, about ten times slower."""
