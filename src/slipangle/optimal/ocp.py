@@ -427,21 +427,22 @@ class OCP(Checked):
         rows = self.horizon + 1
         preview.require_times(self.times)
         require_names(exogenous, self.exogenous, "reference()", "use an input that is not decided")
-        known = {n: getattr(preview, n) for n in (*POSE, "v_x", "r", "curvature")}
-        ahead = {"v_x": preview.v_x, "v_x_dot": preview.v_x_dot(self.times), "curvature": preview.curvature}
-        given: dict[str, Any] = {**ahead, **exogenous}
+        known = (*POSE, "v_x", "r", "curvature")
+        given: dict[str, Any] = {"v_x": preview.v_x, "curvature": preview.curvature, **exogenous}
+        if "v_x_dot" in self.exogenous and "v_x_dot" not in given:
+            given["v_x_dot"] = preview.v_x_dot(self.times)
         for name in self.exogenous:
             if name not in given:
                 raise ParameterError(
                     f"the exogenous input '{name}' is not in the preview; expected its values: "
                     f"say mpc.reference(preview, {name}=...), or decide it by naming it in controls"
                 )
-        columns = [known[n] if n in known else np.zeros(rows) for n in self.references]
+        columns = [getattr(preview, n) if n in known else np.zeros(rows) for n in self.references]
         inputs = [at_nodes(np.asarray(given[n], dtype=float), self.horizon) for n in self.exogenous]
         return Reference(
-            tracked=np.column_stack(columns) if columns else np.empty((rows, 0)),
-            exogenous=np.column_stack(inputs) if inputs else np.empty((rows, 0)),
-            corridor=np.column_stack([preview.right, preview.left]),
+            tracked=_side_by_side(columns, rows),
+            exogenous=_side_by_side(inputs, rows),
+            corridor=_side_by_side([preview.right, preview.left], rows),
         )
 
     @cached_property
@@ -484,6 +485,14 @@ def _height(given: Any) -> int:
     """Rows of what may be an array, or -1."""
     many = given.ndim > 0 if isinstance(given, np.ndarray) else isinstance(given, list | tuple)
     return len(given) if many else -1
+
+
+def _side_by_side(columns: Sequence[np.ndarray], rows: int) -> np.ndarray:
+    """Shape (rows, n_columns); `np.column_stack` takes several times as long."""
+    table = np.empty((rows, len(columns)))
+    for j, column in enumerate(columns):
+        table[:, j] = column
+    return table
 
 
 def at_nodes(rows: np.ndarray, horizon: int) -> np.ndarray:
