@@ -14,8 +14,9 @@ from slipangle.errors import (
     SampleTimeError,
     TooShortError,
 )
-from slipangle.identify.car.identify_car import identify_car
+from slipangle.identify.car.identify_car import Stage, _changes, identify_car
 from slipangle.identify.car.stretches import stretches
+from slipangle.identify.car.structures import fit
 from slipangle.models.storage import load, save
 from slipangle.workflow.kinds import KINDS, check_entries, fitted
 from tests.oracles import vehicles
@@ -109,6 +110,20 @@ def test_a_car_a_third_as_long_is_the_same_car(car):
     assert small.model.fit_info.names == car.model.fit_info.names
     for name, factor in (("C_f", 900.0), ("C_r", 900.0), ("inertia_z", 2700.0)):
         assert factor * small.model.value(name) == pytest.approx(car.model.value(name), rel=1e-3)
+
+
+def test_a_delay_that_a_fit_left_at_nothing_stops_no_later_search(car):
+    """Such as 1e-22 s: scaled by itself, it kept every other parameter where it was."""
+    model = car.model.with_values(delay_delta=1e-22, steering_gain=0.6)
+    found = fit(model, car.model.fit_info.names, drives(amplitude=0.05))
+    assert found.model.value("steering_gain") == pytest.approx(STEERING["gain"], rel=0.03)
+    assert found.model.value("delay_delta") == pytest.approx(STEERING["delay"], abs=0.01)
+
+
+def test_a_correction_that_costs_a_little_on_held_out_stretches_is_said_to(car):
+    stage = Stage(correction="it is there", kept=True, error=np.ones(2), change=0.1, values=car.stages[0].values)
+    assert _changes([car.stages[0], stage]) == ["the held-out error rises by 5.1 % when it is there"]
+    assert _changes([car.stages[0], replace(stage, change=-0.1)])[0].startswith("the held-out error falls by 4.9 %")
 
 
 def test_a_mass_in_tonnes_is_doubted_and_one_that_cannot_be_checked_is_said(car):

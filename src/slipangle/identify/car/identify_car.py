@@ -38,6 +38,7 @@ from slipangle.numerics.blas import one_blas_thread
 from slipangle.ops import Scalar
 from slipangle.shown import Shown
 
+_ROUNDS = 4  # over the corrections that did not help
 _SLOWEST = 1.0  # wheelbases a second: slower, steering and speed sensors say little
 _AS_GOOD = 0.02  # of the held-out error by which another structure may be worse and still be believed by half
 # What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
@@ -150,7 +151,7 @@ class WholeCar(Checked):
         known = {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
         start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, banked=banked)
         with one_blas_thread():
-            first = fit(start, STIFF, whole.train)
+            first = fit(start, (*STIFF, "steering_offset"), whole.train)
             best, stages, dropped = _climb(first, corrections(whole.train, self.wheelbase), whole.train, whole.held_out)
             final = fit(best.model, best.free, whole.all, best)
             others = _others(final, dropped, whole.all)
@@ -209,10 +210,11 @@ def identify_car(
 ) -> IdentifiedCar:
     """A car's parameters with intervals, its steering's delay and lag, its sensors' biases, from any log of it.
 
-    From the linear bicycle on, corrections are tried one after the other: the steering's delay and lag, offsets and
-    biases, its gain, saturation, the place of the v_y sensor, relaxation of the tires. Each stays if it is worth its
-    parameters on three quarters of the log's stretches and does no harm on the held-out others; the last fit is to all
-    of them. Intervals take in what stretches, and structures that explain the log about as well, disagree on.
+    From the linear bicycle with its steering's offset on, corrections are tried one after the other: the steering's
+    delay and lag, its gain, saturation, the sensors' biases and the place of that of v_y, relaxation of the tires. Each
+    stays if it is worth its parameters on three quarters of the log's stretches and does no harm on the held-out
+    others; the last fit is to all of them. Intervals take in what stretches, and structures that explain the log about
+    as well, disagree on.
 
     Parameters
     ----------
@@ -240,9 +242,9 @@ def _climb(
 ) -> tuple[Fitted, list[Stage], list[Correction]]:
     """The structure that predicts held-out stretches best; the stages on the way; the corrections that did not help."""
     best, at = first, errors(first.model, held)
-    stages = [_stage("the linear bicycle", True, first, at, 0.0)]
+    stages = [_stage("the linear bicycle with its steering's offset", True, first, at, 0.0)]
     dropped, failed_on = list(tried), dict[str, Fitted]()
-    for _ in range(2):  # what did not help a poor model may help a better one
+    for _ in range(_ROUNDS):  # what did not help a poor model may help a better one
         waiting, dropped = dropped, []
         for correction in waiting:
             if failed_on.get(correction.said) is best:
@@ -301,8 +303,9 @@ def _changes(stages: list[Stage]) -> list[str]:
             for name in (*STIFF, "steering_gain")
             if name in before and abs(stage.values[name] / before[name] - 1) > _MOVED
         ]
-        less = f"the held-out error falls by {100 * (1 - np.exp(stage.change / 2)):.2g} %"
+        share = 100 * (np.exp(stage.change / 2) - 1)
         if stage.kept:
+            less = f"the held-out error {'falls' if share < 0 else 'rises'} by {abs(share):.2g} %"
             said.append(f"{less} when {stage.correction}" + (f": {', '.join(moved)}" if moved else ""))
             before = stage.values
     return said

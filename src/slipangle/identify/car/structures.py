@@ -22,6 +22,7 @@ STIFF = ("C_f", "C_r", "inertia_z")
 _LINEAR = 8.0  # peak friction at which an axle is as good as linear
 _LONGEST = 0.3  # s, of a steering delay
 _ITERATIONS, _FLAT = 60, 1e-7  # of a fit, and the relative gain of its last step
+_ROOM = 0.01  # of a parameter, between where a search starts and a bound
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
 _ALIKE = 0.15  # standard deviation of the difference of both axles' friction
 _WORTH = 0.05  # fall of the squared held-out error that is worth a correction by itself
@@ -48,7 +49,6 @@ def corrections(data: Dataset, wheelbase: float) -> tuple[Correction, ...]:
     length = 0.1 * wheelbase
     listed = [
         Correction("the steering's delay and lag are free", ("delay_delta", "steering_lag")),
-        Correction("the steering's offset is free", ("steering_offset",)),
         Correction("the steering's gain is free", ("steering_gain",)),
         Correction("the axles saturate", ("mu_f", "mu_r"), frictions),
         Correction("the sensors' biases are free", biases),
@@ -119,7 +119,7 @@ def fit(model: Any, free: tuple[str, ...], data: Dataset, before: Fitted | None 
     ny, lengths = model.n_outputs, [len(y) - 1 for y in problem.measured]
     kept = np.concatenate([np.arange(n) >= settling(n, data.dt) for n in lengths])
     rows, stretch = np.repeat(kept, ny), np.repeat(np.arange(len(lengths)), lengths)[kept]
-    prior, z = ordinary(model, free), problem.start
+    prior, z = ordinary(model, free), _off_the_bounds(problem)
     for _ in range(_ROUNDS):
         pull, centre = _pull(prior, problem, thinning)
         slope: Any = lambda z, a=pull: np.vstack([problem.evaluate(z)[1][rows], a])  # noqa: E731
@@ -155,6 +155,13 @@ def fit(model: Any, free: tuple[str, ...], data: Dataset, before: Fitted | None 
     )
 
 
+def _off_the_bounds(problem: FreeRunProblem) -> np.ndarray:
+    """Where a search starts, shape (n_free,): on a bound all of its steps would be short."""
+    span = problem.upper - problem.lower
+    room = np.minimum(_ROOM, 0.1 * span)
+    return np.clip(problem.start, problem.lower + room, problem.upper - room)
+
+
 def settling(n: int, dt: float) -> int:
     """Samples at the head of a stretch of ``n`` in which what was not measured settles: they do not count."""
     return min(round(_SETTLES / dt), n // 4)
@@ -172,14 +179,16 @@ def ordinary(model: Any, free: tuple[str, ...]) -> dict[str, tuple[float, float,
         "inertia_z": (p.mass * p.l_f * p.l_r, 0.3, True),
         "C_f": (12.0 * front, 0.7, True),
         "C_r": (12.0 * rear, 0.7, True),
-        "mu_f": (1.0, 0.5, True),
-        "mu_r": (1.0, 0.5, True),
+        "mu_f": (1.0, 0.2, True),
+        "mu_r": (1.0, 0.2, True),
         "relaxation_f": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "relaxation_r": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "lever_v_y": (0.0, 0.1 * p.wheelbase, False),
         "l_f": (p.l_f, ELSEWHERE * p.wheelbase, False),
         "delay_delta": (0.0, 0.1, False),
         "steering_lag": (0.0, 0.1, False),
+        "bias_r": (0.0, 0.03, False),
+        "steering_offset": (0.0, 0.02, False),
     }
     return {name: known[name] for name in free if name in known}
 
@@ -265,7 +274,9 @@ def helps(before: Fitted, after: Fitted, held_before: np.ndarray, held_after: np
     gain = -2.0 * independent * float(np.log(after.sigma / before.sigma).sum())
     price = (len(after.free) - len(before.free)) * np.log(independent)
     moved, scatter = change(held_before, held_after)
-    return bool((gain > price and moved < max(_HARM, scatter)) or moved < -max(_WORTH, 2.0 * scatter))
+    together = float(np.log(held_after.mean(axis=0) / held_before.mean(axis=0)).mean())
+    no_harm = max(moved, together) < max(_HARM, scatter)
+    return bool((gain > price and no_harm) or (moved < -max(_WORTH, 2.0 * scatter) and together < 0))
 
 
 def with_shape(model: Any, shape: float) -> Any:

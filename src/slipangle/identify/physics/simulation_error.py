@@ -89,7 +89,8 @@ class FreeRunProblem:
         upper = np.array([m.upper for m in metadata])
         self.ranges = np.array([lower, upper])  # exactly: scaled there and back, a bound may round to just outside
         span = np.where(np.isfinite(upper - lower), upper - lower, 1.0)
-        own = (np.abs(values) > 1e-4 * span) | ((lower >= 0) & (values > 0))
+        positive = (lower > 0) | (lower == 0) & (values > 1e-6 * span)  # what a fit left at zero has no scale
+        own = (np.abs(values) > 1e-4 * span) | positive
         scale = np.where(own, np.abs(values), 0.05 * span)
         start = np.array([self.model.value(n) for n in self.free])
         x0 = np.array([self._read_state(i, start) for i in range(self.n_e)])
