@@ -14,9 +14,10 @@ from slipangle.errors import (
     SampleTimeError,
     TooShortError,
 )
-from slipangle.identify.car.identify_car import Stage, _changes, identify_car
+from slipangle.identify.car.identify_car import identify_car
+from slipangle.identify.car.sentences import changes
 from slipangle.identify.car.stretches import stretches
-from slipangle.identify.car.structures import fit
+from slipangle.identify.car.structures import Stage, fit
 from slipangle.models.storage import load, save
 from slipangle.workflow.kinds import KINDS, check_entries, fitted
 from tests.oracles import vehicles
@@ -122,8 +123,8 @@ def test_a_delay_that_a_fit_left_at_nothing_stops_no_later_search(car):
 
 def test_a_correction_that_costs_a_little_on_held_out_stretches_is_said_to(car):
     stage = Stage(correction="it is there", kept=True, error=np.ones(2), change=0.1, values=car.stages[0].values)
-    assert _changes([car.stages[0], stage]) == ["the held-out error rises by 5.1 % when it is there"]
-    assert _changes([car.stages[0], replace(stage, change=-0.1)])[0].startswith("the held-out error falls by 4.9 %")
+    assert changes([car.stages[0], stage]) == ["the held-out error rises by 5.1 % when it is there"]
+    assert changes([car.stages[0], replace(stage, change=-0.1)])[0].startswith("the held-out error falls by 4.9 %")
 
 
 def test_a_mass_in_tonnes_is_doubted_and_one_that_cannot_be_checked_is_said(car):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -14,19 +14,20 @@ from slipangle.data.dataset import Dataset
 from slipangle.data.quality.plausible import LONGEST_STEP, doubts
 from slipangle.errors import IdentifiabilityWarning, MissingColumnError, ParameterError, SampleTimeError
 from slipangle.fields import Checked, Within
+from slipangle.identify.car import sentences
 from slipangle.identify.car.stretches import stretches
 from slipangle.identify.car.structures import (
     ELSEWHERE,
     STIFF,
     Correction,
     Fitted,
+    Stage,
     change,
     corrected,
     corrections,
     errors,
     first_guess,
     fit,
-    friction_used,
     helps,
     with_shape,
 )
@@ -35,35 +36,17 @@ from slipangle.models.model import ProfileInfo
 from slipangle.models.provenance import provenance
 from slipangle.models.wrappers.delayed import Delayed
 from slipangle.numerics.blas import one_blas_thread
-from slipangle.ops import Scalar
 from slipangle.shown import Shown
 
 _ROUNDS = 4  # over the corrections that did not help
 _SLOWEST = 1.0  # wheelbases a second: slower, steering and speed sensors say little
 _AS_GOOD = 0.02  # of the held-out error by which another structure may be worse and still be believed by half
+_NONE = 1.5  # of that share, from which it is not believed at all; of `ELSEWHERE`, up to which a lever is one
 # What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
 # transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
 _FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
-_HALF = 0.5  # share from which a structure is told of
-_WIDE = 0.25  # half of an interval over the value, from which a parameter counts as not separated
-_MOVED = 0.05  # change of a parameter that is worth a sentence
-_OFFSET = 0.2  # of a sensor, over the standard deviation of its channel, from which it is told
-_GAIN = (0.75, 1.33)  # of the steering, found over given, that needs no word
-_BEYOND = 1.2  # friction found over friction used, from which a limit is extrapolated
-_LATE = 0.25  # s, of delay and lag together, that no steering has
 _DENSITIES = 15.0, 1500.0  # kg/m3, mass over the wheelbase cubed: cars about 75, an open-wheeler 30, a full truck 700
 _SHAPES = (1.1, 1.7)  # other tires, see `with_shape`
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stage:
-    """A correction that was tried: what it did to the held-out error and to the parameters."""
-
-    correction: str
-    kept: bool
-    error: np.ndarray  # (n_outputs,), RMS of the free run over the held-out stretches
-    change: float  # mean change of the logarithm of the squared held-out error [-]
-    values: Mapping[str, float] = field(repr=False)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -162,10 +145,14 @@ class WholeCar(Checked):
             limits[i] += np.array([-1.0, 1.0]) * floors.get(name, 0.0) * abs(final.values[name])
         lowest, highest = final.problem.ranges
         limits = np.clip(limits, lowest[:, None], highest[:, None])
-        separated = _separated(names, final, limits)
-        wrong = (*suspect, *self._weight(), *_sensors(final, spread, self.steering_gain))
-        changes = _changes(stages)
-        unknown = (*_ridges(names, final, spread, limits, separated), *_elsewhere(final, others), *_bounds(final))
+        separated = sentences.separated(names, final, limits)
+        wrong = (*suspect, *self._weight(), *sentences.sensors(final, spread, self.steering_gain))
+        changed = sentences.changes(stages)
+        unknown = (
+            *sentences.ridges(names, final, spread, limits, separated),
+            *sentences.elsewhere(final, others),
+            *sentences.bounds(final),
+        )
         info = ProfileInfo(
             names=names,
             values=np.array([final.values[n] for n in names]),
@@ -175,7 +162,7 @@ class WholeCar(Checked):
             units=tuple(final.model.si(n).unit for n in names),
             seconds=time.perf_counter() - began,
             method=f"free-run error, structure by held-out stretches; {how}, and {len(others)} structures as good",
-            warnings=(*wrong, *(s for s in changes if "->" in s), *unknown),
+            warnings=(*wrong, *(s for s in changed if "->" in s), *unknown),
             limits=limits,
             **provenance(data),
         )
@@ -184,7 +171,7 @@ class WholeCar(Checked):
             model=model,
             stages=tuple(stages),
             doubts=wrong,
-            sentences=(*wrong, *changes, *unknown, self._of_the_mass()),
+            sentences=(*wrong, *changed, *unknown, self._of_the_mass()),
             separated=separated,
         )
 
@@ -194,8 +181,8 @@ class WholeCar(Checked):
         if lightest < self.mass < heaviest:
             return []
         return [
-            f"mass is {self.mass:g} kg at a wheelbase of {self.wheelbase:g} m; expected {_short(lightest)} to "
-            f"{_short(heaviest)} kg: check both, and their units"
+            f"mass is {self.mass:g} kg at a wheelbase of {self.wheelbase:g} m; expected {sentences.short(lightest)} to "
+            f"{sentences.short(heaviest)} kg: check both, and their units"
         ]
 
     def _of_the_mass(self) -> str:
@@ -278,125 +265,11 @@ def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[tup
     if "lever_v_y" in final.free:
         moved = fit(final.model, (*final.free, "l_f"), data, final)
         away = abs(moved.values["l_f"] - final.model.value("l_f")) / (ELSEWHERE * final.model.value("wheelbase"))
-        trials.append((moved, away - 1.5))
+        trials.append((moved, away - _NONE))
     if "mu_f" in final.free:
         trials += [(fit(with_shape(final.model, shape), final.free, data, final), 1.0) for shape in _SHAPES]
     counted = []
     for other, share in trials:
         worse = change(at, errors(other.model, data))[0] / _AS_GOOD
-        counted.append((other, float(min(share, 1.5 - worse, 1.0))))
+        counted.append((other, float(min(share, _NONE - worse, 1.0))))
     return [(other, share) for other, share in counted if share > 0]
-
-
-# ---- words ---------------------------------------------------------------------------------------------------------
-
-
-def _separated(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> dict[str, bool]:
-    return {name: bool(np.ptp(limits[names.index(name)]) / 2 < _WIDE * abs(final.values[name])) for name in STIFF}
-
-
-def _changes(stages: list[Stage]) -> list[str]:
-    said, before = [], stages[0].values
-    for stage in stages[1:]:
-        moved = [
-            f"{name} {_short(before[name])} -> {_short(stage.values[name])}"
-            for name in (*STIFF, "steering_gain")
-            if name in before and abs(stage.values[name] / before[name] - 1) > _MOVED
-        ]
-        share = 100 * (np.exp(stage.change / 2) - 1)
-        if stage.kept:
-            less = f"the held-out error {'falls' if share < 0 else 'rises'} by {abs(share):.2g} %"
-            said.append(f"{less} when {stage.correction}" + (f": {', '.join(moved)}" if moved else ""))
-            before = stage.values
-    return said
-
-
-def _ridges(
-    names: tuple[str, ...], final: Fitted, spread: np.ndarray, limits: np.ndarray, separated: Mapping[str, bool]
-) -> list[str]:
-    said = []
-    poor = [name for name, fine in separated.items() if not fine]
-    for name in poor:
-        (low, high), si = limits[names.index(name)], final.model.si(name)
-        said.append(
-            f"{name} cannot be separated: {_short(max(low, 0.0))} to {_short(high)} {si.unit} explain "
-            "the log alike; expected less than a quarter either way: measure v_y, or drive faster steering"
-        )
-    for i, a in enumerate(poor):
-        for b in poor[i + 1 :]:
-            width = _ratio(names, final, spread, a, b)
-            if width < 0.5 * _WIDE:
-                ratio = final.values[a] / final.values[b]
-                said.append(f"their ratio is known: {a} / {b} = {ratio:.3g} +- {100 * width:.2g} % (95 %)")
-    return said
-
-
-def _ratio(names: tuple[str, ...], final: Fitted, spread: np.ndarray, a: str, b: str) -> Scalar:
-    """Half width of the 95 % interval of a / b, relative."""
-    at = [names.index(a), names.index(b)]
-    values = np.array([final.values[a], final.values[b]])
-    relative = spread[np.ix_(at, at)] / np.outer(values, values)
-    return 1.96 * float(np.sqrt(max(relative[0, 0] + relative[1, 1] - 2 * relative[0, 1], 0.0)))
-
-
-def _sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
-    """Sensors whose zero or scale is far off; ``first`` is the steering's gain as it was given."""
-    said = []
-    for i, name in enumerate(final.free):
-        if name.startswith("bias_"):
-            channel, value, sd = name.removeprefix("bias_"), final.values[name], float(np.sqrt(spread[i, i]))
-            size = float(np.std(final.problem.data[channel]))
-            if abs(value) > max(_OFFSET * size, 4 * sd):
-                unit = final.model.si(name).unit
-                said.append(f"{channel} has an offset of {value:.3g} {unit}, corrected in the fit: zero the sensor")
-    gain = final.values.get("steering_gain", first) / first
-    if not _GAIN[0] < gain < _GAIN[1]:
-        said.append(
-            f"the road wheels turn {gain:.2g} times what delta says; expected about as much: check the wheelbase, the "
-            "steering ratio and the units"
-        )
-    late = final.values.get("delay_delta", 0.0) + final.values.get("steering_lag", 0.0)
-    if late > _LATE:
-        said.append(f"the car answers its steering {late:.2f} s late: delta or the outputs may come delayed in the log")
-    return said
-
-
-def _elsewhere(final: Fitted, others: list[tuple[Fitted, float]]) -> list[str]:
-    return [
-        f"a v_y sensor {final.values['lever_v_y']:+.2g} m from the centre of gravity explains the log, and so does "
-        f"l_f = {other.values['l_f']:.3g} m in place of {final.model.value('l_f'):.3g} m: check both; the intervals "
-        "hold for either"
-        for other, share in others
-        if "l_f" in other.free and share > _HALF
-    ]
-
-
-def _bounds(final: Fitted) -> list[str]:
-    used = friction_used(final.problem.data)
-    limits = {n: v for n, v in final.values.items() if n in ("mu_f", "mu_r") and v < 0.99 * final.model.si(n).upper}
-    said = []
-    if limits and min(limits.values()) > _BEYOND * used:
-        found = ", ".join(f"{n} = {v:.2g}" for n, v in limits.items())
-        said.append(
-            f"{found} are read from the bend of the tire curves: the log uses {used:.2g} at most, and what the car "
-            "does beyond is extrapolated; drive nearer the limit before relying on it"
-        )
-    for name, value in final.values.items():
-        si = final.model.si(name)
-        if name in ("mu_f", "mu_r") and value > 0.99 * si.upper:
-            said.append(
-                f"the log does not reach the {'front' if name == 'mu_f' else 'rear'} axle's friction: it has no value"
-            )
-        elif min(abs(value - si.lower), abs(value - si.upper)) < 1e-6 * max(abs(value), 1e-3) and name not in (
-            "delay_delta",
-            "relaxation_f",
-            "relaxation_r",
-            "steering_lag",
-        ):
-            said.append(f"{name} ends at its bound, {value:.4g} {si.unit}; expected an interior value: check the units")
-    return said
-
-
-def _short(value: float) -> str:
-    digits = max(0, 2 - int(np.floor(np.log10(abs(value))))) if value else 0
-    return f"{round(value, 2 - int(np.floor(np.log10(abs(value))))) if value else 0.0:,.{digits}f}".replace(",", " ")

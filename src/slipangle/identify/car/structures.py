@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -107,6 +107,17 @@ class Fitted:
     def values(self) -> dict[str, float]:
         """Values of the free parameters, SI units."""
         return {name: self.model.value(name) for name in self.free}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """A correction that was tried: what it did to the held-out error and to the parameters."""
+
+    correction: str
+    kept: bool
+    error: np.ndarray  # (n_outputs,), RMS of the free run over the held-out stretches
+    change: float  # mean change of the logarithm of the squared held-out error [-]
+    values: Mapping[str, float] = field(repr=False)
 
 
 def fit(model: Any, free: tuple[str, ...], data: Dataset, before: Fitted | None = None) -> Fitted:

@@ -1,0 +1,135 @@
+"""What there is to know of an identified car, in words: what corrections changed, and what the log cannot say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from slipangle.identify.car.structures import STIFF, Fitted, Stage, friction_used
+from slipangle.ops import Scalar
+
+_HALF = 0.5  # share from which a structure is told of
+_WIDE = 0.25  # half of an interval over the value, from which a parameter counts as not separated
+_MOVED = 0.05  # change of a parameter that is worth a sentence
+_OFFSET = 0.2  # of a sensor, over the standard deviation of its channel, from which it is told
+_GAIN = (0.75, 1.33)  # of the steering, found over given, that needs no word
+_BEYOND = 1.2  # friction found over friction used, from which a limit is extrapolated
+_LATE = 0.25  # s, of delay and lag together, that no steering has
+
+
+def separated(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> dict[str, bool]:
+    """Whether C_f, C_r and inertia_z have values of their own; ``limits`` has shape (n_names, 2)."""
+    return {name: bool(np.ptp(limits[names.index(name)]) / 2 < _WIDE * abs(final.values[name])) for name in STIFF}
+
+
+def changes(stages: list[Stage]) -> list[str]:
+    """What each correction that was kept did to the held-out error and to the parameters."""
+    said, before = [], stages[0].values
+    for stage in stages[1:]:
+        moved = [
+            f"{name} {short(before[name])} -> {short(stage.values[name])}"
+            for name in (*STIFF, "steering_gain")
+            if name in before and abs(stage.values[name] / before[name] - 1) > _MOVED
+        ]
+        share = 100 * (np.exp(stage.change / 2) - 1)
+        if stage.kept:
+            less = f"the held-out error {'falls' if share < 0 else 'rises'} by {abs(share):.2g} %"
+            said.append(f"{less} when {stage.correction}" + (f": {', '.join(moved)}" if moved else ""))
+            before = stage.values
+    return said
+
+
+def ridges(
+    names: tuple[str, ...], final: Fitted, spread: np.ndarray, limits: np.ndarray, separated: Mapping[str, bool]
+) -> list[str]:
+    """Parameters that the log cannot tell, and ratios of them that it can; ``spread`` is their covariance."""
+    said = []
+    poor = [name for name, fine in separated.items() if not fine]
+    for name in poor:
+        (low, high), si = limits[names.index(name)], final.model.si(name)
+        said.append(
+            f"{name} cannot be separated: {short(max(low, 0.0))} to {short(high)} {si.unit} explain "
+            "the log alike; expected less than a quarter either way: measure v_y, or drive faster steering"
+        )
+    for i, a in enumerate(poor):
+        for b in poor[i + 1 :]:
+            width = _ratio(names, final, spread, a, b)
+            if width < 0.5 * _WIDE:
+                ratio = final.values[a] / final.values[b]
+                said.append(f"their ratio is known: {a} / {b} = {ratio:.3g} +- {100 * width:.2g} % (95 %)")
+    return said
+
+
+def _ratio(names: tuple[str, ...], final: Fitted, spread: np.ndarray, a: str, b: str) -> Scalar:
+    """Half width of the 95 % interval of a / b, relative."""
+    at = [names.index(a), names.index(b)]
+    values = np.array([final.values[a], final.values[b]])
+    relative = spread[np.ix_(at, at)] / np.outer(values, values)
+    return 1.96 * float(np.sqrt(max(relative[0, 0] + relative[1, 1] - 2 * relative[0, 1], 0.0)))
+
+
+def sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
+    """Sensors whose zero or scale is far off; ``first`` is the steering's gain as it was given."""
+    said = []
+    for i, name in enumerate(final.free):
+        if name.startswith("bias_"):
+            channel, value, sd = name.removeprefix("bias_"), final.values[name], float(np.sqrt(spread[i, i]))
+            size = float(np.std(final.problem.data[channel]))
+            if abs(value) > max(_OFFSET * size, 4 * sd):
+                unit = final.model.si(name).unit
+                said.append(f"{channel} has an offset of {value:.3g} {unit}, corrected in the fit: zero the sensor")
+    gain = final.values.get("steering_gain", first) / first
+    if not _GAIN[0] < gain < _GAIN[1]:
+        said.append(
+            f"the road wheels turn {gain:.2g} times what delta says; expected about as much: check the wheelbase, the "
+            "steering ratio and the units"
+        )
+    late = final.values.get("delay_delta", 0.0) + final.values.get("steering_lag", 0.0)
+    if late > _LATE:
+        said.append(f"the car answers its steering {late:.2f} s late: delta or the outputs may come delayed in the log")
+    return said
+
+
+def elsewhere(final: Fitted, others: list[tuple[Fitted, float]]) -> list[str]:
+    """A centre of gravity that explains the log as well as the place of the v_y sensor does."""
+    return [
+        f"a v_y sensor {final.values['lever_v_y']:+.2g} m from the centre of gravity explains the log, and so does "
+        f"l_f = {other.values['l_f']:.3g} m in place of {final.model.value('l_f'):.3g} m: check both; the intervals "
+        "hold for either"
+        for other, share in others
+        if "l_f" in other.free and share > _HALF
+    ]
+
+
+def bounds(final: Fitted) -> list[str]:
+    """Friction that the log does not reach, and parameters that end at a bound."""
+    used = friction_used(final.problem.data)
+    limits = {n: v for n, v in final.values.items() if n in ("mu_f", "mu_r") and v < 0.99 * final.model.si(n).upper}
+    said = []
+    if limits and min(limits.values()) > _BEYOND * used:
+        found = ", ".join(f"{n} = {v:.2g}" for n, v in limits.items())
+        said.append(
+            f"{found} are read from the bend of the tire curves: the log uses {used:.2g} at most, and what the car "
+            "does beyond is extrapolated; drive nearer the limit before relying on it"
+        )
+    for name, value in final.values.items():
+        si = final.model.si(name)
+        if name in ("mu_f", "mu_r") and value > 0.99 * si.upper:
+            said.append(
+                f"the log does not reach the {'front' if name == 'mu_f' else 'rear'} axle's friction: it has no value"
+            )
+        elif min(abs(value - si.lower), abs(value - si.upper)) < 1e-6 * max(abs(value), 1e-3) and name not in (
+            "delay_delta",
+            "relaxation_f",
+            "relaxation_r",
+            "steering_lag",
+        ):
+            said.append(f"{name} ends at its bound, {value:.4g} {si.unit}; expected an interior value: check the units")
+    return said
+
+
+def short(value: float) -> str:
+    """Three digits of a number, thousands apart."""
+    digits = max(0, 2 - int(np.floor(np.log10(abs(value))))) if value else 0
+    return f"{round(value, 2 - int(np.floor(np.log10(abs(value))))) if value else 0.0:,.{digits}f}".replace(",", " ")
