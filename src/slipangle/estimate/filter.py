@@ -76,7 +76,7 @@ class Scales:
         return np.where(self.positive, self.values(q), 1.0)
 
 
-def _moving(model: Model, free: tuple[str, ...], scales: Scales) -> tuple[Any, Any, Any]:
+def moving(model: Model, free: tuple[str, ...], scales: Scales) -> tuple[Any, Any, Any]:
     """Kind of symbols, ``step(x, q, u)`` and ``output(x, q, u)``."""
     if not free:
         step, output, _ = model.functions
@@ -111,7 +111,7 @@ def filter_step(settings: Any, scales: Scales) -> ca.Function:
     model, free, biased = settings.start, settings.free, tuple(settings.bias_std)
     nx, nq, nu, ny = model.n_states, len(free), model.n_inputs, model.n_outputs
     n = nx + nq + len(biased)
-    kind, step, output = _moving(model, free, scales)
+    kind, step, output = moving(model, free, scales)
     z, P = kind.sym("z", n), kind.sym("P", n, n)
     sizes = {"before": nu, "u": nu, "y": ny, "seen": ny, "gate": ny, "dt": 1}
     before, u, y, seen, gate, dt = (kind.sym(name, size) for name, size in sizes.items())

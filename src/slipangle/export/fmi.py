@@ -15,7 +15,7 @@ import casadi as ca
 
 from slipangle.codegen import compiler
 from slipangle.errors import ParameterError, WriteError
-from slipangle.estimate.filter import _moving, parametrised
+from slipangle.estimate.filter import moving, parametrised
 from slipangle.export.controllers import table
 from slipangle.export.drives import SPEED
 from slipangle.export.fmi_description import Variable, build_description, channel, description, unique
@@ -166,7 +166,7 @@ def _parametric(model: Any) -> tuple[tuple[str, ...], tuple[ca.Function, ...]]:
 
 
 def _functions(model: Any, names: tuple[str, ...]) -> tuple[ca.Function, ...]:
-    kind, step, output = _moving(model, names, _AsTheyAre())  # type: ignore[arg-type]
+    kind, step, output = moving(model, names, _AsTheyAre())  # type: ignore[arg-type]
     n, m = model.n_states, model.n_states + model.n_inputs
     v, along = (kind.sym(name, m + len(names)) for name in ("v", "along"))
     next_, y = step(v[:n], v[m:], v[n:m]), output(v[:n], v[m:], v[n:m])
