@@ -360,7 +360,7 @@ def test_ferrari_run_beats_the_thesis(real_data, tmp_path, capsys):
     assert found["models"]["bicycle (6 parameters)"]["free_run"]["r"]["fit"] >= 81.5
     assert found["closed_loop"]["inside_lane"] is True
     html = (tmp_path / "index.html").read_text()
-    for number in ("72.87", "93.21", "0.054", f"{found['free_run']['r']['fit']:.2f}"):
+    for number in ("72.87", "93.21", "3.09\N{NO-BREAK SPACE}deg/s", f"{found['free_run']['r']['fit']:.2f}"):
         assert number in html
     assert "follows delta by" in html
     for t in ("207.27", "503.49", "524.85", "671.67"):

@@ -54,6 +54,8 @@ class StreamedTable:
 
     def row_name(self, row: int) -> str:
         """The row as ``line`` and its number in the file, counted from 1."""
+        if self._slow:  # it knows comments between rows too
+            return self._slow[0].row_name(row)
         line = self.above + 1 + row
         for blank in self._blank:
             line += blank <= line

@@ -51,7 +51,7 @@ def bicycle_on(chassis: ChassisParams, tire_f: Tire, tire_r: Tire | None = None)
 
     >>> from slipangle.models.vehicles.catalogue import PASSENGER_TIRE, SOUSA_TABLE_7_2
     >>> round(bicycle_on(SOUSA_TABLE_7_2, PASSENGER_TIRE).C_f, -3)
-    208000.0
+    214000.0
     """
     loads = wheel_loads(chassis)
     C = [float(axle_stiffness(t, load)) for t, load in zip((tire_f, tire_r or tire_f), loads, strict=True)]
