@@ -12,7 +12,7 @@ from slipangle.data.channels import STANDARD
 from slipangle.export.drives import Drive
 from slipangle.export.memory import size_of
 from slipangle.export.names import comment, constants
-from slipangle.export.project import Project, template
+from slipangle.export.project import Project, replay, template
 
 LANES = (8, 4, 2, 1)
 
@@ -58,7 +58,7 @@ def project(
             "car.h": header(controller, sizes, title),
             "car.hpp": template("car.hpp"),
             "car.c": c,
-            "main.c": template("main.c"),
+            "main.c": replay("main.c"),
         },
         drive=drive.text(),
         about=_about(controller, sizes),

@@ -24,7 +24,7 @@ from slipangle.export.memory import size_of
 from slipangle.export.models import meaning
 from slipangle.export.mpc import mpc_project
 from slipangle.export.names import comment, constants
-from slipangle.export.project import Project, template
+from slipangle.export.project import Project, replay, template
 from slipangle.models.wrappers.on_ground import POSE
 from slipangle.paths.preview import strides_between
 
@@ -117,7 +117,7 @@ def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
             "car.hpp": template("driver.hpp"),
             "car.c": f'#include "car.h"\n{source}',
             **inner,
-            "main.c": template("driver_main.c"),
+            "main.c": replay("driver_main.c"),
         },
         sources=("car.c", "car_planner.c"),
         drive=drive.text(),

@@ -16,7 +16,7 @@ from slipangle.export.controllers import table
 from slipangle.export.memory import size_of
 from slipangle.export.models import free_run, meaning
 from slipangle.export.names import comment, constants
-from slipangle.export.project import Project, template
+from slipangle.export.project import Project, replay, template
 
 EXACT = """\
 #if defined __clang__
@@ -102,7 +102,7 @@ def estimator_project(estimator: EKF, name: str, data: Dataset | int) -> Project
             "car.h": header.replace("@BYTES@", str(bytes_)),
             "car.hpp": template("estimator.hpp"),
             "car.c": f'#include "car.h"\n{source}',
-            "main.c": template("estimator_main.c"),
+            "main.c": replay("estimator_main.c"),
         },
         drive="\n".join(lines) + "\n",
         about="\n".join([*about, f"- memory: {bytes_} bytes"]),

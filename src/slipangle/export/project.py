@@ -65,6 +65,11 @@ def template(name: str) -> str:
     return (files("slipangle.export") / "c" / name).read_text(encoding="utf-8")
 
 
+def replay(name: str) -> str:
+    """A ``main.c`` of ``export/c``, with what all of them read numbers by."""
+    return template(name).replace("@READ_NUMBERS@", template("read_numbers.c"))
+
+
 def write(project: Project, folder: str | Path, *, force: bool = False) -> Path:
     """Write a project into a folder, which is new or empty, whole or not at all.
 

@@ -8,7 +8,7 @@ an estimator: a function of the controller's model.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, Self
 
@@ -18,7 +18,7 @@ from slipangle.control.followers.followers import PathFollower, PurePursuit, Sta
 from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
-from slipangle.errors import ConfigError, nearest, shown
+from slipangle.errors import ConfigError
 from slipangle.estimate.ekf import EKF
 from slipangle.fields import Whole
 from slipangle.models.model import Model
@@ -32,7 +32,7 @@ from slipangle.paths import lane_change as manoeuvres
 from slipangle.paths.path import Path
 from slipangle.registry import Registry
 from slipangle.units import deg
-from slipangle.workflow.entries import Made, Weight, Within, arguments, common
+from slipangle.workflow.entries import Made, Weight, Within, of_kind
 from slipangle.workflow.hints import called
 
 _MANOEUVRES = {
@@ -65,11 +65,7 @@ class EstimatorSettings:
     @classmethod
     def from_table(cls, table: dict[str, Any], where: str) -> Self:
         """Entries of every estimator, and those of its kind."""
-        wanted, own = common(cls, table, where)
-        if wanted.kind not in ESTIMATORS:
-            near = nearest(wanted.kind[:60], ESTIMATORS, every=True)
-            raise ConfigError(f"{where}: kind is {shown(wanted.kind)}; {near}: use one of these")
-        return replace(wanted, entries=arguments(ESTIMATORS[wanted.kind], own, where))
+        return of_kind(cls, ESTIMATORS, table, where)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,11 +117,7 @@ class ControllerSettings:
     @classmethod
     def from_table(cls, table: dict[str, Any], where: str) -> Self:
         """Entries of every controller, and those of its kind."""
-        wanted, own = common(cls, table, where)
-        if wanted.kind not in CONTROLLERS:
-            near = nearest(wanted.kind[:60], CONTROLLERS)
-            raise ConfigError(f"{where}: kind is {shown(wanted.kind)}; {near}: use one of these")
-        return replace(wanted, entries=arguments(CONTROLLERS[wanted.kind], own, where, skip=2))
+        return of_kind(cls, CONTROLLERS, table, where, skip=2, every=False)
 
 
 CONTROLLERS: Registry[Callable[..., Any]] = Registry("controller", "slipangle.controllers")

@@ -2,7 +2,7 @@
 
 import inspect
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from math import inf, isfinite
 from pathlib import Path
@@ -115,6 +115,28 @@ def common(cls: type[T], table: dict[str, Any], where: str) -> tuple[T, dict[str
     own = entries_of(cls)
     others = {key: value for key, value in table.items() if key not in own}
     return record(cls, {key: table[key] for key in table if key in own}, where), others
+
+
+def of_kind(
+    cls: type[T],
+    kinds: Mapping[str, Callable[..., Any]],
+    table: dict[str, Any],
+    where: str,
+    *,
+    skip: int = 0,
+    every: bool = True,
+) -> T:
+    """A dataclass whose ``kind`` is one of ``kinds``, and whose ``entries`` are what that one takes, checked.
+
+    ``skip`` is that of `arguments`, ``every`` that of `slipangle.errors.nearest`. Raises ConfigError as `arguments`
+    does, and if there is no such kind.
+    """
+    wanted: Any
+    wanted, own = common(cls, table, where)
+    if wanted.kind not in kinds:
+        near = nearest(wanted.kind[:60], kinds, every=every)
+        raise ConfigError(f"{where}: kind is {shown(wanted.kind)}; {near}: use one of these")
+    return replace(wanted, entries=arguments(kinds[wanted.kind], own, where, skip=skip))
 
 
 def arguments(call: Callable[..., Any], table: dict[str, Any], where: str, *, skip: int = 0) -> dict[str, Any]:

@@ -7,7 +7,7 @@ kind takes in a job's ``[[model]]`` are the arguments of what is registered.
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self, get_type_hints
@@ -51,7 +51,7 @@ from slipangle.models.vehicles.steering import Steered
 from slipangle.models.wrappers.delayed import Delayed
 from slipangle.models.wrappers.hybrid import OffsetModel
 from slipangle.registry import Registry
-from slipangle.workflow.entries import Made, OtherModel, arguments, common, entries_of, record
+from slipangle.workflow.entries import Made, OtherModel, arguments, entries_of, of_kind, record
 from slipangle.workflow.hints import called, is_model, is_record, parts
 
 _WEIGHTS = 1_000_000  # of a network
@@ -97,11 +97,7 @@ class FitSettings:
     @classmethod
     def from_table(cls, table: dict[str, Any], where: str) -> Self:
         """Entries of every way, and those of its kind."""
-        wanted, own = common(cls, table, where)
-        if wanted.kind not in FITS:
-            near = nearest(wanted.kind[:60], FITS, every=True)
-            raise ConfigError(f"{where}: kind is {shown(wanted.kind)}; {near}: use one of these")
-        return replace(wanted, entries=arguments(FITS[wanted.kind], own, where))
+        return of_kind(cls, FITS, table, where)
 
     def fitted(self, start: Any, free: tuple[str, ...], each: tuple[str, ...], train: Dataset) -> Model:
         """The model with its free parameters fitted, those of ``each`` one by one for every experiment.

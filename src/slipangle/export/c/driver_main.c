@@ -15,20 +15,7 @@ static car_driver driver;
 static car_measurements measured;
 static car_commands commands;
 
-static int read_numbers(double *to, int n)
-{
-    for (int i = 0; i < n; i++) {
-        char word[64];
-        if (scanf("%63[^,\n]%*1[,\n]", word) != 1)
-            return 0;
-        if (strcmp(word, "nan") == 0)
-            to[i] = NAN;
-        else if (sscanf(word, "%lf", &to[i]) != 1)
-            return 0;
-    }
-    return 1;
-}
-
+@READ_NUMBERS@
 int main(int n, char **words)
 {
     int said = n > 1 && strcmp(words[1], "--commands") == 0, other = 0, steps = 0;
