@@ -22,7 +22,6 @@ STIFF = ("C_f", "C_r", "inertia_z")
 _LINEAR = 8.0  # peak friction at which an axle is as good as linear
 _LONGEST = 0.3  # s, of a steering delay
 _ITERATIONS, _FLAT = 60, 1e-7  # of a fit, and the relative gain of its last step
-_ROOM = 0.01  # of a parameter, between where a search starts and a bound
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
 _ALIKE = 0.15  # standard deviation of the difference of both axles' friction
 _WORTH = 0.05  # fall of the squared held-out error that is worth a correction by itself
@@ -130,7 +129,7 @@ def fit(model: Any, free: tuple[str, ...], data: Dataset, before: Fitted | None 
     ny, lengths = model.n_outputs, [len(y) - 1 for y in problem.measured]
     kept = np.concatenate([np.arange(n) >= settling(n, data.dt) for n in lengths])
     rows, stretch = np.repeat(kept, ny), np.repeat(np.arange(len(lengths)), lengths)[kept]
-    prior, z = ordinary(model, free), _off_the_bounds(problem)
+    prior, z = ordinary(model, free), problem.start
     for _ in range(_ROUNDS):
         pull, centre = _pull(prior, problem, thinning)
         slope: Any = lambda z, a=pull: np.vstack([problem.evaluate(z)[1][rows], a])  # noqa: E731
@@ -164,13 +163,6 @@ def fit(model: Any, free: tuple[str, ...], data: Dataset, before: Fitted | None 
         thinning=thinning,
         pull=_pull(prior, problem, thinning)[0],
     )
-
-
-def _off_the_bounds(problem: FreeRunProblem) -> np.ndarray:
-    """Where a search starts, shape (n_free,): on a bound all of its steps would be short."""
-    span = problem.upper - problem.lower
-    room = np.minimum(_ROOM, 0.1 * span)
-    return np.clip(problem.start, problem.lower + room, problem.upper - room)
 
 
 def settling(n: int, dt: float) -> int:
