@@ -4,6 +4,7 @@
 # make test-machines   everything that fits, as other machines compute it; COMMIT=hash: as one, which the hash chooses
 # make test-lowest     the tests with the lowest versions that pyproject.toml allows, extras too, on Python 3.11
 # make test-export     exported C on every compiler and machine that is installed (docs/export.md names the packages)
+# make docs            the documentation as a site, build/docs/html: anything doubtful and any broken link fails
 # make mutants         the source broken on purpose, one place at a time: do the tests notice?
 PYTHON ?= python3
 LOWEST_PYTHON ?= $(shell command -v python3.11 || echo $(PYTHON))
@@ -14,7 +15,7 @@ export OMP_NUM_THREADS ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export SLIPANGLE_DATA ?= $(wildcard $(abspath ../shared/data))
 
-.PHONY: demo test test-all test-machines test-lowest test-export mutants lint clean
+.PHONY: demo test test-all test-machines test-lowest test-export docs mutants lint clean
 
 demo: .venv/installed
 	$(BIN)/slipangle demo
@@ -33,6 +34,9 @@ test-lowest: .venv-lowest/installed
 
 test-export: .venv/installed-export
 	$(BIN)/python -m pytest -q -m "slow or not slow" tests/export tests/codegen
+
+docs: .venv/installed-docs
+	$(BIN)/python -m docs.site
 
 mutants: .venv/installed-dev
 	$(BIN)/python -m tests.mutants
@@ -58,6 +62,11 @@ lint: .venv/installed-dev .venv/installed-types
 
 .venv/installed-export: .venv/installed-dev pyproject.toml
 	$(BIN)/python -m pip install --quiet --group export
+	touch $@
+
+.venv/installed-docs: .venv/installed pyproject.toml
+	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
+	$(BIN)/python -m pip install --quiet --group docs
 	touch $@
 
 # Read by pyright, never run: the same wheels whatever Python and system this is.

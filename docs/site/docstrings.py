@@ -1,0 +1,58 @@
+"""Docstrings of the house as reStructuredText: sources become plain lines, bars stay bars."""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from typing import Any
+
+from sphinx.application import Sphinx
+
+_CODE = re.compile(r"(``.+?``)")
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Called by Sphinx; before napoleon reads the sections."""
+    app.connect("autodoc-process-docstring", _process, priority=400)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def _process(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    text = _with_text_first("\n".join(lines))
+    cited = set(re.findall(r"\[(\d+)\]_", text)) - set(re.findall(r"^\.\. \[(\d+)\]", text, re.M))
+    text = re.sub(r"^\.\. \[(\d+)\] (.*(?:\n {3,}.*)*)", _plain, text, flags=re.M)
+    text = re.sub(r"\[(\d+)\]_", r"[\1]", text)
+    sources = _sources(thing)
+    below = [sources[number] for number in sorted(cited) if number in sources]
+    if below:
+        text = "\n\n".join([text.rstrip(), ".. rubric:: References", *below, ""])
+    lines[:] = "".join(_marked(part) for part in _CODE.split(text)).replace("\0", "\\ ").split("\n")
+
+
+def _with_text_first(text: str) -> str:
+    """Sentences that stand below a section of a docstring come before it: sections end where the next one starts."""
+    head, *sections = re.split(r"\n(?=[A-Z]\w+\n---+\n)", text)
+    for i, section in enumerate(sections):
+        blocks = re.split(r"\n\s*\n", section.rstrip())
+        below = [b for b in blocks[1:] if "\n " not in b and not b.startswith((" ", "..", ">>>"))]
+        sections[i] = "\n\n".join(b for b in blocks if b not in below) + "\n"
+        head = "\n\n".join([head.rstrip(), *below, ""]) if below else head
+    return "\n".join([head, *sections])
+
+
+def _plain(found: re.Match[str]) -> str:
+    return f"[{found[1]}] {' '.join(found[2].split())}\n"
+
+
+def _sources(thing: Any) -> dict[str, str]:
+    """Lines that the docstring of the file that holds a thing gives as sources, by number."""
+    module = sys.modules.get(getattr(thing, "__module__", None) or "")
+    text = inspect.getdoc(module) or "" if module else ""
+    found = re.finditer(r"^\s*\.\. \[(\d+)\] (.*(?:\n {3,}.*)*)", text, re.M)
+    return {one[1]: _plain(one).strip() for one in found}
+
+
+def _marked(part: str) -> str:
+    """A piece of code with an end that a following letter does not undo; else text whose bars are bars."""
+    return f"{part}\0" if part.startswith("``") else re.sub(r"(?<!\\)\|", r"\\|", part)

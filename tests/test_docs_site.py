@@ -1,0 +1,68 @@
+"""The site: its pages, navigation, links and reference are whole, without building it."""
+
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+from docs.site.api import write_pages
+from docs.site.links import broken
+from docs.site.pages import MADE, anchors, loose, navigation, written
+from docs.site.public import PAGES, members, page_of, public
+
+import slipangle
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_every_page_is_in_the_navigation_once():
+    pages = navigation()
+    assert len(pages) == len(set(pages))
+    assert set(pages) == {*written(), *MADE} - {"index"}
+
+
+def test_the_navigation_follows_the_work():
+    order = ["logs", "choosing-a-model", "driving", "plants", "plots", "export"]
+    places = [navigation().index(page) for page in order]
+    assert places == sorted(places)
+
+
+@pytest.mark.parametrize("name", written())
+def test_links_of_a_page_lead_to_pages_and_headings(name):
+    assert loose(name, written()[name]) == []
+
+
+def test_a_link_to_a_heading_that_is_not_there_is_found(tmp_path):
+    page = tmp_path / "a.md"
+    page.write_text("# A title, `x` and [b](a.md)\n[good](#a-title-x-and-b) [bad](#a-title) [none](b.md)\n")
+    assert anchors(page.read_text()) == {"a-title-x-and-b"}
+    assert loose("a", page) == ["a: no heading #a-title", "a: no file b.md"]
+
+
+def test_a_built_page_with_a_bad_link_is_found(tmp_path):
+    (tmp_path / "a.html").write_text(
+        '<p id="here"></p><a href="#here"></a><a href="b.html#there"></a><a href="c.html"></a>'
+        '<script src="https://cdn.example/x.js"></script><a href="https://example.org"></a>'
+    )
+    (tmp_path / "b.html").write_text('<a href="a.html#here"></a>')
+    assert broken(tmp_path) == [
+        "a.html: fetches 'https://cdn.example/x.js' from elsewhere",
+        "a.html: no anchor 'b.html#there'",
+        "a.html: no file 'c.html'",
+    ]
+
+
+def test_the_reference_has_every_public_name_once(tmp_path):
+    write_pages(tmp_path)
+    text = "\n".join(path.read_text() for path in tmp_path.glob("*.md"))
+    assert [n for n in slipangle.__all__ if len(re.findall(rf"^### sa\.{n}$", text, re.M)) != 1] == []
+    shown = re.findall(r"^\.\. auto(?:class|function):: (\S+)$", text, re.M)
+    assert sorted(shown) == list(public())
+    for full, thing in public().items():
+        if inspect.isclass(thing) and members(thing):
+            own = ", ".join(members(thing))
+            assert f".. autoclass:: {full}\n   :members: {own}\n" in text
+
+
+def test_each_page_of_the_reference_has_something():
+    assert {page_of(thing) for thing in public().values()} == set(PAGES)
