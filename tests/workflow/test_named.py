@@ -191,14 +191,17 @@ def test_a_track_is_driven_from_a_file_beside_the_job(tmp_path, capsys):
     assert (seen["end"], seen["inside_lane"]) == ("FINISHED", True)
 
 
-def test_an_estimator_in_the_loop(tmp_path, capsys):
+@pytest.mark.parametrize("kind", ["ekf", "mhe"])
+def test_an_estimator_in_the_loop(tmp_path, capsys, kind):
     """With a filter the loop needs no measurement of every output of the model; it drives about as well."""
     noise = "[plant]\nnoise = { X = 0.05, Y = 0.05, r = 0.01 }\n"
     plain = drive(tmp_path, capsys, noise)
     filtered = drive(
         tmp_path,
         capsys,
-        noise + "[estimator]\nkind = 'ekf'\nnoise_std = { X = 0.05, Y = 0.05, psi = 0.002, v_y = 0.02, r = 0.01 }\n"
+        noise
+        + f"[estimator]\nkind = '{kind}'\n"
+        + "noise_std = { X = 0.05, Y = 0.05, psi = 0.002, v_y = 0.02, r = 0.01 }\n"
         "process_std = { v_y = 0.1, r = 0.1 }\ngate = 8",
     )
     assert filtered["end"] == plain["end"] == "FINISHED"

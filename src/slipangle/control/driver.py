@@ -108,7 +108,7 @@ class Driver:
         Holds the path's speed by its inputs; without one `Commands.wanted_v_x` is for whoever does.
     controller : Controller, optional
         By default an MPC on the estimator's model.
-    estimator : EKF, optional
+    estimator : EKF or MHE, optional
         Its model is the controller's. By default one for `noise` and `late`.
     noise : mapping of str to float
         Standard deviation of measured outputs, as of `EKF`, X, Y and psi among them.

@@ -59,6 +59,8 @@ class RecursiveVehicle:
     on arrays made here.
     """
 
+    way = "extended Kalman filter; covariance for the noise that it was given"
+
     def __init__(self, settings: Any) -> None:
         model, nx, nq = settings.start, settings.start.n_states, len(settings.free)
         self.settings, self._nx, self._nq, self._n = settings, nx, nq, nx + nq + len(settings.bias_std)
@@ -159,11 +161,7 @@ class RecursiveVehicle:
         self._seen[:] = self._finite_y
         if not self._finite_y.all():
             self._y[~self._finite_y] = 0.0
-        if self._late.deepest:
-            self._again()
-        else:
-            self._run()
-            self._require_finite()
+        self._estimate()
         self._z[:] = self._z_new
         self._P[:] = self._P_new
         self._before[:] = self._u
@@ -172,6 +170,14 @@ class RecursiveVehicle:
         if self.settings.gate is not None:
             self._count_outliers()
         return self._error
+
+    def _estimate(self) -> None:
+        """State and covariance with the newest sample."""
+        if self._late.deepest:
+            self._again()
+        else:
+            self._run()
+            self._require_finite()
 
     def _require_finite(self) -> None:
         if not np.isfinite(self._z_new, out=self._finite_z).all():
@@ -330,7 +336,7 @@ class RecursiveVehicle:
             noise_std=np.array([s.noise(name) for name in s.start.outputs]),
             n_samples=self.n_samples,
             units=tuple(parametrised(s.start).si(name).unit for name in s.free),
-            method="extended Kalman filter; covariance for the noise that it was given",
+            method=self.way,
             **more,
         )
         model = varied(s.start, dict(zip(s.free, map(float, values), strict=True)))

@@ -67,7 +67,7 @@ def closed_loop(
         When to stop at the latest [s]; by default at the end of an open path, after one lap of a closed one.
     driver : SpeedDriver, optional
         Holds the speed of a plant whose speed is a state, unless the controller does.
-    estimator : EKF, optional
+    estimator : EKF or MHE, optional
         Knows the state of the controller's model from channels that are noisy, slow, late or missing; its sample time
         may be shorter than the controller's. The outputs of the controller's model need not be measured then.
     held : Values, optional

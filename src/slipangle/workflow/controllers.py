@@ -20,6 +20,7 @@ from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
 from slipangle.errors import ConfigError
 from slipangle.estimate.ekf import EKF
+from slipangle.estimate.moving_horizon import MHE
 from slipangle.fields import Whole
 from slipangle.models.model import Model
 from slipangle.models.ode import Parametrised
@@ -45,6 +46,7 @@ ESTIMATORS: Registry[Callable[..., Any]] = Registry("estimator", "slipangle.esti
 """What ``kind`` in a job's ``[estimator]`` may be: functions of the controller's model."""
 
 ESTIMATORS.register("ekf")(Made(EKF, ("start", "free"), lambda model, **entries: EKF(start=model, **entries)))
+ESTIMATORS.register("mhe")(Made(MHE, ("start", "free", "solver"), lambda model, **entries: MHE(start=model, **entries)))
 
 
 @dataclass(frozen=True, kw_only=True)
