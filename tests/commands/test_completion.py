@@ -8,6 +8,7 @@ import pytest
 from slipangle.cli import main
 from slipangle.workflow.reference import tables
 
+zsh = pytest.mark.skipif(shutil.which("zsh") is None, reason="there is no zsh to ask")
 bash = pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash to ask")
 
 
@@ -66,3 +67,13 @@ def test_the_script_for_zsh_is_the_same_behind_its_adapter(script, capsys):
     said = capsys.readouterr().out
     assert said.endswith(script)
     assert "bashcompinit" in said.removesuffix(script)
+
+
+@zsh
+def test_zsh_takes_its_script_and_knows_the_command(capsys):
+    """As in a .zshrc: the script is read, and the command is then completed by its function."""
+    assert main(["completion", "zsh"]) == 0
+    ask = f'{capsys.readouterr().out}\nprint -r -- "$_comps[slipangle]"'
+    done = subprocess.run(["zsh", "-f", "-c", ask], capture_output=True, text=True, check=True, timeout=20)
+    assert not done.stderr
+    assert "_slipangle" in done.stdout

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import re
 
 import numpy as np
 import pytest
@@ -116,6 +117,9 @@ def test_fit_writes_a_tire_that_can_be_read(model, kind, extra, runs, tmp_path, 
     assert {row[0] for row in told["errors"]} == {"F_x", "F_y", "M_z", "M_x"}
     assert isinstance(read_tire(out), kind)
     assert "Fit to measurements" in page.read_text(encoding="utf-8")
+    assert run("fit", *runs, "--model", model, "--out", out, *extra) == 0
+    told = capsys.readouterr().out
+    assert re.search(rf"wrote {re.escape(str(out))}, which replaces the one of \d{{4}}-\d\d-\d\d", told)
 
 
 @pytest.mark.slow
@@ -144,6 +148,9 @@ def test_plot(tir, tmp_path, capsys):
 
 def test_convert_there_and_back(tir, tmp_path, capsys):
     assert run("convert", tir, tmp_path / "a.json") == 0
+    assert "replaces" not in capsys.readouterr().out
+    assert run("convert", tir, tmp_path / "a.json") == 0
+    assert "a.json, which replaces the one of" in capsys.readouterr().out
     assert run("convert", tmp_path / "a.json", tmp_path / "b.tir") == 0
     assert run("convert", tir, tmp_path / "m.json", "--mirror") == 0
     a, b, m = (read_tire(p) for p in (tir, tmp_path / "b.tir", tmp_path / "m.json"))

@@ -142,10 +142,12 @@ def _compare(options: argparse.Namespace) -> Answer:
     (_, test), start = _parts(options)
     with warnings.catch_warnings(action="ignore", category=ModelWarning):  # printed below
         result = compare(load_models(options.models), test, start="first samples" if start is None else start)
-        page = None
+        page, before = None, ""
         if options.out:
+            target = Path(options.out) / "comparison.html"
+            before = replaced(target)
             command = f"slipangle compare {' '.join(options.models)} --data {options.data}"
-            page = comparison_page(result, test, command=command).write(Path(options.out) / "comparison.html")
+            page = comparison_page(result, test, command=command).write(target)
     rows = [
         {"model": e.name}
         | {"free_run": {o: {"fit": s.fit, "vaf": s.vaf, "rmse": s.rmse} for o, s in e.scores.items()}}
@@ -157,7 +159,7 @@ def _compare(options: argparse.Namespace) -> Answer:
     for entry in result.entries:
         scores = "   ".join(f"{o}: fit {s.fit:.2f} %, VAF {s.vaf:.2f} %" for o, s in entry.scores.items())
         words += [f"{entry.name:28} {scores or entry.failure}", *(f"  {sentence}" for sentence in entry.warnings)]
-    return Answer(rows, "\n".join([*words, *([f"\nThe page: {page.resolve()}"] if page is not None else [])]))
+    return Answer(rows, "\n".join([*words, *([f"\nThe page: {page.resolve()}{before}"] if page is not None else [])]))
 
 
 def read_job(file: str) -> tuple[Settings, Logs]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
-from slipangle.files import check_output
+from slipangle.files import check_output, replaced
 
 
 def add(commands: Commands) -> None:
@@ -39,14 +39,15 @@ def _reproduce(options: argparse.Namespace) -> Answer:
             result = experiments.run(module.bench if bench else module.reproduce, bar)
         command = f"slipangle {options.command} {name}"
         results.append((name, result, record_table(result.records, title=result.title, command=command)))
-    if options.out:
-        _page(results, options)
     rows = [{"name": name, **record.to_dict()} for name, result, _ in results for record in result.records]
-    words = (f"{table.to_text()}\n{result.protocol}\n" for _, result, table in results)
+    words = [f"{table.to_text()}\n{result.protocol}\n" for _, result, table in results]
+    if options.out:
+        before = replaced(Path(options.out) / "index.html")
+        words.append(f"The page: {_page(results, options).resolve()}{before}")
     return Answer(rows, "\n".join(words), 0 if all(result.holds for _, result, _ in results) else 1)
 
 
-def _page(results: list, options: argparse.Namespace) -> None:
+def _page(results: list, options: argparse.Namespace) -> Path:
     """Every table with its figures, one section each."""
     from slipangle.report import Figure, Page, Section, Text
 
@@ -58,4 +59,4 @@ def _page(results: list, options: argparse.Namespace) -> None:
         sections.append(Section(title=result.title, short=name, blocks=(table, Text(text=result.protocol), *figures)))
     command = f"slipangle {options.command} {' '.join(options.names)} --out {options.out}"
     page = Page(title="Thesis and our numbers", sections=tuple(sections), command=command)
-    page.write(Path(options.out) / "index.html")
+    return page.write(Path(options.out) / "index.html")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from slipangle.commands import Answer, Commands
 from slipangle.commands.models import read_job
 from slipangle.commands.progress import Bar
-from slipangle.files import check_output
+from slipangle.files import check_output, replaced
 
 if TYPE_CHECKING:
     from slipangle.identify.search.search import SearchResult
@@ -69,6 +69,7 @@ def _search(options: argparse.Namespace) -> Answer:
     with Bar(quiet=options.json or options.quiet) as bar:
         bar(0.0, "starting the workers")
         result = search.run(objective, progress=bar)
+    before = replaced(folder / "search.html")
     page = _page(result, options, train.name)
     best = result.best
     rows = [
@@ -79,7 +80,7 @@ def _search(options: argparse.Namespace) -> Answer:
     first = {"number": best.number, "settings": best.settings, "score": best.score}
     words = (
         f"{search_table(result, rows=12).to_text()}\nThe best: "
-        f"{objective.estimator(best.settings, options.seed + best.number)}\n\nThe page: {page.resolve()}"
+        f"{objective.estimator(best.settings, options.seed + best.number)}\n\nThe page: {page.resolve()}{before}"
     )
     return Answer({"best": first, "trials": rows}, words)
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from slipangle.commands import Answer, Commands
 from slipangle.commands.progress import Bar
 from slipangle.errors import ConfigError, FormatError, ModelWarning, ParameterError, nearest
-from slipangle.files import check_output
+from slipangle.files import check_output, replaced
 
 if TYPE_CHECKING:
     from slipangle.data.tire_data import TireData
@@ -153,6 +153,7 @@ def _fit(options: argparse.Namespace) -> Answer:
             bar(0.9, "relaxation length")
             tire, relaxed = with_relaxation(tire, data)
     command = f"slipangle tire fit {' '.join(options.files)} --model {options.model}"
+    written = {path: replaced(path) for path in (options.out, options.page) if path}
     if options.out:
         _write(tire, options.out, save)
     if options.page:
@@ -170,9 +171,9 @@ def _fit(options: argparse.Namespace) -> Answer:
         for _, info in informations(tire)
         for n, v, s in zip(info.names, info.values, info.std, strict=True)
     ]
-    content["written"] = [path for path in (options.out, options.page) if path]
+    content["written"] = list(written)
     words = [*data.notes, *relaxed, *(table.to_text() for table in (errors, *tables))]
-    return Answer(content, "\n".join([*words, *(f"wrote {path}" for path in content["written"])]))
+    return Answer(content, "\n".join([*words, *(f"wrote {path}{before}" for path, before in written.items())]))
 
 
 def _plot(options: argparse.Namespace) -> Answer:
@@ -180,6 +181,7 @@ def _plot(options: argparse.Namespace) -> Answer:
 
     check_output(Path(options.out).parent)
     tire = _read(options, extrapolate=True)
+    before = replaced(options.out)
     page = tire_page(
         tire,
         title=Path(options.file).name,
@@ -187,7 +189,7 @@ def _plot(options: argparse.Namespace) -> Answer:
         camber=math.radians(options.camber),
         command=f"slipangle tire plot {options.file}",
     )
-    return _written(page.write(options.out))
+    return _written(page.write(options.out), before)
 
 
 def _convert(options: argparse.Namespace) -> Answer:
@@ -195,17 +197,18 @@ def _convert(options: argparse.Namespace) -> Answer:
 
     tire: Any = _read(options, extrapolate=False)
     check_output(Path(options.out).parent)
+    before = replaced(options.out)
     if options.mirror:
         if tire.mirrored is None:
             raise ConfigError("only a Magic Formula tire can be mirrored; expected a .tir file: leave --mirror out")
         tire = replace(tire, mirrored=not tire.mirrored)
     if tire.source is not None:
         tire = replace(tire, source=None)  # every coefficient anew, in SI units
-    return _written(_write(tire, options.out, save))
+    return _written(_write(tire, options.out, save), before)
 
 
-def _written(path: Path) -> Answer:
-    return Answer({"written": str(path)}, f"wrote {path}")
+def _written(path: Path, before: str) -> Answer:
+    return Answer({"written": str(path), "replaced": bool(before)}, f"wrote {path}{before}")
 
 
 def _read(options: argparse.Namespace, *, extrapolate: bool) -> Tire:

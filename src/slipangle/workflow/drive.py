@@ -6,7 +6,7 @@ Controllers are in `slipangle.workflow.controllers`.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -33,7 +33,7 @@ from slipangle.workflow.controllers import CONTROLLERS as CONTROLLERS
 from slipangle.workflow.controllers import ESTIMATORS, ControllerSettings, EstimatorSettings, build_path
 from slipangle.workflow.controllers import build_mpc as build_mpc
 from slipangle.workflow.controllers import identified_bicycle as identified_bicycle
-from slipangle.workflow.entries import Seed, Weight, Within, arguments, common
+from slipangle.workflow.entries import Seed, Weight, Within, of_kind, record
 from slipangle.workflow.tires import car_on, plant_tires
 
 _PLANTS = {
@@ -89,27 +89,16 @@ class PlantSettings:
     @classmethod
     def from_table(cls, table: dict[str, Any], where: str) -> Self:
         """Entries of every plant, and those of its kind."""
-        wanted, own = common(cls, table, where)
-        if not wanted.kind and own:
-            names = [f.name for f in fields(cls) if f.name != "entries"]
-            other = next(iter(own))
-            raise ConfigError(
-                f"{where} has no entry {shown(other)}; {nearest(other[:60], names)}: use one of these names"
-            )
+        wanted = of_kind(cls, PLANTS, table, where, every=False) if table.get("kind") else record(cls, table, where)
         if wanted.tire or wanted.tire_f or wanted.tire_r:
             try:
                 require_tires(wanted.tire, wanted.tire_f, wanted.tire_r)
             except ParameterError as error:
                 raise ConfigError(f"{where}: {error}") from None
-        if not wanted.kind:
-            return wanted
-        if wanted.kind not in PLANTS:
-            near = nearest(wanted.kind[:60], PLANTS)
-            raise ConfigError(f"{where}: kind is {shown(wanted.kind)}; {near}: use one of these")
-        if wanted.catalogue or wanted.tire or wanted.tire_f:
+        if wanted.kind and (wanted.catalogue or wanted.tire or wanted.tire_f):
             other = "catalogue name" if wanted.catalogue else "tire"
             raise ConfigError(f"{where} has a kind and a {other}; expected one of them: leave the other out")
-        return replace(wanted, entries=arguments(PLANTS[wanted.kind], own, where))
+        return wanted
 
 
 PLANTS: Registry[Callable[..., Model | PlantProtocol]] = Registry("plant", "slipangle.plants")
