@@ -21,6 +21,7 @@ from slipangle.data.readers.recording import Recording as Recording
 from slipangle.data.writers import write as write
 from slipangle.estimate.ekf import EKF as EKF
 from slipangle.estimate.moving_horizon import MHE as MHE
+from slipangle.estimate.side_slip_sensor import SideSlipSensor as SideSlipSensor
 from slipangle.identify.adapt import Adapt as Adapt
 from slipangle.identify.car.identify_car import IdentifiedCar as IdentifiedCar
 from slipangle.identify.car.identify_car import WholeCar as WholeCar

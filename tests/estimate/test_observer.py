@@ -235,6 +235,24 @@ def test_channels_by_name_may_be_missing_or_held():
     assert by_name.inputs.tolist() == [0.02, 20.0]
 
 
+def test_a_record_with_an_output_from_elsewhere():
+    """It may have gaps, which data may not; without it the record is run as it is."""
+    data = drive(BICYCLE, 40, 9, noise=NOISE)
+    settings = settings_of(BICYCLE)
+    slow = np.where(np.arange(40) % 5 == 0, data["v_y"], np.nan)
+    run, tracker = settings.start_at().run(data, measured={"v_y": slow}), settings.start_at()
+    tracker.restart(BICYCLE.initial_state(data.head(1)))
+    for k in range(40):
+        tracker.update([slow[k], data["r"][k]], [data["delta"][k], data["v_x"][k]])
+        assert np.array_equal(run.states[k], tracker.state)
+    whole = settings.start_at().run(data)
+    assert np.array_equal(whole.states, settings.start_at().run(data, measured={"v_y": data["v_y"]}).states)
+    with pytest.raises(ParameterError, match="measured names 'vy'; nearest are 'v_y'"):
+        settings.start_at().run(data, measured={"vy": slow})
+    with pytest.raises(ParameterError, match=r"measured\['v_y'\] has the shape \(39,\), the data 40 samples"):
+        settings.start_at().run(data, measured={"v_y": slow[1:]})
+
+
 def test_noise_is_that_of_the_fit():
     arx = model_named("ARX")
     assert EKF(start=arx).noise("r") == arx.fit_info.noise_std[1]

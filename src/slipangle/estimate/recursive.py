@@ -15,6 +15,7 @@ from slipangle.estimate.filter import OPEN, Scales, filter_step, fitted, paramet
 from slipangle.estimate.measurements import Intake, Late, Row, by_name, plain_name
 from slipangle.models.fast import bind
 from slipangle.models.model import FitInfo
+from slipangle.optimal.terms import require_names
 
 
 @dataclass(frozen=True)
@@ -233,25 +234,30 @@ class RecursiveVehicle:
             raise ParameterError(f"a sample has {np.size(value)} {what}; expected {len(into)}: {', '.join(names)}")
         into[:] = value
 
-    def run(self, data: Dataset) -> FilterRun:
+    def run(self, data: Dataset, *, measured: Mapping[str, np.ndarray] | None = None) -> FilterRun:
         """Take in all samples of a record, one experiment after the other, each from its own initial state.
 
-        Raises SampleTimeError or MissingColumnError if the data have another sample time or lack a channel, and
-        SimulationError if the filter diverged.
+        Raises SampleTimeError or MissingColumnError if the data have another sample time or lack a channel,
+        ParameterError if ``measured`` does not fit, and SimulationError if the filter diverged.
+
+        Parameters
+        ----------
+        data : Dataset
+            Inputs and outputs.
+        measured : mapping of str to array, shape (n_samples,), optional
+            Outputs that are taken from here and not from the data; NaN where not measured.
         """
         model = self.settings.start
         data.require_dt(model.dt)
-        for name in (*model.inputs, *model.outputs):
-            data.index(name)
+        rows = self._rows_of(data, measured or {})
         n, nx, nq, ny = data.n_samples, self._nx, self._nq, model.n_outputs
         states, parameters, errors = np.empty((2, n, nx)), np.empty((2, n, nq)), np.empty((2, n, ny))
         taken, biases = np.zeros((n, ny), dtype=bool), np.empty((2, n, self._n - nx - nq))
         for part, start in zip(data.experiments, data.starts, strict=True):
-            chosen = part.select(inputs=model.inputs, outputs=model.outputs)
-            y, u = chosen.y, chosen.u
+            u = part.columns(model.inputs)
             self.restart(model.initial_state(part.head(model.memory)))
             for k in range(part.n_samples):
-                errors[0, start + k] = self.update(y[k], u[k])
+                errors[0, start + k] = self.update(rows[start + k], u[k])
                 errors[1, start + k] = np.sqrt(self._variance)
                 states[0, start + k], states[1, start + k] = self.state, self.state_std
                 parameters[0, start + k], parameters[1, start + k] = self.parameters, self.parameters_std
@@ -261,6 +267,23 @@ class RecursiveVehicle:
         free, outputs, biased = self.settings.free, model.outputs, tuple(self.settings.bias_std)
         run = FilterRun(data.t, model.states, x, x_std, free, p, p_std, outputs, e, e_std)
         return replace(run, taken=taken, biased=biased, biases=biases[0], biases_std=biases[1])
+
+    def _rows_of(self, data: Dataset, measured: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Outputs at every sample, shape (n_samples, n_outputs); see `run` for what is raised."""
+        model, n = self.settings.start, data.n_samples
+        require_names(measured, model.outputs, "measured", "use an output of the model")
+        columns = []
+        for name in model.outputs:
+            column = np.asarray(measured[name] if name in measured else data[name], dtype=float)
+            if column.shape != (n,):
+                raise ParameterError(
+                    f"measured['{name}'] has the shape {column.shape}, the data {n} samples; expected one number for "
+                    "each: NaN where there is none"
+                )
+            columns.append(column)
+        for name in model.inputs:
+            data.index(name)
+        return np.column_stack(columns) if columns else np.empty((n, 0))
 
     # ---- what is known now -------------------------------------------------------------------------------------
 
