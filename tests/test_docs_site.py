@@ -6,11 +6,13 @@ from pathlib import Path
 
 import pytest
 from docs.site.api import write_pages
+from docs.site.described import lacks
 from docs.site.links import broken
 from docs.site.pages import MADE, anchors, loose, navigation, written
 from docs.site.public import PAGES, members, page_of, public
 
 import slipangle
+from slipangle.errors import ParameterError
 
 ROOT = Path(__file__).parents[1]
 
@@ -66,3 +68,33 @@ def test_the_reference_has_every_public_name_once(tmp_path):
 
 def test_each_page_of_the_reference_has_something():
     assert {page_of(thing) for thing in public().values()} == set(PAGES)
+
+
+REFERENCE = public()
+
+
+@pytest.mark.parametrize("full", REFERENCE, ids=lambda full: full.removeprefix("slipangle."))
+def test_the_reference_says_arguments_units_shapes_and_errors(full):
+    """Each argument of a public class, method or function has a meaning, each number a unit, each error a sentence."""
+    assert lacks(full, REFERENCE[full]) == []
+
+
+def test_what_the_reference_lacks_is_found():
+    class Poor:
+        """A thing."""
+
+        def __init__(self, size: float, other_thing: int) -> None:
+            """Of ``size``."""
+
+        def area(self, height_over_ground: float) -> float:
+            """How large it is."""
+            raise ParameterError("too high")
+
+    Poor.area.__module__ = "slipangle.poor"
+    assert lacks("Poor", Poor) == [
+        "Poor: argument size is not described",
+        "Poor: argument other_thing is not described",
+        "Poor.area: argument height_over_ground is not described",
+        "Poor.area: no unit of what is returned",
+        "Poor.area: ParameterError is not said",
+    ]

@@ -7,6 +7,7 @@ import re
 import sys
 from typing import Any
 
+from docs.site.described import added
 from sphinx.application import Sphinx
 
 _CODE = re.compile(r"(``.+?``)")
@@ -20,6 +21,8 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 def _process(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
     text = _with_text_first("\n".join(lines))
+    if what in ("class", "function", "method"):
+        text = _completed(text, list(added(thing)))
     cited = set(re.findall(r"\[(\d+)\]_", text)) - set(re.findall(r"^\.\. \[(\d+)\]", text, re.M))
     text = re.sub(r"^\.\. \[(\d+)\] (.*(?:\n {3,}.*)*)", _plain, text, flags=re.M)
     text = re.sub(r"\[(\d+)\]_", r"[\1]", text)
@@ -28,6 +31,21 @@ def _process(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines:
     if below:
         text = "\n\n".join([text.rstrip(), ".. rubric:: References", *below, ""])
     lines[:] = "".join(_marked(part) for part in _CODE.split(text)).replace("\0", "\\ ").split("\n")
+
+
+def _completed(text: str, more: list[tuple[str, str, str]]) -> str:
+    """The docstring with entries for arguments that it does not describe."""
+    entries = "".join(f"{key} : {kind}\n    {meaning}\n" for key, kind, meaning in more)
+    head = "Parameters\n----------\n"
+    if not entries:
+        return text
+    if head not in text:
+        section = re.search(r"^[A-Z]\w+\n---+\n", text, re.M)
+        place = section.start() if section else len(text)
+        return f"{text[:place].rstrip()}\n\n{head}{entries}\n{text[place:]}"
+    before, after = text.split(head)
+    own, *rest = re.split(r"\n\s*\n", after, maxsplit=1)
+    return "\n\n".join([f"{before}{head}{own.rstrip()}\n{entries.rstrip()}", *rest])
 
 
 def _with_text_first(text: str) -> str:

@@ -25,6 +25,19 @@ PAGES = {
     "export": ("Export", ("export",)),
     "rest": ("Units, numbers, errors", ("",)),
 }
+INNER = (  # machinery that results or bases speak of, and nobody calls
+    "control.fallback",
+    "control.marx.problem",
+    "control.marx.blended",
+    "estimate.window",
+    "identify.physics.simulation_error",
+    "models.fast",
+    "models.vehicles.dual_track",
+    "numerics",
+    "optimal.engine",
+    "optimal.ipopt.IpoptEngine",
+    "paths.line",
+)
 MORE = ("slipangle.export.export", "slipangle.export.build", "slipangle.export.load", "slipangle.export.fmi.export_fmu")
 
 
@@ -44,8 +57,12 @@ def function_of(member: Any) -> FunctionType | None:
 
 def members(kind: type) -> dict[str, Any]:
     """Public methods and properties that a class itself defines, by name, in the order of its source."""
-    own = {k: v for k, v in vars(kind).items() if not k.startswith("_") and function_of(v) is not None}
-    return {k: v for k, v in own.items() if function_of(v).__module__.startswith("slipangle.")}
+    own = {k: (v, function_of(v)) for k, v in vars(kind).items() if not k.startswith("_")}
+    return {
+        k: v  # what a class takes from what it wraps has no name of its own
+        for k, (v, f) in own.items()
+        if f is not None and f.__module__.startswith("slipangle.") and f.__name__ != "<lambda>"
+    }
 
 
 def is_property(member: Any) -> bool:
@@ -63,7 +80,8 @@ def public() -> dict[str, Any]:
     while waiting:
         thing = waiting.pop()
         name = f"{thing.__module__}.{thing.__qualname__}"
-        if name in found or not thing.__module__.startswith("slipangle."):
+        inner = name.removeprefix("slipangle.").startswith(INNER) and thing not in named
+        if name in found or inner or not thing.__module__.startswith("slipangle."):
             continue
         found[name] = thing
         waiting += _returned(thing)

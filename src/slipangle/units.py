@@ -118,12 +118,12 @@ def from_si(values: np.ndarray | float, unit: str) -> np.ndarray:
 
 
 def deg(value: float) -> float:
-    """Degrees to radians."""
+    """Degrees, ``value``, to radians. [rad]"""
     return math.radians(value)
 
 
 def kmh(value: float) -> float:
-    """Kilometres per hour to metres per second."""
+    """Kilometres per hour, ``value``, to metres per second. [m/s]"""
     return value / 3.6
 
 
@@ -132,6 +132,6 @@ class SI:
     """Unit, meaning and admissible range of a parameter, as field metadata."""
 
     unit: str
-    doc: str
-    lower: float = -math.inf
-    upper: float = math.inf
+    doc: str  # meaning in a few words
+    lower: float = -math.inf  # smallest value, in unit
+    upper: float = math.inf  # largest value, in unit

@@ -36,7 +36,7 @@ class Commands:
     Parameters
     ----------
     values : dict of str to float
-        Inputs of the car by name, finite and within limits.
+        Inputs of the car by name, finite and within limits, SI units.
     wanted_v_x : float
         Speed that the car should have: the path's, or 0 to stop. [m/s]
     plan : Plan or None
@@ -111,7 +111,7 @@ class Driver:
     estimator : EKF or MHE, optional
         Its model is the controller's. By default one for `noise` and `late`.
     noise : mapping of str to float
-        Standard deviation of measured outputs, as of `EKF`, X, Y and psi among them.
+        Standard deviation of measured outputs, as of `EKF`, X, Y and psi among them, SI units.
     late : mapping of str to float
         How long after its instant an output arrives. [s]
     dt : float

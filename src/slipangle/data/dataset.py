@@ -1,5 +1,6 @@
 """`Dataset`: uniformly sampled recordings of named channels with units."""
 
+# Long: the record that every room takes is read as a whole, and half of it are docstrings.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -40,7 +41,9 @@ class Dataset(InFrames, Shown):
     Experiments are stored one after another; `experiments` gives each as a data set of its own.
     A gap in a log ends one experiment and starts the next: nothing is interpolated across it.
 
-    Raises NotFiniteError or MissingColumnError if a value is NaN or infinite, or an input or output is not a channel.
+    Raises NotFiniteError or MissingColumnError if a value is NaN or infinite, or an input or output is not a channel,
+    ParameterError or SampleTimeError if counts of columns, names or experiments do not match, a name repeats, or the
+    sample time is not positive.
 
     Parameters
     ----------
@@ -122,7 +125,9 @@ class Dataset(InFrames, Shown):
         units: Mapping[str, str] | None = None,
         name: str = "data",
     ) -> Self:
-        """One experiment from one array per channel, already in SI units.
+        """One experiment from one array per channel, shape (n_samples,), already in SI units.
+
+        ``extra`` are channels that are neither input nor output. Raises ParameterError if lengths differ.
 
         >>> data = Dataset.from_arrays({"delta": np.zeros(5)}, {"r": np.ones(5)}, 0.1)
         >>> data.n_samples, data.u.shape
@@ -237,7 +242,10 @@ class Dataset(InFrames, Shown):
         return replace(self, **{key: tuple(names) for key, names in others.items() if names is not None})
 
     def with_channel(self, name: str, values: np.ndarray, unit: str = "-") -> Self:
-        """The data with one channel added or replaced."""
+        """The data with one channel added or replaced: ``values``, shape (n_samples,), SI units.
+
+        Raises ParameterError if there are more or fewer values than samples.
+        """
         column, n = np.asarray(values, dtype=float).reshape(-1, 1), self.n_samples
         if len(column) != n:
             raise ParameterError(f"channel '{name}' has {len(column)} samples, the data have {n}; expected the same")
@@ -252,17 +260,20 @@ class Dataset(InFrames, Shown):
         return replace(self, values=table, channels=channels)
 
     def with_note(self, note: str) -> Self:
-        """The data with one more line in `notes`."""
+        """The data with one more line in `notes`: ``note``."""
         return replace(self, notes=(*self.notes, note))
 
     def head(self, n: int) -> Self:
-        """The first ``n`` samples of a single experiment."""
+        """The first ``n`` samples of a single experiment; raises ParameterError if there are several."""
         if len(self.starts) > 1:
             raise ParameterError("head() of several experiments is ambiguous: take it of one of data.experiments")
         return replace(self, values=self.values[:n])
 
     def rows(self, start: int, stop: int) -> Self:
-        """Samples ``start`` to ``stop`` (exclusive); experiment borders inside stay borders."""
+        """Samples ``start`` to ``stop`` (exclusive); experiment borders inside stay borders.
+
+        Raises TooShortError if there is none among them.
+        """
         start, stop = max(start, 0), min(stop, self.n_samples)
         if stop <= start:
             raise TooShortError(
@@ -283,6 +294,8 @@ class Dataset(InFrames, Shown):
 
     def split(self, fraction: float) -> tuple[Self, Self]:
         """The first ``fraction`` of the samples for training, the rest for testing; never mixed.
+
+        Raises ParameterError if the fraction is not between 0 and 1, TooShortError if a side has fewer than 2 samples.
 
         >>> train, test = Dataset.from_arrays({"u": np.zeros(10)}, {"y": np.zeros(10)}, 0.1).split(0.7)
         >>> train.n_samples, test.n_samples, round(float(test.t[0]), 9)
@@ -307,7 +320,8 @@ class Dataset(InFrames, Shown):
         Fourth-order Butterworth run forwards and backwards, then interpolation to the new instants (cubic after the
         low-pass, where the record is smooth; linear otherwise, which never overshoots a step), inside each experiment.
         Forwards and backwards halve the amplitude at the corner and keep the phase; a filtered record must not be used
-        to measure causality.
+        to measure causality. Raises SampleTimeError if ``dt`` is not positive or makes too many samples, ParameterError
+        if the corner is not between 0 and half the sample rate.
         """
         if not dt > 0:
             raise SampleTimeError(f"the new sample time is {dt} s; expected a positive number")
@@ -345,7 +359,7 @@ class Dataset(InFrames, Shown):
         return replace(self, values=table, notes=(*self.notes, "inputs are means over each sample interval"))
 
     def detrend(self, offsets: Mapping[str, float] | None = None) -> tuple[Self, dict[str, float]]:
-        """Subtract offsets from inputs and outputs, by default their means; gives what was subtracted, too.
+        """Subtract offsets from inputs and outputs, by default their means; gives what was subtracted, too. [SI]
 
         Give the training data's offsets to treat test data alike.
         """
@@ -357,7 +371,7 @@ class Dataset(InFrames, Shown):
         return replace(self, values=table), used
 
     def require_dt(self, dt: float, who: str = "the model") -> None:
-        """Raise a SampleTimeError if the data's sample time differs by more than 1e-6 of its value."""
+        """Raise a SampleTimeError if the data's sample time differs by more than 1e-6 of ``dt``; ``who`` asks."""
         if not isclose(self.dt, dt, rel_tol=1e-6):
             raise SampleTimeError(
                 f"'{self.name}' is sampled at {self.dt:g} s, {who} works at {dt:g} s; expected the same: "
@@ -366,7 +380,7 @@ class Dataset(InFrames, Shown):
 
 
 def join(*parts: Dataset, name: str | None = None) -> Dataset:
-    """Several data sets as experiments of one.
+    """Several data sets, ``parts``, as experiments of one.
 
     Raises ParameterError, SampleTimeError, MissingColumnError or UnitError if there is nothing to join, or the sample
     times, channels or units differ.

@@ -30,21 +30,21 @@ class FilterRun:
 
     t: np.ndarray
     state_names: tuple[str, ...]
-    states: np.ndarray
-    states_std: np.ndarray
-    free: tuple[str, ...]
-    parameters: np.ndarray
-    parameters_std: np.ndarray
+    states: np.ndarray  # after each sample, shape (n_samples, n_states), SI units
+    states_std: np.ndarray  # of those
+    free: tuple[str, ...]  # names of the parameters that are estimated
+    parameters: np.ndarray  # after each sample, shape (n_samples, n_free), SI units
+    parameters_std: np.ndarray  # of those
     outputs: tuple[str, ...]
-    error: np.ndarray
-    error_std: np.ndarray
+    error: np.ndarray  # measured minus predicted, shape (n_samples, n_outputs)
+    error_std: np.ndarray  # of those
     taken: np.ndarray = field(default_factory=lambda: np.zeros((0, 0), dtype=bool))
     biased: tuple[str, ...] = ()
     biases: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-    biases_std: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    biases_std: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))  # of the biases
 
     def parameter(self, name: str) -> np.ndarray:
-        """One parameter over time.
+        """One parameter over time, shape (n_samples,), in its SI unit.
 
         Raises ParameterError if it was not free.
         """
@@ -55,6 +55,8 @@ class FilterRun:
 
 class RecursiveVehicle:
     """A vehicle whose states and parameters are estimated one sample at a time; made by `EKF.start_at`.
+
+    ``settings`` are those of the `EKF`.
 
     `update` allocates nothing unless outputs are late: prediction, derivatives and correction are one CasADi function
     on arrays made here.
@@ -89,7 +91,8 @@ class RecursiveVehicle:
     def restart(self, x0: np.ndarray | None = None) -> None:
         """Forget the state but not the parameters and offsets: for a new experiment or after a gap.
 
-        ``x0``, shape (n_states,), is the state expected at the next sample; by default zero.
+        ``x0``, shape (n_states,), is the state expected at the next sample; by default zero. Raises ParameterError if
+        it is not as many finite numbers.
         """
         nx, s = self._nx, self.settings
         x0 = np.zeros(nx) if x0 is None else np.asarray(x0, dtype=float)
@@ -289,12 +292,12 @@ class RecursiveVehicle:
 
     @property
     def state(self) -> np.ndarray:
-        """Estimated states, in the order of the model's."""
+        """Estimated states, shape (n_states,), in the order of the model's, SI units."""
         return self._z[: self._nx].copy()
 
     @property
     def state_std(self) -> np.ndarray:
-        """Their standard deviations."""
+        """Their standard deviations, shape (n_states,)."""
         return np.sqrt(np.diag(self._P)[: self._nx])
 
     @property
@@ -328,7 +331,7 @@ class RecursiveVehicle:
 
     @property
     def biases_std(self) -> np.ndarray:
-        """Their standard deviations."""
+        """Their standard deviations, one for each bias."""
         return np.sqrt(np.diag(self._P)[self._nx + self._nq :])
 
     @property
@@ -338,14 +341,14 @@ class RecursiveVehicle:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of the parameters, to first order."""
+        """Covariance of the parameters, to first order, shape (n_free, n_free)."""
         own = slice(self._nx, self._nx + self._nq)
         slope = self._scales.slopes(self._z[own])
         return self._P[own, own] * np.outer(slope, slope)
 
     @property
     def parameters_std(self) -> np.ndarray:
-        """Standard deviations of the parameters."""
+        """Standard deviations of the parameters, shape (n_free,)."""
         return np.sqrt(np.diag(self.covariance))
 
     def model(self, **more: Any) -> Any:

@@ -134,7 +134,8 @@ def load(folder: str | Path) -> BuiltController:
 class BuiltController(Controller):
     """A controller on a compiled library; see `load`.
 
-    It goes on from its own last plan: ``previous`` is that plan, or None to start anew.
+    It goes on from its own last plan: ``previous`` is that plan, or None to start anew. Made by `load`, which raises
+    ConfigError, HashError or FormatError where the library is not of this machine, was changed, or is none.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -248,7 +249,10 @@ class BuiltController(Controller):
         return np.array([measured.get(n, 0.0) for n in self._states])
 
     def reference(self, preview: Preview, **exogenous: np.ndarray | float) -> Reference:
-        """`Reference` from a look along a path; exogenous inputs that it does not know must be given."""
+        """`Reference` from a look along a path; exogenous inputs that it does not know must be given.
+
+        Raises ParameterError if one is lacking or unknown.
+        """
         preview.require_times(self.times)
         known = preview_columns(preview)
         rows = {n: at_nodes(np.asarray(v, dtype=float), self.horizon) for n, v in exogenous.items()}

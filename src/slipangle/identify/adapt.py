@@ -50,7 +50,7 @@ class Adapt(Checked):
     folds : int
         Blocks of the test whether it helps; 0 trusts it.
     worth : float
-        Smallest relative reduction of the squared error over all blocks.
+        Smallest relative reduction of the squared error over all blocks. [-]
     max_iterations : int
         Steps at most.
     """

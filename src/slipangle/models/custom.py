@@ -119,7 +119,7 @@ class Ode(OdeModel):
     more : callable, optional
         ``more(x, u, p)``, further signals by name, such as ``{"a_y": ...}``.
     begin : mapping, optional
-        Initial value of states that the data have no channel for; by default 0.
+        Initial value of states that the data have no channel for, SI units; by default 0.
     method, substeps
         As for every `OdeModel`; explicit steps are at most 10 ms long unless ``substeps`` says otherwise.
 

@@ -109,7 +109,7 @@ class FitInfo(Shown):
 
     @property
     def std(self) -> np.ndarray:
-        """Standard deviation of each estimate."""
+        """Standard deviation of each estimate, shape (n_free,), in its unit."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     def interval(self, level: float = 0.95) -> np.ndarray:
@@ -121,7 +121,7 @@ class FitInfo(Shown):
 
     @property
     def correlation(self) -> np.ndarray:
-        """Correlation matrix of the estimates."""
+        """Correlation matrix of the estimates, shape (n_free, n_free)."""
         std = np.where(self.std > 0, self.std, 1.0)
         return self.covariance / np.outer(std, std)
 
@@ -141,7 +141,7 @@ class FitInfo(Shown):
         return float(np.sqrt(size[-1] / size[0])) if size[0] > 0 else float("inf")
 
     def correlated(self, least: float = 0.9) -> tuple[tuple[str, str, float], ...]:
-        """Pairs of parameters whose estimates correlate by at least ``least`` in size, the strongest first."""
+        """Pairs of parameters whose estimates correlate by at least ``least`` [-] in size, the strongest first."""
         rho = self.correlation
         pairs = ((self.names[i], self.names[j], float(rho[i, j])) for i, j in combinations(range(len(self.names)), 2))
         return tuple(sorted((p for p in pairs if abs(p[2]) >= least), key=lambda pair: -abs(pair[2])))
@@ -281,14 +281,14 @@ class Model(FastPaths, abc.ABC):
 
     @abc.abstractmethod
     def step(self, x: Vector, u: Vector) -> Vector:
-        """State one sample later."""
+        """State one sample later, shape (n_states,), SI units."""
 
     @abc.abstractmethod
     def output(self, x: Vector, u: Vector) -> Vector:
-        """Outputs at the same sample."""
+        """Outputs at the same sample, shape (n_outputs,), SI units."""
 
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
-        """State after measuring ``y`` at the same sample; by default nothing is corrected."""
+        """State after measuring ``y`` at the same sample, shape (n_states,); by default nothing is corrected."""
         return x
 
     def _repr_html_(self) -> str:

@@ -67,7 +67,7 @@ class Parametrised:
         return data.u
 
     def drive(self, row: Vector) -> Vector:
-        """Inputs of the ODE from one row of `drive_rows`."""
+        """Inputs of the ODE, shape (n_inputs,), from one row of `drive_rows`."""
         return row
 
     def for_experiment(self, index: int) -> Self:
@@ -101,6 +101,8 @@ class OdeModel(Parametrised, Model):
     method, substeps
         Integrator, see `slipangle.numerics.integrate`; by default enough explicit steps to keep each at or
         below `max_step`, or one step of Radau IIA.
+
+    Raises ParameterError if the sample time is not positive or an output is not known.
     """
 
     max_step: ClassVar[float] = 0.01
@@ -142,7 +144,7 @@ class OdeModel(Parametrised, Model):
 
     @abc.abstractmethod
     def derivative(self, x: Vector, u: Vector) -> Vector:
-        """Time derivative of the state."""
+        """Time derivative of the state, shape (n_states,), SI units per second."""
 
     def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
         """Signals besides the states that can be outputs, by name."""

@@ -127,7 +127,7 @@ class OCP(Checked):
     terms : mapping of str to callable, optional
         Further quantities, each a function ``(x, u, p)`` of the model's state, its inputs and its ``params`` (None
         where it has none), written with `slipangle.ops`. Their names may stand in Q and terminal, which bring them to
-        zero, and in limits, slack and slack_linear.
+        zero, and in limits, slack and slack_linear; SI units.
     corridor : float, optional
         Vehicle width to keep between the edges of the lane [m]: limits ``e_y`` by the reference's corridor.
 
@@ -321,7 +321,7 @@ class OCP(Checked):
         return x, u, w, self.all_inputs(u, w), p
 
     def all_inputs(self, u: Any, w: Any) -> Any:
-        """The model's input vector from decided and exogenous inputs, as symbols."""
+        """The model's input vector from decided inputs ``u`` and exogenous ones ``w``, as symbols."""
         parts = [
             u[self.controls.index(n)] if n in self.controls else w[self.exogenous.index(n)] for n in self.model.inputs
         ]
@@ -342,7 +342,7 @@ class OCP(Checked):
 
     @cached_property
     def weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Q and terminal over `tracked`, R and S over `controls`."""
+        """Q and terminal over `tracked`, R and S over `controls`; shapes (n_tracked,), (n_controls,)."""
         q, end = (_row(w, self.tracked) for w in (self.Q, self.Q if self.terminal is None else self.terminal))
         return q, end, _row(self.R, self.controls), _row(self.S, self.controls)
 
@@ -377,7 +377,7 @@ class OCP(Checked):
 
     @cached_property
     def slack_weights(self) -> tuple[np.ndarray, np.ndarray]:
-        """Squared and plain weight of each of `soft`."""
+        """Squared and plain weight of each of `soft`, shapes (n_soft,)."""
         return _row(self.slack, self.soft), _row(self.slack_linear, self.soft)
 
     def state_bounds(self, reference: Reference) -> np.ndarray:

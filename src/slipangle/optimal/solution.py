@@ -70,7 +70,7 @@ class Health(NamedTuple):
     overruns_in_a_row: int = 0
 
     def after(self, fallback: bool, late: bool) -> Health:
-        """One plan later."""
+        """One plan later: whether it was a ``fallback``, and whether it came ``late``."""
         a, b, c, d, e = self
         later = (a + 1, b + fallback, c + 1 if fallback else 0, d + late, e + 1 if late else 0)
         return tuple.__new__(Health, later)  # half the time of its constructor
@@ -95,7 +95,7 @@ class Plan:
     seconds : float
         Wall time of the whole call. [s]
     cost : float
-        Value of the cost; NaN for a fallback.
+        Value of the cost, in the units of its weights; NaN for a fallback.
     iterations : int
         Of the solver.
     controls : tuple of str
@@ -107,13 +107,14 @@ class Plan:
     detail : str
         What a solver that stopped said.
     residual : float
-        Of the optimality conditions at the end of the solve, as far as the solver knows it. After real-time iterations
+        Of the optimality conditions at the end of the solve, as far as the solver knows it. [-] After real-time
+        iterations
         the largest of: what is violated; what the quadratic program left; and about how much the curvature of the
         problem along the last step makes the next one change inputs (relative to half their range) and states. States
         and limited quantities count relative to 1 + their mean change per step. Of a converged plan, the last
         relative change of an input.
     violation : float
-        Largest excess over any constraint at this plan: defects of the model from step to step, limits of states.
+        Largest excess over any constraint at this plan: defects of the model from step to step, limits of states. [SI]
     memory : object
         What the solver needs for its next start; of a fallback, what the next fallback needs.
     unfinished : object

@@ -13,7 +13,10 @@ T = TypeVar("T")
 
 
 class Named(Mapping[str, T], Generic[T]):
-    """A checked number, or two, by channel name, immutable."""
+    """A checked number, or two, by channel name, immutable; ``given`` is a dictionary, or ``named`` keywords are.
+
+    Raises ParameterError if a name is no text or a number makes no sense.
+    """
 
     __slots__ = ("_items",)
     _what: ClassVar[str]
@@ -35,7 +38,7 @@ class Named(Mapping[str, T], Generic[T]):
 
     @classmethod
     def of(cls, given: Any, what: str) -> Self:
-        """The same, from a dictionary too.
+        """The same, from a dictionary ``given`` too.
 
         Raises
         ------

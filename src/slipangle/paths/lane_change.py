@@ -67,7 +67,7 @@ def obstacle_avoidance(
 
     Sections of 12, 13.5, 11, 12.5, 12 m (61 m together); lanes 1.1 w + 0.25, w + 1 and 1.3 w + 0.25 m (at
     least 3 m) wide; the second lane begins 1 m left of the first one's left edge; the third has the first
-    one's right edge. Parameters as in `double_lane_change`.
+    one's right edge. ``blend``, ``run_in`` and ``run_out`` [m] as in `double_lane_change`.
 
     Source: ISO 3888-2:2011, Passenger cars, Test track for a severe lane-change manoeuvre, part 2.
     """
@@ -84,9 +84,10 @@ def lane_changes(
     hold: float = 30.0,
     lane: float = 3.5,
 ) -> Path:
-    """A sequence of lane changes: straight for ``hold``, then to each lateral position (from 0) in turn. [m]
+    """A sequence of lane changes: straight for ``hold``, then to each of the lateral ``offsets`` (from 0) in turn. [m]
 
     Each takes ``change`` along the path; the lane is ``lane`` wide about the centre line; the speed is ``v_x`` [m/s].
+    Raises ParameterError if a length is not positive.
     """
     for key, value in {"change": change, "hold": hold, "lane": lane}.items():
         if not value > 0:

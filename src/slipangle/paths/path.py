@@ -29,8 +29,8 @@ _FIELDS = ("s", "X", "Y", "psi", "curvature", "v_x", "right", "left")
 class Path(Shown):
     """Centre line over arc length ``s``, evenly spaced from zero [m]; all arrays have shape (n,).
 
-    Raises ParameterError if lengths differ or the arc length is not evenly spaced from zero, and NotFiniteError if a
-    value is NaN, or infinite where it must not be.
+    Raises ParameterError if lengths differ or the arc length is not evenly spaced from zero, TooShortError if there
+    are fewer than 2 samples, and NotFiniteError if a value is NaN, or infinite where it must not be.
 
     Parameters
     ----------
@@ -179,7 +179,8 @@ class Path(Shown):
         """The path with the fastest speed profile that keeps to acceleration limits, all positive. [m/s, m/s2]
 
         Curvature bounds the speed by ``a_y``; what the curve leaves of the friction ellipse is there for
-        speeding up (``a_x``) and slowing down (``a_brake``, by default ``a_x``).
+        speeding up (``a_x``) and slowing down (``a_brake``, by default ``a_x``); no speed is above ``v_max``. Raises
+        ParameterError if one is not positive.
         """
         brake = a_x if a_brake is None else a_brake
         for key, value in {"v_max": v_max, "a_y": a_y, "a_x": a_x, "a_brake": brake}.items():

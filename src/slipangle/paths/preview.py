@@ -34,13 +34,13 @@ class Preview:
     psi: np.ndarray
     curvature: np.ndarray
     v_x: np.ndarray
-    right: np.ndarray
-    left: np.ndarray
+    right: np.ndarray  # distance to the lane's right edge, infinite where there is none [m]
+    left: np.ndarray  # the same to the left [m]
     t: np.ndarray | None = None
 
     @classmethod
     def of(cls, s: np.ndarray, rows: np.ndarray, t: np.ndarray | None = None) -> Self:
-        """From places and X, Y, psi, curvature, v_x, right, left there, shape (7, n)."""
+        """From places and ``rows`` of X, Y, psi, curvature, v_x, right, left there, shape (7, n)."""
         X, Y, psi, curvature, v_x, right, left = rows
         return cls(s=s, X=X, Y=Y, psi=psi, curvature=curvature, v_x=v_x, right=right, left=left, t=t)
 
@@ -63,7 +63,7 @@ class Preview:
             )
 
     def v_x_dot(self, times: np.ndarray) -> np.ndarray:
-        """Mean acceleration along the path from each row's instant to the next one's; of the last as before. [m/s2]"""
+        """Mean acceleration along the path from each row's instant, of ``times`` [s], to the next one's. [m/s2]"""
         rate = np.diff(self.v_x) / np.diff(times)
         return np.append(rate, rate[-1:])
 

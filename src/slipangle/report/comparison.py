@@ -10,7 +10,7 @@ from slipangle.report.tables import Heading, Row, ScoreRow, Table, Tone, number,
 
 
 def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> Page:
-    """The best in a sentence, ranking, free runs, error clouds and errors over the horizon of all that did not fail.
+    """The best of ``result`` in a sentence, ranking, free runs, error clouds and errors over the horizon.
 
     ``data`` are the test data that the comparison was made with; ``command`` is what makes the page again.
     ``page.write("comparison.html")`` writes it.

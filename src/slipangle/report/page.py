@@ -156,11 +156,11 @@ class Page:
     policy forbids every request. All texts are escaped. A command that is the page's own stands at the foot only.
     """
 
-    title: str
-    sections: tuple[Section, ...]
-    subtitle: str = ""
-    facts: tuple[Fact, ...] = ()
-    command: str = ""
+    title: str  # first heading
+    sections: tuple[Section, ...]  # in order, the verdict first
+    subtitle: str = ""  # below the title
+    facts: tuple[Fact, ...] = ()  # provenance, at the foot
+    command: str = ""  # that made the page
 
     def write(self, path: str | Path) -> Path:
         """Write the page whole or not at all, and return where it is.
@@ -170,7 +170,7 @@ class Page:
         return write_atomic(path, self.to_html())
 
     def to_html(self) -> str:
-        """The whole page."""
+        """The whole page; raises ParameterError if it has no section."""
         if not self.sections:
             raise ParameterError(f"the page '{self.title}' has no section; expected at least one: add the verdict")
         ids = _Ids({"figure-settings", "plotly", "again", "copy"})

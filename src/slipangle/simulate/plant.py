@@ -107,7 +107,10 @@ def _draws(rng: np.random.Generator) -> Iterator[float]:
 
 
 class Simulation:
-    """A drive of a `Plant`: state, actuators and delayed commands, advanced in place."""
+    """A drive of a ``plant``: state, actuators and delayed commands, advanced in place.
+
+    Raises ParameterError if the shapes of the first state and inputs are not (n_states,) and (n_inputs,).
+    """
 
     def __init__(self, plant: Plant, x: np.ndarray, inputs: np.ndarray) -> None:
         model = plant.model

@@ -56,7 +56,8 @@ class PlantProcess:
     """A `PlantProtocol` behind a local socket.
 
     Raises ConfigError if the address is not one of this machine or nobody answers there, FormatError if an answer is
-    not of the protocol, SimulationError if the vehicle reports an error or goes away.
+    not of the protocol, SimulationError if the vehicle reports an error or goes away, ParameterError if
+    the patience is not positive.
 
     Parameters
     ----------

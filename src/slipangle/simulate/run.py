@@ -84,18 +84,21 @@ class Run(Shown):
         return self.v_x - self.reference[:, 3]
 
     def error(self, name: str) -> np.ndarray:
-        """Tracking error: ``"y"`` across the path [m], ``"psi"`` in heading [rad], ``"v_x"`` in speed [m/s]."""
+        """Tracking error: ``"y"`` across the path [m], ``"psi"`` in heading [rad], ``"v_x"`` in speed [m/s].
+
+        Raises ParameterError if there is no such error.
+        """
         errors = {"y": self.e_y, "psi": self.e_psi, "v_x": self.e_v}
         if name not in errors:
             raise ParameterError(f"there is no tracking error '{name}'; {nearest(name, errors)}: use one of these")
         return errors[name]
 
     def rmse(self, name: str = "y") -> float:
-        """Root mean square of a tracking error, see `error`."""
+        """Root mean square of a tracking error, see `error`. [m, rad or m/s]"""
         return float(np.sqrt(np.mean(self.error(name) ** 2)))
 
     def max(self, name: str = "y") -> float:
-        """Largest magnitude of a tracking error, see `error`."""
+        """Largest magnitude of a tracking error, see `error`. [m, rad or m/s]"""
         return float(np.abs(self.error(name)).max())
 
     @property

@@ -83,7 +83,7 @@ class MultiARXMPC(BlendedProblem):
         program of ``(0, 1, 2, 4, 8)`` has 5 decisions over any horizon. By default every step is decided.
     integral : float
         Share of each step's prediction error that is believed to last, 0 to 1: it is added up, and the sum added to the
-        outputs of all models at every step. 0.2 takes away most of a steady offset within half a second.
+        outputs of all models at every step. 0.2 takes away most of a steady offset within half a second. [-]
     fallback : int
         How many steps in a row a shifted plan may serve when the state or the reference is not finite.
     safe : Values
@@ -116,7 +116,7 @@ class MultiARXMPC(BlendedProblem):
         applied: np.ndarray | None,
         memory: Any = None,
     ) -> MultiARXPlan:
-        """`plan` with other coefficients than the model's, such as adapted ones; ``memory`` goes into the plan."""
+        """`plan` with ``numbers`` for the model's coefficients, such as adapted ones; ``memory`` goes into the plan."""
         solver = self.solver
         begin = perf_counter()
         if type(reference) is Reference and not self.integral:

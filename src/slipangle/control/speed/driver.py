@@ -41,7 +41,7 @@ class SpeedDriver(Checked):
     ki : tuple of float
         Integral gain at each of `speeds`. [output per m]
     limits : tuple of float
-        Smallest (braking) and largest (driving) output.
+        Smallest (braking) and largest (driving) output. [output: N m or -]
     speeds : tuple of float
         Where the gains hold, rising; linear in between, constant beyond. [m/s]
     feedforward : float

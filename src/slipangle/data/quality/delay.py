@@ -36,9 +36,9 @@ class Delay:
     coherent: float
     chance: float = 1.0
     pure: float = float("nan")
-    pure_std: float = float("inf")
+    pure_std: float = float("inf")  # of pure [s]
     lag: float = float("nan")
-    lag_std: float = float("inf")
+    lag_std: float = float("inf")  # of lag [s]
     reason: str = ""  # why nothing could be estimated, if so
 
     @property

@@ -23,7 +23,7 @@ class Event:
     channel: str
     row: int
     t: float
-    size: float
+    size: float  # in the channel's unit
     unit: str
 
 

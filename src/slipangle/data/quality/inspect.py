@@ -39,8 +39,8 @@ class Seen:
 class Offset(Seen):
     """What a channel shows while the car drives straight, where it should show zero."""
 
-    value: float
-    error: float
+    value: float  # mean while driving straight, in the channel's unit
+    error: float  # standard error of that mean, in the channel's unit
     samples: int
     unit: str
 
@@ -61,7 +61,7 @@ class Stretch(Seen):
 
     t: float
     duration: float
-    value: float
+    value: float  # at which it stands, in its SI unit
     count: int
 
     def _said(self) -> str:
@@ -75,8 +75,8 @@ class Stretch(Seen):
 class Clipping(Seen):
     """A channel that rests at its largest or smallest value as if it could go no further."""
 
-    value: float
-    share: float
+    value: float  # at which it rests, in the channel's unit
+    share: float  # of the samples that rest there [-]
 
     def _said(self) -> str:
         share = f"{100 * self.share:.2g} %"
@@ -87,10 +87,10 @@ class Clipping(Seen):
 class Resolution(Seen):
     """Steps in which a channel comes, and how often a sample repeats the one before."""
 
-    step: float
-    repeats: float
+    step: float  # between its levels, in the channel's unit; 0 if it has none
+    repeats: float  # share of the samples that repeat the one before [-]
     unit: str
-    rate: float
+    rate: float  # of the samples [Hz]
 
     def _said(self) -> str:
         said = []
@@ -109,10 +109,10 @@ class Resolution(Seen):
 class Excitation(Seen):
     """How far and how fast an input moves."""
 
-    low: float
-    high: float
-    std: float
-    bandwidth: float
+    low: float  # smallest value, in the channel's unit
+    high: float  # largest value, in the channel's unit
+    std: float  # standard deviation, in the channel's unit
+    bandwidth: float  # below which 95 % of its power is [Hz]
     unit: str
 
     @property
@@ -134,18 +134,18 @@ class DataReport:
     """What was found in a recording; `sentences` says it all in words."""
 
     name: str
-    gaps: tuple[float, ...]
-    spikes: tuple[Spike, ...]
-    jumps: tuple[Jump, ...]
-    delays: tuple[Delay, ...]
+    gaps: tuple[float, ...]  # length of each border between experiments [s]
+    spikes: tuple[Spike, ...]  # few samples that leave the signal and come back
+    jumps: tuple[Jump, ...]  # steps that are too large for the signal
+    delays: tuple[Delay, ...]  # of outputs behind inputs
     dt: float
     samples: int
-    offsets: tuple[Offset, ...]
-    stretches: tuple[Stretch, ...]
-    clippings: tuple[Clipping, ...]
+    offsets: tuple[Offset, ...]  # of channels that should be zero when the car drives straight
+    stretches: tuple[Stretch, ...]  # in which a channel stands still
+    clippings: tuple[Clipping, ...]  # channels that rest at an end of their range
     duration: float
-    resolutions: tuple[Resolution, ...]
-    excitations: tuple[Excitation, ...]
+    resolutions: tuple[Resolution, ...]  # steps in which channels come
+    excitations: tuple[Excitation, ...]  # how inputs move
     notes: tuple[str, ...]
 
     @property
@@ -195,7 +195,7 @@ def inspect(data: Dataset, *, width: int = 5, threshold: float = 12.0) -> DataRe
 
     Nothing is changed: spikes are taken out only for the estimates of delay, offset and excitation, which they would
     distort. The inputs and outputs of the data say which delays to estimate; ``width`` and ``threshold`` are those of
-    `find_spikes`, which raises ParameterError where they make no sense.
+    `find_spikes` (samples; multiples of the usual scatter [-]), which raises ParameterError where they make no sense.
     """
     spikes, jumps, clean = [], [], data
     for name in data.names:

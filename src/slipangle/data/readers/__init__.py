@@ -26,8 +26,22 @@ for _format in ("arrow", "matlab", "mdf", "motec_ld", "ros", "positions"):  # ea
 def read(path: str | Path, *args: Any, beside: Sequence[str | Path] = (), **kwargs: Any) -> Dataset:
     """Read a log with the reader that recognises its content, else with the one of its file name's suffix.
 
-    What follows the path is passed to the reader; see `read_csv`. Channels at different rates are put on one clock as
-    `Recording.resample` says; ``beside`` are other files of the same drive and clock with more channels.
+    Channels at different rates are put on one clock as `Recording.resample` says. Values are converted to SI units.
+
+    Parameters
+    ----------
+    path : str or Path
+        The log.
+    *args, **kwargs
+        For the reader, see `slipangle.data.readers.csv.read_csv`: ``columns`` first, a mapping of channel to `Column`
+        or heading, then by name ``time``, ``dt`` [s], ``inputs``, ``outputs``, ``nan``, ``filter`` and others.
+    beside : sequence of str or Path
+        Other files of the same drive and clock, with more channels.
+
+    Returns
+    -------
+    Dataset
+        Shape (n_samples, n_channels); `Dataset.notes` says what was assumed, cut or interpolated.
 
     Raises MissingFileError if the file cannot be read, and FormatError if no reader knows the file, or several
     recognise it, which are listed.
@@ -40,9 +54,9 @@ def read(path: str | Path, *args: Any, beside: Sequence[str | Path] = (), **kwar
 def open_log(path: str | Path, *beside: str | Path) -> Recording:
     """A log as it was recorded, each channel at its own rate; see `Recording`.
 
-    Files named after the first are of the same drive and clock; each file's columns then stand after its name and dot.
+    Files ``beside`` the first are of the same drive and clock; each file's columns then stand after its name and dot.
 
-    Raises MissingFileError or FormatError as `read`.
+    Raises MissingFileError or FormatError as `read`, ParameterError if two files have one name.
     """
     logs = []
     for file in (Path(path), *map(Path, beside)):

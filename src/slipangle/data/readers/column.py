@@ -34,7 +34,7 @@ class Column:
     sign : int
         -1 where the file counts the other way: delta, r, v_y and a_y are positive to the left.
     ratio : float
-        Of the steering: hand wheel angle over road wheel angle.
+        Of the steering: hand wheel angle over road wheel angle. [-]
     derive : str, optional
         Instead of a source: arithmetic on other channels and columns in SI units, such as ``"curvature * v_x"`` or
         ``"heading(qx, qy, qz, qw)"``; see `slipangle.data.expression.Expression`.

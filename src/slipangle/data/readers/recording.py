@@ -57,6 +57,8 @@ class Recording:
         What was assumed while reading.
     meta : mapping
         What a writer of the toolbox noted in the file: name, dt, inputs, outputs, notes, experiment.
+
+    Raises MissingColumnError if no channel could be read.
     """
 
     name: str
@@ -82,7 +84,7 @@ class Recording:
         )
 
     def find(self, source: str | int, channel: str = "") -> tuple[str, int]:
-        """Topic and position of a column by its name, with or without topic or unit; for messages, the channel.
+        """Topic and position of a column by its name, ``source``, with topic and unit or without.
 
         Raises MissingColumnError with the nearest names if there is none, ParameterError if several have that name.
         """
@@ -128,7 +130,8 @@ class Recording:
     def resample(self, dt: float | None = None, columns: Any = None, **settings: Any) -> Dataset:
         """All channels, or some, on one clock: a `Dataset` at sample time ``dt`` [s], by default the fastest one's.
 
-        Slower channels are interpolated linearly, and where one has no sample for 2.5 of its own sample times there is
+        ``columns`` maps channels to columns, as in `slipangle.read`. Slower channels are interpolated linearly, and
+        where one has no sample for 2.5 of its own sample times there is
         a gap; to a longer ``dt`` all go through a zero-phase low-pass, as `Dataset.resample` says. Columns and settings
         are those of `slipangle.read`.
 

@@ -36,11 +36,11 @@ class TirFile:
     'UNLOADED_RADIUS = 350   $free radius'
     """
 
-    lines: tuple[TirLine, ...]
+    lines: tuple[TirLine, ...]  # of the file, in order
     name: str = "tir"
-    newline: str = "\n"
-    encoding: str = "utf-8"
-    final_newline: bool = True
+    newline: str = "\n"  # that ends a line
+    encoding: str = "utf-8"  # of the file's bytes
+    final_newline: bool = True  # whether the last line ends with one
     units: Units = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

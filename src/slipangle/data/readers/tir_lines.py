@@ -23,13 +23,13 @@ class TirLine:
     of a table has a row of numbers. ``wrapped`` is the rest of the comment in the line above.
     """
 
-    text: str
-    number: int = 0
-    section: str = ""
-    key: str = ""
-    value: float | str | None = None
-    comment: str = ""
-    row: tuple[float, ...] = ()
+    text: str  # as it stands
+    number: int = 0  # from 1; 0 if it was added
+    section: str = ""  # heading above it, in capitals
+    key: str = ""  # in capitals; empty where the line is no entry
+    value: float | str | None = None  # in the units of the file; None where it is blank
+    comment: str = ""  # what follows the value
+    row: tuple[float, ...] = ()  # numbers of a line of a table, in the units of the file
     wrapped: bool = False
 
 

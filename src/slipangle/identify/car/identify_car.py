@@ -53,8 +53,8 @@ _SHAPES = (1.1, 1.7)  # other tires, see `with_shape`
 class IdentifiedCar(Shown):
     """What `identify_car` found: the model, how it came about, and what to know of it, in words."""
 
-    model: Any
-    stages: tuple[Stage, ...]
+    model: Any  # with its `FitInfo`
+    stages: tuple[Stage, ...]  # what was added one after the other, and what each changed
     doubts: tuple[str, ...]  # of the log and of what was said of the car
     sentences: tuple[str, ...]  # those doubts, what each correction changed, and what the log cannot say
     separated: Mapping[str, bool]  # whether C_f, C_r and inertia_z have values of their own
@@ -87,7 +87,7 @@ class WholeCar(Checked):
     l_f : float
         From the centre of gravity to the front axle. [m]
     steering_gain : float
-        A first guess of the road-wheel angle per logged angle, such as 1/15 for a hand wheel; negative turns the sign.
+        A first guess of the road-wheel angle per logged angle [-], such as 1/15 for a hand wheel; negative turns it.
     """
 
     mass: Annotated[float, Within(0.05, 1e6, "kg")]
@@ -115,7 +115,7 @@ class WholeCar(Checked):
         return found.model
 
     def identify(self, data: Dataset) -> IdentifiedCar:
-        """See `identify_car`."""
+        """See `identify_car`; raises MissingColumnError, SampleTimeError and the others named there."""
         began = time.perf_counter()
         for name in ("delta", "v_x", "r"):
             if name not in data:

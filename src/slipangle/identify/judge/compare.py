@@ -39,10 +39,10 @@ class Entry:
     model: Model
     # free-run metrics of each output over the samples that every model predicts
     scores: dict[str, Score] = field(default_factory=dict)
-    # free-run RMSE over the standard deviation of the measured output, mean over the outputs; `Comparison` ranks by it
+    # free-run RMSE over the standard deviation of the measured output, mean over the outputs [-]; ranks a `Comparison`
     error: float = np.inf
-    one_step_error: float = np.inf  # the same for one-step-ahead prediction
-    free_run: Trajectory | None = None
+    one_step_error: float = np.inf  # the same for one-step-ahead prediction [-]
+    free_run: Trajectory | None = None  # over the data; None where it failed
     failure: str = ""  # why there is no free run
     warnings: tuple[str, ...] = ()  # what its fit and its free run give cause to say
 
@@ -53,7 +53,7 @@ class Comparison(Shown):
 
     entries: tuple[Entry, ...]  # every model, failed ones last
     outputs: tuple[str, ...]  # what they were compared on
-    data_name: str
+    data_name: str  # of the data they were compared on
     start: Start | int  # protocol of the initial state
     n_samples: int  # samples that every model predicts
 
@@ -243,7 +243,7 @@ class Fold:
 class CrossValidation:
     """Every fold of a cross-validation."""
 
-    folds: tuple[Fold, ...]
+    folds: tuple[Fold, ...]  # in the order of the stretches that they leave out
 
     @property
     def error(self) -> float:
@@ -264,6 +264,8 @@ def cross_validate(
 
     Parameters
     ----------
+    estimator : object with a ``fit``
+        Such as `ARX` or `GreyBox`.
     data : Dataset
         Training data, several experiments or one.
     folds : int, optional

@@ -43,11 +43,11 @@ class Validation(Shown):
 
     name: str
     model: Model
-    free_run: Trajectory
-    one_step: Trajectory
-    free_run_scores: dict[str, Score]
-    one_step_scores: dict[str, Score]
-    residuals: dict[str, Residuals]
+    free_run: Trajectory  # over the test data
+    one_step: Trajectory  # prediction one step ahead
+    free_run_scores: dict[str, Score]  # metrics of each output
+    one_step_scores: dict[str, Score]  # the same one step ahead
+    residuals: dict[str, Residuals]  # correlations of each output's error, with itself and with the inputs
     inputs: tuple[str, ...]
     standing: dict[str, Standing] = field(default_factory=dict)  # beside simple models; empty without training data
 

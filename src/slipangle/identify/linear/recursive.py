@@ -85,7 +85,8 @@ class RLS(LinearEstimator[ARXModel]):
     def start(self, *, inputs: Sequence[str], outputs: Sequence[str], dt: float) -> RecursiveARX:
         """An estimate of zero that is as uncertain as `prior` says.
 
-        ``inputs`` and ``outputs`` are channel names, ``dt`` is the sample time. [s]
+        ``inputs`` and ``outputs`` are channel names, ``dt`` is the sample time. [s] Raises ParameterError if there is
+        none of them, or the sample time is not positive.
         """
         inputs = (inputs,) if isinstance(inputs, str) else tuple(inputs)
         outputs = (outputs,) if isinstance(outputs, str) else tuple(outputs)
@@ -134,7 +135,7 @@ class RecursiveRun:
     names: tuple[str, ...]  # the coefficients; those of past outputs have the sign of the equation solved for y
 
     def parameter(self, name: str) -> np.ndarray:
-        """One coefficient over time.
+        """One coefficient over time, shape (n_samples,).
 
         Raises ParameterError if there is none of this name.
         """
@@ -145,6 +146,8 @@ class RecursiveRun:
 
 class RecursiveARX:
     """An ARX estimate that takes one sample at a time; made by `RLS.start` or `RLS.follow`.
+
+    ``settings`` are those of the `RLS`. Raises ParameterError if these do not fit the channels.
 
     `update` allocates nothing: C, or CasADi's virtual machine without a compiler, works on arrays that are made here.
     """
@@ -262,7 +265,7 @@ class RecursiveARX:
 
     @property
     def theta(self) -> np.ndarray:
-        """Coefficients, in the order of `names`; a copy."""
+        """Coefficients, shape (n_outputs, n_parameters), see `names`; a copy."""
         return self._recursion.theta.ravel()
 
     @property
@@ -277,7 +280,7 @@ class RecursiveARX:
 
     @property
     def covariance(self) -> np.ndarray:
-        """Covariance of `theta`, given white errors."""
+        """Covariance of `theta`, given white errors; its shape is that of all coefficients, squared."""
         return np.kron(self.noise_covariance, self.gram_inverse)
 
     def model(self) -> ARXModel:

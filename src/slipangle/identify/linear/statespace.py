@@ -64,11 +64,11 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
     algorithm, block_rows, direct
         See `Subspace`.
     offsets, weights, max_radius, max_iterations
-        See `PEM`.
+        See `PEM`; numbers as weights are the typical error of each output, in its unit.
     memory : int
         Samples from which the model reads its initial state; 0 for ``3 order + 3``.
     holdout : float
-        Share of a single record, at its end, on which orders are compared. Several experiments are held out in turn.
+        Share of a single record, at its end, on which orders are compared [-]; several experiments take turns.
     """
 
     order: Order | tuple[Order, ...] = tuple(range(1, 9))

@@ -56,7 +56,7 @@ class Lure(Checked):
         unit off costs as much as ``ridge`` samples that are off by their standard deviation.
     max_radius : float
         Limit on the spectral radius of the dynamics far from rest: below 1 every bounded input gives a bounded free
-        run, see `LureModel`.
+        run, see `LureModel`. [-]
     starts : int
         Random branches that are compared at first order; fewer on long records.
     carried : int

@@ -166,7 +166,10 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
             return None, f"training starts from random weights, as there is no linear model to start from: {error}"
 
     def cut(self, data: Dataset) -> tuple[Dataset, Dataset]:
-        """Training data without their last part, and that part; both the whole where nothing is held out."""
+        """Training data without their last part, and that part; both the whole where nothing is held out.
+
+        Raises TooShortError if that part has no experiment long enough for a free run.
+        """
         inner, held = (data, data) if self.holdout == 0 else data.split(1 - self.holdout)
         if all(part.n_samples <= self._memory for part in held.experiments):
             raise TooShortError(

@@ -50,7 +50,7 @@ class Hybrid(KnownCar):
     folds : int
         Parts of the training data on which the discrepancy has to prove itself; 0 trusts it unseen.
     worth : float
-        Smallest relative reduction of the RMSE over all parts.
+        Smallest relative reduction of the RMSE over all parts. [-]
 
     Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eq. 8-2.
     """

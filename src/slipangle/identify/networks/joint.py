@@ -70,7 +70,7 @@ class Joint(KnownCar):
     also : tuple of str
         Of ``"v_y"`` and ``"a_y"``: measured channels that are fitted along.
     also_weight : float
-        Weight of a channel fitted along; an output has 1.
+        Weight of a channel fitted along; an output has 1. [-]
     restart : float, optional
         Length of each free run that is fitted; None for one over each experiment. [s]
     settle : float

@@ -40,7 +40,7 @@ class Collocation(GreyBox[M]):
     zero : sequence of callable
         Functions of the parameters that must vanish.
     state_bounds : mapping
-        Lowest and highest value by state, such as ``{"r": (-2.0, 2.0)}``.
+        Lowest and highest value by state, such as ``{"r": (-2.0, 2.0)}``; SI units.
     elements : int
         Collocation elements per sample; by default the substeps of a model integrated by "radau", else one for five
         of its largest explicit steps.

@@ -68,7 +68,7 @@ class Handling:
     characteristic_speed: Estimate
     critical_speed: Estimate
     name: str = "model"
-    uncertainty: str = ""
+    uncertainty: str = ""  # where the standard deviations come from, or why there are none
 
     def __getitem__(self, name: str) -> np.ndarray:
         """One quantity over speed, shape (n,); raises ParameterError if there is none of that name."""

@@ -28,6 +28,7 @@ class LinearisedModel:
     Parameters
     ----------
     A, B, C, D : array, shapes (n, n), (n, n_inputs), (n_outputs, n), (n_outputs, n_inputs)
+        Matrices, SI units.
     dt : float
         Sample time; 0 where x' is a rate, else x' is the state one sample later. [s]
     states, inputs, outputs : tuple of str
@@ -69,7 +70,7 @@ class LinearisedModel:
         return self.rates_of(self.poles)
 
     def rates_of(self, poles: np.ndarray) -> Any:
-        """Poles of this model's time, shape (n,), as those of continuous time. [rad/s]"""
+        """``poles`` of this model's time, shape (n,), as those of continuous time. [rad/s]"""
         if not self.dt:
             return poles
         fast = np.abs(poles) < 1e-8
@@ -146,7 +147,8 @@ class LinearisedModel:
     ) -> FrequencyResponse:
         """Magnitude and phase from an input to an output (the first ones by default) with their bands.
 
-        ``frequency`` [Hz], shape (n,), by default two decades around the motion; ``.plot()`` draws it.
+        ``frequency`` [Hz], shape (n,), by default two decades around the motion; ``.plot()`` draws it. Raises
+        ParameterError if a sampled system is asked beyond half its sampling frequency.
         """
         i, j = self._pair(output, input)
         f = self._usual_frequencies() if frequency is None else np.asarray(frequency, dtype=float)

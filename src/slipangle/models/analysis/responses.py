@@ -13,8 +13,8 @@ import numpy as np
 class Estimate:
     """A number and how sure it is: standard deviation, NaN where that is not known, and unit."""
 
-    value: float
-    std: float = float("nan")
+    value: float  # in its unit
+    std: float = float("nan")  # in the same unit
     unit: str = "-"
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
@@ -117,7 +117,7 @@ class TimeResponse:
     kind: Literal["step", "impulse"]
     unit: str = "-"
     name: str = "model"
-    final: float = field(default=float("nan"))  # steady state; infinite of an unstable model
+    final: float = field(default=float("nan"))  # steady state, in the output's unit; infinite of an unstable model
 
     def band(self, level: float = 0.95) -> np.ndarray:
         """Confidence band, shape (n, 2)."""

@@ -70,7 +70,7 @@ class LureModel(BlackBoxModel):
 
     @property
     def radius(self) -> float:
-        """Spectral radius of the dynamics far from rest; below 1, no bounded input makes the free run diverge."""
+        """Spectral radius of the dynamics far from rest [-]; below 1, no bounded input makes it diverge."""
         return float(np.abs(np.linalg.eigvals(far_out(self.curve, self.A, self.E, self.W))).max())
 
     def step(self, x: Vector, u: Vector) -> Vector:

@@ -73,7 +73,7 @@ class NARXModel(NetworkModel, LaggedModel):
         return y[self.na :]
 
     def track(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """States given the outputs of the rows before: all lags are measured, so every row is independent."""
+        """States given the outputs of the rows before, shape (n_samples, n_states): all lags are measured."""
         past_y, past_u, _ = self._histories(x0, u)
         past_y, past_u = np.vstack([past_y, y[1:]]), np.vstack([past_u, u])
         n, back = len(u), self._reach

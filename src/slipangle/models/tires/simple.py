@@ -118,7 +118,7 @@ class Tire(abc.ABC):
         return Rolling()
 
     def scaled(self, **factors: Scalar) -> Self:
-        """The tire with its scaling factors (LMUY, LKY, ...) multiplied; raises ParameterError if it has none."""
+        """The tire with scaling factors (LMUY, LKY ...) times ``factors`` [-]; raises ParameterError if it has none."""
         for name, value in factors.items():
             if is_symbolic(value) or value != 1:
                 raise ParameterError(
@@ -133,7 +133,7 @@ class Tire(abc.ABC):
         return KnownRange()
 
     def write_tir(self, path: str | Path, *, comments: Mapping[str, str] | None = None) -> Path:
-        """Write the tire as a ``.tir`` file; raises FormatError if it has no place in one."""
+        """Write the tire as a ``.tir`` file, with ``comments`` by key; raises FormatError if it has no place in one."""
         raise FormatError(f"a {type(self).__name__} has no place in a .tir file; expected .json as suffix")
 
 
@@ -216,12 +216,12 @@ class MagicCurve(ParameterSet):
         return self.D * sin(self.C * atan(self.B * phi)) + self.S_v
 
     def tire(self, lateral: MagicCurve, combined: Literal["none", "ellipse"]) -> SimpleMagicFormula:
-        """Tire of this curve along and another across."""
+        """Tire of this curve along and another, ``lateral``, across; ``combined`` as of `SimpleMagicFormula`."""
         return SimpleMagicFormula(longitudinal=self, lateral=lateral, combined=combined)
 
     @property
     def slope(self) -> float:
-        """Slope at the origin of the unshifted curve, B C D."""
+        """Slope at the origin of the unshifted curve, B C D. [per rad or per unit of slip]"""
         return self.B * self.C * self.D
 
 

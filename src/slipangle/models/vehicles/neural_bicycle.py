@@ -28,6 +28,7 @@ class NeuralBicycle(NonlinearBicycle):
     """The bicycle at the limit plus a network on the derivatives of v_y and r, from all states and inputs.
 
     Channels as of `NonlinearBicycle`. The state is bounded, so no input makes the free run spin out of the numbers.
+    Raises ParameterError if the network has other inputs or outputs, or a bound is not positive.
 
     Parameters
     ----------
@@ -57,7 +58,7 @@ class NeuralBicycle(NonlinearBicycle):
         super().__post_init__()
 
     def rates(self, x: Vector, u: Vector, p: NonlinearBicycleParams, network: Correction) -> Rates:
-        """Rates of the state with other parameters and another network, which adds to those of v_y and r."""
+        """Rates of the state with other parameters ``p`` and another network, which adds to those of v_y and r."""
         (v_y_dot, r_dot, turning), more = state_rates(x, u, p), network(concatenate([x, u]))
         return v_y_dot + more[0], r_dot + more[1], turning
 

@@ -131,6 +131,7 @@ class NonlinearBicycle(OdeModel):
 
     States v_y [m/s], r [rad/s], delta_w [rad] (road wheel after the lag); inputs delta [rad], v_x [m/s] and its
     derivative v_x_dot [m/s2]; outputs r by default, v_y and a_y [m/s2] on request.
+    Raises ParameterError if the memory is below 1.
 
     Parameters
     ----------

@@ -79,7 +79,7 @@ class Steered(OdeWrapper):
         return super().resampled(dt, substeps=max(substeps, followed), outputs=outputs)
 
     def inside(self, x: Vector, u: Vector) -> tuple[Vector, Vector]:
-        """The car's state, and its inputs with the steering where it is."""
+        """The car's state, and its inputs with the steering where it is, shapes (n_states,), (n_inputs,)."""
         at, n = self.inputs.index("delta"), self.model.n_states
         return x[:n], stack([x[n] if i == at else u[i] for i in range(self.n_inputs)])
 

@@ -46,7 +46,7 @@ class HybridModel(Checked, Model):
     discrepancy : NARXModel
         F, with the base model's outputs, in their units; its inputs may be others than the base model's.
     gain : float
-        Share ``g`` of the discrepancy that is added, 0 to 1; 0 switches it off.
+        Share ``g`` of the discrepancy that is added, 0 to 1; 0 switches it off. [-]
 
     Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eq. 8-2.
     """

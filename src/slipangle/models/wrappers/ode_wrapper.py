@@ -45,7 +45,7 @@ class OdeWrapper(OdeModel):
         return replace(self, model=self.model.resampled(dt, substeps=substeps, outputs=outputs))
 
     def inside(self, x: Vector, u: Vector) -> tuple[Vector, Vector]:
-        """State and inputs of the ODE inside."""
+        """State and inputs of the ODE inside, shapes (n_states,), (n_inputs,)."""
         return x[: self.model.n_states], u[: self.model.n_inputs]
 
     def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:

@@ -33,8 +33,8 @@ class OnGround(Wrapper):
         Its speed is ``v_x``: a state, an input or an output; a model without one, such as an ARX model
         identified at one speed, gets ``v_x`` as one more input, the last.
     v_y : {"zero"} or float, optional
-        What to take where the model does not know its lateral velocity: ``"zero"``, or the distance ``l`` in
-        m from the centre of gravity back to the point that does not slip, ``v_y = l r`` (the rear axle
+        What to take where the model does not know its lateral velocity: ``"zero"``, or the distance ``l`` [m]
+        from the centre of gravity back to the point that does not slip, ``v_y = l r`` (the rear axle
         at low lateral acceleration; ``l_r - mass l_f v_x^2 / (wheelbase C_r)`` in steady cornering, which may be
         negative). By default such a model is an error: better identify ``v_y`` as an output too.
 

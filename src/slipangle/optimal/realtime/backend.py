@@ -34,13 +34,13 @@ class RealTime(Checked):
     iterations : int
         Gauss-Newton steps per plan; 0 iterates to convergence every time.
     tolerance : float
-        Of converged solutions: largest change of an input in the last step, relative to half its range.
+        Of converged solutions: largest change of an input in the last step, relative to half its range. [-]
     max_iterations : int
         Most steps to convergence.
     newton : float
-        Accuracy of the implicit integrator's stages, relative to 1 + |state|.
+        Accuracy of the implicit integrator's stages, relative to 1 + |state|. [-]
     accept : float
-        Largest residual of real-time iterations that are a plan; see `Plan.residual`.
+        Largest residual of real-time iterations that are a plan; see `Plan.residual`. [-]
 
     References
     ----------

@@ -149,12 +149,15 @@ class DualTrack(StartsRolling):
         return places, [cos_l, sin_l, cos_r, sin_r]
 
     def contact(self, wheel: int, patch: Patch) -> Contact:
-        """Forces and slip rates of one wheel, see `contact`."""
+        """Forces and slip rates of one wheel at its ``patch`` of road, see `contact`."""
         p = self.params
         return contact(patch, self.tires[wheel], p.relaxation_x, p.relaxation_y, p.radius)
 
     def forces(self, contacts: Sequence[Contact], angles: Sequence[Scalar]) -> tuple[Scalar, Scalar, Scalar]:
-        """Force of the tires along and across the car [N] and their moment about the vertical axis [N m]."""
+        """Force of the tires along and across the car [N] and their moment about the vertical axis [N m].
+
+        ``contacts`` are those of the four wheels, ``angles`` [rad] their steering angles.
+        """
         p = self.params
         F_x, F_y, M_z = 0.0, 0.0, 0.0
         for i, tire in enumerate(contacts):
@@ -171,7 +174,10 @@ class DualTrack(StartsRolling):
     def rates(
         self, x: Vector, u: Vector, start: Vector, loads: Sequence[Scalar], contacts: Sequence[Contact], angles: Vector
     ) -> Vector:
-        """State derivative from the forces of the tires; ``start`` is the state at the start of the step."""
+        """State derivative from the forces of the tires; ``start`` is the state at the start of the step.
+
+        ``loads`` [N], ``contacts`` and steering ``angles`` [rad] are those of the four wheels.
+        """
         p, a, drive = self.params, _AT, self.params.driveline
         F_x, F_y, M_z = self.forces(contacts, angles)
         v_x, v_y, r, psi = x[a["v_x"]], x[a["v_y"]], x[a["r"]], x[a["psi"]]
@@ -260,7 +266,7 @@ class DualTrack(StartsRolling):
         return self.rates(x, u, x if start is None else start, [k.load for k in patches], contacts, angles)
 
     def finish(self, before: Vector, after: Vector, u: Vector) -> Vector:
-        """What happens between steps: wheels that stop, the gear, actuators without lag."""
+        """From the state ``before`` a step and that ``after`` it: wheels that stop, the gear, actuators without lag."""
         p, a, drive = self.params, _AT, self.params.driveline
         h = self.dt / self.substeps
         values = {name: after[i] for i, name in enumerate(STATES)}
