@@ -216,7 +216,8 @@ def identify_car(
     Returns
     -------
     IdentifiedCar
-        Its ``model`` is a ``Delayed(Steered(SaturatingBicycle))`` with `fit_info`; print its ``sentences``.
+        Its ``model`` is a ``Delayed(SaturatingBicycle)``, `Steered` in between where the steering is late, with
+        `fit_info`; print its ``sentences``.
 
     Raises MissingColumnError, ParameterError, SampleTimeError or TooShortError if a channel is missing, a number is
     impossible, time is in milliseconds, or the car hardly moves.

@@ -38,6 +38,7 @@ class Correction:
     free: tuple[str, ...]
     starts: tuple[Mapping[str, float], ...] = ({},)
     relaxing: bool = False  # the car becomes a `RelaxingBicycle`
+    steered: bool = False  # the car becomes a `Steered` one
 
 
 def corrections(data: Dataset, wheelbase: float) -> tuple[Correction, ...]:
@@ -47,7 +48,7 @@ def corrections(data: Dataset, wheelbase: float) -> tuple[Correction, ...]:
     frictions = tuple({"mu_f": share * used, "mu_r": share * used} for share in _SHARES)
     length = 0.1 * wheelbase
     listed = [
-        Correction("the steering's delay and lag are free", ("delay_delta", "steering_lag")),
+        Correction("the steering's delay and lag are free", ("delay_delta", "steering_lag"), steered=True),
         Correction("the steering's gain is free", ("steering_gain",)),
         Correction("the axles saturate", ("mu_f", "mu_r"), frictions),
         Correction("the sensors' biases are free", biases),
@@ -71,7 +72,7 @@ def friction_used(data: Dataset) -> float:
 def first_guess(
     *, mass: float, wheelbase: float, l_f: float, dt: float, outputs: tuple[str, ...], gain: float, banked: bool
 ) -> Delayed:
-    """A car of ordinary tires for its size, its steering quick."""
+    """A car of ordinary tires for its size, its wheels where the steering is."""
     load = GRAVITY * mass / wheelbase
     l_r = wheelbase - l_f
     car = SaturatingBicycle(
@@ -82,9 +83,7 @@ def first_guess(
         dt=dt,
         outputs=outputs,
     )
-    lag = 2.0 * dt / car.substeps
-    on_road = Banked(car) if banked else car
-    return Delayed(Steered(on_road, steering_lag=lag), delays={"delta": 0.0}, longest=_LONGEST)
+    return Delayed(Banked(car) if banked else car, delays={"delta": 0.0}, longest=_LONGEST)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -233,17 +232,25 @@ def _thinning(error: np.ndarray, stretch: np.ndarray) -> float:
 def corrected(before: Fitted, by: Correction, data: Dataset) -> Fitted:
     """The structure with one correction more, fitted from where it stood."""
     free = (*before.free, *by.free)
-    model = _relaxing(before.model) if by.relaxing else before.model
+    model = _steered(before.model) if by.steered else _relaxing(before.model) if by.relaxing else before.model
     tried = [fit(model.with_values(**start), free, data, before) for start in by.starts]
     return min(tried, key=lambda fitted: float(np.log(fitted.sigma).sum()))
 
 
+def _steered(model: Any) -> Any:
+    """With a lag that the integrator follows; none at all would be shorter than any that it can."""
+    car = model.model
+    return replace(model, model=Steered(car, steering_lag=2.0 * car.dt / car.substeps))
+
+
 def _relaxing(model: Any) -> Any:
-    on_road = model.model.model
+    driven = model.model
+    lagging = "steering_lag" in driven.parameter_names
+    on_road = driven.model if lagging else driven
     late: Any = RelaxingBicycle(params=on_road.params, dt=on_road.dt, outputs=on_road.outputs)
     if "bank" in on_road.inputs:
         late = Banked(late)
-    return replace(model, model=replace(model.model, model=late))
+    return replace(model, model=replace(driven, model=late) if lagging else late)
 
 
 def errors(model: Any, data: Dataset) -> np.ndarray:
