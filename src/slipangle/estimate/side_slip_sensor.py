@@ -214,7 +214,7 @@ class LearnedSideSlip:
 
 
 class SideSlipStream:
-    """A `LearnedSideSlip` at work: what it says is a measurement ``v_y`` for an `EKF` or `MHE`."""
+    """A `LearnedSideSlip`, ``sensor``, at work: what it says is a measurement ``v_y`` for an `EKF` or `MHE`."""
 
     def __init__(self, sensor: LearnedSideSlip) -> None:
         self._sensor = sensor
