@@ -14,7 +14,7 @@ from slipangle.fields import Checked, Count, Positive
 from slipangle.models.vehicles.parameters import GRAVITY
 
 CHANNELS = ("delta", "v_x", "r", "a_y")
-SLOWEST = 3.0  # m/s, below which slip angles are mostly noise
+SLOWEST = 1.25  # wheelbases a second, below which slip angles are mostly noise
 SPACING, TURNING, GAINING = 0.05, 0.1, 0.2  # s: between lags; over which yaw rate, and speed, are differentiated
 BEYOND = 0.1  # of the range learned in: how far beyond it the sensor still answers
 PER_REGRESSOR = 10  # samples at least
@@ -70,14 +70,14 @@ class SideSlipSensor(Checked):
         rows = [look.regressors(table) for table, _ in parts]
         inside = [np.arange(len(X)) + look.first for X in rows]
         X = np.vstack(rows)
-        fast = np.concatenate([t[i, 1] > SLOWEST for (t, _), i in zip(parts, inside, strict=True)])
+        fast = np.concatenate([t[i, 1] > look.slowest for (t, _), i in zip(parts, inside, strict=True)])
         slip = np.concatenate([np.arctan2(v[i], t[i, 1]) for (t, v), i in zip(parts, inside, strict=True)])
         known = fast & np.isfinite(X).all(axis=1) & np.isfinite(slip)
         least = PER_REGRESSOR * X.shape[1] * self.folds // (self.folds - 1)
         if known.sum() < least:
             raise TooShortError(
-                f"'{data.name}' has {known.sum()} samples faster than {SLOWEST:g} m/s with all channels; expected at "
-                f"least {least}: record longer"
+                f"'{data.name}' has {known.sum()} samples faster than {look.slowest:.2g} m/s with all channels; expected "
+                f"at least {least}: record longer"
             )
         target = slip - look.turning(np.vstack([t[i] for (t, _), i in zip(parts, inside, strict=True)]))
         held_out, at = np.full(len(X), np.nan), np.flatnonzero(known)
@@ -119,13 +119,14 @@ class _Look:
 
     def __init__(self, settings: SideSlipSensor, dt: float) -> None:
         self.l_f, self.l_r, self.dt = settings.l_f, settings.wheelbase - settings.l_f, dt
+        self.slowest = SLOWEST * settings.wheelbase
         self.spacing, self.turn, self.gain = (max(round(s / dt), 1) for s in (SPACING, TURNING, GAINING))
         self.lags = max(round(settings.memory / (self.spacing * dt)), 1)
         self.first = max(self.lags * self.spacing + self.turn, self.gain)  # sample that is the first to be answered
 
     def turning(self, rows: np.ndarray) -> np.ndarray:
         """Slip angle of the centre of gravity where the rear axle has none, shape (n,). [rad]"""
-        return np.arctan2(self.l_r * rows[:, 2], np.maximum(rows[:, 1], SLOWEST))
+        return np.arctan2(self.l_r * rows[:, 2], np.maximum(rows[:, 1], self.slowest))
 
     def regressors(self, table: np.ndarray) -> np.ndarray:
         """Of samples from `first` on, shape (n - first, n_regressors)."""
@@ -137,7 +138,7 @@ class _Look:
             return x[first - steps : n - steps]
 
         delta, v_x, r, a_y = table.T
-        v = np.maximum(v_x, SLOWEST)
+        v = np.maximum(v_x, self.slowest)
         r_dot = np.full(n, np.nan)
         r_dot[self.turn :] = (r[self.turn :] - r[: -self.turn]) / (self.turn * self.dt)
         a_x = (ago(v_x, 0) - ago(v_x, self.gain)) / (self.gain * self.dt * GRAVITY)
@@ -187,8 +188,8 @@ class LearnedSideSlip:
     def __call__(self, data: Dataset) -> np.ndarray:
         """Lateral velocity of each sample, shape (n_samples,). [m/s]
 
-        NaN at the first samples of an experiment, where the car is slower than 3 m/s or a channel is missing, and where
-        force, speed, acceleration, yaw rate or steering are outside those it has learned in.
+        NaN at the first samples of an experiment, where the car is slower than 1.25 wheelbases a second or a channel is
+        missing, and where force, speed, acceleration, yaw rate or steering are outside those it has learned in.
 
         Raises SampleTimeError or MissingColumnError if the data have another sample time or lack a channel.
         """
@@ -203,7 +204,7 @@ class LearnedSideSlip:
             low, high = self.span.T
             with np.errstate(invalid="ignore"):
                 inside = ((X[:, look.limited] >= low) & (X[:, look.limited] <= high)).all(axis=1)
-            inside &= np.isfinite(X).all(axis=1) & (rows[:, 1] > SLOWEST)
+            inside &= np.isfinite(X).all(axis=1) & (rows[:, 1] > look.slowest)
             angle = _told(X[inside], self.coefficients, self.centre) + look.turning(rows[inside])
             v_y[look.first :][inside] = np.tan(angle) * rows[inside, 1]
         return v_y
