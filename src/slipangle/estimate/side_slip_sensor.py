@@ -76,8 +76,8 @@ class SideSlipSensor(Checked):
         least = PER_REGRESSOR * X.shape[1] * self.folds // (self.folds - 1)
         if known.sum() < least:
             raise TooShortError(
-                f"'{data.name}' has {known.sum()} samples faster than {look.slowest:.2g} m/s with all channels; expected "
-                f"at least {least}: record longer"
+                f"'{data.name}' has {known.sum()} samples faster than {look.slowest:.2g} m/s with all channels; "
+                f"expected at least {least}: record longer"
             )
         target = slip - look.turning(np.vstack([t[i] for (t, _), i in zip(parts, inside, strict=True)]))
         held_out, at = np.full(len(X), np.nan), np.flatnonzero(known)
