@@ -12,7 +12,7 @@ from slipangle.errors import UnitError, nearest, raises, shown
 
 _QUANTITIES: dict[str, tuple[str, dict[str, float]]] = {  # quantity: SI unit; unit: factor to SI
     "ratio": ("-", {"-": 1.0, "%": 0.01}),
-    "time": ("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}),
+    "time": ("s", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "d": 86400.0}),
     "length": ("m", {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048}),
     "speed": ("m/s", {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "kn": 1852 / 3600}),
     "acceleration": ("m/s2", {"m/s2": 1.0, "g": 9.80665}),
@@ -37,7 +37,7 @@ _ALIASES = {
     **dict.fromkeys(("°/s", "dps"), "deg/s"),
     **dict.fromkeys(("radian", "radians"), "rad"),
     **dict.fromkeys(("newton", "n"), "N"),
-    **{"percent": "%", "meter": "m", "kg": "kg", "nm": "N m", "kg*m^2": "kg m2", "sec": "s"},
+    **{"percent": "%", "meter": "m", "kg": "kg", "nm": "N m", "kg*m^2": "kg m2", "sec": "s", "days": "d"},
 }
 
 

@@ -29,6 +29,10 @@ def _whole(name: str) -> bytes:
             test_formats.mat73(path)
         elif name == "mat5":
             test_formats.mat5(path)
+        elif name == "mat73-labels":
+            logs.write_mat73(path, logs.labelled(made))
+        elif name == "mat5-labels":
+            logs.write_mat5(path, logs.labelled(made))
         elif name in ("mdf3", "mdf4"):
             test_formats.mdf(path)
         elif name == "ld":

@@ -59,6 +59,7 @@ def _init(options: argparse.Namespace) -> Answer:
     missing = [n for n in _NEEDED if n not in guesses]
     if missing:
         names = ", ".join(repr(c.name) for c in found.channels[:12])
+        names += f" and {more} more, told by slipangle inspect" if (more := len(found.channels) - 12) > 0 else ""
         raise ConfigError(
             f"'{log}' has no column that looks like {' or '.join(missing)} (columns: {names}); expected all of "
             f"{', '.join(_NEEDED)}: say --channel {missing[0]}=HEADING"
@@ -122,6 +123,7 @@ def job_text(
         *([f"rate = {rate:.1f}  # Hz, after a zero-phase low-pass"] if rate else []),
         'hold = "mean"  # the steering moves between samples',
         "",
+        "# delta, r, v_y and a_y are positive to the left: sign = -1 where the log counts to the right",
         '[data.columns]  # unit, scale, offset, sign, ratio (hand wheel over road wheel), derive = "curvature * v_x"',
     ]
     for g in guesses:
@@ -129,8 +131,16 @@ def job_text(
     used = {str(g.column.source) for g in guesses}
     others = [c for c in found.channels if c.name not in used]
     lines += [f"# also there: {c.name} [{c.unit or 'no unit'}], {c.low:.4g} to {c.high:.4g}" for c in others[:60]]
-    lines += ["", "[[model]]", f'name = "{kind}"', f'kind = "{kind}"', *_model(kind, car), ""]
+    lines += ["", "[[model]]", f'name = "{kind}"', f'kind = "{kind}"', *_model(kind, car), *_controller(kind), ""]
     return "\n".join(line.replace("\n", " ") for line in lines)
+
+
+def _controller(kind: str) -> list[str]:
+    """What drives the identified car, to be switched on."""
+    table = ["[controller]", f'model = "{kind}"', "v_x = 20.0  # m/s, through the lane change of ISO 3888-1"]
+    return ["", "# Predictive control with that model, in simulation; without the # it is on the page too:"] + [
+        f"# {line}" for line in table
+    ]
 
 
 def _from(folder: Path, file: Path) -> str:

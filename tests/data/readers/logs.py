@@ -124,6 +124,32 @@ def kml(latitude: Sequence[float], longitude: Sequence[float], t: Sequence[float
     return f"{head}<gx:Track>{when}{where}</gx:Track></Placemark></Document></kml>"
 
 
+def labelled(made: Made) -> dict[str, object]:
+    """Variables of a MATLAB file whose names and units stand beside the numbers: of Simulink and of a logger."""
+    names = ("delta", "v_x", "r")
+    signals = [{"values": getattr(made, n)[:, None], "label": n, "dimensions": 1.0} for n in names]
+    yaw = {"Time": made.t[::2, None], "Value": np.degrees(made.r[::2, None]), "Units": "deg/s"}
+    return {"simout": {"time": made.t[:, None], "signals": signals}, "Gyro_Yaw": yaw}
+
+
+def write_mat5(path: Path, variables: Mapping[str, object]) -> Path:
+    """The same variables as `write_mat73`, by SciPy."""
+    from scipy.io import savemat
+
+    def value(given: object) -> object:
+        if isinstance(given, Mapping):
+            return {n: value(x) for n, x in given.items()}
+        if isinstance(given, list):
+            array = np.empty((1, len(given)), dtype=[(n, "O") for n in given[0]])
+            for k, element in enumerate(given):
+                array[0, k] = tuple(element.values())
+            return array
+        return given
+
+    savemat(path, {n: value(x) for n, x in variables.items()})
+    return path
+
+
 def write_mat73(path: Path, variables: Mapping[str, object]) -> Path:
     """A MATLAB 7.3 file as `save -v7.3` lays it out: a header of 512 bytes, matrices stored transposed, classes."""
     import h5py
@@ -134,6 +160,15 @@ def write_mat73(path: Path, variables: Mapping[str, object]) -> Path:
             struct_.attrs["MATLAB_class"] = np.bytes_("struct")
             for key, inner in value.items():
                 put(struct_, key, inner)
+        elif isinstance(value, list):  # a struct array: each field a list of references
+            struct_ = group.create_group(name)
+            struct_.attrs["MATLAB_class"] = np.bytes_("struct")
+            for key in value[0]:
+                places = []
+                for k, element in enumerate(value):
+                    put(group.file.require_group("#refs#"), f"{name}_{key}_{k}", element[key])
+                    places.append(group.file[f"#refs#/{name}_{key}_{k}"].ref)
+                struct_.create_dataset(key, data=np.array([places], dtype=h5py.ref_dtype))
         elif isinstance(value, str):
             text = group.create_dataset(name, data=np.array([[ord(c)] for c in value], dtype="u2"))
             text.attrs["MATLAB_class"] = np.bytes_("char")

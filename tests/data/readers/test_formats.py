@@ -10,16 +10,18 @@ from scipy.io import savemat
 import slipangle as sa
 from slipangle.data.race import equirectangular
 from slipangle.data.readers import open_log
-from slipangle.errors import ConfigError, FormatError, MissingColumnError, NotFiniteError, ParameterError
+from slipangle.errors import ConfigError, FormatError, MissingColumnError, NotFiniteError, ParameterError, TimeError
 from tests.data.readers.logs import (
     LdChannel,
     drive,
     gpx,
     kml,
+    labelled,
     motec_csv,
     race_capture,
     write_bag,
     write_ld,
+    write_mat5,
     write_mat73,
 )
 
@@ -256,6 +258,41 @@ def test_a_silent_topic_is_a_gap(tmp_path):
     assert first.t[-1] == pytest.approx(1.95)
     assert second.t[0] == pytest.approx(3.05)
     np.testing.assert_allclose(data["v_x"], 20 + np.sin(data.t), atol=1e-3)
+
+
+@pytest.mark.parametrize("write", [write_mat5, write_mat73])
+def test_names_and_units_beside_the_numbers_of_a_matlab_file_are_theirs(write, tmp_path):
+    log = open_log(write(tmp_path / "x.mat", labelled(MADE)))
+    assert {"simout.signals.delta", "simout.signals.v_x", "Gyro_Yaw.Value"} <= {
+        f"{topic}.{h.name}" for topic, table in log.tables.items() for h in table.headers
+    }
+    assert log.signal("Gyro_Yaw.Value").unit == "deg/s"
+    data = log.resample(None, {"delta": "simout.signals.delta", "v_x": "simout.signals.v_x", "r": "Gyro_Yaw.Value"})
+    for name in ("delta", "v_x", "r"):
+        np.testing.assert_allclose(data[name], np.interp(data.t, MADE.t, getattr(MADE, name)), atol=1e-4)
+
+
+@pytest.mark.parametrize("write", [write_mat5, write_mat73])
+def test_odd_labels_of_a_matlab_file_leave_its_numbers_findable(write, tmp_path):
+    """Two of one name, one with a dot, one that no terminal shows, and one that is empty."""
+    labels = ("same", "same", "a.b", "bell\a", " ")
+    signals = [{"values": k + np.arange(9.0)[:, None], "label": n} for k, n in enumerate(labels)]
+    log = open_log(write(tmp_path / "x.mat", {"time": 0.1 * np.arange(9.0), "signals": signals}))
+    firsts = {n: log.tables[""].numbers(i)[0] for i, n in enumerate(h.name for h in log.tables[""].headers)}
+    assert firsts == {"t": 0, "signals(1).values": 0, "signals(2).values": 1, "signals.a_b": 2} | {
+        f"signals({k + 1}).values": k for k in (3, 4)
+    }
+
+
+def test_dates_in_days_are_asked_for_by_their_unit(tmp_path):
+    t = 738000.25 + MADE.t / 86400
+    path = tmp_path / "x.csv"
+    path.write_text("time,r [rad/s]\n" + "\n".join(f"{a:.11f},{b:.6f}" for a, b in zip(t, MADE.r, strict=True)))
+    with pytest.raises(TimeError, match=r"begins at 738000.25 and rises .* days: name the unit, .* \[d\]'"):
+        sa.read(path)
+    data = sa.read(path, time=sa.Column("time", "d"))
+    assert data.dt == pytest.approx(0.01, rel=1e-3)
+    assert data.duration == pytest.approx(MADE.t[-1] - MADE.t[0], abs=0.02)
 
 
 def test_a_timetable_in_a_matlab_file_is_refused_with_the_way_out(tmp_path):

@@ -6,14 +6,15 @@ Guesses are guesses: `Guess.why` says what each rests on, and `slipangle.data.qu
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slipangle import units
 from slipangle.data.channels import STANDARD
 from slipangle.data.readers.column import Column
+from slipangle.data.readers.columns import in_days
 from slipangle.data.readers.recording import Recording
 from slipangle.data.readers.tables import DATE, ChannelTable
 from slipangle.errors import SlipangleError
@@ -23,7 +24,10 @@ _HAND_WHEEL = 0.75  # rad that no road wheel of a car on a track reaches
 _RATIO = 15.0  # of a steering whose hand wheel is logged, if nobody says
 _SPARSE = 0.2  # share of empty cells from which a column has a rate of its own
 _AGAINST = -0.5  # correlation of delta v_x and r below which one has the wrong sign
+_TURNING = ("delta", "v_x", "r", "a_y")
 _CLOCK = ("t", "time", "timestamp", "timestamps", "stamp", "zeit", "tempo", "tiempo", "temps", "interval", "utc")
+_COMMANDS = ("cmd", "command", "setpoint", "target", "desired")  # what was asked for, not what was measured
+_EARTH = ("gps", "gnss", "fix", "enu", "ned", "utm")  # whose x and y are not those of the car
 _WORDS = {  # what a channel is called, by the standard name; the first that fits is taken, and none of the second list
     "delta": (
         (
@@ -37,14 +41,54 @@ _WORDS = {  # what a channel is called, by the standard name; the first that fit
             "steer",
             "lenk",
         ),
-        ("torque", "moment", "rate", "speed", "vel", "force", "cmd"),
+        ("torque", "moment", "rate", "speed", "vel", "force"),
     ),
     "v_x": (
-        ("vx", "groundspeed", "vehiclespeed", "gpsspeed", "corrspeed", "vcar", "speed", "velocity", "geschwindigkeit"),
-        ("wheel", "yaw", "engine", "rpm", "angular", "wind", "gyro", "steer", "vy", "lat", "fan", "turbo"),
+        (
+            "vx",
+            "groundspeed",
+            "vehiclespeed",
+            "gpsspeed",
+            "corrspeed",
+            "vcar",
+            "velocityx",
+            "linearx",
+            "speed",
+            "velocity",
+            "geschwindigkeit",
+        ),
+        (
+            "wheel",
+            "yaw",
+            "engine",
+            "rpm",
+            "angular",
+            "wind",
+            "gyro",
+            "steer",
+            "vy",
+            "lat",
+            "fan",
+            "turbo",
+            "velocityy",
+            "velocityz",
+        ),
     ),
     "r": (
-        ("yawrate", "yawvel", "gyroyaw", "gyroz", "angularvelocityz", "ratez", "gierrate", "wz", "psidot", "yaw", "r"),
+        (
+            "yawrate",
+            "yawvel",
+            "gyroyaw",
+            "gyroz",
+            "angularvelocityz",
+            "ratez",
+            "angularz",
+            "gierrate",
+            "wz",
+            "psidot",
+            "yaw",
+            "r",
+        ),
         ("acc", "angle", "moment", "pos"),
     ),
     "a_y": (
@@ -56,13 +100,15 @@ _WORDS = {  # what a channel is called, by the standard name; the first that fit
             "accely",
             "glat",
             "glateral",
-            "linearaccelerationy",
+            "accelerationy",
+            "gforcelat",
+            "gforcey",
             "queracc",
             "acclat",
         ),
-        (),
+        ("angular",),
     ),
-    "v_y": (("vy", "lateralvel", "latvel", "lateralspeed"), ()),
+    "v_y": (("vy", "lateralvel", "latvel", "lateralspeed", "velocityy", "lineary"), ("angular", "gyro", "acc")),
 }
 _QUANTITY = {"delta": "angle", "v_x": "speed", "r": "angular rate", "a_y": "acceleration", "v_y": "speed"}
 
@@ -144,7 +190,7 @@ def survey(log: Recording) -> Survey:
     Raises SlipangleError if no clock of the log can be read.
     """
     time, settings, notes = _clock(log)
-    channels, values = [], {}
+    channels, values, asked = [], {}, set()
     for name in log.names:
         topic, i = log.find(name)
         header = log.tables[topic].headers[i]
@@ -161,11 +207,12 @@ def survey(log: Recording) -> Survey:
         seen = _seen(name, signal.unit, signal.t, signal.values)
         channels.append(seen)
         values[name] = signal.values
+        asked |= {name} if any(word in _plain(f"{topic} {name}") for word in _COMMANDS) else set()
         sparse = 1 - len(signal.values) / len(log.tables[topic].numbers(i))
         if sparse > _SPARSE and not any(line.startswith("nan") for line, _ in settings) and not header.rate:
             why = f"{100 * sparse:.0f} % of the cells of {name} are empty: it comes at a rate of its own"
             settings.append(('nan = "merge"', why))
-    guesses = tuple(g for channel in _WORDS if (g := _guess(channel, channels, values)) is not None)
+    guesses = tuple(g for channel in _WORDS if (g := _guess(channel, channels, values, asked)) is not None)
     guesses = _signed(log, guesses, time, settings)
     return Survey(channels=tuple(channels), guesses=guesses, time=time, settings=tuple(settings), notes=tuple(notes))
 
@@ -214,6 +261,7 @@ def _clock(log: Recording) -> tuple[Column | None, list[tuple[str, str]], list[s
         steps = np.diff(stamps[np.isfinite(stamps)])
         step = float(np.median(steps)) if len(steps) else 0.0
         unit = None if header.unit else next((u for u, most in _COUNTS if step < most), "ns")
+        unit = "d" if not header.unit and in_days(stamps, step) else unit
         if known and unit in (None, "s"):
             return None, [], []
         why = f"its steps of {step:g} look like {_SPOKEN[unit or 's']}" if unit else "it rises from row to row"
@@ -224,7 +272,7 @@ def _clock(log: Recording) -> tuple[Column | None, list[tuple[str, str]], list[s
 
 
 _COUNTS = (("s", 2.0), ("ms", 1e3), ("us", 1e6))  # steps below which stamps count so
-_SPOKEN = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+_SPOKEN = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "d": "days"}
 
 
 def _rising(table: ChannelTable) -> int | None:
@@ -247,21 +295,24 @@ def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
-def _guess(channel: str, seen: Sequence[Seen], values: dict[str, np.ndarray]) -> Guess | None:
-    """The column that is called most like a channel and whose unit does not contradict it."""
+def _guess(channel: str, seen: Sequence[Seen], values: dict[str, np.ndarray], asked: Container[str]) -> Guess | None:
+    """The column that is called most like a channel and whose unit does not contradict it, commands last."""
     wanted, never = _WORDS[channel]
-    for word in wanted:
-        for one in seen:
-            name, last = _plain(one.name), _plain(re.split(r"[./]", one.name)[-1])
-            exact = len(word) <= 2
-            fits = word in (name, last) or name.endswith(word) if exact and len(word) == 2 else word == name
-            fits = fits if exact else word in name
-            if not fits or any(w in name for w in never if w not in word) or "constant" in one.remarks:
-                continue
-            known = one.unit is not None and units.known(one.unit)
-            if known and units.quantity(str(one.unit)) != _QUANTITY[channel]:
-                continue
-            return _with_unit(channel, one, known, float(np.quantile(np.abs(values[one.name]), 0.999)))
+    ranked = [(word, one) for late in (False, True) for word in wanted for one in seen if (one.name in asked) == late]
+    for word, one in ranked:
+        name, last = _plain(one.name), _plain(re.split(r"[./]", one.name)[-1])
+        called = word in (name, last) or (len(word) == 2 and name.endswith(word))
+        fits = called if len(word) <= 2 else word in name
+        if not fits or any(w in name for w in never if w not in word) or "constant" in one.remarks:
+            continue
+        if word.endswith(("velocityx", "velocityy", "linearx", "lineary")) and any(w in name for w in _EARTH):
+            continue
+        known = one.unit is not None and units.known(one.unit)
+        if known and units.quantity(str(one.unit)) != _QUANTITY[channel]:
+            continue
+        guess = _with_unit(channel, one, known, float(np.quantile(np.abs(values[one.name]), 0.999)))
+        late = ("what was asked for, no measurement: take a measured one if there is",) if one.name in asked else ()
+        return replace(guess, why=(*guess.why, *late))
     return None
 
 
@@ -289,33 +340,35 @@ def _with_unit(channel: str, one: Seen, known: bool, size: float) -> Guess:
 def _signed(
     log: Recording, guesses: tuple[Guess, ...], time: Column | None, settings: Sequence[tuple[str, str]]
 ) -> tuple[Guess, ...]:
-    """The same with the steering's sign turned where the car turns the other way."""
+    """The same with the sign turned of what says that the car turns the other way."""
     columns = {g.channel: g.column for g in guesses}
     if not {"delta", "v_x", "r"} <= columns.keys():
         return guesses
     try:
         nan = "merge" if any(line.startswith("nan") for line, _ in settings) else "gap"
-        data = log.resample(None, {n: columns[n] for n in ("delta", "v_x", "r")}, time=time, nan=nan, jitter=1.0)
+        data = log.resample(None, {n: columns[n] for n in columns if n in _TURNING}, time=time, nan=nan, jitter=1.0)
     except SlipangleError:
         return guesses
-    turn = data["delta"] * data["v_x"]
-    if np.ptp(turn) == 0 or np.ptp(data["r"]) == 0:
-        return guesses
-    agree = float(np.corrcoef(turn, data["r"])[0, 1])
-    if agree > _AGAINST:
-        return guesses
-    why = f"r moves against it (agreement {agree:.2f}): left is positive for both"
-    turned = [
-        Guess(
-            channel="delta",
-            column=Column(g.column.source, g.column.unit, sign=-1, ratio=g.column.ratio),
-            why=(*g.why, why),
-        )
-        if g.channel == "delta"
-        else g
+    signals = {"delta": data["delta"] * data["v_x"], "r": data["r"]}
+    signals |= {"a_y": data["a_y"] / np.maximum(data["v_x"], 1.0)} if "a_y" in columns else {}
+    wrong = _odd(signals)
+    return tuple(
+        replace(g, column=replace(g.column, sign=-1), why=(*g.why, wrong[g.channel])) if g.channel in wrong else g
         for g in guesses
-    ]
-    return tuple(turned)
+    )
+
+
+def _odd(signals: dict[str, np.ndarray]) -> dict[str, str]:
+    """Channels that move against the others of a turning car, with the reason: against r, unless r is alone."""
+    moving = {n: x for n, x in signals.items() if np.ptp(x) > 0}
+    if "r" not in moving:
+        return {}
+    agree = {n: float(np.corrcoef(x, moving["r"])[0, 1]) for n, x in moving.items() if n != "r"}
+    against = {n: f"r moves against it (agreement {c:.2f}): left is positive for both" for n, c in agree.items()}
+    odd = {n: why for n, why in against.items() if agree[n] <= _AGAINST}
+    if len(odd) == len(agree) > 1:
+        return {"r": f"it moves against {' and '.join(agree)}: left is positive for all"}
+    return odd
 
 
 KNOWN = tuple(n for n in _WORDS if n in STANDARD)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -18,6 +19,7 @@ from slipangle.extras import extra
 
 META = b"slipangle"  # the key of what `slipangle.data.writers` notes in a file's schema
 _DEEPEST = 8
+_LONGEST = 1000  # letters of a heading in several levels
 Leaf = tuple[str, tuple[str, ...], Any, bytes | None]  # name, path to it, type, unit by the file
 
 
@@ -105,7 +107,23 @@ def _leaves(field: Any, above: tuple[str, ...], depth: int) -> Iterator[Leaf]:
         or types.is_timestamp(kind)
         or types.is_duration(kind)
     ):
-        yield ".".join(way), way, kind, (field.metadata or {}).get(b"unit")
+        yield ".".join((levels(way[0]), *way[1:])), way, kind, (field.metadata or {}).get(b"unit")
+
+
+def levels(heading: str) -> str:
+    """A heading; of one in several levels, which pandas writes as a tuple, those that are not empty.
+
+    >>> levels("('imu', 'wz')"), levels("('t', '')"), levels("speed (km/h)")
+    ('imu.wz', 't', 'speed (km/h)')
+    """
+    if not heading.startswith("('") or len(heading) > _LONGEST:
+        return heading
+    try:
+        parts = ast.literal_eval(heading)
+    except (SyntaxError, ValueError):
+        return heading
+    named = isinstance(parts, tuple) and all(isinstance(part, str) for part in parts)
+    return ".".join(filter(None, parts)) or heading if named else heading
 
 
 def _header(leaf: Leaf) -> Header:

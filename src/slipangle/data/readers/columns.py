@@ -37,6 +37,7 @@ _EPOCH = 1e7  # larger first stamps count from the log's start [s]
 _SLOW = 2.0  # steps from here on are said, where no unit is named [s]
 _TOO_SLOW = 5.0  # and refused in a log of a drive, if they are whole numbers: they count milliseconds [s]
 _HOURS = 1e4  # and in any log [s]
+_DAYS = (5e5, 1e6, 1e-4)  # stamps that count days since the year 0 lie between these, and rise by less
 _CHUNK = 1 << 16  # rows that are moved at once
 
 
@@ -144,6 +145,16 @@ def time_of(
     return t, i
 
 
+def in_days(t: np.ndarray, step: float) -> bool:
+    """Whether stamps are dates as MATLAB's datenum counts them, in days since the year 0; ``step`` from row to row.
+
+    >>> in_days(np.array([738000.5]), 1e-7)
+    True
+    """
+    low, high, most = _DAYS
+    return len(t) > 0 and low < t[0] < high and 0 < step < most
+
+
 def _counts_time(header: Header) -> bool:
     unit = header.unit or ""
     return unit == DATE or (units.known(unit) and units.quantity(unit) == "time")
@@ -157,6 +168,12 @@ def _plausible_seconds(t: np.ndarray, header: Header, what: str, *, driven: bool
     """
     steps = np.diff(t[np.isfinite(t)])
     step = float(np.median(steps)) if len(steps) else 0.0
+    if in_days(t, step):
+        raise TimeError(
+            f"{what} names no unit, begins at {t[0]:.9g} and rises by {step:.3g} from row to row; expected seconds, "
+            f"and these look like days: name the unit, in the header as '{header.name} [d]' or as "
+            f"time=Column('{header.name}', 'd')"
+        )
     if not step >= _SLOW:
         return []
     whole = bool(np.all(steps == np.round(steps)))

@@ -67,7 +67,8 @@ def _columns(frame: Any) -> Iterator[tuple[str, Any, str | None]]:
         for k, n in enumerate(frame.columns):
             column = frame.iloc[:, k]
             zoned = getattr(column.dtype, "tz", None) is not None
-            yield str(n), (column.dt.tz_convert(None) if zoned else column).to_numpy(), None
+            heading = ".".join(str(part) for part in n if part != "") if isinstance(n, tuple) else str(n)
+            yield heading, (column.dt.tz_convert(None) if zoned else column).to_numpy(), None
     elif hasattr(frame, "get_columns"):  # polars
         yield from ((c.name, c.to_numpy(), None) for c in frame.get_columns())
     elif hasattr(frame, "column_names"):  # pyarrow

@@ -12,6 +12,7 @@ References
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,14 +34,18 @@ _DEEPEST = 12
 _WIDEST = 64  # columns of a matrix, elements of a struct array
 _LARGEST = 2**27  # numbers of one variable
 _FEWEST = 2
+_LONGEST = 80  # letters of a name
+_UNIT, _LABEL = ("units", "unit"), ("label", "name", "channelname")  # text beside a vector in a struct
 
 
 class Vector(NamedTuple):
-    """A column of numbers: the way to it, how many, and how to load them."""
+    """A column of numbers: the way to it, how many, how to load them, and the unit that stands beside it."""
 
     way: str
     rows: int
     load: Callable[[], np.ndarray]
+    unit: str | None = None
+    place: str = ""  # the way without the label that stands in it
 
 
 def _known(head: bytes) -> bool:
@@ -68,6 +73,8 @@ def read_mat(path: Path) -> Recording:
             f"'{path}' holds no vectors of numbers that can be read; expected some: timetables and objects become "
             "structs in MATLAB with S = table2struct(timetable2table(T), 'ToScalar', true)"
         )
+    count = Counter(v.way for v in vectors)
+    vectors = [v._replace(way=v.place) if v.place and count[v.way] > 1 else v for v in vectors]
     return Recording(name=path.stem, tables=grouped(vectors, path, meta.get("units", {})), meta=meta)
 
 
@@ -117,8 +124,24 @@ def _table(vectors: list[Vector], clock: str, topic: str, path: Path, units: Map
         name = v.way.removeprefix(f"{topic}.")
         name = "t" if v.way == clock else name
         found = parse_heading(name)
-        headers.append(Header(text=name, name=found.name, unit=units.get(name, found.unit)))
+        headers.append(Header(text=name, name=found.name, unit=units.get(name, v.unit or found.unit)))
     return LazyTable(name=f"'{path.name}'", headers=tuple(headers), load=lambda i: vectors[i].load())
+
+
+def described(found: list[Vector], texts: Mapping[str, str], place: str, parent: str | None) -> list[Vector]:
+    """Vectors of a struct with the unit that stands beside them, as loggers and Simulink write it.
+
+    An element of a struct array with a single one, and a name beside it, is called so below its ``parent``.
+    """
+    unit = next((texts[key].strip() for key in _UNIT if texts.get(key, "").strip()), None)
+    label = next((texts[key].strip() for key in _LABEL if texts.get(key, "").strip()), "")
+    own = [k for k, v in enumerate(found) if v.way.rpartition(".")[0] == place and _last(v.way).lower() not in _TIME]
+    if unit:
+        found = [v._replace(unit=v.unit or unit) if k in own else v for k, v in enumerate(found)]
+    if parent is not None and len(own) == 1 and label.isprintable() and 0 < len(label) <= _LONGEST:
+        k = own[0]
+        found[k] = found[k]._replace(way=f"{parent}.{label.replace('.', '_')}", place=found[k].way)
+    return found
 
 
 # ---- version 5 to 7 ------------------------------------------------------------------------------------------------
@@ -134,8 +157,10 @@ def _in_value(value: Any, way: str, depth: int) -> Iterator[Vector]:
             return
         for k in range(elements):
             place = way if elements == 1 else f"{way}({k + 1})"
-            for name, cells in value.items():
-                yield from _in_value(cells[k], f"{place}.{name}", depth + 1)
+            inside = {name: cells[k] for name, cells in value.items()}
+            found = [v for name, cell in inside.items() for v in _in_value(cell, f"{place}.{name}", depth + 1)]
+            texts = {name.lower(): cell for name, cell in inside.items() if isinstance(cell, str)}
+            yield from described(found, texts, place, way if elements > 1 else None)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
         yield from _columns(np.squeeze(value) if value.ndim > 2 else value, way)
 
@@ -182,8 +207,7 @@ def _in_node(node: Any, way: str, path: Path, depth: int) -> Iterator[Vector]:
     if depth > _DEEPEST or "MATLAB_object_decode" in node.attrs:
         return
     if hasattr(node, "keys"):
-        for name in node:
-            yield from _in_node(node[name], f"{way}.{name}", path, depth + 1)
+        yield from _in_group(node, way, path, depth)
         return
     kind = node.attrs.get("MATLAB_class", b"double")
     if node.dtype.kind not in "biuf" or kind in (b"char", b"cell") or node.attrs.get("MATLAB_empty", 0):
@@ -198,6 +222,23 @@ def _in_node(node: Any, way: str, path: Path, depth: int) -> Iterator[Vector]:
     elif "MATLAB_class" in node.attrs and shape[0] <= _WIDEST and shape[1] > shape[0]:  # stored row by row
         for k in range(shape[0]):
             yield Vector(f"{way}({k + 1})", int(shape[1]), lambda k=k: _loaded(path, address, k))
+
+
+def _in_group(node: Any, way: str, path: Path, depth: int) -> Iterator[Vector]:
+    """Vectors of a struct, or of the elements of a struct array, whose fields are lists of references."""
+    lists = {name: node[name] for name in node if not hasattr(node[name], "keys") and node[name].dtype.kind == "O"}
+    elements = max((item.size for item in lists.values()), default=0)
+    if elements and len(lists) < len(node):  # cells beside vectors
+        lists, elements = {}, 0
+    if elements > _WIDEST:
+        return
+    for k in range(max(elements, 1)):
+        place = f"{way}({k + 1})" if elements > 1 else way
+        inside = {n: node.file[item[()].reshape(-1)[k]] for n, item in lists.items() if k < item.size}
+        inside = inside if elements else {name: node[name] for name in node}
+        found = [v for name, inner in inside.items() for v in _in_node(inner, f"{place}.{name}", path, depth + 1)]
+        texts = {n.lower(): _letters(x) or "" for n, x in inside.items() if x.attrs.get("MATLAB_class") == b"char"}
+        yield from described(found, texts, place, way if elements > 1 else None)
 
 
 def _loaded(path: Path, address: str, row: int | None) -> np.ndarray:
