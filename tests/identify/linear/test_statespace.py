@@ -325,6 +325,20 @@ def test_integrator_needs_the_input_offset():
     assert model.fit_info.noise_std == pytest.approx(1e-3, rel=0.2)
 
 
+def test_an_order_beyond_the_system_fits_a_long_record_too():
+    """The subspace finds modes in the noise that grow without bound over it; least squares broke down on their runs."""
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.standard_normal(2048), 8)
+    y = lfilter([0.0, 0.12, 0.1], [1.0, -1.8, 0.85], u)
+    noise = 0.02 * y.std()
+    data = Dataset.from_arrays({"u": u}, {"y": y + noise * rng.standard_normal(len(y))}, 0.01)
+    start = StateSpace(order=6)._subspace(6).fit(data)
+    assert "poles mirrored into the unit circle" in start.fit_info.method
+    assert np.abs(start.poles).max() < 1
+    model = StateSpace(order=6).fit(data)
+    assert model.fit_info.noise_std[0] == pytest.approx(noise, rel=0.02)
+
+
 def test_stability_limit_holds():
     m = system(2, 1, 1, 15)
     A = m.A * (0.999 / np.abs(m.poles).max())

@@ -72,6 +72,9 @@ class Subspace(LinearEstimator[StateSpaceModel]):
         order = self.order or suggest_order(projection.singular_values)
         A, C = projection.observability(order)
         K = projection.gain(order, A, C) if self.disturbance else np.zeros((order, len(C)))
+        longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
+        mirrored = 0 if K.any() else _grown(A, longest).sum()
+        A = _mirrored(A, longest) if mirrored else A
         parts, told = LinearFit(A=A, C=C, K=K, direct=self.direct, offset=self.offset, data=data).solve()
         strength = ", ".join(f"{s:.3g}" for s in projection.singular_values[: order + 3])
         info = described(
@@ -80,7 +83,9 @@ class Subspace(LinearEstimator[StateSpaceModel]):
             **told,
             n_samples=data.n_samples,
             method=f"subspace ({self.algorithm}), {projection.block_rows} block rows, {projection.solver}, singular "
-            f"values {strength}, ...; B, D, x0 by least squares on the one-step-ahead error, covariance given A, C, K",
+            f"values {strength}, ...; "
+            + (f"{mirrored} poles mirrored into the unit circle; " if mirrored else "")
+            + "B, D, x0 by least squares on the one-step-ahead error, covariance given A, C, K",
         )
         return StateSpaceModel(A=A, C=C, K=K, **parts, **channels(data), fit_info=info)
 
@@ -153,6 +158,20 @@ class ObliqueProjection:
         except (linalg.LinAlgError, ValueError):
             return np.zeros((order, self.n_y))
         return K if stable else np.zeros((order, self.n_y))
+
+
+def _grown(A: np.ndarray, steps: int) -> np.ndarray:
+    """Which eigenvalues leave nothing of the other modes' effects to double precision after so many steps."""
+    size = np.abs(np.linalg.eigvals(A))
+    return steps * np.log(np.maximum(size, 1.0)) > -0.5 * np.log(np.finfo(float).eps)
+
+
+def _mirrored(A: np.ndarray, steps: int) -> np.ndarray:
+    """Those eigenvalues inside the unit circle: modes that no free run of a log has, of an order beyond the car's."""
+    values, vectors = np.linalg.eig(A)
+    grown = _grown(A, steps)
+    values[grown] = 1 / values[grown].conj()
+    return np.linalg.solve(vectors.T, (vectors * values).T).T.real
 
 
 def project(data: Dataset, *, algorithm: Algorithm, block_rows: int, offset: bool = False) -> ObliqueProjection:
