@@ -8,6 +8,8 @@ from pathlib import Path
 for threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # tests already run in parallel; set before NumPy loads
     os.environ.setdefault(threads, "1")
 
+os.environ.setdefault("SLIPANGLE_LIVE", "none")  # pages without what a compiler needs seconds for, but where asked
+
 import pytest  # noqa: E402
 
 from slipangle.data.public import registry  # noqa: E402

@@ -18,6 +18,7 @@ _EXTRAS = {
     "neural": ("jax", "optax"),
     "io": ("asammdf", "h5py", "pyarrow", "rosbags"),
     "cluster": ("optuna", "ray"),
+    "live": ("ziglang",),
 }
 _TRIAL = "double slipangle_doctor(double x) { return 2.0 * x + 1.0; }"
 

@@ -26,6 +26,7 @@ from slipangle.export.mpc import mpc_project
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template
 from slipangle.models.wrappers.on_ground import POSE
+from slipangle.paths.path import Path
 from slipangle.paths.preview import strides_between
 
 AHEAD = {"X": 1, "Y": 2, "psi": 3, "curvature": 4, "v_x": 5}  # rows of a look along the path
@@ -155,18 +156,22 @@ def _counts(driver: Driver) -> dict[str, int]:
 
 def _source(driver: Driver) -> str:
     """What stands after the header in ``car.c``."""
-    line = (files("slipangle.paths") / "line.c").read_text(encoding="utf-8")
-    unasked = line.index("/* The line at places"), line.index("/* Rows ahead")
-    line = (line[: unasked[0]] + line[unasked[1] :]).replace("\nvoid line_ahead", "\nstatic void line_ahead")
     step = driver.controller.model.functions[0]
     parts = [
         filter_source(driver.estimator, model_step=step),
-        line,
+        path_source(),
         *_of_model(driver),
         *_of_path(driver),
         *_of_speed(driver),
     ]
     return "\n".join([*parts, *(f"#define {k} ({v})" for k, v in CODES.items()), template("driver.c")])
+
+
+def path_source() -> str:
+    """C of what a loop asks of a path: the foot of a point, the speed at a place, the look ahead."""
+    line = (files("slipangle.paths") / "line.c").read_text(encoding="utf-8")
+    unasked = line.index("/* The line at places"), line.index("/* Rows ahead")
+    return (line[: unasked[0]] + line[unasked[1] :]).replace("\nvoid line_ahead", "\nstatic void line_ahead")
 
 
 def _of_model(driver: Driver) -> list[str]:
@@ -204,22 +209,27 @@ def _of_model(driver: Driver) -> list[str]:
 def _of_path(driver: Driver) -> list[str]:
     """The path, what is looked at of it, and the steady side slip on it."""
     path, planner, model = driver.path, driver.controller, driver.controller.model
+    speeds, slips = driver._targets.table
+    codes = {"v_x": CODES["SPEED_AHEAD"], "v_x_dot": CODES["SPEED_CHANGE"]}
+    of = {n: codes[n] if n in codes else model.inputs.index(n) for n in planner.exogenous}
+    lines = [*path_tables(path, planner, of), table("SPEEDS", speeds), table("SLIPS", slips)]
+    return [*lines, f"#define N_SPEEDS {len(speeds)}", f"#define N_SLIPS {slips.shape[1]}"]
+
+
+def path_tables(path: Path, planner: MPC, exogenous: Mapping[str, int]) -> list[str]:
+    """The path, and what of it the planner looks at; ``exogenous`` says what its exogenous inputs are."""
     free = np.full_like(path.s, np.inf)
     lane = [free if edge is None else edge for edge in (path.right, path.left)]
     rows = np.column_stack([path.X, path.Y, path.psi, path.curvature, np.asarray(path.v_x), *lane, *_turned(path.psi)])
     strides = strides_between(np.asarray(planner.times, dtype=float).tobytes())
-    speeds, slips = driver._targets.table
     lines = [table("LINE", rows), table("SIZE", [path.spacing, path.length])]
     lines += [table("SHAPE", [len(rows), path.closed], "long"), table("COUNTS", [n for n, _ in strides], "long")]
-    lines += [table("STRIDES", [h for _, h in strides]), table("SPEEDS", speeds), table("SLIPS", slips)]
-    lines += [f"#define N_SPEEDS {len(speeds)}", f"#define N_SLIPS {slips.shape[1]}"]
+    lines.append(table("STRIDES", [h for _, h in strides]))
     if planner.references:
         codes = AHEAD | {"r": CODES["YAW_RATE"]}
         lines.append(table("REFERENCES", [codes.get(n, -1) for n in planner.references], "int"))
     if planner.exogenous:
-        codes = {"v_x": CODES["SPEED_AHEAD"], "v_x_dot": CODES["SPEED_CHANGE"]}
-        of = [codes[n] if n in codes else model.inputs.index(n) for n in planner.exogenous]
-        lines += [table("EXOGENOUS", of, "int"), table("TIMES", planner.times)]
+        lines += [table("EXOGENOUS", [exogenous[n] for n in planner.exogenous], "int"), table("TIMES", planner.times)]
     return lines
 
 

@@ -30,7 +30,7 @@ def seen_from_above(
 
     ``X``, ``Y``, ``psi`` have shape (n,) [m, m, rad]; ``reference``, ``left`` and ``right`` shape (m, 2) [m], where NaN
     rows are gaps. ``label`` is what screen readers say. With ``moving`` there is a car and a predicted path that the
-    page's script moves, see `slipangle.report.page.Playback`.
+    page's script moves, see `slipangle.report.playback.Playback`.
 
     Raises ParameterError if the lengths differ or nothing is finite.
     """
@@ -52,7 +52,9 @@ def seen_from_above(
     if moving:
         outline = np.array([[body.front, 1.0], [body.front, -1.0], [-body.rear, -1.0], [-body.rear, 1.0]])
         outline = outline * [1.0, body.width / 2]
+        drawn.insert(len(lines), '<path class="beside"/>')
         drawn.append('<path class="horizon"/>')
+        drawn.append(f'<path class="other" d="{_path(outline, np.zeros(2), np.zeros(2))}Z"/>')
         drawn.append(f'<path class="now" d="{_path(outline, np.zeros(2), np.zeros(2))}Z"/>')
     size = high - low
     origin = f' data-x="{low[0]:.3f}" data-y="{high[1]:.3f}"' if moving else ""

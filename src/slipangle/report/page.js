@@ -107,51 +107,6 @@
   window.addEventListener("afterprint", afterPrint);
   window.addEventListener("resize", onResize);
   dark.addEventListener("change", drawAll);
-  /* A drive that plays: the slider is the time, the car and its predicted path follow it. */
-  for (const block of document.querySelectorAll(".playback")) {
-    const frames = JSON.parse(block.querySelector(".frames").textContent);
-    const drawing = block.querySelector("svg");
-    const [left, top] = [Number(drawing.dataset.x), Number(drawing.dataset.y)];
-    const [play, slider, speed, said] = ["button", "input", "select", "output"].map((n) => block.querySelector(n));
-    const [car, path] = [block.querySelector(".now"), block.querySelector(".horizon")];
-    let started = null;
-    const show = () => {
-      const k = Number(slider.value);
-      const turn = -frames.psi[k] * 180 / Math.PI;
-      car.setAttribute("transform",
-        `translate(${(frames.X[k] - left).toFixed(2)} ${(top - frames.Y[k]).toFixed(2)}) rotate(${turn.toFixed(2)})`);
-      const ahead = frames.horizon[k] || [];
-      let d = "";
-      for (let i = 0; i + 1 < ahead.length; i += 2) {
-        d += `${i ? "L" : "M"}${(ahead[i] - left).toFixed(2)} ${(top - ahead[i + 1]).toFixed(2)}`;
-      }
-      path.setAttribute("d", d);
-      said.textContent = `${frames.t[k].toFixed(2)} s: ${frames.said[k]}`;
-      slider.setAttribute("aria-valuetext", said.textContent);
-    };
-    const stop = () => { started = null; play.textContent = "Play"; };
-    const go = (now) => {
-      if (started === null) return;
-      const at = started.t + Number(speed.value) * (now - started.now) / 1000;
-      let k = Number(slider.value);
-      while (k < frames.t.length - 1 && frames.t[k + 1] <= at) k += 1;
-      slider.value = k;
-      show();
-      if (k === frames.t.length - 1) stop();
-      else window.requestAnimationFrame(go);
-    };
-    const begin = () => {
-      if (Number(slider.value) === frames.t.length - 1) slider.value = 0;
-      started = { t: frames.t[Number(slider.value)], now: performance.now() };
-      play.textContent = "Pause";
-      window.requestAnimationFrame(go);
-    };
-    play.addEventListener("click", () => (started === null ? begin() : stop()));
-    slider.addEventListener("input", () => { stop(); show(); });
-    speed.addEventListener("change", () => { if (started !== null) begin(); });
-    show();
-  }
-
   const copy = document.getElementById("copy");
   if (copy) copy.addEventListener("click", () => {
     const code = document.getElementById("again");

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import html
-import json
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -13,16 +14,17 @@ from pathlib import Path
 from typing import Any, Self
 
 import plotly.graph_objects as go
-from plotly.utils import PlotlyJSONEncoder
 
 from slipangle.errors import ParameterError
 from slipangle.files import write_atomic
-from slipangle.report.bundle import packed
+from slipangle.report.bundle import bundle, packed
+from slipangle.report.jsoned import jsoned
+from slipangle.report.playback import Playback
 from slipangle.report.style import dark_map, pretty_unit, template
 from slipangle.report.tables import Cell, Table, Tone, command_html, number, published, typeset
 
-# Nothing is fetched: the browser itself refuses any request this page might make.
-_POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
+# Nothing is fetched, and no script runs but those that are named by their own checksums: the browser refuses the rest.
+_POLICY = "default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; img-src data: blob:"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,33 +100,6 @@ class Text:
     text: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class Playback:
-    """A drive that plays: its drawing with a moving car, the frames, and what is said at each.
-
-    Parameters
-    ----------
-    svg : str
-        Of `slipangle.report.drawing.seen_from_above` with ``moving``.
-    t, X, Y, psi : sequence of float
-        Times of the frames [s] and the car's pose then [m, m, rad].
-    horizon : sequence of sequence
-        X and Y of the predicted path of each frame, one after the other; empty where nothing was predicted. [m]
-    said : sequence of str
-        What is said at each frame, such as the steering angle.
-    """
-
-    title: str
-    svg: str
-    t: Sequence[float]
-    X: Sequence[float]
-    Y: Sequence[float]
-    psi: Sequence[float]
-    said: Sequence[str]
-    horizon: Sequence[Sequence[float]] = ()
-    caption: str = ""
-
-
 Block = Verdict | Figure | Grid | Table | Findings | Text | Playback
 
 
@@ -185,7 +160,7 @@ class Page:
         subtitle = f'<p class="subtitle">{typeset(self.subtitle)}</p>' if self.subtitle else ""
         return (
             '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-            f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+            f'<meta http-equiv="Content-Security-Policy" content="{self._policy()}">\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             f"<title>{html.escape(self.title)}</title>\n<style>\n{_asset('page.css')}</style>\n</head>\n<body>\n"
             f'<a class="skip" href="#{names[0]}">To the results</a>\n<div class="layout">\n'
@@ -205,15 +180,38 @@ class Page:
             )
         return f"<footer>{inside}</footer>\n" if inside else ""
 
-    def _scripts(self) -> str:
+    @property
+    def _kinds(self) -> frozenset[str]:
+        """Kinds of traces that are drawn; none where there is no figure."""
         drawn = [f.figure for section in self.sections for f in figures(section.blocks)]
-        kinds = frozenset(trace.type or "scatter" for figure in drawn for trace in figure.data)
-        settings = _json({"template": template().to_plotly_json(), "dark": dark_map()})
-        library = f'<script type="application/gzip" id="plotly">{packed(kinds)}</script>\n' if drawn else ""
+        kinds = {trace.type or "scatter" for figure in drawn for trace in figure.data}
+        return frozenset({"scatter", *kinds} if drawn else ())
+
+    def _policy(self) -> str:
+        """What the browser may run: the page's own script, the library it unpacks, and WebAssembly where it drives."""
+        scripts = [_script(), *([bundle(self._kinds)] if self._kinds else [])]
+        allowed = [f"'sha256-{_sha256(text)}'" for text in scripts]
+        live = any(isinstance(b, Playback) and b.live for section in self.sections for b in section.blocks)
+        return _POLICY.format(scripts=" ".join([*allowed, *(["'wasm-unsafe-eval'"] if live else [])]))
+
+    def _scripts(self) -> str:
+        kinds = self._kinds
+        settings = jsoned({"template": template().to_plotly_json(), "dark": dark_map()})
+        library = f'<script type="application/gzip" id="plotly">{packed(kinds)}</script>\n' if kinds else ""
         return (
             f'<script type="application/json" id="figure-settings">{settings}</script>\n'
-            f"{library}<script>\n{_asset('page.js')}</script>\n"
+            f"{library}<script>{_script()}</script>\n"
         )
+
+
+def _script() -> str:
+    """The page's own script."""
+    return f"\n{_asset('page.js')}{_asset('playback.js')}"
+
+
+def _sha256(text: str) -> str:
+    """Checksum of a script as a policy names it."""
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
 class _Ids:
@@ -259,34 +257,10 @@ def _block(block: Block, ids: _Ids) -> str:
         case Text():
             return "".join(f"<p>{typeset(part.strip())}</p>" for part in block.text.split("\n\n") if part.strip())
         case Playback():
-            return _playback(block)
+            return block.to_html()
     raise ParameterError(
         f"a section holds a {type(block).__name__}; expected Verdict, Figure, Grid, Table, Findings, Text or Playback: "
         "wrap it"
-    )
-
-
-def _playback(block: Playback) -> str:
-    def rounded(values: Sequence[float], digits: int) -> list[float]:
-        return [round(float(v), digits) for v in values]
-
-    frames = {
-        "t": rounded(block.t, 3),
-        "X": rounded(block.X, 2),
-        "Y": rounded(block.Y, 2),
-        "psi": rounded(block.psi, 4),
-    }
-    frames |= {"said": list(block.said), "horizon": [rounded(h, 2) for h in block.horizon]}
-    speeds = "".join(
-        f'<option value="{v}"{" selected" if v == 1 else ""}>{v:g} ×</option>' for v in (0.25, 0.5, 1, 2, 4)
-    )
-    under = f'<div class="caption"><p>{typeset(block.caption)}</p></div>' if block.caption else ""
-    return (
-        f'<div class="block playback"><h3>{html.escape(block.title)}</h3>{block.svg}<div class="controls">'
-        '<button type="button" class="play">Play</button>'
-        f'<input type="range" min="0" max="{len(frames["t"]) - 1}" value="0" step="1" aria-label="time of the drive">'
-        f'<select aria-label="speed of the playback">{speeds}</select><output></output></div>'
-        f'<script type="application/json" class="frames">{_json(frames)}</script>{under}</div>'
     )
 
 
@@ -330,7 +304,7 @@ def _figure(figure: Figure, ids: _Ids) -> str:
     layout = dict(spec.get("layout", {}))
     layout.pop("template", None)  # the page holds the one template of all figures
     height = layout.get("height", 450)
-    data = _json({"data": spec.get("data", []), "layout": layout})
+    data = jsoned({"data": spec.get("data", []), "layout": layout})
     under = f"<p>{typeset(figure.caption)}</p>" if figure.caption else ""
     under += command_html(figure.command)
     return (
@@ -341,12 +315,6 @@ def _figure(figure: Figure, ids: _Ids) -> str:
         + (f'<div class="caption">{under}</div>' if under else "")
         + "</div>"
     )
-
-
-def _json(value: object) -> str:
-    """JSON that can stand inside a script element."""
-    text = json.dumps(value, cls=PlotlyJSONEncoder, separators=(",", ":"))
-    return text.replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 @cache

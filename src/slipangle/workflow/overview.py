@@ -11,10 +11,12 @@ import numpy as np
 from slipangle import Validation, report
 from slipangle.models.model import FitInfo
 from slipangle.report.drawing import seen_from_above
-from slipangle.report.page import Block, Playback
+from slipangle.report.page import Block
+from slipangle.report.playback import Playback
 from slipangle.report.style import pretty_unit, read_in
 from slipangle.report.tables import number, to_digit
 from slipangle.workflow.job import Outcome
+from slipangle.workflow.live import live_drive, other_law, tire_use
 
 _MOST = 14  # parameters that a first screen has room for
 _ALIKE = 0.95  # correlation from which two parameters can stand in for each other
@@ -78,12 +80,16 @@ def picture(outcome: Outcome) -> Playback | None:
     edges: dict[str, Any] = {"reference": line, "left": left, "right": right}
     svg = seen_from_above(run["X"], run["Y"], run["psi"], body=body, label=label, moving=True, **edges)
     rows = np.searchsorted(run.t, run.t_plan - 1e-9).clip(0, len(run.t) - 1)
-    steering = np.degrees(run["delta"]) if "delta" in (*run.state_names, *run.input_names) else np.zeros(len(run.t))
+    known = "delta" in (*run.state_names, *run.input_names)
+    steering = np.degrees(run["delta"]) if known else np.zeros(len(run.t))
     words = [
         f"steering {steering[k]:+.1f}° of ±{wanted.delta_max:g}°, {3.6 * run.v_x[k]:.1f} km/h, "
         f"{100 * run.e_y[k]:+.1f} cm from the path"
         for k in rows
     ]
+    model = next(v.model for v in outcome.validations if v.name == wanted.model)
+    plant, beside = outcome.settings.plant, other_law(wanted, outcome.settings.plant, model)
+    drawn = "One scale for both axes; lanes, path to follow (dashed), driven path, what the controller predicts."
     return Playback(
         title=said,
         svg=svg,
@@ -93,7 +99,12 @@ def picture(outcome: Outcome) -> Playback | None:
         psi=run["psi"][rows].tolist(),
         said=words,
         horizon=_horizons(outcome, len(rows)),
-        caption="One scale for both axes; lanes, path to follow (dashed), driven path, what the controller predicts.",
+        steering=steering[rows].tolist() if known else (),
+        limit=wanted.delta_max,
+        axles=tire_use(run, rows, plant, model),
+        beside=beside,
+        live=None if outcome.settings.estimator else live_drive(wanted, plant, model, outcome.controller),
+        caption=drawn + (f" Dotted: {beside.label}, a law that predicts nothing." if beside else ""),
     )
 
 

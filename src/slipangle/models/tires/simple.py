@@ -128,6 +128,11 @@ class Tire(abc.ABC):
         return self
 
     @property
+    def peak_friction(self) -> tuple[Scalar, Scalar] | None:
+        """Largest friction coefficients along and across; None where they depend on load or are not known. [-]"""
+        return None
+
+    @property
     def known_range(self) -> KnownRange:
         """Where the tire is worth drawing."""
         return KnownRange()
@@ -242,6 +247,11 @@ class SimpleMagicFormula(Checked, Tire):
     longitudinal: MagicCurve
     lateral: MagicCurve
     combined: Literal["none", "ellipse"] = "none"
+
+    @property
+    def peak_friction(self) -> tuple[Scalar, Scalar]:
+        """See `Tire.peak_friction`."""
+        return self.longitudinal.D, self.lateral.D
 
     def forces(
         self, slip_ratio: Scalar, slip_angle: Scalar, load: Scalar, *, camber: Scalar = 0.0, friction: Scalar = 1.0

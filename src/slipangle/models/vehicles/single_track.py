@@ -1,12 +1,14 @@
 """Single track with wheel spin on any tires."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import MissingColumnError, nearest
+from slipangle.errors import MissingColumnError, ParameterError, nearest
 from slipangle.models.ode import OdeModel
+from slipangle.models.tires.on_road import OnRoad
 from slipangle.models.tires.simple import Tire, slip_ratio
 from slipangle.models.vehicles.axle import axle_velocities, crawl, ground_velocity, slip_angles, steered
 from slipangle.models.vehicles.parameters import SingleTrackParams
@@ -90,6 +92,50 @@ class SingleTrack(StartsRolling):
             "alpha_f": alpha_f,
             "alpha_r": alpha_r,
         }
+
+    def varied(self, *, friction: Scalar = 1.0, mass: Scalar = 1.0) -> Self:
+        """The car on another road and laden: factors of friction and of mass, with which its yaw inertia goes. [-]"""
+        params = self.params.with_values(mass=mass * self.params.mass, inertia_z=mass * self.params.inertia_z)
+        tires = {n: OnRoad(getattr(self, n), friction) for n in ("tire_f", "tire_r")}
+        return replace(self, params=params, fit_info=None, **tires)
+
+    @property
+    def tells_tire_use(self) -> bool:
+        """Whether its tires say what they have to give, see `tire_use`."""
+        return None not in (self.tire_f.peak_friction, self.tire_r.peak_friction)
+
+    def tire_use(self, x: Vector, u: Vector) -> tuple[Scalar, Scalar, Scalar, Scalar]:
+        """Tire forces used: along and across, front then rear, each over the largest one there is that way. [-]
+
+        On a friction ellipse the two of an axle are a point of the unit circle: at its edge nothing is left.
+
+        Parameters
+        ----------
+        x, u : array or symbols, shape (8, ...) and (3, ...)
+            States and inputs, SI units.
+
+        Raises
+        ------
+        ParameterError
+            If the tires do not say what they have to give.
+        """
+        p, delta = self.params, self.params.road_wheel(u[0])
+        alpha_f, alpha_r = slip_angles(x[0], x[1], x[2], delta, p)
+        v_wheel = x[0] * cos(delta) + axle_velocities(x[1], x[2], p)[0] * sin(delta)
+        shares: list[Scalar] = []
+        for tire, v, omega, alpha, load in (
+            (self.tire_f, v_wheel, x[3], alpha_f, p.load_f),
+            (self.tire_r, x[0], x[4], alpha_r, p.load_r),
+        ):
+            known = tire.peak_friction
+            if known is None:
+                raise ParameterError(
+                    f"a {type(tire).__name__} does not say what it has to give; expected a simple Magic Formula: use "
+                    "that, or look at its forces"
+                )
+            forces = tire.forces(slip_ratio(v, omega, p.radius, v_low=crawl(p)), alpha, load)
+            shares += [forces.F_x / (known[0] * load), forces.F_y / (known[1] * load)]
+        return shares[0], shares[1], shares[2], shares[3]
 
     def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
         """State of straight driving at speed ``v_x`` [m/s] with rolling wheels."""

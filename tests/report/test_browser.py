@@ -1,0 +1,161 @@
+"""Pages in a real browser, by its DevTools protocol: drives play, the reader drives, the console stays clean."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from slipangle.report import Page, Section
+from slipangle.report.drawing import seen_from_above
+from slipangle.report.playback import Beside, LiveDrive, Playback, Slider
+from slipangle.simulate.loop import closed_loop
+from tests.export.test_live import CASES, loop
+from tests.export.tools import needs
+from tests.report.browser import BROWSER, Browser
+
+pytestmark = [pytest.mark.slow, BROWSER]
+
+COMMANDS = """(async () => {
+  const bytes = Uint8Array.from(atob(document.querySelector(".program").textContent), (c) => c.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  const program = (await WebAssembly.instantiate(await new Response(stream).arrayBuffer(), {})).instance;
+  const e = program.exports;
+  e._initialize();
+  return CASES.map((settings) => {
+    new Float64Array(e.memory.buffer, e.live_settings(), settings.length).set(settings);
+    e.live_begin();
+    let end = 0;
+    while (!end) { e.live_plan(); end = e.live_go(); }
+    return Array.from(new Float64Array(e.memory.buffer, e.live_commands(), e.live_plans()));
+  });
+})()"""
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with Browser(tmp_path_factory.mktemp("browser")) as opened:
+        yield opened
+
+
+def drive(live=None):
+    t = 0.05 * np.arange(21)
+    X = np.linspace(0.0, 20.0, 21)
+    psi = np.full(21, np.arctan(0.5))
+    svg = seen_from_above(X, 0.5 * X, psi, moving=True)
+    return Playback(
+        title="A drive",
+        svg=svg,
+        t=t,
+        X=X,
+        Y=0.5 * X,
+        psi=psi,
+        said=[f"frame {k}" for k in range(21)],
+        horizon=[[x, 0.5 * x, x + 2.0, 0.5 * x + 1.0] for x in X],
+        steering=10 * np.sin(t),
+        limit=20.0,
+        axles=[[0.1, 0.5, -0.1, 0.4]] * 21,
+        beside=Beside(label="another", t=t, X=X, Y=0.4 * X, psi=psi),
+        live=live,
+    )
+
+
+def write(folder, *blocks):
+    return Page(title="t", sections=(Section(title="s", blocks=blocks),)).write(folder / "page.html")
+
+
+@pytest.fixture(scope="module")
+def live_page(tmp_path_factory):
+    needs("zig")
+    live = loop()
+    sliders = [Slider(label=s.name, value=s.value, low=s.low, high=s.high) for s in live.settings]
+    states = live.mpc.model.states
+    place = len(states), live.mpc.horizon + 1, states.index("X"), states.index("Y")
+    block = drive(LiveDrive(program=live.wasm(), sliders=sliders, row=live.row, dt=0.05, state=place))
+    return live, write(tmp_path_factory.mktemp("live"), block)
+
+
+def places(browser):
+    return [
+        float(v)
+        for v in re.findall(r"-?[\d.]+", browser.run("document.querySelector('.now').getAttribute('transform')"))
+    ]
+
+
+def test_slider_keys_and_button_move_the_car(browser, tmp_path):
+    browser.console.clear()
+    browser.open(write(tmp_path, drive()))
+    first = places(browser)
+    browser.run("document.querySelector('.controls input').focus()")
+    for _ in range(7):
+        browser.press("ArrowRight", 39)
+    assert browser.run("document.querySelector('.controls output').textContent") == "0.35 s: frame 7"
+    moved = places(browser)
+    assert np.subtract(moved, first) == pytest.approx([7.0, -3.5, 0.0], abs=0.02)
+    other = browser.run("document.querySelector('.other').getAttribute('transform')")
+    assert float(re.findall(r"-?[\d.]+", other)[1]) == pytest.approx(moved[1] + 0.7, abs=0.02)
+    dot = browser.run("document.querySelector('.dot').getAttribute('transform')")
+    assert dot == "translate(-0.5 -0.1)"  # to the left, forward
+    browser.run("document.querySelector('.play').click()")
+    browser.wait("document.querySelector('.controls output').textContent.includes('frame 20')")
+    assert browser.run("document.querySelector('.play').textContent") == "Play"
+    assert browser.console == []
+
+
+def test_no_script_runs_but_the_page_s_own(browser, tmp_path):
+    page = write(tmp_path, drive())
+    page.write_text(page.read_text().replace("</body>", "<script>document.title = 'changed'</script></body>"))
+    browser.console.clear()
+    browser.open(page)
+    assert browser.run("document.title") == "t"
+    assert any("Content Security Policy" in line for line in browser.console)
+    browser.console.clear()
+
+
+def test_the_reader_drives(browser, live_page):
+    live, page = live_page
+    browser.console.clear()
+    browser.open(page)
+    browser.wait("!document.querySelector('.live').hidden")
+    assert re.search(
+        r"Solver on your machine: [\d.]+ ms a plan", browser.run("document.querySelector('.outcome').textContent")
+    )
+    before = browser.run("document.querySelector('.way').getAttribute('d')")
+    browser.run(
+        "(() => { const i = document.querySelector('[data-at=\"0\"]'); i.value = 150;"
+        " i.dispatchEvent(new Event('input')); })()"
+    )
+    browser.wait("document.querySelector('.playback').classList.contains('driven')")
+    pace = 0.6 + 0.75 * (1.6 - 0.6)
+    run = closed_loop(**live.loop(pace=pace))
+    said = browser.run("document.querySelector('.outcome').textContent")
+    assert said.startswith(f"{100 * run.rmse('y'):.1f} cm (RMS)")
+    assert browser.run("document.querySelector('.way').getAttribute('d')") != before
+    browser.run("document.querySelector('.reset').click()")
+    rmse = 100 * closed_loop(**live.loop()).rmse("y")
+    browser.wait(f"document.querySelector('.outcome').textContent.startsWith('{rmse:.1f} cm')")
+    assert browser.console == []
+    assert all(url.startswith(("file:", "blob:")) for url in browser.requests)
+
+
+def test_commands_in_the_browser_are_those_of_python(browser, live_page):
+    live, page = live_page
+    browser.open(page)
+    names = [s.name.replace(" ", "_") for s in live.settings]
+    values = [[case.get(n, s.value) for n, s in zip(names, live.settings, strict=True)] for case in CASES]
+    answers = browser.run(COMMANDS.replace("CASES", json.dumps(values)))
+    for case, commands in zip(CASES, answers, strict=True):
+        wanted = [float(p.command[0]) for p in closed_loop(**live.loop(**case)).plans]
+        assert np.abs(np.subtract(commands, wanted)).max() < 1e-9, case
+
+
+def test_without_webassembly_the_recorded_drive_plays(browser, live_page, tmp_path):
+    _, page = live_page
+    plain = tmp_path / "page.html"
+    plain.write_text(page.read_text().replace(" 'wasm-unsafe-eval'", ""))
+    browser.open(plain)
+    browser.run("document.querySelector('.play').click()")
+    browser.wait("document.querySelector('.controls output').textContent.includes('frame 20')")
+    assert browser.run("document.querySelector('.live').hidden")
+    assert browser.run("document.querySelector('summary').textContent") == "Steering and tires against their limits"
+    browser.console.clear()
