@@ -31,6 +31,8 @@ def _whole(name: str) -> bytes:
             test_formats.mat5(path)
         elif name == "mat73-labels":
             logs.write_mat73(path, logs.labelled(made))
+        elif name in ("timetables-v7", "timetables-v73"):
+            path = test_formats.timetables(Path(folder), name.removeprefix("timetables-"))
         elif name == "mat5-labels":
             logs.write_mat5(path, logs.labelled(made))
         elif name in ("mdf3", "mdf4"):

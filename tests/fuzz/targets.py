@@ -497,7 +497,11 @@ TARGETS: dict[str, Target] = {
     "type-arrow": Target(maker("parquet", "feather", suffix=".parquet"), read_log, 150),
     "type-expression": Target(make_expression, read_expression, 1000),
     "type-ld": Target(maker("ld", suffix=".ld"), read_log, 400),
-    "type-mat": Target(maker("mat5", "mat73", "mat5-labels", "mat73-labels", suffix=".mat"), read_log, 200),
+    "type-mat": Target(
+        maker("mat5", "mat73", "mat5-labels", "mat73-labels", "timetables-v7", "timetables-v73", suffix=".mat"),
+        read_log,
+        300,
+    ),
     "type-mdf": Target(maker("mdf3", "mdf4", suffix=".mf4"), read_log, 40),
     "type-position": Target(maker("gpx", "kml", suffix=".gpx", text=True), read_log, 500),
     "type-ros": Target(maker("bag", "db3", "mcap", suffix=".mcap"), read_log, 60),

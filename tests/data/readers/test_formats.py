@@ -1,7 +1,9 @@
 """Every format of a log gives the numbers that were written into it, whatever the file is called."""
 
+import lzma
 import struct
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from scipy.io import savemat
 import slipangle as sa
 from slipangle.data.race import equirectangular
 from slipangle.data.readers import open_log
+from slipangle.data.readers.recording import Recording
 from slipangle.errors import ConfigError, FormatError, MissingColumnError, NotFiniteError, ParameterError, TimeError
 from tests.data.readers.logs import (
     LdChannel,
@@ -295,11 +298,51 @@ def test_dates_in_days_are_asked_for_by_their_unit(tmp_path):
     assert data.duration == pytest.approx(MADE.t[-1] - MADE.t[0], abs=0.02)
 
 
-def test_a_timetable_in_a_matlab_file_is_refused_with_the_way_out(tmp_path):
-    path = tmp_path / "x.mat"
-    savemat(path, {"who": "nobody", "n": 3.0})
-    with pytest.raises(MissingColumnError, match=r"holds no vectors .* table2struct"):
-        sa.read(path)
+def timetables(folder, version, change=lambda raw: raw):
+    """A file of timetables that matio 1.0.2 wrote, which lays objects out as MATLAB does."""
+    packed = Path(__file__).parent / f"timetables_{version}.mat.xz"
+    path = folder / "x.mat"
+    path.write_bytes(change(lzma.decompress(packed.read_bytes())))
+    return path
+
+
+@pytest.mark.parametrize("version", ["v7", "v73"])
+def test_timetables_and_tables_of_a_matlab_file_are_read(version, tmp_path):
+    """Row times as durations, as datetimes, by a rate and by a step, a duration in a table; beside them words."""
+    log = open_log(timetables(tmp_path, version))
+    assert not log.notes
+    t = 0.02 * np.arange(25)
+    wanted = {
+        "log.SteeringWheelAngle": (t, 40 * np.sin(t), "deg"),
+        "log.VehicleSpeed": (t, 60 + 5 * t, "km/h"),
+        "dates.r": (1_700_000_000.25 + t, 0.1 * np.arange(25), None),
+        "car.table.v_x": (t, 20 + t, None),
+        "rate.YawRate": (1.5 + np.arange(25) / 40, 12 * np.cos(t), "deg/s"),
+        "step.YawRate": (1.5 + t, 12 * np.cos(t), None),
+    }
+    for name, (times, values, unit) in wanted.items():
+        topic, _, column = name.rpartition(".")
+        table = log.tables[topic]
+        place = [h.name for h in table.headers].index(column)
+        alone = Recording(name="x", tables={topic: table})
+        signal = alone.signal(column)
+        assert signal.unit == table.headers[place].unit == unit
+        np.testing.assert_allclose(signal.values, values, atol=1e-6)
+        np.testing.assert_allclose(signal.t - signal.t[0], times - times[0], atol=1e-6)
+        np.testing.assert_allclose(table.numbers([h.name for h in table.headers].index("t")), times, atol=1e-6)
+    data = sa.read(tmp_path / "x.mat", {"delta": "log.SteeringWheelAngle", "r": "log.YawRate"})
+    np.testing.assert_allclose(data["delta"], np.radians(40 * np.sin(t)), atol=1e-6)
+
+
+def test_other_objects_of_a_matlab_file_are_named(tmp_path):
+    log = open_log(timetables(tmp_path, "v7", lambda raw: raw.replace(b"timetable", b"timeseria")))
+    assert set(log.notes) == {
+        f"'{name}' is an object of class timeseria, which is not read" for name in ("log", "dates", "rate", "step")
+    }
+    assert log.signal("v_x").values[0] == 20
+    savemat(tmp_path / "y.mat", {"who": "nobody", "n": 3.0})
+    with pytest.raises(MissingColumnError, match=r"holds no vectors .* struct\(object\)"):
+        open_log(tmp_path / "y.mat")
 
 
 @pytest.mark.parametrize(

@@ -15,12 +15,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from slipangle.data.readers.matlab_objects import Opaque
 from slipangle.errors import FormatError
 
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _TEXTS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _MATRIX, _COMPRESSED = 14, 15
-_CELL, _STRUCT, _CHAR = 1, 2, 4
+_CELL, _STRUCT, _CHAR, _OBJECT = 1, 2, 4, 17
 _LARGEST = 2**28  # bytes of one variable after inflation
 _DEEPEST = 20
 
@@ -43,6 +44,15 @@ def read_mat5(path: str | Path) -> dict[str, Any]:
 
     Raises FormatError if it is no MATLAB file of version 5 to 7, or damaged.
     """
+    variables, _ = read_all(path)
+    return {name: value for name, value in variables.items() if not isinstance(value, Opaque)}
+
+
+def read_all(path: str | Path) -> tuple[dict[str, Any], tuple[Any, str]]:
+    """The same with objects as `Opaque`, and what they hold: the cells, None without any, and their byte order.
+
+    Raises FormatError as `read_mat5` does.
+    """
     raw = memoryview(Path(path).read_bytes())
     if bytes(raw[:8]) == b"\x89HDF\r\n\x1a\n" or (len(raw) > 520 and bytes(raw[512:520]) == b"\x89HDF\r\n\x1a\n"):
         raise FormatError(
@@ -54,14 +64,17 @@ def read_mat5(path: str | Path) -> dict[str, Any]:
             f"'{path}' is not a MATLAB file of version 5 to 7; expected one: save it in MATLAB with save(..., '-v7')"
         )
     variables: dict[str, Any] = {}
-    at = 128
+    objects: tuple[Any, str] = (None, order)
+    last, at = int(np.frombuffer(raw, order + "u8", 1, 116)[0]), 128  # where the objects are
     try:
         while at + 8 <= len(raw):
-            element = _element(raw, at, order)
+            element, start = _element(raw, at, order), at
             at = element.end
             if element.kind == _COMPRESSED:
                 element = _element(_inflated(element.data), 0, order)
-            if element.kind == _MATRIX:
+            if element.kind == _MATRIX and start == last:
+                objects = _objects(element.data, order)
+            elif element.kind == _MATRIX:
                 name, value = _matrix(element.data, order, 0)
                 if value is not None:
                     variables[name] = value
@@ -70,7 +83,21 @@ def read_mat5(path: str | Path) -> dict[str, Any]:
             f"'{path}' is damaged after {len(variables)} variables ({str(error).splitlines()[0]}); expected a whole "
             "MATLAB file: copy or save it again"
         ) from None
-    return variables
+    return variables, objects
+
+
+def _objects(data: memoryview, order: str) -> tuple[Any, str]:
+    """Cells of all objects and their byte order: a small file of its own inside an array of bytes."""
+    at = 0
+    for _ in range(3):  # flags, shape, name
+        at = _element(data, at, order).end
+    inside = _element(data, at, order).data
+    own = {b"IM": "<", b"MI": ">"}.get(bytes(inside[2:4]))
+    if own is None:
+        return None, order
+    _, value = _matrix(_element(inside, 8, own).data, own, 0)
+    held = value.get("MCOS") if isinstance(value, dict) else None
+    return (held[0].content if held is not None and len(held) and isinstance(held[0], Opaque) else None), own
 
 
 def _inflated(data: memoryview) -> memoryview:
@@ -121,6 +148,8 @@ def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
         return "", np.empty((0, 0))
     flags = _element(data, 0, order)
     kind = int(_numbers(flags, order)[0]) & 0xFF
+    if kind == _OBJECT:
+        return _opaque(data, flags.end, order, depth)
     shape_element = _element(data, flags.end, order)
     shape = tuple(int(n) for n in _numbers(shape_element, order))
     # every number takes a byte at least, every cell a tag of eight; sparse arrays (kind 5) are not read
@@ -148,6 +177,20 @@ def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
             raise _Bad(f"'{name}' holds {len(values)} numbers, its shape is {shape}")
         return name, values.astype(float).reshape(shape, order="F")
     return name, None
+
+
+def _opaque(data: memoryview, at: int, order: str, depth: int) -> tuple[str, Any]:
+    """Name and value of an object: its class, and the numbers that name it."""
+    words = []
+    for _ in range(3):  # name, system of types, class
+        element = _element(data, at, order)
+        words.append(_text(element, order))
+        at = element.end
+    name, system, kind = words
+    content = _element(data, at, order)
+    if system != "MCOS" or content.kind != _MATRIX:
+        return name, None
+    return name, Opaque(kind, _matrix(content.data, order, depth + 1)[1])
 
 
 def _values(data: memoryview, at: int, order: str, count: int, depth: int) -> Any:

@@ -1,8 +1,7 @@
 """MATLAB files as logs: vectors of one length belong together, by variable or inside structs.
 
-Versions 5 to 7 are read by `slipangle.data.readers.mat5`, version 7.3, which is HDF5 [1]_, by h5py. Timetables and
-other objects are stored in a form that is not published: MATLAB makes structs of them with
-``S = table2struct(timetable2table(T), 'ToScalar', true)``.
+Versions 5 to 7 are read by `slipangle.data.readers.mat5`, version 7.3, which is HDF5 [1]_, by h5py, timetables and
+tables of both by `slipangle.data.readers.matlab_objects`. Of other objects MATLAB makes structs.
 
 References
 ----------
@@ -19,7 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slipangle.data.readers.mat5 import read_mat5
+from slipangle.data.readers.mat5 import read_all
+from slipangle.data.readers.matlab_objects import Objects, Opaque, Piece
 from slipangle.data.readers.recording import Recording
 from slipangle.data.readers.registry import reader
 from slipangle.data.readers.tables import Header, LazyTable
@@ -34,6 +34,7 @@ _DEEPEST = 12
 _WIDEST = 64  # columns of a matrix, elements of a struct array
 _LARGEST = 2**27  # numbers of one variable
 _FEWEST = 2
+_MANY = 100_000  # parts of an object
 _LONGEST = 80  # letters of a name
 _UNIT, _LABEL = ("units", "unit"), ("label", "name", "channelname")  # text beside a vector in a struct
 
@@ -62,20 +63,42 @@ def read_mat(path: Path) -> Recording:
     with path.open("rb") as file:
         head = file.read(520)
     if HDF in (head[:8], head[512:520]):
-        vectors, meta = _read_hdf(path)
+        vectors, meta, named = _read_hdf(path)
     else:
-        variables = read_mat5(path)
+        variables, (cells, order) = read_all(path)
         text = variables.pop(META, None)
         meta = _noted(text)
-        vectors = [v for name, value in variables.items() for v in _in_value(value, name, 0)]
+        named = Named(lambda: Objects(cells, order))
+        vectors = [v for name, value in variables.items() for v in _in_value(value, name, 0, named)]
     if not vectors:
+        left = f", but {named.notes[0]}" if named.notes else ""
         raise MissingColumnError(
-            f"'{path}' holds no vectors of numbers that can be read; expected some: timetables and objects become "
-            "structs in MATLAB with S = table2struct(timetable2table(T), 'ToScalar', true)"
+            f"'{path}' holds no vectors of numbers that can be read{left}; expected some: other objects than "
+            "timetables and tables become structs in MATLAB with S = struct(object)"
         )
     count = Counter(v.way for v in vectors)
     vectors = [v._replace(way=v.place) if v.place and count[v.way] > 1 else v for v in vectors]
-    return Recording(name=path.stem, tables=grouped(vectors, path, meta.get("units", {})), meta=meta)
+    tables = grouped(vectors, path, meta.get("units", {}))
+    return Recording(name=path.stem, tables=tables, meta=meta, notes=tuple(named.notes))
+
+
+class Named:
+    """The objects of a file, read when a variable names one; ``notes`` has those that are left out."""
+
+    def __init__(self, objects: Callable[[], Objects]) -> None:
+        self._read, self._objects = objects, None
+        self.notes: list[str] = []
+
+    def vectors(self, kind: str, content: Any, way: str) -> Iterator[Vector]:
+        """Vectors of one object."""
+        try:
+            self._objects = self._objects or self._read()
+            pieces: list[Piece] = list(self._objects.pieces(content, way))
+        except (ValueError, KeyError, IndexError, TypeError, AttributeError, OverflowError, UnicodeDecodeError):
+            self.notes.append(f"'{way[:60]}' is an object of class {kind[:60]}, which is not read")
+            return
+        for piece in pieces:
+            yield from (v._replace(unit=piece.unit) for v in _columns(np.squeeze(piece.values), piece.way))
 
 
 def _noted(text: Any) -> dict[str, Any]:
@@ -147,18 +170,20 @@ def described(found: list[Vector], texts: Mapping[str, str], place: str, parent:
 # ---- version 5 to 7 ------------------------------------------------------------------------------------------------
 
 
-def _in_value(value: Any, way: str, depth: int) -> Iterator[Vector]:
+def _in_value(value: Any, way: str, depth: int, named: Named) -> Iterator[Vector]:
     """Vectors in a variable that `read_mat5` gave: arrays as they are, structs and their elements by name."""
     if depth > _DEEPEST:
         return
-    if isinstance(value, dict):
+    if isinstance(value, Opaque):
+        yield from named.vectors(value.kind, value.content, way)
+    elif isinstance(value, dict):
         elements = max((len(v) for v in value.values()), default=0)
         if elements > _WIDEST:
             return
         for k in range(elements):
             place = way if elements == 1 else f"{way}({k + 1})"
             inside = {name: cells[k] for name, cells in value.items()}
-            found = [v for name, cell in inside.items() for v in _in_value(cell, f"{place}.{name}", depth + 1)]
+            found = [v for name, cell in inside.items() for v in _in_value(cell, f"{place}.{name}", depth + 1, named)]
             texts = {name.lower(): cell for name, cell in inside.items() if isinstance(cell, str)}
             yield from described(found, texts, place, way if elements > 1 else None)
     elif isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
@@ -179,17 +204,19 @@ def _columns(values: np.ndarray, way: str) -> Iterator[Vector]:
 # ---- version 7.3 ---------------------------------------------------------------------------------------------------
 
 
-def _read_hdf(path: Path) -> tuple[list[Vector], dict[str, Any]]:
+def _read_hdf(path: Path) -> tuple[list[Vector], dict[str, Any], Named]:
     h5py = extra("h5py", "io", "reading a MATLAB 7.3 file")
     try:
         with h5py.File(path, "r") as file:
-            vectors = [v for name in file if not name.startswith("#") for v in _in_node(file[name], name, path, 0)]
+            named = Named(lambda: Objects(_value(file["#subsystem#/MCOS"], _MANY)))
+            places = [name for name in file if not name.startswith("#")]
+            vectors = [v for name in places for v in _in_node(file[name], name, path, 0, named)]
             note = _letters(file[META]) if META in file else None
     except MissingColumnError:
         raise
     except Exception as error:  # of many kinds: it trusts every byte
         raise _damaged(path, error) from None
-    return vectors, _noted(note)
+    return vectors, _noted(note), named
 
 
 def _damaged(path: Path, error: Exception) -> FormatError:
@@ -202,12 +229,16 @@ def _letters(node: Any) -> str | None:
     return "".join(map(chr, values.reshape(-1).tolist())) if values.dtype.kind == "u" else None
 
 
-def _in_node(node: Any, way: str, path: Path, depth: int) -> Iterator[Vector]:
-    """Vectors in a group (a struct) or a dataset; objects, of which MATLAB stores references, are left out."""
-    if depth > _DEEPEST or "MATLAB_object_decode" in node.attrs:
+def _in_node(node: Any, way: str, path: Path, depth: int, named: Named) -> Iterator[Vector]:
+    """Vectors in a group (a struct) or a dataset, which may name an object."""
+    if depth > _DEEPEST:
+        return
+    if "MATLAB_object_decode" in node.attrs:
+        kind = node.attrs.get("MATLAB_class", b"")
+        yield from named.vectors(kind.decode("ascii", "replace"), _value(node, _MANY), way)
         return
     if hasattr(node, "keys"):
-        yield from _in_group(node, way, path, depth)
+        yield from _in_group(node, way, path, depth, named)
         return
     kind = node.attrs.get("MATLAB_class", b"double")
     if node.dtype.kind not in "biuf" or kind in (b"char", b"cell") or node.attrs.get("MATLAB_empty", 0):
@@ -224,21 +255,51 @@ def _in_node(node: Any, way: str, path: Path, depth: int) -> Iterator[Vector]:
             yield Vector(f"{way}({k + 1})", int(shape[1]), lambda k=k: _loaded(path, address, k))
 
 
-def _in_group(node: Any, way: str, path: Path, depth: int) -> Iterator[Vector]:
+def _in_group(node: Any, way: str, path: Path, depth: int, named: Named) -> Iterator[Vector]:
     """Vectors of a struct, or of the elements of a struct array, whose fields are lists of references."""
-    lists = {name: node[name] for name in node if not hasattr(node[name], "keys") and node[name].dtype.kind == "O"}
+    plain = {n: item for n, item in node.items() if not hasattr(item, "keys") and "MATLAB_class" not in item.attrs}
+    lists = {name: item for name, item in plain.items() if item.dtype.kind == "O"}
     elements = max((item.size for item in lists.values()), default=0)
-    if elements and len(lists) < len(node):  # cells beside vectors
-        lists, elements = {}, 0
     if elements > _WIDEST:
         return
     for k in range(max(elements, 1)):
         place = f"{way}({k + 1})" if elements > 1 else way
         inside = {n: node.file[item[()].reshape(-1)[k]] for n, item in lists.items() if k < item.size}
         inside = inside if elements else {name: node[name] for name in node}
-        found = [v for name, inner in inside.items() for v in _in_node(inner, f"{place}.{name}", path, depth + 1)]
+        found = [
+            v for name, inner in inside.items() for v in _in_node(inner, f"{place}.{name}", path, depth + 1, named)
+        ]
         texts = {n.lower(): _letters(x) or "" for n, x in inside.items() if x.attrs.get("MATLAB_class") == b"char"}
         yield from described(found, texts, place, way if elements > 1 else None)
+
+
+def _value(node: Any, most: int) -> Any:
+    """What `read_mat5` makes of the same content: numbers, text, cells and structs, of at most so many parts."""
+    left = [most]
+
+    def inside(node: Any, depth: int) -> Any:
+        left[0] -= 1
+        if depth > _DEEPEST or left[0] < 0:
+            raise ValueError("cells in cells without end")
+        if hasattr(node, "keys"):
+            return {name: [inside(node[name], depth + 1)] for name in node}
+        if node.dtype.kind == "O" and not node.attrs.get("MATLAB_empty", 0):
+            cells = np.empty(node.size, dtype=object)
+            for k, reference in enumerate(node[()].reshape(-1)):
+                cells[k] = inside(node.file[reference], depth + 1)
+            return cells
+        return _leaf(node)
+
+    return inside(node, 0)
+
+
+def _leaf(node: Any) -> Any:
+    """Numbers or text."""
+    if node.attrs.get("MATLAB_empty", 0) or node.size > _LARGEST:
+        return np.empty((0, 0))
+    values = np.asarray(node["real"] if node.dtype.names else node[()])
+    text = node.attrs.get("MATLAB_class") == b"char"
+    return "".join(map(chr, values.reshape(-1).tolist())) if text else values.T
 
 
 def _loaded(path: Path, address: str, row: int | None) -> np.ndarray:
