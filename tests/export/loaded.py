@@ -25,20 +25,24 @@ def as_one(files, name="car"):
     return files[f"{name}.c"].replace(f'#include "{name}.h"\n', files[f"{name}.h"])
 
 
-def array(*lengths):
-    """Type of an array of doubles."""
-    kind = ctypes.c_double
+def array(*lengths, kind=ctypes.c_double):
+    """Type of an array of numbers."""
     for length in reversed(lengths):
         kind = kind * length
     return kind
 
 
+of_kind = array
 HEALTH = [(k, ctypes.c_int64) for k in ("plans", "fallbacks", "in_a_row", "overruns", "overruns_in_a_row")]
 Health = type("Health", (ctypes.Structure,), {"_fields_": HEALTH})
 
 
-def given_and_made(n):
-    """The structs ``car_input`` and ``car_output`` of a controller with these sizes."""
+def given_and_made(n, kind=ctypes.c_double):
+    """The structs ``car_input`` and ``car_output`` of a controller with these sizes, of this type of numbers."""
+
+    def array(*lengths):
+        return of_kind(*lengths, kind=kind)
+
     given = [("x", array(n["STATES"]))]
     if n["REFERENCES"]:
         given.append(("tracked", array(n["NODES"], n["REFERENCES"])))
@@ -49,7 +53,7 @@ def given_and_made(n):
     given += [("inputs", array(n["HORIZON"], n["CONTROLS"])), ("applied", array(n["CONTROLS"]))]
     made = [("command", array(n["CONTROLS"])), ("u", array(n["HORIZON"], n["CONTROLS"]))]
     made += [("x", array(n["NODES"], n["STATES"]))]
-    made += [(k, ctypes.c_double) for k in ("cost", "residual", "violation", "seconds")]
+    made += [(k, kind) for k in ("cost", "residual", "violation", "seconds")]
     made += [(k, ctypes.c_int) for k in ("status", "age", "stopping", "iterations")]
     given, made = [*given, ("applied_known", ctypes.c_int)], [*made, ("health", Health)]
     return [type(n, (ctypes.Structure,), {"_fields_": f}) for n, f in (("Input", given), ("Output", made))]
@@ -58,9 +62,9 @@ def given_and_made(n):
 class Loaded:
     """A controller exported under the name ``car``."""
 
-    def __init__(self, files, flags=FLAGS, **most):
+    def __init__(self, files, flags=FLAGS, kind=ctypes.c_double):
         self.size = n = defines(files["car.h"])
-        self.Input, self.Output = given_and_made(n)
+        self.Input, self.Output = given_and_made(n, kind)
         self.library = compiler.library(as_one(files), name="exported", flags=flags)
         self.library.car_plan.argtypes = [ctypes.c_void_p] * 3
         self.library.car_start.argtypes = [ctypes.c_void_p, ctypes.c_size_t]

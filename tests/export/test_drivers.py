@@ -25,7 +25,7 @@ from slipangle.paths.lane_change import double_lane_change
 from slipangle.paths.path import Path
 from slipangle.simulate.drive import drive
 from slipangle.simulate.plant import Plant
-from tests.export.loaded import Health, array, defines, given_and_made, same
+from tests.export.loaded import Health, defines, given_and_made, of_kind, same
 from tests.export.tools import MACHINES, STRICT, built_and_run, needs, run
 
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
@@ -76,7 +76,10 @@ def driver(path, model=KNOWN, horizon=None, **more):
 class LoadedDriver:
     """A driver exported under the name ``car``, called as a program in C would call it."""
 
-    def __init__(self, project, folder):
+    def __init__(self, project, folder, kind=ctypes.c_double):
+        def array(*lengths):
+            return of_kind(*lengths, kind=kind)
+
         files = project.everything
         for name in ("car.h", "car.c", "car_planner.h", "car_planner.c"):
             (folder / name).write_text(files[name])
@@ -86,14 +89,14 @@ class LoadedDriver:
         self.library = ctypes.CDLL(str(folder / made))
         n, inner = defines(files["car.h"]), defines(files["car_planner.h"], "CAR_PLANNER")
         self.Measured = type(
-            "Measured", (ctypes.Structure,), {"_fields_": [("t", array()), ("value", array(n["CHANNELS"]))]}
+            "Measured", (ctypes.Structure,), {"_fields_": [("t", ctypes.c_double), ("value", array(n["CHANNELS"]))]}
         )
-        listed = [("value", array(n["COMMANDS"])), *((k, ctypes.c_double) for k in ("wanted_v_x", "s", "e_y"))]
+        listed = [("value", array(n["COMMANDS"])), *((k, kind) for k in ("wanted_v_x", "s", "e_y"))]
         listed += [("state", array(n["STATES"])), ("state_std", array(n["STATES"])), ("age", array(n["OUTPUTS"]))]
         listed += [("restarts", ctypes.c_int64)]
         listed += [(k, ctypes.c_int) for k in ("reason", "planned", "status", "plan_age", "stopping")]
         self.Commands = type("Commands", (ctypes.Structure,), {"_fields_": [*listed, ("health", Health)]})
-        _, self.Plan = given_and_made(inner)
+        _, self.Plan = given_and_made(inner, kind)
         self.library.car_last_plan.restype = ctypes.POINTER(self.Plan)
         self.bytes = n["BYTES"] + 2_000_000
         self.memory = np.zeros(self.bytes + 64, dtype=np.uint8)

@@ -267,8 +267,8 @@ MUTANTS = [
         [
             (
                 "exported driver: a pose for the sample after the one it counts for",
-                "(double)(tick - LATE[i])",
-                "(double)(tick + 1 - LATE[i])",
+                "(car_seconds)(tick - LATE[i])",
+                "(car_seconds)(tick + 1 - LATE[i])",
             ),
             (
                 "exported driver: headings without what pushes the car",

@@ -24,6 +24,12 @@ def add(commands: Commands) -> None:
     sub = group.add("c", _c, "self-contained C99: source, header, replay of a drive, Makefile, CMake, README")
     _options(sub, "JOB.toml|MODEL.json", "slipangle-out/export/NAME", "mpc, model, ...")
     sub.add_argument(
+        "--precision",
+        choices=("double", "single"),
+        default="double",
+        help="of all numbers; single for processors that know no double (default: double)",
+    )
+    sub.add_argument(
         "--budget",
         type=int,
         nargs="?",
@@ -78,7 +84,8 @@ def _c(options: argparse.Namespace) -> Answer:
     with Bar(quiet=options.json or options.quiet) as bar:
         thing, drive = _thing(options, bar)
         bar(0.95, "writing C")
-        made = export(thing, folder, name=name, budget=options.budget, force=options.force, **drive)
+        settings = {"name": name, "precision": options.precision, "budget": options.budget, "force": options.force}
+        made = export(thing, folder, **settings, **drive)
     listed = sorted(p.name for p in made.iterdir())
     words = f"{made.resolve()}\n  {', '.join(listed)}\nTry it: make -C '{made}' replay"
     answer: dict[str, Any] = {"folder": str(made), "files": listed}

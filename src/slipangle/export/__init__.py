@@ -17,6 +17,7 @@ from slipangle.export.drivers import DriverRecorder
 from slipangle.export.drives import DEFAULT_STEPS, Drive, Recorder
 from slipangle.export.kinds import project_of
 from slipangle.export.names import checked
+from slipangle.export.precision import as_precision
 from slipangle.export.project import write
 
 
@@ -26,6 +27,7 @@ def export(
     *,
     name: str = "",
     drive: Drive | Dataset | int = DEFAULT_STEPS,
+    precision: str = "double",
     budget: int = 0,
     force: bool = False,
 ) -> Path:
@@ -47,6 +49,8 @@ def export(
         What the program replays. Of a controller or a driver: what a `Recorder` or a `DriverRecorder` wrote down. Of a
         model: data, from whose start and inputs it runs free. Of an estimator: data that it goes over. Or so many steps
         of a drive of its own.
+    precision : str
+        Of all numbers in C: ``"double"`` or ``"single"``, for processors that know no double; see docs/export.md.
     budget : int
         Over how many hard states to count the instructions and the stack of a step, of a controller or a driver; the
         README and the manifest have what is at most. 0 for not.
@@ -63,11 +67,11 @@ def export(
     ConfigError
         If Valgrind or a compiler is missing, for the budget.
     ParameterError
-        If the thing has no C, or the name cannot be one there.
+        If the thing has no C, or none in this precision, or the name cannot be one there.
     WriteError
         If the folder is not empty or cannot be written.
     """
-    project = project_of(thing, checked(name) if name else "", drive)
+    project = as_precision(project_of(thing, checked(name) if name else "", drive), precision)
     if budget:
         project = replace(project, **with_budget(project, measured(project, budget)))
     return write(project, folder, force=force)

@@ -158,17 +158,20 @@ def _about(controller: Controller, sizes: Mapping[int, int]) -> str:
         ("exogenous inputs, a row a node", controller.exogenous),
     ]
     names = [f"- {what}: {', '.join(comment(n) for n in names) or 'none'}" for what, names in listed]
-    return "\n".join([*names, "", "| doubles per vector | bytes of memory |", "|---|---|", *rows])
+    return "\n".join([*names, "", "| numbers per vector | bytes of memory |", "|---|---|", *rows])
 
 
 def table(name: str, values: Any, kind: str = "double") -> str:
     """A constant array of numbers in C; one 0 where there are none."""
-
-    def write(v: float) -> str:
-        v = float(v)
-        if kind in ("int", "long"):
-            return str(int(v))
-        return float.hex(v) if np.isfinite(v) else "NAN" if np.isnan(v) else "INFINITY" if v > 0 else "-INFINITY"
-
-    listed: Sequence[str] = [write(v) for v in np.ravel(values)] or ["0"]
+    whole = kind in ("int", "long")
+    listed: Sequence[str] = [str(int(v)) if whole else _hexadecimal(float(v)) for v in np.ravel(values)] or ["0"]
     return f"static const {kind} {name}[] = {{{', '.join(listed)}}};"
+
+
+def number(value: float) -> str:
+    """A number in C that may stand in an expression; decimal ones there are tolerances, see `precision`."""
+    return f"({_hexadecimal(float(value))})"
+
+
+def _hexadecimal(v: float) -> str:
+    return float.hex(v) if np.isfinite(v) else "NAN" if np.isnan(v) else "INFINITY" if v > 0 else "-INFINITY"

@@ -17,7 +17,7 @@ from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError
 from slipangle.estimate.ekf import EKF
 from slipangle.estimate.measurements import plain_name
-from slipangle.export.controllers import limits_of, table
+from slipangle.export.controllers import limits_of, number, table
 from slipangle.export.drives import Drive
 from slipangle.export.estimators import filter_source
 from slipangle.export.memory import size_of
@@ -164,7 +164,12 @@ def _source(driver: Driver) -> str:
         *_of_path(driver),
         *_of_speed(driver),
     ]
-    return "\n".join([*parts, *(f"#define {k} ({v})" for k, v in CODES.items()), template("driver.c")])
+    return "\n".join([*parts, *(f"#define {k} ({v})" for k, v in CODES.items()), _period(driver), template("driver.c")])
+
+
+def _period(driver: Driver) -> str:
+    """The time from plan to plan as the header has it, exact where numbers are of single precision too."""
+    return f"#define PERIOD ((car_seconds){driver.dt!r})"
 
 
 def path_source() -> str:
@@ -202,7 +207,7 @@ def _of_model(driver: Driver) -> list[str]:
     # m/s, below which a lateral model does not describe the vehicle; m/s and m/s2 by which a measured speed may change
     # at once and over time; m of standard deviation of the position from which the vehicle should stop
     sized = {"SLOWEST": driver._slowest, "JUMP": driver._jump, "MOST": MOST, "LOST": driver._lost}
-    lines += [f"#define {n} ({float(v)!r})" for n, v in sized.items()]
+    lines += [f"#define {n} {number(v)}" for n, v in sized.items()]
     return [*lines, *(f"#define {n} {v}" for n, v in places.items())]
 
 
@@ -245,7 +250,7 @@ def _of_speed(driver: Driver) -> list[str]:
     lines = [table("KP", law.kp), table("KI", law.ki), table("GAIN_SPEEDS", law.speeds)]
     lines += [table("DRIVE", [drive for _, drive, _ in shares]), table("BRAKE", [brake for *_, brake in shares])]
     numbers = {"FEEDFORWARD": law.feedforward, "BRAKE_MOST": law.limits[0], "DRIVE_MOST": law.limits[1]}
-    lines += [f"#define {n} ({float(v)!r})" for n, v in numbers.items()]
+    lines += [f"#define {n} {number(v)}" for n, v in numbers.items()]
     return [*lines, f"#define N_GAINS {len(law.speeds)}", f"#define N_SHARES {len(shares)}"]
 
 

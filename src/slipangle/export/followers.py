@@ -8,7 +8,7 @@ from typing import Any
 from slipangle.control.followers.followers import PathFollower, PurePursuit, Stanley
 from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.errors import ParameterError
-from slipangle.export.controllers import around, project, table
+from slipangle.export.controllers import around, number, project, table
 from slipangle.export.drives import Drive
 from slipangle.export.project import Project
 
@@ -64,7 +64,7 @@ def follower_project(follower: PathFollower, name: str, drive: Drive) -> Project
     numbers |= {"LIMIT": follower.limit, "MOST": follower.rate * follower.dt, "WHOLE_TURN": 6.283185307179586}
     arrays |= {"LOWEST": low, "HIGHEST": high}
     lines = ["#include <math.h>", "#include <string.h>", *(table(n, v) for n, v in arrays.items())]
-    lines += [f"#define {n} ({'INFINITY' if v == float('inf') else repr(float(v))})" for n, v in numbers.items()]
+    lines += [f"#define {n} {number(v)}" for n, v in numbers.items()]
     lines += [f"#define N_SPEEDS {len(arrays['SPEEDS'])}"] if "SPEEDS" in arrays else []
     text = "\n".join([*lines, around(file, "follower.c")])
     return project(follower, name, drive, text, kind=kind, facts={"horizon": follower.horizon})

@@ -9,7 +9,7 @@ import numpy as np
 from slipangle.control.fallback import RELAX
 from slipangle.control.marx.mpc import FARTHEST, SLOWEST, MultiARXMPC
 from slipangle.control.marx.solver import FLAGS, source
-from slipangle.export.controllers import around, project, table
+from slipangle.export.controllers import around, number, project, table
 from slipangle.export.drives import Drive
 from slipangle.export.project import Project
 
@@ -42,5 +42,5 @@ def _constants(mpc: MultiARXMPC) -> str:
     scalars = {"OF_INPUT": problem.r, "OF_CHANGE": problem.s, "SAFE": mpc.safe.get(mpc.controls[0], 0.0)}
     scalars |= {"INTEGRAL": mpc.integral, "FARTHEST": FARTHEST, "SLOWEST": SLOWEST}
     lines = [table(n, v) for n, v in arrays.items()]
-    lines += [f"#define {n} ({float(v)!r})" for n, v in scalars.items()]
+    lines += [f"#define {n} {number(v)}" for n, v in scalars.items()]
     return "\n".join([*lines, f"#define FALLBACK {mpc.fallback}", ""])

@@ -10,8 +10,8 @@ _SIZES = {"double": 8, "int64_t": 8, "int": 4, "char": 1, "float": 4}
 _POINTER = 8  # at most
 
 
-def size_of(source: str, struct: str, lanes: int) -> int:
-    """Bytes of a struct with vectors of ``lanes`` doubles, on any machine at most.
+def size_of(source: str, struct: str, lanes: int, number: int = 8) -> int:
+    """Bytes of a struct with vectors of ``lanes`` numbers, on any machine at most.
 
     Parameters
     ----------
@@ -21,7 +21,9 @@ def size_of(source: str, struct: str, lanes: int) -> int:
     struct : str
         Its name.
     lanes : int
-        Doubles per vector.
+        Numbers per vector.
+    number : int
+        Bytes of one of these.
 
     Raises
     ------
@@ -35,11 +37,13 @@ def size_of(source: str, struct: str, lanes: int) -> int:
     for listed in re.findall(r"^enum \{([^}=]*)\}", text, re.MULTILINE):
         macros.update({name.strip(): str(i) for i, name in enumerate(listed.split(","))})
     known = {kind: (size, size) for kind, size in _SIZES.items()}
-    known["V"] = (8 * lanes, 8 * lanes)
+    known["V"] = (number * lanes, number * lanes)
     found = {name: body for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", text, re.DOTALL)}
 
     def measure(name: str) -> tuple[int, int]:
         """Size and alignment of a type."""
+        if re.fullmatch(r"car\w*_seconds", name):
+            return 8, 8
         if name not in known:
             if name not in found:
                 raise ParameterError(f"'{name}' is no struct of this source; expected one: name another")
@@ -68,7 +72,7 @@ def size_of(source: str, struct: str, lanes: int) -> int:
             size, unit = (_POINTER, _POINTER) if "*" in declared.partition("[")[0] else measure(kind)
             for length in re.findall(r"\[([^\]]+)\]", declared):
                 size *= _value(length, macros)
-            made.append((size, 8 * lanes if aligned else unit))
+            made.append((size, number * lanes if aligned else unit))
         return made
 
     return measure(struct)[0]

@@ -53,4 +53,9 @@ def _constants(mpc: MPC, settings: RealTime) -> str:
     numbers = {"TOLERANCE": settings.tolerance, "NEWTON": settings.newton, "ACCEPT": settings.accept}
     whole = {"MAX_ITERATIONS": settings.max_iterations, "FIXED": settings.iterations, "FALLBACK": mpc.fallback}
     lines = [table(n, v) for n, v in arrays.items()]
-    return "\n".join([*lines, *(f"#define {n} {v!r}" for n, v in (numbers | whole).items()), ""])
+    return "\n".join([*lines, *(f"#define {n} {_power(v)}" for n, v in (numbers | whole).items()), ""])
+
+
+def _power(v: float) -> str:
+    """A tolerance as it is written by hand, ``1e-9``; see `precision`."""
+    return repr(v).replace("e-0", "e-")

@@ -106,7 +106,7 @@ static void blend(Work *s)
                 s->free[i * NY + o] += w * past[NH - i][o];
                 rise[0] = w * (since[1] - since[0]), rise[QN] = 0;
                 for (int k = 1; k < QN; k++)
-                    rise[k] = w / (KNOT[k] - KNOT[k - 1]) * (since[-KNOT[k - 1]] - since[-KNOT[k]]);
+                    rise[k] = w / (double)(KNOT[k] - KNOT[k - 1]) * (since[-KNOT[k - 1]] - since[-KNOT[k]]);
                 for (int k = 0; k < QN; k++)
                     hit[k] += rise[k] - rise[k + 1];
             }
@@ -229,7 +229,7 @@ static void limit(Work *s)
     for (int k = 0; k < QN; k++)
         q->lo[k] = s->bounds[0], q->hi[k] = s->bounds[1];
     for (int k = 0; k < QR; k++) {
-        double base = k ? 0 : s->applied[0], steps = k ? KNOT[k] - KNOT[k - 1] : 1;
+        double base = k ? 0 : s->applied[0], steps = k ? (double)(KNOT[k] - KNOT[k - 1]) : 1;
         q->after[k] = k, q->before[k] = k - 1;
         q->lo[QN + k] = base + steps * s->steps[0], q->hi[QN + k] = base + steps * s->steps[1];
     }

@@ -63,7 +63,7 @@ def _shares(problem: MarxProgram) -> str:
         for n, v in (("KNOT", problem.knots), ("FIRST", first))
     ]
     for name, rows in (("SHARE", shares), ("SQUARES", shares.T @ shares), ("CHANGES", changes.T @ changes)):
-        entries = ", ".join(f"[{i} * QL + {k}] = {float(v)!r}" for (i, k), v in np.ndenumerate(rows) if v != 0)
+        entries = ", ".join(f"[{i} * QL + {k}] = {float(v).hex()}" for (i, k), v in np.ndenumerate(rows) if v != 0)
         lines.append(f"static const double {name}[{len(rows)} * QL] = {{{entries}}};")
     return "\n".join(lines)
 

@@ -15,7 +15,7 @@
 extern "C" {
 #endif
 
-/* Doubles per vector, the same in all files of a program: 8, 4, 2, or 1 where the processor has no vectors of doubles. */
+/* Numbers per vector, the same in all files of a program: 8, 4, 2, or 1 where the processor has no such vectors. */
 #ifndef CAR_LANES
 #if defined __AVX512F__
 #define CAR_LANES 8
@@ -34,6 +34,8 @@ extern "C" {
 
 @COUNTS@
 #define CAR_DT @DT@ /* time from plan to plan [s] */
+
+typedef double car_seconds; /* of a clock */
 
 /* Entries of the state. */
 @STATES@
@@ -96,7 +98,7 @@ typedef struct {
 #if defined __GNUC__ || defined __clang__
     __attribute__((aligned(8 * CAR_LANES)))
 #endif
-    double memory[CAR_BYTES / 8];
+    int64_t memory[CAR_BYTES / 8];
 } car_controller;
 
 enum { CAR_OK, CAR_TOO_SMALL, CAR_MISALIGNED };
@@ -107,7 +109,7 @@ int car_start(car_controller *controller, size_t bytes);
 
 /* Bounds the work of a plan: the most iterations towards an optimum (0: as it was exported) and, where there is a clock,
    the longest time [s] (0: any). The clock counts seconds and is asked with `of`. */
-void car_deadline(car_controller *controller, int iterations, double seconds, double (*clock)(void *), void *of);
+void car_deadline(car_controller *controller, int iterations, car_seconds seconds, car_seconds (*clock)(void *), void *of);
 
 /* Plans from the state now; returns the status. */
 int car_plan(car_controller *controller, const car_input *input, car_output *output);

@@ -27,7 +27,7 @@ class Controller {
     template <class Clock> void limit(int iterations, double seconds, Clock &clock)
     {
         car_deadline(
-            &controller_, iterations, seconds, [](void *of) { return static_cast<double>((*static_cast<Clock *>(of))()); },
+            &controller_, iterations, seconds, [](void *of) { return static_cast<car_seconds>((*static_cast<Clock *>(of))()); },
             &clock);
     }
 

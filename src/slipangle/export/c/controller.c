@@ -2,17 +2,27 @@
 
 typedef struct {
     double seconds; /* deadline [s] */
-    double (*clock)(void *);
+    car_seconds begun; /* when the plan began */
+    car_seconds (*clock)(void *);
     void *clock_of;
     int64_t health[5]; /* as car_health */
 } Around;
+
+static double elapsed(void *controller);
 
 @DECISION@
 typedef char car_bytes_are_enough[sizeof(Controller) <= CAR_BYTES ? 1 : -1];
 
 static Controller *own(car_controller *c) { return (Controller *)(void *)c->memory; }
 
-static double clock_of(const Controller *c) { return c->around.clock ? c->around.clock(c->around.clock_of) : 0; }
+static car_seconds clock_of(const Around *a) { return a->clock ? a->clock(a->clock_of) : 0; }
+
+/* Since the plan began [s]; small numbers are exact in single precision too. */
+static double elapsed(void *controller)
+{
+    const Around *a = &((const Controller *)controller)->around;
+    return (double)(clock_of(a) - a->begun);
+}
 
 int car_start(car_controller *memory, size_t bytes)
 {
@@ -27,11 +37,11 @@ int car_start(car_controller *memory, size_t bytes)
     return CAR_OK;
 }
 
-void car_deadline(car_controller *memory, int iterations, double seconds, double (*clock)(void *), void *of)
+void car_deadline(car_controller *memory, int iterations, car_seconds seconds, car_seconds (*clock)(void *), void *of)
 {
     Controller *c = own(memory);
     c->around.clock = clock, c->around.clock_of = of;
-    c->around.seconds = clock && seconds > 0 ? seconds : INFINITY;
+    c->around.seconds = clock && seconds > 0 ? (double)seconds : INFINITY;
     set_bound(c, iterations);
 }
 
@@ -48,10 +58,10 @@ static void count(Around *a, int fell, double took)
 int car_plan(car_controller *memory, const car_input *in, car_output *out)
 {
     Controller *c = own(memory);
-    double begun = clock_of(c), took;
-    int status = decide(c, in, out, begun);
+    c->around.begun = clock_of(&c->around);
+    int status = decide(c, in, out);
     c->plans = 1;
-    took = clock_of(c) - begun;
+    double took = elapsed(c);
     count(&c->around, c->age > 0, took);
     memcpy(out->command, c->u, sizeof out->command);
     memcpy(out->u, c->u, sizeof c->u);

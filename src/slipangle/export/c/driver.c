@@ -2,18 +2,21 @@
 
 #define LONGEST_GAP 1.0 /* s between two calls, after which the estimator starts anew */
 #define WINDOW 15       /* m around the last place on the path, in which the next one is looked for */
-#define LATEST 1e9
+#define LATEST ((car_seconds)1e9)
+#define QUARTER ((car_seconds)0.25)
+#define TOGETHER ((car_seconds)1e-9)
 
 typedef struct {
     Filter filter;
     double raw[CAR_CHANNELS]; /* what each channel read last, NaN before */
     double pending[NY];       /* outputs measured since the last sample of the filter, NaN where there are none */
     double read[NY];          /* what each output read when it was taken in last */
-    double inputs[NU], v_x, v_at, s, seen[NY], integral, output, steered, t0, now;
+    double inputs[NU], v_x, s, integral, output, steered;
+    car_seconds v_at, seen[NY], t0, now;
     int64_t tick, jumps, restarts;
     int tracking, planned, begun, iterations;
     double seconds;
-    double (*clock)(void *);
+    car_seconds (*clock)(void *);
     void *of;
     car_planner_input given;
     car_planner_output plan;
@@ -23,6 +26,13 @@ typedef struct {
 typedef char car_bytes_are_enough[sizeof(Driver) <= CAR_BYTES ? 1 : -1];
 
 static Driver *own(car_driver *d) { return (Driver *)(void *)d->memory; }
+
+/* Whole samples in a time, a quarter of one before it is over. */
+static int64_t ticks(car_seconds t)
+{
+    car_seconds n = t / PERIOD + QUARTER, whole = (car_seconds)(int64_t)n;
+    return (int64_t)n - (n < whole);
+}
 
 static double within(double v, double low, double high)
 {
@@ -40,15 +50,15 @@ int car_start(car_driver *memory, size_t bytes)
     for (int i = 0; i < CAR_CHANNELS; i++)
         d->raw[i] = NAN;
     for (int i = 0; i < NY; i++)
-        d->pending[i] = d->seen[i] = NAN;
+        d->pending[i] = NAN, d->seen[i] = NAN;
     d->v_x = d->s = NAN, d->tick = -1;
     return CAR_OK;
 }
 
-void car_deadline(car_driver *memory, int iterations, double seconds, double (*clock)(void *), void *of)
+void car_deadline(car_driver *memory, int iterations, car_seconds seconds, car_seconds (*clock)(void *), void *of)
 {
     Driver *d = own(memory);
-    d->iterations = iterations, d->seconds = seconds, d->clock = clock, d->of = of;
+    d->iterations = iterations, d->seconds = (double)seconds, d->clock = clock, d->of = of;
     car_planner_deadline(&memory->planner, iterations, seconds, clock, of);
 }
 
@@ -60,13 +70,14 @@ const car_planner_output *car_last_plan(const car_driver *memory)
 /* ---- measurements ---------------------------------------------------------------------------------------------- */
 
 /* Whether a value is in the range of its channel; a speed also whether a vehicle can have changed it so much. */
-static int believed(Driver *d, int channel, double value, double t)
+static int believed(Driver *d, int channel, const double *values, car_seconds t)
 {
+    double value = values[channel];
     if (!(value >= LOWEST[channel] && value <= HIGHEST[channel]))
         return 0;
     if (channel != SPEED || d->v_x != d->v_x)
         return 1;
-    int jump = fabs(value - d->v_x) > JUMP + MOST * (t - d->v_at);
+    int jump = fabs(value - d->v_x) > JUMP + MOST * (double)(t - d->v_at);
     d->jumps = jump ? d->jumps + 1 : 0;
     return !jump || d->jumps > PATIENCE;
 }
@@ -83,10 +94,10 @@ static double rate(const Driver *d, int output)
 }
 
 /* Notes new values; a pose is moved to the sample of the filter that it will count for. */
-static void gather(Driver *d, const double *value, double t, int64_t tick)
+static void gather(Driver *d, const double *value, car_seconds t, int64_t tick)
 {
     for (int c = 0; c < CAR_CHANNELS; c++) {
-        if (d->raw[c] == value[c] || !believed(d, c, value[c], t))
+        if (d->raw[c] == value[c] || !believed(d, c, value, t))
             continue;
         d->raw[c] = value[c];
         if (c == SPEED)
@@ -96,8 +107,8 @@ static void gather(Driver *d, const double *value, double t, int64_t tick)
                 d->inputs[j] = value[c];
         for (int i = 0; i < NY; i++)
             if (OUTPUTS[i] == c) {
-                double at = d->t0 + (double)(tick - LATE[i]) * CAR_DT, off = at - (t - LATE_SECONDS[i]);
-                d->pending[i] = value[c] + off * rate(d, i);
+                car_seconds at = d->t0 + (car_seconds)(tick - LATE[i]) * PERIOD, off = at - (t - (car_seconds)LATE_SECONDS[i]);
+                d->pending[i] = value[c] + (double)off * rate(d, i);
             }
     }
 }
@@ -202,9 +213,9 @@ static void steady(double v_x, double *slip)
     int i = 0;
     while (i < N_SPEEDS - 2 && SPEEDS[i + 1] <= v_x)
         i++;
-    double place = i + (v_x - SPEEDS[i]) * (1 / (SPEEDS[i + 1] - SPEEDS[i]));
+    double place = (double)i + (v_x - SPEEDS[i]) * (1 / (SPEEDS[i + 1] - SPEEDS[i]));
     place = within(place, 0, N_SPEEDS - 1);
-    double share = place - i;
+    double share = place - (double)i;
     for (int k = 0; k < N_SLIPS; k++)
         slip[k] = (1 - share) * SLIPS[i * N_SLIPS + k] + share * SLIPS[(i + 1) * N_SLIPS + k];
 }
@@ -321,7 +332,7 @@ static void decide(car_driver *memory, Driver *d, int hindered)
     c->value[0] = d->steered;
     hold_speed(d, c->wanted_v_x);
     for (int i = 0; i < NY; i++)
-        c->age[i] = d->now - d->seen[i];
+        c->age[i] = (double)(d->now - d->seen[i]);
     c->restarts = d->restarts, c->planned = d->planned;
     if (d->planned) {
         c->status = d->plan.status, c->plan_age = d->plan.age, c->stopping = d->plan.stopping;
@@ -332,13 +343,13 @@ static void decide(car_driver *memory, Driver *d, int hindered)
 int car_step(car_driver *memory, const car_measurements *measured, car_commands *commands)
 {
     Driver *d = own(memory);
-    double t = measured->t;
+    car_seconds t = measured->t;
     int code = CAR_WRONG_TIME;
-    if (fabs(t) <= LATEST && !(d->begun && t < d->now - 1e-9)) {
+    if (t >= -LATEST && t <= LATEST && !(d->begun && t < d->now - TOGETHER)) {
         if (!d->begun)
             d->t0 = t;
         d->now = t;
-        int64_t due = (int64_t)floor((t - d->t0) / CAR_DT + 0.25), next = d->tick + (due == d->tick);
+        int64_t due = ticks(t - d->t0), next = d->tick + (due == d->tick);
         gather(d, measured->value, t, due > next ? due : next);
         if (due != d->tick || !d->begun) {
             int64_t behind = due - d->tick;

@@ -19,6 +19,8 @@ extern "C" {
 #define CAR_BYTES @BYTES@ /* beside those of the controller */
 #define CAR_DT @DT@ /* time from plan to plan [s]; car_step may be called more often, and less */
 
+typedef double car_seconds; /* of a clock */
+
 /* What may be measured. */
 @CHANNELS@
 /* Commands. */
@@ -29,7 +31,7 @@ extern "C" {
 @OUTPUTS@
 
 typedef struct {
-    double t;                   /* time of the call, at most 1e9 [s] */
+    car_seconds t;              /* time of the call, at most 1e9 [s] */
     double value[CAR_CHANNELS]; /* NaN: not measured now; what reads exactly as before is not new either */
 } car_measurements;
 
@@ -58,7 +60,7 @@ typedef struct {
 
 typedef struct {
     car_planner_controller planner;
-    double memory[CAR_BYTES / 8];
+    int64_t memory[CAR_BYTES / 8];
 } car_driver;
 
 enum { CAR_OK, CAR_TOO_SMALL, CAR_MISALIGNED, CAR_WRONG_TIME };
@@ -68,7 +70,7 @@ enum { CAR_OK, CAR_TOO_SMALL, CAR_MISALIGNED, CAR_WRONG_TIME };
 int car_start(car_driver *driver, size_t bytes);
 
 /* Bounds the work of a plan, as car_planner_deadline does. */
-void car_deadline(car_driver *driver, int iterations, double seconds, double (*clock)(void *), void *of);
+void car_deadline(car_driver *driver, int iterations, car_seconds seconds, car_seconds (*clock)(void *), void *of);
 
 /* Takes in what was measured and says what to do; CAR_WRONG_TIME, with the commands as they were, where time is no number
    or goes back. */

@@ -27,7 +27,7 @@ class Driver {
     template <class Clock> void limit(int iterations, double seconds, Clock &clock)
     {
         car_deadline(
-            &driver_, iterations, seconds, [](void *of) { return static_cast<double>((*static_cast<Clock *>(of))()); },
+            &driver_, iterations, seconds, [](void *of) { return static_cast<car_seconds>((*static_cast<Clock *>(of))()); },
             &clock);
     }
 

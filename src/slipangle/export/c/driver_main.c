@@ -16,6 +16,8 @@ static car_measurements measured;
 static car_commands commands;
 
 @READ_NUMBERS@
+static int read_time(car_seconds *to) { return scanf("%lf%*1[,\n]", to) == 1; }
+
 int main(int n, char **words)
 {
     int said = n > 1 && strcmp(words[1], "--commands") == 0, other = 0, steps = 0;
@@ -27,7 +29,7 @@ int main(int n, char **words)
     }
     if (scanf("%*[^\n]") == EOF || scanf("%*1[\n]") == EOF) /* names of the columns */
         return 2;
-    while (read_numbers(&measured.t, 1) && read_numbers(measured.value, CAR_CHANNELS) &&
+    while (read_time(&measured.t) && read_numbers(measured.value, CAR_CHANNELS) &&
            read_numbers(wanted, CAR_COMMANDS)) {
         (void)car_step(&driver, &measured, &commands);
         steps++;

@@ -49,7 +49,7 @@ typedef struct {
 } car_estimate;
 
 typedef struct {
-    double memory[CAR_BYTES / 8];
+    int64_t memory[CAR_BYTES / 8];
 } car_estimator;
 
 enum { CAR_OK, CAR_TOO_SMALL, CAR_NOT_FINITE, CAR_DIVERGED };

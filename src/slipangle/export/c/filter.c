@@ -108,7 +108,7 @@ static int filter_take(Filter *f, const double *y, const double *u)
     for (int i = 0; i < NY; i++) {
         f->fresh[i] = is_finite(y[i]);
         s->y[i] = f->fresh[i] ? y[i] : 0;
-        s->seen[i] = f->fresh[i];
+        s->seen[i] = (double)f->fresh[i];
     }
     memcpy(s->u, u, sizeof s->u);
     if (!again(f))

@@ -41,7 +41,7 @@ static int fault(const car_input *in)
     return good ? CAR_SOLVED : finite ? CAR_IMPLAUSIBLE : CAR_NOT_FINITE;
 }
 
-static int decide(Controller *c, const car_input *in, car_output *out, double begun)
+static int decide(Controller *c, const car_input *in, car_output *out)
 {
     double said = in->applied[0];
     int believed = in->applied_known && fabs(said) <= 1e12, status = fault(in);
@@ -62,6 +62,5 @@ static int decide(Controller *c, const car_input *in, car_output *out, double be
     c->age = status != CAR_SOLVED ? c->age + 1 : 0;
     out->iterations = 0;
     out->cost = out->residual = out->violation = NAN;
-    (void)begun;
     return status;
 }

@@ -32,7 +32,7 @@ static void set_up(Controller *c)
 static void set_bound(Controller *c, int iterations)
 {
     (void)iterations;
-    c->work.qp.clock = c->around.clock, c->work.qp.clock_of = c->around.clock_of;
+    c->work.qp.clock = c->around.clock ? elapsed : NULL;
 }
 
 static int numbers(const double *v, int n)
@@ -95,7 +95,7 @@ static void fall_back(Controller *c, double before, int standing)
     memset(c->offset, 0, sizeof c->offset);
 }
 
-static int decide(Controller *c, const car_input *in, car_output *out, double begun)
+static int decide(Controller *c, const car_input *in, car_output *out)
 {
     static const int outcomes[] = {CAR_SOLVED, CAR_NOT_FINITE, CAR_FAILED, CAR_INFEASIBLE};
     Work *s = &c->work;
@@ -106,6 +106,7 @@ static int decide(Controller *c, const car_input *in, car_output *out, double be
     memcpy(s->path, in->tracked, sizeof s->path);
     memcpy(s->v, in->exogenous, sizeof s->v);
     s->applied[0] = before;
+    s->qp.clock_of = c;
     int status = fault(s), fell = 1, standing = 0;
     if (status == DECIDED && s->v[0] < SLOWEST)
         status = NO_PLAN, standing = 1;
@@ -126,6 +127,5 @@ static int decide(Controller *c, const car_input *in, car_output *out, double be
     memcpy(out->x, c->x, sizeof c->x);
     out->iterations = fell ? 0 : (int)s->iterations[0];
     out->cost = fell ? NAN : s->cost[0], out->residual = fell ? NAN : s->residual[0], out->violation = NAN;
-    (void)begun;
     return status;
 }

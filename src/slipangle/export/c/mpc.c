@@ -41,7 +41,7 @@ static void set_up(Controller *c)
 static void set_bound(Controller *c, int iterations)
 {
     c->work.max_iterations = iterations > 0 ? iterations : MAX_ITERATIONS;
-    c->work.qp.clock = c->around.clock, c->work.qp.clock_of = c->around.clock_of;
+    c->work.qp.clock = c->around.clock ? elapsed : NULL;
     c->pace = smaller(5e-5, 0.5 * c->around.seconds);
 }
 
@@ -178,10 +178,11 @@ static void fall_back(Controller *c, const double *before, int known)
     memset(c->x, 0, sizeof c->x);
 }
 
-static int decide(Controller *c, const car_input *in, car_output *out, double begun)
+static int decide(Controller *c, const car_input *in, car_output *out)
 {
     Work *s = &c->work;
     double before[NU], limit = c->around.seconds;
+    s->qp.clock_of = c;
     applied_before(c, in, before);
     memcpy(s->x0, in->x, sizeof s->x0);
     memcpy(s->applied, before, sizeof s->applied);
@@ -199,7 +200,7 @@ static int decide(Controller *c, const car_input *in, car_output *out, double be
     out->iterations = 0;
     if (status == SOLVED) {
         unwind(s);
-        s->time_limit = larger(limit - (now(&s->qp) - begun) - c->pace, 0);
+        s->time_limit = larger(limit - now(&s->qp) - c->pace, 0);
         status = solve(c);
         out->iterations = (int)s->iterations;
         int started = (status == ITERATION_LIMIT || status == STALLED || status == TIME_OUT) && s->iterations > 0 &&
@@ -210,7 +211,7 @@ static int decide(Controller *c, const car_input *in, car_output *out, double be
         c->found = 0;
     if (fell) {
         double start = now(&s->qp);
-        s->time_limit = larger(limit - (start - begun), 0);
+        s->time_limit = larger(limit - start, 0);
         memcpy(s->x0, in->x, sizeof s->x0);
         fall_back(c, before, known);
         if (limit < INFINITY)

@@ -16,7 +16,7 @@ static void states_after(const double *from, int later, double *to)
     }
     for (int m = 0; m <= NS; m++) {
         int at = m + later < NS ? m + later : NS, i = at < NS ? STAGE_OF(at) : N - 1;
-        double share = (double)(at - NODE(i)) / (NODE(i + 1) - NODE(i));
+        double share = (double)(at - NODE(i)) / (double)(NODE(i + 1) - NODE(i));
         for (int a = 0; a < NX; a++)
             to[m * NX + a] = (1 - share) * from[i * NX + a] + share * from[(i + 1) * NX + a];
     }

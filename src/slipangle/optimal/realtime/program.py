@@ -125,7 +125,7 @@ def _array(kind: str, name: str, values: Sequence[Any] | np.ndarray) -> str:
     def write(v: Any) -> str:
         if kind == "int":
             return str(int(v))
-        return "INFINITY" if v == np.inf else "-INFINITY" if v == -np.inf else repr(float(v))
+        return "INFINITY" if v == np.inf else "-INFINITY" if v == -np.inf else float.hex(float(v))
 
     listed = ", ".join(write(v) for v in values) or "0"
     return f"static const {kind} {name}[] = {{{listed}}};"

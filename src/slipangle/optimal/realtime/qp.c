@@ -528,7 +528,7 @@ static void perturb(Qp *q, double amount)
         if (amount > 0) {
             q->kept_lo[i] = q->lo[i], q->kept_hi[i] = q->hi[i];
             state = state * 1664525u + 1013904223u;
-            double e = amount * (1 + (state >> 8) * 0x1p-24);
+            double e = amount * (1 + (double)(state >> 8) * 0x1p-24);
             q->lo[i] -= e * (1 + fabs(q->lo[i]));
             q->hi[i] += e * (1 + fabs(q->hi[i]));
         } else

@@ -197,7 +197,7 @@ static int condense(Work *s)
    rows of A, as what is stored by element must be waited for before it can be read again. */
 INLINE void carry_back(const double *restrict A, const double *restrict after, double *restrict before)
 {
-    double sum[NX];
+    double sum[NX] __attribute__((aligned(32))); /* or GCC 12 stores 16 bytes at a time where the stack is not so aligned */
     for (int c = 0; c < NX; c++)
         sum[c] = before[c];
     for (int a = 0; a < NX; a++)
@@ -421,7 +421,7 @@ INLINE void units(const double *rows, int count, int wide, double *to)
         for (int a = 0; a < wide; a++)
             to[a] += fabs(rows[(i + 1) * wide + a] - rows[i * wide + a]);
     for (int a = 0; a < wide; a++)
-        to[a] = 1 / (1 + to[a] / (count - 1));
+        to[a] = 1 / (1 + to[a] / (double)(count - 1));
 }
 
 /* How good the iterate is after a full step, from the values there: its cost, the largest defect of the dynamics or
@@ -476,7 +476,7 @@ static void inputs_after(const double *from, int later, double *to)
             double sum = 0;
             for (int m = NODE(i); m < NODE(i + 1); m++)
                 sum += from[STAGE_OF(m + later < NS ? m + later : NS - 1) * NU + j];
-            to[i * NU + j] = sum / (NODE(i + 1) - NODE(i));
+            to[i * NU + j] = sum / (double)(NODE(i + 1) - NODE(i));
         }
 }
 
@@ -599,10 +599,10 @@ static int prepare(Work *s)
 static void keep_rows(Work *s)
 {
     const Qp *q = &s->qp;
-    s->working[0] = q->k;
+    s->working[0] = (double)q->k;
     for (int a = 0; a < q->k; a++) {
-        s->working[1 + 2 * a] = q->row[a];
-        s->working[2 + 2 * a] = q->sign[a] * (1 + q->mode[q->row[a]]);
+        s->working[1 + 2 * a] = (double)q->row[a];
+        s->working[2 + 2 * a] = q->sign[a] * (double)(1 + q->mode[q->row[a]]);
     }
 }
 
