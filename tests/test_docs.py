@@ -169,19 +169,6 @@ def test_tools_that_judge_are_exact_and_read_what_is_installed():
     assert f"python{floor}/site-packages" in (ROOT / "Makefile").read_text()
 
 
-@pytest.mark.parametrize(
-    "name", ["linear-analysis.md", "plots.md", pytest.param("tutorial.md", marks=pytest.mark.slow)]
-)
-def test_python_in_the_docs_runs(name, tmp_path, monkeypatch):
-    """Blocks of a page run one after the other, as a reader would paste them."""
-    monkeypatch.chdir(tmp_path)
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / name).read_text(), re.S)
-    assert blocks
-    names: dict[str, Any] = {}
-    for block in blocks:
-        exec(compile(block, name, "exec"), names)
-
-
 @pytest.mark.parametrize("name", sorted(str(p.relative_to(ROOT / "docs")) for p in (ROOT / "docs").rglob("*.md")))
 def test_the_docs_name_what_is_there(name):
     """Public names, and attributes of what a table names; links are looked at with the site."""

@@ -7,12 +7,15 @@ from pathlib import Path
 import pytest
 from docs.site.api import write_pages
 from docs.site.described import lacks
+from docs.site.gallery import stored, write_gallery
 from docs.site.links import broken
 from docs.site.pages import MADE, anchors, loose, navigation, written
 from docs.site.public import PAGES, members, page_of, public
 
 import slipangle
 from slipangle.errors import ParameterError
+from slipangle.report.records import Record
+from slipangle.reproduce import find, names
 
 ROOT = Path(__file__).parents[1]
 
@@ -98,3 +101,44 @@ def test_what_the_reference_lacks_is_found():
         "Poor.area: no unit of what is returned",
         "Poor.area: ParameterError is not said",
     ]
+
+
+# ---- the gallery ---------------------------------------------------------------------------------------------------
+
+STORED = sorted(path.stem for path in (ROOT / "docs" / "gallery").glob("*.json"))
+
+
+def test_the_gallery_has_a_page_for_each_table_and_example(tmp_path):
+    write_gallery(tmp_path)
+    pages = {path.stem for path in tmp_path.glob("*.md")}
+    assert pages == {
+        "index",
+        *names(),
+        *(p.stem for p in (ROOT / "examples").glob("*") if p.suffix in (".py", ".toml")),
+    }
+    index = (tmp_path / "index.md").read_text()
+    assert all(f"({name}.md)" in index for name in pages - {"index"})
+    for name in STORED:
+        page = (tmp_path / f"{name}.md").read_text()
+        assert page.count("\n| ") == 1 + len(stored(name))
+
+
+@pytest.mark.parametrize("name", STORED)
+def test_stored_numbers_are_those_of_the_command(name):
+    """What is stored keeps its bounds, and has the published values that the table is compared with."""
+    assert name in names()
+    records = [Record(**{k: v for k, v in r.items() if k != "name"}) for r in stored(name)]
+    assert records
+    assert {r["name"] for r in stored(name)} == {name}
+    assert [r for r in records if r.holds is False] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["table-8.4", "table-8.5"])
+@pytest.mark.filterwarnings("ignore::slipangle.errors.IdentifiabilityWarning")
+def test_stored_numbers_are_computed_again(name, real_data):
+    """Those of two quick tables; the others are judged by their bounds wherever the command runs."""
+    found = find(name).reproduce(lambda share, what: None).records
+    before = stored(name)
+    assert [(r.row, r.quantity, r.thesis) for r in found] == [(b["row"], b["quantity"], b["thesis"]) for b in before]
+    assert [r.here for r in found] == pytest.approx([b["here"] for b in before], rel=1e-3)

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from docs.site.api import write_pages
+from docs.site.gallery import write_gallery
 from docs.site.links import broken
 from sphinx.cmd.build import build_main
 
@@ -17,8 +18,9 @@ def main(folder: Path) -> int:
     """Exit code: 0 where every page was built without a warning and every link leads somewhere."""
     source, site = folder / "source", folder / "html"
     shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(DOCS, source, ignore=shutil.ignore_patterns("__pycache__", "*.py"))
+    shutil.copytree(DOCS, source, ignore=shutil.ignore_patterns("__pycache__", "*.py", "*.json"))
     write_pages(source / "api")
+    write_gallery(source / "gallery")
     given = ["-W", "--keep-going", "-q", "-b", "html", "-d", str(folder / "doctrees"), "-c", str(DOCS / "site")]
     if build_main([*given, str(source), str(site)]):
         return 1

@@ -29,6 +29,7 @@ napoleon_google_docstring = False
 napoleon_use_rtype = napoleon_use_param = False  # types are words with shapes, not names to link
 napoleon_preprocess_types = False
 
+highlight_language = "none"
 html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = "slipangle"

@@ -40,8 +40,6 @@ ARGUMENTS: dict[str, tuple[str, str]] = {
     "previous": ("Plan, optional", "The plan before, from which this one starts; None at first."),
     "applied": ("array, shape (n_controls,), optional", "Commands that were applied last, SI units."),
     "preview": ("Preview", "The path ahead."),
-    "ahead": ("Preview", "The path ahead, one point per step of the horizon."),
-    "last": ("float", "Steering angle that was applied last. [rad]"),
     "exogenous": (
         "mapping of str to array, optional",
         "Inputs that are known ahead and not decided, by name, SI units.",

@@ -40,8 +40,11 @@ def text_of(kind: type, key: str) -> str:
     return "\n\n".join([*(inspect.cleandoc(f.__doc__) for f in found if f and f.__doc__), *(e for e in listed if e)])
 
 
-def added(thing: Any) -> Iterator[tuple[str, str, str]]:
-    """Arguments that a docstring does not describe: name, type, meaning, of comments, parameters and conventions."""
+def added(thing: Any, contract: str = "") -> Iterator[tuple[str, str, str]]:
+    """Arguments that a docstring does not describe: name, type, meaning.
+
+    They are those of comments, of the ``contract`` (docstrings of what a method overrides), and of conventions.
+    """
     text, hints = (
         (_class_text(thing), _fields(thing)) if inspect.isclass(thing) else (inspect.getdoc(thing) or "", None)
     )
@@ -51,6 +54,8 @@ def added(thing: Any) -> Iterator[tuple[str, str, str]]:
         if _entry(text, key) is None:
             if key in comments:
                 yield key, hint, comments[key]
+            elif said := re.search(rf"^{key} : (.*)\n((?: +.*\n?)+)", contract, re.M):
+                yield key, said[1], " ".join(said[2].split())
             elif (known := _convention(key, hint)) is not None:
                 yield key, *known
 

@@ -7,7 +7,7 @@ import re
 import sys
 from typing import Any
 
-from docs.site.described import added
+from docs.site.described import added, text_of
 from sphinx.application import Sphinx
 
 _CODE = re.compile(r"(``.+?``)")
@@ -22,7 +22,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
 def _process(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
     text = _with_text_first("\n".join(lines))
     if what in ("class", "function", "method"):
-        text = _completed(text, list(added(thing)))
+        text = _completed(text, list(added(thing, _contract(name) if what == "method" else "")))
     cited = set(re.findall(r"\[(\d+)\]_", text)) - set(re.findall(r"^\.\. \[(\d+)\]", text, re.M))
     text = re.sub(r"^\.\. \[(\d+)\] (.*(?:\n {3,}.*)*)", _plain, text, flags=re.M)
     text = re.sub(r"\[(\d+)\]_", r"[\1]", text)
@@ -31,6 +31,13 @@ def _process(app: Sphinx, what: str, name: str, thing: Any, options: Any, lines:
     if below:
         text = "\n\n".join([text.rstrip(), ".. rubric:: References", *below, ""])
     lines[:] = "".join(_marked(part) for part in _CODE.split(text)).replace("\0", "\\ ").split("\n")
+
+
+def _contract(name: str) -> str:
+    """Docstrings of a method and of those that it overrides."""
+    full, _, method = name.rpartition(".")
+    module, _, kind = full.rpartition(".")
+    return text_of(getattr(sys.modules[module], kind), method)
 
 
 def _completed(text: str, more: list[tuple[str, str, str]]) -> str:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from docutils import nodes
+from docutils.utils.math import MathError
 from docutils.utils.math.latex2mathml import tex2mathml
 from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
@@ -16,11 +19,18 @@ def setup(app: Sphinx) -> dict[str, Any]:
 
 
 def _inline(writer: Any, node: nodes.math) -> None:
-    writer.body.append(tex2mathml(node.astext(), as_block=False))
+    writer.body.append(_formula(node, as_block=False))
     raise nodes.SkipNode
 
 
 def _block(writer: Any, node: nodes.math_block) -> None:
-    formula = tex2mathml(node.astext(), as_block=True)
-    writer.body.append(f'<div class="formula" role="math">{formula}</div>\n')
+    writer.body.append(f'<div class="formula">{_formula(node, as_block=True)}</div>\n')
     raise nodes.SkipNode
+
+
+def _formula(node: nodes.math | nodes.math_block, *, as_block: bool) -> str:
+    text = re.sub(r"(\{\\hat \w\})_", r"\1^{}_", node.astext())  # else the index would stand below, as of a sum
+    try:
+        return tex2mathml(text, as_block=as_block)
+    except MathError as error:
+        raise ExtensionError(f"{node.source}: the formula '{node.astext()}' cannot be drawn: {error}") from error
