@@ -84,6 +84,10 @@ from slipangle.models.wrappers.disturbed import Disturbed as Disturbed
 from slipangle.models.wrappers.multi_arx import MultiARXModel as MultiARXModel
 from slipangle.models.wrappers.on_ground import OnGround as OnGround
 from slipangle.optimal.ipopt import Ipopt as Ipopt
+from slipangle.optimal.lap.car import LapCar as LapCar
+from slipangle.optimal.lap.cars import lap_car as lap_car
+from slipangle.optimal.lap.fastest_lap import fastest_lap as fastest_lap
+from slipangle.optimal.lap.lap import Lap as Lap
 from slipangle.optimal.ocp import OCP as OCP
 from slipangle.optimal.ocp import Reference as Reference
 from slipangle.optimal.realtime import RealTime as RealTime

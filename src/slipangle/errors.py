@@ -79,6 +79,10 @@ class SimulationError(SlipangleError):
     """A simulation that left the range of finite numbers."""
 
 
+class SolverError(SlipangleError):
+    """An optimisation that ended without an answer to be trusted."""
+
+
 class IdentifiabilityWarning(UserWarning):
     """The data do not determine every free parameter; the message names those."""
 

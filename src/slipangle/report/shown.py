@@ -15,9 +15,11 @@ from slipangle.identify.car.identify_car import IdentifiedCar
 from slipangle.identify.judge.compare import Comparison
 from slipangle.identify.judge.validate import Validation
 from slipangle.models.model import FitInfo, Model, Trajectory
+from slipangle.optimal.lap.lap import Lap
 from slipangle.paths.path import Path
 from slipangle.report.diagnostics import forest
 from slipangle.report.drives import Signal, signals
+from slipangle.report.lap import lap_map
 from slipangle.report.maps import Body, path_map
 from slipangle.report.plots import trajectories
 from slipangle.report.style import pretty_unit, read_in
@@ -143,6 +145,18 @@ def _(result: Run) -> Table:
 
 
 @table.register
+def _(result: Lap) -> Table:
+    rows: list[tuple[str, Any, str]] = [
+        ("lap time", result.time, "s"),
+        ("lap time, quasi-steady", result.quasi_steady, "s"),
+        ("speed, lowest", 3.6 * float(result.v_x.min()), "km/h"),
+        ("speed, highest", 3.6 * float(result.v_x.max()), "km/h"),
+    ]
+    worth = [(f"1 % more {n}", 10.0 * result.worth(n, getattr(result.car, n)), "ms") for n in result.sensitivities]
+    return _facts(f"Fastest lap of {result.track.name}", [*rows, *(w for w in worth if abs(w[1]) >= 0.1)])
+
+
+@table.register
 def _(result: Path) -> Table:
     bend = float(np.abs(result.curvature).max())
     rows: list[tuple[str, Any, str]] = [("length", result.length, "m"), ("closed", result.closed, "")]
@@ -223,6 +237,17 @@ def _(result: Run, names: Sequence[str]) -> go.Figure:
     line = np.column_stack([result.path.X, result.path.Y])
     body = Body(width=result.width or 1.8)
     return path_map(result["X"], result["Y"], result["psi"], reference=line, left=left, right=right, body=body)
+
+
+@figure.register
+def _(result: Lap, names: Sequence[str]) -> go.Figure:
+    units = {"v_x": "m/s", "v_y": "m/s", "r": "rad/s", "delta": "rad", "F_x": "N", "a_x": "m/s2", "a_y": "m/s2"}
+    units |= {"n": "m", "chi": "rad", "grip_f": "-", "grip_r": "-"}
+    _one_of(names, tuple(units), "channel of a lap")
+    if not names:
+        return lap_map(result)
+    drawn = signals(result.s, [_signal(n, units[n], getattr(result, n)) for n in names])
+    return drawn.update_layout(xaxis={"title": {"text": "arc length s [m]"}})
 
 
 @figure.register

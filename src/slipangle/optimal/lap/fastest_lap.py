@@ -1,0 +1,273 @@
+"""`fastest_lap`: the time-optimal lap of a car on a track, from cheap stages to the transient model."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from slipangle.errors import ParameterError, SolverError, require_known
+from slipangle.optimal.ipopt import _STATUS
+from slipangle.optimal.lap.car import LapCar
+from slipangle.optimal.lap.cars import lap_car
+from slipangle.optimal.lap.course import Course, course, spread
+from slipangle.optimal.lap.envelope import Envelope, envelope
+from slipangle.optimal.lap.lap import Lap, lap_of
+from slipangle.optimal.lap.line import minimum_curvature
+from slipangle.optimal.lap.profile import speed_profile
+from slipangle.optimal.lap.program import N_STATES, constraint_bounds, program, scales, solver, without_peak
+from slipangle.optimal.solution import Status
+from slipangle.paths.path import Path
+
+_SPACING = 5.0  # m, between points, by default
+_FEWEST, _MOST = 60, 6000  # points
+_TOLERANCE = 0.05  # m, of a given line
+_CALM = 0.95  # of the quasi-steady speed, at which the transient lap starts
+_SMOOTH = (1.4, 0.1, 0.16)  # of yaw acceleration and of the rates of steering and force, see `_weights`
+
+
+def fastest_lap(
+    car: Any,
+    track: Path,
+    *,
+    line: Literal["free", "given"] = "free",
+    points: int | None = None,
+    smoothness: float = 1.0,
+    margin: float = 0.0,
+    v_max: float = 120.0,
+    v_start: float | None = None,
+    like: Lap | None = None,
+    tolerance: float = 1e-6,
+    iterations: int = 500,
+) -> Lap:
+    """Time-optimal lap of a car's transient model, between the edges of a track or along a given line.
+
+    First the line of least curvature, then its quasi-steady speeds under the car's g-g-v diagram; from there an
+    interior point solves for seven states (offset and heading against the track's line, v_x, v_y, r, steering angle and
+    longitudinal force) whose steering and force have limited rates. Tires, loads, power, brakes and edges bound the
+    lap; the slip angles stay where more of them gives more force. What is minimised is the lap time and, so that the
+    car is not shaken for hundredths of a second, a small cost of yaw acceleration and of the rates; `Lap.time` is the
+    time alone.
+
+    Parameters
+    ----------
+    car : LapCar, or a model of a car whose power is known
+        See `slipangle.optimal.lap.cars.lap_car`.
+    track : Path
+        With its edges; closed, or open from start to end.
+    line : {"free", "given"}
+        Whether the line is found too, or the track's own line is driven, to within 5 cm.
+    points : int, optional
+        Collocation points, by default one every 5 m. They are denser where the car is slow.
+    smoothness : float
+        Weight of yaw acceleration and rates. At 1 a lap is slower by some tenths of a percent than near 0, where the
+        optimum is no longer well defined. [-]
+    margin : float
+        Kept free between the car's side and the edges. [m]
+    v_max : float
+        Largest speed. [m/s]
+    v_start : float, optional
+        Speed at the start of an open track; free by default. [m/s]
+    like : Lap, optional
+        A lap of this track whose points, weights of smoothness and drive to start from, so that the two differ by the
+        car alone; ``points`` and ``smoothness`` are then its own.
+    tolerance, iterations
+        Of the solver: of its optimality conditions, scaled [-], and how often it may try.
+
+    Returns
+    -------
+    Lap
+        The lap, whose `Lap.sensitivities` say what each parameter is worth.
+
+    Raises
+    ------
+    ParameterError
+        If the car does not fit between the edges, the track has none, or a setting is out of range.
+    SolverError
+        If no optimum was found; the sentence says how the solver ended.
+    """
+    began = time.perf_counter()
+    vehicle = lap_car(car)
+    _check(track, line, points, smoothness, margin, v_max, v_start, like)
+    count = min(max(math.ceil(track.length / _SPACING), _FEWEST), _MOST) if points is None else points
+    room = 0.5 * vehicle.width + margin
+    edges: dict[str, Any] = {"room": room, "tolerance": _TOLERANCE if line == "given" else None}
+    steady = envelope(vehicle, v_max)
+    ends = _ends(track, count // 2, edges, steady, v_start) if like is None else like.ends
+    along = course(track, ends, **edges)
+    line_of, bend, v = _quasi_steady(along, steady, v_start)
+    guess = _guess(vehicle, along, line_of, bend, _CALM * v) if like is None else like.columns
+    weights = _weights(vehicle, smoothness) if like is None else like.weights
+    ready = time.perf_counter()
+    solved = _solve(vehicle, along, guess, weights, _bounds(vehicle, along, v_max, v_start), (iterations, tolerance))
+    if not solved.status.solved:
+        raise SolverError(
+            f"no fastest lap of '{track.name}' was found in {solved.iterations} iterations: {_said(solved.status)}"
+        )
+    return lap_of(
+        vehicle,
+        track,
+        along,
+        solved.variables,
+        solved.times,
+        duals=solved.duals,
+        quasi_steady=_duration(along, line_of[0], v),
+        cost=solved.cost,
+        weights=weights,
+        status=solved.status,
+        iterations=solved.iterations,
+        seconds=(ready - began, time.perf_counter() - ready),
+    )
+
+
+class _Solved(NamedTuple):
+    """The program's variables, durations of its intervals [s], multipliers, least cost [s], and how it ended."""
+
+    variables: np.ndarray
+    times: np.ndarray
+    duals: dict[str, np.ndarray]
+    cost: float
+    status: Status
+    iterations: int
+
+
+def _solve(
+    car: LapCar,
+    along: Course,
+    guess: np.ndarray,
+    weights: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    effort: tuple[int, float],
+) -> _Solved:
+    """The program from a guess of its columns."""
+    size, intervals = scales(car), len(along.ends) - 1
+    felt = [getattr(car, name) for name in LapCar.felt()]
+    rated = weights * np.array([1.0, size[7] ** 2, size[8] ** 2])
+    parameters = np.concatenate([felt, size, without_peak(car), rated, along.curvature, np.diff(along.ends)])
+    scaled = guess / size
+    start = scaled.ravel() if along.closed else np.append(scaled.ravel(), scaled[0, :N_STATES])
+    low, high = constraint_bounds(intervals)
+    solve = solver(intervals, along.closed, *effort)
+    solution = solve(x0=np.clip(start, *bounds), p=parameters, lbx=bounds[0], ubx=bounds[1], lbg=low, ubg=high)
+    status = _STATUS.get(str(solve.stats()["return_status"]), Status.FAILED)
+    found = np.asarray(solution["x"]).ravel()
+    if status.solved and not np.isfinite(found).all():
+        status = Status.FAILED
+    times = np.asarray(program(intervals, along.closed).times(found, parameters)).ravel()
+    duals = {name: np.asarray(solution[name]).ravel() for name in ("lam_x", "lam_p")}
+    return _Solved(found, times, duals, float(solution["f"]), status, int(solve.stats()["iter_count"]))
+
+
+def _ends(track: Path, intervals: int, edges: dict[str, Any], steady: Envelope, v_start: float | None) -> np.ndarray:
+    """Where the intervals end: closer where the car is slow."""
+    even = course(track, np.linspace(0.0, track.length, intervals + 1), **edges)
+    return spread(even.s, _quasi_steady(even, steady, v_start)[2], track.length, intervals)
+
+
+def _weights(car: LapCar, smoothness: float) -> np.ndarray:
+    """Weights of squared yaw acceleration, steering rate and rate of force: costs in s per s, per squared SI unit.
+
+    In proportion to the yaw acceleration that a quarter of the weight at half the wheelbase makes, and to the rates.
+    """
+    yaw = car.weight * car.wheelbase / (4 * car.inertia_z)
+    return smoothness * np.array(_SMOOTH) / np.array([yaw, car.delta_rate, car.force_rate * car.weight]) ** 2
+
+
+def _said(status: Status) -> str:
+    if status is Status.ITERATION_LIMIT:
+        return "the iteration limit was reached; allow more iterations, or another number of points"
+    if status is Status.INFEASIBLE:
+        return "no drive keeps every limit; check the track's tightest corner against the steering's limit"
+    return f"{status.value}"
+
+
+def _check(
+    track: Path,
+    line: str,
+    points: int | None,
+    smoothness: float,
+    margin: float,
+    v_max: float,
+    v_start: float | None,
+    like: Lap | None,
+) -> None:
+    if not isinstance(track, Path):
+        raise ParameterError(f"the track is a {type(track).__name__}; expected a Path: sa.Path.from_file(...)")
+    require_known(line, ("free", "given"), "line")
+    if points is not None and not 20 <= points <= _MOST:
+        raise ParameterError(f"points is {points}; expected 20 to {_MOST}")
+    for name, value, low, high in (
+        ("smoothness", smoothness, 1e-3, 100.0),
+        ("margin", margin, 0.0, 10.0),
+        ("v_max", v_max, 1.0, 200.0),
+        ("v_start", v_max if v_start is None else v_start, 0.5, v_max),
+    ):
+        if not low <= value <= high:
+            raise ParameterError(f"{name} is {value:g}; expected {low:g} to {high:g}")
+    if like is not None and (like.track.closed, like.track.length) != (track.closed, track.length):
+        raise ParameterError(
+            f"the lap to be like is one of '{like.track.name}', {like.track.length:.5g} m; expected one of "
+            f"'{track.name}', {track.length:.5g} m"
+        )
+    if v_start is not None and track.closed:
+        raise ParameterError(f"v_start is given but '{track.name}' is closed; expected an open track, or no v_start")
+
+
+def _quasi_steady(
+    along: Course, steady: Envelope, v_start: float | None
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+    """Offset and heading of the line of least curvature, its curvature, and its quasi-steady speeds."""
+    n, chi, bend = minimum_curvature(
+        along.X, along.Y, along.psi, along.step, along.low, along.high, closed=along.closed
+    )
+    v = speed_profile(bend, _lengths(along, n), steady, closed=along.closed, v_start=v_start)
+    return (n, chi), bend, v
+
+
+def _lengths(along: Course, n: np.ndarray) -> np.ndarray:
+    x, y = along.X - n * np.sin(along.psi), along.Y + n * np.cos(along.psi)
+    if along.closed:
+        x, y = np.append(x, x[0]), np.append(y, y[0])
+    return np.hypot(np.diff(x), np.diff(y))
+
+
+def _duration(along: Course, n: np.ndarray, v: np.ndarray) -> float:
+    """Time along a line. [s]"""
+    mean = 0.5 * (v + np.roll(v, -1)) if along.closed else 0.5 * (v[1:] + v[:-1])
+    return float(np.sum(_lengths(along, n) / mean))
+
+
+def _guess(
+    car: LapCar, along: Course, line_of: tuple[np.ndarray, np.ndarray], bend: np.ndarray, v: np.ndarray
+) -> np.ndarray:
+    """States and input rates, shape (n, 9), of quasi-steady cornering along a line."""
+    n, chi = line_of
+    length = _lengths(along, n)
+    ahead = np.roll(v, -1) if along.closed else np.append(v[1:], v[-1])
+    a_x = (ahead**2 - v**2) / (2 * (length if along.closed else np.append(length, length[-1])))
+    side = car.mass * v * v * bend / car.wheelbase
+    front, rear = (np.clip(side * arm / C, -0.08, 0.08) for arm, C in ((car.l_r, car.C_f), (car.l_f, car.C_r)))
+    beta = car.l_r * bend - rear
+    delta = np.clip(car.wheelbase * bend + front - rear, -0.9 * car.delta_max, 0.9 * car.delta_max)
+    F_x = car.mass * a_x + car.drag * v * v
+    nothing = np.zeros_like(v)
+    return np.column_stack([n, chi - beta, v, v * beta, v * bend, delta, F_x, nothing, nothing])
+
+
+def _bounds(car: LapCar, along: Course, v_max: float, v_start: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of the variables, scaled."""
+    size, n = scales(car), len(along.s)
+    upper = np.full((n, N_STATES + 2), np.inf)
+    upper[:, 1], upper[:, 2], upper[:, 5] = 1.3, v_max, car.delta_max
+    upper[:, 7], upper[:, 8] = car.delta_rate, car.force_rate * car.weight
+    lower = -upper
+    lower[:, 0], upper[:, 0], lower[:, 2] = along.low, along.high, 0.02 * size[2]
+    lower, upper = lower / size, upper / size
+    if along.closed:
+        return lower.ravel(), upper.ravel()
+    first = [side[0, :N_STATES].copy() for side in (lower, upper)]
+    if v_start is not None:
+        first[0][2] = first[1][2] = v_start / size[2]
+    return np.append(lower.ravel(), first[0]), np.append(upper.ravel(), first[1])

@@ -1,0 +1,173 @@
+"""`Lap`: the drive of a fastest lap, and what each parameter of the car is worth on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from slipangle.optimal.lap.car import LapCar, rates, slip
+from slipangle.optimal.lap.course import Course
+from slipangle.optimal.lap.program import N_STATES, scales
+from slipangle.optimal.solution import Status
+from slipangle.paths.path import Path
+from slipangle.shown import Shown
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Lap(Shown):
+    """A time-optimal lap; arrays have shape (n,), one value per point.
+
+    Parameters
+    ----------
+    time : float
+        Of the lap. [s]
+    quasi_steady : float
+        Of the line of least curvature at the speeds of the car's g-g-v diagram, where the solver started. [s]
+    s, t : array
+        Arc length of the track's line and time at the points. [m, s]
+    X, Y, psi : array
+        Place and heading of the car. [m, m, rad]
+    n, chi : array
+        Offset from the track's line, positive to the left, and heading against it. [m, rad]
+    v_x, v_y, r, delta, F_x : array
+        Speeds [m/s], yaw rate [rad/s], road-wheel angle [rad], longitudinal force of the tires [N].
+    a_x, a_y : array
+        Accelerations of the centre of gravity along and across the car. [m/s2]
+    grip_f, grip_r : array
+        Share of each axle's friction ellipse that is used. [-]
+    rates : array, shape (n, 2)
+        Of the road-wheel angle and the longitudinal force. [rad/s, N/s]
+    cost : float
+        What was minimised: the time and the cost of smoothness. [s]
+    sensitivities : dict
+        Change of `cost` per unit of each parameter of the car, from the multipliers; negative where more is faster.
+        Smoothness counts at constant weight, so they are those of the lap time but for its small share. [s per unit]
+    weights : array, shape (3,)
+        What smoothness costs: of squared yaw acceleration and rates of steering and force. [s/s per squared unit]
+    ends : array
+        Where the intervals of the program begin and end, two points in each. [m]
+    status, iterations, seconds
+        How the solver ended, its iterations, and the time of the cheap stages and of the solver. [-, -, (s, s)]
+    car, track
+        What was driven, and where.
+    """
+
+    time: float
+    quasi_steady: float
+    s: np.ndarray
+    t: np.ndarray
+    X: np.ndarray
+    Y: np.ndarray
+    psi: np.ndarray
+    n: np.ndarray
+    chi: np.ndarray
+    v_x: np.ndarray
+    v_y: np.ndarray
+    r: np.ndarray
+    delta: np.ndarray
+    F_x: np.ndarray
+    a_x: np.ndarray
+    a_y: np.ndarray
+    grip_f: np.ndarray
+    grip_r: np.ndarray
+    cost: float
+    sensitivities: dict[str, float]
+    weights: np.ndarray
+    ends: np.ndarray
+    rates: np.ndarray
+    status: Status
+    iterations: int
+    seconds: tuple[float, float]
+    car: LapCar
+    track: Path
+
+    def _words(self) -> str:
+        return f"{self.track.name}, {self.time:.3f} s, {3.6 * self.s[-1] / self.time:.0f} km/h on average"
+
+    @cached_property
+    def path(self) -> Path:
+        """The driven line with its speeds, for a controller to follow."""
+        line = Path.from_points(self.X, self.Y, closed=self.track.closed, name=f"fastest lap of {self.track.name}")
+        at = line.project_all(self.X, self.Y)[:, 0]
+        order = np.argsort(at % line.length) if line.closed else np.argsort(at)
+        place = (at % line.length if line.closed else at)[order]
+        speed = np.hypot(self.v_x, self.v_y)[order]
+        return line.with_speed(np.interp(line.s, place, speed, period=line.length if line.closed else None))
+
+    @property
+    def columns(self) -> np.ndarray:
+        """States and rates, shape (n, 9), in the order of the program."""
+        states = (self.n, self.chi, self.v_x, self.v_y, self.r, self.delta, self.F_x)
+        return np.column_stack([*states, self.rates])
+
+    def worth(self, name: str, change: float) -> float:
+        """Change of the lap time [s], to first order, by a change of a parameter of the car in its own unit.
+
+        Raises ParameterError if there is no such parameter.
+        """
+        LapCar.si(name)
+        return self.sensitivities.get(name, 0.0) * change
+
+
+def lap_of(
+    car: LapCar,
+    track: Path,
+    along: Course,
+    found: np.ndarray,
+    times: np.ndarray,
+    *,
+    duals: dict[str, np.ndarray],
+    **more: Any,
+) -> Lap:
+    """The lap of a solution: the program's variables, the durations of its intervals, its multipliers."""
+    size, count = scales(car), len(along.s)
+    columns = found[: 9 * count].reshape(count, 9) * size
+    n, chi, v_x, v_y, r, delta, F_x = columns[:, :N_STATES].T
+    motion = rates(v_x, v_y, r, delta, F_x, car)
+    alphas = slip(v_x, v_y, r, delta, car)
+    used = []
+    for one, alpha in zip((motion.forces.front, motion.forces.rear), alphas, strict=True):
+        used.append(np.hypot(one.use, one.F_y / one.peak) * np.ones_like(alpha))
+    ends = np.cumsum(times)
+    pace = (1 - n * along.curvature) / (v_x * np.cos(chi) - v_y * np.sin(chi))
+    t = np.empty(count)
+    t[1::2] = ends
+    t[0::2] = ends - times + np.diff(along.ends) * (5 * pace[0::2] - pace[1::2]) / 12
+    return Lap(
+        time=float(ends[-1]),
+        s=along.s,
+        t=t,
+        X=along.X - n * np.sin(along.psi),
+        Y=along.Y + n * np.cos(along.psi),
+        psi=along.psi + chi,
+        **dict(n=n, chi=chi, v_x=v_x, v_y=v_y, r=r, delta=delta, F_x=F_x),
+        a_x=motion.v_x - v_y * r,
+        a_y=motion.v_y + v_x * r,
+        grip_f=used[0],
+        grip_r=used[1],
+        rates=columns[:, N_STATES:],
+        ends=along.ends,
+        sensitivities=_sensitivities(car, along, duals, size, count),
+        car=car,
+        track=track,
+        **more,
+    )
+
+
+def _sensitivities(
+    car: LapCar, along: Course, duals: dict[str, np.ndarray], size: np.ndarray, count: int
+) -> dict[str, float]:
+    """Of the cost to every parameter: through the equations and, for those that bound a variable, through its bound."""
+    names = LapCar.felt()
+    worth = dict(zip(names, -duals["lam_p"][: len(names)], strict=True))
+    bound = duals["lam_x"][: 9 * count].reshape(count, 9) / size
+    worth["width"] += 0.5 * float(np.abs(bound[:, 0]).sum())
+    worth["delta_max"] -= float(np.abs(bound[:, 5]).sum())
+    worth["delta_rate"] -= float(np.abs(bound[:, 7]).sum())
+    rate = float(np.abs(bound[:, 8]).sum())
+    worth["force_rate"] -= rate * car.weight
+    worth["mass"] -= rate * car.force_rate * car.weight / car.mass
+    return {name: float(value) for name, value in worth.items()}

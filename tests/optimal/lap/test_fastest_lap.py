@@ -1,0 +1,198 @@
+"""The fastest lap against closed forms, mirror images, finer points, and its own multipliers against laps anew."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import slipangle as sa
+from slipangle.errors import ParameterError, SolverError
+from slipangle.models.vehicles.catalogue import BMW_320I, FERRARI_250LM, PASSENGER_TIRE
+from slipangle.models.vehicles.parameters import GRAVITY
+from slipangle.optimal.lap.car import LapCar, forces, rates
+from tests.optimal.lap.cars import RACER, circuit, point_like, ring, straight
+
+
+@cache
+def lap_of_the_circuit():
+    return sa.fastest_lap(RACER, circuit(), points=80, tolerance=1e-8)
+
+
+def test_on_a_ring_the_car_circles_at_its_limit_along_the_inner_edge():
+    """A mass point circles at v^2 = mu g R, so the smallest ring is the quickest: 2 pi sqrt(R / (mu g))."""
+    lap = sa.fastest_lap(point_like(mu=1.2), ring(radius=50.0, width=4.0), points=60)
+    R = 50.0 - 4.0 + 0.5
+    assert lap.n == pytest.approx(3.5, abs=0.02)
+    assert 1.0 <= lap.time / (2 * np.pi * np.sqrt(R / (1.2 * GRAVITY))) < 1.01
+    assert np.ptp(lap.v_x) < 0.01
+
+
+def test_on_a_straight_power_alone_counts():
+    """Without drag P t = m (v^2 - v0^2) / 2 and v^3 = v0^3 + 3 P s / m."""
+    car = point_like(mu=2.0, power=1e5)
+    lap = sa.fastest_lap(car, straight(400.0), points=60, v_start=20.0)
+    v = (20.0**3 + 3 * 1e5 * 400.0 / car.mass) ** (1 / 3)
+    assert lap.v_x[-1] == pytest.approx(v, rel=1e-3)
+    assert lap.time == pytest.approx(car.mass * (v**2 - 20.0**2) / (2 * 1e5), rel=1e-3)
+
+
+def test_the_mirrored_track_has_the_mirrored_lap():
+    lap = lap_of_the_circuit()
+    other = sa.fastest_lap(RACER, circuit(mirrored=True), points=80, tolerance=1e-8)
+    assert other.time == pytest.approx(lap.time, rel=1e-6)
+    for name, sign in (("n", -1), ("delta", -1), ("r", -1), ("v_x", 1), ("F_x", 1)):
+        mine = getattr(lap, name)
+        assert sign * getattr(other, name) == pytest.approx(mine, abs=2e-3 * np.abs(mine).max())
+
+
+def test_the_lap_keeps_every_limit():
+    lap, car = lap_of_the_circuit(), RACER
+    room = 5.0 - 0.5 * car.width
+    assert np.abs(lap.n).max() <= room + 1e-6
+    assert (lap.F_x * lap.v_x).max() <= car.power * (1 + 1e-5)
+    assert np.abs(lap.delta).max() <= car.delta_max
+    assert np.abs(lap.rates[:, 0]).max() <= car.delta_rate * (1 + 1e-6)
+    assert max(lap.grip_f.max(), lap.grip_r.max()) < 1.02
+    assert max(lap.grip_f.max(), lap.grip_r.max()) > 0.97
+    assert lap.n.max() - lap.n.min() > 1.5 * room  # it uses the track
+
+
+def test_the_lap_is_a_drive_of_the_model():
+    """Integrated with small steps from its first point, steering and force as in the lap, the car goes the same way."""
+    lap = sa.fastest_lap(RACER, circuit(), points=160)
+    begin, stop = 41, 121
+    x = np.array([lap.X[begin], lap.Y[begin], lap.psi[begin], lap.v_x[begin], lap.v_y[begin], lap.r[begin]])
+    times = np.linspace(lap.t[begin], lap.t[stop], 4000)
+
+    def slope(t, x):
+        delta, F = np.interp(t, lap.t, lap.delta), np.interp(t, lap.t, lap.F_x)
+        c, s, motion = np.cos(x[2]), np.sin(x[2]), rates(x[3], x[4], x[5], delta, F, RACER)
+        return np.array([x[3] * c - x[4] * s, x[3] * s + x[4] * c, x[5], motion.v_x, motion.v_y, motion.r])
+
+    h = times[1] - times[0]
+    for t in times[:-1]:
+        k = slope(t, x)
+        x = x + h * slope(t + h / 2, x + h / 2 * k)
+    assert np.hypot(x[0] - lap.X[stop], x[1] - lap.Y[stop]) < 0.5  # after half a lap, 270 m
+    assert x[3] == pytest.approx(lap.v_x[stop], rel=0.02)
+
+
+def test_the_lap_beats_its_quasi_steady_start_and_the_middle_of_the_track():
+    lap = lap_of_the_circuit()
+    middle = sa.fastest_lap(RACER, circuit(), line="given", points=80)
+    assert np.abs(middle.n).max() <= 0.05 + 1e-6
+    assert lap.time < 0.95 * middle.time
+    assert lap.time < 1.1 * lap.quasi_steady
+
+
+@pytest.mark.slow
+def test_four_times_the_points_change_little():
+    coarse, fine = (sa.fastest_lap(RACER, circuit(), points=n).time for n in (120, 480))
+    assert coarse == pytest.approx(fine, rel=1e-3)
+
+
+def differences_of(name, lap):
+    value = getattr(RACER, name)
+    h = max(1e-3 * abs(value), 1e-3)
+    costs = [
+        sa.fastest_lap(replace(RACER, **{name: value + d}), circuit(), like=lap, tolerance=1e-8).cost for d in (h, -h)
+    ]
+    return (costs[0] - costs[1]) / (2 * h)
+
+
+@pytest.mark.parametrize("name", ["mass", "width"])
+def test_sensitivities_are_those_of_laps_anew(name):
+    lap = lap_of_the_circuit()
+    assert lap.sensitivities[name] == pytest.approx(differences_of(name, lap), rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [n for n in LapCar.felt() if n not in ("mass", "width")])
+def test_every_sensitivity_is_that_of_laps_anew(name):
+    lap = lap_of_the_circuit()
+    assert lap.sensitivities[name] == pytest.approx(differences_of(name, lap), rel=2e-3, abs=2e-6)
+
+
+def test_more_power_is_worth_time_and_more_mass_costs_it():
+    lap = lap_of_the_circuit()
+    assert lap.worth("power", 1000.0) < 0 < lap.worth("mass", 10.0)
+    anew = sa.fastest_lap(replace(RACER, mass=RACER.mass + 10.0), circuit(), like=lap)
+    assert lap.worth("mass", 10.0) == pytest.approx(anew.time - lap.time, rel=0.2)
+
+
+def test_the_driven_line_is_a_path_with_speeds():
+    lap = lap_of_the_circuit()
+    path = lap.path
+    assert path.closed
+    assert path.v_x is not None
+    assert path.length / np.mean(path.v_x) == pytest.approx(lap.time, rel=0.02)
+
+
+def test_where_the_car_does_not_fit_is_named():
+    with pytest.raises(ParameterError, match=r"1\.6 m wide .* the car needs 1\.9 m"):
+        sa.fastest_lap(RACER, circuit(width=0.8), points=60)
+
+
+def test_a_track_without_edges_is_named():
+    track = circuit()
+    bare = sa.Path.from_points(track.X[::40], track.Y[::40], closed=True)
+    with pytest.raises(ParameterError, match="no edges"):
+        sa.fastest_lap(RACER, bare, points=60)
+    assert sa.fastest_lap(RACER, bare, points=60, line="given").status.solved
+
+
+def test_a_lap_that_was_not_found_is_no_lap():
+    with pytest.raises(SolverError, match="iteration limit"):
+        sa.fastest_lap(RACER, circuit(), points=60, iterations=2)
+
+
+def test_settings_out_of_range_are_named():
+    for wrong in ({"points": 5}, {"smoothness": 0.0}, {"v_max": -1.0}, {"margin": -1.0}, {"line": "best"}):
+        with pytest.raises(ParameterError):
+            sa.fastest_lap(RACER, circuit(), **wrong)
+    with pytest.raises(ParameterError, match="closed"):
+        sa.fastest_lap(RACER, circuit(), v_start=10.0)
+    with pytest.raises(ParameterError, match="expected a Path"):
+        sa.fastest_lap(RACER, "track.csv")  # pyright: ignore
+
+
+def test_cars_without_limits_or_power_are_named():
+    bicycle = sa.Bicycle(params=FERRARI_250LM, dt=0.01)
+    with pytest.raises(ParameterError, match="how much its tires can hold"):
+        sa.lap_car(bicycle)
+    p = sa.NonlinearBicycleParams(mass=982.0, inertia_z=1200.0, wheelbase=2.4, l_f=1.39, C_f=8e4, C_r=1e5)
+    with pytest.raises(ParameterError, match="power"):
+        sa.lap_car(sa.NonlinearBicycle(params=p, dt=0.01))
+    assert sa.lap_car(sa.NonlinearBicycle(params=p, dt=0.01), power=2e5).C_f == 8e4
+
+
+def test_the_axles_of_a_dual_track_are_those_of_its_tires():
+    car = sa.lap_car(sa.DualTrack(params=BMW_320I, tire_f=PASSENGER_TIRE, tire_r=PASSENGER_TIRE, dt=0.001))
+    load = 0.25 * BMW_320I.mass * GRAVITY
+    for alpha in np.radians([1.0, 3.0, 6.0, 10.0]):
+        own = 2 * PASSENGER_TIRE.forces(0.0, alpha, load).F_y + 2 * PASSENGER_TIRE.forces(0.0, alpha, load).F_y
+        both = forces(alpha, alpha, 0.0, 0.0, 0.0, car)
+        assert both.front.F_y + both.rear.F_y == pytest.approx(own, rel=0.06)
+    assert car.power == pytest.approx(150.0 * 600.0, rel=1e-6)  # at its highest speed
+    assert car.brake_rear == pytest.approx(1 - BMW_320I.brakes.bias)
+    assert car.transfer_x == pytest.approx(BMW_320I.height / BMW_320I.wheelbase)
+
+
+def test_load_transfer_of_a_dual_track_is_its_height_over_its_track():
+    """Moments about the ground: both axles' transfer times their track make the height."""
+    car = sa.lap_car(sa.DualTrack(params=BMW_320I, tire_f=PASSENGER_TIRE, tire_r=PASSENGER_TIRE, dt=0.001))
+    p = BMW_320I
+    assert car.transfer_f * p.track_f + car.transfer_r * p.track_r == pytest.approx(p.height, rel=1e-6)
+
+
+def test_a_lap_shows_itself():
+    lap = lap_of_the_circuit()
+    assert "circuit, " in repr(lap)
+    html = lap._repr_html_()
+    assert "lap time" in html
+    assert "1 % more mass" in html
+    assert len(lap.plot().data) >= 4  # the line, its dots, both edges
+    assert len(lap.plot("v_x", "delta").data) == 2
+    with pytest.raises(ParameterError, match="no channel of a lap 'speed'"):
+        lap.plot("speed")

@@ -1,0 +1,84 @@
+"""The cheap stages of a fastest lap, against closed forms and plain searches."""
+
+import numpy as np
+import pytest
+from scipy import optimize, sparse
+
+from slipangle.models.vehicles.parameters import GRAVITY
+from slipangle.optimal.lap.envelope import Envelope, envelope
+from slipangle.optimal.lap.line import box_qp, differences, minimum_curvature
+from slipangle.optimal.lap.profile import speed_profile
+from tests.optimal.lap.cars import point_like
+
+
+def test_envelope_of_a_balanced_car_is_the_friction_ellipse():
+    """Without load transfer, air or load sensitivity: a circle of mu g, up to the share of it that is used."""
+    car = point_like(mu=1.2)
+    limits = envelope(car, 60.0)
+    most = 1.2 * GRAVITY
+    assert limits.a_y == pytest.approx(most, rel=2e-3)
+    assert limits.brake[:, 0] == pytest.approx(0.98 * most, rel=1e-3)
+    middle = (limits.share > 0.3) & (limits.share < 0.95)
+    circle = most * np.sqrt(1 - limits.share[middle] ** 2)
+    assert limits.brake[0, middle] == pytest.approx(circle, rel=0.03)
+
+
+def test_drive_is_bounded_by_power_and_drag():
+    car = point_like(mu=1.2, power=1e5, drag=0.5)
+    limits = envelope(car, 60.0)
+    fast = limits.v > 20.0
+    wanted = (1e5 / limits.v - 0.5 * limits.v**2) / car.mass
+    assert limits.drive[fast, 0] == pytest.approx(wanted[fast], abs=1e-3)
+
+
+def plain(a=5.0, a_y=10.0, v_max=60.0):
+    """Constant accelerations on a friction ellipse."""
+    v, share = np.linspace(3.0, v_max, 20), np.sin(np.linspace(0, np.pi / 2, 12))
+    table = np.tile(a * np.sqrt(1 - share**2), (20, 1))
+    return Envelope(v=v, a_y=np.full(20, a_y), share=share, drive=table, brake=table)
+
+
+def test_profile_of_a_corner_between_straights():
+    """Down to sqrt(a_y R) at the corner, v^2 changing by 2 a along the straights."""
+    step, corner = np.full(400, 1.0), np.zeros(401)
+    corner[200] = 1 / 40.0
+    v = speed_profile(corner, step, plain(), closed=False)
+    apex = np.sqrt(10.0 * 40.0)
+    away = np.abs(np.arange(401) - 200.0)
+    wanted = np.minimum(60.0, np.sqrt(apex**2 + 2 * 5.0 * np.maximum(away - 1, 0)))  # none at the apex itself
+    assert v == pytest.approx(wanted, rel=1e-3)
+
+
+def test_profile_of_a_closed_line_does_not_depend_on_where_it_begins():
+    bend = 0.01 + 0.02 * np.sin(np.linspace(0, 6 * np.pi, 301)[:-1]) ** 2
+    step = np.full(300, 2.0)
+    v = speed_profile(bend, step, plain(), closed=True)
+    moved = speed_profile(np.roll(bend, 77), step, plain(), closed=True)
+    assert moved == pytest.approx(np.roll(v, 77), rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_box_qp_agrees_with_bounded_least_squares(seed):
+    rng = np.random.default_rng(seed)
+    A, b = rng.normal(size=(30, 12)), rng.normal(size=30)
+    low, high = -rng.uniform(0.01, 0.3, 12), rng.uniform(0.01, 0.3, 12)
+    wanted = optimize.lsq_linear(A, b, (low, high), tol=1e-12).x
+    assert box_qp(sparse.csc_matrix(A.T @ A), -A.T @ b, low, high) == pytest.approx(wanted, abs=1e-5)
+
+
+def test_differences_are_exact_for_parabolas_on_uneven_steps():
+    s = np.array([0.0, 1.0, 1.5, 3.0, 4.2, 5.0])
+    D1, D2 = differences(np.diff(s), closed=False)
+    assert (D2 @ s**2)[1:-1] == pytest.approx(2.0)
+    assert (D1 @ s**2)[1:-1] == pytest.approx(2 * s[1:-1])
+
+
+def test_least_curvature_of_a_ring_is_its_outer_edge():
+    """A circle between 46 and 54 m: of all rings the largest bends least."""
+    angle = np.linspace(0, 2 * np.pi, 121)[:-1]
+    X, Y = 50 * np.cos(angle), 50 * np.sin(angle)
+    step = np.full(120, 2 * 50 * np.sin(np.pi / 120))
+    n, chi, bend = minimum_curvature(X, Y, angle + np.pi / 2, step, np.full(120, -4.0), np.full(120, 4.0), closed=True)
+    assert n == pytest.approx(-4.0, abs=1e-3)
+    assert chi == pytest.approx(0.0, abs=1e-6)
+    assert bend == pytest.approx(1 / 54.0, rel=2e-3)
