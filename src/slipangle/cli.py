@@ -18,6 +18,7 @@ from slipangle.commands import (
     listing,
     log,
     models,
+    open,
     reproduce,
     robust,
     run,
@@ -32,6 +33,7 @@ From a vehicle's drive log to an identified model to a predictive controller.
 Start here:
   slipangle demo                              the whole job on a built-in car, no data needed
   slipangle run examples/ferrari_250lm.toml   the same on a real race car's log
+  slipangle open                              the last page, in the browser
   slipangle inspect log.csv                   what is in a log, and what is wrong with it
   slipangle init log.csv                      a commented job for a log, guesses marked
   slipangle advise job.toml                   what to drive next
@@ -84,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"slipangle {version('slipangle')}")
     parser.set_defaults(function=None)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
-    for group in (job, init, log, models, export, search, robust, tire, listing, data, doctor, reproduce):
+    for group in (job, init, log, models, export, search, robust, tire, listing, data, doctor, reproduce, open):
         group.add(Commands(commands))
     for about in (help, completion):
         about.add(Commands(commands), _parser)

@@ -17,12 +17,23 @@ LIMIT = 120.0  # s for one answer; a busy machine is slow
 class Browser:
     """One page at a time: what it says on the console, what scripts of the test find in it."""
 
-    def __init__(self, folder, *flags):
+    def __init__(self, folder, *flags, core=None):
         there, here = os.pipe(), os.pipe()
         quiet = ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", f"--user-data-dir={folder}"]
         command = f'exec "$@" 3<&{there[0]} 4>&{here[1]}'
         self._process = subprocess.Popen(
-            ["bash", "-c", command, "browser", NAME, "--remote-debugging-pipe", *quiet, *flags, "about:blank"],
+            [
+                *([] if core is None else ["taskset", "-c", str(core)]),
+                "bash",
+                "-c",
+                command,
+                "browser",
+                NAME,
+                "--remote-debugging-pipe",
+                *quiet,
+                *flags,
+                "about:blank",
+            ],
             pass_fds=(there[0], here[1]),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,

@@ -6,13 +6,15 @@ import re
 import numpy as np
 import pytest
 
-from slipangle.report import Page, Section
+from slipangle.report import Page, Section, Text
 from slipangle.report.drawing import seen_from_above
+from slipangle.report.page import figures
 from slipangle.report.playback import Beside, LiveDrive, Playback, Slider
 from slipangle.simulate.loop import closed_loop
 from tests.export.test_live import CASES, loop
 from tests.export.tools import needs
 from tests.report.browser import BROWSER, Browser
+from tests.report.example import example_page
 
 pytestmark = [pytest.mark.slow, BROWSER]
 
@@ -117,9 +119,10 @@ def test_the_reader_drives(browser, live_page):
     browser.console.clear()
     browser.open(page)
     browser.wait("!document.querySelector('.live').hidden")
-    assert re.search(
-        r"Solver on your machine: [\d.]+ ms a plan", browser.run("document.querySelector('.outcome').textContent")
-    )
+    browser.run("document.querySelector('summary').click()")
+    browser.wait("document.querySelector('.outcome').textContent !== ''")
+    said = browser.run("document.querySelector('.outcome').textContent")
+    assert re.search(r"Solver on your machine: [\d.]+ ms a plan", said)
     before = browser.run("document.querySelector('.way').getAttribute('d')")
     browser.run(
         "(() => { const i = document.querySelector('[data-at=\"0\"]'); i.value = 150;"
@@ -159,3 +162,40 @@ def test_without_webassembly_the_recorded_drive_plays(browser, live_page, tmp_pa
     assert browser.run("document.querySelector('.live').hidden")
     assert browser.run("document.querySelector('summary').textContent") == "Steering and tires against their limits"
     browser.console.clear()
+
+
+CLIPPED = """Array.from(document.querySelectorAll("h1, h2, h3, p, th, td, label, summary, dt, dd, li")).filter((e) => {
+  if (e.closest(".scroll, nav, .skip") || !e.offsetParent) return false;
+  const box = e.getBoundingClientRect();
+  return box.right > innerWidth + 1 || box.left < -1 || e.scrollWidth > e.clientWidth + 1 && e.clientWidth > 0
+    && getComputedStyle(e).display !== "inline";
+}).map((e) => e.textContent.slice(0, 60))"""
+
+
+@pytest.mark.parametrize("width", [390, 1280, 1920])
+def test_nothing_is_cut_at_any_width(browser, tmp_path, width):
+    path = example_page().write(tmp_path / "page.html")
+    browser.console.clear()
+    browser.open(path, width)
+    assert browser.run("document.documentElement.scrollWidth") <= width
+    assert browser.run(CLIPPED) == []
+    for k in range(browser.run("document.querySelectorAll('.plot').length")):
+        browser.run(f"document.querySelectorAll('.plot')[{k}].scrollIntoView()")
+        browser.wait(f"document.querySelectorAll('.plot')[{k}].querySelector('svg.main-svg') !== null")
+        box = browser.run(f"document.querySelectorAll('.plot')[{k}].getBoundingClientRect().toJSON()")
+        assert 0 <= box["left"] <= box["right"] <= width
+    assert browser.console == []
+
+
+def test_figures_are_drawn_when_they_come_near(browser, tmp_path):
+    """The first screen answers before the library is there; a figure far below waits."""
+    far = Section(title="far", blocks=(Text(text="\n\n".join("x" for _ in range(200))), *figures_of(example_page())))
+    browser.open(Page(title="t", sections=(far,)).write(tmp_path / "page.html"))
+    assert browser.run("document.querySelectorAll('.js-plotly-plot').length") == 0
+    assert browser.run("typeof Plotly") == "undefined"
+    browser.run("document.querySelector('.plot').scrollIntoView()")
+    browser.wait("document.querySelectorAll('.js-plotly-plot').length > 0")
+
+
+def figures_of(page):
+    return [f for section in page.sections for f in figures(section.blocks)]

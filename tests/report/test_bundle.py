@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
 
 import pytest
 from plotly.offline import get_plotlyjs
@@ -12,6 +10,7 @@ from plotly.offline import get_plotlyjs
 from slipangle.report import Figure, Page, Section
 from slipangle.report.bundle import bundle, smaller
 from slipangle.report.style import line, new_figure
+from tests.report.browser import BROWSER, Browser
 from tests.report.example import example_page
 
 USED = frozenset({"scatter", "bar", "box"})
@@ -45,7 +44,7 @@ def test_a_file_that_is_not_as_expected_is_taken_whole(change):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(shutil.which("chromium") is None, reason="no chromium on this machine")
+@BROWSER
 @pytest.mark.parametrize("which", ["example", "heatmap"])
 def test_a_browser_draws_every_figure_and_says_nothing(tmp_path, which):
     if which == "example":
@@ -56,19 +55,14 @@ def test_a_browser_draws_every_figure_and_says_nothing(tmp_path, which):
         line(figure, [0, 1], [0, 1], _ink())
         page = Page(title="t", sections=(Section(title="s", blocks=(Figure(title="f", figure=figure),)),))
     path = page.write(tmp_path / "page.html")
-    quiet = ["--headless", "--no-sandbox", "--disable-gpu", "--virtual-time-budget=30000", "--enable-logging=stderr"]
-    done = subprocess.run(
-        ["chromium", *quiet, f"--user-data-dir={tmp_path}", "--window-size=1280,900", "--dump-dom", path.as_uri()],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    assert "CONSOLE" not in done.stderr
-    plots = path.read_text().count('<div class="plot" id=')
-    assert plots > 0
-    assert done.stdout.count('<div class="plot js-plotly-plot" id=') == plots
-    assert done.stdout.count('<svg class="main-svg"') >= plots
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(path)
+        count = browser.run("document.querySelectorAll('.plot').length")
+        assert count > 0
+        for k in range(count):
+            browser.run(f"document.querySelectorAll('.plot')[{k}].scrollIntoView()")
+            browser.wait(f"document.querySelectorAll('.plot')[{k}].querySelector('svg.main-svg') !== null")
+        assert browser.console == []
 
 
 def _ink():

@@ -250,11 +250,11 @@ def test_models_as_files(demo, tmp_path, capsys):
     assert main(["compare", *files, "--data", job, "--json"]) == 0
     assert [row["model"] for row in json.loads(capsys.readouterr().out)] == ["car", "arx-4-4"]
     assert main(["compare", *files, "--data", job, "--out", str(tmp_path / "page")]) == 0
-    page = (tmp_path / "page" / "comparison.html").read_text()
+    page = (tmp_path / "page" / "index.html").read_text()
     assert "Error over the horizon, r" in page
     assert "replaces" not in capsys.readouterr().out
     assert main(["compare", files[0], "--data", job, "--out", str(tmp_path / "page")]) == 0
-    assert "comparison.html, which replaces the one of" in capsys.readouterr().out
+    assert "index.html, which replaces the one of" in capsys.readouterr().out
     assert main(["validate", files[0], "--data", job, "--whole"]) == 2
     assert "used to fit the model" in sentence(capsys)
     assert main(["validate", job, "--data", job]) == 2

@@ -224,5 +224,5 @@ def test_verdicts_on_a_model_that_runs_away_name_it(json_, tmp_path, capsys):
     files = [str(tmp_path / "m" / name) for name in ("a.json", "bicycle.json")]
     assert main(["compare", *files, "--data", str(job), "--out", str(tmp_path / "page"), *json_]) == 0
     assert "the free run of 'r' goes astray" in capsys.readouterr().out
-    assert "goes astray" in (tmp_path / "page" / "comparison.html").read_text()
+    assert "goes astray" in (tmp_path / "page" / "index.html").read_text()
     assert "Warning" not in err

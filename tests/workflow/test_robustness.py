@@ -76,7 +76,7 @@ def test_the_command_writes_a_page(tmp_path, capsys, monkeypatch):
     assert code == (0 if said["share_inside"] >= 0.97 else 1)
     assert said["cars"] == 12
     assert set(said["worst"]["changes"]) == set(said["influence"])
-    page = (tmp_path / "out" / "robust.html").read_text()
+    page = (tmp_path / "out" / "index.html").read_text()
     assert "What breaks it" in page
     assert "of 12 cars that differ from the model" in page
     assert main(["robust", str(write_job(tmp_path)), "--out", str(tmp_path / "out")]) == 2

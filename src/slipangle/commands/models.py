@@ -144,7 +144,7 @@ def _compare(options: argparse.Namespace) -> Answer:
         result = compare(load_models(options.models), test, start="first samples" if start is None else start)
         page, before = None, ""
         if options.out:
-            target = Path(options.out) / "comparison.html"
+            target = Path(options.out) / "index.html"
             before = replaced(target)
             command = f"slipangle compare {' '.join(options.models)} --data {options.data}"
             page = comparison_page(result, test, command=command).write(target)

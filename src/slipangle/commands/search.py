@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import math
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,6 +31,9 @@ then slipangle search FILE.toml --cluster auto. Needs pip install 'slipangle[clu
 
 With --json: best.settings, best.score, and trials with number, settings, score, seconds, failure.
 """
+
+
+_EVERY, _RENEWED = 5.0, 15  # s between two pages while the search goes on, and after which a browser loads them anew
 
 
 def add(commands: Commands) -> None:
@@ -66,10 +71,10 @@ def _search(options: argparse.Namespace) -> Answer:
         pruner=options.pruner,
     )
     objective = NarxObjective(data=train, stages=tuple(replace(s, epochs=options.epochs) for s in STAGES))
+    before = replaced(folder / "index.html")
     with Bar(quiet=options.json or options.quiet) as bar:
         bar(0.0, "starting the workers")
-        result = search.run(objective, progress=bar)
-    before = replaced(folder / "search.html")
+        result = search.run(objective, progress=bar, watch=_Written(options, train.name))
     page = _page(result, options, train.name)
     best = result.best
     rows = [
@@ -85,11 +90,27 @@ def _search(options: argparse.Namespace) -> Answer:
     return Answer({"best": first, "trials": rows}, words)
 
 
-def _page(result: SearchResult, options: argparse.Namespace, name: str) -> Path:
-    """Parallel coordinates and the table of every trial."""
+class _Written:
+    """Writes the page while the search goes on, not more often than every few seconds; a trial at least must count."""
+
+    def __init__(self, options: argparse.Namespace, name: str) -> None:
+        self._options, self._name, self._last = options, name, -math.inf
+
+    def __call__(self, result: SearchResult) -> None:
+        """Write it with the trials so far."""
+        done, now = len(result.trials), time.monotonic()
+        if done >= self._options.trials or now - self._last < _EVERY or all(t.failure for t in result.trials):
+            return
+        self._last = now
+        _page(result, self._options, self._name, done=done)
+
+
+def _page(result: SearchResult, options: argparse.Namespace, name: str, *, done: int = 0) -> Path:
+    """Parallel coordinates and the table of every trial; ``done`` of them so far, where the search goes on."""
     from slipangle.report import Figure, Page, Section
     from slipangle.report.search import parallel_coordinates, search_table
 
+    so_far = f"{done} of {options.trials} trials so far. " if done else ""
     command = f"slipangle search {options.file} --trials {options.trials} --seed {options.seed} --space {options.space}"
     figure = Figure(
         title="Settings and score",
@@ -98,8 +119,9 @@ def _page(result: SearchResult, options: argparse.Namespace, name: str) -> Path:
     )
     page = Page(
         title="Search of network architectures",
-        subtitle=f"{name}; training part only, free runs over stretches that follow what was trained on",
+        subtitle=f"{so_far}{name}; training part only, free runs over stretches that follow what was trained on",
+        renewed=_RENEWED if done else 0,
         sections=(Section(title="Trials", blocks=(figure, search_table(result))),),
         command=command,
     )
-    return page.write(Path(options.out) / "search.html")
+    return page.write(Path(options.out) / "index.html")

@@ -13,7 +13,7 @@ def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> 
     """The best of ``result`` in a sentence, ranking, free runs, error clouds and errors over the horizon.
 
     ``data`` are the test data that the comparison was made with; ``command`` is what makes the page again.
-    ``page.write("comparison.html")`` writes it.
+    ``page.write("index.html")`` writes it.
     """
     good = [e for e in result.entries if not e.failure]
     ahead = {e.name: horizon_errors(e.model, data) for e in good}

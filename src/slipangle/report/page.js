@@ -42,7 +42,9 @@
     base.xaxis.nticks = 5;
   }
 
-  /* The library is packed in the page: unpacked once, then run as any other script. */
+  /* The library is packed in the page: unpacked once, when the first figure is near or nothing else is to be done, then
+     run as any other script. */
+  let unpacking = null;
   async function unpack() {
     const packed = document.getElementById("plotly");
     if (!packed) return;
@@ -52,6 +54,12 @@
     script.textContent = await new Response(stream).text();
     document.head.append(script);
   }
+  function unpacked() {
+    unpacking = unpacking || unpack().catch((error) => {
+      for (const plot of plots) plot.textContent = "This browser cannot unpack the figures: " + error.message;
+    });
+    return unpacking;
+  }
 
   function draw(plot) {
     if (!window.Plotly) return undefined;
@@ -59,35 +67,48 @@
     return window.Plotly.react(plot, spec.data, spec.layout, spec.config);
   }
 
-  let waiting = [];
-  function drawAll() {
-    waiting = plots.slice();
-    next();
+  /* Figures are drawn when they come near the window, one after another, so that the page answers in between. */
+  const near = new Set(), drawn = new Set();
+  let drawing = false;
+  async function drawNear() {
+    if (drawing) return;
+    drawing = true;
+    await unpacked();
+    for (const plot of plots) {
+      if (!near.has(plot) || drawn.has(plot)) continue;
+      drawn.add(plot);
+      draw(plot);
+      await new Promise((next) => window.setTimeout(next, 0));
+    }
+    drawing = false;
+    if (Array.from(near).some((plot) => !drawn.has(plot))) drawNear();
   }
-  function next() {
-    const plot = waiting.shift();
-    if (!plot) return;
-    draw(plot);
-    window.setTimeout(next, 0);
+  function drawAgain() {
+    drawn.clear();
+    if (window.Plotly) drawNear();
   }
+  const approach = new IntersectionObserver((entries) => {
+    for (const e of entries) e.isIntersecting ? near.add(e.target) : near.delete(e.target);
+    if (near.size) drawNear();
+  }, { rootMargin: "700px 0px" });
+  for (const plot of plots) approach.observe(plot);
 
   let wasNarrow = null;
   function onResize() {
     const now = window.innerWidth < 600;
-    if (wasNarrow !== null && now !== wasNarrow) drawAll();
+    if (wasNarrow !== null && now !== wasNarrow) drawAgain();
     wasNarrow = now;
   }
 
   function beforePrint() {
     printing = true;
-    waiting = [];
     document.documentElement.classList.add("printing"); /* the paper's width, before measuring */
     for (const plot of plots) draw(plot);
   }
   function afterPrint() {
     printing = false;
     document.documentElement.classList.remove("printing");
-    drawAll();
+    drawAgain();
   }
 
   const links = new Map(Array.from(document.querySelectorAll("nav a")).map((a) => [a.hash.slice(1), a]));
@@ -106,7 +127,7 @@
   window.addEventListener("beforeprint", beforePrint);
   window.addEventListener("afterprint", afterPrint);
   window.addEventListener("resize", onResize);
-  dark.addEventListener("change", drawAll);
+  dark.addEventListener("change", drawAgain);
   const copy = document.getElementById("copy");
   if (copy) copy.addEventListener("click", () => {
     const code = document.getElementById("again");
@@ -120,7 +141,6 @@
   });
 
   onResize();
-  unpack().then(drawAll, (error) => {
-    for (const plot of plots) plot.textContent = "This browser cannot unpack the figures: " + error.message;
-  });
+  const idle = window.requestIdleCallback || ((act) => window.setTimeout(act, 200));
+  window.addEventListener("load", () => window.setTimeout(() => idle(unpacked), 5000)); /* so that it prints at once */
 })();

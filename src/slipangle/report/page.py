@@ -136,6 +136,7 @@ class Page:
     subtitle: str = ""  # below the title
     facts: tuple[Fact, ...] = ()  # provenance, at the foot
     command: str = ""  # that made the page
+    renewed: int = 0  # s after which a browser loads it anew, while what it shows goes on; 0 for never
 
     def write(self, path: str | Path) -> Path:
         """Write the page whole or not at all, and return where it is.
@@ -161,7 +162,8 @@ class Page:
         return (
             '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             f'<meta http-equiv="Content-Security-Policy" content="{self._policy()}">\n'
-            '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+            + (f'<meta http-equiv="refresh" content="{self.renewed}">\n' if self.renewed else "")
+            + '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             f"<title>{html.escape(self.title)}</title>\n<style>\n{_asset('page.css')}</style>\n</head>\n<body>\n"
             f'<a class="skip" href="#{names[0]}">To the results</a>\n<div class="layout">\n'
             f'<nav aria-label="Sections"><p class="name">slipangle</p><ol>{links}</ol></nav>\n'

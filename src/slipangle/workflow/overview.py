@@ -109,14 +109,14 @@ def picture(outcome: Outcome) -> Playback | None:
 
 
 def _horizons(outcome: Outcome, count: int) -> list[list[float]]:
-    """X and Y that each plan predicts, every other stage; none of a controller that predicts nothing."""
+    """X and Y that each plan predicts, every fourth stage; none of a controller that predicts nothing."""
     states = getattr(getattr(outcome.controller, "model", None), "states", ())
     plans = outcome.run.plans if outcome.run is not None else ()
     if not {"X", "Y"} <= {*states} or len(plans) != count:
         return []
     columns = [states.index("X"), states.index("Y")]
     fit = all(p.x.ndim == 2 and p.x.shape[1] == len(states) for p in plans)
-    return [p.x[::2, columns].ravel().tolist() for p in plans] if fit else []
+    return [p.x[::4, columns].ravel().tolist() for p in plans] if fit else []
 
 
 def doubts(name: str, info: FitInfo) -> report.Table:

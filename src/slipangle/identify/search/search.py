@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -139,7 +139,13 @@ class Search(Checked):
         if not self.space:
             raise ParameterError("the search space is empty; expected at least one setting, such as na=Range(...)")
 
-    def run(self, objective: Objective, *, progress: Progress | None = None) -> SearchResult:
+    def run(
+        self,
+        objective: Objective,
+        *,
+        progress: Progress | None = None,
+        watch: Callable[[SearchResult], None] | None = None,
+    ) -> SearchResult:
         """Work through the trials that are missing.
 
         Raises ConfigError if Optuna, or Ray for a cluster, is not installed, or the journal holds another search.
@@ -152,6 +158,8 @@ class Search(Checked):
             the score on the way, and ends the trial where that is not worth going on.
         progress : callable, optional
             Told the share done and the best so far.
+        watch : callable, optional
+            Told all trials so far, after each.
         """
         optuna = extra("optuna", "cluster", "searching")
         optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -161,7 +169,7 @@ class Search(Checked):
         pool: Any = Cluster(self.cluster) if self.cluster else Local(self.workers)
         try:
             while (first := len(self._told(study))) < self.trials:
-                self._round(optuna, study, pool, objective, first, progress)
+                self._round(optuna, study, pool, objective, first, progress, watch)
         finally:
             pool.close()
         return SearchResult(trials=tuple(self._told(study)[: self.trials]))
@@ -191,7 +199,14 @@ class Search(Checked):
         return study
 
     def _round(
-        self, optuna: Any, study: Any, pool: Any, objective: Objective, first: int, progress: Progress | None
+        self,
+        optuna: Any,
+        study: Any,
+        pool: Any,
+        objective: Objective,
+        first: int,
+        progress: Progress | None,
+        watch: Callable[[SearchResult], None] | None,
     ) -> None:
         """Draw the round that ``first`` belongs to, or its missing rest, and work it off."""
         begin = first - first % self.round_size
@@ -206,6 +221,8 @@ class Search(Checked):
             self._tell(optuna, study, TrialResult(number=number, settings=missing[number], **done))
             if progress is not None:
                 self._report(study, progress)
+            if watch is not None:
+                watch(SearchResult(trials=tuple(self._told(study))))
 
     def _report(self, study: Any, progress: Progress) -> None:
         result = SearchResult(trials=tuple(self._told(study)))
