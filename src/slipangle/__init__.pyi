@@ -1,6 +1,7 @@
 """The public names, where each lives."""
 
 from slipangle.control.driver import Driver as Driver
+from slipangle.control.followers.compensated import Compensated as Compensated
 from slipangle.control.followers.feedforward import FeedforwardFeedback as FeedforwardFeedback
 from slipangle.control.followers.followers import PurePursuit as PurePursuit
 from slipangle.control.followers.followers import Stanley as Stanley

@@ -52,8 +52,8 @@ def closed_loop(
     The plant runs at its own step, the controller at its own, the speed driver at ``sample``. The state of
     the controller's model is predicted with `Model.step` and corrected with the measurements by
     `Model.correct`, or by an estimator, which then says where the car is too; the preview starts at the measured
-    speed. Inputs of the plant come, in this order, from
-    the controller, from the driver, from ``held``, and ``v_x`` from the path's speed profile.
+    speed, or, for a controller that tracks the speed as a state of its model, at the profile's. Inputs of the plant
+    come, in this order, from the controller, from the driver, from ``held``, and ``v_x`` from the path's speed profile.
 
     Raises ParameterError if a measurement or an input has no source, or the path has no speed profile, and
     SampleTimeError if the sample times do not divide each other.
@@ -194,11 +194,12 @@ class _Loop:
         controller, measured = self.controller, simulation.measure()
         model = controller.model
         inputs = self.estimate(measured)
-        v_x = measured["v_x"]
+        v_x = measured["v_x"] if math.isfinite(measured["v_x"]) else self.speed(self.s)
         here = measured if self.observed is None else self.observed.pose
         if all(math.isfinite(here[n]) for n in ("X", "Y")):
             self.s = self.path.project(here["X"], here["Y"], self.s).s
-        preview = self.path.ahead(self.s, controller.times, v_x=v_x if math.isfinite(v_x) else self.speed(self.s))
+        decides = "v_x" in model.states and "v_x" in controller.references  # the speed that it wants is the profile's
+        preview = self.path.ahead(self.s, controller.times, v_x=None if decides else v_x)
         exogenous = {n: measured[n] for n in controller.exogenous if n not in ("v_x", "v_x_dot")}  # these are ahead
         plan = controller.plan(
             self.x, controller.reference(preview, **exogenous), self.plans[-1] if self.plans else None

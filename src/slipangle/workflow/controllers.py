@@ -13,6 +13,7 @@ from pathlib import Path as FilePath
 from typing import Annotated, Any, Literal, Self
 
 from slipangle.control.driver import Driver
+from slipangle.control.followers.compensated import Compensated
 from slipangle.control.followers.feedforward import FeedforwardFeedback
 from slipangle.control.followers.followers import PathFollower, PurePursuit, Stanley
 from slipangle.control.followers.preview_lqr import PreviewLQR
@@ -218,20 +219,26 @@ def _follower(law: type[PathFollower]) -> Made:
     """A path follower of an identified car, with the limits of the job."""
 
     def make(model: Model, wanted: ControllerSettings, **entries: Any) -> PathFollower:
-        params = identified_bicycle(model)
-        if params is None:
-            raise ConfigError(
-                f'[controller] kind = "{wanted.kind}" needs mass, geometry and cornering stiffness, and the model '
-                f'\'{wanted.model}\' has none; expected one such as kind = "car" or "bicycle": name another model'
-            )
-        limits = {"limit": deg(wanted.delta_max), "rate": deg(wanted.delta_rate_max)}
-        return law(params=params, dt=wanted.dt, **limits, **entries)
+        return _law_of(law, model, wanted, **entries)
 
     return Made(law, ("params", "dt", "limit", "rate"), make)
 
 
-for _law in (PurePursuit, Stanley, FeedforwardFeedback, PreviewLQR):
-    CONTROLLERS.register(called(_law))(_follower(_law))
+def _law_of(law: type[PathFollower], model: Model, wanted: ControllerSettings, **entries: Any) -> PathFollower:
+    params = identified_bicycle(model)
+    if params is None:
+        raise ConfigError(
+            f'[controller] kind = "{wanted.kind}" needs mass, geometry and cornering stiffness, and the model '
+            f'\'{wanted.model}\' has none; expected one such as kind = "car" or "bicycle": name another model'
+        )
+    return law(params=params, dt=wanted.dt, limit=deg(wanted.delta_max), rate=deg(wanted.delta_rate_max), **entries)
+
+
+_LAWS: dict[str, type[PathFollower]] = {
+    called(law): law for law in (PurePursuit, Stanley, FeedforwardFeedback, PreviewLQR)
+}
+for _name, _law in _LAWS.items():
+    CONTROLLERS.register(_name)(_follower(_law))
 
 
 def _multi_arx_mpc(model: Model, wanted: ControllerSettings, **entries: Any) -> MultiARXMPC:
@@ -252,19 +259,28 @@ def build_driver(
     *,
     noise: dict[str, Weight] | None = None,
     late: dict[str, Annotated[float, Within(0, 10, "s")]] | None = None,
+    law: Literal["mpc", "pure-pursuit", "stanley", "feedforward-feedback", "preview-lqr"] = "mpc",
 ) -> Driver:
-    """From measurements to commands: an estimator, a predictive controller and the path in one, see `Driver`.
+    """From measurements to commands: an estimator, a controller and the path in one, see `Driver`.
 
     Parameters
     ----------
     model, wanted
-        The identified model and the table's common entries; the limits of the steering are the driver's own.
+        The identified model and the table's common entries; the limits of the steering are the driver's own with the
+        predictive controller.
     noise : table
         Standard deviation of measured outputs, X, Y and psi among them, in the output's unit.
     late : table
         How long after its instant an output arrives. [s]
+    law : str
+        Who steers: the predictive controller, or a path follower that looks a second ahead, with delay and lag of the
+        steering compensated and without steady error, see `Compensated`.
     """
-    return Driver(model, build_path(wanted), noise=noise, late=late, dt=wanted.dt)
+    controller = None
+    if law != "mpc":
+        follower = _law_of(_LAWS[law], model, wanted, horizon=max(round(1.0 / wanted.dt), 1))
+        controller = Compensated(follower=follower, car=model)
+    return Driver(model, build_path(wanted), controller=controller, noise=noise, late=late, dt=wanted.dt)
 
 
 def identified_bicycle(model: Model) -> BicycleParams | None:

@@ -243,6 +243,25 @@ def test_drive_force_and_mass_follow_the_gears():
         pedal_driver(replace(SOUSA_CAR_7, driveline=Driveline(engine=Engine(torques=(0.0,) * 5))))
 
 
+@pytest.mark.parametrize("v_x", [8.0, 20.0, 35.0])
+def test_the_response_is_the_lateral_accelerations_delay(v_x):
+    """Phase of the linear bicycle from steering to lateral acceleration in a slow sine, over its frequency."""
+    law, slow = FeedforwardFeedback(params=CAR), 1e-3  # rad/s
+    model = Bicycle(params=CAR, dt=0.01, outputs=("a_y",))
+    rate = np.column_stack([model.derivative(e, np.array([0.0, v_x])) for e in np.eye(2)])
+    push = model.derivative(np.zeros(2), np.array([1.0, v_x]))
+    x = np.linalg.solve(1j * slow * np.eye(2) - rate, push)
+    a_y = 1j * slow * x[0] + v_x * x[1]
+    assert law.response(v_x) == pytest.approx(max(-np.angle(a_y) / slow, 0.0), rel=1e-4)
+
+
+def test_a_car_without_a_steady_answer_has_a_bounded_response():
+    tail_happy = CAR.with_values(C_f=2.0 * CAR.C_f, C_r=0.5 * CAR.C_r)
+    law = FeedforwardFeedback(params=tail_happy)
+    assert law.response(60.0) == 0.5
+    assert 0.0 <= law.response(0.0) <= 0.5
+
+
 def test_the_feedforward_is_that_of_a_steady_bend():
     """On the linear bicycle, whose understeer gradient it knows, a circle is driven without error."""
     law = FeedforwardFeedback(params=CAR)

@@ -14,6 +14,7 @@ from slipangle.models.model import Model
 from slipangle.models.vehicles.parameters import BicycleParams
 
 SLOWEST = 1.0  # m/s, speed below which the gains stay
+LONGEST = 0.5  # s, by which the car itself is late at most
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,10 +22,11 @@ class FeedforwardFeedback(PathFollower):
     """Steer for the curvature ahead by the identified understeer gradient, and towards the path. [1]_
 
     ``delta = (wheelbase + K v^2) curvature - k (e_y + x (e_psi + beta))`` with the understeer gradient K, the side slip
-    ``beta`` of the steady bend and a look ahead of ``x``. The curvature is that ``lead`` later, when the steering acts.
-    The gains are scheduled over speed: with ``G = v^2 / (wheelbase + K v^2)``, by which a steering angle accelerates
-    the car sideways, ``k = bandwidth^2 / G`` and ``x = 2 damping v / bandwidth + lead v`` give the distance this
-    natural frequency and damping, as far as the car follows its steering at once.
+    ``beta`` of the steady bend and a look ahead of ``x``. The curvature of the first term is that ``lead`` later, when
+    the steering acts, and as much later again as the car takes to answer, see `response`. The gains are scheduled over
+    speed: with ``G = v^2 / (wheelbase + K v^2)``, by which a steering angle accelerates the car sideways,
+    ``k = bandwidth^2 / G`` and ``x = 2 damping v / bandwidth + lead v`` give the distance this natural frequency and
+    damping, as far as the car follows its steering at once.
 
     Parameters
     ----------
@@ -61,10 +63,25 @@ class FeedforwardFeedback(PathFollower):
         p = self.params
         return p.mass * (p.l_r / p.C_f - p.l_f / p.C_r) / p.wheelbase
 
+    def response(self, v_x: float) -> float:
+        """By how much the lateral acceleration follows the steering late in slow manoeuvres at a speed [m/s]. [s]
+
+        The group delay of the linear bicycle at frequency zero, ``2 damping / frequency - l_r / v`` with its yaw
+        frequency and damping; not below zero, where it answers before, and at most 0.5 s, also where it has no steady
+        answer.
+        """
+        p, v = self.params, max(v_x, SLOWEST)
+        sum_ = (p.C_f + p.C_r) / p.mass + (p.C_f * p.l_f**2 + p.C_r * p.l_r**2) / p.inertia_z
+        stiffness = p.C_f * p.C_r * p.wheelbase**2 / (p.mass * p.inertia_z * v**2)
+        stiffness += (p.C_r * p.l_r - p.C_f * p.l_f) / p.inertia_z
+        if not stiffness > 0:
+            return LONGEST
+        return min(max(sum_ / v / stiffness - p.l_r / v, 0.0), LONGEST)
+
     def law(self, x: np.ndarray, ahead: np.ndarray, v_x: float, last: float) -> float:
         """See the class."""
         p, v = self.params, max(v_x, SLOWEST)
-        curvature = float(np.interp(self.lead, self.times, ahead[:, 3]))
+        curvature = float(np.interp(self.lead + self.response(v), self.times, ahead[:, 3]))
         length = p.wheelbase + self.understeer_gradient * v**2
         x0, y0, angle = pose_of(ahead, 0)
         e_y = -(x[2] - x0) * math.sin(angle) + (x[3] - y0) * math.cos(angle)
