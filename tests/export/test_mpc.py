@@ -219,7 +219,8 @@ def test_a_folder_is_new_or_asked_for(tmp_path):
     mpc = controller(3)
     folder = mpc.export(tmp_path / "new", drive=2)
     made = {p.name for p in folder.iterdir()}
-    listed = "mpc.c mpc.h mpc.hpp main.c drive.csv Makefile CMakeLists.txt README.md LICENSE manifest.json".split()
+    listed = "mpc.c mpc.h mpc.hpp mpc_block.h mpc_sfun.c mpc_node.cpp main.c drive.csv".split()
+    listed += "Makefile CMakeLists.txt README.md LICENSE manifest.json".split()
     assert made == set(listed)
     (folder / "mine.txt").write_text("kept")
     with pytest.raises(WriteError, match="is not empty; expected a new one"):

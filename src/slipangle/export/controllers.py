@@ -58,6 +58,7 @@ def project(
             "car.h": header(controller, sizes, title),
             "car.hpp": template("car.hpp"),
             "car.c": c,
+            "car_block.h": template("controller_block.h"),
             "main.c": replay("main.c"),
         },
         drive=drive.text(),

@@ -118,6 +118,7 @@ def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
             "car.hpp": template("driver.hpp"),
             "car.c": f'#include "car.h"\n{source}',
             **inner,
+            "car_block.h": template("driver_block.h"),
             "main.c": replay("driver_main.c"),
         },
         sources=("car.c", "car_planner.c"),

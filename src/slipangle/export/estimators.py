@@ -102,6 +102,7 @@ def estimator_project(estimator: EKF, name: str, data: Dataset | int) -> Project
             "car.h": header.replace("@BYTES@", str(bytes_)),
             "car.hpp": template("estimator.hpp"),
             "car.c": f'#include "car.h"\n{source}',
+            "car_block.h": template("estimator_block.h"),
             "main.c": replay("estimator_main.c"),
         },
         drive="\n".join(lines) + "\n",

@@ -132,6 +132,7 @@ def model_project(model: Model, name: str, data: Dataset | int) -> Project:
             "car.h": header(model, title, start),
             "car.hpp": template("model.hpp"),
             "car.c": f'#include "car.h"\n{model_source(model)}',
+            "car_block.h": _block(start),
             "main.c": template("model_main.c"),
         },
         drive="\n".join(lines) + "\n",
@@ -139,6 +140,10 @@ def model_project(model: Model, name: str, data: Dataset | int) -> Project:
         facts={"model": type(model).__name__, "dt": float(model.dt), "drive": {"steps": len(rows)}},
         readme="MODEL.md",
     )
+
+
+def _block(start: np.ndarray) -> str:
+    return template("model_block.h").replace("@START@", ", ".join(float.hex(float(v)) for v in start))
 
 
 def _counts(model: Model) -> tuple[int, int, int]:

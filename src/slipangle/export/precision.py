@@ -34,7 +34,7 @@ _LANES = """\
 """
 _TOKEN = re.compile(
     r"""(?P<kept>/\*.*?\*/|//[^\n]*|\#include[^\n]*
-        |^[^\n]*(?:typedef\ double\ |\#define\ \w+\ \(\()car\w*_seconds[^\n]*
+        |^[^\n]*(?:typedef\ double\ |\#define\ \w+\ \(\()car\w*_(?:seconds|signal)[^\n]*
         |^[^\n]*read_time\(car\w*_seconds[^\n]*)
     |(?P<text>"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')
     |(?P<number>\b0x[0-9a-fA-F]*\.?[0-9a-fA-F]*[pP][+-]?\d+

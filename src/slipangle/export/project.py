@@ -42,7 +42,7 @@ class Project:
     @property
     def everything(self) -> dict[str, str]:
         """All files by name, the manifest too."""
-        named = {n: template(n).replace("@SOURCES@", " ".join(self.sources)) for n in ("Makefile", "CMakeLists.txt")}
+        named = {n: template(n).replace("@SOURCES@", " ".join(self.sources)) for n in SHELLS}
         named |= {**self.files, "README.md": template(self.readme)}
         made = {key.replace("car", self.name): with_prefix(text, self.name) for key, text in named.items()}
         made["drive.csv"] = self.drive
@@ -54,6 +54,7 @@ class Project:
         return made
 
 
+SHELLS = ("Makefile", "CMakeLists.txt", "car_sfun.c", "car_node.cpp")
 LICENCE = """\
 What slipangle writes into this folder may be used under the terms of the MIT licence, as slipangle itself; there is no
 code of third parties in it. It comes without any warranty.
