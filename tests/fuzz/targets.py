@@ -198,6 +198,14 @@ def _tydex_text(kind: str) -> str:
 
 def _make_tydex(rng: Rng) -> tuple[str, bytes, dict[str, Any]]:
     text = _tydex_text(str(rng.choice(["cornering", "drive/brake"])))
+    if _often(rng, 0.5):  # at the wheel's centre
+        axes, height = str(rng.choice(["H", "C"])), _pick(rng, (250.0, -1.0, 1e300))
+        for name in ("FYW", "FZW", "MXW", "MZW"):
+            text = text.replace(f"{name} ", f"{name[:2]}{axes} ")
+        more = "".join(
+            f"{n:<10}{'':<30}{u:<10}{v:<10g}\n" for n, u, v in (("DSTGRWHC", "mm", height), (f"MY{axes}", "Nm", 7))
+        )
+        text = text.replace("**CONSTANTS\n", f"**CONSTANTS\n{more}")
     raw = encoded(rng, text_of(rng, text))
     return "run.tdx", bytes_of(rng, raw) if _often(rng, 0.2) else raw, {}
 

@@ -40,6 +40,55 @@ def test_factors_offsets_and_constants(tmp_path):
     assert found.pressure == pytest.approx(80e3)
 
 
+def in_axes(columns, system, radius=0.25):
+    """Forces and moments at the wheel's centre, and its height: by vectors and a rotation matrix for each sample."""
+    out = dict(columns)
+    height = np.empty(len(columns["FX"]))
+    names = [f"{kind}{a}" for kind in "FM" for a in "XYZ"]
+    new = {name: np.empty(len(height)) for name in names}
+    for k in range(len(height)):
+        lean = np.radians(columns["IA"][k])
+        turn = np.array([[1, 0, 0], [0, np.cos(lean), -np.sin(lean)], [0, np.sin(lean), np.cos(lean)]])  # C to W
+        to_centre = turn @ [0, 0, radius]
+        height[k] = to_centre[2]
+        force = np.array([columns[n][k] for n in ("FX", "FY", "FZ")])
+        moment = np.array([columns["MX"][k], 7.0, columns["MZ"][k]]) - np.cross(to_centre, force)
+        back = turn.T if system == "C" else np.eye(3)
+        for name, value in zip(names, (*(back @ force), *(back @ moment)), strict=True):
+            new[name][k] = value
+    return out | new, height
+
+
+@pytest.mark.parametrize("axes", "HC")
+@pytest.mark.parametrize("kind", ["cornering", "drive/brake"])
+def test_forces_at_the_hub_are_those_on_the_road(kind, axes, tmp_path):
+    """What was measured at the wheel's centre, leaning with the wheel or not, is the same tire; MY is 7 N m."""
+    columns = thin(kind)
+    columns["IA"] = columns["IA"] + 3.0
+    reference = from_channels(columns, UNITS)
+    moved, height = in_axes(columns, axes)
+    write_tydex(tmp_path / "w.tdx", moved)
+    text = (tmp_path / "w.tdx").read_text().replace("FXW       ", "FX        ")
+    for name in ("FYW", "FZW", "MXW", "MZW"):
+        text = text.replace(f"{name}       ", f"{name[:2]}{axes}       ")
+    more = [f"{name:<10}{'words':<30}{unit:<10}" for name, unit in ((f"MY{axes}", "Nm"), ("DSTGRWHC", "mm"))]
+    text = text.replace("**MEASURDATA", "\n".join([*more, "**MEASURDATA"]))
+    head, rows = text.split("**MEASURDATA\n")
+    lines = rows.split("\n**END")[0].splitlines()
+    lines = [f"{row} {y:.8g} {1e3 * h:.8g}" for row, y, h in zip(lines, moved["MY"], height, strict=True)]
+    (tmp_path / "a.tdx").write_text("\n".join([f"{head}**MEASURDATA", *lines, "**END"]) + "\n")
+    found = read_rig(tmp_path / "a.tdx")
+    for key in SIGNALS:
+        assert getattr(found, key) == pytest.approx(getattr(reference, key), rel=1e-4, abs=1e-2), key
+    assert found.notes[-1] == f"forces in {axes} axes of TYDEX are brought to W axes"
+    (tmp_path / "b.tdx").write_text((tmp_path / "a.tdx").read_text().replace("DSTGRWHC", "UNKNOWN "))
+    without = read_rig(tmp_path / "b.tdx")
+    assert without.M_x is None
+    assert without.M_z is None
+    assert without.F_y == pytest.approx(reference.F_y, rel=1e-4, abs=1e-2)
+    assert f"moments in {axes} axes are left out: expected DSTGRWHC" in without.notes[-1]
+
+
 def test_bad_files(tmp_path):
     with pytest.raises(MissingFileError, match=r"no.tdx"):
         read_rig(tmp_path / "no.tdx")
@@ -50,7 +99,8 @@ def test_bad_files(tmp_path):
         "c": (text[: text.index("**MEASURDATA")], FormatError, r"no rows below \*\*MEASURDATA"),
         "d": (text.replace("\n**END", " 1.0\n**END"), FormatError, "line .* has 11 numbers; expected 10"),
         "e": (text.replace("\n**END", "x\n**END"), FormatError, "holds '.*x'; expected 10 numbers"),
-        "f": (text.replace("FYW ", "FYH ").replace("FZW ", "FZH "), MissingColumnError, "in the H axes of TYDEX only"),
+        "g": (text.replace("**END", "**MEASURCHANNELS\nMYW\n**END"), FormatError, "names channels below its data"),
+        "f": (text.replace("FYW ", "FYX "), MissingColumnError, "has no channel FY"),
     }
     for name, (content, error, said) in cases.items():
         (tmp_path / f"{name}.tdx").write_text(content)
