@@ -192,13 +192,74 @@ def test_what_a_matlab_user_is_told_is_there():
     assert {"values", "covariance", "candidates"} <= set(inspect.signature(slipangle.FitInfo).parameters)
 
 
+TROUBLES = re.findall(r'\*\*"(.*?)"\*\*', (ROOT / "docs" / "troubleshooting.md").read_text())
+SOURCE = {p.relative_to(ROOT / "src" / "slipangle").as_posix(): p.read_text() for p in (ROOT / "src").rglob("*.py")}
+# Files that warn, how often, and words of each sentence that they may warn with.
+WARNS = {
+    "codegen/compiler.py": (2, ("did not compile", "no C compiler was found")),
+    "commands/tire.py": (1, ("no unloaded radius is given",)),
+    "data/readers/tir.py": (1, ("is read as the rest of the comment above it",)),
+    "identify/adapt.py": (1, ("the model is left as it is",)),
+    "identify/car/identify_car.py": (1, ("cannot be separated:", "ends at its bound")),
+    "identify/judge/validate.py": (1, ("whether the model was fitted to some of these data cannot be told",)),
+    "identify/lure/lure.py": (1, ("the fit stopped at its limit of", "starts reached the best minimum; expected two")),
+    "identify/networks/estimator.py": (1, ("training diverged before epoch", "training starts from random weights")),
+    "identify/networks/joint.py": (1, ("never improved on the physics it started from",)),
+    "identify/networks/narx_free_run.py": (1, ("no free run on the held-out part stayed finite",)),
+    "identify/physics/grey_box.py": (
+        1,
+        ("the data do not determine", "can hardly be told apart", "the outputs do not depend on", "ends at its bound"),
+    ),
+    "identify/stability.py": (
+        1,
+        ("the model is unstable: it has a pole of modulus", "do not tell the effect of", "is coloured ("),
+    ),
+    "identify/tires/curves.py": (1, ("the data do not determine", "the fit stopped at its budget")),
+    "identify/tires/magic_formula.py": (
+        2,
+        (
+            "the data hold no longitudinal sweep",
+            "the data hold no lateral sweep",
+            "the data hold no combined slip",
+            "its coefficients stay those of the start tire",
+            "at the edge of the usual range",
+            "a stage stopped at its budget",
+        ),
+    ),
+    "identify/tires/whole_tire.py": (1, ("the data do not determine", "ends at its bound")),
+    "models/analysis/linearize.py": (1, ("is not smooth in",)),
+    "models/black_box/model.py": (1, ("no C compiler was found",)),
+    "models/model.py": (1, ("goes astray",)),
+    "models/tires/magic_formula/tir.py": (
+        5,
+        (
+            "used as it stands, because force was given",
+            "no limit, because force was given",
+            "has a slip stiffness below zero",
+            "changes its sign with load",
+            "Magic Formula does not use",
+        ),
+    ),
+    "models/tires/magic_formula/tire.py": (1, ("the tire is extrapolated",)),
+    "optimal/realtime/backend.py": (1, ("no C compiler was found",)),
+    "registry.py": (1, ("of an installed package cannot be used",)),
+    "reproduce/plants/friction.py": (1, ("the fit stopped at its limit of",)),
+}
+
+
 def test_troubleshooting_repeats_sentences_of_the_source():
-    text = (ROOT / "docs" / "troubleshooting.md").read_text()
-    phrases = [p.removesuffix(" ...") for p in re.findall(r'^\*\*"(.*?)"\*\*', text, re.M)]
-    assert len(phrases) >= 10
-    source = " ".join(p.read_text() for p in (ROOT / "src").rglob("*.py"))
-    joined = re.sub(r'"\s*\n\s*f?"', "", source)  # sentences that are broken over lines
-    assert [p for p in phrases if p not in joined] == []
+    joined = [re.sub(r'"\s*\n\s*f?"', "", text) for text in SOURCE.values()]  # sentences that are broken over lines
+    assert len(TROUBLES) == len(set(TROUBLES)) >= 40
+    assert [p for p in TROUBLES if not any(p.removesuffix(" ...") in text for text in joined)] == []
+
+
+def test_every_warning_has_an_entry():
+    """A file that warns, or warns once more, says here with which words, and they are explained."""
+    assert {f: text.count("warnings.warn(") for f, text in SOURCE.items() if "warnings.warn(" in text} == {
+        file: count for file, (count, _) in WARNS.items()
+    }
+    entries = {entry.removesuffix(" ...") for entry in TROUBLES}
+    assert {words for _, told in WARNS.values() for words in told} - entries == set()
 
 
 def test_the_citation_is_that_of_the_package():

@@ -1,6 +1,7 @@
 """The site: its pages, navigation, links and reference are whole, without building it."""
 
 import inspect
+import json
 import re
 from pathlib import Path
 
@@ -9,6 +10,8 @@ from docs.site.api import write_pages
 from docs.site.described import lacks
 from docs.site.gallery import stored, write_gallery
 from docs.site.links import broken
+from docs.site.notebooks import PAGES as NOTEBOOKS
+from docs.site.notebooks import notebook, write_notebooks
 from docs.site.pages import MADE, anchors, loose, navigation, written
 from docs.site.public import PAGES, members, page_of, public
 
@@ -142,3 +145,27 @@ def test_stored_numbers_are_computed_again(name, real_data):
     before = stored(name)
     assert [(r.row, r.quantity, r.thesis) for r in found] == [(b["row"], b["quantity"], b["thesis"]) for b in before]
     assert [r.here for r in found] == pytest.approx([b["here"] for b in before], rel=1e-3)
+
+
+# ---- notebooks -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_a_notebook_says_what_its_page_says(name):
+    page = written()[name].read_text()
+    made = notebook(name)
+    cells = {
+        kind: ["".join(c["source"]) for c in made["cells"] if c["cell_type"] == kind] for kind in ("code", "markdown")
+    }
+    assert cells["code"] == [block.strip() for block in re.findall(r"```python\n(.*?)```", page, re.S)]
+    assert "".join("".join(cells["markdown"]).split()) == "".join(
+        re.sub(r"```python\n.*?```", "", page, flags=re.S).split()
+    )
+    assert (made["nbformat"], made["nbformat_minor"]) == (4, 5)
+    assert len({c["id"] for c in made["cells"]}) == len(made["cells"])
+
+
+def test_notebooks_are_written_once_each(tmp_path):
+    paths = write_notebooks(tmp_path)
+    assert len({p.name for p in paths}) == len(NOTEBOOKS)
+    assert all(json.loads(p.read_text())["cells"] for p in paths)

@@ -9,6 +9,7 @@ from pathlib import Path
 from docs.site.api import write_pages
 from docs.site.gallery import write_gallery
 from docs.site.links import broken
+from docs.site.notebooks import write_page
 from sphinx.cmd.build import build_main
 
 DOCS = Path(__file__).parents[1]
@@ -21,6 +22,7 @@ def main(folder: Path) -> int:
     shutil.copytree(DOCS, source, ignore=shutil.ignore_patterns("__pycache__", "*.py", "*.json"))
     write_pages(source / "api")
     write_gallery(source / "gallery")
+    write_page(source)
     given = ["-W", "--keep-going", "-q", "-b", "html", "-d", str(folder / "doctrees"), "-c", str(DOCS / "site")]
     if build_main([*given, str(source), str(site)]):
         return 1

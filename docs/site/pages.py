@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 DOCS = Path(__file__).parents[1]
-MADE = ("api/index", "gallery/index")  # when the site is built
+MADE = ("api/index", "gallery/index", "notebooks")  # when the site is built
 
 
 def navigation() -> list[str]:

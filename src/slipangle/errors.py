@@ -84,11 +84,11 @@ class SolverError(SlipangleError):
 
 
 class IdentifiabilityWarning(UserWarning):
-    """The data do not determine every free parameter; the message names those."""
+    """The data do not determine every free parameter; the message names those, docs/troubleshooting.md says why."""
 
 
 class ModelWarning(UserWarning):
-    """A model used near or beyond what it was made for."""
+    """A model used near or beyond what it was made for; docs/troubleshooting.md has an entry for each sentence."""
 
 
 def shown(value: object, most: int = 60) -> str:
