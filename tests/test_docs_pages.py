@@ -13,7 +13,7 @@ QUICK += ["theory/hybrids", "theory/marx", "theory/prediction-error", "theory/re
 SLOW = ["tutorial", "howto/formula-student", "howto/autonomous-racer", "howto/mpc-in-c", "howto/own-controller"]
 SLOW += ["howto/steering-ratio-and-delay", "howto/ttc-data"]
 # Calls on a model, a plant or a log that the reader has: their names are checked, they are not run.
-SHOWN = ["choosing-a-model", "driving", "export", "fastest-lap", "logs", "plants", "tires"]
+SHOWN = ["choosing-a-model", "driving", "export", "fastest-lap", "logs", "page", "plants", "tires"]
 
 
 def blocks(name: str) -> list[str]:

@@ -11,7 +11,7 @@ import pytest
 
 NAME = shutil.which("chromium")
 BROWSER = pytest.mark.skipif(NAME is None, reason="no chromium on this machine: apt-get install chromium")
-LIMIT = 120.0  # s for one answer; a busy machine is slow
+LIMIT = 60.0  # s for one answer; a busy machine is slow
 
 
 class Browser:

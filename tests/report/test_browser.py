@@ -6,7 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from slipangle.report import Page, Section, Text
+from slipangle.data.dataset import Channel
+from slipangle.report import Figure, Page, Section, Signal, Text, path_map, signals
 from slipangle.report.drawing import seen_from_above
 from slipangle.report.page import figures
 from slipangle.report.playback import Beside, LiveDrive, Playback, Slider
@@ -199,3 +200,31 @@ def test_figures_are_drawn_when_they_come_near(browser, tmp_path):
 
 def figures_of(page):
     return [f for section in page.sections for f in figures(section.blocks)]
+
+
+def test_what_is_pointed_at_in_a_figure_is_where_the_drive_stands(browser, tmp_path):
+    """A figure over time, the map and the drive that plays follow one another."""
+    t, X = 0.05 * np.arange(21), np.linspace(0.0, 20.0, 21)
+    over_time = signals(t, [Signal(channel=Channel("r", "rad/s"), values=np.sin(t))]).update_layout(
+        meta={"drive": "time"}
+    )
+    above = path_map(X, 0.5 * X, np.full(21, np.arctan(0.5)))
+    above.update_layout(meta={**above.layout.meta, "drive": "place"})
+    blocks = drive(), Figure(title="time", figure=over_time), Figure(title="map", figure=above)
+    browser.console.clear()
+    browser.open(write(tmp_path, *blocks), 1280, 2400)
+    browser.wait("document.querySelectorAll('[data-linked]').length === 2")
+    said = "document.querySelector('.controls output').textContent"
+    x, y = browser.run(
+        "(() => { const p = document.querySelector('[data-linked=time]'), b = p.getBoundingClientRect();"
+        " const l = p._fullLayout, x = l.xaxis;"
+        " return [b.left + x._offset + x.l2p(0.6), b.top + l.yaxis._offset + 40]; })()"
+    )
+    browser.call("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+    browser.wait(f"{said} === '0.60 s: frame 12'")
+    assert "X 12.0 m" in browser.run("document.querySelector('[data-linked=place] .hoverlayer').textContent")
+    browser.run("const s = document.querySelector('.controls input'); s.value = 5; s.dispatchEvent(new Event('input'))")
+    browser.wait("document.querySelector('[data-linked=place] .hoverlayer').textContent.includes('X 5.0 m')")
+    assert "X 5.0 m" in browser.run("document.querySelector('[data-linked=place] .hoverlayer').textContent")
+    assert "0.25" in browser.run("document.querySelector('[data-linked=time] .hoverlayer').textContent")
+    assert browser.console == []

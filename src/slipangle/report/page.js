@@ -64,7 +64,40 @@
   function draw(plot) {
     if (!window.Plotly) return undefined;
     const spec = specification(plot);
-    return window.Plotly.react(plot, spec.data, spec.layout, spec.config);
+    const done = window.Plotly.react(plot, spec.data, spec.layout, spec.config);
+    link(plot, (spec.layout.meta || {}).drive);
+    return done;
+  }
+
+  /* Figures and map of one drive, and the drive that plays, show the same instant. What is pointed at asks the drive for
+     it ("askdrive"), which tells all ("drive"). A figure that only follows asks for nothing. */
+  function link(plot, by) {
+    if (!by || plot.dataset.linked) return;
+    plot.dataset.linked = by;
+    plot.on("plotly_hover", (event) => {
+      const p = event.points[0];
+      const detail = by === "time" ? { time: p.x, from: plot } : { X: p.x, Y: p.y, from: plot };
+      document.dispatchEvent(new CustomEvent("askdrive", { detail }));
+    });
+  }
+  document.addEventListener("drive", (event) => {
+    const { time, X, Y, from } = event.detail;
+    for (const plot of near) {
+      const by = plot.dataset.linked;
+      if (!by || plot === from) continue;
+      if (by === "time") window.Plotly.Fx.hover(plot, { xval: time }, ["xy"]);
+      else window.Plotly.Fx.hover(plot, [nearest(plot, X, Y)]);
+    }
+  });
+  function nearest(plot, X, Y) { /* point of the driven path */
+    const curve = plot.data.findIndex((trace) => trace.name === "centre of gravity");
+    const { x, y } = plot._fullData[curve];
+    let best = Infinity, found = 0;
+    for (let k = 0; k < x.length; k++) {
+      const d = (x[k] - X) ** 2 + (y[k] - Y) ** 2;
+      if (d < best) [best, found] = [d, k];
+    }
+    return { curveNumber: curve, pointNumber: found };
   }
 
   /* Figures are drawn when they come near the window, one after another, so that the page answers in between. */

@@ -11,7 +11,7 @@
     const circles = Array.from(block.querySelectorAll(".circle"));
     const x = (v) => (v - left).toFixed(2), y = (v) => (top - v).toFixed(2);
     let frames = JSON.parse(part(".frames").textContent);
-    let started = null, at = 0; /* s, what is shown */
+    let started = null, at = 0, recorded = true; /* at: s, what is shown; whether it is what the page's figures show */
 
     const way = (X, Y) => X.map((v, k) => `${k ? "L" : "M"}${x(v)} ${y(Y[k])}`).join("");
     const pose = (drive, k, share) => {
@@ -44,7 +44,7 @@
       slider.max = frames.t.length - 1;
     }
 
-    function show(time, exact) {
+    function show(time, exact, from) {
       at = time;
       const [k, share] = place(frames, time), other = frames.beside;
       if (!exact) slider.value = k;
@@ -62,7 +62,16 @@
       if (part(".cursor")) part(".cursor").setAttribute("d", `M${now} 2V88`);
       said.textContent = `${frames.t[k].toFixed(2)} s: ${frames.said[k]}`;
       slider.setAttribute("aria-valuetext", said.textContent);
+      const detail = { time: frames.t[k], X: frames.X[k], Y: frames.Y[k], from };
+      if (recorded) document.dispatchEvent(new CustomEvent("drive", { detail }));
     }
+    document.addEventListener("askdrive", (event) => { /* a figure of the recorded drive is pointed at */
+      const { time, X, Y, from } = event.detail;
+      if (!recorded || started !== null) return;
+      const far = (k) => (frames.X[k] - X) ** 2 + (frames.Y[k] - Y) ** 2;
+      const seen = time === undefined ? frames.t[frames.t.map((_, k) => k).reduce((a, b) => (far(b) < far(a) ? b : a))] : time;
+      show(seen, false, from);
+    });
 
     const stop = () => { started = null; play.textContent = "Play"; };
     const go = (now) => {
@@ -84,11 +93,13 @@
     speed.addEventListener("change", () => { if (started !== null) begin(); });
     still();
     show(0, true);
+    block.dataset.ready = "yes";
 
     return {
       limit: frames.limit,
       load(other) { /* another drive in place of this one, from where it is */
         frames = other;
+        recorded = false;
         block.classList.add("driven");
         part(".way").setAttribute("d", way(frames.X, frames.Y));
         still();

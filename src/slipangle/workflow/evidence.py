@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import plotly.graph_objects as go
 
 from slipangle import MPC, Channel, Dataset, Model, Trajectory, Validation, deg, report
 from slipangle.data.race import with_dead_reckoning
@@ -245,17 +246,18 @@ def _drive_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
     failed = np.array([p.age > 0 for p in run.plans])
     line, seconds = np.column_stack([run.path.X, run.path.Y]), run.seconds[1:]
     body = report.Body(width=wanted.width)
+    drawn = report.path_map(run["X"], run["Y"], run["psi"], reference=line, left=left, right=right, body=body)
     blocks: list[Block] = [
         report.Figure(
             title="Driven path and lanes",
-            figure=report.path_map(run["X"], run["Y"], run["psi"], reference=line, left=left, right=right, body=body),
+            figure=_of_drive(drawn, "place"),
             caption="Lane edges as the standard sets them for the vehicle's width. The line to follow is ours: "
             "the standard prescribes lanes only.",
             command=command,
         ),
         report.Figure(
             title="Command, errors and motion",
-            figure=report.signals(run.t, rows),
+            figure=_of_drive(report.signals(run.t, rows), "time"),
             caption=f"Steering is limited to {wanted.delta_max:g} deg and {wanted.delta_rate_max:g} deg/s.",
         ),
         report.Grid(
@@ -273,6 +275,12 @@ def _drive_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
         ),
     ]
     yield report.Section(title="Controller in closed loop", short="Closed loop", blocks=tuple(blocks))
+
+
+def _of_drive(figure: go.Figure, by: str) -> go.Figure:
+    """The figure, told to the page's script as one of the drive that plays, over ``time`` or ``place``."""
+    meta = figure.layout.meta
+    return figure.update_layout(meta={**(meta if isinstance(meta, dict) else {}), "drive": by})
 
 
 def _controller(outcome: Outcome) -> str:
