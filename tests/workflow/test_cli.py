@@ -280,6 +280,17 @@ def test_every_kind_of_black_box_becomes_a_file(tmp_path, capsys):
     assert all(fit > 90 for name, fit in fits.items() if name != "bicycle"), fits
 
 
+def test_what_hangs_together_is_said_where_it_means_something(tmp_path, capsys):
+    """Of a state space every basis fits alike; of a bicycle the stiffnesses hang together."""
+    more = "[[model]]\nname = 'black box'\ninputs = ['delta']\nkind = 'state-space'\norder = 2"
+    assert main(["identify", str(write_job(tmp_path, more=more)), "--out", str(tmp_path / "models")]) == 0
+    physics, black_box = capsys.readouterr().out.split("black box:")
+    assert "condition number" in physics
+    assert "other states give the same outputs" not in physics
+    assert "other states give the same outputs" in black_box
+    assert "condition number" not in black_box
+
+
 def test_reproduce_and_bench_names(capsys):
     assert main(["reproduce", "--json"]) == 0
     assert "table-8.2" in json.loads(capsys.readouterr().out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import warnings
 from pathlib import Path
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from slipangle.workflow.settings import ModelSettings, Settings
 
 _MANY = 40  # parameters that are told one by one
+_FEW = 14  # of which it is said how they hang together
 
 
 def add(commands: Commands) -> None:
@@ -67,7 +69,7 @@ def _identify(options: argparse.Namespace) -> Answer:
     words = []
     for name, path in paths.items():
         info = models[name].fit_info
-        said = info.confounding if info is not None and 1 < len(info.names) <= 14 else ""
+        said = _confounding(info) if info is not None and 1 < len(info.names) <= _FEW else ""
         words += [f"{name}: {path}{before[name]}", *(f"  {line}" for line in (*_estimates(info), *fits[name].values()))]
         words += [f"  {sentence}" for sentence in (said, *warned[name]) if sentence]
     words += [f"{name}: failed. {why}" for name, why in failures.items()]
@@ -76,6 +78,13 @@ def _identify(options: argparse.Namespace) -> Answer:
         for n, p in paths.items()
     }
     return Answer(listed | {n: {"failure": why} for n, why in failures.items()}, "\n".join(words), int(bool(failures)))
+
+
+def _confounding(info: FitInfo) -> str:
+    """How the estimates hang together; of a state space without physics that its states are one choice of many."""
+    if math.isinf(info.condition) and not any(unit.strip(" -") for unit in info.units):
+        return "other states give the same outputs: its poles mean something, single coefficients do not"
+    return info.confounding
 
 
 def _parameters(info: FitInfo | None) -> dict[str, dict]:

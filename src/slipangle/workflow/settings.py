@@ -227,7 +227,7 @@ def read_settings(path: str | Path) -> Settings:
     """
     file = Path(path)
     try:
-        text = read_bytes(file, "the settings file", "a TOML file: see examples/ferrari_250lm.toml").decode("utf-8")
+        text = read_bytes(file, "the settings file", "a TOML file: see examples/ferrari_250lm.toml").decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ConfigError(f"'{file}' is not text; expected a TOML file in UTF-8: see examples/") from None
     try:
