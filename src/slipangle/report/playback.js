@@ -187,7 +187,7 @@
     };
     const run = () => drive(program, about, now.map((v, k) => v * about.sliders[k].scale), shown.limit);
     const say = (r) => {
-      const old = r.old ? `, ${r.old} commands from an older plan` : "";
+      const old = r.old ? `, ${r.old} command${r.old > 1 ? "s" : ""} from an older plan` : "";
       field.querySelector(".outcome").textContent = `${(100 * r.rmse).toFixed(1)} cm (RMS) from the path, ` +
         `${(100 * r.most).toFixed(0)} cm at most${WHY[r.end]}${old}. Solver on your machine: ` +
         `${r.mean.toFixed(2)} ms a plan on average, ${r.slowest.toFixed(1)} ms at most, of ${(1000 * about.dt).toFixed(0)} ms; ` +
@@ -201,7 +201,9 @@
       say(first);
     };
     rest();
-    block.querySelector("details").addEventListener("toggle", begin);
+    const details = block.querySelector("details");
+    details.addEventListener("toggle", begin);
+    if (details.open) begin();
     const again = () => {
       due = false;
       begin();

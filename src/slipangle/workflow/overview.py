@@ -168,8 +168,9 @@ def next_step(outcome: Outcome) -> str:
         return "Next: look at Data and Residuals; no model explains half of what the noise allows."
     undetermined = [p for p in _told_by_parameters(outcome) if _open(p.model.fit_info)]
     if undetermined:
-        names = ", ".join(_open(undetermined[0].model.fit_info))
-        return f"Next: drive what determines {names} (slipangle advise), or fix it."
+        names = _open(undetermined[0].model.fit_info)
+        those = "them" if len(names) > 1 else "it"
+        return f"Next: drive what determines {', '.join(names)} (slipangle advise), or fix {those}."
     run, wanted = outcome.run, outcome.settings.controller
     if run is not None and wanted is not None:
         late = float(np.percentile(run.seconds[1:], 99))
