@@ -1,4 +1,4 @@
-"""Where the front axle's force peaks, and that a driver's plans keep to it."""
+"""Where an axle's force peaks, and that a driver's plans keep to it."""
 
 import copy
 import pickle
@@ -9,7 +9,7 @@ import pytest
 from slipangle.codegen.compiler import compiler, sentence
 from slipangle.control.default_drive import default_controller, driven_model
 from slipangle.control.driver import Driver
-from slipangle.control.front_slip import front_slip
+from slipangle.control.front_slip import front_slip, rear_slip
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, axle_force
@@ -38,6 +38,11 @@ def test_the_peak_is_that_of_the_axle_force():
     force = p.mu_f * load * np.sin(p.shape * np.arctan(p.C_f * SLIPS / (p.shape * p.mu_f * load)))
     slip = front_slip(late(SaturatingBicycle(params=p, dt=0.02)))
     assert slip.peak == pytest.approx(SLIPS[force.argmax()], abs=2e-5)
+    load = p.mass * GRAVITY * p.l_f / p.wheelbase
+    force = p.mu_r * load * np.sin(p.shape * np.arctan(p.C_r * SLIPS / (p.shape * p.mu_r * load)))
+    slip = rear_slip(late(SaturatingBicycle(params=p, dt=0.02)))
+    assert slip.peak == pytest.approx(SLIPS[force.argmax()], abs=2e-5)
+    load = p.mass * GRAVITY * p.l_r / p.wheelbase
     q = NonlinearBicycleParams(**CHASSIS, E_f=-2.0, friction_load=0.0, stiffness_load=0.0)
     curve = axle_force(SLIPS, load, load, 0.0, 0.0, q.C_f, q.mu_f, q.E_f, q)
     assert front_slip(NonlinearBicycle(params=q, dt=0.02)).peak == pytest.approx(SLIPS[curve.argmax()], rel=0.01)
@@ -46,7 +51,8 @@ def test_the_peak_is_that_of_the_axle_force():
 def test_what_has_no_peak_has_no_limit():
     linear = Bicycle(params=SOUSA_TABLE_7_2, dt=0.02)
     assert front_slip(late(linear)) is None
-    assert "slip" not in default_controller(driven_model(late(linear), 0.02)).ocp.limits
+    assert rear_slip(late(linear)) is None
+    assert not {"slip", "slip_r"} & {*default_controller(driven_model(late(linear), 0.02)).ocp.limits}
     flat = CAR.with_values(shape=1.0)
     assert front_slip(SaturatingBicycle(params=flat, dt=0.02)) is None
 
@@ -60,6 +66,9 @@ def test_the_slip_is_that_of_the_motion_and_survives_copies():
     slip = front_slip(model)
     expected = 0.5 * (0.1 - 0.02) - (1.19 + 1.2 * 0.3) / 20.0
     assert float(slip(x, u, None)) == pytest.approx(expected)
+    rear = rear_slip(model)
+    assert float(rear(x, u, None)) == pytest.approx(-(1.19 - 1.3 * 0.3) / 20.0)
+    assert pickle.loads(pickle.dumps(rear)) == rear != slip
     plain = front_slip(SaturatingBicycle(params=CAR, dt=0.02))
     assert float(plain([1.19, 0.3], [0.1, 20.0], None)) == pytest.approx(expected)
     assert pickle.loads(pickle.dumps(slip)) == slip == copy.deepcopy(slip)

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from slipangle.control.front_slip import front_slip
+from slipangle.control.front_slip import front_slip, rear_slip
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError
 from slipangle.estimate.ekf import EKF
@@ -31,7 +31,7 @@ WANDER = {"v_y": 0.3, "r": 0.05, "d_v_y": 0.5, "d_r": 0.3}  # how far a state wa
 START = {"v_y": 0.3, "r": 0.1, "d_v_y": 0.5, "d_r": 0.3}  # standard deviation of states at the start
 POSE_WANDER = {"X": 0.01, "Y": 0.01, "psi": 0.001}
 GATE, PATIENCE = 8.0, 5  # of outliers
-PAST_PEAK = 50.0  # weight per rad by which the front axle slips more than where its force peaks
+PAST_PEAK = 50.0  # weight per rad by which an axle slips more than where its force peaks
 _POWER = {"v_y": 0.5, "r": -0.5, "d_r": -1.0, "X": 1.0, "Y": 1.0}  # of the size, by which these scale
 
 
@@ -91,17 +91,19 @@ def default_estimator(model: OnGround, noise: Mapping[str, float], late: Mapping
 def default_controller(model: OnGround, control: str = "delta") -> MPC:
     """An MPC on `driven_model` that looks a second ahead: distance and heading against quick steering.
 
-    Where the model's front axle has a slip angle at which its force is largest, the plan keeps to it: past it more
-    steering is less force, and an estimator that takes what is missing for a push would ask for ever more.
+    Where an axle of the model has a slip angle at which its force is largest, the plan keeps to it. At the front more
+    steering is less force past it, and an estimator that takes what is missing for a push would ask for ever more; at
+    the rear the car spins.
     """
     size, gain = size_of(model), abs(_parameter(model, "steering_gain", 1.0))
     grain = model.dt / STEP
     steps: Any = [max(round(n / grain), 1) for n in STAGES]
     steps[0] = 1
     weight = CHANGE * gain**2 * size / grain**2
-    slip = front_slip(model, control)
-    known: Any = {} if slip is None else {"terms": {"slip": slip}, "slack_linear": Weights(slip=PAST_PEAK)}
-    peak = {} if slip is None else {"slip": slip.peak}
+    slips = {"slip": front_slip(model, control), "slip_r": rear_slip(model, control)}
+    terms = {name: slip for name, slip in slips.items() if slip is not None}
+    known: Any = {"terms": terms, "slack_linear": Weights(dict.fromkeys(terms, PAST_PEAK))} if terms else {}
+    peak = {name: slip.peak for name, slip in terms.items()}
     return MPC(
         model,
         horizon=len(steps),

@@ -1,4 +1,4 @@
-"""`FrontSlip`: the front axle's slip angle, as a term of an optimal control problem, and where its force peaks."""
+"""`FrontSlip`, `RearSlip`: an axle's slip angle, as a term of an optimal control problem, and where its force peaks."""
 
 from __future__ import annotations
 
@@ -56,19 +56,38 @@ class FrontSlip:
         )[0]
 
 
+class RearSlip(FrontSlip):
+    """Slip angle of the rear axle, likewise."""
+
+    def __call__(self, x: Vector, u: Vector, _: Any) -> Scalar:
+        """The slip angle of the motion, without relaxation."""
+        p = self.params
+        v = maximum(u[self.speed], lowest_speed(p, p.C_f, p.C_r))
+        return small_slip_angles(v, x[self.places[0]], x[self.places[1]], 0.0, p)[1]
+
+
 def front_slip(model: Model, control: str = "delta") -> FrontSlip | None:
     """The front slip of a model whose front axle's force has a peak; None for others, such as linear ones."""
+    return _slip(FrontSlip, model, control)
+
+
+def rear_slip(model: Model, control: str = "delta") -> FrontSlip | None:
+    """The rear slip of a model whose rear axle's force has a peak; None for others."""
+    return _slip(RearSlip, model, control)
+
+
+def _slip(kind: type[FrontSlip], model: Model, control: str) -> FrontSlip | None:
     inner = model
     while isinstance(inner, Wrapper) and not isinstance(inner, Parametrised):
         inner = inner.model
     if not isinstance(inner, Parametrised):
         return None
     params: Any = inner.params
-    peak = _peak(params)
+    peak = _peak(params, "f" if kind is FrontSlip else "r")
     if peak is None or not {"v_y", "r"} <= set(model.states) or not {control, "v_x"} <= set(model.inputs):
         return None
     late = [name for name in _STEERING if name in model.states]
-    return FrontSlip(
+    return kind(
         places=(model.states.index("v_y"), model.states.index("r")),
         speed=model.inputs.index("v_x"),
         steering=model.states.index(late[0]) if late else -1 - model.inputs.index(control),
@@ -78,11 +97,11 @@ def front_slip(model: Model, control: str = "delta") -> FrontSlip | None:
     )
 
 
-def _peak(p: Any) -> float | None:
-    """Where the Magic Formula of the front axle at rest is largest: ``shape curved(z) = pi / 2``. [rad]"""
-    if not all(hasattr(p, name) for name in ("C_f", "C_r", "mu_f", "shape", "mass", "l_r", "wheelbase")):
+def _peak(p: Any, axle: str) -> float | None:
+    """Where the Magic Formula of an axle at rest, "f" or "r", is largest: ``shape curved(z) = pi / 2``. [rad]"""
+    if not all(hasattr(p, name) for name in ("C_f", "C_r", f"mu_{axle}", "shape", "mass", "l_r", "wheelbase")):
         return None
-    E, most = getattr(p, "E_f", 0.0), 1e3
+    E, most = getattr(p, f"E_{axle}", 0.0), 1e3
 
     def beyond(z: float) -> float:
         return p.shape * float(curved(z, E)) - 0.5 * math.pi
@@ -90,4 +109,5 @@ def _peak(p: Any) -> float | None:
     if not beyond(most) > 0:
         return None
     z = optimize.brentq(beyond, 0.0, most)
-    return z * p.shape * p.mu_f * p.mass * GRAVITY * p.l_r / p.wheelbase / p.C_f
+    load = p.mass * GRAVITY * (p.l_r if axle == "f" else p.l_f) / p.wheelbase
+    return z * p.shape * getattr(p, f"mu_{axle}") * load / getattr(p, f"C_{axle}")
