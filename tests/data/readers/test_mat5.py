@@ -1,6 +1,7 @@
 """MATLAB files: the same content as SciPy reads, and one sentence for every damaged byte."""
 
 import contextlib
+import struct
 
 import numpy as np
 import pytest
@@ -83,3 +84,14 @@ def test_no_byte_can_break_it(tmp_path, compressed):
         file.write_bytes(bytes(raw))
         with contextlib.suppress(FormatError):
             read_mat5(file)
+
+
+def test_words_without_letters_in_countless_rows_take_no_time(tmp_path):
+    path = tmp_path / "x.mat"
+    savemat(path, {"x": "", "y": [1.0, 2.0]})
+    raw, empty = path.read_bytes(), struct.pack("<4i", 5, 8, 0, 0)  # two numbers of a shape: none by none
+    assert raw.count(empty) == 1
+    path.write_bytes(raw.replace(empty, struct.pack("<4i", 5, 8, 2**31 - 1, 0)))
+    found = read_mat5(path)
+    assert found["x"] == ""
+    np.testing.assert_array_equal(found["y"].ravel(), [1, 2])

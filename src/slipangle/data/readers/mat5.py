@@ -160,7 +160,7 @@ def _matrix(data: memoryview, order: str, depth: int) -> tuple[str, Any]:
     count = math.prod(shape)
     if kind == _CHAR:
         letters = _text(_element(data, at, order), order)
-        if len(shape) == 2 and shape[0] > 1 and len(letters) == count:
+        if len(shape) == 2 and shape[0] > 1 and len(letters) == count > 0:
             rows = np.array(list(letters)).reshape(shape, order="F")
             return name, np.array(["".join(row).rstrip() for row in rows], dtype=object)
         return name, letters
