@@ -19,9 +19,27 @@ INLINE V v_all(double a)
     V z = {0};
     return z + a;
 }
+#if LANES == 1 /* masks would go through the registers of whole numbers */
+INLINE V v_pick(I mask, V a, V b)
+{
+    V z = {mask[0] ? a[0] : b[0]};
+    return z;
+}
+INLINE V v_fabs(V a)
+{
+    V z = {__builtin_fabs(a[0])};
+    return z;
+}
+INLINE V v_copysign(V a, V b)
+{
+    V z = {__builtin_copysign(a[0], b[0])};
+    return z;
+}
+#else
 INLINE V v_pick(I mask, V a, V b) { return (V)((mask & (I)a) | (~mask & (I)b)); }
 INLINE V v_fabs(V a) { return (V)((I)a & INT64_MAX); }
 INLINE V v_copysign(V a, V b) { return (V)(((I)a & INT64_MAX) | ((I)b & INT64_MIN)); }
+#endif
 INLINE V v_true(I mask) { return (V)(mask & (I)v_all(1.0)); }
 INLINE V v_and(V a, V b) { return v_true((a != 0.0) & (b != 0.0)); }
 INLINE V v_or(V a, V b) { return v_true((a != 0.0) | (b != 0.0)); }

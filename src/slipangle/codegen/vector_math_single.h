@@ -16,9 +16,27 @@ INLINE V v_all(float a)
     V z = {0};
     return z + a;
 }
+#if LANES == 1 /* masks would go through the registers of whole numbers */
+INLINE V v_pick(I mask, V a, V b)
+{
+    V z = {mask[0] ? a[0] : b[0]};
+    return z;
+}
+INLINE V v_fabs(V a)
+{
+    V z = {__builtin_fabsf(a[0])};
+    return z;
+}
+INLINE V v_copysign(V a, V b)
+{
+    V z = {__builtin_copysignf(a[0], b[0])};
+    return z;
+}
+#else
 INLINE V v_pick(I mask, V a, V b) { return (V)((mask & (I)a) | (~mask & (I)b)); }
 INLINE V v_fabs(V a) { return (V)((I)a & INT32_MAX); }
 INLINE V v_copysign(V a, V b) { return (V)(((I)a & INT32_MAX) | ((I)b & INT32_MIN)); }
+#endif
 INLINE V v_true(I mask) { return (V)(mask & (I)v_all(1.0f)); }
 INLINE V v_and(V a, V b) { return v_true((a != 0.0f) & (b != 0.0f)); }
 INLINE V v_or(V a, V b) { return v_true((a != 0.0f) | (b != 0.0f)); }

@@ -21,6 +21,8 @@ from slipangle.export.marx import marx_project
 from slipangle.export.models import model_project
 from slipangle.export.mpc import mpc_project
 from slipangle.export.project import Project
+from slipangle.export.recursions import recursion_project
+from slipangle.identify.linear.recursive import RecursiveARX
 from slipangle.models.model import Model
 
 
@@ -44,7 +46,7 @@ def project_of(thing: Any, name: str, drive: Drive | Dataset | int) -> Project:
     """
     raise ParameterError(
         f"a {type(thing).__name__} has no C; expected a model, an MPC solved in real time, a MultiARXMPC, a path "
-        "follower, an EKF or a Driver"
+        "follower, an EKF, a RecursiveARX or a Driver"
     )
 
 
@@ -99,6 +101,13 @@ def _(thing: EKF, name: str, drive: Drive | Dataset | int) -> Project:
     if isinstance(drive, Drive):
         raise ParameterError("the drive is that of a controller; expected a Dataset, or a number of samples")
     return estimator_project(thing, name or "estimator", drive)
+
+
+@project_of.register
+def _(thing: RecursiveARX, name: str, drive: Drive | Dataset | int) -> Project:
+    if isinstance(drive, Drive):
+        raise ParameterError("the drive is that of a controller; expected a Dataset, or a number of samples")
+    return recursion_project(thing, name or "recursion", drive)
 
 
 @project_of.register

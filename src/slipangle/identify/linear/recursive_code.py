@@ -78,7 +78,7 @@ class Recursion:
         self.y, self.u, self.theta = self._sample[:ny], self._sample[ny:], self.arrays["theta"]
         self.error, self.noise, self.prior = self.arrays["error"], self.arrays["noise"], prior
         self.covariance = np.diag(prior)
-        function = _sample(pick, sizes, directional)
+        self.function = function = _sample(pick, sizes, directional)
         loaded = library(_source(function, ny * (1 + n)), name="rls") if n <= MOST else None
         self.compiled = loaded is not None
         if loaded is not None:
@@ -87,6 +87,16 @@ class Recursion:
         else:
             self._next, self.advance = np.zeros_like(self._state), self._interpreted
             self._run = bind(function, (self._state, self._sample, self.settings), self._next)
+
+    @property
+    def state(self) -> np.ndarray:
+        """All that it knows, as `function` takes it; not a copy."""
+        return self._state
+
+    def place(self, name: str) -> int:
+        """Where an array begins in `state`."""
+        names = list(self.arrays)
+        return sum(self.arrays[n].size for n in names[: names.index(name)])
 
     @property
     def covariance(self) -> np.ndarray:

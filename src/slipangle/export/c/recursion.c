@@ -1,0 +1,38 @@
+/* The recursion by itself. The same estimates as those of `RecursiveARX.update`. */
+
+typedef struct {
+    double state[N_STATE];
+} Recursion;
+
+typedef char car_bytes_are_enough[sizeof(Recursion) <= CAR_BYTES ? 1 : -1];
+
+static Recursion *own(car_recursion *r) { return (Recursion *)(void *)r->memory; }
+
+int car_start(car_recursion *memory, size_t bytes)
+{
+    if (bytes < sizeof *memory)
+        return CAR_TOO_SMALL;
+    memcpy(own(memory)->state, AT_START, sizeof own(memory)->state);
+    return CAR_OK;
+}
+
+void car_restart(car_recursion *memory) { own(memory)->state[FILLED] = 0; }
+
+int car_update(car_recursion *memory, const double y[CAR_OUTPUTS], const double u[CAR_INPUTS], car_estimate *to)
+{
+    double sample[CAR_OUTPUTS + CAR_INPUTS], next[N_STATE];
+    Recursion *r = own(memory);
+    int good = 1;
+    memcpy(sample, y, sizeof(double) * CAR_OUTPUTS);
+    memcpy(sample + CAR_OUTPUTS, u, sizeof(double) * CAR_INPUTS);
+    for (int i = 0; i < CAR_OUTPUTS + CAR_INPUTS; i++)
+        good &= fabs(sample[i]) < INFINITY;
+    if (good) {
+        advance(r->state, sample, SETTINGS, next);
+        memcpy(r->state, next, sizeof next);
+    }
+    memcpy(to->error, r->state, sizeof to->error);
+    memcpy(to->theta, r->state + CAR_OUTPUTS, sizeof to->theta);
+    memcpy(to->noise, r->state + CAR_OUTPUTS * (1 + CAR_REGRESSORS), sizeof to->noise);
+    return good ? CAR_OK : CAR_NOT_FINITE;
+}
