@@ -55,7 +55,7 @@ int main(int n, char **words)
     for (; read_step(wanted); steps++) {
         car_plan(&controller, &input, &output);
         for (int j = 0; j < CAR_CONTROLS; j++) {
-            double off = fabs(output.command[j] - wanted[j]);
+            double off = fabs(output.command[j] - wanted[j]) / (1 + fabs(wanted[j]));
             if (off != 0)
                 other++;
             worst = off > worst || off != off ? off : worst;
