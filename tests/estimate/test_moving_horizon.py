@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import slipangle as sa
+from slipangle.control.default_drive import default_estimator, driven_model
 from slipangle.errors import ParameterError, SimulationError
 from slipangle.estimate.ekf import EKF
 from slipangle.estimate.moving_horizon import MHE
@@ -18,6 +19,7 @@ from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.ops import stack
 from slipangle.optimal.engine import Engine
 from slipangle.optimal.solution import Solution, Status
+from slipangle.simulate.sensors import Sensor, Sensors
 from tests.estimate.test_observer import BICYCLE, LATE, NOISE, driven, model_named, oracle, settings_of
 
 
@@ -305,3 +307,19 @@ def test_both_solvers_find_the_same_states():
         for tracker in both:
             tracker.update(y[k], u[k])
         assert both[0].smoothed == pytest.approx(both[1].smoothed, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_a_driver_drives_with_it_as_with_the_filter():
+    """Pose 100 ms late at 10 Hz: eleven states, of which seven wander."""
+    whole, late = driven_model(LATE, 0.02), dict.fromkeys(("X", "Y", "psi"), 0.1)
+    filtered = default_estimator(whole, {"v_y": 0.05, "r": 0.002, "X": 0.02, "Y": 0.02, "psi": 0.001}, late)
+    sensors = Sensors(**{n: Sensor(noise=0.001, interval=0.1, delay=0.1) for n in late})
+    model = OnGround(replace(BICYCLE, dt=0.001))
+    errors = []
+    for estimator in (filtered, looking_back(filtered, horizon=8)):
+        plant = sa.Plant(model, sensors=sensors, seed=1, delay=sa.Values(delta=0.02), lag=sa.Values(delta=0.05))
+        driver = sa.Driver(LATE, sa.double_lane_change(20.0), estimator=estimator)
+        run = sa.drive(plant, driver, channels=("r", "v_x", *late), duration=4.0)
+        errors.append(run.rmse("y"))
+    assert errors[1] < 1.2 * errors[0] < 0.05

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import slipangle as sa
+from slipangle.control.speed.pedals import pedal_driver
 from slipangle.models.custom import Ode
+from slipangle.models.vehicles.catalogue import PASSENGER_TIRE, SOUSA_CAR_7
 from slipangle.optimal.solution import Status
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "steering_and_pedals.py"
@@ -54,3 +56,26 @@ def test_steering_and_pedals_take_a_car_to_30_m_s_and_back():
     assert np.minimum(throttle, brake).max() < 0.05  # not both at once
     taken = [float(seen["grip"](p.x[0], p.u[0], None)) for p in run.plans]
     assert max(taken) < 0.81
+
+
+@pytest.mark.slow
+def test_a_driver_takes_a_car_to_30_m_s_and_back():
+    """From raw measurements, the model a linear bicycle with the steering's delay and lag."""
+    params = {n: getattr(SOUSA_CAR_7, n) for n in ("mass", "inertia_z", "wheelbase", "l_f")}
+    bicycle = sa.Bicycle(params=sa.BicycleParams(**params, C_f=2e5, C_r=2e5), dt=0.02, outputs=("v_y", "r"))
+    known = sa.Delayed(sa.Steered(bicycle, steering_lag=0.05), delays={"delta": 0.02}, longest=0.1)
+    x = np.arange(0.0, 601.0, 2.0)
+    y = np.where((x > 200) & (x < 400), 6.0 * (1 - np.cos(np.pi * (x - 200) / 100)), 0.0)
+    path = sa.Path.from_points(x, y).with_speed_limits(v_max=30.0, a_y=5.0, a_x=2.5, a_brake=4.0)
+    ends = np.sqrt(np.minimum(1.0 + 5.0 * path.s, 8.0 * np.maximum(path.length - 10.0 - path.s, 0.0)))
+    path = path.with_speed(np.minimum(path.v_x, ends))
+    model = sa.DualTrack(params=SOUSA_CAR_7, tire_f=PASSENGER_TIRE, tire_r=PASSENGER_TIRE, dt=0.001)
+    plant = sa.Plant(model, delay=sa.Values(delta=0.02), lag=sa.Values(delta=0.05), seed=1)
+    driver = sa.Driver(known, path, speed=pedal_driver(SOUSA_CAR_7), noise={"v_y": 0.05, "r": 0.002})
+    raw = ("r", "v_x", "X", "Y", "psi")
+    run = sa.drive(plant, driver, channels=raw, x0=model.straight(0.0), duration=48.0)
+    assert run.v_x.max() > 29.5
+    assert np.abs(run.v_x[-100:]).max() < 0.05
+    assert np.abs(run.e_y).max() < 0.05
+    wanted = np.array([path.speed(s) for s in run.s])
+    assert np.sqrt(np.mean((run.v_x - wanted) ** 2)) < 0.5
