@@ -53,6 +53,15 @@ KINDS = {
     },
     "long stages": {"horizon": 4, "steps": (1, 1, 2, 3)},
     "hard limits": {"horizon": 5, "limits": sa.Limits(delta=0.35, Y=(-0.6, 0.6))},
+    "by stages": {
+        "horizon": 6,
+        "Q": sa.Weights(e_y=1.0, e_psi=1.0),
+        "limits": sa.Limits(delta=0.35, r=0.3, e_psi=0.5),
+        "slack": sa.Weights(r=1e3, e_y=1e3),
+        "slack_linear": sa.Weights(r=1e2),
+        "corridor": 1.8,
+        "solver": sa.RealTime(qp="riccati"),
+    },
     "to convergence": {"horizon": 5, "solver": sa.RealTime(iterations=0, max_iterations=3)},
 }
 
@@ -158,7 +167,7 @@ def test_size_of_a_struct_is_that_of_the_compiler(tmp_path):
 @pytest.mark.parametrize("simd", ["-march=native", "-DCAR_LANES=1"])
 def test_compilers_have_nothing_to_say(compiler_, simd, tmp_path):
     needs(compiler_)
-    for kind in ("plain", "corridor and soft limits", "long stages"):
+    for kind in ("plain", "corridor and soft limits", "long stages", "by stages"):
         settings = dict(KINDS[kind])
         made = files(controller(settings.pop("horizon", 10), **settings))
         for name, content in made.items():

@@ -46,6 +46,7 @@ CONTROLLERS = {
     "MPC, corridor and soft limits": lambda: controller(**SOFT),
     "MPC, hard limit": lambda: controller(12, limits=Limits(delta=0.35, r=0.35)),
     "MPC, long stages": lambda: controller(**KINDS["long stages"]),
+    "MPC by stages": lambda: controller(10, solver=RealTime(qp="riccati"), limits=Limits(delta=0.35, r=0.35)),
     "MPC to convergence": lambda: controller(10, solver=RealTime(iterations=0)),
     "MPC, implicit wheels": thesis_car,
     "MARX": lambda: test_marx.INTEGRAL,

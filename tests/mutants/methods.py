@@ -196,6 +196,21 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "optimal/realtime/riccati.c",
+        "optimal/realtime/test_riccati.py::test_the_answer_is_the_condensed_solvers",
+        [("QP by stages: changes of input pull together", "H[(NX + j) * RZL + NX + j] += change;", "H[0] += 0;")],
+    ),
+    *mistakes(
+        "optimal/realtime/multipliers.c",
+        "optimal/realtime/test_riccati.py::test_the_answer_is_the_condensed_solvers",
+        [("QP by stages: price of an excess in its slope", "stiff * square / (stiff + square)", "stiff")],
+    ),
+    *mistakes(
+        "optimal/realtime/interior.c",
+        "optimal/realtime/test_riccati.py::test_the_answer_is_the_condensed_solvers",
+        [("QP by stages: centre of the sides", "centre = product * share * share * share", "centre = product")],
+    ),
+    *mistakes(
         "optimal/realtime/solver.c",
         PLANS,
         [

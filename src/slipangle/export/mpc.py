@@ -27,7 +27,7 @@ def mpc_project(mpc: MPC, name: str, drive: Drive) -> Project:
         raise ParameterError(
             f'the solver is {mpc.solver!r}, which has no C; expected the real-time one: say solver="realtime"'
         )
-    text = "\n".join([source(mpc.ocp, caller=True), _constants(mpc, settings), around("mpc.c")])
+    text = "\n".join([source(mpc.ocp, caller=True, qp=settings.qp), _constants(mpc, settings), around("mpc.c")])
     text = re.sub(r"\brt_(?=[a-z])", "car_rt_", text)  # so that several projects go into one program
     facts = {"solver": "realtime", "horizon": mpc.horizon, "deadline": mpc.deadline}
     return project(mpc, name, drive, text, kind="model predictive controller", facts=facts, flags=FLAGS)

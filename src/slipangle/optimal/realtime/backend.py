@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated
+from typing import Annotated, Literal
 
 from slipangle.codegen.compiler import compiler, library, sentence
 from slipangle.errors import ModelWarning
@@ -29,6 +29,13 @@ class RealTime(Checked):
     as after a jump of the state, up to ten steps with a line search follow while there is time. A solve that runs out
     of time or iterations is gone on with by the next one.
 
+    The quadratic program of a step is solved in one of two ways, which end at the same answer. "condensed" eliminates
+    the states and goes from active set to active set ([2]_): fastest on short horizons. "riccati" keeps them and takes
+    time proportional to the horizon: a proximal method of multipliers that begins with the rows active in the plan
+    before ([3]_), an interior point where these lead nowhere; what it cannot solve is condensed. "auto" compares the
+    times of both, from the horizon, the sizes and the number of rows that were active in the plan before. Without a
+    compiler programs are condensed.
+
     Parameters
     ----------
     iterations : int
@@ -41,10 +48,14 @@ class RealTime(Checked):
         Accuracy of the implicit integrator's stages, relative to 1 + |state|. [-]
     accept : float
         Largest residual of real-time iterations that are a plan; see `Plan.residual`. [-]
+    qp : {"auto", "condensed", "riccati"}
+        How quadratic programs are solved; "auto" takes what is faster at each of them.
 
     References
     ----------
     .. [1] M. Diehl, H. G. Bock, J. P. Schloeder, SIAM J. Control Optim. 43, 1714-1736, 2005.
+    .. [2] D. Goldfarb, A. Idnani, Math. Program. 27, 1-33, 1983.
+    .. [3] B. Hermans, A. Themelis, P. Patrinos, Math. Program. Comput. 14, 497-541, 2022.
     """
 
     iterations: Whole = 1
@@ -52,6 +63,7 @@ class RealTime(Checked):
     max_iterations: Count = 200
     newton: Annotated[float, Within(0, open="low", example="1e-7")] = 1e-7
     accept: Annotated[float, Within(0, open="low", example="1e-2")] = 1e-2
+    qp: Literal["auto", "condensed", "riccati"] = "auto"
 
     def build(self, ocp: OCP, deadline: float | None = None) -> Engine:
         """Compile the problem, or take it from the cache.
@@ -61,7 +73,7 @@ class RealTime(Checked):
         ModelWarning
             Once, without a C compiler: the same algorithm then runs on CasADi's virtual machine, slower.
         """
-        loaded = library(source(ocp), name="mpc", flags=FLAGS) if compiler() else None
+        loaded = library(source(ocp, qp=self.qp), name="mpc", flags=FLAGS) if compiler() else None
         if loaded is not None:
             return CompiledEngine(ocp, loaded, self, deadline)
         if not compiler():  # a compiler that failed has been named already

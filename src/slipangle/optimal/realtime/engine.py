@@ -294,6 +294,11 @@ class WorkArea(Engine):
             feedback=float(view["seconds_feedback"][0]),
         )
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """Iterations of the last solve and of its quadratic programs, and whether the last of those went by stages."""
+        return {name: int(self._view[name][0]) for name in ("iterations", "qp_iterations", "by_stages")}
+
     def _set(self, x: np.ndarray, applied: np.ndarray, reference: Reference) -> None:
         self._x0[:] = x
         self._applied[:] = applied
@@ -346,3 +351,8 @@ class CompiledEngine(EngineOfThreads):
     def timing(self) -> Timing:
         """Time of this thread's last solve inside the compiled code."""
         return self._areas.mine.timing
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Iterations of this thread's last solve and of its quadratic programs; 1 `by_stages` if the last went so."""
+        return self._areas.mine.counts

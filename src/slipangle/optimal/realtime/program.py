@@ -30,10 +30,10 @@ FIELDS = (  # of the C struct, as seen from Python
     "x0 applied w p r corridor bounds q wr ws plain square lowest highest safe relaxing way_u way_x tolerance "
     "time_limit newton accept u x k working cost violation residual step seconds seconds_prepare seconds_feedback"
 ).split()
-COUNTS = "max_iterations fixed fresh iterations qp_iterations".split()
+COUNTS = "max_iterations fixed fresh iterations qp_iterations by_stages".split()
 
 
-def source(ocp: OCP, *, lanes: int = 0, caller: bool = False) -> str:
+def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") -> str:
     """The whole C source.
 
     Parameters
@@ -44,6 +44,8 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False) -> str:
         Columns per vector; by default what the processor has.
     caller : bool
         Whether a caller in C brings the clock and knows the struct, so that nothing of the system is asked.
+    qp : {"auto", "condensed", "riccati"}
+        How quadratic programs are solved; see `RealTime`.
     """
     stage = stage_function(ocp)
     stage_lanes = scalar_code(stage)
@@ -76,12 +78,57 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False) -> str:
             _casadi_code(called) if called else "",
             preamble("V"),
             _sizes(ocp, stage, parts, kinds),
+            *_stages(ocp, stage, qp),
             *code,
             _scratch(called, bool(parts)),
-            *map(_text, ("ranges.c", "qp.c", "work.c", "stages.c", "solver.c", "fallback.c", "judge.c")),
+            *map(_text, _files(ocp, stage, qp)),
             "" if caller else accessors("rt", [*FIELDS, *COUNTS]),
         ]
     )
+
+
+def by_stages(ocp: OCP, stage: ca.Function, qp: str) -> bool:
+    """Whether a source has the quadratic program by stages too, which decides between the two at every plan."""
+    if qp != "auto":
+        return qp == "riccati"
+    condense, factor = _nanoseconds(ocp, stage)
+    return condense > 2 * factor
+
+
+def _nanoseconds(ocp: OCP, stage: ca.Function) -> tuple[float, float]:
+    """About how long condensing takes, and one factor by stages with its sweeps; see benchmarks/bench_horizon.py."""
+    n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
+    rows = stage.nnz_out(2) + stage.nnz_out(4)
+    wide = 8 * -(-(nx + _changing(ocp, stage)) // 8)
+    states = 0.5 * n * int(ocp.nodes[-1]) * nu * (nx * nx + rows)
+    condense = states + (len(ocp.tracked) * nu * nu + nu**3) * n**3 / 6
+    return 0.1 * condense, n * (350 + 0.15 * wide * nx * (nx + nu))
+
+
+def _changing(ocp: OCP, stage: ca.Function) -> int:
+    """Controls whose value before counts in a stage: by S, by rates, or at the end."""
+    rated = np.isfinite(ocp.step_bounds[0]).any()
+    return len(ocp.controls) if len(ocp.S) or rated or stage.nnz_out(3) or stage.nnz_out(5) else 0
+
+
+def _stages(ocp: OCP, stage: ca.Function, qp: str) -> list[str]:
+    """What riccati.c asks for."""
+    if not by_stages(ocp, stage, qp):
+        return ["typedef struct { int64_t none; } Stages;"]
+    condense, factor = (1.0, 0.0) if qp == "riccati" else _nanoseconds(ocp, stage)
+    return [
+        "#define RICCATI 1",
+        f"#define NV {_changing(ocp, stage)}",
+        f"#define JOINED {0 if ocp.nodes[-1] == ocp.horizon else ocp.horizon}",
+        f"#define TO_CONDENSE {condense!r}",
+        f"#define TO_FACTOR {factor!r}",
+        _array("int", "L_INPUT", [bool(row) for row in nonzeros(stage.sparsity_out(5))]),
+    ]
+
+
+def _files(ocp: OCP, stage: ca.Function, qp: str) -> Sequence[str]:
+    memory, method = ("riccati_work.c", "riccati.c multipliers.c interior.c") if by_stages(ocp, stage, qp) else ("", "")
+    return f"ranges.c qp.c {memory} work.c stages.c solver.c {method} fallback.c judge.c".split()
 
 
 def _columns(function: ca.Function, name: str) -> str:

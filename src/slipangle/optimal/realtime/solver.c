@@ -3,6 +3,11 @@
 
 #define MAT(name) ((double *)s->name)
 
+#ifdef RICCATI
+static int by_stages_now(const Work *s), prepare_stages(Work *s), solve_long(Work *s, int warm);
+static void expect(Work *s, int many, int later);
+#endif
+
 /* ---- problem data of a row of the QP -------------------------------------------------------------------------- */
 
 static const double *limit_of(const Work *s, int row, int *stage, int *which)
@@ -90,6 +95,15 @@ static void gradient(Work *s, double *into)
 {
     Qp *q = &s->qp;
     memcpy(into, q->g, sizeof q->g);
+#ifdef RICCATI
+    if (s->by_stages) {
+        add(into, 1, s->stages.forces, N * NU);
+        for (int i = 0; i < QN + QR; i++)
+            if (q->lambda[i] != 0)
+                row_add(q, i, -q->lambda[i], into);
+        return;
+    }
+#endif
     for (int row = 0; row < N_LIMITS; row++)
         if (q->lambda[QN + QR + row] != 0)
             add(into, q->lambda[QN + QR + row], (const double *)q->C + row * QL, N * NU);
@@ -538,6 +552,28 @@ static void ends(Work *s, int part)
         s->took[part] = s->took[part] > 0 ? smaller(took, 2 * s->took[part]) : took;
 }
 
+/* The quadratic program at the iterate, without what depends on the state now: condensed or, if that may be, by stages. */
+static int pose(Work *s, int by_stages)
+{
+#ifdef RICCATI
+    s->by_stages = by_stages && by_stages_now(s);
+    if (s->by_stages) {
+        if (!begins(s, BY_STAGES))
+            return TIME_OUT;
+        s->by_stages = prepare_stages(s);
+        ends(s, BY_STAGES);
+        if (s->by_stages)
+            return SOLVED;
+    }
+#endif
+    (void)by_stages;
+    if (!begins(s, CONDENSE))
+        return TIME_OUT;
+    int good = condense(s);
+    ends(s, CONDENSE);
+    return good ? SOLVED : FAILED;
+}
+
 /* ---- iterations ----------------------------------------------------------------------------------------------- */
 
 static void move(Work *s, double t)
@@ -586,11 +622,10 @@ static int prepare(Work *s)
         if (!s->spared)
             ends(s, LINEARISE);
     }
-    if (status == SOLVED && begins(s, CONDENSE)) {
-        status = condense(s) ? SOLVED : NOT_FINITE;
-        ends(s, CONDENSE);
-    } else if (status == SOLVED)
-        status = TIME_OUT;
+    if (status == SOLVED)
+        status = pose(s, 1);
+    if (status == FAILED)
+        status = NOT_FINITE;
     s->seconds_prepare = now(&s->qp) - begin;
     return status;
 }
@@ -599,23 +634,40 @@ static int prepare(Work *s)
 static void keep_rows(Work *s)
 {
     const Qp *q = &s->qp;
-    s->working[0] = (double)q->k;
+    int many = 0;
     for (int a = 0; a < q->k; a++) {
-        s->working[1 + 2 * a] = (double)q->row[a];
-        s->working[2 + 2 * a] = q->sign[a] * (double)(1 + q->mode[q->row[a]]);
+        s->working[1 + 2 * many] = (double)q->row[a];
+        s->working[2 + 2 * many++] = q->sign[a] * (double)(1 + q->mode[q->row[a]]);
     }
+#ifdef RICCATI
+    for (int i = 0; i < QT; i++)
+        if (q->mode[i] == SPENT) {
+            s->working[1 + 2 * many] = (double)i;
+            s->working[2 + 2 * many++] = (double)((q->lambda[i] > 0 ? 1 : -1) * (1 + SPENT));
+        }
+    expect(s, many, 0);
+#endif
+    s->working[0] = (double)many;
 }
 
 static void recall_rows(Work *s)
 {
     Qp *q = &s->qp;
     char seen[QT] = {0};
+    int most = QN;
     q->k = 0;
-    if (!(s->working[0] >= 0 && s->working[0] <= QN))
+#ifdef RICCATI
+    most = QT;
+    s->stages.expected = 0;
+#endif
+    if (!(s->working[0] >= 0 && s->working[0] <= (double)most))
         return;
+#ifdef RICCATI
+    expect(s, (int)s->working[0], NS == N);
+#endif
     for (int a = 0, many = (int)s->working[0]; a < many; a++) {
         double row = s->working[1 + 2 * a], how = s->working[2 + 2 * a];
-        if (!(row >= 0 && row < QT && fabs(how) >= 1 + KEPT && fabs(how) < 2 + PAID) || seen[(int)row]++)
+        if (!(row >= 0 && row < QT && fabs(how) >= 1 + KEPT && fabs(how) < 2 + PAID) || q->k == QN || seen[(int)row]++)
             continue; /* whoever wrote that */
         q->row[q->k] = (int)row;
         q->sign[q->k++] = how > 0 ? 1 : -1;
@@ -623,12 +675,36 @@ static void recall_rows(Work *s)
     }
 }
 
+static void forget_rows(Work *s)
+{
+    s->qp.k = 0;
+#ifdef RICCATI
+    s->stages.expected = 0;
+#endif
+}
+
 static int solve_qp(Work *s, int warm)
 {
     feed(s);
-    int status = qp_solve(&s->qp, warm);
+    int status = QP_NUMBER;
+#ifdef RICCATI
+    if (s->by_stages) {
+        status = solve_long(s, warm);
+        s->qp_iterations += s->qp.iterations;
+        if (status == QP_NUMBER) { /* the other one says why, or solves it */
+            int posed = pose(s, 0);
+            if (posed != SOLVED)
+                return posed;
+            s->qp.k = 0;
+        }
+    }
+    if (!s->by_stages)
+#endif
+    {
+        status = qp_solve(&s->qp, warm);
+        s->qp_iterations += s->qp.iterations;
+    }
     keep_rows(s);
-    s->qp_iterations += s->qp.iterations;
     static const int outcome[] = {SOLVED, INFEASIBLE, FAILED, TIME_OUT, FAILED};
     if (status == QP_NUMBER && s->qp.kkt <= 1e-6) /* wildly scaled, but good enough for a step; `residual` says it */
         status = QP_SOLVED;
@@ -717,17 +793,15 @@ static int converge(Work *s, int64_t most, int loose)
         return NOT_FINITE;
     ends(s, LINEARISE);
     for (int64_t n = 0; n < most;) {
-        if (!begins(s, CONDENSE))
-            return TIME_OUT;
-        if (!condense(s))
-            return FAILED;
+        int posed = pose(s, calm < CALM && s->pairs == 0 && s->damp == 0);
+        if (posed != SOLVED)
+            return posed;
         if (calm >= CALM) { /* Gauss-Newton steps alone are slow where errors remain large */
             feed(s);
             remember(s);
             if (!condense(s))
                 return FAILED;
         }
-        ends(s, CONDENSE);
         int done = solve_qp(s, n > 0 || !s->fresh);
         if (done != SOLVED)
             return done;
@@ -856,7 +930,7 @@ static void start(Work *s)
     if (s->fresh == CONTINUE)
         recall_rows(s);
     else
-        s->qp.k = 0;
+        forget_rows(s);
     if (shifts) {
         inputs_after(s->u, 1, s->u_later);
         memcpy(s->u, s->u_later, sizeof s->u);

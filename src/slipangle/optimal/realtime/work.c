@@ -22,7 +22,7 @@
 
 enum { SOLVED, ITERATED, ITERATION_LIMIT, STALLED, TIME_OUT, INFEASIBLE, NOT_FINITE, FAILED, DOUBTFUL };
 enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME };
-enum { LINEARISE, CONDENSE, PARTS };
+enum { LINEARISE, CONDENSE, BY_STAGES, PARTS };
 
 #define PAIRS 24 /* remembered steps and changes of the gradient */
 #define CALM 5   /* iterations without a short step before remembered ones count; short: a quarter of one beyond FAR */
@@ -45,7 +45,7 @@ typedef struct {
     /* the iterate and what Python reads, u to residual as one block */
     double u[N * NU], x[(NS + 1) * NX], k[M1((NS + 1) * NK)], working[1 + 2 * QT], cost, violation, residual;
     double step, seconds, seconds_prepare, seconds_feedback;
-    int64_t iterations, qp_iterations;
+    int64_t iterations, qp_iterations, by_stages; /* by_stages: how the last quadratic program was solved */
     /* linearisation */
     double A[NS * NX * NX], B[NS * NX * NU], E[M1((N + 1) * NE * NX)], D[M1((N + 1) * NE * NU)];
     double LX[M1((N + 1) * NL * NX)], LU[M1((N + 1) * NL * NU)];
@@ -64,6 +64,7 @@ typedef struct {
     double from; /* size of the step before the first of the integrator's, as far as is known */
     double took[PARTS], since; /* time of parts of an iteration, when one began */
     Qp qp;
+    Stages stages; /* of riccati.c */
     Scratch scratch;
 } Work;
 

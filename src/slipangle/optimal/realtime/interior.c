@@ -1,0 +1,214 @@
+/* Interior point on the Riccati factor, for rows that the plan before does not tell, and the method as a whole.
+
+   Mehrotra, SIAM J. Optim. 2, 1992. */
+
+#define MOST_WARM 3      /* factors from the rows of the plan before; if they do not do, an interior point is faster */
+#define MOST_POLISH 8    /* after it */
+#define MOST_INTERIOR 40
+
+/* ---- interior point ------------------------------------------------------------------------------------------- */
+
+/* Limits, one side of a row each, LANES at a time: distance to the limit, excess allowed, their multipliers. Hard ones,
+   and the places after the last, have `soft` 0 and an excess of 0 at a multiplier of 1. */
+
+#define SIDE(name) ((double *)s->stages.name)
+
+static void begin_sides(Work *s)
+{
+    Stages *r = &s->stages;
+    const Qp *q = &s->qp;
+    double size = 0;
+    int n = 0;
+    for (int a = 0; a < QN; a++)
+        size = larger(fabs(q->g[a]), size);
+    double product = 10 * larger(size, 1e-6 * r->top);
+    for (int k = 0; k < r->rows; k++)
+        for (int side = 1, i = r->row[k]; side >= -1; side -= 2) {
+            double limit = side > 0 ? q->hi[i] : -q->lo[i], room = 0.1 * sqrt(STIFF * r->top / r->stiff[i]);
+            if (!(limit < INFINITY))
+                continue;
+            int soft = q->plain[i] < INFINITY;
+            double distance = larger(limit, room), price = product / distance;
+            if (soft && q->square[i] <= 0)
+                price = smaller(price, 0.5 * q->plain[i]);
+            SIDE(limit)[n] = limit, SIDE(turn)[n] = (double)side, SIDE(used)[n] = 1, SIDE(soft)[n] = (double)soft;
+            SIDE(plain)[n] = soft ? q->plain[i] : 0, SIDE(square)[n] = soft ? q->square[i] : 0;
+            SIDE(distance)[n] = distance, SIDE(price_of)[n] = price;
+            SIDE(of_excess)[n] = !soft ? 1 : q->square[i] <= 0 ? q->plain[i] - price : product / room;
+            SIDE(excess)[n] = !soft ? 0 : q->square[i] <= 0 ? product / SIDE(of_excess)[n] : room;
+            r->of[n++] = i;
+        }
+    r->sides = n;
+    for (; n % LANES; n++) {
+        SIDE(turn)[n] = SIDE(used)[n] = SIDE(soft)[n] = SIDE(plain)[n] = SIDE(square)[n] = 0;
+        SIDE(price_of)[n] = SIDE(excess)[n] = SIDE(at)[n] = SIDE(moved)[n] = 0;
+        SIDE(limit)[n] = SIDE(distance)[n] = SIDE(of_excess)[n] = 1;
+    }
+    r->side_vectors = n / LANES;
+    memset(r->by_distance, 0, sizeof r->by_distance);
+    memset(r->by_price, 0, sizeof r->by_price);
+    memset(r->by_excess, 0, sizeof r->by_excess);
+    memset(r->by_of_excess, 0, sizeof r->by_of_excess);
+}
+
+/* Sum of the products of multipliers and distances after a part of the step, over their number. */
+static double mean_product(const Work *s, double t)
+{
+    const Stages *r = &s->stages;
+    V sum = {0}, many = {0};
+    for (int k = 0; k < r->side_vectors; k++) {
+        sum += r->used[k] * (r->distance[k] + t * r->by_distance[k]) * (r->price_of[k] + t * r->by_price[k]);
+        sum += r->soft[k] * (r->excess[k] + t * r->by_excess[k]) * (r->of_excess[k] + t * r->by_of_excess[k]);
+        many += r->used[k] + r->soft[k];
+    }
+    double total = 0, count = 0;
+    for (int j = 0; j < LANES; j++)
+        total += sum[j], count += many[j];
+    return count > 0 ? total / count : 0;
+}
+
+/* Slopes of the sides' multipliers by the values of their rows, and what is missing of their limits. */
+static void slope_sides(Work *s)
+{
+    Stages *r = &s->stages;
+    for (int k = 0; k < r->sides; k++)
+        SIDE(at)[k] = SIDE(turn)[k] * r->value[r->of[k]];
+    for (int k = 0; k < r->side_vectors; k++) {
+        r->gap[k] = r->limit[k] - r->at[k] - r->distance[k] + r->excess[k];
+        r->miss[k] = r->soft[k] * (r->plain[k] + r->square[k] * r->excess[k] - r->price_of[k] - r->of_excess[k]);
+        r->over_excess[k] = r->soft[k] / (r->of_excess[k] + r->excess[k] * r->square[k]);
+        r->per_price[k] = r->excess[k] * r->over_excess[k];
+        r->over_distance[k] = 1.0 / (r->distance[k] + r->price_of[k] * r->per_price[k]);
+    }
+    memset(r->slope, 0, sizeof r->slope);
+    for (int k = 0; k < r->sides; k++)
+        r->slope[r->of[k]] += SIDE(price_of)[k] * SIDE(over_distance)[k];
+}
+
+/* Step of the multipliers where the rows stay, if the products are to come to `centre`; `round` 1 corrects them for
+   what the step of round 0 leaves. */
+static void aim_sides(Work *s, double centre, int round)
+{
+    Stages *r = &s->stages;
+    for (int k = 0; k < r->side_vectors; k++) {
+        V given = r->used[k] * centre - r->distance[k] * r->price_of[k], paid = r->soft[k] * centre - r->excess[k] * r->of_excess[k];
+        if (round) {
+            given -= r->by_distance[k] * r->by_price[k];
+            paid -= r->by_excess[k] * r->by_of_excess[k];
+        }
+        r->still_excess[k] = (paid - r->excess[k] * r->miss[k]) * r->over_excess[k];
+        r->still_price[k] = (given - r->price_of[k] * (r->gap[k] + r->still_excess[k])) * r->over_distance[k];
+    }
+    memset(r->after, 0, sizeof r->after);
+    for (int k = 0; k < r->sides; k++)
+        r->after[r->of[k]] += SIDE(turn)[k] * (SIDE(price_of)[k] + SIDE(still_price)[k]);
+}
+
+/* Step of all sides after that of the rows; how far along it everything stays positive. */
+static double step_sides(Work *s)
+{
+    Stages *r = &s->stages;
+    V most = v_all(0.9804); /* no further than 1.02 of the step */
+    for (int k = 0; k < r->sides; k++)
+        SIDE(moved)[k] = SIDE(turn)[k] * r->value_by[r->of[k]];
+    for (int k = 0; k < r->side_vectors; k++) {
+        V price = r->still_price[k] + r->price_of[k] * r->over_distance[k] * r->moved[k];
+        V excess = r->still_excess[k] + r->per_price[k] * price, distance = r->gap[k] + excess - r->moved[k];
+        V of_excess = r->miss[k] + r->soft[k] * (r->square[k] * excess - price);
+        r->by_price[k] = price, r->by_excess[k] = excess, r->by_distance[k] = distance, r->by_of_excess[k] = of_excess;
+        most = v_fmax(most, r->used[k] * -price / (r->price_of[k] + (1.0 - r->used[k])));
+        most = v_fmax(most, r->used[k] * -distance / r->distance[k]);
+        most = v_fmax(most, r->soft[k] * -excess / (r->excess[k] + (1.0 - r->soft[k])));
+        most = v_fmax(most, r->soft[k] * -of_excess / r->of_excess[k]);
+    }
+    double top = 0;
+    for (int j = 0; j < LANES; j++)
+        top = larger(most[j], top);
+    return 1 / top;
+}
+
+static void move_sides(Work *s, double t)
+{
+    Stages *r = &s->stages;
+    for (int k = 0; k < r->side_vectors; k++) {
+        r->distance[k] += t * r->by_distance[k], r->price_of[k] += t * r->by_price[k];
+        r->excess[k] += t * r->by_excess[k], r->of_excess[k] += t * r->by_of_excess[k];
+    }
+}
+
+/* Mehrotra's predictor and corrector on all sides of the rows, until the products are small: r->v and r->price are then
+   near the answer. */
+static int by_interior(Work *s)
+{
+    Stages *r = &s->stages;
+    Qp *q = &s->qp;
+    memset(r->v, 0, sizeof r->v);
+    memset(r->e, 0, sizeof r->e);
+    memset(r->value, 0, sizeof r->value);
+    begin_sides(s);
+    double begun = mean_product(s, 0);
+    for (int n = 0; n < MOST_INTERIOR; n++) {
+        double product = mean_product(s, 0), centre = 0, t = 1;
+        slope_sides(s);
+        if (now(q) > q->until)
+            return QP_LATE;
+        if (!(product < INFINITY) || !factor_stages(s, 0))
+            return QP_NUMBER;
+        for (int round = 0; round < 2; round++) {
+            aim_sides(s, centre, round);
+            gradient_of_rows(s);
+            solve_stages(s, r->r, r->dv);
+            respond(s, r->dv, r->dx, r->e_by, r->value_by);
+            t = step_sides(s);
+            double share = mean_product(s, smaller(t, 1)) / product;
+            centre = product * share * share * share;
+        }
+        q->iterations++;
+        t = smaller(0.995 * t, 1);
+        move_rows(s, t);
+        move_sides(s, t);
+        if (mean_product(s, 0) <= 1e-11 * begun && t > 0.9)
+            break;
+    }
+    for (int k = 0; k < r->rows; k++)
+        r->price[r->row[k]] = 0;
+    for (int k = 0; k < r->sides; k++)
+        r->price[r->of[k]] += SIDE(turn)[k] * SIDE(price_of)[k];
+    return QP_SOLVED;
+}
+
+/* ---- method --------------------------------------------------------------------------------------------------- */
+
+/* u and lambda of the quadratic program, as `qp_solve`; QP_NUMBER where it takes too many steps. */
+static int solve_long(Work *s, int warm)
+{
+    Stages *r = &s->stages;
+    Qp *q = &s->qp;
+    int forced = warm && r->expected > 0;
+    begin_rows(s);
+    if (forced)
+        expect_rows(s);
+    memset(r->v, 0, sizeof r->v);
+    memset(r->e, 0, sizeof r->e);
+    q->iterations = 0, q->kkt = INFINITY;
+    int status = by_multipliers(s, forced, MOST_WARM);
+    if (status == QP_NUMBER)
+        status = by_interior(s);
+    else if (status == QP_SOLVED)
+        forced = -1;
+    if (status == QP_SOLVED && forced >= 0)
+        status = by_multipliers(s, 0, MOST_POLISH);
+    if (status != QP_SOLVED)
+        return status;
+    memset(q->lambda, 0, sizeof q->lambda);
+    memset(q->mode, 0, sizeof q->mode);
+    memcpy(q->u, r->v, sizeof r->v);
+    q->k = 0;
+    for (int k = 0; k < r->rows; k++) {
+        int i = r->row[k];
+        q->lambda[i] = r->after[i], q->mode[i] = r->mode[i];
+        if (r->mode[i] == KEPT || r->mode[i] == PAID)
+            q->row[q->k] = i, q->sign[q->k++] = r->sign[i];
+    }
+    return QP_SOLVED;
+}
