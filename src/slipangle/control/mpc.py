@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isnan
 from time import perf_counter
 
 import numpy as np
 
+from slipangle.control.batch import plan_many
 from slipangle.control.call import given
 from slipangle.control.controller import Ahead
 from slipangle.control.fallback import Call, Fallbacks
+from slipangle.errors import ParameterError
 from slipangle.optimal.checks import health_of, is_numbers, require_plan
 from slipangle.optimal.engine import Start
 from slipangle.optimal.ocp import Reference
+from slipangle.optimal.setpoints import setpoint
 from slipangle.optimal.solution import Health, Plan, Solution, Status, finite, inputs_later, quick, states_later, within
 from slipangle.paths.preview import Preview
 
@@ -71,12 +75,45 @@ class MPC(Fallbacks):
                 if self._judge.status(expected, wanted.tracked, wanted.exogenous) is None:
                     engine.prepare(self._before(known, None), self._unwound(wanted, expected), known)
 
+    def setpoint(self, **wanted: float | np.ndarray) -> Reference:
+        """`Reference` without a path, by name.
+
+        Parameters
+        ----------
+        **wanted : float or array, shape (horizon + 1,)
+            Values of tracked quantities, of exogenous inputs and of decided inputs, as in `plan`. SI units.
+
+        Raises
+        ------
+        ParameterError
+            If a name is not known or missing, or values are no numbers of shape (horizon + 1,).
+        """
+        return setpoint(self.ocp, wanted)
+
     def plan(
-        self, x: np.ndarray, reference: Ahead, previous: Plan | None = None, *, applied: np.ndarray | None = None
+        self,
+        x: np.ndarray,
+        reference: Ahead | None = None,
+        previous: Plan | None = None,
+        *,
+        applied: np.ndarray | None = None,
+        **values: float | np.ndarray,
     ) -> Plan:
-        """See `Controller.plan`."""
+        """See `Controller.plan`; without a reference, what is wanted is said by name, such as ``r=0.3``.
+
+        Parameters
+        ----------
+        x, reference, previous, applied
+            As there.
+        **values : float or array, shape (horizon + 1,)
+            Of tracked quantities, of exogenous inputs, which must all be there, and of decided inputs, from
+            which R counts. Tracked quantities that are not named are wanted at zero, but a pose or a speed must be
+            said. SI units.
+        """
         _ = self._engine
         begin = perf_counter()
+        if reference is None or values:
+            reference = self._said(reference, values)
         if type(previous) is Plan and type(reference) is Reference:
             planned = self._again(x, reference, previous, applied, begin)
             if planned is None:
@@ -100,7 +137,52 @@ class MPC(Fallbacks):
             return self._fallback(call, Status.FAILED, detail=str(error).partition("\n")[0] or type(error).__name__)
         return self._ended(call, solution)
 
+    def plan_many(
+        self,
+        x: np.ndarray,
+        reference: Ahead | Sequence[Ahead],
+        previous: Sequence[Plan | None] | None = None,
+        *,
+        applied: np.ndarray | None = None,
+        threads: int | None = None,
+    ) -> list[Plan]:
+        """Plan from many states side by side; every plan is the one that `plan` gives for it alone, to the last bit.
+
+        Parameters
+        ----------
+        x : array, shape (n, n_states)
+            States.
+        reference : Reference or Preview, or a sequence of them
+            What to do from each state, or from all.
+        previous : sequence of Plan or None, optional
+            Of each state, the plan of the step before.
+        applied : array, shape (n, n_controls), optional
+            Inputs applied over the step before.
+        threads : int, optional
+            Threads that share the work, each with a work area of its own; by default one per core.
+
+        Raises
+        ------
+        ParameterError
+            If there is not one of each for every state, or an argument is not as `plan` wants it.
+        """
+        return plan_many(self, x, reference, previous, applied, threads)
+
     # ---- the parts ---------------------------------------------------------------------------------------------
+
+    def _said(self, reference: Ahead | None, wanted: dict[str, float | np.ndarray]) -> Reference:
+        """The reference of what is said by name.
+
+        Raises
+        ------
+        ParameterError
+            If there is a reference too, or neither.
+        """
+        if reference is not None:
+            raise ParameterError(
+                f"plan() has a reference and {list(wanted)}; expected one of both: say mpc.setpoint(...) for the first"
+            )
+        return setpoint(self.ocp, wanted)
 
     def _again(
         self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, begin: float

@@ -1,0 +1,66 @@
+"""`plan_many`: plans of one controller from many states, over the cores of the machine."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.controller import Ahead, Controller
+from slipangle.errors import ParameterError
+from slipangle.optimal.arrays import array, short
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.solution import Plan
+from slipangle.paths.preview import Preview
+
+
+def plan_many(
+    controller: Controller,
+    x: np.ndarray,
+    reference: Ahead | Sequence[Ahead],
+    previous: Sequence[Plan | None] | None,
+    applied: np.ndarray | None,
+    threads: int | None,
+) -> list[Plan]:
+    """See `slipangle.control.mpc.MPC.plan_many`; of any controller that threads may share."""
+    given = np.asarray(x, dtype=float) if np.ndim(x) == 2 else None
+    if given is None:
+        raise ParameterError(
+            f"x is {short(x)}; expected states of shape (n, {len(controller.model.states)}), one row for each plan"
+        )
+    n = len(given)
+    states = array(given, (n, len(controller.model.states)), controller.model.states, "x")
+    references = [reference] * n if isinstance(reference, Reference | Preview) else _one_each(reference, n, "reference")
+    before = [None] * n if previous is None else _one_each(previous, n, "previous")
+    inputs: Sequence[Any] = [None] * n
+    if applied is not None:
+        inputs = array(applied, (n, len(controller.controls)), controller.controls, "applied")
+    if threads is not None and not (isinstance(threads, int | np.integer) and threads >= 1):
+        raise ParameterError(f"threads is {short(threads)}; expected a whole number of at least 1")
+    many = max(1, min(threads or os.cpu_count() or 1, n))
+
+    def part(rows: np.ndarray) -> list[Plan]:
+        return [controller.plan(states[i], references[i], before[i], applied=inputs[i]) for i in rows]
+
+    parts = np.array_split(np.arange(n), many)
+    if many == 1:
+        return part(parts[0])
+    with ThreadPoolExecutor(many) as pool:
+        return [plan for found in pool.map(part, parts) for plan in found]
+
+
+def _one_each(given: Any, n: int, what: str) -> Sequence[Any]:
+    """A sequence with an entry for each state.
+
+    Raises
+    ------
+    ParameterError
+        If it is none, or of another length.
+    """
+    if not isinstance(given, Sequence) or len(given) != n:
+        size = f"has {len(given)} entries" if isinstance(given, Sequence) else f"is {short(given)}"
+        raise ParameterError(f"{what} {size}; expected one for each of the {n} states")
+    return given

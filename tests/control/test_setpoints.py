@@ -1,0 +1,97 @@
+"""Problems without a path: what is wanted is said by name; and many of them at once."""
+
+import numpy as np
+import pytest
+
+from slipangle.control.mpc import MPC
+from slipangle.errors import ParameterError
+from slipangle.models.vehicles.bicycle import Bicycle
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.models.wrappers.on_ground import OnGround
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.terms import Limits, Weights
+from tests.optimal.linear import two_masses
+
+
+@pytest.fixture(scope="module")
+def masses():
+    """Two masses whose positions and second speed are tracked, with limits that matter."""
+    return MPC(
+        two_masses(),
+        horizon=15,
+        Q=Weights(p1=10.0, p2=10.0, v2=0.1),
+        R=Weights(a1=0.01, a2=0.01),
+        limits=Limits(a1=3.0, a2=3.0),
+    )
+
+
+def test_values_by_name_are_the_reference_of_them(masses):
+    x, ramp = np.array([0.3, 0.0, -0.2, 0.1]), np.linspace(0, 1, 16)
+    tracked = np.zeros((16, 3))
+    tracked[:, masses.references.index("p1")] = 0.4
+    tracked[:, masses.references.index("p2")] = ramp
+    inputs = np.tile([1.5, 0.0], (15, 1))
+    known = masses.plan(x, Reference(tracked=tracked, exogenous=np.zeros((16, 0)), inputs=inputs))
+    said = masses.plan(x, p1=0.4, p2=ramp, a1=1.5)
+    assert (said.u == known.u).all()
+    assert np.abs(known.u - masses.plan(x, p1=0.4, p2=ramp).u).max() > 1e-3  # the wanted input counts
+    later = masses.plan(said.x[1], previous=said, p1=0.4, p2=ramp, a1=1.5)
+    assert (later.u == masses.plan(said.x[1], masses.setpoint(p1=0.4, p2=ramp, a1=1.5), said).u).all()
+
+
+def test_the_setpoint_is_reached(masses):
+    x, plan = np.zeros(4), None
+    for _ in range(120):
+        plan = masses.plan(x, previous=plan, p1=0.1, p2=-0.1, a1=1.0, a2=-0.5)
+        x = np.asarray(masses.ocp.dynamics(x, plan.command, [])).ravel()
+    assert x[[1, 3]] == pytest.approx(0.0, abs=1e-3)
+    assert plan.status.solved
+
+
+def test_what_is_said_is_checked(masses):
+    x, reference = np.zeros(4), Reference(tracked=np.zeros((16, 3)), exogenous=np.zeros((16, 0)))
+    with pytest.raises(ParameterError, match=r"'p3'.*'p1'"):
+        masses.plan(x, p3=1.0)
+    with pytest.raises(ParameterError, match="expected one of both"):
+        masses.plan(x, reference, p1=1.0)
+    with pytest.raises(ParameterError, match=r"expected \(16,\)|expected 16"):
+        masses.plan(x, p1=np.zeros(9))
+    with pytest.raises(ParameterError, match="expected a number, or 16 of them"):
+        masses.plan(x, p1="far")
+
+
+def test_a_pose_and_exogenous_inputs_must_be_said():
+    car = OnGround(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r",)))
+    mpc = MPC(car, horizon=5, Q=Weights(e_y=1.0, r=1.0), S=Weights(delta=1.0), controls=("delta",))
+    with pytest.raises(ParameterError, match="lacks the exogenous input"):
+        mpc.setpoint(r=0.3)
+    given = dict.fromkeys(mpc.exogenous, 15.0)
+    with pytest.raises(ParameterError, match="lacks 'X'"):
+        mpc.setpoint(r=0.3, **given)
+    assert mpc.setpoint(r=0.3, X=0.0, Y=0.0, psi=0.0, **given).tracked.shape == (6, len(mpc.references))
+
+
+@pytest.mark.parametrize("threads", [None, 1, 3])
+def test_many_plans_are_those_of_one_after_the_other(masses, threads):
+    rng = np.random.default_rng(0)
+    x, applied = rng.standard_normal((40, 4)), rng.uniform(-1, 1, (40, 2))
+    references = [masses.setpoint(p1=rng.uniform(-1, 1)) for _ in x]
+    first = masses.plan_many(x, references, applied=applied, threads=threads)
+    alone = [masses.plan(*each, applied=u) for *each, u in zip(x, references, applied, strict=True)]
+    assert all((a.u == b.u).all() and a.status is b.status for a, b in zip(first, alone, strict=True))
+    then = masses.plan_many(x + 0.01, references[0], first, threads=threads)
+    alone = [masses.plan(s, references[0], p) for s, p in zip(x + 0.01, first, strict=True)]
+    assert all((a.u == b.u).all() for a, b in zip(then, alone, strict=True))
+    assert masses.plan_many(np.zeros((0, 4)), references[0], threads=threads) == []
+
+
+def test_many_plans_need_one_of_each(masses):
+    wanted = masses.setpoint()
+    with pytest.raises(ParameterError, match=r"expected states of shape \(n, 4\)"):
+        masses.plan_many(np.zeros(4), wanted)
+    with pytest.raises(ParameterError, match="reference has 1 entries; expected one for each of the 2 states"):
+        masses.plan_many(np.zeros((2, 4)), [wanted])
+    with pytest.raises(ParameterError, match="previous has 3 entries"):
+        masses.plan_many(np.zeros((2, 4)), wanted, [None] * 3)
+    with pytest.raises(ParameterError, match="threads is 0"):
+        masses.plan_many(np.zeros((2, 4)), wanted, threads=0)
