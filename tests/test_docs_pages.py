@@ -11,9 +11,9 @@ DOCS = Path(__file__).parents[1] / "docs"
 QUICK = ["linear-analysis", "plots", "howto/own-model", "howto/several-logs", "theory/estimator", "theory/grey-box"]
 QUICK += ["theory/hybrids", "theory/marx", "theory/prediction-error", "theory/real-time-iteration"]
 SLOW = ["tutorial", "howto/formula-student", "howto/autonomous-racer", "howto/mpc-in-c", "howto/own-controller"]
-SLOW += ["optimal-control", "howto/steering-ratio-and-delay", "howto/ttc-data"]
+SLOW += ["optimal-control", "howto/steering-ratio-and-delay", "howto/ttc-data", "fastest-lap"]
 # Calls on a model, a plant or a log that the reader has: their names are checked, they are not run.
-SHOWN = ["choosing-a-model", "driving", "export", "fastest-lap", "logs", "page", "plants", "tires"]
+SHOWN = ["choosing-a-model", "driving", "export", "logs", "page", "plants", "tires"]
 
 
 def blocks(name: str) -> list[str]:
