@@ -23,6 +23,7 @@ from slipangle.paths.path import Path
 
 _SPACING = 5.0  # m, between points, by default
 _FEWEST, _MOST = 60, 6000  # points
+_COMPILED = 300  # points, from which on compiling the car's equations, once, is worth the wait
 _TOLERANCE = 0.05  # m, of a given line
 _CALM = 0.95  # of the quasi-steady speed, at which the transient lap starts
 _SMOOTH = (1.4, 0.1, 0.16)  # of yaw acceleration and of the rates of steering and force, see `_weights`
@@ -60,7 +61,8 @@ def fastest_lap(
     line : {"free", "given"}
         Whether the line is found too, or the track's own line is driven, to within 5 cm.
     points : int, optional
-        Collocation points, by default one every 5 m. They are denser where the car is slow.
+        Collocation points, by default one every 5 m. They are denser where the car is slow. From 300 on the car's
+        equations are compiled, once, if there is a compiler.
     smoothness : float
         Weight of yaw acceleration and rates. At 1 a lap is slower by some tenths of a percent than near 0, where the
         optimum is no longer well defined. [-]
@@ -123,7 +125,7 @@ def fastest_lap(
 
 
 class _Solved(NamedTuple):
-    """The program's variables, durations of its intervals [s], multipliers, least cost [s], and how it ended."""
+    """The program's variables, durations of its intervals [s], multipliers and parameters, least cost [s], its end."""
 
     variables: np.ndarray
     times: np.ndarray
@@ -149,14 +151,15 @@ def _solve(
     scaled = guess / size
     start = scaled.ravel() if along.closed else np.append(scaled.ravel(), scaled[0, :N_STATES])
     low, high = constraint_bounds(intervals)
-    solve = solver(intervals, along.closed, *effort)
+    solve = solver(intervals, along.closed, *effort, compiled=2 * intervals >= _COMPILED)
     solution = solve(x0=np.clip(start, *bounds), p=parameters, lbx=bounds[0], ubx=bounds[1], lbg=low, ubg=high)
     status = _STATUS.get(str(solve.stats()["return_status"]), Status.FAILED)
     found = np.asarray(solution["x"]).ravel()
     if status.solved and not np.isfinite(found).all():
         status = Status.FAILED
     times = np.asarray(program(intervals, along.closed).times(found, parameters)).ravel()
-    duals = {name: np.asarray(solution[name]).ravel() for name in ("lam_x", "lam_p")}
+    duals = {name: np.asarray(solution[name]).ravel() for name in ("lam_x", "lam_g")}
+    duals["p"] = parameters
     return _Solved(found, times, duals, float(solution["f"]), status, int(solve.stats()["iter_count"]))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from slipangle.optimal.lap.car import LapCar, rates, slip
 from slipangle.optimal.lap.course import Course
-from slipangle.optimal.lap.program import N_STATES, scales
+from slipangle.optimal.lap.program import N_STATES, scales, worth
 from slipangle.optimal.solution import Status
 from slipangle.paths.path import Path
 from slipangle.shown import Shown
@@ -42,9 +42,8 @@ class Lap(Shown):
         Of the road-wheel angle and the longitudinal force. [rad/s, N/s]
     cost : float
         What was minimised: the time and the cost of smoothness. [s]
-    sensitivities : dict
-        Change of `cost` per unit of each parameter of the car, from the multipliers; negative where more is faster.
-        Smoothness counts at constant weight, so they are those of the lap time but for its small share. [s per unit]
+    duals : dict
+        Multipliers of the program's bounds and constraints, and its variables and parameters.
     weights : array, shape (3,)
         What smoothness costs: of squared yaw acceleration and rates of steering and force. [s/s per squared unit]
     ends : array
@@ -74,7 +73,7 @@ class Lap(Shown):
     grip_f: np.ndarray
     grip_r: np.ndarray
     cost: float
-    sensitivities: dict[str, float]
+    duals: dict[str, np.ndarray]
     weights: np.ndarray
     ends: np.ndarray
     rates: np.ndarray
@@ -96,6 +95,15 @@ class Lap(Shown):
         place = (at % line.length if line.closed else at)[order]
         speed = np.hypot(self.v_x, self.v_y)[order]
         return line.with_speed(np.interp(line.s, place, speed, period=line.length if line.closed else None))
+
+    @cached_property
+    def sensitivities(self) -> dict[str, float]:
+        """Change of `cost` per unit of each parameter of the car, from the multipliers. [s per unit]
+
+        Negative where more is faster. Smoothness counts at constant weight, so they are those of the lap time but for
+        its small share.
+        """
+        return _sensitivities(self)
 
     @property
     def columns(self) -> np.ndarray:
@@ -150,24 +158,22 @@ def lap_of(
         grip_r=used[1],
         rates=columns[:, N_STATES:],
         ends=along.ends,
-        sensitivities=_sensitivities(car, along, duals, size, count),
+        duals=duals | {"x": found},
         car=car,
         track=track,
         **more,
     )
 
 
-def _sensitivities(
-    car: LapCar, along: Course, duals: dict[str, np.ndarray], size: np.ndarray, count: int
-) -> dict[str, float]:
+def _sensitivities(lap: Lap) -> dict[str, float]:
     """Of the cost to every parameter: through the equations and, for those that bound a variable, through its bound."""
-    names = LapCar.felt()
-    worth = dict(zip(names, -duals["lam_p"][: len(names)], strict=True))
-    bound = duals["lam_x"][: 9 * count].reshape(count, 9) / size
-    worth["width"] += 0.5 * float(np.abs(bound[:, 0]).sum())
-    worth["delta_max"] -= float(np.abs(bound[:, 5]).sum())
-    worth["delta_rate"] -= float(np.abs(bound[:, 7]).sum())
-    rate = float(np.abs(bound[:, 8]).sum())
-    worth["force_rate"] -= rate * car.weight
-    worth["mass"] -= rate * car.force_rate * car.weight / car.mass
-    return {name: float(value) for name, value in worth.items()}
+    car, duals, count = lap.car, lap.duals, len(lap.s)
+    slope = worth(count // 2, lap.track.closed)(duals["x"], duals["p"], duals["lam_g"])
+    found = dict(zip(LapCar.felt(), np.asarray(slope).ravel(), strict=True))
+    bound = np.abs(duals["lam_x"][: 9 * count].reshape(count, 9) / scales(car))
+    found["width"] += 0.5 * bound[:, 0].sum()
+    found["delta_max"] -= bound[:, 5].sum()
+    found["delta_rate"] -= bound[:, 7].sum()
+    found["force_rate"] -= bound[:, 8].sum() * car.weight
+    found["mass"] -= bound[:, 8].sum() * car.force_rate * car.weight / car.mass
+    return {name: float(value) for name, value in found.items()}

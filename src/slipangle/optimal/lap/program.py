@@ -9,11 +9,12 @@ it. Everything that differs between cars and tracks is a parameter, so that a pr
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from slipangle.codegen.compiler import library
 from slipangle.models.tires.magic_formula.terms import curved
 from slipangle.optimal.lap.car import LapCar, rates, slip
 
@@ -23,6 +24,7 @@ GRIP = 0.98  # share of an axle's longitudinal limit that is used
 WIDEST = 0.21  # rad, slip angle of tires without a peak
 _RADAU = np.array([[5.0, -1.0], [9.0, 3.0]]) / 12.0  # [1]_ table 5.5
 _COLUMN = N_STATES + N_INPUTS
+_ONLY = {"is_diff_in": [True, False, False, False, False]}  # derivatives by the states alone
 
 
 class Program(NamedTuple):
@@ -61,8 +63,11 @@ def saturation(alpha_f: Any, alpha_r: Any, p: LapCar, peakless: Any) -> tuple[An
     return out[0], out[1]
 
 
-def _point() -> ca.Function:
-    """What happens at a point: rates over arc length, time per metre, what is limited, squared yaw acceleration."""
+def _point(*, by_parameters: bool) -> ca.Function:
+    """What happens at a point: rates over arc length, time per metre, what is limited, squared yaw acceleration.
+
+    Its derivatives are by the states, and by the parameters on request.
+    """
     felt = ca.SX.sym("felt", len(LapCar.felt()))
     nothing: dict[str, Any] = dict.fromkeys(("mass", "inertia_z", "wheelbase", "l_f", "C_f", "C_r", "power"), felt[0])
     p = LapCar(**nothing).with_values(**{name: felt[i] for i, name in enumerate(LapCar.felt())})
@@ -81,19 +86,29 @@ def _point() -> ca.Function:
         F / p.brake_force,
     )
     names = ["z", "k", "felt", "size", "flags"], ["rates", "pace", "limited", "yaw"]
-    return ca.Function(
-        "point", [z, k, felt, size, flags], [over_length, pace, limited, motion.r * motion.r * pace], *names
-    )
+    outputs = [over_length, pace, limited, motion.r * motion.r * pace]
+    return ca.Function("point", [z, k, felt, size, flags], outputs, *names, {} if by_parameters else _ONLY)
+
+
+def _compiled(point: ca.Function) -> ca.Function:
+    """The same in compiled C, with the derivatives that Ipopt asks for; as it is without a compiler."""
+    source = ca.CodeGenerator("point.c", {"with_header": False})
+    backward = point.reverse(1)
+    for function in (point, point.jacobian(), backward, backward.jacobian()):
+        source.add(function)
+    loaded = library(source.dump(), name="lap_point")
+    return point if loaded is None else ca.external("point", loaded._name, _ONLY)
 
 
 @lru_cache(maxsize=8)
-def program(intervals: int, closed: bool) -> Program:
-    """The program of a number of intervals."""
+def program(intervals: int, closed: bool, form: Literal["plain", "compiled", "sensitive"] = "plain") -> Program:
+    """The program of a number of intervals; in compiled C, or with derivatives by the parameters, on request."""
     n = 2 * intervals
     Z, first = ca.MX.sym("Z", _COLUMN, n), ca.MX.sym("first", N_STATES, 0 if closed else 1)
     felt, size, flags = (ca.MX.sym(name, m) for name, m in (("felt", len(LapCar.felt())), ("size", 9), ("flags", 2)))
     k, h, weights = ca.MX.sym("k", 1, n), ca.MX.sym("h", 1, intervals), ca.MX.sym("weights", 3)
-    point = _point().map(n)
+    point = _point(by_parameters=form == "sensitive")
+    point = (_compiled(point) if form == "compiled" else point).map(n)
     over_length, pace, limited, yaw = point(Z, k, ca.repmat(felt, 1, n), ca.repmat(size, 1, n), ca.repmat(flags, 1, n))
     A, B = Z[:, 0::2], Z[:, 1::2]
     before = ca.horzcat(B[:N_STATES, -1] if closed else first, B[:N_STATES, :-1])
@@ -118,7 +133,7 @@ def program(intervals: int, closed: bool) -> Program:
 
 
 @lru_cache(maxsize=8)
-def solver(intervals: int, closed: bool, iterations: int, tolerance: float) -> ca.Function:
+def solver(intervals: int, closed: bool, iterations: int, tolerance: float, compiled: bool) -> ca.Function:
     """Ipopt for the program of a size."""
     options = {
         "ipopt.print_level": 0,
@@ -126,13 +141,23 @@ def solver(intervals: int, closed: bool, iterations: int, tolerance: float) -> c
         "print_time": False,
         "show_eval_warnings": False,
         "error_on_fail": False,
+        "calc_lam_p": False,
         "ipopt.max_iter": iterations,
         "ipopt.tol": tolerance,
         "ipopt.mu_init": 1e-2,
         "ipopt.acceptable_tol": 10 * tolerance,
         "ipopt.acceptable_constr_viol_tol": 1e-6,
     }
-    return ca.nlpsol("lap", "ipopt", program(intervals, closed).nlp, options)
+    return ca.nlpsol("lap", "ipopt", program(intervals, closed, "compiled" if compiled else "plain").nlp, options)
+
+
+@lru_cache(maxsize=8)
+def worth(intervals: int, closed: bool) -> ca.Function:
+    """Change of the cost per unit of each parameter of the car, from variables, parameters and multipliers."""
+    nlp = program(intervals, closed, "sensitive").nlp
+    multipliers = ca.MX.sym("lam_g", nlp["g"].numel())
+    slope = ca.gradient(nlp["f"] + ca.dot(multipliers, nlp["g"]), nlp["p"])
+    return ca.Function("worth", [nlp["x"], nlp["p"], multipliers], [slope[: len(LapCar.felt())]])
 
 
 def constraint_bounds(intervals: int) -> tuple[np.ndarray, np.ndarray]:
