@@ -15,6 +15,7 @@ from slipangle.commands import (
     help,
     init,
     job,
+    lap,
     listing,
     log,
     models,
@@ -38,6 +39,7 @@ Start here:
   slipangle init log.csv                      a commented job for a log, guesses marked
   slipangle advise job.toml                   what to drive next
   slipangle export c job.toml                 its controller as C that runs without Python
+  slipangle lap job.toml track.csv            the fastest lap of its car
   slipangle help job                          every table and key of a job, with range, default and meaning
   slipangle list                              kinds of models, signals, controllers and so on, added ones too
   slipangle data list                         public data sets, with licence and origin
@@ -86,7 +88,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"slipangle {version('slipangle')}")
     parser.set_defaults(function=None)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND")
-    for group in (job, init, log, models, export, search, robust, tire, listing, data, doctor, reproduce, open):
+    for group in (job, init, log, models, export, search, robust, lap, tire, listing, data, doctor, reproduce, open):
         group.add(Commands(commands))
     for about in (help, completion):
         about.add(Commands(commands), _parser)

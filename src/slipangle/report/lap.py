@@ -13,7 +13,9 @@ from slipangle.optimal.lap.lap import Lap
 from slipangle.report import style
 from slipangle.report.drives import Signal, signals
 from slipangle.report.maps import track_map
+from slipangle.report.page import Figure, Number, Page, Section, Verdict
 from slipangle.report.style import SLATE, compact, new_figure, series_style
+from slipangle.report.tables import Heading, Row, Table
 
 _COLOURS = {
     "v_x": ("speed", 3.6, "km/h"),
@@ -75,4 +77,47 @@ def gg_diagram(lap: Lap) -> go.Figure:
     return drawn.update_layout(
         xaxis={"title": {"text": "a_y to the left [m/s²]"}},
         yaxis={"title": {"text": "a_x forward [m/s²]"}, "scaleanchor": "x"},
+    )
+
+
+def lap_page(lap: Lap, title: str, command: str) -> Page:
+    """Lap time, the line by speed and by grip, the g-g diagram, traces, and what each parameter is worth."""
+    verdict = Verdict(
+        title="The fastest lap",
+        sentence=f"{lap.track.name} in {lap.time:.3f} s; the least-curvature line at quasi-steady speeds takes "
+        f"{lap.quasi_steady:.3f} s.",
+        tone="good",
+        numbers=(
+            Number(label="lap time", value=lap.time, unit="s", digits=6),
+            Number(label="highest speed", value=3.6 * float(lap.v_x.max()), unit="km/h", digits=4),
+            Number(label="lowest speed", value=3.6 * float(lap.v_x.min()), unit="km/h", digits=4),
+        ),
+        command=command,
+    )
+    figures = (
+        Figure(title="The line, by speed", figure=lap_map(lap), caption="Thin lines: the edges of the track."),
+        Figure(title="Grip of the front axle", figure=lap_map(lap, "grip_f"), caption="Of its friction ellipse."),
+        Figure(title="Grip of the rear axle", figure=lap_map(lap, "grip_r"), caption="Of its friction ellipse."),
+        Figure(title="g-g diagram", figure=gg_diagram(lap), caption="Lines: quasi-steady limits at three speeds."),
+        Figure(title="Traces", figure=lap_traces(lap), caption="Over the arc length of the track's line."),
+    )
+    blocks = (verdict, *figures, worth_table(lap))
+    return Page(title=f"{title}: fastest lap", sections=(Section(title="Fastest lap", blocks=blocks),), command=command)
+
+
+def worth_table(lap: Lap) -> Table:
+    """What each parameter is worth: the change of the lap time with one percent more of it, largest first."""
+    rows = []
+    for name in lap.sensitivities:
+        value = getattr(lap.car, name)
+        if value:
+            meta = lap.car.si(name)
+            rows.append((name, meta.doc, value, meta.unit, 10.0 * lap.worth(name, value)))
+    rows.sort(key=lambda row: -abs(row[-1]))
+    words = [Heading(title, words=True) for title in ("parameter", "meaning", "unit")]
+    return Table(
+        title="What one percent more is worth",
+        columns=(*words[:2], Heading("value"), words[2], Heading("lap time", "ms")),
+        rows=tuple(Row(row) for row in rows if abs(row[-1]) >= 0.1),
+        caption="From the multipliers of the optimum, to first order; negative is faster.",
     )

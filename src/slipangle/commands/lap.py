@@ -1,0 +1,96 @@
+"""``slipangle lap``: the fastest lap of a job's car on a track."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from slipangle.commands import Answer, Commands
+from slipangle.commands.progress import Bar
+from slipangle.errors import ConfigError, nearest
+from slipangle.files import check_output, replaced, write_atomic
+
+if TYPE_CHECKING:
+    from slipangle.optimal.lap.lap import Lap
+
+_ABOUT = """\
+Identify a model as JOB.toml says, and find the fastest lap of that car on a track: its line between the edges, its
+speeds, and what each parameter of the car is worth. The folder then holds a page (lap.html) and the lap (lap.csv).
+
+What the model does not know of the car is set by name, its power always: --set power=2e5 --set drag=0.4.
+"""
+_MORE = """\
+With --json: time, quasi_steady, iterations and sensitivities (s per unit). See docs/fastest-lap.md.
+"""
+_COLUMNS = ("s", "t", "X", "Y", "psi", "n", "v_x", "v_y", "r", "delta", "F_x", "a_x", "a_y", "grip_f", "grip_r")
+
+
+def add(commands: Commands) -> None:
+    """Describe the command."""
+    sub = commands.add("lap", _lap, "the fastest lap of a job's car on a track", about=_ABOUT, more=_MORE)
+    sub.add_argument("file", metavar="JOB.toml", help="a job, as for 'slipangle run'")
+    sub.add_argument("track", metavar="TRACK", help="x, y, width right, width left (CSV), or a CommonRoad scenario")
+    sub.add_argument("--model", help="name of the job's model (the first that knows what its tires can hold)")
+    sub.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a parameter of the car, SI")
+    sub.add_argument("--line", choices=("free", "given"), default="free", help="given: drive the track's own line")
+    sub.add_argument("--points", type=int, help="collocation points (one every 5 m)")
+    sub.add_argument("--margin", type=float, default=0.0, metavar="M", help="kept free beside the car [m]")
+    sub.add_argument("--smoothness", type=float, default=1.0, help="weight of a calm drive (default: %(default)s)")
+    sub.add_argument("--out", default="slipangle-out/lap", help="folder for the results (default: %(default)s)")
+
+
+def _lap(options: argparse.Namespace) -> Answer:
+    from slipangle.optimal.lap.fastest_lap import fastest_lap
+    from slipangle.paths.path import Path as Track
+    from slipangle.report.lap import lap_page
+    from slipangle.workflow.lap import identified_car
+    from slipangle.workflow.settings import read_settings
+
+    values = _values(options.set)
+    settings = read_settings(options.file)
+    track = Track.from_file(options.track)
+    check_output(options.out)
+    folder = Path(options.out)
+    with Bar(quiet=options.json or options.quiet) as bar:
+        bar(0.0, "identifying the car")
+        car = identified_car(settings, options.model, values)
+        bar(0.5, "finding the lap")
+        lap = fastest_lap(
+            car,
+            track,
+            line=options.line,
+            points=options.points,
+            margin=options.margin,
+            smoothness=options.smoothness,
+        )
+        bar(0.95, "writing the page")
+        folder.mkdir(parents=True, exist_ok=True)
+        before = replaced(folder / "lap.html")
+        command = f"slipangle lap {options.file} {options.track}"
+        page = lap_page(lap, settings.title, command).write(folder / "lap.html")
+        write_atomic(folder / "lap.csv", _csv(lap))
+        bar(1.0, "done")
+    found = {"time": lap.time, "quasi_steady": lap.quasi_steady, "iterations": lap.iterations}
+    words = f"{lap.track.name}: {lap.time:.3f} s ({lap.quasi_steady:.3f} s quasi-steady, {lap.iterations} iterations)"
+    return Answer(found | {"sensitivities": lap.sensitivities}, f"{words}\n\nThe page: {page.resolve()}{before}")
+
+
+def _values(given: list[str]) -> dict[str, float]:
+    from slipangle.optimal.lap.car import LapCar
+
+    values: dict[str, float] = {}
+    for text in given:
+        name, _, number = text.partition("=")
+        if name not in LapCar.metadata():
+            raise ConfigError(f"a lap's car has no parameter '{name[:60]}'; {nearest(name, LapCar.metadata())}")
+        try:
+            values[name] = float(number)
+        except ValueError:
+            raise ConfigError(f"--set is '{text[:60]}'; expected a number: --set {name}=1.0") from None
+    return values
+
+
+def _csv(lap: Lap) -> str:
+    rows = zip(*(getattr(lap, name).tolist() for name in _COLUMNS), strict=True)
+    return "\n".join([",".join(_COLUMNS), *(",".join(f"{v:.6g}" for v in row) for row in rows)]) + "\n"

@@ -1,0 +1,31 @@
+"""The car of a job's fastest lap: one of its models, identified."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from slipangle.errors import ConfigError, nearest
+from slipangle.optimal.lap.car import LapCar
+from slipangle.optimal.lap.cars import known_limits, lap_car
+from slipangle.workflow.job import identify_named
+from slipangle.workflow.log import read_logs
+from slipangle.workflow.settings import Settings
+
+
+def identified_car(settings: Settings, name: str | None, values: Mapping[str, float]) -> LapCar:
+    """The car of a model of the job, by default the first that knows what its tires can hold, with given values.
+
+    Raises ConfigError if the job has no such model, and ParameterError as `lap_car`.
+    """
+    names = [m.name for m in settings.model]
+    if name is not None and name not in names:
+        raise ConfigError(f"the job has no model '{name[:60]}'; {nearest(name, names)}")
+    train = read_logs(settings).train
+    for one in names if name is None else [name]:
+        model = identify_named(settings, one, train)
+        if name is not None or known_limits(model) or known_limits(getattr(model, "params", None)):
+            return lap_car(model, **values)
+    raise ConfigError(
+        f"none of the job's models ({', '.join(names)[:100]}) says how much its tires can hold; expected a nonlinear "
+        "or saturating bicycle: add a [[model]] of that kind"
+    )
