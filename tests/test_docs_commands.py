@@ -4,8 +4,10 @@ import re
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import slipangle as sa
 from slipangle.cli import _joined, _parser, main
 from slipangle.reproduce import find, find_benchmark
 
@@ -14,6 +16,33 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```\n(.*?)^```", re.S | re.M)
 INLINE = re.compile(r"`(slipangle [^`]+)`")
 LINE = re.compile(r"^(?:    )?(?:\.venv/bin/)?(slipangle .*)$", re.M)
+
+
+JOB = """
+[data]
+file = "run.csv"
+inputs = ["delta", "v_x"]
+outputs = ["r"]
+rate = 20
+
+[data.columns]
+delta = { column = "steer", unit = "deg" }
+v_x = { column = "speed", unit = "km/h" }
+r = { column = "yaw rate", unit = "deg/s" }
+
+[[model]]
+name = "car"
+kind = "bicycle"
+car = { mass = 1200, inertia_z = 1500, wheelbase = 2.6, l_f = 1.2, C_f = 6e4, C_r = 6e4 }
+free = ["C_f", "C_r"]
+
+[controller]
+model = "car"
+v_x = 15.0
+cars = 0
+
+"""
+QUICK = re.compile(r"^slipangle (inspect|init|help|list|doctor|completion)\b")  # others fit, drive or compile
 
 
 def commands() -> list[str]:
@@ -63,3 +92,35 @@ def test_scripts_that_are_named_are_there():
     named = {s for page in PAGES for s in re.findall(r"python ((?:examples|benchmarks)/\S+\.py)", page.read_text())}
     assert named
     assert [s for s in named if not (ROOT / s).exists()] == []
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The files that the commands speak of."""
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(0)
+    n = 2400
+    delta = 0.03 * np.convolve(np.repeat(rng.standard_normal(n // 20), 20), np.ones(8) / 8, "same")
+    v_x = 15 + 4 * np.sin(0.01 * np.arange(n))
+    params = sa.BicycleParams(mass=1200, inertia_z=1600, wheelbase=2.6, l_f=1.2, C_f=8e4, C_r=9e4)
+    car = sa.Bicycle(params=params, dt=0.05, outputs=("r",))
+    drive = sa.Dataset.from_arrays({"delta": delta, "v_x": v_x}, {"r": np.zeros(n)}, 0.05)
+    r = car.simulate(drive).y[:, 0] + 0.003 * rng.standard_normal(n)
+    table = np.column_stack([0.05 * np.arange(n), np.rad2deg(delta), 3.6 * v_x, np.rad2deg(r)])
+    head = "t [s],steer [deg],speed [km/h],yaw rate [deg/s]"
+    np.savetxt("run.csv", table, delimiter=",", header=head, comments="")
+    for name in ("run.toml", "job.toml", "my_car.toml"):
+        Path(name).write_text(f'title = "{name}"\nout = "out-{name}"\n{JOB}')
+    return tmp_path
+
+
+def test_commands_that_fit_nothing_run(folder, capsys):
+    """Those on logs and jobs, in one folder with files of these names."""
+    done = {}
+    for command in commands():
+        given = words(command)
+        if not QUICK.match(command) or named_only(given) or ".ld" in command or ".mcap" in command:
+            continue
+        done[command] = main([*given, "--force"] if given[0] == "init" else given), capsys.readouterr().err
+    assert len(done) >= 5
+    assert {command: said for command, (code, said) in done.items() if code} == {}
