@@ -13,7 +13,7 @@ from slipangle.reproduce import find, find_benchmark
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-BLOCK = re.compile(r"^```\n(.*?)^```", re.S | re.M)
+BLOCK = re.compile(r"^```([\w{}-]*)\n(.*?)^```$", re.S | re.M)
 INLINE = re.compile(r"`(slipangle [^`]+)`")
 LINE = re.compile(r"^(?:    )?(?:\.venv/bin/)?(slipangle .*)$", re.M)
 
@@ -50,7 +50,8 @@ def commands() -> list[str]:
     found = set()
     for page in PAGES:
         text = page.read_text(encoding="utf-8")
-        for block in [*BLOCK.findall(text), re.sub(r"^```.*?^```", "", text, flags=re.S | re.M)]:
+        shell = [block for language, block in BLOCK.findall(text) if not language]
+        for block in [*shell, BLOCK.sub("", text)]:
             found |= {line.strip() for line in LINE.findall(block)}
         found |= {line for line in INLINE.findall(text) if not re.search(r"[A-Z]{3,}|\.\.\.| > ", line)}
     return sorted(found)
