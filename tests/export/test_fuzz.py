@@ -21,7 +21,7 @@ KINDS = {  # what it is, columns of its drive before its inputs, how many of wha
     "LQR with preview": (lambda: test_followers.KINDS["LQR with preview"], 0, "RACER_CONTROLS", 100_000),
     "driver": (test_drivers.VARIANTS["plain"], 1, "RACER_COMMANDS", 100_000),
     "driver, late, lagged, pedals": (test_drivers.VARIANTS["late, lagged, pedals"], 1, "RACER_COMMANDS", 100_000),
-    "estimator": (lambda: test_estimators.VARIANTS["late, gate, offsets"], 0, "0", 100_000),
+    "estimator": (lambda: test_estimators.VARIANTS["late, gate, offsets"], 0, "RACER_STATES", 100_000),
     "recursion": (lambda: started("directional, constant"), 0, "0", 100_000),
     "model": (lambda: ALL_MODELS["saturating bicycle"], "RACER_STATES", "0", 100_000),
     "tires": (lambda: ALL_MODELS["single track, Magic Formula"], "RACER_STATES", "0", 100_000),

@@ -149,7 +149,13 @@ MUTANTS = [
     *mistakes(
         "estimate/recursive.py",
         "estimate/test_observer.py",
-        [("late outputs: forgets what it knew then", "row.z[:], row.P[:] = self._z_new, self._P_new", "pass")],
+        [
+            (
+                "late outputs: forgets what it knew then",
+                "self._rows[k + 1].z[:], self._rows[k + 1].P[:] = self._z_new, self._P_new",
+                "pass",
+            )
+        ],
     ),
     *mistakes(
         "data/quality/delay.py",

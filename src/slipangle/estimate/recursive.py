@@ -74,7 +74,7 @@ class RecursiveVehicle:
         self._u, self._before, self._y, self._seen = np.zeros(nu), np.zeros(nu), np.zeros(ny), np.zeros(ny)
         self._dt, self._error, self._variance, self._taken = np.zeros(1), np.zeros(ny), np.zeros(ny), np.zeros(ny)
         self._finite_y, self._finite_u = np.zeros(ny, dtype=bool), np.zeros(nu, dtype=bool)
-        self._finite_z = np.zeros(n, dtype=bool)
+        self._finite_z, self._finite_P = np.zeros(n, dtype=bool), np.zeros((n, n), dtype=bool)
         self._closed = OPEN if settings.gate is None else settings.gate**2
         self._gate, self._outliers = np.full(ny, self._closed), np.zeros(ny, dtype=int)
         arguments = [self._z, self._P, self._before, self._u, self._y, self._seen, self._gate, self._dt]
@@ -183,46 +183,61 @@ class RecursiveVehicle:
             self._run()
             self._require_finite()
 
-    def _require_finite(self) -> None:
-        if not np.isfinite(self._z_new, out=self._finite_z).all():
+    def _require_finite(self, whether: bool | None = None) -> None:
+        if not (self._stays_finite() if whether is None else whether):
             raise SimulationError(
                 f"the filter leaves the finite numbers at its sample {self.n_samples}; expected a model that follows "
                 "the data: check units and signs, or give smaller prior_std"
             )
 
+    def _stays_finite(self) -> bool:
+        finite = np.isfinite(self._z_new, out=self._finite_z), np.isfinite(self._P_new, out=self._finite_P)
+        return bool(finite[0].all() and finite[1].all())
+
     def _again(self) -> None:
         """Take in late outputs where they belong, and what came since once more; error and variance are by output."""
         y, steps = np.where(self._finite_y, self._y, np.nan), np.array(self._late.steps)
         self._seen[steps > 0] = 0.0
-        now = (self._z, self._P, self._before, self._u, self._y, self._seen, self._gate, self._dt)
-        self._rows.append(Row(*(array.copy() for array in now)))
+        self._rows.append(Row(*(array.copy() for array in self._now)))
         rows, told = self._rows, np.zeros((3, len(y)))
         back = self._late.place(rows, y)
         gate, first = self._gate.copy(), len(rows) - 1 - back
         for k in range(first, len(rows)):
-            row, age = rows[k], len(rows) - 1 - k
-            if k > first:
-                row.z[:], row.P[:] = self._z_new, self._P_new
-            for into, value in zip(now, row, strict=True):
-                into[:] = value
-            fresh = (steps == age) & self._finite_y
-            self._gate[fresh] = row.gate[fresh] = gate[fresh]
-            self._run()
+            fresh = (steps == len(rows) - 1 - k) & self._finite_y
+            rows[k].gate[fresh] = gate[fresh]
+            self._run_row(k)
             told[:, fresh] = np.array([self._error, self._variance, self._taken])[:, fresh]
-        if not np.isfinite(self._z_new).all():
-            self._undo(y)
-        self._require_finite()
         self._gate[:] = gate
+        finite = self._stays_finite()
+        if not finite:
+            self._undo(y, first)
+        self._require_finite(finite)
         self._error[:], self._taken[:] = told[0], told[2]
         np.copyto(self._variance, told[1], where=self._finite_y)
 
-    def _undo(self, y: np.ndarray) -> None:
-        """Forget the newest sample, and what of it belonged to samples before."""
-        newest = self._rows[-1]
+    @property
+    def _now(self) -> tuple[np.ndarray, ...]:
+        """What a `Row` keeps."""
+        return self._z, self._P, self._before, self._u, self._y, self._seen, self._gate, self._dt
+
+    def _run_row(self, k: int) -> None:
+        """Take in a sample that was kept, and begin the one after it with what comes out."""
+        for into, value in zip(self._now, self._rows[k], strict=True):
+            into[:] = value
+        self._run()
+        if k + 1 < len(self._rows):
+            self._rows[k + 1].z[:], self._rows[k + 1].P[:] = self._z_new, self._P_new
+
+    def _undo(self, y: np.ndarray, first: int) -> None:
+        """Forget the newest sample, and what of it belonged to samples before, from the ``first`` on."""
+        gate, newest = self._gate.copy(), self._rows[-1]
         for i, steps in enumerate(self._late.steps):
             if steps and np.isfinite(y[i]) and steps < len(self._rows):
                 self._rows[-1 - steps].seen[i] = 0.0
+        for k in range(first, len(self._rows) - 1):
+            self._run_row(k)
         self._z[:], self._P[:], self._before[:], self._dt[:] = newest.z, newest.P, newest.before, newest.dt
+        self._gate[:] = gate
         self._rows.pop()
 
     def _count_outliers(self) -> None:

@@ -178,17 +178,16 @@ class Live:
         ocp = self.mpc.ocp
         of_changes = [len(ocp.tracked) + list(ocp.S).index(n) if n in ocp.S else -1 for n in ocp.controls]
         weights = [table("FACTOR_OF_CHANGE", of_changes, "int"), template("live_weights.c")]
-        ahead = f"#define AHEAD {int(self._looks_ahead(compiled_lanes()))}"
         return {
             "car.h": project.everything["car.h"],
-            "car.c": "\n".join([ahead, project.everything["car.c"], *weights]),
+            "car.c": "\n".join([project.everything["car.c"], *weights]),
             "live.c": "\n".join(
                 ['#include "car.h"\n#include <math.h>\n#include <string.h>', *self._constants(), template("live.c")]
             ),
         }
 
     def _looks_ahead(self, lanes: int) -> bool:
-        """Whether the solver with so many doubles a vector linearises a plan where it is found, see ``work.c``."""
+        """Whether an implicit model's solver with so many doubles a vector linearises ahead, see ``work.c``."""
         ocp = self.mpc.ocp
         steps = int(ocp.nodes[-1])
         return steps == ocp.horizon and steps > 1 and steps % lanes != 0

@@ -39,11 +39,24 @@ static int stays_finite(const Filter *f)
     int all = 1;
     for (int a = 0; a < NZ; a++)
         all &= is_finite(f->z[a]);
+    for (int a = 0; a < NZ * NZ; a++)
+        all &= is_finite(f->P[a]);
     return all;
 }
 
 #if DEEPEST > 0
 static Sample *ago(Filter *f, int steps) { return &f->kept[(f->samples - 1 - steps) % (DEEPEST + 1)]; }
+
+/* Takes in a sample that was kept, and begins the one after it with what comes out. */
+static void run_kept(Filter *f, int age)
+{
+    f->now = *ago(f, age);
+    run(f);
+    if (age > 0) {
+        memcpy(ago(f, age - 1)->z, f->z, sizeof f->z);
+        memcpy(ago(f, age - 1)->P, f->P, sizeof f->P);
+    }
+}
 
 /* Takes in late outputs where they belong, and what came since once more; 0 where that leaves the finite numbers. */
 static int again(Filter *f)
@@ -63,24 +76,20 @@ static int again(Filter *f)
             back = LATE[i] > back ? LATE[i] : back;
         }
     for (int age = back; age >= 0; age--) {
-        Sample *s = ago(f, age);
-        if (age < back) {
-            memcpy(s->z, f->z, sizeof f->z);
-            memcpy(s->P, f->P, sizeof f->P);
-        }
         for (int i = 0; i < NY; i++)
             if (LATE[i] == age && f->fresh[i])
-                s->gate[i] = gate[i];
-        f->now = *s;
-        run(f);
+                ago(f, age)->gate[i] = gate[i];
+        run_kept(f, age);
         for (int i = 0; i < NY; i++)
             if (LATE[i] == age && f->fresh[i])
                 error[i] = f->error[i], variance[i] = f->variance[i], taken[i] = f->taken[i];
     }
-    if (!stays_finite(f)) { /* forget this sample */
+    if (!stays_finite(f)) { /* forget this sample, and what of it belonged to samples before */
         for (int i = 0; i < NY; i++)
             if (LATE[i] > 0 && f->fresh[i] && LATE[i] < f->samples)
                 ago(f, LATE[i])->seen[i] = 0;
+        for (int age = back; age > 0; age--)
+            run_kept(f, age);
         f->now = *ago(f, 0);
         f->samples--;
         memcpy(f->now.gate, gate, sizeof gate);

@@ -15,10 +15,9 @@
 #endif
 
 /* Whether a plan is linearised where it is found, for the next one to start with: where the first step, which that has
-   left behind, finds a lane to spare. Without stage slopes a group of its own will do, where a caller wants that. */
-#ifndef AHEAD
-#define AHEAD (NS == N && N > 1 && (DYNAMICS == CALLED || NS % LANES != 0))
-#endif
+   left behind, finds one of eight lanes to spare, so that plans do not hang on the width of vectors; with fewer it has a
+   group of its own. Stage slopes need a lane to spare. */
+#define AHEAD (NS == N && N > 1 && (DYNAMICS == CALLED || NS % (DYNAMICS == RADAU ? LANES : 8) != 0))
 
 enum { SOLVED, ITERATED, ITERATION_LIMIT, STALLED, TIME_OUT, INFEASIBLE, NOT_FINITE, FAILED, DOUBTFUL };
 enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME };
