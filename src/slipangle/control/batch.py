@@ -37,7 +37,7 @@ def plan_many(
     before = [None] * n if previous is None else _one_each(previous, n, "previous")
     inputs: Sequence[Any] = [None] * n
     if applied is not None:
-        inputs = array(applied, (n, len(controller.controls)), controller.controls, "applied")
+        inputs = list(array(applied, (n, len(controller.controls)), controller.controls, "applied"))
     if threads is not None and not (isinstance(threads, int | np.integer) and threads >= 1):
         raise ParameterError(f"threads is {short(threads)}; expected a whole number of at least 1")
     many = max(1, min(threads or os.cpu_count() or 1, n))
