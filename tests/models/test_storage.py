@@ -18,6 +18,7 @@ from slipangle.models.ode import OdeModel
 from slipangle.models.storage import fits, load, save
 from slipangle.models.tires.magic_formula.tire import MagicFormulaTire
 from slipangle.models.tires.neural import NeuralCurve, NeuralTire
+from slipangle.models.tires.on_road import OnRoad
 from slipangle.models.tires.physical import BrushTire, DugoffTire
 from slipangle.models.tires.simple import LinearTire, Tire
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2, SOUSA_TABLE_7_2
@@ -88,6 +89,7 @@ def examples_of_tires():
         NeuralTire(longitudinal=curve, lateral=curve, combined="ellipse"),
         *TIRES.values(),
         MagicFormulaTire.from_tir(TIRES["6.1"].to_tir()),
+        OnRoad(tire=SOUSA_TABLE_6_2, friction=0.6),
     ]
 
 

@@ -66,6 +66,8 @@ NEVER = {  # no setting, or nothing that a file can say
     sa.SimpleMagicFormula: "a part of a model in Python",
     sa.MagicCurve: "a part of that",
     sa.SideSlipSensor: "learned in Python; what it says is a measured channel",
+    sa.LapCar: "made of a model and what it does not know, see `slipangle lap`",
+    sa.Lap: "a result",
 }  # fmt: skip
 
 
