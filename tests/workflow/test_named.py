@@ -137,11 +137,30 @@ def test_models_made_of_others(tmp_path, capsys):
     assert Adapted.__dataclass_fields__.keys() == {"model", "settings"}
 
 
+def test_a_model_made_of_one_below_it(tmp_path, capsys):
+    """Their order in the job is that of what is shown, not of the work."""
+    above = "[[model]]\nname = 'p'\nkind = 'pem'\nstart = 's'\ninputs = ['delta']\n"
+    below = "[[model]]\nname = 's'\nkind = 'subspace'\norder = 2\ninputs = ['delta']\n"
+    found = []
+    for i, more in enumerate((above + below, below + above)):
+        out = tmp_path / str(i)
+        job = write_job(tmp_path, rows=noisy(300), more=more)
+        assert main(["identify", str(job), "--out", str(out), "--json"]) == 0
+        found.append((list(json.loads(capsys.readouterr().out)), sa.load(out / "p.json")))
+    (one, first), (other, second) = found
+    assert (one[-2:], other[-2:]) == (["p", "s"], ["s", "p"])
+    assert np.array_equal(first.A, second.A)
+
+
 @pytest.mark.parametrize(
     ("model", "said"),
     [
-        ("model = 'later'\n[[model]]\nname = 'later'\nkind = 'arx'", "needs 'later', which does not stand above it"),
-        ("model = 'bicicle'", "needs 'bicicle', which does not stand above it; nearest are 'bicycle'"),
+        (
+            "model = 'y'\n[[model]]\nname = 'y'\nkind = 'adapt'\nmodel = 'x'",
+            "model 'x' needs 'y' needs 'x'; expected one to begin with",
+        ),
+        ("model = 'x'", "model 'x' needs 'x'; expected one to begin with"),
+        ("model = 'bicicle'", "needs 'bicicle', which the job has not; nearest are 'bicycle'"),
         ("", "lacks the entry 'model'"),
     ],
 )

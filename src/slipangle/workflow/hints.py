@@ -104,7 +104,7 @@ def words(hint: Any) -> str:
         pair = "[lowest, highest], or one number for both" if issubclass(hint, Limits) else "a number"
         return f"a table of name = {pair}"
     if is_model(hint):
-        return "the name of a model that stands above"
+        return "the name of another model of the job"
     if is_record(hint):
         return f"a table ({called(hint)})"
     return "anything"

@@ -167,13 +167,15 @@ def _judged(
 
 
 def each_model(settings: Settings, make: Callable[[int, ModelSettings], T]) -> tuple[dict[str, T], dict[str, str]]:
-    """What is made of each model of a job, by its name, and why the others failed.
+    """What is made of each model of a job, by its name in the job's order, and why the others failed.
+
+    ``make`` takes how many were tried before and the model's settings, each after those that it is made of.
 
     Raises SlipangleError if all fail, or an entry of the job is wrong.
     """
     made: dict[str, T] = {}
     failures: dict[str, str] = {}
-    for i, wanted in enumerate(settings.model):
+    for i, wanted in enumerate(settings.model_order()):
         try:
             made[wanted.name] = make(i, wanted)
         except (SlipangleError, *_NUMERICAL) as error:
@@ -185,7 +187,7 @@ def each_model(settings: Settings, make: Callable[[int, ModelSettings], T]) -> t
             if alone:
                 raise SimulationError(f"'{wanted.name}': {said}") from None
             failures[wanted.name] = str(error) if isinstance(error, SlipangleError) else said
-    return made, failures
+    return {m.name: made[m.name] for m in settings.model if m.name in made}, failures
 
 
 # ---- models --------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 import tomllib
 from dataclasses import dataclass, field, replace
+from graphlib import CycleError, TopologicalSorter
 from os.path import normpath, sep
 from pathlib import Path, PurePath, PureWindowsPath
 from typing import Annotated, Any, Literal, Self
@@ -218,6 +219,12 @@ class Settings:
     out: str = "slipangle-out"
     folder: Path = field(default=Path(), repr=False, metadata={"in_jobs": False})
 
+    def model_order(self) -> tuple[ModelSettings, ...]:
+        """The models, each after those that it is made of; raises CycleError if they go round in a circle."""
+        by_name = {m.name: m for m in self.model}
+        order = TopologicalSorter({m.name: needed(m.entries) for m in self.model}).static_order()
+        return tuple(by_name[name] for name in order)
+
 
 def read_settings(path: str | Path) -> Settings:
     """Read a job's TOML file.
@@ -294,13 +301,18 @@ def _check(settings: Settings, where: str) -> None:
     if len(set(names)) < len(names):
         again = next(n for n in names if names.count(n) > 1)
         raise ConfigError(f"{where}: model names repeat: {shown(again)}; expected each once: rename one")
-    for i, model in enumerate(settings.model):
+    for model in settings.model:
         for other in needed(model.entries):
-            if other not in names[:i]:
+            if other not in names:
                 raise ConfigError(
-                    f"{where}: model {shown(model.name)} needs {shown(other)}, which does not stand above it; "
-                    f"{nearest(other, names[:i], every=True)}: name one of these, or move it up"
+                    f"{where}: model {shown(model.name)} needs {shown(other)}, which the job has not; "
+                    f"{nearest(other, names, every=True)}: name one of these"
                 )
+    try:
+        settings.model_order()
+    except CycleError as error:
+        circle = " needs ".join(shown(n) for n in reversed(error.args[1]))
+        raise ConfigError(f"{where}: model {circle}; expected one to begin with: break the circle") from None
     out = PurePath(settings.out)
     if PureWindowsPath(settings.out).anchor or out.is_absolute() or normpath(out).split(sep)[0] == "..":
         raise ConfigError(
