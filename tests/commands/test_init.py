@@ -178,6 +178,20 @@ def test_a_survey_says_what_stands_out(tmp_path):
     assert [g.channel for g in seen.guesses] == ["v_x", "r"]
 
 
+@pytest.mark.parametrize(
+    "heading", ["t,StWhl,VehV,YawRate", "Zeit,Lenkwinkel,v_veh,Gierrate", "time,StrWhlAng,VehSpd,wz"]
+)
+def test_channels_are_known_by_the_names_of_control_units(heading, tmp_path):
+    path = tmp_path / "x.csv"
+    path.write_text(
+        heading + "\n" + "\n".join(f"{0.01 * k:.2f},{np.sin(k / 9):.4f},2{k % 3},0.{k % 7}" for k in range(99))
+    )
+    names = heading.split(",")[1:]
+    assert {g.channel: g.column.source for g in survey(open_log(path)).guesses} == dict(
+        zip(("delta", "v_x", "r"), names, strict=True)
+    )
+
+
 # ---- the rest of the command line --------------------------------------------------------------------------------
 
 

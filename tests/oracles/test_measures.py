@@ -131,3 +131,8 @@ def test_errors_that_a_controller_minimises():
         expected = measures.seen_from_the_path(*x, foot)
         found = dict(zip(problem.tracked, error, strict=True))
         assert [found[n] for n in ("e_x", "e_y", "e_psi")] == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize(("said", "unit"), [("Deg/Sec", "deg/s"), ("RAD/SEC", "rad/s"), ("mps", "m/s")])
+def test_units_as_loggers_spell_them(said, unit):
+    assert to_si(3.0, said) == to_si(3.0, unit)

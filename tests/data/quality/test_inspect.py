@@ -286,6 +286,18 @@ def test_a_straight_is_one_for_a_car_of_any_size(scale):
     ]
 
 
+def test_between_two_bends_a_car_does_not_drive_straight():
+    """Its steering is ahead of it then; what it shows at no yaw rate is the lag, not an offset."""
+    t = np.arange(0.0, 60.0, 0.01)
+    ahead, now = (
+        sum(0.02 * np.sin(2 * np.pi * f * (t + lead) + 7 * f) for f in (0.2, 0.5, 1.1)) for lead in (0.1, 0.0)
+    )
+    data = Dataset.from_arrays(
+        {"delta": ahead, "v_x": 20.0 + 0.0 * t}, {"r": 6.0 * now}, 0.01, extra={"a_y": 120.0 * now}
+    )
+    assert inspect(data).offsets == ()
+
+
 def test_report_names_pairs_that_physics_ties_and_points_to_a_model():
     delays = inspect(drive()).delays
     assert [(d.input, d.output) for d in delays] == [("delta", "r")]

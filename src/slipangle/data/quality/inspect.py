@@ -5,13 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import signal
+from scipy.ndimage import uniform_filter1d
 
 from slipangle.data.dataset import Dataset
 from slipangle.data.quality.delay import MOTION, STEERING, Delay, estimate_delay
 from slipangle.data.quality.events import Jump, Spike, despike, find_jumps, find_spikes, level_step
 from slipangle.errors import ExcitationError, TooShortError
 
-_STRAIGHT, _STRAIGHT_BY = 0.05, ("r", "a_y")  # below this share of their largest values a car drives straight
+_STRAIGHT, _STRAIGHT_BY = 0.05, ("r", "a_y")  # below this share of their largest values a car drives straight,
+_SETTLED, _SMOOTH = 0.4, 0.1  # s, if for as long, in means over so long; between two bends steering is ahead of the car
 _SPEED = ("v_x", "v_x_dot", "a_x", "throttle", "brake", "pedal")
 _STANDING = 0.2  # of the highest speed
 _MOST = 0.99  # quantile that counts as the largest
@@ -245,15 +247,19 @@ def _delays(data: Dataset) -> tuple[Delay, ...]:
 
 def _offsets(data: Dataset) -> tuple[Offset, ...]:
     """Channels that should be zero on the straight: their means there, with the error of the mean."""
-    turning = [np.abs(data[n]) for n in _STRAIGHT_BY if n in data]
+    turning = [n for n in _STRAIGHT_BY if n in data]
     if not turning:
         return ()
-    straight = np.all([x < _STRAIGHT * np.quantile(x, _MOST) for x in turning], axis=0)
+    straight = np.all([_small(data, n) for n in turning], axis=0)
     if "v_x" in data:
         straight &= data["v_x"] > _STANDING * np.quantile(data["v_x"], _MOST)
+    lasting = [(a, b) for a, b in _runs(data, straight) if (b - a) * data.dt >= _SETTLED]
+    straight = np.zeros(len(straight), dtype=bool)
+    for a, b in lasting:
+        straight[a:b] = True
     if straight.sum() < max(20, round(1 / data.dt)):
         return ()
-    runs = 1 + int((np.diff(np.flatnonzero(straight)) > 1).sum())  # samples side by side tell the same
+    runs = len(lasting)  # samples side by side tell the same
     offsets = []
     for name in ("delta", "delta_sw", "v_y", "beta", "steering"):
         if name in data and _moves(data[name]):
@@ -264,15 +270,27 @@ def _offsets(data: Dataset) -> tuple[Offset, ...]:
     return tuple(offsets)
 
 
+def _small(data: Dataset, name: str) -> np.ndarray:
+    """Where the mean of a channel about each sample is a small share of its largest."""
+    n = max(round(_SMOOTH / data.dt), 1)
+    means = [uniform_filter1d(part[name], n, mode="nearest") for part in data.experiments]
+    return np.abs(np.concatenate(means)) < _STRAIGHT * np.quantile(np.abs(data[name]), _MOST)
+
+
+def _runs(data: Dataset, where: np.ndarray) -> list[tuple[int, int]]:
+    """Rows (start, stop) of each run of samples, none across the border of two experiments."""
+    runs, offset = [], 0
+    for part in data.experiments:
+        edges = np.flatnonzero(np.diff([0, *where[offset : offset + len(part)].astype(int), 0])).reshape(-1, 2)
+        runs += [(offset + a, offset + b) for a, b in edges.tolist()]
+        offset += len(part)
+    return runs
+
+
 def resting(data: Dataset, name: str) -> list[tuple[int, int]]:
     """Rows (start, stop) over which a channel does not change, at least two samples long."""
-    rests, offset = [], 0
-    for part in data.experiments:
-        still = np.concatenate([[0], (np.diff(part[name]) == 0).astype(int), [0]])
-        edges = np.flatnonzero(np.diff(still))
-        rests += [(offset + a, offset + b + 1) for a, b in edges.reshape(-1, 2).tolist()]
-        offset += len(part)
-    return rests
+    same = [np.append(np.diff(part[name]) == 0, False) for part in data.experiments]
+    return [(a, b + 1) for a, b in _runs(data, np.concatenate(same))]
 
 
 def _stretch(data: Dataset, name: str) -> Stretch | None:

@@ -40,6 +40,8 @@ _WORDS = {  # what a channel is called, by the standard name; the first that fit
             "swa",
             "steer",
             "lenk",
+            "stwhl",
+            "strwhl",
         ),
         ("torque", "moment", "rate", "speed", "vel", "force"),
     ),
@@ -51,6 +53,10 @@ _WORDS = {  # what a channel is called, by the standard name; the first that fit
             "gpsspeed",
             "corrspeed",
             "vcar",
+            "vveh",
+            "vehspd",
+            "vehspeed",
+            "vehv",
             "velocityx",
             "linearx",
             "speed",
@@ -264,7 +270,7 @@ def _clock(log: Recording) -> tuple[Column | None, list[tuple[str, str]], list[s
         unit = "d" if not header.unit and in_days(stamps, step) else unit
         if known and unit in (None, "s"):
             return None, [], []
-        why = f"its steps of {step:g} look like {_SPOKEN[unit or 's']}" if unit else "it rises from row to row"
+        why = f"its steps of {step:.4g} look like {_SPOKEN[unit or 's']}" if unit else "it rises from row to row"
         column = Column(header.name, unit)
         entry = f"time = {{ column = {quoted(header.name)}{f', unit = {quoted(unit)}' if unit else ''} }}"
         return column, [(entry, why)], []
