@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
 from slipangle.errors import ParameterError, SolverError, require_known
-from slipangle.optimal.ipopt import _STATUS
 from slipangle.optimal.lap.car import LapCar
 from slipangle.optimal.lap.cars import lap_car
 from slipangle.optimal.lap.course import Course, course, spread
@@ -17,13 +16,13 @@ from slipangle.optimal.lap.envelope import Envelope, envelope
 from slipangle.optimal.lap.lap import Lap, lap_of
 from slipangle.optimal.lap.line import minimum_curvature
 from slipangle.optimal.lap.profile import speed_profile
-from slipangle.optimal.lap.program import N_STATES, constraint_bounds, program, scales, solver, without_peak
+from slipangle.optimal.lap.program import N_STATES, scales
+from slipangle.optimal.lap.solve import Problem, solve
 from slipangle.optimal.solution import Status
 from slipangle.paths.path import Path
 
 _SPACING = 5.0  # m, between points, by default
 _FEWEST, _MOST = 60, 6000  # points
-_COMPILED = 300  # points, from which on compiling the car's equations, once, is worth the wait
 _TOLERANCE = 0.05  # m, of a given line
 _CALM = 0.95  # of the quasi-steady speed, at which the transient lap starts
 _SMOOTH = (1.4, 0.1, 0.16)  # of yaw acceleration and of the rates of steering and force, see `_weights`
@@ -61,8 +60,7 @@ def fastest_lap(
     line : {"free", "given"}
         Whether the line is found too, or the track's own line is driven, to within 5 cm.
     points : int, optional
-        Collocation points, by default one every 5 m. They are denser where the car is slow. From 300 on the car's
-        equations are compiled, once, if there is a compiler.
+        Collocation points, by default one every 5 m. They are denser where the car is slow.
     smoothness : float
         Weight of yaw acceleration and rates. At 1 a lap is slower by some tenths of a percent than near 0, where the
         optimum is no longer well defined. [-]
@@ -103,7 +101,8 @@ def fastest_lap(
     guess = _guess(vehicle, along, line_of, bend, _CALM * v) if like is None else like.columns
     weights = _weights(vehicle, smoothness) if like is None else like.weights
     ready = time.perf_counter()
-    solved = _solve(vehicle, along, guess, weights, _bounds(vehicle, along, v_max, v_start), (iterations, tolerance))
+    problem = Problem(car=vehicle, along=along, weights=weights, bounds=_bounds(vehicle, along, v_max, v_start))
+    solved = solve(problem, guess, iterations=iterations, tolerance=tolerance)
     if not solved.status.solved:
         raise SolverError(
             f"no fastest lap of '{track.name}' was found in {solved.iterations} iterations: {_said(solved.status)}"
@@ -122,45 +121,6 @@ def fastest_lap(
         iterations=solved.iterations,
         seconds=(ready - began, time.perf_counter() - ready),
     )
-
-
-class _Solved(NamedTuple):
-    """The program's variables, durations of its intervals [s], multipliers and parameters, least cost [s], its end."""
-
-    variables: np.ndarray
-    times: np.ndarray
-    duals: dict[str, np.ndarray]
-    cost: float
-    status: Status
-    iterations: int
-
-
-def _solve(
-    car: LapCar,
-    along: Course,
-    guess: np.ndarray,
-    weights: np.ndarray,
-    bounds: tuple[np.ndarray, np.ndarray],
-    effort: tuple[int, float],
-) -> _Solved:
-    """The program from a guess of its columns."""
-    size, intervals = scales(car), len(along.ends) - 1
-    felt = [getattr(car, name) for name in LapCar.felt()]
-    rated = weights * np.array([1.0, size[7] ** 2, size[8] ** 2])
-    parameters = np.concatenate([felt, size, without_peak(car), rated, along.curvature, np.diff(along.ends)])
-    scaled = guess / size
-    start = scaled.ravel() if along.closed else np.append(scaled.ravel(), scaled[0, :N_STATES])
-    low, high = constraint_bounds(intervals)
-    solve = solver(intervals, along.closed, *effort, compiled=2 * intervals >= _COMPILED)
-    solution = solve(x0=np.clip(start, *bounds), p=parameters, lbx=bounds[0], ubx=bounds[1], lbg=low, ubg=high)
-    status = _STATUS.get(str(solve.stats()["return_status"]), Status.FAILED)
-    found = np.asarray(solution["x"]).ravel()
-    if status.solved and not np.isfinite(found).all():
-        status = Status.FAILED
-    times = np.asarray(program(intervals, along.closed).times(found, parameters)).ravel()
-    duals = {name: np.asarray(solution[name]).ravel() for name in ("lam_x", "lam_g")}
-    duals["p"] = parameters
-    return _Solved(found, times, duals, float(solution["f"]), status, int(solve.stats()["iter_count"]))
 
 
 def _ends(track: Path, intervals: int, edges: dict[str, Any], steady: Envelope, v_start: float | None) -> np.ndarray:

@@ -9,12 +9,11 @@ it. Everything that differs between cars and tracks is a parameter, so that a pr
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from slipangle.codegen.compiler import library
 from slipangle.models.tires.magic_formula.terms import curved
 from slipangle.optimal.lap.car import LapCar, rates, slip
 
@@ -22,7 +21,7 @@ STATES = ("n", "chi", "v_x", "v_y", "r", "delta", "F_x")
 N_STATES, N_INPUTS = 7, 2
 GRIP = 0.98  # share of an axle's longitudinal limit that is used
 WIDEST = 0.21  # rad, slip angle of tires without a peak
-_RADAU = np.array([[5.0, -1.0], [9.0, 3.0]]) / 12.0  # [1]_ table 5.5
+RADAU = np.array([[5.0, -1.0], [9.0, 3.0]]) / 12.0  # [1]_ table 5.5
 _COLUMN = N_STATES + N_INPUTS
 _ONLY = {"is_diff_in": [True, False, False, False, False]}  # derivatives by the states alone
 
@@ -63,7 +62,7 @@ def saturation(alpha_f: Any, alpha_r: Any, p: LapCar, peakless: Any) -> tuple[An
     return out[0], out[1]
 
 
-def _point(*, by_parameters: bool) -> ca.Function:
+def point_of(*, by_parameters: bool = False) -> ca.Function:
     """What happens at a point: rates over arc length, time per metre, what is limited, squared yaw acceleration.
 
     Its derivatives are by the states, and by the parameters on request.
@@ -90,32 +89,21 @@ def _point(*, by_parameters: bool) -> ca.Function:
     return ca.Function("point", [z, k, felt, size, flags], outputs, *names, {} if by_parameters else _ONLY)
 
 
-def _compiled(point: ca.Function) -> ca.Function:
-    """The same in compiled C, with the derivatives that Ipopt asks for; as it is without a compiler."""
-    source = ca.CodeGenerator("point.c", {"with_header": False})
-    backward = point.reverse(1)
-    for function in (point, point.jacobian(), backward, backward.jacobian()):
-        source.add(function)
-    loaded = library(source.dump(), name="lap_point")
-    return point if loaded is None else ca.external("point", loaded._name, _ONLY)
-
-
 @lru_cache(maxsize=8)
-def program(intervals: int, closed: bool, form: Literal["plain", "compiled", "sensitive"] = "plain") -> Program:
-    """The program of a number of intervals; in compiled C, or with derivatives by the parameters, on request."""
+def program(intervals: int, closed: bool, *, sensitive: bool = False) -> Program:
+    """The program of a number of intervals; with derivatives by the parameters, on request."""
     n = 2 * intervals
     Z, first = ca.MX.sym("Z", _COLUMN, n), ca.MX.sym("first", N_STATES, 0 if closed else 1)
     felt, size, flags = (ca.MX.sym(name, m) for name, m in (("felt", len(LapCar.felt())), ("size", 9), ("flags", 2)))
     k, h, weights = ca.MX.sym("k", 1, n), ca.MX.sym("h", 1, intervals), ca.MX.sym("weights", 3)
-    point = _point(by_parameters=form == "sensitive")
-    point = (_compiled(point) if form == "compiled" else point).map(n)
+    point = point_of(by_parameters=sensitive).map(n)
     over_length, pace, limited, yaw = point(Z, k, ca.repmat(felt, 1, n), ca.repmat(size, 1, n), ca.repmat(flags, 1, n))
     A, B = Z[:, 0::2], Z[:, 1::2]
     before = ca.horzcat(B[:N_STATES, -1] if closed else first, B[:N_STATES, :-1])
     inputs = A[N_STATES:, :]
     per_second = ca.repmat(size[N_STATES:] / size[5:N_STATES], 1, intervals) * inputs
     constraints, times = [], []
-    for stage, row in ((A, _RADAU[0]), (B, _RADAU[1])):
+    for stage, row in ((A, RADAU[0]), (B, RADAU[1])):
         change = row[0] * over_length[:, 0::2] + row[1] * over_length[:, 1::2]
         passed = h * (row[0] * pace[:, 0::2] + row[1] * pace[:, 1::2])
         constraints.append(stage[:5, :] - before[:5, :] - ca.repmat(h, 5, 1) * change)
@@ -123,7 +111,7 @@ def program(intervals: int, closed: bool, form: Literal["plain", "compiled", "se
         times.append(passed)
     constraints.append(B[N_STATES:, :] - inputs)
     lap_time = ca.sum2(times[1])
-    jerk = ca.sum2(h * (_RADAU[1][0] * yaw[:, 0::2] + _RADAU[1][1] * yaw[:, 1::2]))
+    jerk = ca.sum2(h * (RADAU[1][0] * yaw[:, 0::2] + RADAU[1][1] * yaw[:, 1::2]))
     effort = ca.sum2(times[1] * (weights[1] * inputs[0, :] ** 2 + weights[2] * inputs[1, :] ** 2))
     dynamics = ca.vertcat(*constraints)
     g = ca.vec(ca.vertcat(dynamics, limited[:, 0::2], limited[:, 1::2]))
@@ -133,7 +121,7 @@ def program(intervals: int, closed: bool, form: Literal["plain", "compiled", "se
 
 
 @lru_cache(maxsize=8)
-def solver(intervals: int, closed: bool, iterations: int, tolerance: float, compiled: bool) -> ca.Function:
+def solver(intervals: int, closed: bool, iterations: int, tolerance: float) -> ca.Function:
     """Ipopt for the program of a size."""
     options = {
         "ipopt.print_level": 0,
@@ -148,22 +136,26 @@ def solver(intervals: int, closed: bool, iterations: int, tolerance: float, comp
         "ipopt.acceptable_tol": 10 * tolerance,
         "ipopt.acceptable_constr_viol_tol": 1e-6,
     }
-    return ca.nlpsol("lap", "ipopt", program(intervals, closed, "compiled" if compiled else "plain").nlp, options)
+    return ca.nlpsol("lap", "ipopt", program(intervals, closed).nlp, options)
 
 
 @lru_cache(maxsize=8)
 def worth(intervals: int, closed: bool) -> ca.Function:
     """Change of the cost per unit of each parameter of the car, from variables, parameters and multipliers."""
-    nlp = program(intervals, closed, "sensitive").nlp
+    nlp = program(intervals, closed, sensitive=True).nlp
     multipliers = ca.MX.sym("lam_g", nlp["g"].numel())
     slope = ca.gradient(nlp["f"] + ca.dot(multipliers, nlp["g"]), nlp["p"])
     return ca.Function("worth", [nlp["x"], nlp["p"], multipliers], [slope[: len(LapCar.felt())]])
 
 
+def limits() -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of what is limited at a point."""
+    high = np.array([1.0, 1.0, GRIP, GRIP, 1.0, 1.0, np.inf])
+    return np.array([-1.0, -1.0, -GRIP, -GRIP, -np.inf, -np.inf, -1.0]), high
+
+
 def constraint_bounds(intervals: int) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the constraints."""
-    high = np.array([1.0, 1.0, GRIP, GRIP, 1.0, 1.0, np.inf])
-    low = np.array([-1.0, -1.0, -GRIP, -GRIP, -np.inf, -np.inf, -1.0])
     zero = np.zeros(2 * N_STATES + N_INPUTS)
-    lower, upper = (np.tile(np.concatenate([zero, side, side]), intervals) for side in (low, high))
+    lower, upper = (np.tile(np.concatenate([zero, side, side]), intervals) for side in limits())
     return lower, upper
