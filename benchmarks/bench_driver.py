@@ -42,6 +42,7 @@ from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.models.vehicles.parameters import BicycleParams
 from slipangle.optimal.terms import Values
 from slipangle.paths.lane_change import double_lane_change
+from slipangle.paths.path import Path as RoadPath
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.simulate.drive import drive
@@ -108,8 +109,16 @@ class Car:
             speed = v_x
         return speed
 
-    def drive(self, model: Model, pose: str, seed: int, v_x: float = SPEED, controller: Any = None) -> Run:
-        """One drive with a Driver of defaults, or with another controller."""
+    def drive(
+        self,
+        model: Model,
+        pose: str,
+        seed: int,
+        v_x: float = SPEED,
+        controller: Any = None,
+        path: RoadPath | None = None,
+    ) -> Run:
+        """One drive with a Driver of defaults, or with another controller, through the lane change or along a path."""
         late = {n: Sensor(noise=NOISE[n], interval=0.1, delay=0.1) for n in POSE}
         sensors = {n: Sensor(noise=NOISE[n], interval=0.01) for n in ("r", "v_x")} | (
             late if pose == "late pose" else {}
@@ -118,7 +127,7 @@ class Car:
         told = {"r": NOISE["r"]} | (dict.fromkeys(("X", "Y"), 0.002) | {"psi": 5e-4} if pose == "true pose" else {})
         driver = Driver(
             model,
-            double_lane_change(v_x),
+            path or double_lane_change(v_x),
             speed=self.speed,
             controller=controller,
             noise=told,

@@ -9,7 +9,8 @@ import pytest
 from slipangle.codegen.compiler import compiler, sentence
 from slipangle.control.default_drive import default_controller, driven_model
 from slipangle.control.driver import Driver
-from slipangle.control.front_slip import front_slip, rear_slip
+from slipangle.control.front_slip import front_slip, grip_left, rear_slip
+from slipangle.control.speed.driver import SpeedDriver
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, axle_force
@@ -22,6 +23,7 @@ from slipangle.optimal.terms import Values
 from slipangle.paths.path import Path
 from slipangle.simulate.drive import drive
 from slipangle.simulate.plant import Plant
+from slipangle.simulate.sensors import Sensor, Sensors
 
 CHASSIS = {"mass": 1200.0, "inertia_z": 1600.0, "wheelbase": 2.5, "l_f": 1.2, "C_f": 9e4, "C_r": 1.1e5}
 CAR = SaturatingBicycleParams(**CHASSIS, mu_f=0.9, mu_r=1.1, steering_gain=0.5, steering_offset=0.02)
@@ -74,6 +76,26 @@ def test_the_slip_is_that_of_the_motion_and_survives_copies():
     assert pickle.loads(pickle.dumps(slip)) == slip == copy.deepcopy(slip)
 
 
+def test_an_axle_leaves_the_rest_of_its_friction_ellipse():
+    """At slip angles found by hand for shares of the peak force, whichever axle has less left."""
+    car = CAR.with_values(steering_gain=1.0, steering_offset=0.0)
+    model = SaturatingBicycle(params=car, dt=0.02)
+    left = grip_left(model)
+
+    def at(share, axle):
+        load = car.mass * GRAVITY * (car.l_r if axle == "f" else car.l_f) / car.wheelbase
+        most = getattr(car, f"mu_{axle}") * load
+        return np.tan(np.arcsin(share) / car.shape) * car.shape * most / getattr(car, f"C_{axle}")
+
+    for share in (0.0, 0.6, -0.8, 0.96):
+        rest = np.sqrt(1 - share**2)
+        assert float(left([0.0, 0.0], [at(share, "f"), 20.0])) == pytest.approx(rest, abs=1e-9)
+        assert float(left([-20.0 * at(share, "r"), 0.0], [-at(share, "r"), 20.0])) == pytest.approx(rest, abs=1e-9)
+    assert float(left([-20.0 * at(0.6, "r"), 0.0], [at(0.8, "f") - at(0.6, "r"), 20.0])) == pytest.approx(0.6)
+    assert float(left([0.0, 0.0], [1.1 * front_slip(model).peak, 20.0])) == 0.0
+    assert grip_left(late(Bicycle(params=SOUSA_TABLE_7_2, dt=0.02))) is None
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(compiler() is None, reason=sentence())
 def test_a_bend_too_fast_is_driven_wide_and_left_again():
@@ -83,13 +105,18 @@ def test_a_bend_too_fast_is_driven_wide_and_left_again():
     X = np.concatenate([np.linspace(-60, 0, 31), radius * np.sin(angle), np.full(41, radius)])
     Y = np.concatenate([np.zeros(31), radius * (1 - np.cos(angle)), radius + np.linspace(0, 80, 41)])
     path = Path.from_points(X, Y, smoothing=0.05).with_speed(np.sqrt(9.3 * radius))
-    plant = Plant(
-        OnGround(SaturatingBicycle(params=params, dt=0.001)), delay=Values(delta=0.02), lag=Values(delta=0.05)
-    )
-    run = drive(plant, Driver(late(SaturatingBicycle(params=params, dt=0.02)), path, noise={"r": 0.002}))
+    car = OnGround(SaturatingBicycle(params=params, dt=0.001))
+    slower = Sensors(v_x=Sensor(bias=-0.5))  # so that the speed law always wants more drive
+    plant = Plant(car, delay=Values(delta=0.02), lag=Values(delta=0.05), sensors=slower)
+    law, driven = SpeedDriver.for_car(mass=params.mass, radius=0.3, limits=(-3000.0, 1000.0)), []
+    driver = Driver(late(SaturatingBicycle(params=params, dt=0.02)), path, speed=law, noise={"r": 0.002})
+    run = drive(plant, driver, watch=lambda t, said: driven.append(said["T_f"]))
     v_y, r = (run.states[:, run.state_names.index(n)] for n in ("v_y", "r"))
     delta = run.inputs[:, run.input_names.index("delta")]
     peak = front_slip(SaturatingBicycle(params=params, dt=0.02)).peak
     assert np.abs(delta - (v_y + params.l_f * r) / run.v_x).max() < 1.02 * peak
     assert 0.2 < np.abs(run.e_y).max() < 5.0
     assert np.abs(run.e_y[-50:]).max() < 0.05
+    assert np.min(driven[200:]) == 0.0  # no drive while the axle has nothing left
+    assert driven[150] > 800.0
+    assert driven[-1] > 800.0

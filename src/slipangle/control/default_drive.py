@@ -26,6 +26,7 @@ USUAL = 2.7  # m, wheelbase of the car that the numbers are for
 STAGES = (1, *[1] * 5, *[2] * 6, *[3] * 4, *[5] * 4)  # of the horizon, in steps of 0.02 s: one second
 STEP = 0.02  # s, that these stages and the weights are for
 E_Y, E_PSI, CHANGE = 1.0, 1.0, 2.0  # weights per m2, per rad2, per rad2 of a step
+BRISK = 24.0  # m/s up to which CHANGE holds; faster, a change counts by the lateral acceleration that it makes: v^2
 ANGLE, RATE = 0.5, 1.05  # rad and rad/s at the road wheels
 WANDER = {"v_y": 0.3, "r": 0.05, "d_v_y": 0.5, "d_r": 0.3}  # how far a state wanders in a root of a second
 START = {"v_y": 0.3, "r": 0.1, "d_v_y": 0.5, "d_r": 0.3}  # standard deviation of states at the start
@@ -88,8 +89,11 @@ def default_estimator(model: OnGround, noise: Mapping[str, float], late: Mapping
     )
 
 
-def default_controller(model: OnGround, control: str = "delta") -> MPC:
+def default_controller(model: OnGround, control: str = "delta", *, fastest: float = 0.0) -> MPC:
     """An MPC on `driven_model` that looks a second ahead: distance and heading against quick steering.
+
+    ``fastest`` is the path's highest speed [m/s]. The faster a car is, the less its yaw is damped and the more lateral
+    acceleration an angle makes: above 24 m/s (by Froude's rule for another size) quick steering costs more.
 
     Where an axle of the model has a slip angle at which its force is largest, the plan keeps to it. At the front more
     steering is less force past it, and an estimator that takes what is missing for a push would ask for ever more; at
@@ -99,7 +103,7 @@ def default_controller(model: OnGround, control: str = "delta") -> MPC:
     grain = model.dt / STEP
     steps: Any = [max(round(n / grain), 1) for n in STAGES]
     steps[0] = 1
-    weight = CHANGE * gain**2 * size / grain**2
+    weight = CHANGE * max(1.0, fastest / (BRISK * math.sqrt(size))) ** 4 * gain**2 * size / grain**2
     slips = {"slip": front_slip(model, control), "slip_r": rear_slip(model, control)}
     terms = {name: slip for name, slip in slips.items() if slip is not None}
     known: Any = {"terms": terms, "slack_linear": Weights(dict.fromkeys(terms, PAST_PEAK))} if terms else {}

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.control.default_drive import default_controller, default_estimator, driven_model, size_of
+from slipangle.control.front_slip import grip_left
 from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.control.targets import SteadyStates
 from slipangle.errors import ParameterError, SimulationError
@@ -94,6 +95,9 @@ class Driver:
     offset leave no steady error. Wanted headings are those at which the car, pushed as it is, moves along the path
     (`SteadyStates`). Defaults follow from the model alone, see `slipangle.control.default_drive`.
 
+    The speed law gives up drive and brake where an axle of the identified model needs its force to the side
+    (`slipangle.control.front_slip.grip_left`), so that a bend that is too fast is not lost under power.
+
     Slower than 1.5 m/s (times the root of the car's size: wheelbase over 2.7 m), which lateral models do not describe,
     the wheels stay where they are.
 
@@ -143,7 +147,7 @@ class Driver:
             whole = controller.model if controller is not None else driven_model(model, dt)
         self.path, self.dt = path, float(whole.dt)
         self.estimator = estimator or default_estimator(whole, noise or {}, late or {})
-        self.controller = controller or default_controller(whole)
+        self.controller = controller or default_controller(whole, fastest=float(np.max(path.v_x)))
         if self.controller.model.states != whole.states or not math.isclose(self.controller.dt, self.dt):
             raise ParameterError(
                 f"the controller plans every {self.controller.dt:g} s on {self.controller.model.n_states} states, the "
@@ -155,6 +159,7 @@ class Driver:
         self.speed = None if speed is None else replace(speed, dt=self.dt)
         self.steering = self.controller.controls[0]
         self._targets = SteadyStates(whole, self.steering)
+        self._grip_left = None if speed is None else grip_left(whole, self.steering)
         self._model: Any = whole
         self._motion = [whole.states.index(name) for name in POSE]
         names = tuple(dict.fromkeys((*POSE, "v_x", *whole.outputs, *whole.inputs)))
@@ -335,6 +340,13 @@ class Driver:
             reference = replace(reference, tracked=tracked)
         return self.controller.plan(x, reference, self._plan, applied=np.array([self._steered]))
 
+    def _grip(self) -> float:
+        """What the tires leave for driving and braking where the car is now; all of it where nothing is known. [-]"""
+        if self._grip_left is None or self._tracker is None:
+            return 1.0
+        u = [{**self._inputs, self.steering: self._steered}[n] for n in self._model.inputs]
+        return float(self._grip_left(self._tracker.state, u))
+
     def _commands(
         self, wanted: float, s: float, e_y: float, known: tuple[np.ndarray, np.ndarray], message: str
     ) -> Commands:
@@ -343,7 +355,7 @@ class Driver:
             values |= dict(zip(self.controller.controls, self._plan.command.tolist(), strict=True))
         if self.speed is not None:
             slope = (self.path.speed(s + 0.5) - self.path.speed(s - 0.5)) * wanted
-            output, self._driving = self.speed.step(self._driving, wanted, self._v_x, slope)
+            output, self._driving = self.speed.step(self._driving, wanted, self._v_x, slope, grip=self._grip())
             values |= {n: v for n, v in self.speed.inputs(output).items() if n not in values}
         return Commands(
             values=values,

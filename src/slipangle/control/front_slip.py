@@ -1,11 +1,15 @@
-"""`FrontSlip`, `RearSlip`: an axle's slip angle, as a term of an optimal control problem, and where its force peaks."""
+"""`FrontSlip`, `RearSlip`: an axle's slip angle, as a term of an optimal control problem, and where its force peaks.
+
+`grip_left` says what drive and brake may take of the largest force while an axle needs it to the side.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
+import casadi as ca
 from scipy import optimize
 
 from slipangle.models.model import Model
@@ -14,7 +18,7 @@ from slipangle.models.tires.magic_formula.terms import curved
 from slipangle.models.vehicles.axle import lowest_speed, small_slip_angles
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.wrappers.wrapper import Wrapper
-from slipangle.ops import Scalar, Vector, maximum
+from slipangle.ops import Scalar, Vector, fabs, maximum, minimum, sin, sqrt, where
 
 _STEERING = {"delta_s": True, "delta_w": False}  # states of steering with a lag; whether gain and offset are to come
 
@@ -46,6 +50,8 @@ class FrontSlip:
     params: Any
     peak: float
 
+    axle: ClassVar[str] = "f"
+
     def __call__(self, x: Vector, u: Vector, _: Any) -> Scalar:
         """The slip angle of the motion, without relaxation."""
         p = self.params
@@ -55,9 +61,18 @@ class FrontSlip:
             v, x[self.places[0]], x[self.places[1]], p.road_wheel(angle) if self.geared else angle, p
         )[0]
 
+    def grip_left(self, x: Vector, u: Vector) -> Scalar:
+        """Share of the axle's largest force that the friction ellipse leaves along it: 0 from the peak on. [-]"""
+        p, slip = self.params, fabs(self(x, u, None))
+        stiffness = getattr(p, f"C_{self.axle}") / (p.shape * _most(p, self.axle))
+        side = sin(p.shape * curved(stiffness * slip, getattr(p, f"E_{self.axle}", 0.0)))
+        return where(slip < self.peak, sqrt(maximum(1.0 - side * side, 0.0)), 0.0)
+
 
 class RearSlip(FrontSlip):
     """Slip angle of the rear axle, likewise."""
+
+    axle: ClassVar[str] = "r"
 
     def __call__(self, x: Vector, u: Vector, _: Any) -> Scalar:
         """The slip angle of the motion, without relaxation."""
@@ -76,6 +91,18 @@ def rear_slip(model: Model, control: str = "delta") -> FrontSlip | None:
     return _slip(RearSlip, model, control)
 
 
+def grip_left(model: Model, control: str = "delta") -> ca.Function | None:
+    """``(x, u) ->`` the least of both axles' `FrontSlip.grip_left`; None where no axle's force has a peak."""
+    slips = [slip for slip in (front_slip(model, control), rear_slip(model, control)) if slip is not None]
+    if not slips:
+        return None
+    x, u = ca.SX.sym("x", model.n_states), ca.SX.sym("u", model.n_inputs)
+    least = slips[0].grip_left(x, u)
+    for slip in slips[1:]:
+        least = minimum(least, slip.grip_left(x, u))
+    return ca.Function("grip_left", [x, u], [least])
+
+
 def _slip(kind: type[FrontSlip], model: Model, control: str) -> FrontSlip | None:
     inner = model
     while isinstance(inner, Wrapper) and not isinstance(inner, Parametrised):
@@ -83,7 +110,7 @@ def _slip(kind: type[FrontSlip], model: Model, control: str) -> FrontSlip | None
     if not isinstance(inner, Parametrised):
         return None
     params: Any = inner.params
-    peak = _peak(params, "f" if kind is FrontSlip else "r")
+    peak = _peak(params, kind.axle)
     if peak is None or not {"v_y", "r"} <= set(model.states) or not {control, "v_x"} <= set(model.inputs):
         return None
     late = [name for name in _STEERING if name in model.states]
@@ -108,6 +135,10 @@ def _peak(p: Any, axle: str) -> float | None:
 
     if not beyond(most) > 0:
         return None
-    z = optimize.brentq(beyond, 0.0, most)
+    return optimize.brentq(beyond, 0.0, most) * p.shape * _most(p, axle) / getattr(p, f"C_{axle}")
+
+
+def _most(p: Any, axle: str) -> float:
+    """Largest force of an axle at rest. [N]"""
     load = p.mass * GRAVITY * (p.l_r if axle == "f" else p.l_f) / p.wheelbase
-    return z * p.shape * getattr(p, f"mu_{axle}") * load / getattr(p, f"C_{axle}")
+    return getattr(p, f"mu_{axle}") * load

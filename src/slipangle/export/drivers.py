@@ -13,7 +13,7 @@ import numpy as np
 
 from slipangle.control.driver import MOST, Commands, Driver
 from slipangle.control.mpc import MPC
-from slipangle.control.speed.driver import SpeedDriver
+from slipangle.control.speed.driver import BRAKED, SpeedDriver
 from slipangle.errors import ParameterError
 from slipangle.estimate.ekf import EKF
 from slipangle.estimate.measurements import plain_name
@@ -157,9 +157,12 @@ def _counts(driver: Driver) -> dict[str, int]:
 
 def _source(driver: Driver) -> str:
     """What stands after the header in ``car.c``."""
-    step = driver.controller.model.functions[0]
+    functions = {"model_step": driver.controller.model.functions[0]}
+    if driver._grip_left is not None:
+        functions["grip_left"] = driver._grip_left
     parts = [
-        filter_source(driver.estimator, model_step=step),
+        filter_source(driver.estimator, **functions),
+        *(["#define GRIP"] if driver._grip_left is not None else []),
         path_source(),
         *_of_model(driver),
         *_of_path(driver),
@@ -250,7 +253,12 @@ def _of_speed(driver: Driver) -> list[str]:
     shares = [share for share in law._shares if share[0] != driver.steering]
     lines = [table("KP", law.kp), table("KI", law.ki), table("GAIN_SPEEDS", law.speeds)]
     lines += [table("DRIVE", [drive for _, drive, _ in shares]), table("BRAKE", [brake for *_, brake in shares])]
-    numbers = {"FEEDFORWARD": law.feedforward, "BRAKE_MOST": law.limits[0], "DRIVE_MOST": law.limits[1]}
+    numbers = {
+        "FEEDFORWARD": law.feedforward,
+        "BRAKED": BRAKED,
+        "BRAKE_MOST": law.limits[0],
+        "DRIVE_MOST": law.limits[1],
+    }
     lines += [f"#define {n} {number(v)}" for n, v in numbers.items()]
     return [*lines, f"#define N_GAINS {len(law.speeds)}", f"#define N_SHARES {len(shares)}"]
 

@@ -48,6 +48,22 @@ def test_saturation_does_not_wind_up(target):
     assert speeds[-1] == pytest.approx(target, abs=1e-3)
 
 
+def test_drive_and_brake_keep_to_what_the_tires_leave():
+    low, high = CAR.limits
+    for grip, most, least in (
+        (1.0, high, low),
+        (0.6, 0.6 * high, 0.6 * low),
+        (0.1, 0.1 * high, 0.3 * low),
+        (-1.0, 0.0, 0.3 * low),
+    ):
+        assert CAR.step(DriverState(), 40.0, 10.0, grip=grip)[0] == pytest.approx(most)
+        assert CAR.step(DriverState(), 0.0, 40.0, grip=grip)[0] == pytest.approx(least)
+    state = DriverState()
+    for _ in range(2000):  # held back for 20 s, it does not store up what it would have liked to do
+        _, state = CAR.step(state, 12.0, 10.0, grip=0.0)
+    assert CAR.step(state, 10.0, 10.0)[0] < 0.1 * high
+
+
 def test_gains_are_scheduled():
     driver = SpeedDriver(kp=(100.0, 300.0), ki=(0.0, 0.0), speeds=(0.0, 20.0), limits=(-1e4, 1e4))
     for v, gain in ((-5.0, 100.0), (0.0, 100.0), (10.0, 200.0), (20.0, 300.0), (50.0, 300.0)):

@@ -16,6 +16,7 @@ from slipangle.optimal.terms import Values, coerce
 FASTEST = 1e3  # m/s and m/s2, beyond which a speed or acceleration is a fault
 MOST = 1e12  # of the integral part, likewise
 STANDSTILL = 0.5  # m/s, speed below which braking fades out
+BRAKED = 0.3  # share of the braking that stays at the limit of grip: on the ellipse it costs 5 % of the side force
 
 
 class DriverState(NamedTuple):
@@ -118,7 +119,9 @@ class SpeedDriver(Checked):
             brake=brake,
         )
 
-    def step(self, state: DriverState, wanted: float, v_x: float, a_x: float = 0.0) -> tuple[float, DriverState]:
+    def step(
+        self, state: DriverState, wanted: float, v_x: float, a_x: float = 0.0, *, grip: float = 1.0
+    ) -> tuple[float, DriverState]:
         """Output for one sample, and the state for the next.
 
         Parameters
@@ -129,6 +132,9 @@ class SpeedDriver(Checked):
             Wanted and measured speed [m/s]; while either is no number or beyond 1000 m/s, the last output is held.
         a_x : float
             Wanted acceleration, for the feedforward. [m/s2]
+        grip : float
+            What the tires leave for driving and braking, from 0 to 1: the largest output is that share of its limit,
+            the smallest one at least 0.3 of its, so that a car can always be stopped. [-]
         """
         state = self._sound(state)
         if not (abs(wanted) <= FASTEST and abs(v_x) <= FASTEST and abs(a_x) <= FASTEST):
@@ -139,7 +145,8 @@ class SpeedDriver(Checked):
         error = wanted - v_x
         free = kp * error + state.integral + self.feedforward * a_x
         rolling = min(max(v_x / STANDSTILL, 0.0), 1.0)  # brakes stop the car, they do not push it back
-        output = min(max(free, self.limits[0] * rolling), self.limits[1])
+        most = min(max(grip, 0.0), 1.0)
+        output = min(max(free, self.limits[0] * rolling * max(most, BRAKED)), self.limits[1] * most)
         back = ki / kp if kp > 0 else 1.0  # 1/s: the integral follows the limit within kp / ki
         integral = state.integral + self.dt * (ki * error + back * (output - free))
         return output, DriverState(integral, output)

@@ -278,6 +278,22 @@ static double scheduled(const double *gains, double v_x)
     return slope * (v_x - GAIN_SPEEDS[i - 1]) + gains[i - 1];
 }
 
+/* What the tires leave for driving and braking where the vehicle is now; all of it where nothing is known. */
+static double grip(const Driver *d)
+{
+    double left = 1;
+#ifdef GRIP
+    double u[NU];
+    for (int j = 0; j < NU; j++)
+        u[j] = j == STEERING ? d->steered : d->inputs[j];
+    if (d->tracking)
+        grip_left(d->filter.now.z, u, &left);
+#else
+    (void)d;
+#endif
+    return within(left, 0, 1);
+}
+
 /* Drive and brake that hold a speed; the last ones while a speed is no number. */
 static void hold_speed(Driver *d, double wanted)
 {
@@ -285,7 +301,8 @@ static void hold_speed(Driver *d, double wanted)
     if (fabs(wanted) <= 1e3 && fabs(v_x) <= 1e3 && fabs(a_x) <= 1e3) {
         double kp = scheduled(KP, v_x), ki = scheduled(KI, v_x), error = wanted - v_x;
         double free = kp * error + d->integral + FEEDFORWARD * a_x, rolling = within(v_x / 0.5, 0, 1);
-        double output = within(free, BRAKE_MOST * rolling, DRIVE_MOST), back = kp > 0 ? ki / kp : 1;
+        double most = grip(d), least = most > BRAKED ? most : BRAKED;
+        double output = within(free, BRAKE_MOST * rolling * least, DRIVE_MOST * most), back = kp > 0 ? ki / kp : 1;
         d->integral = d->integral + CAR_DT * (ki * error + back * (output - free));
         if (!(fabs(d->integral) <= 1e12))
             d->integral = 0;
