@@ -87,6 +87,10 @@ from slipangle.models.wrappers.on_ground import OnGround as OnGround
 from slipangle.optimal.ipopt import Ipopt as Ipopt
 from slipangle.optimal.lap.car import LapCar as LapCar
 from slipangle.optimal.lap.cars import lap_car as lap_car
+from slipangle.optimal.lap.driven import DrivenLap as DrivenLap
+from slipangle.optimal.lap.driven import LapDelta as LapDelta
+from slipangle.optimal.lap.driven import driven_laps as driven_laps
+from slipangle.optimal.lap.driven import lap_delta as lap_delta
 from slipangle.optimal.lap.fastest_lap import fastest_lap as fastest_lap
 from slipangle.optimal.lap.lap import Lap as Lap
 from slipangle.optimal.ocp import OCP as OCP

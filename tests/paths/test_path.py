@@ -344,3 +344,16 @@ def test_too_long_a_line_names_its_length():
 def test_settings_of_a_line_are_checked(setting, value):
     with pytest.raises(ParameterError, match="expected at least 0 m and more than 0 m"):
         Path.from_points(np.linspace(0, 100, 12), np.zeros(12), **{setting: value})
+
+
+def test_a_track_between_its_edges_is_the_one_they_were_made_of():
+    angle = np.linspace(0, 2 * np.pi, 300)[:-1]
+    r = 80 + 25 * np.cos(2 * angle)
+    made = Path.from_points(r * np.cos(angle), r * np.sin(angle), closed=True, right=5.0, left=4.0)
+    left, right = made.boundaries()
+    track = Path.from_edges(right[:-1:8], left[:-1:5], closed=True, smoothing=0.02)
+    assert track.closed
+    assert track.right + track.left == pytest.approx(9.0, abs=0.05)
+    assert track.right == pytest.approx(4.5, abs=0.1)
+    feet = made.project_all(track.X[::20], track.Y[::20])
+    assert np.abs(feet[:, 1]) == pytest.approx(0.5, abs=0.1)

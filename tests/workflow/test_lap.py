@@ -5,8 +5,10 @@ import json
 import numpy as np
 import pytest
 
+import slipangle as sa
 from slipangle.cli import main
-from tests.optimal.lap.cars import circuit
+from slipangle.report.lap import lap_playback
+from tests.optimal.lap.cars import RACER, circuit
 from tests.workflow.test_cli import write_job
 
 CAR = """[[model]]
@@ -49,3 +51,33 @@ def test_what_is_missing_is_named(files, capsys):
     ):
         assert main(["lap", job, track, *given]) == 2
         assert words in capsys.readouterr().err
+
+
+def test_a_driven_log_is_held_against_the_lap(files, capsys):
+    """Two laps along the middle at 10 m/s: the lap of the log takes as long as the track is."""
+    job, track, folder = files
+    middle = circuit()
+    s = np.arange(0.0, 2.3 * middle.length, 0.5)
+    place = middle.at(s)
+    table = np.column_stack([s / 10.0, place.X, place.Y])
+    np.savetxt(folder / "driven.csv", table, delimiter=",", header="t [s],X [m],Y [m]", comments="")
+    how = ["--set", "power=1.5e5", "--points", "60", "--driven", str(folder / "driven.csv"), "--out", str(folder / "o")]
+    assert main(["lap", job, track, *how, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["driven"]["time"] == pytest.approx(middle.length / 10.0, abs=0.1)
+    lost = [sector["lost"] for sector in said["driven"]["sectors"]]
+    assert sum(lost) == pytest.approx(said["driven"]["time"] - said["time"], rel=1e-6)
+    page = (folder / "o" / "lap.html").read_text()
+    assert "Driven and fastest" in page
+    assert "Beside it: the driven lap" in page
+    assert main(["lap", job, track, *how]) == 0
+    assert "you lose" in capsys.readouterr().out
+
+
+def test_the_lap_that_plays_is_the_lap():
+    lap = sa.fastest_lap(RACER, circuit(), points=60)
+    shown = lap_playback(lap)
+    step = np.hypot(np.diff(shown.X), np.diff(shown.Y)) / np.diff(shown.t)
+    assert len(shown.t) == len(shown.said) == pytest.approx(lap.time / 0.05, abs=1)
+    assert step == pytest.approx(np.interp(np.array(shown.t[1:]) - 0.025, lap.t, lap.v_x), rel=0.05)
+    assert np.abs(np.diff(shown.psi)).max() < 0.2

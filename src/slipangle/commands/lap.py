@@ -12,6 +12,7 @@ from slipangle.errors import ConfigError, nearest
 from slipangle.files import check_output, replaced, write_atomic
 
 if TYPE_CHECKING:
+    from slipangle.optimal.lap.driven import LapDelta, Sector
     from slipangle.optimal.lap.lap import Lap
 
 _ABOUT = """\
@@ -21,7 +22,8 @@ speeds, and what each parameter of the car is worth. The folder then holds a pag
 What the model does not know of the car is set by name, its power always: --set power=2e5 --set drag=0.4.
 """
 _MORE = """\
-With --json: time, quasi_steady, iterations and sensitivities (s per unit). See docs/fastest-lap.md.
+With --json: time, quasi_steady, iterations and sensitivities (s per unit); with --driven also its time and sectors.
+See docs/fastest-lap.md.
 """
 _COLUMNS = ("s", "t", "X", "Y", "psi", "n", "v_x", "v_y", "r", "delta", "F_x", "a_x", "a_y", "grip_f", "grip_r")
 
@@ -37,6 +39,7 @@ def add(commands: Commands) -> None:
     sub.add_argument("--points", type=int, help="collocation points (one every 5 m)")
     sub.add_argument("--margin", type=float, default=0.0, metavar="M", help="kept free beside the car [m]")
     sub.add_argument("--smoothness", type=float, default=1.0, help="weight of a calm drive (default: %(default)s)")
+    sub.add_argument("--driven", metavar="LOG", help="a log with X, Y or latitude, longitude: where its best lap loses")
     sub.add_argument("--out", default="slipangle-out/lap", help="folder for the results (default: %(default)s)")
 
 
@@ -64,16 +67,34 @@ def _lap(options: argparse.Namespace) -> Answer:
             margin=options.margin,
             smoothness=options.smoothness,
         )
+        delta = None if options.driven is None else _driven(options.driven, lap)
         bar(0.95, "writing the page")
         folder.mkdir(parents=True, exist_ok=True)
         before = replaced(folder / "lap.html")
         command = f"slipangle lap {options.file} {options.track}"
-        page = lap_page(lap, settings.title, command).write(folder / "lap.html")
+        page = lap_page(lap, settings.title, command, delta).write(folder / "lap.html")
         write_atomic(folder / "lap.csv", _csv(lap))
         bar(1.0, "done")
     found = {"time": lap.time, "quasi_steady": lap.quasi_steady, "iterations": lap.iterations}
     words = f"{lap.track.name}: {lap.time:.3f} s ({lap.quasi_steady:.3f} s quasi-steady, {lap.iterations} iterations)"
+    if delta is not None:
+        sectors = [{"begin": s.begin, "end": s.end, "corner": s.corner, "lost": s.lost} for s in delta.sectors]
+        found |= {"driven": {"lap": delta.driven.number, "time": delta.driven.time, "sectors": sectors}}
+        words += "".join(f"\nyou lose {s.lost:.2f} s at {s.corner:.0f} m" for s in _worst(delta))
     return Answer(found | {"sensitivities": lap.sensitivities}, f"{words}\n\nThe page: {page.resolve()}{before}")
+
+
+def _driven(file: str, lap: Lap) -> LapDelta:
+    """The best lap of a log against the fastest one."""
+    from slipangle.data.readers import read
+    from slipangle.optimal.lap.driven import driven_laps, lap_delta
+
+    return lap_delta(lap, min(driven_laps(read(file), lap.track), key=lambda driven: driven.time))
+
+
+def _worst(delta: LapDelta) -> list[Sector]:
+    """The three sectors that lose the most."""
+    return sorted(delta.sectors, key=lambda sector: -sector.lost)[:3]
 
 
 def _values(given: list[str]) -> dict[str, float]:

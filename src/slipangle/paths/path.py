@@ -5,6 +5,7 @@ known, a speed profile and the distance from the centre line to the lane's two e
 in `slipangle.paths.lane_change`.
 """
 
+# Long: every way to make a path, and every way to look along it, on one record.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -22,6 +23,7 @@ from slipangle.paths.preview import Preview, Projection, strides_between
 from slipangle.shown import Shown
 
 SPACING = 0.25  # m, between the samples of a centre line
+_EDGE_STEP = 2.0  # m, between the points of an edge from which the line between two is found
 _FIELDS = ("s", "X", "Y", "psi", "curvature", "v_x", "right", "left")
 
 
@@ -118,6 +120,30 @@ class Path(Shown):
         curve, at_points = sample_spline(x, y, closed=closed, smoothing=smoothing, spacing=spacing)
         lane = {side: np.interp(curve["s"], at_points, e) for side, e in edges.items()}
         return cls(**curve, right=lane.get("right"), left=lane.get("left"), closed=closed, name=name)
+
+    @classmethod
+    def from_edges(
+        cls, right: np.ndarray, left: np.ndarray, *, closed: bool = False, smoothing: float = 0.05, name: str = "path"
+    ) -> Self:
+        """Track between two measured edges: the line halfway from each point of the right edge to the left one.
+
+        The widths are the shortest distances from that line to the edges. Raises as `from_points`.
+
+        Parameters
+        ----------
+        right, left : array, shape (n, 2), (m, 2)
+            Points of the edges, in driving order; their numbers may differ. [m]
+        smoothing : float
+            Standard deviation of the halfway points about the true line. [m]
+        """
+        edges = [cls.from_points(*np.asarray(e, dtype=float).T, closed=closed, name=name) for e in (right, left)]
+        count = max(round(edges[0].length / _EDGE_STEP), 8)
+        begun = edges[0].at(np.linspace(0.0, edges[0].length, count + (not closed), endpoint=not closed))
+        foot = edges[1].at(edges[1].project_all(begun.X, begun.Y)[:, 0])
+        X, Y = 0.5 * (begun.X + foot.X), 0.5 * (begun.Y + foot.Y)
+        line = cls.from_points(X, Y, closed=closed, smoothing=smoothing, name=name)
+        wide = [np.abs(edge.project_all(line.X, line.Y)[:, 1]) for edge in edges]
+        return replace(line, right=wide[0], left=wide[1])
 
     @classmethod
     def from_file(

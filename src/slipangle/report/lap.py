@@ -8,15 +8,19 @@ import numpy as np
 import plotly.graph_objects as go
 
 from slipangle.data.dataset import Channel
+from slipangle.optimal.lap.driven import DrivenLap, LapDelta
 from slipangle.optimal.lap.envelope import envelope
 from slipangle.optimal.lap.lap import Lap
 from slipangle.report import style
+from slipangle.report.drawing import seen_from_above
 from slipangle.report.drives import Signal, signals
-from slipangle.report.maps import track_map
+from slipangle.report.maps import Body, track_map
 from slipangle.report.page import Figure, Number, Page, Section, Verdict
+from slipangle.report.playback import Beside, Playback
 from slipangle.report.style import SLATE, compact, new_figure, series_style
 from slipangle.report.tables import Heading, Row, Table
 
+_FRAME, _DRAWN = 0.05, 2.0  # s between frames of a lap that plays, m between points of drawn edges
 _COLOURS = {
     "v_x": ("speed", 3.6, "km/h"),
     "grip_f": ("grip used by the front axle", 100.0, "%"),
@@ -80,8 +84,75 @@ def gg_diagram(lap: Lap) -> go.Figure:
     )
 
 
-def lap_page(lap: Lap, title: str, command: str) -> Page:
-    """Lap time, the line by speed and by grip, the g-g diagram, traces, and what each parameter is worth."""
+def delta_figure(delta: LapDelta) -> go.Figure:
+    """Speed, time behind and offset of a driven lap over the arc length of the track, beside the fastest lap's."""
+    lap, driven = delta.lap, delta.driven
+    v, n = (np.interp(delta.s, lap.s, values, period=lap.track.length) for values in (lap.v_x, lap.n))
+    rows = [
+        Signal(channel=Channel("v_x", "km/h"), values=3.6 * driven.v_x, reference=3.6 * v),
+        Signal(channel=Channel("behind", "s"), values=delta.delta),
+        Signal(channel=Channel("n", "m"), values=driven.n, reference=n),
+    ]
+    return signals(delta.s, rows).update_layout(xaxis={"title": {"text": "arc length s [m]"}})
+
+
+def sector_table(delta: LapDelta) -> Table:
+    """Where a driven lap loses time, in driving order."""
+    titles = ("from", "m"), ("to", "m"), ("slowest at", "m"), ("lost", "s")
+    worst = max(delta.sectors, key=lambda sector: sector.lost)
+    rows = tuple(Row((s.begin, s.end, s.corner, s.lost)) for s in delta.sectors)
+    return Table(
+        title=f"Lap {delta.driven.number}: {delta.delta[-1]:+.3f} s",
+        columns=tuple(Heading(*title) for title in titles),
+        rows=rows,
+        caption=f"A sector is a corner with half of the straights beside it. You lose {worst.lost:.2f} s at "
+        f"{worst.corner:.0f} m, the most of all.",
+    )
+
+
+def lap_playback(lap: Lap, driven: DrivenLap | None = None) -> Playback:
+    """The lap as it plays, from above; a driven lap beside it starts at the same time."""
+    extent = float(max(np.ptp(lap.X), np.ptp(lap.Y)))
+    body = Body(front=max(2.2, 0.008 * extent), rear=max(2.2, 0.008 * extent), width=max(1.8, 0.006 * extent))
+    every = max(1, round(_DRAWN / lap.track.spacing))
+    right, left = (edge[::every] for edge in lap.track.boundaries())
+    t = np.arange(0.0, lap.time, _FRAME)
+    psi = np.unwrap(lap.psi)
+    turned = 2 * np.pi * round(float(psi[-1] - psi[0]) / (2 * np.pi))
+    values = (lap.X, lap.Y, psi, 3.6 * lap.v_x, 100 * lap.grip_f, 100 * lap.grip_r)
+    X, Y, psi, v, front, rear = (_at(t, lap, one, turned if one is psi else 0.0) for one in values)
+    said = f"{lap.track.name} in {lap.time:.3f} s"
+    words = [f"{a:.0f} km/h, grip {b:.0f} % front, {c:.0f} % rear" for a, b, c in zip(v, front, rear, strict=True)]
+    beside = None
+    if driven is not None:
+        rows = np.searchsorted(driven.t, np.arange(0.0, driven.time, _FRAME)).clip(0, len(driven.t) - 1)
+        heading = np.unwrap(np.arctan2(np.gradient(driven.Y), np.gradient(driven.X)))[rows]
+        place = {"X": driven.X[rows].tolist(), "Y": driven.Y[rows].tolist(), "psi": heading.tolist()}
+        beside = Beside(label=f"lap {driven.number}", t=driven.t[rows].tolist(), **place)
+    return Playback(
+        title="The lap",
+        svg=seen_from_above(X, Y, psi, body=body, outlines=0, label=said, moving=True, left=left, right=right),
+        t=t.tolist(),
+        X=X.tolist(),
+        Y=Y.tolist(),
+        psi=psi.tolist(),
+        said=words,
+        beside=beside,
+        caption="The car is drawn larger than it is." + (" Beside it: the driven lap." if beside else ""),
+    )
+
+
+def _at(t: np.ndarray, lap: Lap, values: np.ndarray, turned: float) -> np.ndarray:
+    """Values at instants of a lap, whose first point is after its start; a closed one ends where it begins."""
+    first = values[-1] - turned if lap.track.closed else values[0]
+    return np.interp(t, np.append(0.0, lap.t), np.append(first, values))
+
+
+def lap_page(lap: Lap, title: str, command: str, delta: LapDelta | None = None) -> Page:
+    """Lap time, the line by speed and by grip, the g-g diagram, traces, and what each parameter is worth.
+
+    With a driven lap also where it loses time.
+    """
     verdict = Verdict(
         title="The fastest lap",
         sentence=f"{lap.track.name} in {lap.time:.3f} s; the least-curvature line at quasi-steady speeds takes "
@@ -101,8 +172,13 @@ def lap_page(lap: Lap, title: str, command: str) -> Page:
         Figure(title="g-g diagram", figure=gg_diagram(lap), caption="Lines: quasi-steady limits at three speeds."),
         Figure(title="Traces", figure=lap_traces(lap), caption="Over the arc length of the track's line."),
     )
-    blocks = (verdict, *figures, worth_table(lap))
-    return Page(title=f"{title}: fastest lap", sections=(Section(title="Fastest lap", blocks=blocks),), command=command)
+    playing = lap_playback(lap, None if delta is None else delta.driven)
+    sections = [Section(title="Fastest lap", blocks=(verdict, playing, *figures, worth_table(lap)))]
+    if delta is not None:
+        caption = "Thin or dashed: the fastest lap. Behind: time since the start line, driven minus fastest."
+        drawn = Figure(title="Driven and fastest", figure=delta_figure(delta), caption=caption)
+        sections.append(Section(title="The driven lap", blocks=(sector_table(delta), drawn)))
+    return Page(title=f"{title}: fastest lap", sections=tuple(sections), command=command)
 
 
 def worth_table(lap: Lap) -> Table:

@@ -15,11 +15,12 @@ from slipangle.identify.car.identify_car import IdentifiedCar
 from slipangle.identify.judge.compare import Comparison
 from slipangle.identify.judge.validate import Validation
 from slipangle.models.model import FitInfo, Model, Trajectory
+from slipangle.optimal.lap.driven import DrivenLap, LapDelta
 from slipangle.optimal.lap.lap import Lap
 from slipangle.paths.path import Path
 from slipangle.report.diagnostics import forest
 from slipangle.report.drives import Signal, signals
-from slipangle.report.lap import lap_map
+from slipangle.report.lap import delta_figure, lap_map, sector_table
 from slipangle.report.maps import Body, path_map
 from slipangle.report.plots import trajectories
 from slipangle.report.style import pretty_unit, read_in
@@ -157,6 +158,21 @@ def _(result: Lap) -> Table:
 
 
 @table.register
+def _(result: DrivenLap) -> Table:
+    rows: list[tuple[str, Any, str]] = [
+        ("lap time", result.time, "s"),
+        ("speed, lowest", 3.6 * float(result.v_x.min()), "km/h"),
+        ("speed, highest", 3.6 * float(result.v_x.max()), "km/h"),
+    ]
+    return _facts(f"Lap {result.number} of {result.track.name}", rows)
+
+
+@table.register
+def _(result: LapDelta) -> Table:
+    return sector_table(result)
+
+
+@table.register
 def _(result: Path) -> Table:
     bend = float(np.abs(result.curvature).max())
     rows: list[tuple[str, Any, str]] = [("length", result.length, "m"), ("closed", result.closed, "")]
@@ -248,6 +264,20 @@ def _(result: Lap, names: Sequence[str]) -> go.Figure:
         return lap_map(result)
     drawn = signals(result.s, [_signal(n, units[n], getattr(result, n)) for n in names])
     return drawn.update_layout(xaxis={"title": {"text": "arc length s [m]"}})
+
+
+@figure.register
+def _(result: DrivenLap, names: Sequence[str]) -> go.Figure:
+    units = {"v_x": "m/s", "n": "m"}
+    _one_of(names, tuple(units), "channel of a driven lap")
+    drawn = signals(result.s, [_signal(n, units[n], getattr(result, n)) for n in names or tuple(units)])
+    return drawn.update_layout(xaxis={"title": {"text": "arc length s [m]"}})
+
+
+@figure.register
+def _(result: LapDelta, names: Sequence[str]) -> go.Figure:
+    _one_of(names, (), "channel of a lap's delta")
+    return delta_figure(result)
 
 
 @figure.register

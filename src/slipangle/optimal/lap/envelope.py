@@ -39,7 +39,9 @@ class Envelope:
 
     def cornering_speed(self, curvature: np.ndarray) -> np.ndarray:
         """Largest speed at which each curvature [1/m] can be driven, at most the last of `v`. [m/s]"""
-        root = np.maximum.accumulate(self.v / np.sqrt(self.a_y))  # of the radius, which the speed is in proportion to
+        root = np.maximum.accumulate(
+            self.v / np.sqrt(np.maximum(self.a_y, 1e-9))
+        )  # of the radius, which the speed is in proportion to
         return np.interp(1.0 / np.sqrt(np.maximum(np.abs(curvature), 1e-12)), root, self.v)
 
 

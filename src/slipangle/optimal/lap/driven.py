@@ -1,0 +1,214 @@
+"""Driven laps: a log cut at the start line, projected on the track, and held against a fastest lap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy import signal
+
+from slipangle.data.dataset import Dataset
+from slipangle.data.race import with_position
+from slipangle.errors import MissingColumnError, ParameterError, TooShortError
+from slipangle.optimal.lap.lap import Lap
+from slipangle.paths.path import Path
+from slipangle.shown import Shown
+
+_FAR = 30.0  # m from the track's line, where a log is one of another place
+_RISE = 3.0  # m/s, by which the speed rises before and after a place that ends a sector
+_STEP = 1.0  # m, between the places of a driven lap
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class DrivenLap(Shown):
+    """A lap of a log on a track; arrays have shape (n,), one value a metre.
+
+    Parameters
+    ----------
+    number : int
+        Which lap of the log, from 1.
+    time, begin : float
+        Of the lap, and when it began in the log. [s]
+    s, t, n : array
+        Arc length of the track's line, time since the start line, offset to the left. [m, s, m]
+    v_x : array
+        Speed as logged, or that of the position where no speed is. [m/s]
+    X, Y : array
+        Place. [m]
+    track : Path
+        What was driven on.
+    """
+
+    number: int
+    time: float
+    begin: float
+    s: np.ndarray
+    t: np.ndarray
+    n: np.ndarray
+    v_x: np.ndarray
+    X: np.ndarray
+    Y: np.ndarray
+    track: Path
+
+    def _words(self) -> str:
+        return f"lap {self.number} of {self.track.name}, {self.time:.3f} s"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sector:
+    """A corner with half of the straights beside it; one that the start line cuts is two sectors.
+
+    Parameters
+    ----------
+    begin, end, corner : float
+        Arc length of the track's line where it begins and ends, and where the fastest lap is slowest. [m]
+    lost : float
+        Time by which the driven lap is slower here. [s]
+    """
+
+    begin: float
+    end: float
+    corner: float
+    lost: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class LapDelta(Shown):
+    """A driven lap against the fastest one.
+
+    Parameters
+    ----------
+    lap, driven
+        What is compared.
+    s, delta : array, shape (n,)
+        Arc length of the track's line [m], and by how much the driven lap is behind there. [s]
+    sectors : tuple of Sector
+        In driving order; what they lose adds up to the whole difference.
+    """
+
+    lap: Lap
+    driven: DrivenLap
+    s: np.ndarray
+    delta: np.ndarray
+    sectors: tuple[Sector, ...]
+
+    def _words(self) -> str:
+        worst = max(self.sectors, key=lambda sector: sector.lost)
+        return f"{self.delta[-1]:+.3f} s, most at {worst.corner:.0f} m: {worst.lost:+.3f} s"
+
+
+def driven_laps(data: Dataset, track: Path) -> tuple[DrivenLap, ...]:
+    """The complete laps of a log, cut where the track's line begins, in driving order.
+
+    Parameters
+    ----------
+    data : Dataset
+        With the place as X and Y [m] in the track's frame, or as latitude and longitude [rad], from the first sample;
+        ``v_x`` [m/s] where it is known.
+    track : Path
+        Closed; edges do not count here.
+
+    Raises
+    ------
+    MissingColumnError
+        If the log has no place.
+    ParameterError
+        If the track is open, or the log is further than 30 m from it everywhere.
+    TooShortError
+        If there is no complete lap.
+    """
+    if not track.closed:
+        raise ParameterError(f"'{track.name}' is open; expected a closed track to cut laps of")
+    if "X" not in data or "Y" not in data:
+        if "latitude" not in data or "longitude" not in data:
+            raise MissingColumnError(
+                f"'{data.name}' has neither X and Y nor latitude and longitude; expected the place of the car: name "
+                "its columns"
+            )
+        data = with_position(data)
+    found: list[DrivenLap] = []
+    nearest = np.inf
+    for part, start in zip(data.experiments, data.start_times, strict=True):
+        feet = np.asarray(track.project_all(part["X"], part["Y"]))
+        nearest = min(nearest, float(np.abs(feet[:, 1]).min()))
+        found += _laps_of(part, feet, track, float(start), len(found))
+    if nearest > _FAR:
+        raise ParameterError(
+            f"'{data.name}' comes no nearer than {nearest:.0f} m to '{track.name}'; expected places in the track's own "
+            "frame: convert them, see slipangle.data.race.equirectangular for its origin"
+        )
+    if not found:
+        raise TooShortError(
+            f"'{data.name}' holds no complete lap of '{track.name}'; expected one: take a longer record"
+        )
+    return tuple(found)
+
+
+def _laps_of(part: Dataset, feet: np.ndarray, track: Path, start: float, before: int) -> list[DrivenLap]:
+    """The complete laps of one experiment, from its places beside the track; ``before`` were found already."""
+    X, Y, t = part["X"], part["Y"], part.dt * np.arange(part.n_samples)
+    v_x = part["v_x"] if "v_x" in part else np.hypot(np.gradient(X, part.dt), np.gradient(Y, part.dt))
+    beside = np.abs(feet[:, 1]) <= _FAR
+    if not beside.any():
+        return []
+    place = np.where(beside, np.unwrap(feet[:, 0], period=track.length), np.nan)
+    columns = np.column_stack([feet[:, 1], v_x, X, Y])
+    found = []
+    for k in range(int(np.nanmin(place) // track.length), int(np.nanmax(place) // track.length)):
+        lap = _cut(place, t, columns, k * track.length, (k + 1) * track.length)
+        if lap is not None:
+            s, times, rest = lap
+            made = {"time": float(times[-1] - times[0]), "begin": start + float(times[0]), "t": times - times[0]}
+            named = dict(zip(("n", "v_x", "X", "Y"), rest.T, strict=True))
+            found.append(DrivenLap(number=before + len(found) + 1, s=s, **made, **named, track=track))
+    return found
+
+
+def _cut(
+    place: np.ndarray, t: np.ndarray, columns: np.ndarray, begin: float, end: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Arc lengths from zero, times and columns of one lap; None where the log is not beside the track all the way."""
+    with np.errstate(invalid="ignore"):
+        first, last = int(np.argmax(place >= begin)), int(np.argmax(place >= end))
+    if first == 0 or last <= first:
+        return None
+    rows = slice(first - 1, last + 1)
+    here = place[rows]
+    if np.isnan(here).any() or here[0] >= begin:
+        return None
+    forward = np.maximum.accumulate(here)
+    keep = np.concatenate([[True], np.diff(forward) > 0])
+    at = np.linspace(begin, end, max(round((end - begin) / _STEP), 2) + 1)
+    times = np.interp(at, forward[keep], t[rows][keep])
+    rest = np.column_stack([np.interp(at, forward[keep], column) for column in columns[rows][keep].T])
+    return at - begin, times, rest
+
+
+def lap_delta(lap: Lap, driven: DrivenLap) -> LapDelta:
+    """A driven lap against a fastest lap of the same track; raises ParameterError if the tracks differ."""
+    if abs(lap.track.length - driven.track.length) > 1e-6 * lap.track.length or not lap.track.closed:
+        raise ParameterError(
+            f"the fastest lap is one of '{lap.track.name}', {lap.track.length:.5g} m, the driven one of "
+            f"'{driven.track.name}', {driven.track.length:.5g} m; expected the same track"
+        )
+    fastest = np.interp(driven.s, np.append(0.0, lap.s), np.append(0.0, lap.t))
+    delta = driven.t - fastest
+    v = np.interp(driven.s, lap.s, lap.v_x, period=lap.track.length)
+    ends = _between_corners(v)
+    places = np.concatenate([[0], ends, [len(v) - 1]])
+    sectors = []
+    for a, b in pairwise(places):
+        slowest, lost = a + int(np.argmin(v[a : b + 1])), float(delta[b] - delta[a])
+        begin, end, corner = (float(driven.s[row]) for row in (a, b, slowest))
+        sectors.append(Sector(begin=begin, end=end, corner=corner, lost=lost))
+    return LapDelta(lap=lap, driven=driven, s=driven.s, delta=delta, sectors=tuple(sectors))
+
+
+def _between_corners(v: np.ndarray) -> np.ndarray:
+    """Rows of the fastest places between two corners, by a rise of the speed before and after each."""
+    count = len(v) - 1
+    around = np.concatenate([v[:-1], v[:-1], v[:-1]])
+    peaks, _ = signal.find_peaks(around, prominence=_RISE)
+    inside = peaks[(peaks >= count) & (peaks < 2 * count)] - count
+    return inside[(inside > 0) & (inside < count)]

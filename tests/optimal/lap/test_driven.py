@@ -1,0 +1,122 @@
+"""Laps of a log against the fastest one: logs that are made of a lap, driven again with a known loss."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import slipangle as sa
+from slipangle.data.race import EARTH
+from slipangle.errors import MissingColumnError, ParameterError, TooShortError
+from tests.optimal.lap.cars import RACER, circuit, straight
+
+DT = 0.02
+
+
+@cache
+def fastest():
+    return sa.fastest_lap(RACER, circuit(), points=80)
+
+
+def log_of(lap, lost=0.0, between=(0.0, 1.0), laps=2.7, names=("X", "Y")):
+    """A log of some laps from half a lap before the start line on; ``lost`` seconds go evenly between two places."""
+    length, s = lap.track.length, np.append(0.0, lap.s)
+    t = np.append(0.0, lap.t) + lost * np.clip((s - between[0]) / (between[1] - between[0]), 0.0, 1.0)
+    n = np.interp(s, lap.s, lap.n, period=length)
+    way = np.arange(0.5, 0.5 + laps, 1e-4) * length
+    at = t[-1] * (way // length) + np.interp(way % length, s, t)
+    times = np.arange(0.0, at[-1] - at[0], DT)
+    driven = np.interp(times + at[0], at, way)
+    place = lap.track.at(driven)
+    off = np.interp(driven, s, n, period=length)
+    X, Y = place.X - off * np.sin(place.psi), place.Y + off * np.cos(place.psi)
+    channels = [sa.Channel(name, unit) for name, unit in zip(names, ("m", "m"), strict=True)]
+    return sa.Dataset(values=np.column_stack([X, Y]), channels=channels, dt=DT, start_times=(7.0,))
+
+
+def test_the_laps_of_a_log_are_cut_at_the_start_line():
+    lap = fastest()
+    first, second = sa.driven_laps(log_of(lap), lap.track)
+    assert (first.number, second.number) == (1, 2)
+    assert first.time == pytest.approx(lap.time, abs=5e-3)
+    assert second.time == pytest.approx(lap.time, abs=5e-3)
+    assert second.begin - first.begin == pytest.approx(lap.time, abs=5e-3)
+    assert first.begin > 7.0
+    assert first.n == pytest.approx(np.interp(first.s, lap.s, lap.n, period=lap.track.length), abs=0.02)
+    gap = np.abs(first.v_x - np.interp(first.s, lap.s, lap.v_x, period=lap.track.length))
+    assert np.median(gap) < 0.5  # m/s, from the places alone
+    assert "lap 1 of circuit" in repr(first)
+    assert len(first.plot().data) == 2
+
+
+def test_the_same_lap_loses_nothing_anywhere():
+    lap = fastest()
+    delta = sa.lap_delta(lap, sa.driven_laps(log_of(lap), lap.track)[0])
+    assert delta.delta == pytest.approx(0.0, abs=0.03)
+    assert all(abs(sector.lost) < 0.05 for sector in delta.sectors)
+
+
+def test_what_is_lost_is_lost_in_its_sector():
+    lap = fastest()
+    whole = sa.lap_delta(lap, sa.driven_laps(log_of(lap), lap.track)[0])
+    sector = whole.sectors[1]
+    assert len(whole.sectors) >= 3
+    between = (sector.begin + 5.0, sector.end - 5.0)
+    delta = sa.lap_delta(lap, sa.driven_laps(log_of(lap, 0.31, between), lap.track)[1])
+    assert delta.delta[-1] == pytest.approx(0.31, abs=0.02)
+    assert [round(one.lost, 1) for one in delta.sectors] == [0.3 if k == 1 else 0.0 for k in range(len(delta.sectors))]
+    assert sum(one.lost for one in delta.sectors) == pytest.approx(delta.delta[-1], abs=1e-9)
+    assert delta.driven.time - lap.time == pytest.approx(delta.delta[-1], abs=1e-9)
+    assert f"most at {delta.sectors[1].corner:.0f} m" in repr(delta)
+    assert "You lose 0.31 s" in delta._repr_html_() or "You lose 0.3" in delta._repr_html_()
+    assert len(delta.plot().data) >= 3
+
+
+def test_a_log_of_latitude_and_longitude_is_one_of_places():
+    lap = fastest()
+    plain = log_of(lap)
+    X, Y = plain["X"] - plain["X"][0], plain["Y"] - plain["Y"][0]
+    lat = 0.7 + Y / EARTH
+    channels = [sa.Channel("latitude", "rad"), sa.Channel("longitude", "rad")]
+    values = np.column_stack([lat, 0.2 + X / (EARTH * np.cos(0.7))])
+    data = sa.Dataset(values=values, channels=channels, dt=DT)
+    edge = lap.track
+    moved = sa.Path.from_points(edge.X - plain["X"][0], edge.Y - plain["Y"][0], closed=True)
+    assert sa.driven_laps(data, moved)[0].time == pytest.approx(lap.time, abs=0.02)
+
+
+def test_logs_without_a_lap_are_named():
+    lap = fastest()
+    with pytest.raises(TooShortError, match="no complete lap"):
+        sa.driven_laps(log_of(lap, laps=0.9), lap.track)
+    with pytest.raises(MissingColumnError, match="place of the car"):
+        sa.driven_laps(log_of(lap, names=("east", "north")), lap.track)
+    far = log_of(lap)
+    far = sa.Dataset(values=far.values + 1000.0, channels=far.channels, dt=DT)
+    with pytest.raises(ParameterError, match="comes no nearer"):
+        sa.driven_laps(far, lap.track)
+    with pytest.raises(ParameterError, match="is open"):
+        sa.driven_laps(log_of(lap), straight())
+    other = sa.Path.from_points(1.1 * lap.track.X[::40], 1.1 * lap.track.Y[::40], closed=True, name="other")
+    driven = sa.driven_laps(log_of(lap), other)[0]
+    with pytest.raises(ParameterError, match="expected the same track"):
+        sa.lap_delta(lap, driven)
+
+
+@pytest.mark.slow
+def test_a_racing_car_s_log_on_the_track_of_its_edges(real_data):
+    """A full-size car with its own edges: one lap, which runs between them."""
+    inner, outer = (
+        np.loadtxt(real_data(f"iac/putnam_{side}_bound.csv"), delimiter=",")[::-1, :2] for side in ("inner", "outer")
+    )
+    table = np.genfromtxt(real_data("iac/Putnam_park2023_run4_2.csv"), delimiter=",")
+    turning = np.sum(inner[:-1, 0] * inner[1:, 1] - inner[1:, 0] * inner[:-1, 1])
+    if turning > 0:
+        inner, outer = inner[::-1], outer[::-1]
+    track = sa.Path.from_edges(inner, outer, closed=True, name="Putnam Park")
+    channels = [sa.Channel("X", "m"), sa.Channel("Y", "m"), sa.Channel("v_x", "m/s")]
+    (driven,) = sa.driven_laps(sa.Dataset(values=table[:, 1:4], channels=channels, dt=0.04), track)
+    assert driven.time == pytest.approx(160.6, abs=0.5)
+    edges = track.at(driven.s)
+    assert (driven.n < edges.left).all()
+    assert (driven.n > -edges.right).all()
