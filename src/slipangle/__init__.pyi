@@ -106,6 +106,7 @@ from slipangle.paths.path import Path as Path
 from slipangle.report.comparison import comparison_page as comparison_page
 from slipangle.report.figure_file import save_figure as save_figure
 from slipangle.simulate.drive import drive as drive
+from slipangle.simulate.fmu import PlantFMU as PlantFMU
 from slipangle.simulate.foreign import PlantFunctions as PlantFunctions
 from slipangle.simulate.loop import closed_loop as closed_loop
 from slipangle.simulate.plant import Plant as Plant
