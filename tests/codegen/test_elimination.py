@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slipangle.codegen.compiler import compiler, library, sentence
-from slipangle.codegen.elimination import elimination_code
+from slipangle.codegen.elimination import elimination_code, stages_code
 from slipangle.codegen.expression import preamble
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason=sentence())
@@ -17,9 +17,9 @@ void run(const double *in, double *out, int ni, int no) {
     V i[64], o[256];
     memset(o, 0, sizeof o);
     for (int a = 0; a < ni; a++) i[a] = v_all(0.0);
-    for (int a = 0; a < ni; a++) for (int l = 0; l < LANES; l++) i[a][l] = in[a * LANES + l];
+    for (int a = 0; a < ni; a++) for (int l = 0; l < LANES; l++) v_lane(i[a], l) = in[a * LANES + l];
     f(i, o);
-    for (int a = 0; a < no; a++) for (int l = 0; l < LANES; l++) out[a * LANES + l] = o[a][l];
+    for (int a = 0; a < no; a++) for (int l = 0; l < LANES; l++) out[a * LANES + l] = v_lane(o[a], l);
 }
 """
 
@@ -51,3 +51,36 @@ def test_elimination_solves_sparse_systems():
     b = rng.standard_normal(n)
     found = run(code, np.tile(np.r_[A.ravel(), b][:, None], 8), n)[:, 0]
     assert found == pytest.approx(np.linalg.solve(A, b), rel=1e-12)
+
+
+def test_several_right_hand_sides_at_once():
+    rng = np.random.default_rng(2)
+    n, sides = 6, 3
+    mask = rng.random((n, n)) < 0.4
+    np.fill_diagonal(mask, True)
+    code = elimination_code([set(np.flatnonzero(row).tolist()) for row in mask], "e", sides="3") + (
+        f"static void f(const V *i, V *o) {{ V m[{n * n}]; for (int a = 0; a < {n * n}; a++) m[a] = i[a]; e_factor(m);"
+        f" for (int a = 0; a < {n * sides}; a++) o[a] = i[{n * n} + a]; e_solve_sides(m, o); }}"
+    )
+    A = np.where(mask, rng.standard_normal((n, n)), 0) + 4 * np.eye(n)
+    B = rng.standard_normal((n, sides))
+    found = run(code, np.tile(np.r_[A.ravel(), B.ravel()][:, None], 8), n * sides)[:, 0]
+    assert found.reshape(n, sides) == pytest.approx(np.linalg.solve(A, B), rel=1e-12)
+
+
+def test_the_matrix_of_the_stages_is_the_identity_less_the_derivatives():
+    rng = np.random.default_rng(3)
+    n = 3
+    coupled = np.array([[0, 1, 0], [1, 1, 1], [0, 0, 0]], dtype=bool)
+    shown = coupled | np.eye(n, dtype=bool)
+    H, J = rng.standard_normal((3, 3)), rng.standard_normal((3, n, n)) * shown
+    code = stages_code(coupled, "e") + (
+        "static void f(const V *i, V *o) { double h[9]; for (int a = 0; a < 9; a++) h[a] = v_lane(i[a], 0);"
+        " e_matrix(i + 9, h, o); }"
+    )
+    found = run(code, np.tile(np.r_[H.ravel(), J.ravel()][:, None], 8), 9 * n * n)[:, 0].reshape(3 * n, 3 * n)
+    wanted = np.eye(3 * n)
+    for a in range(n):
+        for b in range(n):
+            wanted[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] -= H * J[:, a, b][:, None]
+    assert found == pytest.approx(wanted, rel=1e-14)

@@ -2,7 +2,7 @@
 
 The same expression becomes C for ``double`` or for the vector types that GCC, Clang and Zig share, so that several
 wheels, cars or stages of a horizon go through it side by side. `preamble` gives the elementary functions of each type
-(those of vectors stand in ``vector_math.h``), `emit` the function itself.
+(those of vectors stand in ``vectors.h`` and ``vector_math.h``), `emit` the function itself.
 """
 
 from __future__ import annotations
@@ -82,7 +82,9 @@ def preamble(*kinds: str) -> str:
     They are ``"double"``; ``"v4"``, ``"v8"`` and so on for vectors of that width; ``"V"`` for vectors of ``LANES``
     numbers, by default what the processor has.
     """
-    text = (files("slipangle.codegen") / "vector_math.h").read_text(encoding="utf-8")
+    text = "\n".join(
+        (files("slipangle.codegen") / f"{n}.h").read_text(encoding="utf-8") for n in ("vectors", "vector_math")
+    )
     parts = []
     for kind in kinds:
         if kind == "double":

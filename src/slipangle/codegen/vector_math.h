@@ -1,77 +1,7 @@
-/* Elementary functions on LANES doubles at once, for generated model code. `expression.preamble` puts this text into a
-   source once for each width, with V, I, LANES and the prefix v_ renamed: v4, v4_sin and so on.
+/* Elementary functions on the vectors of vectors.h, of doubles, for generated model code.
 
    Errors are a few units in the last place. NaN stays NaN; what would overflow ends near 1e308; sine, cosine and tangent
    of angles from 2^36 (7e10) are NaN. Functions that vehicle models use rarely go through the C library lane by lane. */
-
-#include <math.h>
-#include <stdint.h>
-#include <string.h>
-
-typedef double V __attribute__((vector_size(8 * LANES), aligned(8 * LANES)));
-typedef int64_t I __attribute__((vector_size(8 * LANES), aligned(8 * LANES)));
-
-#undef INLINE
-#define INLINE static inline __attribute__((always_inline, unused))
-
-INLINE V v_all(double a)
-{
-    V z = {0};
-    return z + a;
-}
-#if LANES == 1 /* masks would go through the registers of whole numbers */
-INLINE V v_pick(I mask, V a, V b)
-{
-    V z = {mask[0] ? a[0] : b[0]};
-    return z;
-}
-INLINE V v_fabs(V a)
-{
-    V z = {__builtin_fabs(a[0])};
-    return z;
-}
-INLINE V v_copysign(V a, V b)
-{
-    V z = {__builtin_copysign(a[0], b[0])};
-    return z;
-}
-#else
-INLINE V v_pick(I mask, V a, V b) { return (V)((mask & (I)a) | (~mask & (I)b)); }
-INLINE V v_fabs(V a) { return (V)((I)a & INT64_MAX); }
-INLINE V v_copysign(V a, V b) { return (V)(((I)a & INT64_MAX) | ((I)b & INT64_MIN)); }
-#endif
-INLINE V v_true(I mask) { return (V)(mask & (I)v_all(1.0)); }
-INLINE V v_and(V a, V b) { return v_true((a != 0.0) & (b != 0.0)); }
-INLINE V v_or(V a, V b) { return v_true((a != 0.0) | (b != 0.0)); }
-INLINE V v_not(V a) { return v_true(a == 0.0); }
-INLINE V v_if(V condition, V a) { return (V)((condition != 0.0) & (I)a); }
-INLINE V v_sign(V a) { return v_true(a > 0.0) - v_true(a < 0.0); }
-INLINE V v_nearest(V a) { return (a + 0x1.8p52) - 0x1.8p52; }
-
-#define LANE_BY_LANE(name)                             \
-    static __attribute__((noinline, unused)) V v_##name(V a) \
-    {                                                  \
-        for (int i = 0; i < LANES; i++)                \
-            a[i] = name(a[i]);                         \
-        return a;                                      \
-    }
-#define LANE_BY_LANE_2(name)                                \
-    static __attribute__((noinline, unused)) V v_##name(V a, V b) \
-    {                                                       \
-        for (int i = 0; i < LANES; i++)                     \
-            a[i] = name(a[i], b[i]);                        \
-        return a;                                           \
-    }
-LANE_BY_LANE(asinh)
-LANE_BY_LANE(acosh)
-LANE_BY_LANE(atanh)
-LANE_BY_LANE(log1p)
-LANE_BY_LANE(erf)
-LANE_BY_LANE(floor)
-LANE_BY_LANE(ceil)
-LANE_BY_LANE_2(pow)
-LANE_BY_LANE_2(fmod)
-LANE_BY_LANE_2(remainder)
 
 #define NATIVE(width)                                                                                       \
     INLINE V v_sqrt(V a) { return (V)_mm##width##_sqrt_pd((__m##width##d)a); }                            \
@@ -84,23 +14,46 @@ NATIVE(512)
 #include <immintrin.h>
 NATIVE(256)
 #else
-INLINE V v_sqrt(V a)
+ONE_BY_ONE
+#endif
+INLINE V v_nearest(V a) { return (a + 0x1.8p52) - 0x1.8p52; }
+
+/* What the polynomials need of the bits: of whole numbers n and t = n + 1.5 * 2^52, whose low bits are those of n. */
+#if LANES == 1
+INLINE uint64_t v_bits(V a)
 {
-    for (int i = 0; i < LANES; i++)
-        a[i] = __builtin_sqrt(a[i]);
+    uint64_t bits;
+    memcpy(&bits, &a, sizeof bits);
+    return bits;
+}
+INLINE V v_of_bits(uint64_t bits)
+{
+    V a;
+    memcpy(&a, &bits, sizeof a);
     return a;
 }
-INLINE V v_fmin(V a, V b) { return v_pick(a < b, a, b); }
-INLINE V v_fmax(V a, V b) { return v_pick(a > b, a, b); }
-#endif
-
-INLINE int v_any(I mask)
+INLINE I v_odd(V n) { return (I)(v_bits(n + 0x1.8p52) & 1); }
+INLINE V v_flip(V a, V n) { return v_bits(n + 0x1.8p52) & 2 ? -a : a; } /* -a where n is 2 or 3 modulo 4 */
+INLINE I v_below(V a) { return (I)(v_bits(a) >> 63); }                   /* -0 too */
+INLINE V v_power(V t) { return v_of_bits((v_bits(t) << 52) + v_bits(1.0)); } /* 2^n */
+INLINE V v_split(V a, V *m) /* a = 2^n m with m between sqrt(1/2) and sqrt(2); t */
 {
-    int64_t any = 0;
-    for (int i = 0; i < LANES; i++)
-        any |= mask[i];
-    return any != 0;
+    uint64_t k = (uint64_t)((I)(v_bits(a) - v_bits(0.7071067811865476)) >> 52);
+    *m = v_of_bits(v_bits(a) - (k << 52));
+    return v_of_bits(k + v_bits(0x1.8p52));
 }
+#else
+INLINE I v_odd(V n) { return -((I)(n + 0x1.8p52) & 1); }
+INLINE V v_flip(V a, V n) { return (V)((I)a ^ (((I)(n + 0x1.8p52) & 2) << 62)); }
+INLINE I v_below(V a) { return (I)a < 0; }
+INLINE V v_power(V t) { return (V)(((I)t << 52) + (I)v_all(1.0)); }
+INLINE V v_split(V a, V *m)
+{
+    I k = ((I)a - (I)v_all(0.7071067811865476)) >> 52;
+    *m = (V)((I)a - (k << 52));
+    return (V)(k + (I)v_all(0x1.8p52));
+}
+#endif
 
 /* Polynomials are summed in pairs, as a chain of terms would wait for each of them. */
 
@@ -136,10 +89,8 @@ INLINE V v_cos_series(V r)
 }
 INLINE V v_turn(V r, V n)
 {
-    /* sine of r + n pi/2, n whole: the low bits of n + 1.5 * 2^52 are those of n */
-    I k = (I)(n + 0x1.8p52);
-    V value = v_pick(-(k & 1), v_cos_series(r), v_sin_series(r));
-    return (V)((I)value ^ ((k & 2) << 62));
+    /* sine of r + n pi/2, n whole */
+    return v_flip(v_pick(v_odd(n), v_cos_series(r), v_sin_series(r)), n);
 }
 INLINE V v_sin(V x)
 {
@@ -154,7 +105,7 @@ INLINE V v_cos(V x)
 INLINE V v_tan(V x)
 {
     V n, r = v_quarter(x, &n), s = v_sin_series(r), c = v_cos_series(r);
-    I odd = -((I)(n + 0x1.8p52) & 1);
+    I odd = v_odd(n);
     return v_pick(odd, -c, s) / v_pick(odd, s, c);
 }
 
@@ -179,7 +130,7 @@ INLINE V v_atan2(V y, V x)
 {
     V a = v_octant(y, v_fabs(x));
     a = v_pick((v_fabs(x) == 0.0) & (y == 0.0), v_copysign(v_all(0.0), y), a);
-    return v_pick((I)x < 0, v_copysign(v_all(3.141592653589793), y) - a, a);
+    return v_pick(v_below(x), v_copysign(v_all(3.141592653589793), y) - a, a);
 }
 
 INLINE V v_asin(V x) { return v_octant(x, v_sqrt((1.0 - x) * (1.0 + x))); }
@@ -197,7 +148,7 @@ INLINE V v_exp_parts(V x, V *s)
     V high = (0.0013888888917281794 + r * 0.00019841269863105968) +
              z * (2.480152119021773e-05 + r * 2.7557268378684192e-06) +
              y * (2.7620138719733994e-07 + r * 2.5100424157005067e-08);
-    *s = (V)(((I)t << 52) + (I)v_all(1.0));
+    *s = v_power(t);
     return r + z * (low + y * high);
 }
 /* NaN stays NaN: the smaller and the larger of two are the second where they do not compare. */
@@ -234,9 +185,7 @@ INLINE V v_log(V x)
 {
     I tiny = x < 0x1p-1022;
     V up = v_pick(tiny, x * 0x1p54, x);
-    I k = ((I)up - (I)v_all(0.7071067811865476)) >> 52;
-    V m = (V)((I)up - (k << 52));
-    V n = (V)(k + (I)v_all(0x1.8p52)) - v_pick(tiny, v_all(0x1.8p52 + 54.0), v_all(0x1.8p52));
+    V m, n = v_split(up, &m) - v_pick(tiny, v_all(0x1.8p52 + 54.0), v_all(0x1.8p52));
     V f = m - 1.0, s = f / (m + 1.0), z = s * s, y = z * z;
     V low = (0.3333333333333333 + z * 0.2) + y * (0.14285714285714285 + z * 0.1111111111111111);
     V high = (0.09090909090909091 + z * 0.07692307692307693) + y * (0.06666666666666667 + z * 0.058823529411764705) +
@@ -249,5 +198,6 @@ INLINE V v_log(V x)
 }
 INLINE V v_hypot(V a, V b) { return v_sqrt(a * a + b * b); }
 #undef NATIVE
+#undef ONE_BY_ONE
 #undef LANE_BY_LANE
 #undef LANE_BY_LANE_2

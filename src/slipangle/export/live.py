@@ -21,8 +21,6 @@ import casadi as ca
 import numpy as np
 
 from slipangle.codegen import cache as code_cache
-from slipangle.codegen import compiler
-from slipangle.codegen.expression import preamble
 from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError
@@ -34,7 +32,6 @@ from slipangle.export.mpc import mpc_project
 from slipangle.export.project import template
 from slipangle.models.wrappers.on_ground import POSE
 from slipangle.numerics.integrate import discretise
-from slipangle.optimal.realtime.parts import implicit
 from slipangle.optimal.terms import Values, Weights
 from slipangle.paths.path import Path
 from slipangle.simulate.plant import Plant
@@ -43,7 +40,6 @@ SAMPLE = 0.01  # s, between samples of the result and steps of the speed law, as
 LONGEST = 60.0  # s of driving; a longer one does not answer at once
 MOST_BYTES = 400_000  # of WebAssembly
 LATEST = 0.3  # s of steering delay at most
-LANES = 2  # doubles per vector of WebAssembly
 _PLACES = {"pace": 0, "friction": 1, "delay": 2, "mass": 3}  # of settings, before the weights
 _FLAGS = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-Os", "-msimd128", "-std=gnu11", "-fno-sanitize=undefined")
 _INCLUDES = '#include "car.h"\n#include <math.h>\n#include <string.h>'
@@ -186,12 +182,6 @@ class Live:
             ),
         }
 
-    def _looks_ahead(self, lanes: int) -> bool:
-        """Whether an implicit model's solver with so many doubles a vector linearises ahead, see ``work.c``."""
-        ocp = self.mpc.ocp
-        steps = int(ocp.nodes[-1])
-        return steps == ocp.horizon and steps > 1 and steps % lanes != 0
-
     def _constants(self) -> list[str]:
         model, plant, mpc = self.mpc.model, self.plant.model, self.mpc
         steering, states = plant.inputs.index(mpc.controls[0]), plant.states
@@ -267,19 +257,11 @@ class Live:
         """The program; None without the ``ziglang`` package, or where it is too large for a page or fails."""
         if importlib.util.find_spec("ziglang") is None or os.environ.get("SLIPANGLE_CC", "").strip().lower() == "none":
             return None
-        if implicit(self.mpc.ocp) and self._looks_ahead(compiled_lanes()) != self._looks_ahead(LANES):
-            return None  # other commands than here
         made = compiled(self.sources)
         return made if made is not None and len(made) <= MOST_BYTES else None
 
 
 _EXOGENOUS = {"v_x": 5, "curvature": 4, "v_x_dot": -1}
-
-
-def compiled_lanes() -> int:
-    """Doubles per vector of what is compiled for this machine."""
-    loaded = compiler.library(preamble("V") + "\nint live_lanes(void) {\n    return LANES;\n}\n", name="lanes")
-    return LANES if loaded is None else loaded.live_lanes()
 
 
 def compiled(sources: Mapping[str, str]) -> bytes | None:

@@ -37,7 +37,7 @@ def size_of(source: str, struct: str, lanes: int, number: int = 8) -> int:
     for listed in re.findall(r"^enum \{([^}=]*)\}", text, re.MULTILINE):
         macros.update({name.strip(): str(i) for i, name in enumerate(listed.split(","))})
     known = {kind: (size, size) for kind, size in _SIZES.items()}
-    known["V"] = (number * lanes, number * lanes)
+    known["V"] = known["I"] = (number * lanes, number * lanes)
     found = {name: body for body, name in re.findall(r"typedef struct \{(.*?)\} (\w+);", text, re.DOTALL)}
 
     def measure(name: str) -> tuple[int, int]:

@@ -15,6 +15,7 @@ from slipangle.export.memory import size_of
 from slipangle.export.project import Project
 
 PRECISIONS = ("double", "single")
+_VECTORS = ("vectors", "vector_math_single")
 _WIDTHS = (8, 4, 2, 1)
 _SHARE = 23 / 52  # of digits that are left: a tolerance of eps^p stays one
 _FUNCTIONS = frozenset(
@@ -78,7 +79,9 @@ def single(text: str) -> str:
 
 @cache
 def _vectors() -> str:
-    return (files("slipangle.codegen") / "vector_math_single.h").read_text(encoding="utf-8")
+    vectors, functions = ((files("slipangle.codegen") / f"{n}.h").read_text(encoding="utf-8") for n in _VECTORS)
+    vectors = vectors.replace("int64_t", "int32_t").replace("INT64_", "INT32_")
+    return _TOKEN.sub(_token, f"{vectors}\n{functions}")
 
 
 def _token(found: re.Match[str]) -> str:

@@ -124,7 +124,7 @@ INLINE double total(const double *row)
         sum += ((const V *)row)[k];
     double all = 0;
     for (int l = 0; l < LANES; l++)
-        all += sum[l];
+        all += v_lane(sum, l);
     return all;
 }
 
@@ -142,8 +142,9 @@ static void track(Work *s)
     double cosine = cos(here[2]), sine = sin(here[2]), x = 0, y = 0, psi = 0, held = s->applied[0];
     WIDE_ROW double turn[QL] = {0}, side[QL] = {0}, ahead[QL] = {0};
     double out[(NH + 1) * NY];
-    V angles[2][WIDE] = {{{0}}}, cosine_of[2][WIDE], sine_of[2][WIDE]; /* of the vehicle between steps, of the path */
+    V angles[2][WIDE], cosine_of[2][WIDE], sine_of[2][WIDE]; /* of the vehicle between steps, of the path */
     double *mean = (double *)angles[0], *lean = (double *)angles[1];
+    memset(angles, 0, sizeof angles);
     for (int i = 0; i < (NH + 1) * NY; i++)
         out[i] = s->free[i] + held * total(s->hit + i * QL);
     for (int i = 0; i <= NH; i++) {

@@ -63,7 +63,7 @@ static double mean_product(const Work *s, double t)
     }
     double total = 0, count = 0;
     for (int j = 0; j < LANES; j++)
-        total += sum[j], count += many[j];
+        total += v_lane(sum, j), count += v_lane(many, j);
     return count > 0 ? total / count : 0;
 }
 
@@ -123,7 +123,7 @@ static double step_sides(Work *s)
     }
     double top = 0;
     for (int j = 0; j < LANES; j++)
-        top = larger(most[j], top);
+        top = larger(v_lane(most, j), top);
     return 1 / top;
 }
 

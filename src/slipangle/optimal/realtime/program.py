@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipangle.codegen.elimination import elimination_code, nonzeros, stages_pattern
+from slipangle.codegen.elimination import elimination_code, nonzeros, stages_code, stages_pattern
 from slipangle.codegen.expression import emit, fewer_divisions, only, preamble, scalar_code
 from slipangle.codegen.struct import accessors, clock
 from slipangle.numerics.integrate import RADAU_A, RETRY
@@ -138,7 +138,9 @@ def _columns(function: ca.Function, name: str) -> str:
 
 def _implicit_code(parts: Implicit) -> list[str]:
     code = [_columns(parts.slopes, "core"), _columns(only(parts.slopes, [0]), "core_values")]
-    code.append(elimination_code(stages_pattern(_core_pattern(parts)), "newton"))
+    coupled = _core_pattern(parts)
+    code.append(stages_code(coupled, "newton"))
+    code.append(elimination_code(stages_pattern(coupled), "newton", sides="(NC + NU)"))
     if parts.rest:
         code.append(_columns(parts.quadrature, "quadrature"))
         code.append(_columns(only(parts.quadrature, [0]), "quadrature_values"))
@@ -240,7 +242,6 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
             f"#define SHORT {RETRY}",
             _array("double", "SHORT_H", (ocp.dt / RETRY * RADAU_A).ravel()),
             _array("int", "CORE", parts.core),
-            _array("int", "CORE_AT", _core_pattern(parts).ravel()),
             _array("int", "REST", parts.rest),
             _array("double", "RADAU_H", (ocp.dt * RADAU_A).ravel()),
             _array("double", "RADAU_REST", np.linalg.solve(ocp.dt * RADAU_A, np.ones(3))),
@@ -276,8 +277,10 @@ def _scratch(called: Sequence[ca.Function], is_implicit: bool) -> str:
     lines.append("    V E[M1(NE * NX)], D[M1(NE * NU)], LX[M1(NL * NX)], LU[M1(NL * NU)];")
     if is_implicit:
         lines.append("    V k[NK], d[NK], kept[NK], way[NK], *m, *s, dx[NX], du[NU], shift[NU];")
-        lines.append("    V factors[GROUPS * NK * NK], by[GROUPS * (NC + NU) * NK]; /* m and s of all columns */")
-        lines.append("    int spoilt[GROUPS]; /* they belong to a shorter step */")
+        lines.append(
+            "    V factors[(GROUPS + 1) * NK * NK], by[(GROUPS + 1) * (NC + NU) * NK]; /* m and s of all columns */"
+        )
+        lines.append("    I spoilt[GROUPS + 1]; /* whose they are not, as those took short steps */")
         lines.append("    V f[3 * NC], fx[3 * NC * NC], fu[3 * NC * NU];")
         lines.append("    V q[M1(NQ)], qk[M1(NQ * NK)], qx[M1(NQ * NX)], qu[M1(NQ * NU)];")
     if called:

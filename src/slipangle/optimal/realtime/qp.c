@@ -75,7 +75,7 @@ INLINE double dot(const double *a, const double *b, int n)
     }
     double total = 0;
     for (int j = 0; j < LANES; j++)
-        total += sum[j];
+        total += v_lane(sum, j);
     for (; i < n; i++)
         total += a[i] * b[i];
     return total;
@@ -87,7 +87,7 @@ INLINE void add(double *restrict y, double a, const double *restrict x, int n)
 }
 
 /* The same for entries `from` to `to` of aligned rows, rounded outwards to whole vectors. */
-INLINE void add_rows(double *y, double a, const double *x, int from, int to)
+INLINE void add_rows(double *restrict y, double a, const double *restrict x, int from, int to)
 {
     for (int i = from / LANES; i * LANES < to; i++)
         ((V *)y)[i] += a * ((const V *)x)[i];

@@ -499,7 +499,7 @@ static void check(Work *s)
 {
     if (NS > N)
         inputs_after(s->u, 1, s->u_later);
-    for (int i = 0; i < NS; i += LANES)
+    for (int i = (NS - !(NK > 0 && SPARE)) / LANES * LANES; i >= 0; i -= LANES) /* the step after the last one first */
         evaluate_ends(s, i);
     for (int i = 0; i <= N; i += LANES)
         evaluate_errors(s, i);
@@ -511,8 +511,11 @@ static void check(Work *s)
 static void look_ahead(Work *s)
 {
 #if DYNAMICS == RADAU
-    for (int i = 0; i < NS; i += LANES)
-        move_slopes(s, i);
+    double along[NS + 1];
+    for (int i = NS / LANES * LANES; i >= 0; i -= LANES) /* the step after the last one first, from where that was */
+        move_slopes(s, i, along);
+    for (int i = 0; i <= NS; i += 8)
+        correct_slopes(s, i, along);
 #endif
     int good = 1;
     s->from = FROM;

@@ -13,7 +13,7 @@ INLINE int column(int first, int count, int lane, int last)
         for (int lane = 0; lane < LANES; lane++) {                                                \
             const double *at = from + place(column(first, count, lane, last)) * width;            \
             for (int a = 0; a < width; a++)                                                       \
-                to[a][lane] = at[a];                                                              \
+                v_lane(to[a], lane) = at[a];                                                              \
         }                                                                                         \
     }
 GATHER(gather, )
@@ -30,7 +30,7 @@ static void scatter(const V *from, double *to, int width, int first, int count, 
     for (int lane = 0; lane < count && first + lane <= last; lane++) {
         double *at = to + (first + lane) * width;
         for (int a = 0; a < width; a++)
-            at[a] = from[a][lane];
+            at[a] = v_lane(from[a], lane);
     }
 }
 
@@ -39,6 +39,14 @@ static void scatter(const V *from, double *to, int width, int first, int count, 
     (memcpy(c->in, in, sizeof in), memcpy(c->out, out, sizeof out), function(c->in, c->out, c->iw, c->work, 0))
 
 #if DYNAMICS == RADAU
+
+/* Place of the derivative of a stage slope by a core state or an input. One number at a time, those of a slope lie side by
+   side and are solved for together, as each solution alone waits for its own sums. */
+#if LANES == 1
+#define SLOPE(i, by) ((i) * (NC + NU) + (by))
+#else
+#define SLOPE(i, by) ((by) * NK + (i))
+#endif
 
 /* Core states at the stage j of a step; the last stage is its end. */
 INLINE void stage_states(const Scratch *c, const double *H, int j, V *to)
@@ -92,34 +100,28 @@ INLINE void find_stages(Scratch *c, const double *H, double step, double toleran
         at[a] = c->x[a];
     for (int a = 0; a < NC; a++)
         unit[a] = step / (1.0 + v_fabs(c->x[CORE[a]]));
-    for (int round = 0; round < 30; round++) {
+    for (int round = 0;; round++) {
         for (int j = 0; j < 3; j++) {
             stage_states(c, H, j, at);
             core(at, c->u, c->w, c->f + j * NC, c->fx + j * NC * NC, c->fu + j * NC * NU);
         }
+        newton_matrix(c->fx, H, c->m);
         for (int a = 0; a < NC; a++)
-            for (int j = 0; j < 3; j++) {
-                V *row = c->m + (3 * a + j) * NK;
-                const V *fx = c->fx + (j * NC + a) * NC;
-                for (int b = 0; b < NC; b++)
-                    if (CORE_AT[a * NC + b] || a == b)
-                        for (int l = 0; l < 3; l++)
-                            row[3 * b + l] = -H[3 * j + l] * fx[b] + (a == b && j == l ? 1.0 : 0.0);
+            for (int j = 0; j < 3; j++)
                 c->d[3 * a + j] = c->k[3 * a + j] - c->f[j * NC + a];
-            }
         V size = {0}, most = {0};
         for (int i = 0; i < NK; i++) {
             V r = unit[i / 3] * c->d[i];
             size += r * r;
         }
         /* wheels past the peak of their tire throw a full step too far: halve it until the residual falls */
-        I worse = ~(size <= before) & ~(size <= tolerance * tolerance) & (t > 1e-4);
+        I worse = v_unless(size <= before) & v_unless(size <= tolerance * tolerance) & (t > 1e-4);
         V of_size = before, of_step = last, of_t = t;
         newton_factor(c->m);
         newton_solve(c->m, c->d);
         for (int i = 0; i < NK; i++)
             most += v_fabs(unit[i / 3] * c->d[i]);
-        *moving = worse | ~((most <= tolerance) | (most * most <= tolerance * (last - most)));
+        *moving = worse | v_unless((most <= tolerance) | (most * most <= tolerance * (last - most)));
         t = v_pick(worse, 0.5 * t, v_all(1.0));
         before = v_pick(worse, before, size);
         last = v_pick(worse, v_all(0.0), most);
@@ -128,13 +130,12 @@ INLINE void find_stages(Scratch *c, const double *H, double step, double toleran
             c->way[i] = v_pick(worse, c->way[i], c->d[i]);
             c->k[i] = c->kept[i] - t * c->way[i];
         }
-        if (!v_any(*moving))
+        if (!v_any(*moving) || round == 29)
             break;
-        if (from == FROM) { /* what does not move stays as it was, whatever is beside it */
-            for (int i = 0; i < NK; i++)
-                c->k[i] = v_pick(*moving, c->k[i], c->kept[i]);
-            before = v_pick(*moving, before, of_size), last = v_pick(*moving, last, of_step), t = v_pick(*moving, t, of_t);
-        }
+        /* what does not move stays as it was, whatever is beside it */
+        for (int i = 0; i < NK; i++)
+            c->k[i] = v_pick(*moving, c->k[i], c->kept[i]);
+        before = v_pick(*moving, before, of_size), last = v_pick(*moving, last, of_step), t = v_pick(*moving, t, of_t);
         if (round == 14 && settle) { /* once more, from wheels at rest in their slip */
             settle_fast_states(c, *moving);
             before = v_pick(*moving, v_all(INFINITY), before);
@@ -146,18 +147,24 @@ INLINE void find_stages(Scratch *c, const double *H, double step, double toleran
 /* End of the step and its derivatives from the stages; the last factors give them, by the implicit function theorem. */
 INLINE void end_step(Scratch *c, const double *H, int whole)
 {
-    for (int b = 0; b < NC + NU; b++) {
-        V *s = c->s + b * NK;
-        for (int a = 0; a < NC; a++)
-            for (int j = 0; j < 3; j++)
-                s[3 * a + j] = b < NC ? c->fx[(j * NC + a) * NC + b] : c->fu[(j * NC + a) * NU + b - NC];
-        newton_solve(c->m, s);
-    }
+    for (int a = 0; a < NC; a++)
+        for (int j = 0; j < 3; j++) {
+            for (int b = 0; b < NC; b++)
+                c->s[SLOPE(3 * a + j, b)] = c->fx[(j * NC + a) * NC + b];
+            for (int b = 0; b < NU; b++)
+                c->s[SLOPE(3 * a + j, NC + b)] = c->fu[(j * NC + a) * NU + b];
+        }
+#if LANES == 1
+    newton_solve_sides(c->m, c->s);
+#else
+    for (int b = 0; b < NC + NU; b++)
+        newton_solve(c->m, c->s + b * NK);
+#endif
     stage_states(c, H, 2, c->next);
     for (int a = 0; a < NC; a++)
         for (int b = 0; b < NC + NU; b++) {
-            const V *s = c->s + b * NK + 3 * a;
-            V slope = H[6] * s[0] + H[7] * s[1] + H[8] * s[2];
+            const V *s = c->s;
+            V slope = H[6] * s[SLOPE(3 * a, b)] + H[7] * s[SLOPE(3 * a + 1, b)] + H[8] * s[SLOPE(3 * a + 2, b)];
             if (b < NC)
                 c->A[CORE[a] * NX + CORE[b]] = slope + (a == b ? 1.0 : 0.0);
             else
@@ -178,7 +185,7 @@ INLINE void end_step(Scratch *c, const double *H, int whole)
         for (int b = 0; b < NC + NU; b++) {
             V sum = {0};
             for (int i = Q_FIRST[a]; i < Q_FIRST[a + 1]; i++)
-                sum += c->qk[a * NK + Q_AT[i]] * c->s[b * NK + Q_AT[i]];
+                sum += c->qk[a * NK + Q_AT[i]] * c->s[SLOPE(Q_AT[i], b)];
             if (b < NC)
                 c->A[row * NX + CORE[b]] += sum;
             else
@@ -188,11 +195,13 @@ INLINE void end_step(Scratch *c, const double *H, int whole)
 #endif
 }
 
-/* Many short steps instead of one for the columns in `which`, derivatives by the chain rule; NaN if even they fail. */
+/* Many short steps instead of one for the columns in `which`, derivatives by the chain rule; NaN if even they fail. Their
+   factors are those of no column. */
 static __attribute__((noinline, cold)) void short_steps(Scratch *c, double tolerance, I which)
 {
     V from[NX], next[NX], k[NK], A[NX * NX], B[NX * NU], total[NX * NX], through[NX * NU], row[NX];
     I failed = which & 0;
+    c->m = c->factors + GROUPS * NK * NK, c->s = c->by + GROUPS * (NC + NU) * NK;
     memcpy(from, c->x, sizeof from);
     memcpy(next, c->next, sizeof next);
     memcpy(k, c->k, sizeof k);
@@ -239,17 +248,30 @@ static __attribute__((noinline, cold)) void short_steps(Scratch *c, double toler
         c->B[i] = v_pick(which, through[i], B[i]);
 }
 
+/* End of the step from the stages, without derivatives. */
+INLINE void end_alone(Scratch *c)
+{
+    stage_states(c, RADAU_H, 2, c->next);
+#if NQ > 0
+    quadrature_values(c->k, c->x, c->u, c->w, c->q);
+    for (int a = 0; a < NQ; a++)
+        c->next[REST[a]] = c->q[a];
+#endif
+}
+
 /* Three-stage Radau IIA. The core states (those that feed back on each other) are implicit; the others follow by
-   quadrature. Stage slopes k are kept between calls. Returns whether some column took short steps. */
-static int integrate(Scratch *c, double tolerance, double from)
+   quadrature. Stage slopes k are kept between calls. Returns which columns took short steps. */
+static I integrate(Scratch *c, double tolerance, double from, int derivatives)
 {
     I moving;
     find_stages(c, RADAU_H, STEP, tolerance, from, 1, &moving);
-    end_step(c, RADAU_H, 1);
-    int failed = v_any(moving);
-    if (__builtin_expect(failed, 0))
+    if (derivatives)
+        end_step(c, RADAU_H, 1);
+    else
+        end_alone(c);
+    if (__builtin_expect(v_any(moving), 0))
         short_steps(c, tolerance, moving);
-    return failed;
+    return moving;
 }
 
 /* Stage slopes along their derivatives after the state and the inputs have moved by dx and du; how far. */
@@ -260,7 +282,7 @@ INLINE V move_along(Scratch *c)
     for (int b = 0; b < NC + NU; b++) {
         V by = b < NC ? c->dx[CORE[b]] : c->du[b - NC];
         for (int i = 0; i < NK; i++)
-            c->k[i] += c->s[b * NK + i] * by;
+            c->k[i] += c->s[SLOPE(i, b)] * by;
     }
     for (int i = 0; i < NK; i++)
         far += v_fabs(STEP / (1.0 + v_fabs(c->x[CORE[i / 3]])) * (c->k[i] - c->kept[i]));
@@ -294,35 +316,35 @@ INLINE void follow(Scratch *c)
 {
     move_along(c);
     V off = correct(c);
-    stage_states(c, RADAU_H, 2, c->next);
-#if NQ > 0
-    quadrature_values(c->k, c->x, c->u, c->w, c->q);
-    for (int a = 0; a < NQ; a++)
-        c->next[REST[a]] = c->q[a];
-#endif
+    end_alone(c);
     for (int i = 0; i < NK; i++) /* a better start for the next step, unless they were far off */
         c->k[i] = v_pick(off <= 1e-2, c->k[i], c->kept[i]);
 #if NS > N
     for (int b = 0; b < NU; b++)
         for (int i = 0; i < NK; i++)
-            c->k[i] += c->s[(NC + b) * NK + i] * c->shift[b];
+            c->k[i] += c->s[SLOPE(i, NC + b)] * c->shift[b];
 #endif
 }
 
 #endif
 
 #if DYNAMICS != CALLED
-/* Next state and derivatives of the columns at hand, which are those of a group; whether some took short steps. There
-   is one copy of this, so that a column comes out the same to the last bit whatever is beside it. */
+/* Next state of the columns at hand, which are those of a group, and its derivatives but of that behind the last
+   column; whether some took short steps. There is one copy of this, so that a column comes out the same to the last bit
+   whatever is beside it. */
 static __attribute__((noinline)) int evaluate_columns(Work *s, int group)
 {
     Scratch *c = &s->scratch;
 #if DYNAMICS == RADAU
     c->m = c->factors + group * NK * NK, c->s = c->by + group * (NC + NU) * NK;
-    return c->spoilt[group] = integrate(c, s->newton, s->from);
+    c->spoilt[group] = integrate(c, s->newton, s->from, group < GROUPS);
+    return v_any(c->spoilt[group]);
 #else
-    explicit_dynamics(c->x, c->u, c->w, c->next, c->A, c->B);
-    return group < 0;
+    if (group < GROUPS)
+        explicit_dynamics(c->x, c->u, c->w, c->next, c->A, c->B);
+    else
+        explicit_values(c->x, c->u, c->w, c->next);
+    return 0;
 #endif
 }
 #endif
@@ -346,7 +368,8 @@ static void evaluate_dynamics(Work *s, int first, int count)
 #endif
     evaluate_columns(s, first / LANES);
 #if DYNAMICS == RADAU
-    c->spoilt[first / LANES] |= count < LANES;
+    if (count < LANES)
+        c->spoilt[first / LANES] |= -1;
     scatter(c->k, s->k, NK, first, count, NS - 1);
 #endif
     scatter(c->next, s->next, NX, first, count, NS - 1);
@@ -389,15 +412,17 @@ static void evaluate_stage(Work *s, int first)
 }
 
 #if DYNAMICS == RADAU
-/* What a lane holds, also in the next one. */
-INLINE void repeat_lane(V *rows, int count, int lane)
+/* What belongs to the last step, also for the one after it. */
+INLINE void repeat_last(V *rows, int count)
 {
+    const V *from = rows + (NS - 1) / LANES * count;
+    V *to = rows + NS / LANES * count;
     for (int i = 0; i < count; i++)
-        rows[i][lane + 1] = rows[i][lane];
+        v_lane(to[i], NS % LANES) = v_lane(from[i], (NS - 1) % LANES);
 }
 
-/* Factors, derivatives of the stage slopes and movements since the linearisation, of LANES columns; a lane to spare is
-   the step after the last, from where that was. */
+/* Factors, derivatives of the stage slopes and movements since the linearisation, of LANES columns; that after the last
+   is the step after it, from where that was. */
 static void gather_moves(Work *s, int first)
 {
     Scratch *c = &s->scratch;
@@ -407,11 +432,24 @@ static void gather_moves(Work *s, int first)
     gather_held(c->du, s->du, NU, first, LANES, NS - 1);
     gather(c->k, s->k, NK, first, LANES, NS - 1);
     gather(c->x, s->x, NX, first, LANES, NS);
+    if (NS - first >= LANES)
+        return;
     for (int lane = NS - first; lane < LANES; lane++)
         for (int a = 0; a < NX; a++)
-            c->dx[a][lane] = s->x[NS * NX + a] - s->x_from[(NS - 1) * NX + a];
-    if (AHEAD && NS - first < LANES)
-        repeat_lane(c->s, (NC + NU) * NK, NS - first - 1);
+            v_lane(c->dx[a], lane) = s->x[NS * NX + a] - s->x_from[(NS - 1) * NX + a];
+    v_lane(c->spoilt[group], NS % LANES) = v_lane(c->spoilt[(NS - 1) / LANES], (NS - 1) % LANES);
+    if (AHEAD || NS % LANES == 0)
+        repeat_last(c->by, (NC + NU) * NK);
+}
+
+/* Of the columns, also of the one after the last, what `correct` needs beside their movements. */
+INLINE void gather_corrections(Work *s, int first)
+{
+    Scratch *c = &s->scratch;
+    if (NS - first < LANES && (AHEAD || NS % LANES == 0))
+        repeat_last(c->factors, NK * NK);
+    gather_held(c->u, s->u, NU, first, LANES, NS - 1);
+    gather_held(c->w, s->w, NW, first, LANES, NS - 1);
 }
 #endif
 
@@ -423,28 +461,44 @@ GATHER(gather_later, LATER)
 GATHER(gather_held_later, HELD_LATER)
 
 #if DYNAMICS == RADAU
-/* Stage slopes after x and u have moved by dx and du since they were linearised, and those of the step after the last:
-   along their derivatives, and corrected where they have moved FAR_ALONG. */
-static void move_slopes(Work *s, int first)
+/* Stage slopes after x and u have moved by dx and du since they were linearised, along their derivatives, and those of the
+   step after the last; how far each has moved. Those of short steps stay. */
+static void move_slopes(Work *s, int first, double *along)
 {
     Scratch *c = &s->scratch;
-    int far = 0;
     gather_moves(s, first);
-    if (!c->spoilt[first / LANES]) {
-        V along = move_along(c);
-        for (int lane = 0; lane < LANES && first + lane <= NS; lane++)
-            far |= !(along[lane] <= FAR_ALONG);
-    }
-    if (far) {
-        if (NS - first < LANES)
-            repeat_lane(c->m, NK * NK, NS - first - 1);
-        gather_held(c->u, s->u, NU, first, LANES, NS - 1);
-        gather_held(c->w, s->w, NW, first, LANES, NS - 1);
+    I spoilt = c->spoilt[first / LANES];
+    V far = v_pick(spoilt, v_all(0.0), move_along(c));
+    for (int i = 0; i < NK; i++)
+        c->k[i] = v_pick(spoilt, c->kept[i], c->k[i]);
+    scatter(c->k, s->k, NK, first, LANES, NS);
+    scatter(&far, along, 1, first, LANES, NS);
+}
+
+/* What of eight columns has moved far, corrected: where one has gone FAR_ALONG, all that have gone a hundredth of that, as
+   one alone that needs another step of Newton's method takes the time of as many as there are lanes. */
+static void correct_slopes(Work *s, int eighth, const double *along)
+{
+    Scratch *c = &s->scratch;
+    int last = eighth + 7 < NS ? eighth + 7 : NS, far = 0;
+    for (int i = eighth; i <= last; i++)
+        far |= !(along[i] <= FAR_ALONG);
+    for (int first = last / LANES * LANES; far && first >= eighth; first -= LANES) {
+        V way, moved[NK];
+        gather(&way, along, 1, first, LANES, last);
+        I which = v_unless(way <= 0.01 * FAR_ALONG);
+        if (!v_any(which))
+            continue;
+        gather_moves(s, first);
+        gather_corrections(s, first);
+        gather(c->k, s->k, NK, first, LANES, NS);
+        gather(c->kept, s->k_from, NK, first, LANES, NS);
+        memcpy(moved, c->k, sizeof moved);
         V off = correct(c);
         for (int i = 0; i < NK; i++)
-            c->k[i] = v_pick(off <= 1e-2, c->k[i], c->kept[i]);
+            c->k[i] = v_pick(which, v_pick(off <= 1e-2, c->k[i], c->kept[i]), moved[i]);
+        scatter(c->k, s->k, NK, first, LANES, NS);
     }
-    scatter(c->k, s->k, NK, first, LANES, NS);
 }
 #endif
 
@@ -481,6 +535,28 @@ static int evaluate_later(Work *s, int first)
 }
 #endif
 
+#if DYNAMICS == RADAU
+/* The same for the columns that took short steps, whose slopes lead nowhere: integrated anew. */
+static __attribute__((noinline, cold)) void follow_short(Work *s, int first)
+{
+    Scratch *c = &s->scratch;
+    V next[NX], k[NK], start[NK];
+    I spoilt = c->spoilt[first / LANES];
+    memcpy(next, c->next, sizeof next);
+    memcpy(k, c->k, sizeof k);
+    gather(c->k, s->k, NK, first, LANES, NS);
+    memcpy(start, c->k, sizeof k);
+    evaluate_columns(s, GROUPS);
+    for (int lane = NS - first; lane < LANES; lane++) /* of the step after the last nothing better is known */
+        for (int i = 0; i < NK; i++)
+            v_lane(c->k[i], lane) = v_lane(start[i], lane);
+    for (int a = 0; a < NX; a++)
+        c->next[a] = v_pick(spoilt, c->next[a], next[a]);
+    for (int i = 0; i < NK; i++)
+        c->k[i] = v_pick(spoilt, c->k[i], k[i]);
+}
+#endif
+
 /* Where the steps of the model from LANES nodes end after x and u have moved by dx and du since they were linearised,
    and the stage slopes there; without derivatives. */
 static void evaluate_ends(Work *s, int first)
@@ -495,27 +571,22 @@ static void evaluate_ends(Work *s, int first)
     }
 #else
 #if DYNAMICS == RADAU
-    if (c->spoilt[first / LANES]) {
-        evaluate_dynamics(s, first, LANES);
-        return;
-    }
     gather_moves(s, first);
-    if (AHEAD && NS - first < LANES)
-        repeat_lane(c->m, NK * NK, NS - first - 1);
     for (int lane = 0; NS > N && lane < LANES; lane++) { /* the next plan holds the mean of two inputs over a stage */
         int m = first + lane < NS ? first + lane : NS - 1, before = first + lane > NS ? NS - 1 : first + lane - 1;
         for (int b = 0; b < NU; b++)
-            c->shift[b][lane] = before < 0 ? 0 : s->u_later[STAGE_OF(before) * NU + b] - s->u[STAGE_OF(m) * NU + b];
+            v_lane(c->shift[b], lane) =
+                before < 0 ? 0 : s->u_later[STAGE_OF(before) * NU + b] - s->u[STAGE_OF(m) * NU + b];
     }
-#else
-    gather(c->x, s->x, NX, first, LANES, NS - 1);
-#endif
-    gather_held(c->u, s->u, NU, first, LANES, NS - 1);
-    gather_held(c->w, s->w, NW, first, LANES, NS - 1);
-#if DYNAMICS == RADAU
+    gather_corrections(s, first);
     follow(c);
+    if (__builtin_expect(v_any(c->spoilt[first / LANES]), 0))
+        follow_short(s, first);
     scatter(c->k, s->k, NK, first, LANES, NS);
 #else
+    gather(c->x, s->x, NX, first, LANES, NS - 1);
+    gather_held(c->u, s->u, NU, first, LANES, NS - 1);
+    gather_held(c->w, s->w, NW, first, LANES, NS - 1);
     explicit_values(c->x, c->u, c->w, c->next);
 #endif
     scatter(c->next, s->next, NX, first, LANES, NS - 1);

@@ -14,10 +14,13 @@
 #define STAGE_OF(m) STAGES[m]
 #endif
 
-/* Whether a plan is linearised where it is found, for the next one to start with: where the first step, which that has
-   left behind, finds one of eight lanes to spare, so that plans do not hang on the width of vectors; with fewer it has a
-   group of its own. Stage slopes need a lane to spare. */
-#define AHEAD (NS == N && N > 1 && (DYNAMICS == CALLED || NS % (DYNAMICS == RADAU ? LANES : 8) != 0))
+/* Whether one of eight lanes is to spare behind the last step, for one more; where there are fewer lanes and none is,
+   that has a group of its own, so that plans do not hang on the width of vectors. */
+#define SPARE (NS % 8 != 0)
+
+/* Whether a plan is linearised where it is found, for the next one to start with: the first step, which that has left
+   behind, goes into the spare lane. */
+#define AHEAD (NS == N && N > 1 && (DYNAMICS == CALLED || SPARE))
 
 enum { SOLVED, ITERATED, ITERATION_LIMIT, STALLED, TIME_OUT, INFEASIBLE, NOT_FINITE, FAILED, DOUBTFUL };
 enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME };
