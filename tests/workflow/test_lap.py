@@ -81,3 +81,26 @@ def test_the_lap_that_plays_is_the_lap():
     assert len(shown.t) == len(shown.said) == pytest.approx(lap.time / 0.05, abs=1)
     assert step == pytest.approx(np.interp(np.array(shown.t[1:]) - 0.025, lap.t, lap.v_x), rel=0.05)
     assert np.abs(np.diff(shown.psi)).max() < 0.2
+
+
+def test_a_job_says_what_lap_it_wants(files, capsys):
+    job, track, folder = files
+    with open(job, "a") as opened:
+        opened.write('\n[lap]\ntrack = "track.csv"\npoints = 60\nmargin = 0.2\nset = { power = 1.5e5 }\n')
+    how = ["--out", str(folder / "o"), "--json"]
+    assert main(["lap", job, *how]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert main(["lap", job, track, "--margin", "0.0", *how]) == 0
+    assert json.loads(capsys.readouterr().out)["time"] < said["time"]  # the command's word counts before the job's
+    assert main(["lap", job, "--set", "power=2e5", *how]) == 0
+    assert json.loads(capsys.readouterr().out)["time"] < said["time"]
+
+
+def test_a_job_without_a_track_is_named(files, capsys):
+    job, _, _ = files
+    assert main(["lap", job, "--set", "power=1.5e5"]) == 2
+    assert "names no track" in capsys.readouterr().err
+    with open(job, "a") as opened:
+        opened.write('\n[lap]\ntrack = "track.csv"\nset = { powr = 1.5e5 }\n')
+    assert main(["lap", job]) == 2
+    assert "'power'" in capsys.readouterr().err

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,13 +34,13 @@ def add(commands: Commands) -> None:
     """Describe the command."""
     sub = commands.add("lap", _lap, "the fastest lap of a job's car on a track", about=_ABOUT, more=_MORE)
     sub.add_argument("file", metavar="JOB.toml", help="a job, as for 'slipangle run'")
-    sub.add_argument("track", metavar="TRACK", help="x, y, width right, width left (CSV), or a CommonRoad scenario")
+    sub.add_argument("track", metavar="TRACK", nargs="?", help="its file, instead of the job's: see [lap]")
     sub.add_argument("--model", help="name of the job's model (the first that knows what its tires can hold)")
     sub.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a parameter of the car, SI")
-    sub.add_argument("--line", choices=("free", "given"), default="free", help="given: drive the track's own line")
+    sub.add_argument("--line", choices=("free", "given"), help="given: drive the track's own line")
     sub.add_argument("--points", type=int, help="collocation points (one every 5 m)")
-    sub.add_argument("--margin", type=float, default=0.0, metavar="M", help="kept free beside the car [m]")
-    sub.add_argument("--smoothness", type=float, default=1.0, help="weight of a calm drive (default: %(default)s)")
+    sub.add_argument("--margin", type=float, metavar="M", help="kept free beside the car [m]")
+    sub.add_argument("--smoothness", type=float, help="weight of a calm drive (1)")
     sub.add_argument("--driven", metavar="LOG", help="a log with X, Y or latitude, longitude: where its best lap loses")
     sub.add_argument("--out", default="slipangle-out/lap", help="folder for the results (default: %(default)s)")
 
@@ -50,28 +52,26 @@ def _lap(options: argparse.Namespace) -> Answer:
     from slipangle.workflow.lap import identified_car
     from slipangle.workflow.settings import read_settings
 
-    values = _values(options.set)
     settings = read_settings(options.file)
-    track = Track.from_file(options.track)
+    said = {k: getattr(options, k) for k in ("track", "model", "line", "points", "margin", "smoothness", "driven")}
+    wanted = replace(settings.lap, **{k: v for k, v in said.items() if v is not None})
+    values = _known(wanted.set) | _values(options.set)
+    if wanted.track is None:
+        raise ConfigError(f"'{options.file}' names no track; expected one: add [lap] with track, or name its file")
+    track = Track.from_file(wanted.track)
     check_output(options.out)
     folder = Path(options.out)
     with Bar(quiet=options.json or options.quiet) as bar:
         bar(0.0, "identifying the car")
-        car = identified_car(settings, options.model, values)
+        car = identified_car(settings, wanted.model or None, values)
         bar(0.5, "finding the lap")
-        lap = fastest_lap(
-            car,
-            track,
-            line=options.line,
-            points=options.points,
-            margin=options.margin,
-            smoothness=options.smoothness,
-        )
-        delta = None if options.driven is None else _driven(options.driven, lap)
+        how = ("line", "points", "margin", "smoothness", "v_max", "v_start", "tolerance", "iterations")
+        lap = fastest_lap(car, track, **{key: getattr(wanted, key) for key in how})
+        delta = None if wanted.driven is None else _driven(wanted.driven, lap)
         bar(0.95, "writing the page")
         folder.mkdir(parents=True, exist_ok=True)
         before = replaced(folder / "lap.html")
-        command = f"slipangle lap {options.file} {options.track}"
+        command = f"slipangle lap {options.file}{f' {options.track}' if options.track else ''}"
         page = lap_page(lap, settings.title, command, delta).write(folder / "lap.html")
         write_atomic(folder / "lap.csv", _csv(lap))
         bar(1.0, "done")
@@ -84,7 +84,7 @@ def _lap(options: argparse.Namespace) -> Answer:
     return Answer(found | {"sensitivities": lap.sensitivities}, f"{words}\n\nThe page: {page.resolve()}{before}")
 
 
-def _driven(file: str, lap: Lap) -> LapDelta:
+def _driven(file: str | Path, lap: Lap) -> LapDelta:
     """The best lap of a log against the fastest one."""
     from slipangle.data.readers import read
     from slipangle.optimal.lap.driven import driven_laps, lap_delta
@@ -97,14 +97,21 @@ def _worst(delta: LapDelta) -> list[Sector]:
     return sorted(delta.sectors, key=lambda sector: -sector.lost)[:3]
 
 
-def _values(given: list[str]) -> dict[str, float]:
+def _known(values: Mapping[str, float]) -> dict[str, float]:
+    """The same, if a lap's car has these parameters."""
     from slipangle.optimal.lap.car import LapCar
 
+    for name in values:
+        if name not in LapCar.metadata():
+            raise ConfigError(f"a lap's car has no parameter '{name[:60]}'; {nearest(name, LapCar.metadata())}")
+    return dict(values)
+
+
+def _values(given: list[str]) -> dict[str, float]:
     values: dict[str, float] = {}
     for text in given:
         name, _, number = text.partition("=")
-        if name not in LapCar.metadata():
-            raise ConfigError(f"a lap's car has no parameter '{name[:60]}'; {nearest(name, LapCar.metadata())}")
+        _known({name: 0.0})
         try:
             values[name] = float(number)
         except ValueError:

@@ -19,6 +19,7 @@ from slipangle.workflow.drive import (
 from slipangle.workflow.entries import Entry, entries_of
 from slipangle.workflow.hints import bound, called, is_record, parts, words
 from slipangle.workflow.kinds import FITS, KINDS, FitSettings, PhysicsEntries, as_physics
+from slipangle.workflow.lap_settings import LapSettings
 from slipangle.workflow.meanings import meaning, summary
 from slipangle.workflow.settings import ColumnSettings, DataSettings, ModelSettings, PublishedSettings, Settings
 
@@ -189,6 +190,7 @@ _PLACES = {
     ControllerSettings: "[controller], whatever its kind",
     EstimatorSettings: "[estimator], whatever its kind",
     PlantSettings: "[plant], whatever its kind",
+    LapSettings: "[lap]",
     FitSettings: "fit = { ... } of a physical model, whatever its kind",
 }
 _HEAD = """\

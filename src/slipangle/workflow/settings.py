@@ -13,6 +13,7 @@ from slipangle.files import read_bytes
 from slipangle.workflow.drive import ControllerSettings, EstimatorSettings, PlantSettings
 from slipangle.workflow.entries import Within, common, record
 from slipangle.workflow.kinds import check_entries, needed
+from slipangle.workflow.lap_settings import LapSettings
 from slipangle.workflow.tires import TIRES, located
 
 
@@ -203,6 +204,8 @@ class Settings:
         The car that is driven; by default one made of the identified bicycle.
     estimator : table
         What tells the controller the state from measurements; without it the outputs of its model correct it.
+    lap : table
+        The fastest lap of one of the models' cars, for ``slipangle lap``.
     out : str
         Folder for the results, below the one that the job is run in; only the command line may name another.
     folder : Path
@@ -216,6 +219,7 @@ class Settings:
     controller: ControllerSettings | None = None
     plant: PlantSettings = field(default_factory=PlantSettings)
     estimator: EstimatorSettings | None = None
+    lap: LapSettings = field(default_factory=LapSettings)
     out: str = "slipangle-out"
     folder: Path = field(default=Path(), repr=False, metadata={"in_jobs": False})
 
@@ -270,7 +274,9 @@ def _placed(settings: Settings, folder: Path) -> Settings:
     controller = settings.controller
     if controller is not None and controller.track is not None:
         controller = replace(controller, track=folder / controller.track)
-    return replace(settings, folder=folder, model=models, controller=controller)
+    files = {k: folder / v for k in ("track", "driven") if (v := getattr(settings.lap, k)) is not None}
+    lap = replace(settings.lap, **files)
+    return replace(settings, folder=folder, model=models, controller=controller, lap=lap)
 
 
 def _check(settings: Settings, where: str) -> None:
