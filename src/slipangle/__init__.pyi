@@ -36,6 +36,7 @@ from slipangle.identify.linear.multi_arx import MultiARX as MultiARX
 from slipangle.identify.linear.polynomial import ARMAX as ARMAX
 from slipangle.identify.linear.polynomial import BoxJenkins as BoxJenkins
 from slipangle.identify.linear.polynomial import OutputError as OutputError
+from slipangle.identify.linear.process import ProcessModel as ProcessModel
 from slipangle.identify.linear.recursive import RLS as RLS
 from slipangle.identify.linear.statespace import StateSpace as StateSpace
 from slipangle.identify.lure.lure import Lure as Lure
@@ -46,9 +47,12 @@ from slipangle.identify.networks.neural_statespace import NeuralStateSpace as Ne
 from slipangle.identify.physics.advise import advise as advise
 from slipangle.identify.physics.collocation import Collocation as Collocation
 from slipangle.identify.physics.grey_box import GreyBox as GreyBox
+from slipangle.models.analysis.diagram import handling_diagram as handling_diagram
 from slipangle.models.analysis.frequency import frequency_response as frequency_response
 from slipangle.models.analysis.handling import handling as handling
+from slipangle.models.analysis.impulse import impulse_response as impulse_response
 from slipangle.models.analysis.linearize import linearize as linearize
+from slipangle.models.analysis.phase_plane import phase_plane as phase_plane
 from slipangle.models.black_box.arx import ARXModel as ARXModel
 from slipangle.models.black_box.narx import NARXModel as NARXModel
 from slipangle.models.custom import Ode as Ode
@@ -105,6 +109,8 @@ from slipangle.paths.lane_change import obstacle_avoidance as obstacle_avoidance
 from slipangle.paths.path import Path as Path
 from slipangle.report.comparison import comparison_page as comparison_page
 from slipangle.report.figure_file import save_figure as save_figure
+from slipangle.report.limits import gg_diagram as gg_diagram
+from slipangle.report.limits import tire_use as tire_use
 from slipangle.simulate.drive import drive as drive
 from slipangle.simulate.fmu import PlantFMU as PlantFMU
 from slipangle.simulate.foreign import PlantFunctions as PlantFunctions

@@ -12,6 +12,7 @@ from slipangle.models.analysis.frequency import frequency_response
 from slipangle.models.analysis.handling import Handling, handling
 from slipangle.models.analysis.linearize import linearize
 from slipangle.models.analysis.responses import FrequencyResponse
+from slipangle.report.limits import gg_diagram
 from slipangle.report.linear import bode, handling_curves, handling_table
 from slipangle.report.page import Block
 from slipangle.workflow.job import Outcome
@@ -47,9 +48,22 @@ def _handling_section(outcome: Outcome, command: str) -> Iterator[report.Section
         said = f"Models at {3.6 * middle:.3g} km/h; the log at all its speeds, with coherence and 95 % bands."
         figure = bode(curves)
         blocks.append(report.Figure(title="Yaw rate over steering, by frequency", figure=figure, caption=said))
+    blocks += _limits(outcome, models, float(middle))
     if blocks:
         lead = "Small motions around straight driving: what the models say of the car, in the terms of ISO standards."
         yield report.Section(title="Handling", lead=lead, blocks=tuple(blocks))
+
+
+def _limits(outcome: Outcome, models: dict[str, Model], v_x: float) -> list[Block]:
+    """The log's accelerations inside the limits of the first model that has some; nothing where none has."""
+    for name, model in models.items():
+        try:
+            figure = gg_diagram(outcome.data, model, v_x=[v_x], name=name).plot()
+        except SlipangleError:  # its tires hold any force
+            continue
+        said = "Samples of the log and what the model's tires could hold at the log's middle speed; engine not counted."
+        return [report.Figure(title="Accelerations and the car's limits", figure=figure, caption=said)]
+    return []
 
 
 def _answers(name: str, model: Model, speeds: np.ndarray) -> Handling | None:

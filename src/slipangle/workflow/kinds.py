@@ -24,6 +24,7 @@ from slipangle.identify.linear.multi_arx import MultiARX
 from slipangle.identify.linear.orders import LEVELS
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.polynomial import ARMAX, BoxJenkins, OutputError, Polynomial
+from slipangle.identify.linear.process import ProcessModel
 from slipangle.identify.linear.recursive import RLS
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.linear.subspace import Subspace
@@ -163,7 +164,7 @@ KINDS.register("relaxing-bicycle")(Physics(model=RelaxingBicycle, free=(*_SATURA
 
 KINDS.register("car")(WholeCar)
 for _estimator in (
-    *(ARX, MultiARX, Polynomial, ARMAX, OutputError, BoxJenkins, RLS, Subspace, PEM, StateSpace, Lure),
+    *(ARX, MultiARX, Polynomial, ARMAX, OutputError, BoxJenkins, ProcessModel, RLS, Subspace, PEM, StateSpace, Lure),
     *(NARX, FreeRunNARX, Hybrid, Joint),
 ):
     KINDS.register(called(_estimator))(_estimator)

@@ -7,6 +7,7 @@ import pytest
 from scipy import signal
 
 import slipangle as sa
+from slipangle.data.signals.excitation import multisine
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
 
 A, B, DT = 0.8, 0.3, 0.02
@@ -115,3 +116,40 @@ def test_an_input_that_does_not_move_is_refused():
         sa.frequency_response(still)
     with pytest.raises(ParameterError, match="names no input"):
         sa.frequency_response(log().select(inputs=()))
+
+
+def repeated(seed, *, periods=8, noise=0.1, input_noise=0.0, n=200, dt=0.05):
+    rng = np.random.default_rng(seed)
+    wave = multisine(n, dt, f_min=0.1, f_max=4.0, phases="random", seed=5)
+    u = np.tile(wave, periods)
+    y = signal.lfilter([0.0, 0.4, 0.1], [1.0, -1.4, 0.6], u) + noise * rng.standard_normal(len(u))
+    return sa.Dataset.from_arrays({"u": u + input_noise * rng.standard_normal(len(u))}, {"y": y}, dt)
+
+
+def test_whole_periods_have_no_leakage():
+    found = sa.frequency_response(repeated(0, noise=0.0), period=10.0, settled=2)
+    _, exact = signal.freqz([0.0, 0.4, 0.1], [1.0, -1.4, 0.6], 2 * np.pi * 0.05 * found.frequency)
+    assert found.value == pytest.approx(exact, rel=1e-9)
+    assert found.frequency == pytest.approx(np.arange(1, 41) / 10.0)
+
+
+@pytest.mark.parametrize(("periods", "input_noise"), [(6, 0.0), (6, 0.02), (12, 0.05)])
+def test_bands_of_periods_cover(periods, input_noise):
+    inside = []
+    for seed in range(40):
+        found = sa.frequency_response(repeated(seed, periods=periods, input_noise=input_noise), period=10.0)
+        _, exact = signal.freqz([0.0, 0.4, 0.1], [1.0, -1.4, 0.6], 2 * np.pi * 0.05 * found.frequency)
+        band, phase = found.magnitude_band(), found.phase - np.unwrap(np.angle(exact))
+        inside += [*((band[:, 0] <= np.abs(exact)) & (np.abs(exact) <= band[:, 1]))]
+        inside += [*(np.abs(np.angle(np.exp(1j * phase))) <= 1.96 * found.phase_std)]
+    assert 0.93 <= np.mean(inside) <= 0.97
+
+
+def test_a_period_that_is_none_is_said():
+    data = repeated(0)
+    with pytest.raises(ParameterError, match="whole number of samples"):
+        sa.frequency_response(data, period=10.01)
+    with pytest.raises(TooShortError, match="whole periods"):
+        sa.frequency_response(data, period=30.0)
+    with pytest.raises(ParameterError, match="expected one"):
+        sa.frequency_response(data, period=10.0, resolution=0.1)

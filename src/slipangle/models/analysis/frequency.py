@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import signal
+from scipy import signal, stats
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ExcitationError, ParameterError, TooShortError, nearest
@@ -13,6 +13,7 @@ _AVERAGES = 8  # segments that the usual resolution leaves
 _LEAST = 4  # segments below which coherence says nothing
 _SHORTEST = 16  # samples of a segment
 _OVERLAP = 1 / 36  # correlation of the periodograms of neighbouring Hann windows that overlap by half
+_EXCITED, _ABOVE = 1e-4, 10.0  # of the largest line's power, and of its noise, above which a line was driven on purpose
 _POWERED = 1e-6  # of the largest power of the input, below which a line is left out
 
 
@@ -22,6 +23,8 @@ def frequency_response(
     input: str | None = None,
     *,
     resolution: float | None = None,
+    period: float | None = None,
+    settled: int = 1,
 ) -> FrequencyResponse:
     """Frequency response from an input to an output of a log: Welch's spectra, coherence, bands.
 
@@ -30,6 +33,10 @@ def frequency_response(
     are those of Bendat and Piersol, from the coherence and the number of segments. Left out are lines where the input
     has hardly any power, and the lowest, which the trend is taken from. What other inputs do is noise to this estimate:
     drive at one speed.
+
+    Where the input repeats itself, as a multisine does, ``period`` says so: spectra of whole periods have no leakage
+    ([3]_ sec. 2.5), the mean over the periods is the estimate, and their scatter is the noise, on the input too. The
+    lines are then all that the input excites. Bands count how few periods there were (Student's t).
 
     Raises ParameterError if a channel or the resolution is none, TooShortError if the log has fewer than 4 segments of
     it, and ExcitationError if the input does not move.
@@ -42,6 +49,10 @@ def frequency_response(
         Channels; by default the first output and the first input.
     resolution : float, optional
         Distance of the lines: finer ones are less sure. By default as fine as 8 segments allow, at most 10 s each. [Hz]
+    period : float, optional
+        Of an input that repeats itself, a whole number of samples; instead of ``resolution``. [s]
+    settled : int
+        Periods at the start of every experiment that are left out, while the car comes to repeat itself too.
 
     For example ``sa.frequency_response(data, "r", "delta").plot(sa.linearize(model, v_x=20.0).bode("r", "delta"))``.
 
@@ -49,8 +60,13 @@ def frequency_response(
     ----------
     .. [1] J. S. Bendat, A. G. Piersol, Random Data, 4th ed., 2010, sec. 9.2.
     .. [2] P. D. Welch, IEEE Trans. Audio and Electroacoustics 15(2), 1967.
+    .. [3] R. Pintelon, J. Schoukens, System Identification: A Frequency Domain Approach, 2nd ed., 2012.
     """
-    y_name, u_name = _chosen(data, output, "output"), _chosen(data, input, "input")
+    y_name, u_name = chosen(data, output, "output"), chosen(data, input, "input")
+    if period is not None:
+        if resolution is not None:
+            raise ParameterError("there is a period and a resolution; expected one: the lines are 1 / period apart")
+        return _periodic(data, y_name, u_name, period, settled)
     n = _segment(data, resolution)
     parts = [part for part in data.experiments if len(part) >= n]
     count = sum(1 + (len(part) - n) // (n // 2) for part in parts)
@@ -78,13 +94,64 @@ def frequency_response(
         phase_std=std,
         output=y_name,
         input=u_name,
-        unit=_per(data.unit(y_name), data.unit(u_name)),
+        unit=per(data.unit(y_name), data.unit(u_name)),
         name=data.name,
         coherence=coherence,
     )
 
 
-def _chosen(data: Dataset, name: str | None, role: str) -> str:
+def _periodic(data: Dataset, y_name: str, u_name: str, period: float, settled: int) -> FrequencyResponse:
+    """Mean over whole periods, and its scatter. [3]_ of `frequency_response`, eqs. 2-31 to 2-40"""
+    n = round(period / data.dt) if np.isfinite(period) else 0
+    if n < _SHORTEST // 2 or abs(n * data.dt - period) > 1e-6 * period or settled < 0:
+        raise ParameterError(
+            f"period is {period:g} s and settled {settled}; expected a whole number of samples of {data.dt:g} s, at "
+            f"least {_SHORTEST // 2}, and no periods below 0"
+        )
+    whole = [(part, len(part) // n) for part in data.experiments]
+    count = sum(max(0, k - settled) for _, k in whole)
+    if count < _LEAST:
+        raise TooShortError(
+            f"'{data.name}' has {count} whole periods of {period:.3g} s after the first {settled} of each experiment; "
+            f"expected at least {_LEAST}: record more of them"
+        )
+    u, y = (
+        np.concatenate(
+            [np.fft.rfft(part[name][settled * n : k * n].reshape(-1, n)) for part, k in whole if k > settled]
+        )
+        for name in (u_name, y_name)
+    )
+    mean_u, mean_y = u.mean(axis=0), y.mean(axis=0)
+    off_u, off_y = u - mean_u, y - mean_y
+    var_u, var_y = (np.sum(np.abs(d) ** 2, axis=0) / (count - 1) for d in (off_u, off_y))
+    both = np.sum(off_y * off_u.conj(), axis=0) / (count - 1)
+    f, power = np.fft.rfftfreq(n, data.dt), np.abs(mean_u) ** 2
+    inner = (f > 0) & (f < 0.5 / data.dt * (1 - 1e-9))
+    most = np.max(power, where=inner, initial=0.0)
+    kept = inner & (power > _EXCITED * most) & (power > _ABOVE * var_u / count) & (mean_y != 0)
+    if most == 0 or not kept.any():
+        raise ExcitationError(
+            f"'{u_name}' does not repeat itself every {period:g} s in '{data.name}'; expected the period of the input"
+        )
+    above, below = mean_y[kept], mean_u[kept]
+    cross = np.real(both[kept] / (above * below.conj()))
+    relative = var_y[kept] / np.abs(above) ** 2 + var_u[kept] / np.abs(below) ** 2 - 2 * cross
+    few = stats.t.ppf(0.975, 2 * (count - 1)) / stats.norm.ppf(0.975)
+    std = few * np.sqrt(np.maximum(relative, 0.0) / (2 * count))
+    return FrequencyResponse(
+        frequency=f[kept],
+        value=above / below,
+        magnitude_std=std,
+        phase_std=std,
+        output=y_name,
+        input=u_name,
+        unit=per(data.unit(y_name), data.unit(u_name)),
+        name=data.name,
+        coherence=np.abs(above) ** 2 / (np.abs(above) ** 2 + var_y[kept]),
+    )
+
+
+def chosen(data: Dataset, name: str | None, role: str) -> str:
     """A channel as named, else the first input or output."""
     own = data.outputs if role == "output" else data.inputs
     if name is None:
@@ -117,7 +184,7 @@ def _spectra(x: np.ndarray, n: int) -> np.ndarray:
     return np.fft.rfft(signal.detrend(rows) * signal.get_window("hann", n))
 
 
-def _per(above: str, below: str) -> str:
+def per(above: str, below: str) -> str:
     """Unit of one channel over another."""
     if above == below:
         return "-"

@@ -142,10 +142,10 @@ def handling(
         )
     if speeds.ndim != 1 or not len(speeds) or not (np.isfinite(speeds).all() and (speeds > 0).all()):
         raise ParameterError("v_x holds no speeds or some that are not above 0; expected such as [10.0, 20.0, 30.0]")
-    L = _parameter(model, "wheelbase", wheelbase)
+    L = parameter_of(model, "wheelbase", wheelbase)
     if L is None:
         raise ParameterError(f"the {type(ground).__name__} has no wheelbase; expected it: wheelbase=2.7 [m]")
-    ratio = _parameter(model, "steering_gain", steering_gain)
+    ratio = parameter_of(model, "steering_gain", steering_gain)
     by_speed = "v_x" in (*ground.states, *ground.inputs)
     linear = [
         linearize(
@@ -174,7 +174,7 @@ def handling(
     )
 
 
-def _parameter(model: Any, name: str, given: float | None) -> float | None:
+def parameter_of(model: Any, name: str, given: float | None) -> float | None:
     """A parameter as given, or the model's own."""
     if given is not None:
         if not (np.isfinite(given) and given != 0 and (given > 0 or name != "wheelbase")):

@@ -92,15 +92,15 @@ def linearize(
             ModelWarning,
             stacklevel=2,
         )
-    said, directions = _directions(model, names)
+    said, roots = directions(model, names)
     pairs = []
-    for d in directions:
+    for d in roots:
         ends = [motion.values + sign * SHARE * d for sign in (1, -1)]
         pairs.append([at(motion.trim(v_x, a_y, inputs or {}, p, near=trim), p) for p in ends])
     return replace(found, variants=tuple((a, b) for a, b in pairs), uncertainty=said)
 
 
-def _directions(model: Model, names: tuple[str, ...]) -> tuple[str, np.ndarray]:
+def directions(model: Model, names: tuple[str, ...]) -> tuple[str, np.ndarray]:
     """A sentence, and columns of a root of the covariance of the named parameters as rows, shape (n, n)."""
     info = model.fit_info
     if info is None:

@@ -46,7 +46,7 @@ class Motion:
         maker: Any = model
         self.values = np.array([maker.value(name) for name in names])
 
-        def build(kind: Any) -> tuple[ca.Function, ca.Function]:
+        def build(kind: Any) -> tuple[ca.Function, ca.Function, ca.Function]:
             x, u, p = kind.sym("x", model.n_states), kind.sym("u", model.n_inputs), kind.sym("p", len(names))
             varied = maker.with_values(**{n: p[i] for i, n in enumerate(names)}) if names else maker
             nxt = varied.derivative(x, u) if rates is not None else varied.step(x, u)
@@ -57,13 +57,18 @@ class Motion:
                 slopes = [ca.densify(ca.jacobian(value, z)) for z in (x, u)]
                 return ca.Function(name, [x, u, p], [value, *slopes])
 
-            return function("motion", nxt), function("seen", seen)
+            alone = ca.Function("next", [x, u, p], [ca.densify(nxt)])
+            return function("motion", nxt), function("seen", seen), alone
 
         try:
-            self._motion, self._seen = build(ca.SX)
+            self._motion, self._seen, self._next = build(ca.SX)
         except (RuntimeError, NotImplementedError, TypeError):
-            self._motion, self._seen = build(ca.MX)
+            self._motion, self._seen, self._next = build(ca.MX)
         self._moves = np.array([s in moving(model) for s in model.states], dtype=bool)
+
+    def many(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Value of f at many states, shape (n_states, n), with the inputs of one."""
+        return np.asarray(self._next(x, u, self.values), dtype=float)
 
     def slopes(self, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
         """Value of f and its derivatives by x and u; then outputs and theirs."""
