@@ -88,6 +88,8 @@ from slipangle.models.wrappers.delayed import Delayed as Delayed
 from slipangle.models.wrappers.disturbed import Disturbed as Disturbed
 from slipangle.models.wrappers.multi_arx import MultiARXModel as MultiARXModel
 from slipangle.models.wrappers.on_ground import OnGround as OnGround
+from slipangle.optimal.end import TerminalCost as TerminalCost
+from slipangle.optimal.end import lqr as lqr
 from slipangle.optimal.ipopt import Ipopt as Ipopt
 from slipangle.optimal.lap.car import LapCar as LapCar
 from slipangle.optimal.lap.cars import lap_car as lap_car

@@ -49,6 +49,7 @@ CHANGES = {
     "terminal": {"terminal": Weights(p=30.0)},
     "limits": {"limits": Limits(a=1.0, v=1.0)},
     "rates": {"rates": Limits(a=2.0)},
+    "terminal_limits": {"terminal_limits": Limits(v=(0.4, 0.4))},
     "slack": {"slack": Weights(v=1000.0)},
     "slack_linear": {"slack_linear": Weights(v=100.0)},
     "steps": {"steps": (1, 1, 1, 1, 2, 2, 3, 3)},
@@ -69,7 +70,7 @@ def test_every_number_changes_the_plan(change):
 
 
 def test_every_argument_of_the_problem_is_covered():
-    elsewhere = {"controls", "corridor"}  # the next two tests
+    elsewhere = {"controls", "corridor", "parameters"}  # the next two tests, and test_horizon.py
     assert {f.name for f in fields(OCP) if f.init} == {*CHANGES, *elsewhere}
     assert {"model", *ProblemSettings.__annotations__} == {*CHANGES, *elsewhere}
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import isnan
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from slipangle.errors import ParameterError
 from slipangle.optimal.checks import health_of, is_numbers, require_plan
 from slipangle.optimal.engine import Start
 from slipangle.optimal.ocp import Reference
-from slipangle.optimal.setpoints import setpoint
+from slipangle.optimal.setpoints import setpoint, vary
 from slipangle.optimal.solution import Health, Plan, Solution, Status, finite, inputs_later, quick, states_later, within
 from slipangle.paths.preview import Preview
 
@@ -75,13 +76,14 @@ class MPC(Fallbacks):
                 if self._judge.status(expected, wanted.tracked, wanted.exogenous) is None:
                     engine.prepare(self._before(known, None), self._unwound(wanted, expected), known)
 
-    def setpoint(self, **wanted: float | np.ndarray) -> Reference:
+    def setpoint(self, **wanted: float | np.ndarray | Mapping[str, Any]) -> Reference:
         """`Reference` without a path, by name.
 
         Parameters
         ----------
         **wanted : float or array, shape (horizon + 1,)
-            Values of tracked quantities, of exogenous inputs and of decided inputs, as in `plan`. SI units.
+            Values of tracked quantities, of exogenous inputs and of decided inputs, as in `plan`; limits and weights as
+            in `vary`. SI units.
 
         Raises
         ------
@@ -90,6 +92,13 @@ class MPC(Fallbacks):
         """
         return setpoint(self.ocp, wanted)
 
+    def vary(self, reference: Reference, **of: Mapping[str, Any]) -> Reference:
+        """The same reference with ``limits``, ``Q``, ``R`` or ``S`` that change over the horizon.
+
+        See `slipangle.optimal.setpoints.vary`.
+        """
+        return vary(self.ocp, reference, **of)
+
     def plan(
         self,
         x: np.ndarray,
@@ -97,7 +106,7 @@ class MPC(Fallbacks):
         previous: Plan | None = None,
         *,
         applied: np.ndarray | None = None,
-        **values: float | np.ndarray,
+        **values: float | np.ndarray | Mapping[str, Any],
     ) -> Plan:
         """See `Controller.plan`; without a reference, what is wanted is said by name, such as ``r=0.3``.
 
@@ -108,7 +117,7 @@ class MPC(Fallbacks):
         **values : float or array, shape (horizon + 1,)
             Of tracked quantities, of exogenous inputs, which must all be there, and of decided inputs, from
             which R counts. Tracked quantities that are not named are wanted at zero, but a pose or a speed must be
-            said. SI units.
+            said. ``limits``, ``Q``, ``R`` and ``S`` are those of `vary`. SI units.
         """
         _ = self._engine
         begin = perf_counter()
@@ -170,7 +179,7 @@ class MPC(Fallbacks):
 
     # ---- the parts ---------------------------------------------------------------------------------------------
 
-    def _said(self, reference: Ahead | None, wanted: dict[str, float | np.ndarray]) -> Reference:
+    def _said(self, reference: Ahead | None, wanted: dict[str, Any]) -> Reference:
         """The reference of what is said by name.
 
         Raises
@@ -242,7 +251,7 @@ class MPC(Fallbacks):
             return wanted
         tracked = np.array(wanted.tracked, dtype=float)
         tracked[:, column] += 2 * np.pi * turns
-        return Reference(tracked=tracked, exogenous=wanted.exogenous, inputs=wanted.inputs, corridor=wanted.corridor)
+        return replace(wanted, tracked=tracked)
 
     def _solve(self, x: np.ndarray, wanted: Reference, previous: Plan | None, before: np.ndarray) -> Solution:
         engine, memory = self._engine, None

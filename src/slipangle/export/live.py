@@ -159,7 +159,7 @@ class Live:
         def scaled(of: Mapping[str, float]) -> Weights:
             return Weights({n: v * now.get(f"weight_{n}", 1.0) for n, v in of.items()})
 
-        ends = None if ocp.terminal is None else scaled(ocp.terminal)
+        ends = scaled(ocp.terminal) if isinstance(ocp.terminal, Weights) else ocp.terminal
         ocp = replace(ocp, Q=scaled(ocp.Q), S=scaled(ocp.S), terminal=ends)
         mpc = MPC(ocp=ocp, solver=self.mpc.solver, fallback=self.mpc.fallback, safe=self.mpc.safe)
         path = self.path.with_speed(np.asarray(self.path.v_x) * now["pace"])

@@ -49,6 +49,7 @@ def _constants(mpc: MPC, settings: RealTime) -> str:
         "PLAIN": plain,
         "SQUARE": square,
         "BOUNDS": ocp.state_limits if len(ocp.limited) else np.zeros(2),
+        "END_BOUNDS": ocp.limits_at_nodes[-1] if len(ocp.limited) else np.zeros(2),
     }
     numbers = {"TOLERANCE": settings.tolerance, "NEWTON": settings.newton, "ACCEPT": settings.accept}
     whole = {"MAX_ITERATIONS": settings.max_iterations, "FIXED": settings.iterations, "FALLBACK": mpc.fallback}

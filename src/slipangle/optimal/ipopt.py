@@ -188,7 +188,7 @@ class IpoptEngine(Engine):
         reference = start.reference
         inputs = np.zeros(at.u.shape) if reference.inputs is None else reference.inputs
         w = at_nodes(reference.exogenous, ocp.horizon)
-        p = (start.x, start.applied, w, reference.tracked, inputs)
+        p = (start.x, start.applied, w, reference.tracked, inputs, *ocp.weights_for(reference))
         memory = start.memory if self._settings.warm and isinstance(start.memory, _Memory) else None
         if memory is not None and not (memory.owner == ocp.identity and finite(*memory[1:])):
             memory = None
@@ -296,7 +296,7 @@ def _program(ocp: OCP, collocate: bool) -> tuple[_Layout, dict[str, Any], bool]:
     error, limited = ocp.stage.map(n)(X, U, W, P[:, :n])
     last_error, last_limited = ocp.stage(later[:, n - 1], U[:, n - 1], W_nodes[:, n], P[:, n])
     change = U - (ca.horzcat(applied, U[:, : n - 1]) if n > 1 else applied)
-    q, r, s = (ca.DM(w.T) for w in ocp.stage_weights)
+    q, r, s = (ca.MX.sym(name, *w.T.shape) for name, w in zip("qrs", ocp.stage_weights, strict=True))
     square, plain = (ca.DM(w) for w in ocp.slack_weights)
     cost = (
         ca.dot(q[:, :n], error**2)
@@ -331,7 +331,7 @@ def _program(ocp: OCP, collocate: bool) -> tuple[_Layout, dict[str, Any], bool]:
     constraints += [_pick(limited[:, 0], at.hard_now), at_first - first_slack, at_first + first_slack]
     nlp = {
         "x": v,
-        "p": ca.vertcat(x0, applied, ca.vec(W_nodes), ca.vec(P), ca.vec(wanted)),
+        "p": ca.vertcat(x0, applied, ca.vec(W_nodes), ca.vec(P), ca.vec(wanted), *map(ca.vec, (q, r, s))),
         "f": cost,
         "g": ca.vertcat(*constraints),
     }

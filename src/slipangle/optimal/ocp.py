@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any, TypedDict
+from typing import Annotated, Any, Literal, TypedDict
 from uuid import uuid4
 
 import casadi as ca
@@ -20,7 +20,8 @@ from slipangle.fields import Checked, Count, Within
 from slipangle.models.model import Model, without_caches
 from slipangle.ops import Scalar, Vector, cos, sin, stack
 from slipangle.optimal.arrays import array, short
-from slipangle.optimal.terms import Limits, Weights, coerce, require_names
+from slipangle.optimal.end import TerminalCost, lqr
+from slipangle.optimal.terms import Limits, Read, Weights, coerce, require_names
 from slipangle.paths.preview import Preview
 
 PATH_ERRORS = ("e_x", "e_y", "e_psi")
@@ -42,12 +43,25 @@ class Reference:
         Wanted inputs, from which R counts; zero by default.
     corridor : array, shape (horizon + 1, 2), optional
         Distance from the path to the lane's right and left edge [m], for an `OCP` with a corridor.
+    limits : array, shape (horizon + 1, n_limited, 2), optional
+        Limits of ``ocp.limited`` at each node in place of the problem's own; see `slipangle.optimal.setpoints.vary`.
+    Q, R, S : array, shape (horizon + 1, n_tracked) and twice (horizon, n_controls), optional
+        Weights of ``ocp.tracked`` and of ``ocp.controls`` in place of the problem's own, for stages of one step.
     """
 
     tracked: np.ndarray
     exogenous: np.ndarray
     inputs: np.ndarray | None = None
     corridor: np.ndarray | None = None
+    limits: np.ndarray | None = None
+    Q: np.ndarray | None = None
+    R: np.ndarray | None = None
+    S: np.ndarray | None = None
+
+    @property
+    def varied(self) -> bool:
+        """Whether it has limits or weights of its own."""
+        return not (self.limits is None and self.Q is None and self.R is None and self.S is None)
 
 
 def require_reference(reference: Any) -> None:
@@ -71,8 +85,10 @@ class ProblemSettings(TypedDict, total=False):
     Q: Weights | Mapping[str, float]
     R: Weights | Mapping[str, float]
     S: Weights | Mapping[str, float]
-    terminal: Weights | Mapping[str, float] | None
+    terminal: Weights | Mapping[str, float] | TerminalCost | Literal["lqr"] | None
     controls: str | Sequence[str]
+    terminal_limits: Limits | Mapping[str, Any]
+    parameters: str | Sequence[str]
     limits: Limits | Mapping[str, Any]
     rates: Limits | Mapping[str, Any]
     slack: Weights | Mapping[str, float]
@@ -111,8 +127,9 @@ class OCP(Checked):
         On tracked states, outputs and path errors.
     R, S : Weights
         On inputs, and on their change from step to step.
-    terminal : Weights, optional
-        On tracked quantities at the end; Q by default.
+    terminal : Weights or TerminalCost or "lqr", optional
+        On tracked quantities at the end; Q by default. A `TerminalCost` is a full matrix, and "lqr" that of the
+        regulator that goes on from there, at zero; `lqr` makes it for other steady states.
     controls : tuple of str
         Inputs that are decided; by default those named in R, S, limits or rates. The others are exogenous:
         the reference brings their values.
@@ -121,13 +138,19 @@ class OCP(Checked):
         (an output that depends on an input also now).
     rates : Limits
         On the change of decided inputs, per second: from stage to stage over the time between their middles.
+    terminal_limits : Limits
+        On states, outputs, path errors and terms at the end alone, besides ``limits``; two equal numbers make it an
+        equation.
+    parameters : tuple of str
+        What terms read besides the model's quantities, as ``p.name``, with a value at every node that comes with the
+        reference, as those of exogenous inputs do.
     slack, slack_linear : Weights
         Names in them have soft limits: weight of the squared, of the plain excess. A plain weight that is
         large enough keeps the limit exactly whenever that is possible. Limits of other names are hard.
     terms : mapping of str to callable, optional
         Further quantities, each a function ``(x, u, p)`` of the model's state, its inputs and its ``params`` (None
-        where it has none), written with `slipangle.ops`. Their names may stand in Q and terminal, which bring them to
-        zero, and in limits, slack and slack_linear; SI units.
+        where it has none) with the problem's ``parameters``, written with `slipangle.ops`. Their names may stand in Q
+        and terminal, which bring them to zero, and in limits, slack and slack_linear; SI units.
     corridor : float, optional
         Vehicle width to keep between the edges of the lane [m]: limits ``e_y`` by the reference's corridor.
 
@@ -154,7 +177,7 @@ class OCP(Checked):
     Q: Weights
     R: Weights = field(default_factory=Weights)
     S: Weights = field(default_factory=Weights)
-    terminal: Weights | None = None
+    terminal: Weights | TerminalCost | None = None
     controls: tuple[str, ...] = ()
     limits: Limits = field(default_factory=Limits)
     rates: Limits = field(default_factory=Limits)
@@ -163,13 +186,17 @@ class OCP(Checked):
     corridor: Annotated[float, Within(0, unit="m", open="low")] | None = None
     steps: Sequence[int] | None = None
     terms: Mapping[str, Callable[[Vector, Vector, Any], Scalar]] = field(default_factory=dict)
+    terminal_limits: Limits = field(default_factory=Limits)
+    parameters: tuple[str, ...] = ()
     identity: str = field(init=False, repr=False, default_factory=lambda: uuid4().hex)
 
     def __post_init__(self) -> None:
-        coerce(
-            self, Weights, "Q", "R", "S", "slack", "slack_linear", *(("terminal",) if self.terminal is not None else ())
-        )
-        coerce(self, Limits, "limits", "rates")
+        regulated = isinstance(self.terminal, str) and self.terminal == "lqr"
+        if regulated:
+            object.__setattr__(self, "terminal", None)
+        full = self.terminal is None or isinstance(self.terminal, TerminalCost)
+        coerce(self, Weights, "Q", "R", "S", "slack", "slack_linear", *(() if full else ("terminal",)))
+        coerce(self, Limits, "limits", "rates", "terminal_limits")
         model = self.model
         super().__post_init__()
         if self.steps is not None:
@@ -182,6 +209,7 @@ class OCP(Checked):
         taken = sorted({*self.terms} & {*model.states, *model.inputs, *model.outputs, *PATH_ERRORS})
         if taken:
             raise ParameterError(f"terms name {taken}, which the model has; expected names of their own: rename them")
+        object.__setattr__(self, "parameters", _checked_parameters(self))
         controls = tuple(chosen) or tuple(n for n in model.inputs if n in named)
         object.__setattr__(self, "controls", controls)
         if not controls:
@@ -190,10 +218,7 @@ class OCP(Checked):
                 "limits or rates"
             )
         trackable = self._trackable
-        for what, weights in (("Q", self.Q), ("terminal", self.terminal or {})):
-            require_names(weights, trackable, what)
-        if not (self.Q or self.terminal):
-            raise ParameterError(f"nothing is tracked; expected weights on some of {trackable}: set Q")
+        self._require_ends(trackable)
         for what, names in (("R", self.R), ("S", self.S), ("rates", self.rates)):
             require_names(names, controls, what, "use a decided input")
         require_names(self.limits, (*controls, *trackable), "limits", "use a decided input, a state or an output")
@@ -204,6 +229,38 @@ class OCP(Checked):
                 raise ParameterError(f"the rate limit of '{name}' is ({lower}, {upper}); expected one that contains 0")
         if self.corridor is not None:
             require_names(("e_y",), trackable, "corridor", "use a model with X, Y and psi, such as OnGround(model)")
+        if regulated:
+            object.__setattr__(self, "terminal", lqr(self))
+            for name in ("tracked", "references", "limited", "stage", "weights"):  # of the problem without it
+                self.__dict__.pop(name, None)
+
+    def _require_ends(self, trackable: list[str]) -> None:
+        """Raise unless something is tracked, and names and limits of the end make sense.
+
+        Raises
+        ------
+        ParameterError
+            With the name.
+        """
+        require_names(self.Q, trackable, "Q")
+        if isinstance(self.terminal, TerminalCost):
+            require_names(self.terminal.names, (*trackable, *self.controls), "terminal")
+        else:
+            require_names(self.terminal or {}, trackable, "terminal")
+        if not self.Q and (self.terminal is None or (isinstance(self.terminal, Weights) and not self.terminal)):
+            raise ParameterError(f"nothing is tracked; expected weights on some of {trackable}: set Q")
+        require_names(self.terminal_limits, trackable, "terminal_limits", "use a state or an output")
+        if self.corridor is not None and "e_y" in self.terminal_limits:
+            raise ParameterError(
+                "terminal_limits name 'e_y', which the corridor limits; expected one of both: narrow the last row "
+                "of the corridor"
+            )
+        for name, (lower, upper) in zip(self.limited, self.limits_at_nodes[-1], strict=True):
+            if lower > upper:
+                raise ParameterError(
+                    f"at the end '{name}' has a lower limit of {lower:g} and an upper one of {upper:g}; expected some "
+                    "room in both limits and terminal_limits"
+                )
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy needs, in this process or another: its settings, nothing compiled."""
@@ -247,25 +304,30 @@ class OCP(Checked):
 
     @cached_property
     def exogenous(self) -> tuple[str, ...]:
-        """Inputs that are not decided, in the model's order."""
-        return tuple(n for n in self.model.inputs if n not in self.controls)
+        """Inputs that are not decided, in the model's order, and parameters."""
+        return (*(n for n in self.model.inputs if n not in self.controls), *self.parameters)
 
     @cached_property
     def tracked(self) -> tuple[str, ...]:
         """Quantities with a weight in Q or at the end, the rows of the error in `stage`."""
+        if isinstance(self.terminal, TerminalCost):
+            return (*self.Q, *(f"terminal[{k}]" for k in range(len(self.terminal.rows))))
         return tuple(dict.fromkeys((*self.Q, *(self.terminal or ()))))
 
     @cached_property
     def limited(self) -> tuple[str, ...]:
         """States, outputs and path errors with a limit, the rows of the second result of `stage`."""
-        names = [n for n in self.limits if n not in self.controls]
+        names = [*(n for n in self.limits if n not in self.controls), *self.terminal_limits]
         return tuple(dict.fromkeys((*names, *(("e_y",) if self.corridor is not None else ()))))
 
     @cached_property
     def references(self) -> tuple[str, ...]:
         """Quantities whose wanted values the reference brings; path errors need the pose."""
-        plain = [n for n in self.tracked if n not in PATH_ERRORS and n not in self.terms]
-        pose = POSE if set(PATH_ERRORS) & {*self.tracked, *self.limited} else ()
+        used = self.tracked
+        if isinstance(self.terminal, TerminalCost):
+            used = (*self.Q, *(n for n in self.terminal.names if n not in self.controls))
+        plain = [n for n in used if n not in PATH_ERRORS and n not in self.terms]
+        pose = POSE if set(PATH_ERRORS) & {*used, *self.limited} else ()
         return tuple(dict.fromkeys((*plain, *pose)))
 
     @cached_property
@@ -302,8 +364,20 @@ class OCP(Checked):
             values["e_y"] = cos(psi) * dy - sin(psi) * dx
             values["e_psi"] = values["psi"] - psi
         params = getattr(self.model, "params", None)
+        if self.parameters:
+            first = len(self.exogenous) - len(self.parameters)
+            params = Read(params, {name: w[first + i] for i, name in enumerate(self.parameters)})
         values.update({name: term(x, full, params) for name, term in self.terms.items()})
-        error = [values[n] - (0.0 if n in PATH_ERRORS or n in self.terms else wanted[n]) for n in self.tracked]
+
+        def missed(name: str) -> Scalar:
+            return values[name] - (0.0 if name in PATH_ERRORS or name in self.terms else wanted[name])
+
+        if isinstance(self.terminal, TerminalCost):
+            each = [u[self.controls.index(n)] if n in self.controls else missed(n) for n in self.terminal.names]
+            rows = [sum((float(f) * e for f, e in zip(row, each, strict=True) if f), 0.0) for row in self.terminal.rows]
+            error = [*map(missed, self.Q), *rows]
+        else:
+            error = [missed(n) for n in self.tracked]
         limited = [values[n] for n in self.limited]
         empty = type(x)(0, 1)
         results = [stack(error), stack(limited) if limited else empty]
@@ -336,14 +410,26 @@ class OCP(Checked):
         x, u, w, p = (ca.MX.sym(self.stage.name_in(i), self.stage.size1_in(i)) for i in range(4))
         jacobian = ca.Function("j", [x, u, w, p], [ca.jacobian(self.stage(x, u, w, p)[1], u)])
         pattern = np.asarray(ca.DM(jacobian.sparsity_out(0), 1.0).full()) != 0
-        return pattern.any(axis=1) if len(self.limited) else np.zeros(0, dtype=bool)
+        if not self.limited:
+            return np.zeros(0, dtype=bool)
+        return pattern.any(axis=1) & self.limited_along
+
+    @cached_property
+    def limited_along(self) -> np.ndarray:
+        """Which limited quantities are limited before the end too, shape (n_limited,)."""
+        along = {*self.limits, *(("e_y",) if self.corridor is not None else ())}
+        return np.array([name in along for name in self.limited], dtype=bool)
 
     # ---- arrays ------------------------------------------------------------------------------------------------
 
     @cached_property
     def weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Q and terminal over `tracked`, R and S over `controls`; shapes (n_tracked,), (n_controls,)."""
-        q, end = (_row(w, self.tracked) for w in (self.Q, self.Q if self.terminal is None else self.terminal))
+        q = _row(self.Q, self.tracked)
+        if isinstance(self.terminal, TerminalCost):
+            end = (np.arange(len(self.tracked)) >= len(self.Q)).astype(float)
+        else:
+            end = q if self.terminal is None else _row(self.terminal, self.tracked)
         return q, end, _row(self.R, self.controls), _row(self.S, self.controls)
 
     @cached_property
@@ -370,6 +456,17 @@ class OCP(Checked):
         q, end, r, s = self.weights
         return np.vstack([np.outer(self.lengths, q), end]), np.outer(self.lengths, r), np.outer(1 / self._apart, s)
 
+    def weights_for(self, reference: Reference) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`stage_weights`, or those that a reference has of its own."""
+        given = zip((reference.Q, reference.R, reference.S), self._counts, self.stage_weights, strict=True)
+        q, r, s = (usual if own is None else counts * own for own, counts, usual in given)
+        return q, r, s
+
+    @cached_property
+    def _counts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """How many times errors, inputs and changes count at each stage, errors at the end too; a column each."""
+        return np.append(self.lengths, 1)[:, None], self.lengths[:, None], 1 / self._apart[:, None]
+
     @cached_property
     def excess_counts(self) -> np.ndarray:
         """How many times an excess over a soft limit counts, now and at the end of each stage, shape (horizon + 1,)."""
@@ -382,7 +479,7 @@ class OCP(Checked):
 
     def state_bounds(self, reference: Reference) -> np.ndarray:
         """Bounds of `limited` now and at the end of each stage, shape (horizon + 1, n_limited, 2)."""
-        bounds = self._limits_at_nodes.copy()
+        bounds = (self.limits_at_nodes if reference.limits is None else np.asarray(reference.limits)).copy()
         if self.corridor is not None and reference.corridor is not None:
             e_y, half = bounds[:, self.limited.index("e_y")], 0.5 * self.corridor
             right, left = np.asarray(reference.corridor, dtype=float).T
@@ -397,8 +494,14 @@ class OCP(Checked):
         return bounds
 
     @cached_property
-    def _limits_at_nodes(self) -> np.ndarray:
-        return np.tile(self.state_limits, (self.horizon + 1, 1, 1))
+    def limits_at_nodes(self) -> np.ndarray:
+        """Bounds of `limited` without a corridor now and at the end of each stage, (horizon + 1, n_limited, 2)."""
+        bounds = np.tile(self.state_limits, (self.horizon + 1, 1, 1))
+        end = _rows(self.terminal_limits, self.limited)
+        bounds[-1] = np.stack(
+            [np.maximum(bounds[-1, :, 0], end[:, 0]), np.minimum(bounds[-1, :, 1], end[:, 1])], axis=1
+        )
+        return bounds
 
     @cached_property
     def state_limits(self) -> np.ndarray:
@@ -446,7 +549,7 @@ class OCP(Checked):
         )
 
     @cached_property
-    def _shapes(self) -> dict[str, tuple[tuple[int, int], list[str]]]:
+    def _shapes(self) -> dict[str, tuple[tuple[int, ...], list[str]]]:
         """Shape and columns of each array of a reference."""
         n = self.horizon
         return {
@@ -454,6 +557,10 @@ class OCP(Checked):
             "exogenous": ((n + 1, len(self.exogenous)), list(self.exogenous)),
             "inputs": ((n, len(self.controls)), list(self.controls)),
             "corridor": ((n + 1, 2), ["right", "left"]),
+            "limits": ((n + 1, len(self.limited), 2), ["lower", "upper"]),
+            "Q": ((n + 1, len(self.tracked)), list(self.tracked)),
+            "R": ((n, len(self.controls)), list(self.controls)),
+            "S": ((n, len(self.controls)), list(self.controls)),
         }
 
     def check_reference(self, reference: Reference) -> Reference:
@@ -474,11 +581,54 @@ class OCP(Checked):
                 checked = array(given, shape, names, f"reference.{key}")
                 if checked is not given:
                     changed[key] = checked
+                if key in ("limits", "Q", "R", "S"):
+                    _require_sense(key, checked)
         if self.corridor is not None and reference.corridor is None:
             raise ParameterError(
                 "the reference has no corridor; expected one for this problem: use mpc.reference(preview)"
             )
+        if self.corridor is not None and reference.limits is not None:
+            e_y = self.limited.index("e_y")
+            if not np.array_equal(np.asarray(reference.limits)[:, e_y], self.limits_at_nodes[:, e_y]):
+                raise ParameterError("reference.limits has limits of 'e_y' too; expected them in the corridor alone")
         return replace(reference, **changed) if changed else reference
+
+
+def _require_sense(key: str, given: np.ndarray) -> None:
+    """Raise unless limits leave something between them and weights are not negative.
+
+    Raises
+    ------
+    ParameterError
+        With the array.
+    """
+    good = (
+        (given[..., 0] <= given[..., 1]).all() if key == "limits" else (given >= 0).all() and np.isfinite(given).all()
+    )
+    if not good:
+        wanted = (
+            "lower limits that are no higher than the upper ones" if key == "limits" else "finite numbers from 0 on"
+        )
+        raise ParameterError(f"reference.{key} holds others; expected {wanted} at every node")
+
+
+def _checked_parameters(ocp: OCP) -> tuple[str, ...]:
+    """Parameters as a tuple.
+
+    Raises
+    ------
+    ParameterError
+        If one is no text, is there twice, or is a quantity of the model or a term.
+    """
+    given = (ocp.parameters,) if isinstance(ocp.parameters, str) else tuple(ocp.parameters)
+    model = ocp.model
+    taken = {*model.states, *model.inputs, *model.outputs, *PATH_ERRORS, *ocp.terms}
+    wrong = [name for name in given if not isinstance(name, str) or name in taken]
+    if wrong or len(set(given)) < len(given):
+        raise ParameterError(
+            f"parameters are {list(given)}; expected names that are no quantity of the model and no term, each once"
+        )
+    return given
 
 
 def _height(given: Any) -> int:

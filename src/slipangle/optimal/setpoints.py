@@ -1,14 +1,16 @@
-"""`setpoint`: what is wanted over the horizon where there is no path, by name."""
+"""`setpoint`: what is wanted over the horizon where there is no path, by name; `vary`: limits and weights over it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from slipangle.errors import ParameterError
 from slipangle.optimal.arrays import array, short
+from slipangle.optimal.end import TerminalCost
 from slipangle.optimal.ocp import OCP, POSE, Reference, at_nodes
 from slipangle.optimal.terms import require_names
 
@@ -23,7 +25,7 @@ def setpoint(ocp: OCP, wanted: Mapping[str, Any]) -> Reference:
     wanted : mapping of str to float or array, shape (horizon + 1,)
         Wanted values by name: of tracked quantities, of exogenous inputs, which must all be there, and of decided
         inputs, from which R counts; inputs may be without the end. Tracked quantities that are not named are wanted at
-        zero, but a pose or a speed must be said. SI units.
+        zero, but a pose or a speed must be said. SI units. ``limits``, ``Q``, ``R`` and ``S`` are those of `vary`.
 
     Raises
     ------
@@ -31,6 +33,8 @@ def setpoint(ocp: OCP, wanted: Mapping[str, Any]) -> Reference:
         If a name is not known or missing, or values are no numbers of that shape.
     """
     n = ocp.horizon
+    own = {name: wanted[name] for name in ("limits", "Q", "R", "S") if isinstance(wanted.get(name), Mapping)}
+    wanted = {name: value for name, value in wanted.items() if name not in own}
     require_names(
         wanted, (*ocp.references, *ocp.exogenous, *ocp.controls), "the setpoint", "use a tracked quantity or an input"
     )
@@ -48,11 +52,83 @@ def setpoint(ocp: OCP, wanted: Mapping[str, Any]) -> Reference:
     columns = {name: _column(name, value, n) for name, value in wanted.items()}
     zero = np.zeros(n + 1)
     inputs = [columns.get(name, zero)[:n] for name in ocp.controls] if set(ocp.controls) & set(wanted) else None
-    return Reference(
+    reference = Reference(
         tracked=np.array([columns.get(name, zero) for name in ocp.references]).reshape(-1, n + 1).T.copy(),
         exogenous=np.array([columns[name] for name in ocp.exogenous]).reshape(-1, n + 1).T.copy(),
         inputs=None if inputs is None else np.array(inputs).T.copy(),
         corridor=None if ocp.corridor is None else np.full((n + 1, 2), np.inf),
+    )
+    return vary(ocp, reference, **own) if own else reference
+
+
+def vary(
+    ocp: OCP,
+    reference: Reference,
+    *,
+    limits: Mapping[str, Any] | None = None,
+    Q: Mapping[str, Any] | None = None,
+    R: Mapping[str, Any] | None = None,
+    S: Mapping[str, Any] | None = None,
+) -> Reference:
+    """The same with limits and weights that change over the horizon; nothing is compiled again.
+
+    Parameters
+    ----------
+    ocp : OCP
+        The problem; names that are not given keep what they have there.
+    reference : Reference
+        What is wanted.
+    limits : mapping of str to (float or array, float or array)
+        Lower and upper limit of what the problem limits along the horizon, decided inputs apart, shape (horizon + 1,)
+        each. A limit that comes with every plan is ``Limits(name=inf)`` in the problem. SI units.
+    Q : mapping of str to float or array, shape (horizon + 1,)
+        Weights of what the problem's Q and terminal name. The end has the last of ``horizon + 1``; else that of the
+        problem's ``terminal`` if it has one.
+    R, S : mapping of str to float or array, shape (horizon,)
+        Weights of what the problem's R and S name.
+
+    Raises
+    ------
+    ParameterError
+        If a name has no limit or weight in the problem, or values make no sense.
+    """
+    n, changed = ocp.horizon, {}
+    if limits is not None:
+        along = [name for name, used in zip(ocp.limited, ocp.limited_along, strict=True) if used and name in ocp.limits]
+        require_names(limits, along, "limits", "use a state, output or term of the problem's limits")
+        rows = ocp.limits_at_nodes.copy()
+        for name, both in limits.items():
+            if not (isinstance(both, tuple | list) and len(both) == 2):
+                raise ParameterError(f"the limits of '{name}' are {short(both)}; expected a lower and an upper one")
+            j, (low, high) = ocp.limited.index(name), (_column(name, side, n) for side in both)
+            end = ocp.terminal_limits.get(name, (-np.inf, np.inf))
+            low[-1], high[-1] = max(low[-1], end[0]), min(high[-1], end[1])
+            rows[:, j, 0], rows[:, j, 1] = low, high
+        changed["limits"] = rows
+    tracked = list(ocp.Q if isinstance(ocp.terminal, TerminalCost) else ocp.tracked)
+    for what, given, names, known, height in (
+        ("Q", Q, ocp.tracked, tracked, n + 1),
+        ("R", R, ocp.controls, list(ocp.R), n),
+        ("S", S, ocp.controls, list(ocp.S), n),
+    ):
+        if given is None:
+            continue
+        require_names(given, known, what, f"use a name of the problem's {what}")
+        rows = _own_weights(ocp, what)
+        for name, value in given.items():
+            many = n if what == "Q" and ocp.terminal is not None and np.shape(value) != (n + 1,) else height
+            rows[:many, names.index(name)] = _column(name, value, n)[:many]
+        changed[what] = rows
+    return ocp.check_reference(replace(reference, **changed))
+
+
+def _own_weights(ocp: OCP, what: str) -> np.ndarray:
+    """Weights of the problem at every node or stage, of stages of one step."""
+    q, end, r, s = ocp.weights
+    return (
+        np.vstack([np.tile(q, (ocp.horizon, 1)), end])
+        if what == "Q"
+        else np.tile(r if what == "R" else s, (ocp.horizon, 1))
     )
 
 

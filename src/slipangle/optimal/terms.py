@@ -93,6 +93,21 @@ class Values(Named[float]):
         return number
 
 
+class Read:
+    """Parameters of a model and others beside them, by name: ``p.arm``, ``p["arm"]``."""
+
+    def __init__(self, params: Any, beside: Mapping[str, Any]) -> None:
+        self._params, self._beside = params, beside
+
+    def __getattr__(self, name: str) -> Any:
+        """A value by name."""
+        return self._beside[name] if name in self._beside else getattr(self._params, name)
+
+    def __getitem__(self, name: str) -> Any:
+        """A value by name."""
+        return self._beside[name] if name in self._beside else self._params[name]
+
+
 class Weights(Values):
     """Weights of squared terms by channel name; none is negative.
 

@@ -32,7 +32,7 @@ static void set_up(Controller *c)
         memcpy(s->square, SQUARE, sizeof s->square);
     }
     for (int i = 0; i < (N + 1) * NL * 2; i++)
-        s->bounds[i] = BOUNDS[i % (2 * M1(NL))];
+        s->bounds[i] = (i < N * NL * 2 ? BOUNDS : END_BOUNDS)[i % (2 * M1(NL))];
     s->tolerance = TOLERANCE, s->newton = NEWTON, s->accept = ACCEPT, s->time_limit = INFINITY;
     s->max_iterations = MAX_ITERATIONS, s->fixed = FIXED;
 }

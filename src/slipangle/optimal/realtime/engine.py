@@ -126,7 +126,8 @@ class WorkArea(Engine):
         self._time = view["time_limit"]
         self._time[0] = self._limit
         if ocp.limited:
-            view["bounds"][:] = ocp.state_limits  # a corridor narrows them in C
+            view["bounds"][:] = ocp.limits_at_nodes  # a corridor narrows them in C
+        self._varied = False
         self._nodes = ocp.nodes if steps > n else None  # of the states, those at which stages begin and end
         self._most = int(ocp.nodes[-1])
         self._serial, self._area = 0, next(_areas)
@@ -199,6 +200,8 @@ class WorkArea(Engine):
         p, w, edges = reference.tracked, reference.exogenous, reference.corridor
         if self._lanes and not (type(edges) is np.ndarray and edges.dtype is DOUBLE and edges.shape == self._edges):
             return False
+        if self._varied or reference.varied:
+            return False
         return (
             type(x) is type(p) is type(w) is type(given) is np.ndarray
             and x.dtype is p.dtype is w.dtype is given.dtype is DOUBLE
@@ -254,7 +257,7 @@ class WorkArea(Engine):
         A following `resume` from the same plan and reference then only solves the quadratic program.
         """
         memory = previous.memory
-        if not self._ours(memory) or memory.unfinished or self._settings.iterations != 1:
+        if not self._ours(memory) or memory.unfinished or self._settings.iterations != 1 or reference.varied:
             return
         self._set(previous.x[1], applied, reference)
         self._recall(memory)
@@ -276,7 +279,8 @@ class WorkArea(Engine):
     def _same(self, applied: np.ndarray, reference: Reference) -> bool:
         inputs = 0.0 if reference.inputs is None else reference.inputs
         return bool(
-            (self._p == reference.tracked).all()
+            not reference.varied
+            and (self._p == reference.tracked).all()
             and (self._w[:-1] == reference.exogenous[: len(self._r)]).all()
             and (self._w[-1] == reference.exogenous[-1]).all()
             and (self._applied == applied).all()
@@ -311,6 +315,11 @@ class WorkArea(Engine):
             self._r[:] = reference.inputs
         if self._lanes:
             self._corridor[:] = reference.corridor
+        if self._varied or reference.varied:
+            view, self._varied = self._view, reference.varied
+            view["q"][:], view["wr"][:], view["ws"][:] = self.ocp.weights_for(reference)
+            if self.ocp.limited:
+                view["bounds"][:] = self.ocp.state_bounds(reference)
 
     def _hurry(self) -> None:
         """Give the next call into C what is left of the time allowed."""

@@ -139,12 +139,16 @@ class WorkArea(Engine):
         self._qp = LimitedStep(ocp)
         self._plain, self._square, self._soft = self._qp.plain, self._qp.square, self._qp.soft
         change = np.eye(n * nu) - np.eye(n * nu, k=-nu)
-        self._weight_rows, self._r, self._s = ocp.stage_weights
-        both = np.tile(self._scale, n)
-        inputs = change.T @ np.diag(self._s.ravel()) @ change + np.diag(self._r.ravel())
-        self._quadratic = both[:, None] * inputs * both
+        self._change, self._varied = change * np.tile(self._scale, n), False
+        self._weigh(ocp.stage_weights)
         self._k = np.zeros((steps, self._nk))
         self._quick = None if quick is None else InputStep(ocp, *quick)
+
+    def _weigh(self, weights: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
+        """Count errors, inputs and their changes so."""
+        self._weight_rows, self._r, self._s = weights
+        own = np.tile(self._scale, len(self._r)) ** 2 * self._r.ravel()
+        self._quadratic = self._change.T @ (self._s.reshape(-1, 1) * self._change) + np.diag(own)
 
     # ---- starts ------------------------------------------------------------------------------------------------
 
@@ -162,7 +166,7 @@ class WorkArea(Engine):
         memory = previous.start if previous is not None else None
         self._begin(x, applied, reference)
         if self._ours(memory):
-            if self._quick and self._settings.iterations and not memory.unfinished:
+            if self._quick and self._settings.iterations and not (memory.unfinished or self._varied):
                 return self._resume_quickly(self._quick, memory)
             u, states, self._k[:] = memory.u, memory.x.copy(), memory.k[:-1]
             if not memory.unfinished or moves_on(x, states):
@@ -294,6 +298,9 @@ class WorkArea(Engine):
         self._until, self._allowed = perf_counter() + self._allowed, self._limit
         self._x0, self._applied, self._reference = x, applied, reference
         self._bounds = self.ocp.state_bounds(reference)[self._limit_at] if len(self.ocp.limited) else np.empty((0, 2))
+        if self._varied or reference.varied:
+            self._varied = reference.varied
+            self._weigh(self.ocp.weights_for(reference))
         wanted = np.zeros(self._s.shape) if reference.inputs is None else reference.inputs
         self._wanted = np.asarray(wanted, dtype=float)
 

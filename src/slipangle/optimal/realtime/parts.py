@@ -124,7 +124,8 @@ def dynamics_function(ocp: OCP) -> ca.Function:
 def limit_rows(ocp: OCP) -> list[tuple[int, int]]:
     """Stage and index of each limited quantity in the quadratic program."""
     now = [(0, j) for j in range(len(ocp.limited)) if ocp.limited_now[j]]
-    return now + [(i, j) for i in range(1, ocp.horizon + 1) for j in range(len(ocp.limited))]
+    n, along = ocp.horizon, ocp.limited_along
+    return now + [(i, j) for i in range(1, n + 1) for j in range(len(ocp.limited)) if i == n or along[j]]
 
 
 def slack_of_rows(ocp: OCP) -> tuple[np.ndarray, np.ndarray]:

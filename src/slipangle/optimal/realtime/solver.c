@@ -150,6 +150,8 @@ static int condense(Work *s)
         for (int k = 0; k < NE; k++) {
             const double *ex = s->E + i * NE * NX + k * NX, *eu = s->D + i * NE * NU + k * NU;
             int wide = width;
+            if (!(weight[k] > 0))
+                continue;
             memset(row, 0, sizeof s->R);
             for (int c = E_FIRST[k]; c < E_FIRST[k + 1]; c++)
                 add_rows(row, ex[E_AT[c]], old + E_AT[c] * QL, 0, width);
@@ -158,9 +160,8 @@ static int condense(Work *s)
                     row[at * NU + j] += SCALE[j] * eu[j];
                 wide = (at + 1) * NU > wide ? (at + 1) * NU : wide;
             }
-            if (weight[k] > 0)
-                for (int a = 0; a < wide; a++)
-                    add_rows(H + a * QL, weight[k] * row[a], row, a, wide);
+            for (int a = 0; a < wide; a++)
+                add_rows(H + a * QL, weight[k] * row[a], row, a, wide);
         }
         for (; limit < N_LIMITS && LIMIT_STAGE[limit] == i; limit++) {
             int k = LIMIT_WHICH[limit];
