@@ -1,6 +1,7 @@
 """An FMU is a plant: driven as the model that was exported into it, by the names and units that it has."""
 
 import re
+import shutil
 import zipfile
 
 import numpy as np
@@ -12,6 +13,9 @@ from slipangle.errors import ConfigError, FormatError, ParameterError, Simulatio
 from slipangle.export.fmi import export_fmu
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.optimal.terms import Values
+from slipangle.workflow.drive import drive
+from slipangle.workflow.settings import read_settings
+from tests.workflow.test_cli import write_job
 
 fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install --group export")
 pytestmark = pytest.mark.skipif(compiler() is None, reason=sentence())
@@ -130,3 +134,22 @@ def test_what_is_no_plant_is_said(file, tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "fmpy", None)
     with pytest.raises(ConfigError, match=r"driving an FMU needs fmpy, which .* 'slipangle\[fmu\]'"):
         sa.PlantFMU(file)
+
+
+def test_a_job_names_an_fmu_beside_it(file, tmp_path):
+    """Driven through the lane change by the path follower of the job, as the model inside is when driven in Python."""
+    shutil.copy(file, tmp_path / "car.fmu")
+    more = """[controller]
+model = "bicycle"
+kind = "pure-pursuit"
+v_x = 15
+[plant]
+kind = "fmu"
+file = "car.fmu"
+"""
+    settings = read_settings(write_job(tmp_path, more=more))
+    model = sa.Bicycle(params=SOUSA_TABLE_7_2, dt=0.05)
+    run, said, _ = drive(settings.controller, settings.plant, model, lambda share: None, None)
+    assert "fmu" in said
+    assert run.inside
+    assert run.max("y") < 1.0

@@ -163,6 +163,7 @@ RIGHT = {
     "another model": MODEL + 'kind = "lure"\nlinear = "bicycle"',
     "an inner kind": MODEL + 'kind = "lure"\nlinear = { order = 2, max_radius = 0.99 }',
     "a controller": '[controller]\nmodel = "bicycle"\nhorizon = 10\nQ = { Y = 2 }\n[plant]\nfriction = 0.8',
+    "an FMU": '[plant]\nkind = "fmu"\nfile = "car.fmu"\ninputs = { delta = "SWA" }\nparameters = { mu = 0.8 }',
     "a process": '[plant]\nkind = "process"\naddress = "127.0.0.1:5005"',
 }
 

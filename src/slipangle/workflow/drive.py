@@ -7,6 +7,7 @@ Controllers are in `slipangle.workflow.controllers`.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -24,6 +25,7 @@ from slipangle.models.vehicles.single_track import SingleTrack
 from slipangle.optimal.terms import Values
 from slipangle.registry import Registry
 from slipangle.simulate.drive import drive as drive_plant
+from slipangle.simulate.fmu import PlantFMU
 from slipangle.simulate.foreign import PlantProtocol
 from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.plant import Plant
@@ -152,6 +154,36 @@ def plant_process(*, address: str) -> PlantProcess:
         Where it listens, such as "127.0.0.1:5005".
     """
     return PlantProcess(address)
+
+
+@PLANTS.register("fmu")
+def plant_fmu(
+    *,
+    file: Path,
+    inputs: dict[str, str] | None = None,
+    outputs: dict[str, str] | None = None,
+    start: dict[str, str] | None = None,
+    parameters: dict[str, float] | None = None,
+    dt: Annotated[float, Within(1e-5, 1.0, "s")] | None = None,
+) -> PlantFMU:
+    """A vehicle in an FMU for co-simulation; see `PlantFMU`.
+
+    Parameters
+    ----------
+    file : Path
+        The FMU, relative to the job.
+    inputs : dict of str to str
+        Variable of each command, such as { delta = "SteeringAngle" }; by default every real input by its own name.
+    outputs : dict of str to str
+        Variable of each measurement; by default every real output by its own name.
+    start : dict of str to str
+        Variables that hold X, Y, psi and v_x before initialisation, such as { v_x = "v_0" }.
+    parameters : dict of str to float
+        Values of other variables, by their names in the FMU and in its units.
+    dt : float
+        Time of one step [s]; by default the step size that the FMU recommends.
+    """
+    return PlantFMU(file, inputs=inputs, outputs=outputs, start=start, parameters=parameters, dt=dt)
 
 
 def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver | None, str]:

@@ -1,6 +1,7 @@
 """What a job is: a TOML file read into frozen records, every entry checked."""
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 from os.path import normpath, sep
@@ -266,17 +267,19 @@ def _with_tires(settings: Settings, where: str) -> Settings:
 
 
 def _placed(settings: Settings, folder: Path) -> Settings:
-    """The same with every file that a model or the controller names in the folder of the job."""
-    models = tuple(
-        replace(m, entries={k: folder / v if isinstance(v, Path) else v for k, v in m.entries.items()})
-        for m in settings.model
-    )
+    """The same with every file that a model, the controller or the plant names in the folder of the job."""
+    models = tuple(replace(m, entries=_in_folder(m.entries, folder)) for m in settings.model)
     controller = settings.controller
     if controller is not None and controller.track is not None:
         controller = replace(controller, track=folder / controller.track)
+    plant = replace(settings.plant, entries=_in_folder(settings.plant.entries, folder))
     files = {k: folder / v for k in ("track", "driven") if (v := getattr(settings.lap, k)) is not None}
     lap = replace(settings.lap, **files)
-    return replace(settings, folder=folder, model=models, controller=controller, lap=lap)
+    return replace(settings, folder=folder, model=models, controller=controller, plant=plant, lap=lap)
+
+
+def _in_folder(entries: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    return {k: folder / v if isinstance(v, Path) else v for k, v in entries.items()}
 
 
 def _check(settings: Settings, where: str) -> None:
