@@ -276,3 +276,18 @@ def test_typical_has_the_speed_of_the_rig():
     tire = typical(BOTH, radius=0.26, nominal_load=700.0)
     assert tire.coefficients.LONGVL == pytest.approx(40 / 3.6, rel=0.01)
     assert tire.coefficients.FNOMIN == 700.0
+
+
+def test_a_channel_that_says_nothing_counts_as_not_measured():
+    cornering, none = RUNS["cornering"], np.zeros(len(RUNS["cornering"]))
+    silent = replace(cornering, F_x=none, M_x=none, M_z=none)
+    effort = Effort(starts=1, screen=5, carried=1, polish=20, finish=20)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        tire = quiet_fit(silent, effort=effort, samples=900, prune=False)
+    assert "M_x is 0 N m at every sample: taken as not measured" in [str(w.message) for w in said]
+    assert tire.coefficients.QSX3 == start(silent).coefficients.QSX3
+    for kind, name in (("cornering", "F_y"), ("drive/brake", "F_x")):
+        data = replace(RUNS[kind], **{name: np.zeros(len(RUNS[kind]))})
+        with pytest.raises(ExcitationError, match=f"{name} of .* is 0 N at every sample"):
+            quiet_fit(data)

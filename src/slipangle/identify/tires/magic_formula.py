@@ -103,11 +103,11 @@ class MagicFormulaFit:
 
         ``noise_std`` of the information holds F_x, F_y and, where measured, M_z and M_x.
 
-        Raises ExcitationError if no slip moves, or a sweep runs on one side of zero only, and TooShortError if a stage
-        has fewer samples than coefficients.
+        Raises ExcitationError if no slip moves, a sweep runs on one side of zero only, or a force is the same in all of
+        it, and TooShortError if a stage has fewer samples than coefficients.
 
         A moment that some run contradicts, so that it is followed worse there than by its mean, keeps the coefficients
-        of ``start``.
+        of ``start``; so does one that is the same at every sample.
 
         Warns with ModelWarning, with what the data do not hold and is taken from ``start`` and which runs disagree with
         the fit, and IdentifiabilityWarning, with the coefficients that the data do not determine.
@@ -147,6 +147,12 @@ class _Job:
                 f"'{d.name}' holds neither 30 samples of pure longitudinal nor of pure lateral slip; expected a sweep "
                 "of one with the other near zero: join such a run"
             )
+        for name, swept in (("F_x", self.has_x), ("F_y", self.has_y)):
+            if swept and np.ptp(getattr(d, name)) == 0:
+                raise ExcitationError(
+                    f"{name} of '{d.name}' is {getattr(d, name)[0]:g} N at every sample although its slip moves; "
+                    "expected a force that was measured: leave that run out"
+                )
         self.varies = self._varying()
         reference = settings.start.coefficients
         kappa = practical_slip(np.minimum(d.slip_ratio, 0.99))
@@ -211,7 +217,11 @@ class _Job:
         few = replace(self.settings.effort, starts=self.settings.effort.starts + 2, screen=40)
         rows = np.full(len(self.samples), True)
         for output, tables in MOMENTS.items():
-            if getattr(self.data, output) is None or not self.has_y:
+            measured = getattr(self.data, output)
+            if measured is None or not self.has_y:
+                continue
+            if np.ptp(measured) == 0:
+                self.notes.append(f"{output} is {measured[0]:g} N m at every sample: taken as not measured")
                 continue
             fitted = [self.pruned(*self.solve(tire, self.free(table), (output,), rows, few), rows) for table in tables]
             found, stage = self.settled(*min(fitted, key=lambda pair: criterion(pair[1])), rows)
