@@ -93,9 +93,15 @@ class MPC(Fallbacks):
         return setpoint(self.ocp, wanted)
 
     def vary(self, reference: Reference, **of: Mapping[str, Any]) -> Reference:
-        """The same reference with ``limits``, ``Q``, ``R`` or ``S`` that change over the horizon.
+        """The same reference with limits and weights that change over the horizon; nothing is compiled again.
 
-        See `slipangle.optimal.setpoints.vary`.
+        Parameters
+        ----------
+        reference : Reference
+            What is wanted.
+        **of : mapping
+            ``limits`` of names to pairs, ``Q``, ``R`` and ``S`` of names to weights, each a number or one per node, as
+            in `slipangle.optimal.setpoints.vary`. SI units.
         """
         return vary(self.ocp, reference, **of)
 

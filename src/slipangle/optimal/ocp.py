@@ -457,7 +457,10 @@ class OCP(Checked):
         return np.vstack([np.outer(self.lengths, q), end]), np.outer(self.lengths, r), np.outer(1 / self._apart, s)
 
     def weights_for(self, reference: Reference) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """`stage_weights`, or those that a reference has of its own."""
+        """`stage_weights`, or those that a reference has of its own.
+
+        Of errors, shape (horizon + 1, n_tracked), of inputs and of their changes, shape (horizon, n_controls).
+        """
         given = zip((reference.Q, reference.R, reference.S), self._counts, self.stage_weights, strict=True)
         q, r, s = (usual if own is None else counts * own for own, counts, usual in given)
         return q, r, s
@@ -495,7 +498,7 @@ class OCP(Checked):
 
     @cached_property
     def limits_at_nodes(self) -> np.ndarray:
-        """Bounds of `limited` without a corridor now and at the end of each stage, (horizon + 1, n_limited, 2)."""
+        """Bounds of `limited` without a corridor at each node, shape (horizon + 1, n_limited, 2)."""
         bounds = np.tile(self.state_limits, (self.horizon + 1, 1, 1))
         end = _rows(self.terminal_limits, self.limited)
         bounds[-1] = np.stack(
