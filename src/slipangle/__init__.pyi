@@ -39,6 +39,7 @@ from slipangle.identify.linear.polynomial import OutputError as OutputError
 from slipangle.identify.linear.process import ProcessModel as ProcessModel
 from slipangle.identify.linear.recursive import RLS as RLS
 from slipangle.identify.linear.statespace import StateSpace as StateSpace
+from slipangle.identify.linear.transfer_function import TransferFunction as TransferFunction
 from slipangle.identify.lure.lure import Lure as Lure
 from slipangle.identify.networks.hybrid import Hybrid as Hybrid
 from slipangle.identify.networks.joint import Joint as Joint

@@ -61,6 +61,33 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "identify/linear/continuous.py",
+        "identify/linear/test_transfer_function.py",
+        [
+            (
+                "transfer functions: delay of whole samples only",
+                "max(delay - whole * self.dt, 0.0)",
+                "max(0.0, 0.0)",
+            ),
+            (
+                "transfer functions: the last part of a sample first",
+                "(one.older, one.whole + 1), (one.newer, one.whole)",
+                "(one.newer, one.whole + 1), (one.older, one.whole)",
+            ),
+        ],
+    ),
+    *mistakes(
+        "identify/linear/transfer_function.py",
+        "identify/linear/test_transfer_function.py",
+        [
+            (
+                "transfer functions: gains of another time",
+                "self.order - np.arange(self.gains, dtype=float)",
+                "self.order + 0.0 * np.arange(self.gains)",
+            )
+        ],
+    ),
+    *mistakes(
         "models/black_box/lagged.py",
         BLACK_BOX,
         [

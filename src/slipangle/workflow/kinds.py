@@ -28,6 +28,7 @@ from slipangle.identify.linear.process import ProcessModel
 from slipangle.identify.linear.recursive import RLS
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.linear.subspace import Subspace
+from slipangle.identify.linear.transfer_function import TransferFunction
 from slipangle.identify.lure.lure import Lure
 from slipangle.identify.networks.hybrid import Hybrid
 from slipangle.identify.networks.joint import Joint
@@ -164,8 +165,8 @@ KINDS.register("relaxing-bicycle")(Physics(model=RelaxingBicycle, free=(*_SATURA
 
 KINDS.register("car")(WholeCar)
 for _estimator in (
-    *(ARX, MultiARX, Polynomial, ARMAX, OutputError, BoxJenkins, ProcessModel, RLS, Subspace, PEM, StateSpace, Lure),
-    *(NARX, FreeRunNARX, Hybrid, Joint),
+    *(ARX, MultiARX, Polynomial, ARMAX, OutputError, BoxJenkins, ProcessModel, TransferFunction, RLS, Subspace, PEM),
+    *(StateSpace, Lure, NARX, FreeRunNARX, Hybrid, Joint),
 ):
     KINDS.register(called(_estimator))(_estimator)
 KINDS.register("neural-state-space")(NeuralStateSpace)

@@ -1,0 +1,221 @@
+"""Linear systems in continuous time behind a held, late input: their exact response, and a fit to it.
+
+.. [1] G. H. Golub, V. Pereyra, SIAM J. Numerical Analysis 10(2), 1973: what is linear is solved for inside.
+"""
+
+from __future__ import annotations
+
+import abc
+import time
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy import linalg
+
+from slipangle.data.dataset import Dataset
+from slipangle.errors import ParameterError
+from slipangle.identify.linear.estimator import channels, described
+from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.numerics.covariance import covariance
+from slipangle.numerics.linear_response import LTI
+
+SLOPE = 1e-5  # relative step of numerical derivatives
+
+
+class _Sampled(NamedTuple):
+    """States one sample later: from states, from the input ``whole + 1`` and ``whole`` samples ago."""
+
+    A: np.ndarray
+    older: np.ndarray
+    newer: np.ndarray
+    whole: int
+
+
+class HeldResponse(abc.ABC):
+    """One record, and systems ``x' = A x + B u(t - T_d)``, ``y = gains @ C x`` whose A follows from `shape`.
+
+    The input is held over each sample. The search is over ``z``: something for each of `shape`, then the delay;
+    gains, level and the first state of every experiment are solved for inside ([1]_).
+    """
+
+    names: tuple[str, ...]  # of the values that a fit gives
+    shape: tuple[str, ...]  # those that tell A and C
+    order: int
+    integrates: bool = False  # so that there is no level of rest
+    low: np.ndarray  # smallest z
+    high: np.ndarray  # largest z
+
+    def __init__(self, data: Dataset, *, late: bool, max_delay: float, delay: float = 0.0) -> None:
+        if len(data.inputs) != 1 or len(data.outputs) != 1:
+            raise ParameterError(
+                f"'{data.name}' has inputs {', '.join(data.inputs) or 'none'} and outputs "
+                f"{', '.join(data.outputs) or 'none'}; expected one of each: data.select(inputs=[...], outputs=[...])"
+            )
+        self.data, self.dt, self.late, self.known = data, data.dt, late, delay
+        self.y, self.u = data.y[:, 0], data.u[:, 0]
+        self.longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True)) * data.dt
+        self.max_delay = min(max_delay, 0.5 * self.longest)
+
+    # ---- the system --------------------------------------------------------------------------------------------
+
+    @abc.abstractmethod
+    def rates(self, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A and B in continuous time, shapes (order, order), (order,)."""
+
+    @abc.abstractmethod
+    def outputs(self, shape: np.ndarray) -> np.ndarray:
+        """Rows of what the gains multiply, from the states, shape (n_gains, order)."""
+
+    def sampled(self, shape: np.ndarray, delay: float) -> _Sampled:
+        """The same over one sample, the input being held and late."""
+        A, B = self.rates(shape)
+        n = len(A)
+        whole = int(np.floor(delay / self.dt + 1e-12))
+        part = min(max(delay - whole * self.dt, 0.0), self.dt)
+        block = np.zeros((n + 1, n + 1))
+        block[:n, :n], block[:n, n] = A, B
+        late, rest = (linalg.expm(block * h) for h in (part, self.dt - part))
+        return _Sampled(rest[:n, :n] @ late[:n, :n], rest[:n, :n] @ late[:n, n], rest[:n, n], whole)
+
+    def columns(self, shape: np.ndarray, delay: float) -> tuple[np.ndarray, np.ndarray]:
+        """What the linear unknowns multiply: those of the gains; then level and first states."""
+        one, C = self.sampled(shape, delay), self.outputs(shape)
+        system = LTI(A=one.A, B=np.column_stack([one.older, one.newer]), C=C, D=np.zeros((len(C), 2)))
+        n, parts = self.order, list(zip(self.data.starts, self.data.stops, strict=True))
+        forced, free = np.zeros((len(self.y), len(C))), np.zeros((len(self.y), n * len(parts)))
+        for i, (a, b) in enumerate(parts):
+            u = np.concatenate([np.full(one.whole + 1, self.u[a]), self.u[a:b]])[: b - a + 1]
+            rest = np.linalg.lstsq(self.rates(shape)[0], -self.rates(shape)[1] * self.u[a], rcond=None)[0]
+            start = np.zeros(n) if self.integrates else rest
+            forced[a:b] = system.respond(start, np.column_stack([u[:-1], u[1:]]))[0][: b - a]
+            free[a:b, n * i : n * (i + 1)] = unforced(one.A, C[:1], b - a)
+        level = np.zeros((len(self.y), 0)) if self.integrates else np.ones((len(self.y), 1))
+        return forced, np.hstack([level, free])
+
+    # ---- the search --------------------------------------------------------------------------------------------
+
+    @abc.abstractmethod
+    def of_search(self, z: np.ndarray) -> np.ndarray:
+        """`shape` of a point of the search."""
+
+    def split(self, z: np.ndarray) -> tuple[np.ndarray, float]:
+        """`shape` and delay of a point of the search."""
+        return self.of_search(z[: len(self.shape)]), float(z[-1]) if self.late else self.known
+
+    def solved(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Linear unknowns at their best, and the errors that are left."""
+        forced, other = self.columns(*self.split(z))
+        both = np.hstack([forced, other])
+        size = np.maximum(np.linalg.norm(both, axis=0), 1e-300)
+        found = np.linalg.lstsq(both / size, self.y, rcond=1e-10)[0] / size
+        return found, self.y - both @ found
+
+    def errors(self, z: np.ndarray) -> np.ndarray:
+        """Errors that are left at a point of the search, shape (n_samples,)."""
+        found = self.solved(z)[1]
+        return np.where(np.isfinite(found), found, 1e100)
+
+    def jacobian(self, z: np.ndarray) -> np.ndarray:
+        """Derivatives of `errors`, shape (n_samples, n)."""
+        found = []
+        for i in range(len(z)):
+            h = SLOPE * (max(1.0, abs(z[i])) if i < len(self.shape) else self.dt * 10)
+            ends = np.clip([z + s * h * np.eye(len(z))[i] for s in (1, -1)], self.low, self.high)
+            found.append((self.errors(ends[0]) - self.errors(ends[1])) / (ends[0][i] - ends[1][i]))
+        return np.column_stack(found)
+
+    def ends(self, z: np.ndarray) -> tuple[str, ...]:
+        """A sentence for each unknown that ended where it may go no further."""
+        names = (*self.shape, *(("T_d",) if self.late else ()))
+        at = np.minimum(z - self.low, self.high - z) < 1e-6 * (self.high - self.low)
+        return tuple(
+            f"{n} ended at the end of its range; the record does not tell it: leave it out of the model, or allow more"
+            for n, stuck, value in zip(names, at, z, strict=True)
+            if stuck and not (n == "T_d" and value < 1e-9)
+        )
+
+    # ---- the result --------------------------------------------------------------------------------------------
+
+    @abc.abstractmethod
+    def natural(self, z: np.ndarray) -> np.ndarray:
+        """Values of `names` at their best."""
+
+    @abc.abstractmethod
+    def parts(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Gains, `shape` and delay of such values."""
+
+    @abc.abstractmethod
+    def step(self, name: str, value: float) -> float:
+        """By how much a value is moved for its derivative."""
+
+    def slopes(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the output by the values of `names`, then by what else is linear; and the errors."""
+
+        def output(v: np.ndarray) -> np.ndarray:
+            gains, shape, delay = self.parts(v)
+            return self.columns(shape, delay)[0] @ gains
+
+        gains, shape, delay = self.parts(values)
+        forced, other = self.columns(shape, delay)
+        found = []
+        for i, name in enumerate(self.names):
+            h = self.step(name, values[i])
+            up, down = values.copy(), values.copy()
+            up[i] += h
+            down[i] -= h if name != "T_d" else min(h, values[i])
+            found.append((output(up) - output(down)) / (up[i] - down[i]))
+        rest = self.y - forced @ gains
+        size = np.maximum(np.linalg.norm(other, axis=0), 1e-300)
+        u, s, _ = np.linalg.svd(other / size, full_matrices=False)
+        basis = u[:, s > 1e-10 * s[0]]
+        return np.column_stack([*found, basis]), rest - basis @ (basis.T @ rest)
+
+    def fitted(self, z: np.ndarray, began: float, method: str, units: tuple[str, ...]) -> StateSpaceModel:
+        """The model of a point of the search, with intervals of `names`."""
+        values = self.natural(z)
+        jacobian, error = self.slopes(values)
+        spread, said = covariance(error, jacobian, 1)
+        count = len(values)
+        dof = max(1, len(error) - jacobian.shape[1])
+        info = described(
+            self.data,
+            began,
+            names=self.names,
+            values=values,
+            covariance=spread[:count, :count],
+            noise_std=np.array([np.sqrt(float(error @ error) / dof)]),
+            n_samples=self.data.n_samples,
+            method=f"{method}; {said}",
+            warnings=self.ends(z),
+        )
+        return replace(self.model(values), fit_info=replace(info, units=units, seconds=time.perf_counter() - began))
+
+    def model(self, values: np.ndarray) -> StateSpaceModel:
+        """The sampled state space: the states, then past inputs, the newest first."""
+        gains, shape, delay = self.parts(values)
+        one, C = self.sampled(shape, delay), gains @ self.outputs(shape)
+        n, kept = self.order, one.whole + (np.abs(one.older).max() > 0)
+        A, B = np.zeros((n + kept, n + kept)), np.zeros((n + kept, 1))
+        A[:n, :n] = one.A
+        for column, back in ((one.older, one.whole + 1), (one.newer, one.whole)):
+            if back == 0:
+                B[:n, 0] += column
+            elif back <= kept:
+                A[:n, n + back - 1] += column
+        if kept:
+            B[n, 0] = 1.0
+            A[n + 1 :, n : n + kept - 1] += np.eye(kept - 1)
+        forced, other = self.columns(shape, delay)
+        rest = np.linalg.lstsq(other, self.y - forced @ gains, rcond=1e-10)[0]
+        level = 0.0 if self.integrates else float(rest[0])
+        row = np.concatenate([C, np.zeros(kept)])[None]
+        return StateSpaceModel(A=A, B=B, C=row, y_offset=np.array([level]), **channels(self.data))
+
+
+def unforced(A: np.ndarray, C: np.ndarray, n: int) -> np.ndarray:
+    """``C A^k`` for k below n, shape (n, n_states), C being one row."""
+    rows, power = C, A
+    while len(rows) < n:
+        rows, power = np.vstack([rows, rows @ power]), power @ power
+    return rows[:n]
