@@ -99,7 +99,8 @@ def test_what_is_long_says_why(path):
 def test_a_wheel_has_every_file_of_the_package():
     """The build takes the whole folder but for what .gitignore names, which is nothing that the package needs."""
     build = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]
-    assert build == {"wheel": {"packages": ["src/slipangle"]}}
+    also = {"docs/troubleshooting.md": "slipangle/report/troubleshooting.md"}  # for `slipangle.report.why`
+    assert build == {"wheel": {"packages": ["src/slipangle"], "force-include": also}}
     files = [p.relative_to(SOURCE) for p in SOURCE.rglob("*") if p.is_file() and p.parent.name != "__pycache__"]
     assert {".c", ".h", ".toml", ".css", ".js", ".pyi"} <= {p.suffix for p in files}
     assert Path("py.typed") in files

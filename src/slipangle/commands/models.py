@@ -73,6 +73,8 @@ def _identify(options: argparse.Namespace) -> Answer:
         words += [f"{name}: {path}{before[name]}", *(f"  {line}" for line in (*_estimates(info), *fits[name].values()))]
         words += [f"  {sentence}" for sentence in (said, *warned[name]) if sentence]
     words += [f"{name}: failed. {why}" for name, why in failures.items()]
+    if any(warned.values()):
+        words.append('what a sentence means: slipangle help why "words of it"')
     listed: dict[str, dict] = {
         n: {"file": str(p), "replaced": bool(before[n]), "warnings": warned[n]} | _parameters(models[n].fit_info)
         for n, p in paths.items()

@@ -22,6 +22,7 @@ from slipangle.report.jsoned import jsoned
 from slipangle.report.playback import Playback
 from slipangle.report.style import dark_map, pretty_unit, template
 from slipangle.report.tables import Cell, Table, Tone, command_html, number, published, typeset
+from slipangle.report.why import why_html
 
 # Nothing is fetched, and no script runs but those that are named by their own checksums: the browser refuses the rest.
 _POLICY = "default-src 'none'; script-src {scripts}; style-src 'unsafe-inline'; img-src data: blob:"
@@ -252,7 +253,7 @@ def _block(block: Block, ids: _Ids) -> str:
         case Findings():
             items = "".join(
                 f'<li><span class="{f"mark {i.tone}" if i.tone else "plain"}" title="{i.tone or "fact"}"></span>'
-                f"<span>{typeset(i.sentence)}</span></li>"
+                f"<span>{typeset(i.sentence)}{why_html(i.sentence)}</span></li>"
                 for i in block.items
             )
             return f'<div class="block"><h3>{html.escape(block.title)}</h3><ul class="findings">{items}</ul></div>'

@@ -17,6 +17,7 @@ from rich.text import Text
 from slipangle.errors import ParameterError
 from slipangle.models.model import FitInfo
 from slipangle.report.style import pretty_unit
+from slipangle.report.why import why_html
 
 Tone = Literal["good", "fair", "poor"]
 Cell = str | float | int | bool | None
@@ -176,7 +177,8 @@ class Table:
         under = f"<p>{typeset(self.caption)}</p>" if self.caption else ""
         under += command_html(self.command)
         items = "".join(
-            f'<li><span class="mark poor" title="warning"></span><span>{typeset(w)}</span></li>' for w in self.warnings
+            f'<li><span class="mark poor" title="warning"></span><span>{typeset(w)}{why_html(w)}</span></li>'
+            for w in self.warnings
         )
         table += f'<ul class="findings">{items}</ul>' if items else ""
         return table + (f'<div class="caption">{under}</div>' if under else "")
