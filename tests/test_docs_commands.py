@@ -1,5 +1,6 @@
 """Commands of README and docs: each is understood, with its options, choices, tables and benchmarks."""
 
+import importlib.util
 import re
 import shlex
 from pathlib import Path
@@ -10,6 +11,8 @@ import pytest
 import slipangle as sa
 from slipangle.cli import _joined, _parser, main
 from slipangle.reproduce import find, find_benchmark
+from slipangle.workflow.demo import prepare_demo
+from tests.rig import TIRE, channels, write_dat
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -125,3 +128,79 @@ def test_commands_that_fit_nothing_run(folder, capsys):
         done[command] = main([*given, "--force"] if given[0] == "init" else given), capsys.readouterr().err
     assert len(done) >= 5
     assert {command: said for command, (code, said) in done.items() if code} == {}
+
+
+LAP = """
+[[model]]
+name = "limits"
+kind = "saturating-bicycle"
+car = { mass = 1200, inertia_z = 1600, wheelbase = 2.6, l_f = 1.2, C_f = 8e4, C_r = 9e4, mu_f = 1.1, mu_r = 1.1 }
+free = ["C_f"]
+
+[lap]
+track = "track.csv"
+points = 60
+set = { power = 1e5 }
+"""
+SHORT = {"--cars": "20"}  # what a page asks for, in a test's time
+ELSEWHERE = {  # commands that tests of their own run, or that need more than a folder
+    "slipangle reproduce": "tests/reproduce, and docs/gallery has what they printed",
+    "slipangle bench": "side by side and for minutes; benchmarks/",
+    "slipangle run examples/": "tests/test_examples.py",
+    "slipangle data": "tests/data",
+    "slipangle completion": "tests/commands/test_completion.py",
+    "slipangle inspect drive.mcap": "tests/data/readers",
+    "slipangle inspect run.ld": "tests/commands/test_new_users.py",
+    "slipangle init run.ld": "tests/commands/test_new_users.py",
+}
+
+
+@pytest.fixture
+def whole(folder):
+    """The same, with a track, a lap, tires, a saved model and the tutorial's files."""
+    angle = np.linspace(0, 2 * np.pi, 120)[:-1]
+    radius = 80 + 20 * np.cos(2 * angle)
+    X, Y = radius * np.cos(angle), radius * np.sin(angle)
+    width = np.full(len(angle), 5.0)
+    head = "x_m,y_m,w_tr_right_m,w_tr_left_m"
+    np.savetxt("track.csv", np.column_stack([X, Y, width, width]), delimiter=",", header=head)
+    t = 0.2 * np.arange(500)
+    around = 15.0 * t / 80
+    drive = np.column_stack([t, *(np.interp(around % (2 * np.pi), angle, c, period=2 * np.pi) for c in (X, Y))])
+    np.savetxt("log.csv", drive, delimiter=",", header="t [s],X [m],Y [m]", comments="")
+    for name in ("job.toml", "my_car.toml"):
+        path = Path(name)
+        path.write_text(path.read_text() + LAP)
+    TIRE.write_tir(Path("tire.tir"))
+    write_dat(Path("cornering.dat"), {k: v[::8] for k, v in channels().items()})
+    write_dat(Path("drive.dat"), {k: v[::8] for k, v in channels("drive/brake").items()})
+    Path("models").mkdir()
+    car = sa.BicycleParams(mass=1200, inertia_z=1600, wheelbase=2.6, l_f=1.2, C_f=8e4, C_r=9e4)
+    sa.save(sa.Bicycle(params=car, dt=0.05, outputs=("r",)), "models/car.json")
+    return folder
+
+
+def others() -> list[str]:
+    """Commands that fit, drive, compile or export."""
+    return [c for c in commands() if not QUICK.match(c) and not c.startswith(tuple(ELSEWHERE)) and not bare(c)]
+
+
+def bare(command: str) -> bool:
+    return named_only(words(command)) and words(command)[0] != "demo"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", others())
+def test_every_other_command_runs(command, whole, capsys, monkeypatch):
+    given = words(command)
+    if "--cluster" in given and importlib.util.find_spec("ray") is None:
+        pytest.skip("Ray is not installed: pip install 'slipangle[cluster]'")
+    if "tutorial/demo.toml" in given:
+        prepare_demo("tutorial")
+    if given[0] == "open":
+        (whole / "slipangle-out").mkdir()
+        (whole / "slipangle-out" / "report.html").write_text("<p>a page</p>")
+        monkeypatch.setattr("webbrowser.open", lambda url: True)
+    given = [SHORT.get(before, word) for before, word in zip(["", *given], given, strict=False)]
+    code = main(given)
+    assert code in ((0, 1) if given[0] in ("run", "demo", "robust") else (0,)), capsys.readouterr().err
