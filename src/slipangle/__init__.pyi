@@ -103,6 +103,7 @@ from slipangle.optimal.lap.lap import Lap as Lap
 from slipangle.optimal.ocp import OCP as OCP
 from slipangle.optimal.ocp import Reference as Reference
 from slipangle.optimal.realtime import RealTime as RealTime
+from slipangle.optimal.scenarios import Scenarios as Scenarios
 from slipangle.optimal.terms import Limits as Limits
 from slipangle.optimal.terms import Values as Values
 from slipangle.optimal.terms import Weights as Weights

@@ -71,6 +71,7 @@ def test_every_number_changes_the_plan(change):
 
 def test_every_argument_of_the_problem_is_covered():
     elsewhere = {"controls", "corridor", "parameters"}  # the next two tests, and test_horizon.py
+    elsewhere |= {"scenarios", "free", "duration"}  # test_joined.py
     assert {f.name for f in fields(OCP) if f.init} == {*CHANGES, *elsewhere}
     assert {"model", *ProblemSettings.__annotations__} == {*CHANGES, *elsewhere}
 

@@ -68,6 +68,7 @@ NEVER = {  # no setting, or nothing that a file can say
     sa.SideSlipSensor: "learned in Python; what it says is a measured channel",
     sa.LapCar: "made of a model and what it does not know, see `slipangle lap`",
     sa.TerminalCost: "a term of a problem in Python",
+    sa.Scenarios: "of a problem in Python",
     sa.Lap: "a result",
     sa.DrivenLap: "a result",
     sa.LapDelta: "a result",

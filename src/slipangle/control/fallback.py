@@ -113,6 +113,11 @@ class Fallbacks(Checked, Led):
     def _engine(self) -> Engine:
         named: dict[str, Backend] = {"ipopt": Ipopt(), "realtime": RealTime()}
         backend = named[self.solver] if isinstance(self.solver, str) else self.solver
+        if self.ocp.composed and not getattr(backend, "composes", False):
+            raise ParameterError(
+                f"{shown(backend)} cannot know the problem's scenarios and free parameters; expected a problem "
+                "without, or a solver that says that it `composes` them, such as RealTime()"
+            )
         engine = backend.build(self.ocp, self.deadline)
         engine.expect(*self._judge.ranges)
         engine.relax(self._safe_input, self._relaxing.ravel())

@@ -100,8 +100,8 @@ class MPC(Fallbacks):
         reference : Reference
             What is wanted.
         **of : mapping
-            ``limits`` of names to pairs, ``Q``, ``R`` and ``S`` of names to weights, each a number or one per node, as
-            in `slipangle.optimal.setpoints.vary`. SI units.
+            ``limits`` of names to pairs, ``Q``, ``R`` and ``S`` of names to weights, each a number or one per node, and
+            ``scenarios`` of names to values, as in `slipangle.optimal.setpoints.vary`. SI units.
         """
         return vary(self.ocp, reference, **of)
 
@@ -123,7 +123,7 @@ class MPC(Fallbacks):
         **values : float or array, shape (horizon + 1,)
             Of tracked quantities, of exogenous inputs, which must all be there, and of decided inputs, from
             which R counts. Tracked quantities that are not named are wanted at zero, but a pose or a speed must be
-            said. ``limits``, ``Q``, ``R`` and ``S`` are those of `vary`. SI units.
+            said. ``limits``, ``Q``, ``R``, ``S`` and ``scenarios`` are those of `vary`. SI units.
         """
         _ = self._engine
         begin = perf_counter()
@@ -244,7 +244,12 @@ class MPC(Fallbacks):
             "times": self.times,
             "health": health_of(previous).after(False, self.deadline is not None and seconds > self.deadline),
             "seconds": seconds,
+            "branches": solution.branches,
+            "decided": solution.decided,
         }
+        duration = (solution.decided or {}).get("duration")
+        if duration is not None:
+            values["times"] = self.times * (duration / self.times[-1])
         return quick(Plan, values)
 
     def _unwound(self, wanted: Reference, x: np.ndarray) -> Reference:

@@ -27,6 +27,11 @@ def mpc_project(mpc: MPC, name: str, drive: Drive) -> Project:
         raise ParameterError(
             f'the solver is {mpc.solver!r}, which has no C; expected the real-time one: say solver="realtime"'
         )
+    if mpc.ocp.composed:
+        raise ParameterError(
+            "the problem has scenarios or free parameters, whose branches C has no names for; expected one without: "
+            "export the controller of one scenario, with free parameters as they were found"
+        )
     text = "\n".join([source(mpc.ocp, caller=True, qp=settings.qp), _constants(mpc, settings), around("mpc.c")])
     text = re.sub(r"\brt_(?=[a-z])", "car_rt_", text)  # so that several projects go into one program
     facts = {"solver": "realtime", "horizon": mpc.horizon, "deadline": mpc.deadline}

@@ -110,7 +110,8 @@ def lqr(problem: Any, **at: float) -> TerminalCost:
     ocp = getattr(problem, "ocp", problem)
     places = (ocp.model.states, ocp.controls, ocp.exogenous)
     require_names(at, [n for names in places for n in names], "lqr()", "use a state, an input or a parameter")
-    x, u, w = (np.array([at.get(n, 0.0) for n in names], dtype=float) for names in places)
+    usual = {**ocp.presumed, **at}
+    x, u, w = (np.array([usual.get(n, 0.0) for n in names], dtype=float) for names in places)
     A, B, E, D = _linear(ocp, x, u, w)
     q, _, r, s = ocp.weights
     E, D = (np.sqrt(q)[:, None] * part for part in (E, D))

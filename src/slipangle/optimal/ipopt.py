@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -13,6 +13,7 @@ from slipangle.fields import Checked, Count, Positive
 from slipangle.models.ode import OdeModel
 from slipangle.numerics.integrate import RADAU_A, radau_equations
 from slipangle.optimal.engine import Engine, Start
+from slipangle.optimal.joined import Joined, JoinedEngine
 from slipangle.optimal.ocp import OCP, Reference, at_nodes
 from slipangle.optimal.solution import Solution, Status, between, finite
 
@@ -58,13 +59,18 @@ class Ipopt(Checked):
     .. [2] A. Waechter, L. T. Biegler, Math. Program. 106, 25-57, 2006.
     """
 
+    composes: ClassVar[bool] = True
+
     tolerance: Positive = 1e-10
     max_iterations: Count = 200
     warm: bool = True
     collocation: bool = True
 
-    def build(self, ocp: OCP, deadline: float | None = None) -> IpoptEngine:
+    def build(self, ocp: OCP, deadline: float | None = None) -> Engine:
         """The solver for one problem."""
+        if ocp.composed:
+            joined = Joined(ocp)
+            return JoinedEngine(joined, self.build(joined, deadline))
         return IpoptEngine(ocp, self, deadline)
 
 
@@ -109,7 +115,7 @@ def _layout(ocp: OCP, n_inner: int) -> _Layout:
     soft = [ocp.limited.index(name) for name in ocp.soft]
     hard = [j for j in range(len(ocp.limited)) if j not in soft]
     hard_now, soft_now = ([j for j in group if ocp.limited_now[j]] for group in (hard, soft))
-    rated = np.flatnonzero(np.isfinite(ocp.step_bounds[0]).any(axis=1)).tolist()
+    rated = ocp.rated.tolist()
     high = len(rated) + len(hard) + 2 * ns
     wide, n_model = nu + nx + ns, nx + n_inner
     size = height = 0
@@ -280,6 +286,7 @@ def _collocation(ocp: OCP) -> ca.Function | None:
 
 def _program(ocp: OCP, collocate: bool) -> tuple[_Layout, dict[str, Any], bool]:
     """Cost and constraints as expressions of the stages' columns."""
+    # Long: every part of the program once, in the order of its columns.
     n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
     collocation = _collocation(ocp) if collocate else None
     at = _layout(ocp, 2 * nx if collocation is not None else 0)
@@ -309,7 +316,8 @@ def _program(ocp: OCP, collocate: bool) -> tuple[_Layout, dict[str, Any], bool]:
         cost += ca.dot(ca.mtimes(square, often), slack**2) + ca.dot(ca.mtimes(plain, often), slack)
     if at.soft_now:
         chosen = [at.soft.index(j) for j in at.soft_now]
-        cost += ca.dot(square[chosen], first_slack**2) + ca.dot(plain[chosen], first_slack)
+        now = float(ocp.excess_counts[0])
+        cost += now * (ca.dot(square[chosen], first_slack**2) + ca.dot(plain[chosen], first_slack))
 
     ends = _take(v, at.ends)
     m = ends.shape[1]
@@ -320,6 +328,13 @@ def _program(ocp: OCP, collocate: bool) -> tuple[_Layout, dict[str, Any], bool]:
         model = collocation.map(m)(held[0], z, *held[1:])
     else:
         model = ocp.dynamics.map(m)(*held) - ends
+    if ocp.jump is not None:
+        columns = ca.horzsplit(model, 1)
+        for i in ocp.jumps:
+            columns[i] = ca.vertcat(
+                ocp.jump(starts[:, i], U[:, i], W[:, i]) - ends[:, i], *_idle(v, at, i, collocation is not None)
+            )
+        model = ca.horzcat(*columns)
     ahead = ca.horzcat(limited[:, 1:], last_limited) if n > 1 else last_limited
     limits = ca.vertcat(
         _pick(change, at.rated), _pick(ahead, at.hard), _pick(ahead, at.soft) - slack, _pick(ahead, at.soft) + slack
@@ -337,6 +352,11 @@ def _program(ocp: OCP, collocate: bool) -> tuple[_Layout, dict[str, Any], bool]:
     }
     expand = (collocation is not None or ocp.dynamics.is_a("SXFunction")) and ocp.stage.is_a("SXFunction")
     return at, nlp, expand
+
+
+def _idle(v: ca.MX, at: _Layout, i: int, inner: bool) -> list[ca.MX]:
+    """Stages of the integrator that a jump has no use for, brought to zero."""
+    return [v[at.inner[i].tolist()]] if inner else []
 
 
 def _take(vector: ca.MX, rows: np.ndarray) -> ca.MX:

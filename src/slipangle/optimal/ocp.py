@@ -18,9 +18,11 @@ import numpy as np
 from slipangle.errors import ParameterError
 from slipangle.fields import Checked, Count, Within
 from slipangle.models.model import Model, without_caches
+from slipangle.models.ode import OdeModel
 from slipangle.ops import Scalar, Vector, cos, sin, stack
 from slipangle.optimal.arrays import array, short
 from slipangle.optimal.end import TerminalCost, lqr
+from slipangle.optimal.scenarios import Scenarios
 from slipangle.optimal.terms import Limits, Read, Weights, coerce, require_names
 from slipangle.paths.preview import Preview
 
@@ -47,6 +49,8 @@ class Reference:
         Limits of ``ocp.limited`` at each node in place of the problem's own; see `slipangle.optimal.setpoints.vary`.
     Q, R, S : array, shape (horizon + 1, n_tracked) and twice (horizon, n_controls), optional
         Weights of ``ocp.tracked`` and of ``ocp.controls`` in place of the problem's own, for stages of one step.
+    scenarios : array, shape (n_scenarios, horizon + 1, n_values), optional
+        Values of what the problem's ``scenarios`` name, in place of those there.
     """
 
     tracked: np.ndarray
@@ -57,6 +61,7 @@ class Reference:
     Q: np.ndarray | None = None
     R: np.ndarray | None = None
     S: np.ndarray | None = None
+    scenarios: np.ndarray | None = None
 
     @property
     def varied(self) -> bool:
@@ -96,6 +101,9 @@ class ProblemSettings(TypedDict, total=False):
     corridor: float | None
     steps: Sequence[int] | None
     terms: Mapping[str, Callable[[Vector, Vector, Any], Scalar]]
+    scenarios: Scenarios | None
+    free: Limits | Mapping[str, Any]
+    duration: tuple[float, float] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +161,15 @@ class OCP(Checked):
         and terminal, which bring them to zero, and in limits, slack and slack_linear; SI units.
     corridor : float, optional
         Vehicle width to keep between the edges of the lane [m]: limits ``e_y`` by the reference's corridor.
+    scenarios : Scenarios, optional
+        Several values of what is not known; the plan has a branch for each, with the first inputs in common.
+    free : Limits
+        What is decided once for the whole horizon, and within which limits: parameters of a model made of equations, or
+        names from ``parameters``. They may stand in Q, terminal and terms; the value that comes with the reference is
+        the first guess.
+    duration : (float, float), optional
+        Shortest and longest time that the horizon may take [s], which is then decided too: all stages grow alike. It is
+        tracked, and read by terms, under the name ``duration``; of models made of equations.
 
     Attributes
     ----------
@@ -188,6 +205,9 @@ class OCP(Checked):
     terms: Mapping[str, Callable[[Vector, Vector, Any], Scalar]] = field(default_factory=dict)
     terminal_limits: Limits = field(default_factory=Limits)
     parameters: tuple[str, ...] = ()
+    scenarios: Scenarios | None = None
+    free: Limits = field(default_factory=Limits)
+    duration: tuple[float, float] | None = None
     identity: str = field(init=False, repr=False, default_factory=lambda: uuid4().hex)
 
     def __post_init__(self) -> None:
@@ -196,7 +216,7 @@ class OCP(Checked):
             object.__setattr__(self, "terminal", None)
         full = self.terminal is None or isinstance(self.terminal, TerminalCost)
         coerce(self, Weights, "Q", "R", "S", "slack", "slack_linear", *(() if full else ("terminal",)))
-        coerce(self, Limits, "limits", "rates", "terminal_limits")
+        coerce(self, Limits, "limits", "rates", "terminal_limits", "free")
         model = self.model
         super().__post_init__()
         if self.steps is not None:
@@ -210,6 +230,7 @@ class OCP(Checked):
         if taken:
             raise ParameterError(f"terms name {taken}, which the model has; expected names of their own: rename them")
         object.__setattr__(self, "parameters", _checked_parameters(self))
+        require_parts(self)
         controls = tuple(chosen) or tuple(n for n in model.inputs if n in named)
         object.__setattr__(self, "controls", controls)
         if not controls:
@@ -300,7 +321,23 @@ class OCP(Checked):
         known = dict.fromkeys((*self.model.states, *self.model.outputs))
         if set(POSE) <= known.keys():
             known.update(dict.fromkeys(PATH_ERRORS))
-        return list(dict.fromkeys((*known, *self.terms)))
+        return list(dict.fromkeys((*known, *self.terms, *self.decided_once)))
+
+    @property
+    def decided_once(self) -> tuple[str, ...]:
+        """What is decided once for the whole horizon: `free`, and ``duration`` where that is."""
+        return (*self.free, *(() if self.duration is None else ("duration",)))
+
+    @property
+    def composed(self) -> bool:
+        """Whether the problem has scenarios or free parameters, so that solvers are given another one; see `joined`."""
+        return self.scenarios is not None or bool(self.decided_once)
+
+    @cached_property
+    def presumed(self) -> dict[str, float]:
+        """Values of exogenous columns that need not be said: means of scenarios, middles of what is free. SI units."""
+        known = {} if self.scenarios is None else self.scenarios.means
+        return {**known, **{n: middle(low, high) for n, (low, high) in self.free.items()}}
 
     @cached_property
     def exogenous(self) -> tuple[str, ...]:
@@ -363,10 +400,11 @@ class OCP(Checked):
             values["e_x"] = cos(psi) * dx + sin(psi) * dy
             values["e_y"] = cos(psi) * dy - sin(psi) * dx
             values["e_psi"] = values["psi"] - psi
+        values.update(self._more(x, u))
         params = getattr(self.model, "params", None)
-        if self.parameters:
-            first = len(self.exogenous) - len(self.parameters)
-            params = Read(params, {name: w[first + i] for i, name in enumerate(self.parameters)})
+        beside = self._beside(x, w)
+        if beside:
+            params = Read(params, beside)
         values.update({name: term(x, full, params) for name, term in self.terms.items()})
 
         def missed(name: str) -> Scalar:
@@ -382,6 +420,19 @@ class OCP(Checked):
         empty = type(x)(0, 1)
         results = [stack(error), stack(limited) if limited else empty]
         return ca.Function("stage", [x, u, w, p], results, ["x", "u", "w", "p"], ["error", "limited"])
+
+    def _beside(self, x: Any, w: Any) -> dict[str, Any]:
+        """What terms read besides the model's parameters, by name."""
+        first = len(self.exogenous) - len(self.parameters)
+        known = {name: w[first + i] for i, name in enumerate(self.parameters)}
+        if self.duration is not None:
+            known["duration"] = 0 * x[0] + middle(*self.duration)
+        return known
+
+    def _more(self, x: Any, u: Any) -> dict[str, Any]:
+        """Quantities that are neither states nor outputs, by name; of what is decided once, a guess."""
+        bounds = {**self.free, **({} if self.duration is None else {"duration": self.duration})}
+        return {name: 0 * x[0] + middle(low, high) for name, (low, high) in bounds.items()}
 
     @property
     def _kind(self) -> Any:
@@ -402,6 +453,36 @@ class OCP(Checked):
         return ca.vertcat(*parts)
 
     @cached_property
+    def rated(self) -> np.ndarray:
+        """Controls whose change is limited at some stage, by their places, shape (n_rated,)."""
+        return np.flatnonzero(np.isfinite(self.step_bounds).any(axis=(0, 2)))
+
+    @cached_property
+    def jumps(self) -> tuple[int, ...]:
+        """Stages that take no time: what follows them is `jump`, not the model; see `joined`."""
+        return ()
+
+    @cached_property
+    def jump(self) -> ca.Function | None:
+        """``(x, u, w) -> x`` after such a stage."""
+        return None
+
+    @cached_property
+    def ends(self) -> np.ndarray:
+        """Nodes behind which a jump, or nothing, follows, shape (n_ends,)."""
+        return np.array([self.horizon])
+
+    @cached_property
+    def later_x(self) -> np.ndarray:
+        """Node at which the plan of a step before has what each node has now, shape (horizon + 1,)."""
+        return np.minimum(np.arange(1, self.horizon + 2), self.horizon)
+
+    @cached_property
+    def later_u(self) -> np.ndarray:
+        """The same of stages, shape (horizon,)."""
+        return np.minimum(np.arange(1, self.horizon + 1), self.horizon - 1)
+
+    @cached_property
     def limited_now(self) -> np.ndarray:
         """Which limited quantities depend on the input at the same step, shape (n_limited,).
 
@@ -413,6 +494,13 @@ class OCP(Checked):
         if not self.limited:
             return np.zeros(0, dtype=bool)
         return pattern.any(axis=1) & self.limited_along
+
+    @cached_property
+    def limited_at(self) -> np.ndarray:
+        """At which nodes which quantities are limited, shape (horizon + 1, n_limited)."""
+        at = np.tile(self.limited_along, (self.horizon + 1, 1))
+        at[0], at[-1] = self.limited_now, True
+        return at
 
     @cached_property
     def limited_along(self) -> np.ndarray:
@@ -534,7 +622,8 @@ class OCP(Checked):
         preview.require_times(self.times)
         require_names(exogenous, self.exogenous, "reference()", "use an input that is not decided")
         known = (*POSE, "v_x", "r", "curvature")
-        given: dict[str, Any] = {"v_x": preview.v_x, "curvature": preview.curvature, **exogenous}
+        seen = {"v_x": preview.v_x, "curvature": preview.curvature}
+        given: dict[str, Any] = {**self.presumed, **seen, **exogenous}
         if "v_x_dot" in self.exogenous and "v_x_dot" not in given:
             given["v_x_dot"] = preview.v_x_dot(self.times)
         for name in self.exogenous:
@@ -564,7 +653,13 @@ class OCP(Checked):
             "Q": ((n + 1, len(self.tracked)), list(self.tracked)),
             "R": ((n, len(self.controls)), list(self.controls)),
             "S": ((n, len(self.controls)), list(self.controls)),
+            "scenarios": self._shape_of_scenarios,
         }
+
+    @property
+    def _shape_of_scenarios(self) -> tuple[tuple[int, ...], list[str]]:
+        s = self.scenarios
+        return ((0, 0, 0), []) if s is None else ((len(s), self.horizon + 1, len(s.values)), list(s.values))
 
     def check_reference(self, reference: Reference) -> Reference:
         """The reference as arrays of numbers in the shapes of this problem; the same one where it has them.
@@ -613,6 +708,56 @@ def _require_sense(key: str, given: np.ndarray) -> None:
             "lower limits that are no higher than the upper ones" if key == "limits" else "finite numbers from 0 on"
         )
         raise ParameterError(f"reference.{key} holds others; expected {wanted} at every node")
+
+
+def middle(low: float, high: float) -> float:
+    """Between two limits, one of which may be infinite; 0 where both are."""
+    if np.isfinite(low) and np.isfinite(high):
+        return 0.5 * (low + high)
+    return float(low if np.isfinite(low) else high if np.isfinite(high) else 0.0)
+
+
+def require_parts(ocp: OCP) -> None:
+    """Raise unless scenarios and free parameters name what there is.
+
+    Raises
+    ------
+    ParameterError
+        With the name.
+    """
+    model, given = ocp.model, ocp.scenarios
+    if not isinstance(given, Scenarios | None):
+        raise ParameterError(
+            f"scenarios is {short(given)}; expected Scenarios: say Scenarios({{'friction': (0.6, 1)}})"
+        )
+    own = model.parameter_names if isinstance(model, OdeModel) and not model.own_step else ()
+    varied = () if given is None else tuple(given.values)
+    inputs = [n for n in model.inputs if n not in ocp.controls]
+    require_names(varied, (*inputs, *ocp.parameters, *own), "scenarios", "use an exogenous input or a parameter")
+    require_names(ocp.free, (*ocp.parameters, *own), "free", "use one of parameters, or of an ODE's parameters")
+    twice = sorted({*varied} & {*ocp.free})
+    if twice:
+        raise ParameterError(f"{twice} are both free and in scenarios; expected one of both")
+    if ocp.composed and ocp.steps is not None:
+        raise ParameterError(
+            "steps are given with scenarios or free parameters; expected stages of one step: leave out steps"
+        )
+    if given is not None and given.common > ocp.horizon:
+        raise ParameterError(f"common is {given.common}; expected at most the horizon, {ocp.horizon}")
+    if ocp.duration is not None:
+        try:
+            low, high = (float(v) for v in ocp.duration)
+        except (TypeError, ValueError):
+            low, high = 0.0, 0.0
+        if not (0 < low <= high < np.inf):
+            raise ParameterError(
+                f"the duration is {short(ocp.duration)}; expected (shortest, longest) in seconds, above 0"
+            )
+        if not isinstance(model, OdeModel) or model.own_step:
+            raise ParameterError(
+                "the duration is free, but the model is no ODE, whose steps could be stretched; expected an Ode"
+            )
+        object.__setattr__(ocp, "duration", (low, high))
 
 
 def _checked_parameters(ocp: OCP) -> tuple[str, ...]:

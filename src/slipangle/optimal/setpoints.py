@@ -14,6 +14,8 @@ from slipangle.optimal.end import TerminalCost
 from slipangle.optimal.ocp import OCP, POSE, Reference, at_nodes
 from slipangle.optimal.terms import require_names
 
+VARIED = ("limits", "Q", "R", "S", "scenarios")
+
 
 def setpoint(ocp: OCP, wanted: Mapping[str, Any]) -> Reference:
     """`Reference` that holds values, or follows given ones, over the horizon of a problem.
@@ -25,7 +27,8 @@ def setpoint(ocp: OCP, wanted: Mapping[str, Any]) -> Reference:
     wanted : mapping of str to float or array, shape (horizon + 1,)
         Wanted values by name: of tracked quantities, of exogenous inputs, which must all be there, and of decided
         inputs, from which R counts; inputs may be without the end. Tracked quantities that are not named are wanted at
-        zero, but a pose or a speed must be said. SI units. ``limits``, ``Q``, ``R`` and ``S`` are those of `vary`.
+        zero, but a pose or a speed must be said. SI units. ``limits``, ``Q``, ``R``, ``S`` and
+        ``scenarios`` are those of `vary`.
 
     Raises
     ------
@@ -33,11 +36,12 @@ def setpoint(ocp: OCP, wanted: Mapping[str, Any]) -> Reference:
         If a name is not known or missing, or values are no numbers of that shape.
     """
     n = ocp.horizon
-    own = {name: wanted[name] for name in ("limits", "Q", "R", "S") if isinstance(wanted.get(name), Mapping)}
+    own = {name: wanted[name] for name in VARIED if isinstance(wanted.get(name), Mapping)}
     wanted = {name: value for name, value in wanted.items() if name not in own}
     require_names(
         wanted, (*ocp.references, *ocp.exogenous, *ocp.controls), "the setpoint", "use a tracked quantity or an input"
     )
+    wanted = {**{name: value for name, value in ocp.presumed.items() if name in ocp.exogenous}, **wanted}
     said = [name for name in ocp.exogenous if name not in wanted]
     if said:
         raise ParameterError(
@@ -69,6 +73,7 @@ def vary(
     Q: Mapping[str, Any] | None = None,
     R: Mapping[str, Any] | None = None,
     S: Mapping[str, Any] | None = None,
+    scenarios: Mapping[str, Any] | None = None,
 ) -> Reference:
     """The same with limits and weights that change over the horizon; nothing is compiled again.
 
@@ -86,6 +91,8 @@ def vary(
         problem's ``terminal`` if it has one.
     R, S : mapping of str to float or array, shape (horizon,)
         Weights of what the problem's R and S name.
+    scenarios : mapping of str to sequence of (float or array, shape (horizon + 1,))
+        A value for each scenario of what the problem's scenarios name. SI units.
 
     Raises
     ------
@@ -119,7 +126,31 @@ def vary(
             many = n if what == "Q" and ocp.terminal is not None and np.shape(value) != (n + 1,) else height
             rows[:many, names.index(name)] = _column(name, value, n)[:many]
         changed[what] = rows
+    if scenarios is not None:
+        changed["scenarios"] = _of_scenarios(ocp, scenarios)
     return ocp.check_reference(replace(reference, **changed))
+
+
+def _of_scenarios(ocp: OCP, given: Mapping[str, Any]) -> np.ndarray:
+    """Values of every scenario at every node, shape (n_scenarios, horizon + 1, n_values).
+
+    Raises
+    ------
+    ParameterError
+        If there are none in the problem, a name is not among them, or there is not one of each.
+    """
+    own = ocp.scenarios
+    if own is None:
+        raise ParameterError("scenarios are given; expected a problem with some: OCP(..., scenarios=Scenarios(...))")
+    require_names(given, own.values, "scenarios", "use a name of the problem's scenarios")
+    many, rows = ocp.horizon + 1, np.empty((len(own), ocp.horizon + 1, len(own.values)))
+    for j, (name, values) in enumerate(own.values.items()):
+        each = given.get(name, values)
+        if not hasattr(each, "__len__") or len(each) != len(own):
+            raise ParameterError(f"scenarios of '{name}' are {short(each)}; expected one for each of {len(own)}")
+        for i, value in enumerate(each):
+            rows[i, :, j] = _column(name, value, many - 1)
+    return rows
 
 
 def _own_weights(ocp: OCP, what: str) -> np.ndarray:

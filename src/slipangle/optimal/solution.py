@@ -3,7 +3,7 @@
 # Long: the words in which controllers and solvers talk, each only a few lines.
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from math import isfinite
@@ -79,6 +79,14 @@ class Health(NamedTuple):
 NEW = Health()
 
 
+class Branch(NamedTuple):
+    """What a plan does in one scenario: its inputs, the states that they lead to, and how probable it is."""
+
+    u: np.ndarray
+    x: np.ndarray
+    probability: float
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
     """Inputs and predicted states over the horizon.
@@ -123,6 +131,11 @@ class Plan:
         From now on, beginning with 0; equal steps where there is none. [s]
     health : Health
         How often there was no solution, or a late one, up to this plan.
+    branches : tuple of Branch
+        Of a problem with scenarios, inputs and states in each, in their order; u and x are those of the most probable.
+        Empty otherwise, and of a fallback.
+    decided : mapping of str to float
+        Of a problem with free parameters or a free duration, what was decided for them, SI units; else None.
     """
 
     u: np.ndarray
@@ -141,6 +154,8 @@ class Plan:
     unfinished: Any = field(default=None, repr=False, compare=False)
     times: np.ndarray | None = field(default=None, repr=False)
     health: Health = NEW
+    branches: tuple[Branch, ...] = ()
+    decided: Mapping[str, float] | None = None
 
     @property
     def command(self) -> np.ndarray:
@@ -188,6 +203,8 @@ class Solution:
     residual: float = float("nan")
     memory: Any = None
     kept: bool = False
+    branches: tuple[Branch, ...] = ()
+    decided: Mapping[str, float] | None = None
 
 
 def quick(kind: type[P], values: dict[str, Any]) -> P:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from slipangle.codegen.compiler import compiler, library, sentence
 from slipangle.errors import ModelWarning
 from slipangle.fields import Checked, Count, Whole, Within
 from slipangle.optimal.engine import Engine
+from slipangle.optimal.joined import Joined, JoinedEngine
 from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.optimal.realtime.interpreted import InterpretedEngine
@@ -58,6 +59,8 @@ class RealTime(Checked):
     .. [3] B. Hermans, A. Themelis, P. Patrinos, Math. Program. Comput. 14, 497-541, 2022.
     """
 
+    composes: ClassVar[bool] = True
+
     iterations: Whole = 1
     tolerance: Annotated[float, Within(0, open="low", example="1e-9")] = 1e-9
     max_iterations: Count = 200
@@ -73,6 +76,9 @@ class RealTime(Checked):
         ModelWarning
             Once, without a C compiler: the same algorithm then runs on CasADi's virtual machine, slower.
         """
+        if ocp.composed:
+            joined = Joined(ocp)
+            return JoinedEngine(joined, self.build(joined, deadline))
         loaded = library(source(ocp, qp=self.qp), name="mpc", flags=FLAGS) if compiler() else None
         if loaded is not None:
             return CompiledEngine(ocp, loaded, self, deadline)

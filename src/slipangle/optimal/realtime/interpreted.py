@@ -23,6 +23,7 @@ from slipangle.optimal.realtime.parts import (
     dynamics_function,
     implicit,
     input_scale,
+    jump_function,
     limit_rows,
     stage_function,
 )
@@ -107,7 +108,7 @@ class Functions(NamedTuple):
         parts, steps, stages = implicit(ocp), int(ocp.nodes[-1]), ocp.horizon + 1
         one = newton_node(ocp, parts) if parts else dense(dynamics_function(ocp))
         stage = dense(stage_function(ocp))
-        limited = len(ocp.limited) or np.isfinite(ocp.step_bounds[0]).any()
+        limited = len(ocp.limited) or len(ocp.rated) or ocp.jumps
         node, values = (
             newton_columns(ocp, parts, only(one, results), steps)
             for results in (([0, 1, 2, 3], [0, 3]) if parts else ([0, 1, 2], [0]))
@@ -142,6 +143,7 @@ class WorkArea(Engine):
         self._change, self._varied = change * np.tile(self._scale, n), False
         self._weigh(ocp.stage_weights)
         self._k = np.zeros((steps, self._nk))
+        self._jumps: Any = dense(jump_function(ocp)) if ocp.jumps else None
         self._quick = None if quick is None else InputStep(ocp, *quick)
 
     def _weigh(self, weights: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
@@ -169,7 +171,9 @@ class WorkArea(Engine):
             if self._quick and self._settings.iterations and not (memory.unfinished or self._varied):
                 return self._resume_quickly(self._quick, memory)
             u, states, self._k[:] = memory.u, memory.x.copy(), memory.k[:-1]
-            if not memory.unfinished or moves_on(x, states):
+            if self._jumps is not None:
+                u, states, self._k[:] = u[ocp.later_u], states[ocp.later_x], memory.k[ocp.later_x[:-1]]
+            elif not memory.unfinished or moves_on(x, states):
                 u, states, self._k[:] = inputs_later(u, ocp.lengths), shifted(states), memory.k[1:]
                 if n > 1:  # the last state is a guess; the solver closes the gap
                     states[-1] = 2 * states[-2] - states[-3]
@@ -271,6 +275,7 @@ class WorkArea(Engine):
         if self._parts:  # once more, as the slopes at hand belong to the iterate before
             self._newton(*self._node_values)
         later = self._newton(*self._node_values)[0]
+        self._jump(later)
         stage, (e, limited) = self._stage_values
         stage()
         return self._judge(later, e, limited, u, x, promise)
@@ -315,6 +320,7 @@ class WorkArea(Engine):
             self._newton(*self._node)
             missing, rounds = self._missing(), rounds + 1
         self._retry(missing)
+        self._jump(later, a, b)
         stage, out = self._stage
         stage()
         ne, nl = out[0].shape[1], out[1].shape[1]
@@ -339,6 +345,15 @@ class WorkArea(Engine):
         given[0][:], given[3][:] = x[self._nodes], self._reference.tracked
         given[1][:-1], given[1][-1] = u, u[-1]
         given[2][:-1], given[2][-1] = w[:n], w[-1]
+
+    def _jump(self, later: np.ndarray, by_x: np.ndarray | None = None, by_u: np.ndarray | None = None) -> None:
+        """What follows stages that take no time, and its derivatives, in the rows of these."""
+        for i in self.ocp.jumps:
+            given = (self._node_in[j][i] for j in range(3))
+            results = (np.asarray(r.full()).ravel("F") for r in self._jumps.call([*given]))
+            for rows, values in zip((later, by_x, by_u), results, strict=True):
+                if rows is not None:
+                    rows[i] = values
 
     def _newton(self, node: Callable[[], None], out: list[np.ndarray]) -> list[np.ndarray]:
         """The model at all nodes; of an implicit one, a Newton step on from the slopes at hand, which it brings on."""

@@ -22,7 +22,7 @@ class LimitedStep:
         self._ocp, self._scale = ocp, np.tile(input_scale(ocp), n)
         self.plain, self.square = slack_of_rows(ocp)
         self.soft = np.isfinite(self.plain)
-        self.rated = np.flatnonzero(np.tile(np.isfinite(ocp.step_bounds[0]).any(axis=1), n))
+        self.rated = np.flatnonzero(np.isfinite(ocp.step_bounds).any(axis=2))
         self._change = (np.eye(n * nu) - np.eye(n * nu, k=-nu))[self.rated] * self._scale
 
     def solve(

@@ -121,11 +121,17 @@ def dynamics_function(ocp: OCP) -> ca.Function:
     return ca.Function("dynamics", [x, u, w], [later, ca.jacobian(later, x), ca.jacobian(later, u)])
 
 
+def jump_function(ocp: OCP) -> ca.Function:
+    """``(x, u, w) -> next`` of stages that take no time, and its derivatives by x and u."""
+    x, u, w, _, _ = ocp.symbols(ca.SX)
+    jump: Any = ocp.jump
+    later = jump(x, u, w)
+    return ca.Function("jump", [x, u, w], [later, ca.jacobian(later, x), ca.jacobian(later, u)])
+
+
 def limit_rows(ocp: OCP) -> list[tuple[int, int]]:
     """Stage and index of each limited quantity in the quadratic program."""
-    now = [(0, j) for j in range(len(ocp.limited)) if ocp.limited_now[j]]
-    n, along = ocp.horizon, ocp.limited_along
-    return now + [(i, j) for i in range(1, n + 1) for j in range(len(ocp.limited)) if i == n or along[j]]
+    return [(int(i), int(j)) for i, j in np.argwhere(ocp.limited_at)]
 
 
 def slack_of_rows(ocp: OCP) -> tuple[np.ndarray, np.ndarray]:

@@ -20,6 +20,7 @@ from slipangle.optimal.realtime.parts import (
     dynamics_function,
     implicit,
     input_scale,
+    jump_function,
     limit_rows,
     stage_function,
 )
@@ -66,6 +67,8 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
         code += [_columns(stage_lanes, "lanes_stage"), _columns(only(stage_lanes, [0, 1]), "stage_values")]
     else:
         called += [_by_row(stage, "called_stage"), _by_row(only(stage, [0, 1]), "called_stage_values")]
+    if ocp.jumps:
+        code.append(_columns(jump_function(ocp), "jump"))
     kinds = ["RADAU" if parts else "EXPLICIT" if plain is not None else "CALLED"]
     kinds.append("EXPLICIT" if stage_lanes is not None else "CALLED")
     head = [f"#define LANES {lanes}"] if lanes else []
@@ -107,7 +110,7 @@ def _nanoseconds(ocp: OCP, stage: ca.Function) -> tuple[float, float]:
 
 def _changing(ocp: OCP, stage: ca.Function) -> int:
     """Controls whose value before counts in a stage: by S, by rates, or at the end."""
-    rated = np.isfinite(ocp.step_bounds[0]).any()
+    rated = len(ocp.rated) > 0
     return len(ocp.controls) if len(ocp.S) or rated or stage.nnz_out(3) or stage.nnz_out(5) else 0
 
 
@@ -190,7 +193,7 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
     # Long: one entry per size of the C code.
     n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
     rows = limit_rows(ocp)
-    rated = np.flatnonzero(np.isfinite(ocp.step_bounds[0]).any(axis=1))
+    rated = int(np.isfinite(ocp.step_bounds).any(axis=2).sum())
     core = len(parts.core) if parts else 0
     numbers = {
         "N": n,
@@ -205,9 +208,10 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
         "NK": 3 * core,
         "NQ": len(parts.rest) if parts else 0,
         "QN": n * nu,
-        "QR": n * len(rated),
+        "QR": rated,
         "QD": len(rows),
         "N_LIMITS": len(rows),
+        "JUMPS": len(ocp.jumps),
     }
     lines = ["#define EXPLICIT 0", "#define RADAU 1", "#define CALLED 2", f"#define ANY_INPUT {ANY!r}"]
     lines += [f"#define DYNAMICS {kinds[0]}", f"#define STAGE {kinds[1]}", "#define M1(n) ((n) > 0 ? (n) : 1)"]
@@ -234,6 +238,9 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
         *_patterns("E", stage.sparsity_out(2)),
         *_patterns("L", stage.sparsity_out(4)),
     ]
+    if ocp.jumps:
+        lines += [_array("int", "JUMP", ocp.jumps), _array("int", "END", ocp.ends)]
+        lines += [_array("int", "X_LATER", ocp.later_x), _array("int", "U_LATER", ocp.later_u)]
     if ocp.nodes[-1] > n:
         lines += [_array("int", "NODES", ocp.nodes), _array("int", "STAGES", ocp.stage_of)]
     if parts:
@@ -247,9 +254,8 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
             _array("double", "RADAU_REST", np.linalg.solve(ocp.dt * RADAU_A, np.ones(3))),
             *_patterns("Q", parts.quadrature.sparsity_out(1)),
         ]
-        lines += _patterns("A", _step_pattern(parts, nx))
-    else:
-        lines += _patterns("A", dynamics_function(ocp).sparsity_out(1))
+    pattern = _step_pattern(parts, nx) if parts else dynamics_function(ocp).sparsity_out(1)
+    lines += _patterns("A", pattern + jump_function(ocp).sparsity_out(1) if ocp.jumps else pattern)
     return "\n".join(lines) + "\n"
 
 

@@ -44,6 +44,18 @@ static int at_hand(const Work *s, int first)
 }
 #endif
 
+/* The last states are where the last steps end. */
+static void fill_ends(Work *s)
+{
+#if JUMPS > 0
+    for (int j = 0; j < (int)(sizeof END / sizeof *END); j++)
+        memcpy(s->x + END[j] * NX, s->next + (END[j] - 1) * NX, sizeof s->x0);
+    take_jumps(s, 0, NS, 1);
+#else
+    memcpy(s->x + NS * NX, s->next + (NS - 1) * NX, sizeof s->x0);
+#endif
+}
+
 static int linearise(Work *s)
 {
     int64_t ahead = s->ahead && s->from == FROM;
@@ -63,7 +75,7 @@ static int linearise(Work *s)
     if (NK > 0) /* of a step after the last; `evaluate_ends` may know better */
         memcpy(s->k + NS * NK, s->k + (NS - 1) * NK, sizeof(double) * NK);
     if (s->open_end)
-        memcpy(s->x + NS * NX, s->next + (NS - 1) * NX, sizeof s->x0);
+        fill_ends(s);
     s->open_end = 0;
     for (int i = 0; i <= N; i += LANES)
         evaluate_stage(s, i);
@@ -935,6 +947,18 @@ static void start(Work *s)
         recall_rows(s);
     else
         forget_rows(s);
+#if JUMPS > 0
+    if (shifts) {
+        for (int i = 0; i < N; i++)
+            memcpy(s->u_later + i * NU, s->u + U_LATER[i] * NU, sizeof(double) * NU);
+        memcpy(s->u, s->u_later, sizeof s->u);
+        for (int i = 0; i <= NS; i++) {
+            memmove(s->x + i * NX, s->x + X_LATER[i] * NX, sizeof(double) * NX);
+            if (NK > 0)
+                memmove(s->k + i * NK, s->k + X_LATER[i] * NK, sizeof(double) * NK);
+        }
+    } else
+#endif
     if (shifts) {
         inputs_after(s->u, 1, s->u_later);
         memcpy(s->u, s->u_later, sizeof s->u);

@@ -349,6 +349,30 @@ static __attribute__((noinline)) int evaluate_columns(Work *s, int group)
 }
 #endif
 
+#if JUMPS > 0
+/* What follows stages that take no time, of the steps from `first` on, with derivatives or without. */
+static __attribute__((noinline)) void take_jumps(Work *s, int first, int count, int derivatives)
+{
+    V x[NX], u[NU], w[M1(NW)], next[NX], A[NX * NX] = {{0}}, B[NX * NU] = {{0}};
+    for (int j = 0; j < JUMPS; j++) {
+        int m = JUMP[j];
+        if (m < first || m >= first + count)
+            continue;
+        gather(x, s->x, NX, m, 1, NS - 1);
+        gather(u, s->u, NU, m, 1, N - 1);
+        gather(w, s->w, NW, m, 1, N - 1);
+        jump(x, u, w, next, A, B);
+        scatter(next, s->next, NX, m, 1, NS - 1);
+        if (derivatives) {
+            scatter(A, s->A, NX * NX, m, 1, NS - 1);
+            scatter(B, s->B, NX * NU, m, 1, NS - 1);
+        }
+    }
+}
+#else
+#define take_jumps(s, first, count, derivatives)
+#endif
+
 static void evaluate_dynamics(Work *s, int first, int count)
 {
     Scratch *c = &s->scratch;
@@ -376,6 +400,7 @@ static void evaluate_dynamics(Work *s, int first, int count)
     scatter(c->A, s->A, NX * NX, first, count, NS - 1);
     scatter(c->B, s->B, NX * NU, first, count, NS - 1);
 #endif
+    take_jumps(s, first, count, 1);
 }
 
 #if STAGE != CALLED
@@ -591,6 +616,7 @@ static void evaluate_ends(Work *s, int first)
 #endif
     scatter(c->next, s->next, NX, first, LANES, NS - 1);
 #endif
+    take_jumps(s, first, LANES, 0);
 }
 
 /* Errors and limited quantities of LANES stages, without derivatives. */

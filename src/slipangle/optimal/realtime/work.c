@@ -20,7 +20,7 @@
 
 /* Whether a plan is linearised where it is found, for the next one to start with: the first step, which that has left
    behind, goes into the spare lane. */
-#define AHEAD (NS == N && N > 1 && (DYNAMICS == CALLED || SPARE))
+#define AHEAD (NS == N && N > 1 && JUMPS == 0 && (DYNAMICS == CALLED || SPARE))
 
 enum { SOLVED, ITERATED, ITERATION_LIMIT, STALLED, TIME_OUT, INFEASIBLE, NOT_FINITE, FAILED, DOUBTFUL };
 enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME };
