@@ -71,7 +71,8 @@ def _identify(options: argparse.Namespace) -> Answer:
         info = models[name].fit_info
         said = _confounding(info) if info is not None and 1 < len(info.names) <= _FEW else ""
         words += [f"{name}: {path}{before[name]}", *(f"  {line}" for line in (*_estimates(info), *fits[name].values()))]
-        words += [f"  {sentence}" for sentence in (said, *warned[name]) if sentence]
+        corrected = info.corrections if info is not None else ()
+        words += [f"  {sentence}" for sentence in (said, *corrected, *warned[name]) if sentence]
     words += [f"{name}: failed. {why}" for name, why in failures.items()]
     if any(warned.values()):
         words.append('what a sentence means: slipangle help why "words of it"')

@@ -76,6 +76,8 @@ class FitInfo(Shown):
         One line for the report: criterion, solver, covariance.
     warnings : tuple of str
         Sentences, such as the names of parameters that the data do not determine.
+    corrections : tuple of str
+        What was corrected on the way to the model and what that changed, in sentences.
     train_name, train_span : str, tuple of float
         Name of the training data, and its first and last time. [s]
     trials : tuple of Trial
@@ -100,6 +102,7 @@ class FitInfo(Shown):
     trials: tuple[Trial, ...] = ()
     candidates: tuple[Candidate, ...] = field(default=(), repr=False, metadata={"may be missing in a file": True})
     fingerprint: Fingerprint | None = field(default=None, repr=False, metadata={"may be missing in a file": True})
+    corrections: tuple[str, ...] = field(default=(), repr=False, metadata={"may be missing in a file": True})
 
     def _words(self) -> str:
         half = np.ptp(self.interval(), axis=1) / 2

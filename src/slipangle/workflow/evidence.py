@@ -138,6 +138,8 @@ def _parameter_section(outcome: Outcome, command: str) -> Iterator[report.Sectio
             blocks.append(_poles(v.name, v.model, len(info.names)))
             continue
         blocks.append(report.parameter_table(info, title=f"Parameters of {v.name}", command=command))
+        if info.corrections:
+            blocks.append(report.Findings.of(f"What corrections changed in {v.name}", info.corrections))
         if 1 < len(info.names) <= 14:
             blocks.append(report.correlation_table(info, title=f"How the estimates of {v.name} depend on each other"))
         blocks.append(report.Figure(title=f"Confidence of {v.name}", figure=report.forest(info)))

@@ -77,6 +77,7 @@ class Outcome:
             "free_run": plain(first.free_run_scores),
             "models": models,
             "warnings": {v.name: list(v.model.fit_info.warnings) for v in self.validations if v.model.fit_info},
+            "corrections": {v.name: list(v.model.fit_info.corrections) for v in self.validations if v.model.fit_info},
         }
         if self.failures:
             record["failures"] = self.failures

@@ -55,6 +55,8 @@ def summary(outcome: Outcome) -> list[str]:
     said = [f"{v.title}: {v.tone}. {v.sentence}" for v in verdicts(outcome, "")]
     said += [f"{name}: failed. {reason}" for name, reason in outcome.failures.items()]
     for v in outcome.validations:
-        warned = v.model.fit_info.warnings if v.model.fit_info is not None else ()
-        said += [f"warning of {v.name}: {sentence}" for sentence in warned]
+        info = v.model.fit_info
+        if info is not None:
+            said += [f"{v.name}: {sentence}" for sentence in info.corrections]
+            said += [f"warning of {v.name}: {sentence}" for sentence in info.warnings]
     return said

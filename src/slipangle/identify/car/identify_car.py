@@ -106,8 +106,8 @@ class WholeCar(Checked):
     def fit(self, data: Dataset) -> Delayed:
         """The model of the identified car; what there is to know of it stands in its `fit_info`.
 
-        Warns with an IdentifiabilityWarning of what contradicts itself in the log, of parameters that a correction
-        moved, and of what the log cannot say.
+        Warns with an IdentifiabilityWarning of what contradicts itself in the log and of what the log cannot say;
+        what corrections changed is in ``fit_info.corrections``.
         """
         found = self.identify(data)
         for sentence in found.model.fit_info.warnings:
@@ -162,7 +162,8 @@ class WholeCar(Checked):
             units=tuple(final.model.si(n).unit for n in names),
             seconds=time.perf_counter() - began,
             method=f"free-run error, structure by held-out stretches; {how}, and {len(others)} structures as good",
-            warnings=(*wrong, *(s for s in changed if "->" in s), *unknown),
+            warnings=(*wrong, *unknown),
+            corrections=tuple(changed),
             limits=limits,
             **provenance(data),
         )
