@@ -155,8 +155,8 @@ def lap_page(lap: Lap, title: str, command: str, delta: LapDelta | None = None) 
     """
     verdict = Verdict(
         title="The fastest lap",
-        sentence=f"{lap.track.name} in {lap.time:.3f} s; the least-curvature line at quasi-steady speeds takes "
-        f"{lap.quasi_steady:.3f} s.",
+        sentence=f"The car laps “{lap.track.name}” in {lap.time:.3f} s. On the line of least curvature it would take "
+        f"{lap.quasi_steady:.3f} s if turning in, and shifting its load, took no time.",
         tone="good",
         numbers=(
             Number(label="lap time", value=lap.time, unit="s", digits=6),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from slipangle.simulate.loop import FAR, Starts
 from slipangle.simulate.perturbed import Fleet, Spread
 
 ENOUGH = 0.97  # share of the cars inside their lanes that makes a controller good
+FAIR = 0.8  # below this it is poor
 STEP = 0.001  # s, of the plant
 EVERY = 10  # steps between samples of the record
 SIDE = 0.5  # m, from a path without lanes
@@ -119,6 +120,11 @@ class Trials:
     def good(self) -> bool:
         """Whether that is enough."""
         return self.share >= ENOUGH
+
+    @property
+    def word(self) -> Literal["good", "fair", "poor"]:
+        """The verdict, in one word."""
+        return "good" if self.good else "fair" if self.share >= FAIR else "poor"
 
     @property
     def worst(self) -> int:

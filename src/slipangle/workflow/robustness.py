@@ -219,7 +219,7 @@ def page(trials: Trials, settings: Settings, command: str) -> Page:
     verdict = Verdict(
         title="On cars that differ from the model",
         sentence=sentence(trials),
-        tone="good" if trials.good else "fair" if trials.share >= 0.8 else "poor",
+        tone=trials.word,
         numbers=(
             Number(label="cars inside", value=100 * trials.share, unit="%", digits=4),
             Number(label="smallest margin", value=float(trials.column("margin").min()), unit="m", digits=3),

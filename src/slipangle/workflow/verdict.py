@@ -87,9 +87,9 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     median, late = float(np.median(seconds)), float(np.percentile(seconds, 99))
     in_time = late < wanted.dt
     others = outcome.tried
-    enough = others is None or (others.trials is not None and others.trials.good)
-    good = run.inside and run.fallbacks == 0 and in_time and enough
-    tone: Tone = "good" if good else "fair" if run.inside else "poor"
+    word: Tone = "good" if others is None else "fair" if others.trials is None else others.trials.word
+    own: Tone = "poor" if not run.inside else "good" if run.fallbacks == 0 and in_time else "fair"
+    tone: Tone = max(word, own, key=("good", "fair", "poor").index)
     named = "An MPC" if wanted.kind == "mpc" else f"The controller {wanted.kind}"
     where = "stays inside its lanes" if run.inside else "leaves its lanes"
     sentence = (
