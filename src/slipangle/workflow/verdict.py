@@ -89,7 +89,8 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     others = outcome.tried
     word: Tone = "good" if others is None else "fair" if others.trials is None else others.trials.word
     own: Tone = "poor" if not run.inside else "good" if run.fallbacks == 0 and in_time else "fair"
-    tone: Tone = max(word, own, key=("good", "fair", "poor").index)
+    order: tuple[Tone, ...] = ("good", "fair", "poor")
+    tone = order[max(order.index(word), order.index(own))]
     named = "An MPC" if wanted.kind == "mpc" else f"The controller {wanted.kind}"
     where = "stays inside its lanes" if run.inside else "leaves its lanes"
     sentence = (
