@@ -45,7 +45,7 @@ class Ipopt(Checked):
     ----------
     tolerance : float
         Of the optimality conditions, scaled; near active limits inputs are good to about the square root
-        of it. Where rounding stops the solver short of it, 1e-8 is acceptable.
+        of it: 1e-13 for inputs to 1e-8. Where rounding stops the solver short of it, 1e-8 is acceptable.
     max_iterations : int
         Per solve.
     warm : bool

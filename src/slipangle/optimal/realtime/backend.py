@@ -42,7 +42,8 @@ class RealTime(Checked):
     iterations : int
         Gauss-Newton steps per plan; 0 iterates to convergence every time.
     tolerance : float
-        Of converged solutions: largest change of an input in the last step, relative to half its range. [-]
+        Of converged solutions: largest change of an input in the last step, relative to half its range [-]; where
+        rounding makes the cost the same, steps are taken until they no longer shrink.
     max_iterations : int
         Most steps to convergence.
     newton : float

@@ -40,6 +40,9 @@ from slipangle.optimal.solution import (
 )
 
 PAIRS, CALM = 24, 5  # remembered steps; iterations without a short one before they count
+FLAT = 1e-6  # largest change of an input in units of its range whose effect on the cost may be lost in rounding
+IDLE = 10  # such steps that are no smaller than the smallest before end the iterations
+PRICES = 1e4  # largest price of a hard limit that no step keeps, over the first
 FAR = 0.05  # largest change of an input in units of its range; below, remembered steps are what helps
 Truth = tuple[float, float, float]  # cost, largest violation and residual of a plan
 UNKNOWN: Truth = float("nan"), np.inf, np.inf
@@ -488,7 +491,8 @@ class WorkArea(Engine):
         penalty, hard_penalty, past = np.zeros_like(x), 0.0, [np.inf] * 3
         pairs: list[tuple[np.ndarray, np.ndarray]] = []
         old: tuple[np.ndarray, np.ndarray] | None = None
-        damp, calm = 0.0, 0
+        damp, calm, idle, least_step = 0.0, 0, 0, np.inf
+        price, dearest, missed = 0.0, 0.0, 0.0
         multipliers, iterate, took = np.zeros(len(self._plain)), Iterate(Status.ITERATION_LIMIT, before), 0.0
         accept, tolerance = self._settings.accept, self._settings.tolerance
         m = self._linearise(u, x, exact=True)
@@ -505,12 +509,23 @@ class WorkArea(Engine):
             for step, change in pairs:
                 H = secant(H, step, change)
             H[np.diag_indices_from(H)] *= 1 + damp
-            done, step, multipliers = self._qp.solve(H, g, L, u, self._applied, self._bounds)
+            given = (H, g, L, u, self._applied, self._bounds)
+            done, step, multipliers = self._qp.solve(*given)
+            if done is not Status.SOLVED and len(self._plain):  # here: limits at a price may lead elsewhere
+                price = price or 10 * (1 + float(np.abs(g).max()))
+                dearest = dearest or PRICES * price
+                for part in (1.0, 0.1, 0.01):
+                    self._qp.price(part * price)
+                    done, step, multipliers = self._qp.solve(*given)
+                    if done is Status.SOLVED:
+                        break
             if done is not Status.SOLVED:
-                return u, x, replace(iterate, status=done)
+                self._qp.price(0.0)
+                return u, x, replace(iterate, status=Status.INFEASIBLE if missed > 1e-6 else done)
             old = (u.ravel().copy(), g + multipliers @ L[:, :-1])
             du, dx, e_after, promise = self._expand(m, x, G, L, step, multipliers)
             least = 1.5 * np.abs(promise.pi)
+            missed = self._qp.missed(promise.limited, self._bounds) if price else 0.0
             penalty = np.maximum(least, 0.8 * penalty + 0.2 * least)  # early, wild steps are slowly forgotten
             if (~self._soft).any():
                 hard_penalty = max(hard_penalty, 1.5 * float(np.abs(multipliers[~self._soft]).max()))
@@ -518,11 +533,11 @@ class WorkArea(Engine):
             here, _, violation = self._merit(m, u, x, penalty, hard_penalty)
             after = self._half_cost(e_after, u + du) + self._paid(self._excess(promise.limited))
             predicted, size, t = max(here - after, 0.0), float(np.abs(step).max()), 1.0
-            last = (
-                violation <= 1e-6
-                and damp <= 1e-8
-                and (size <= tolerance or (size <= 1e3 * tolerance and predicted <= 1e-12 * abs(here)))
-            )
+            near = violation <= 1e-6 and damp <= 1e-8
+            flat = near and size <= FLAT and predicted <= 1e-12 * abs(here)
+            idle += flat and size > 0.9 * least_step
+            least_step = min(least_step, size) if flat else least_step
+            last = near and (size <= tolerance or idle >= IDLE)
             past[count % 3] = here
             allowed = max(p for p in past if p < np.inf)
             k = self._k.copy()
@@ -531,15 +546,24 @@ class WorkArea(Engine):
                 m = self._linearise(trial_u, trial_x, exact=True)
                 there, half, violation = self._merit(m, trial_u, trial_x, penalty, hard_penalty)
                 late = perf_counter() > self._until
-                if there <= allowed - 1e-4 * t * predicted + 1e-13 * abs(here) or last or late or t < 1e-6:
+                lower = there <= allowed - 1e-4 * t * predicted + 1e-13 * abs(here)
+                if lower or last or late or (flat and there < np.inf) or t < 1e-6:
                     break
                 t *= 0.5
                 self._k[:] = k
+            self._qp.price(0.0)
             if not np.isfinite(there):
                 return u, x, replace(iterate, status=Status.NOT_FINITE)
             u, x, took = trial_u, trial_x, perf_counter() - begin
             residual = size if last else self._judge(m.next, m.e, m.limited, u, x, promise)[2] if t == 1.0 else np.inf
+            if price:
+                violation = max(violation, self._qp.missed(m.limited[self._limit_at], self._bounds))
             iterate = Iterate(Status.ITERATION_LIMIT, before + count, 2 * half, violation, residual)
+            if missed > 1e-8 and (last or t < 1e-6):  # as near as this price brings it
+                if price >= dearest:
+                    return u, x, replace(iterate, status=Status.INFEASIBLE)
+                price, idle, least_step = 100 * price, 0, np.inf
+                continue
             if last or t < 1e-6:
                 return u, x, replace(iterate, status=Status.SOLVED if last else Status.STALLED)
             if residual <= accept and (loose or late or count == most):

@@ -22,8 +22,19 @@ class LimitedStep:
         self._ocp, self._scale = ocp, np.tile(input_scale(ocp), n)
         self.plain, self.square = slack_of_rows(ocp)
         self.soft = np.isfinite(self.plain)
+        self._hard = np.flatnonzero(~self.soft)
         self.rated = np.flatnonzero(np.isfinite(ocp.step_bounds).any(axis=2))
         self._change = (np.eye(n * nu) - np.eye(n * nu, k=-nu))[self.rated] * self._scale
+
+    def price(self, price: float) -> None:
+        """Put hard limits at a price, where no step keeps them, or, without one, make them hard again."""
+        self.plain[self._hard] = price or np.inf
+        self.soft[self._hard] = price > 0
+
+    def missed(self, limited: np.ndarray, bounds: np.ndarray) -> float:
+        """Largest excess of values of the limited rows over limits that are hard."""
+        over = np.maximum(limited - bounds[:, 1], bounds[:, 0] - limited)[self._hard]
+        return float(over.max(initial=0.0))
 
     def solve(
         self, H: np.ndarray, g: np.ndarray, L: np.ndarray, u: np.ndarray, applied: np.ndarray, bounds: np.ndarray

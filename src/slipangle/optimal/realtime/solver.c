@@ -794,12 +794,35 @@ static int step_late(Work *s, double t, double allowed)
     return TIME_OUT;
 }
 
+/* Hard limits at a price, where no step keeps them, or, without one, hard again. */
+static void price_limits(Work *s, double price)
+{
+    for (int row = 0; row < N_LIMITS; row++)
+        if (!(s->plain[row] < INFINITY))
+            s->qp.plain[QN + QR + row] = price > 0 ? price : INFINITY;
+}
+
+/* Largest excess over a hard limit of these values of the rows, or, without, of those at the iterate. */
+static double largest_excess(const Work *s, const double *values)
+{
+    double worst = 0;
+    for (int row = 0; row < N_LIMITS; row++) {
+        int i, k;
+        const double *b = limit_of(s, row, &i, &k);
+        double v = values ? values[row] : s->l[i * NL + k];
+        if (!(s->plain[row] < INFINITY))
+            worst = larger(worst, fmax(v - b[1], b[0] - v));
+    }
+    return worst;
+}
+
 /* Iterate to convergence with a line search on an exact penalty function (weights per state, three steps of memory),
    damped after short steps; or, if `loose`, until the iterate is accepted. An unfinished iterate stays where it is. */
 static int converge(Work *s, int64_t most, int loose)
 {
-    double past[3] = {INFINITY, INFINITY, INFINITY}, cost, violation;
-    int status = ITERATION_LIMIT;
+    double past[3] = {INFINITY, INFINITY, INFINITY}, cost, violation, least = INFINITY;
+    int status = ITERATION_LIMIT, idle = 0;
+    double price = 0, dearest = 0, miss = 0;
     memset(s->penalty, 0, sizeof s->penalty);
     s->hard_penalty = 0, s->pairs = 0, s->damp = 0;
     int calm = 0;
@@ -819,14 +842,32 @@ static int converge(Work *s, int64_t most, int loose)
                 return FAILED;
         }
         int done = solve_qp(s, n > 0 || !s->fresh);
+        if ((done == INFEASIBLE || done == FAILED) && N_LIMITS > 0) { /* here: limits at a price may lead elsewhere */
+            if (price == 0) {
+                for (int a = 0; a < N * NU; a++)
+                    price = larger(price, fabs(s->qp.g[a]));
+                price = 10 * (1 + price), dearest = PRICES * price;
+            }
+            for (double part = 1; part > 1e-3 && (done == INFEASIBLE || done == FAILED); part *= 0.1) {
+                price_limits(s, part * price);
+                forget_rows(s);
+                done = solve_qp(s, 0);
+            }
+        }
+        if (done == FAILED && miss > 1e-6) /* at a price so high that numbers fail, after some at which it was paid */
+            return INFEASIBLE;
         if (done != SOLVED)
             return done;
+        miss = N_LIMITS > 0 && price > 0 ? largest_excess(s, s->l_after) : 0;
         n++, s->iterations++, calm++;
         gradient(s, s->g_from);
         raise_penalties(s);
         double here = merit(s, &cost, &violation), t = 1, there = here, predicted = fmax(here - promised(s), 0);
-        int last = violation <= 1e-6 && s->damp <= 1e-8 && (s->step <= s->tolerance ||
-                                         (s->step <= 1e3 * s->tolerance && predicted <= 1e-12 * fabs(here)));
+        /* where the cost no longer tells steps apart they are taken whole, for as long as they shrink */
+        int flat = violation <= 1e-6 && s->damp <= 1e-8 && s->step <= FLAT && predicted <= 1e-12 * fabs(here);
+        idle += flat && s->step > 0.9 * least;
+        least = flat ? fmin(least, s->step) : least;
+        int last = violation <= 1e-6 && s->damp <= 1e-8 && (s->step <= s->tolerance || idle >= IDLE);
         past[(int)(n % 3)] = here;
         double allowed = fmax(fmax(past[0] < INFINITY ? past[0] : here, past[1] < INFINITY ? past[1] : here),
                               past[2] < INFINITY ? past[2] : here);
@@ -839,20 +880,28 @@ static int converge(Work *s, int64_t most, int loose)
             int finite = linearise(s);
             ends(s, LINEARISE);
             there = finite ? merit(s, &cost, &violation) : INFINITY;
-            if (there <= allowed - 1e-4 * t * predicted + 1e-13 * fabs(here) || last || t < 1e-6)
+            if (there <= allowed - 1e-4 * t * predicted + 1e-13 * fabs(here) || last || (flat && there < INFINITY) || t < 1e-6)
                 break;
             t *= 0.5;
             memcpy(s->k, s->k_from, sizeof s->k);
         }
         if (!(there < INFINITY))
             return NOT_FINITE;
+        if (price > 0)
+            price_limits(s, 0);
         judge(s, 0);
         if (t < 1)
             s->residual = INFINITY;
-        s->cost = 2 * cost, s->violation = violation;
-        if (last) {
+        s->cost = 2 * cost, s->violation = price > 0 ? larger(violation, largest_excess(s, NULL)) : violation;
+        if (last && miss <= 1e-8) {
             s->residual = s->step;
             return SOLVED;
+        }
+        if (last || (miss > 1e-8 && t < 1e-6)) { /* as near as this price brings it */
+            if (price >= dearest)
+                return INFEASIBLE;
+            price *= 100, idle = 0, least = INFINITY;
+            continue;
         }
         if (loose && accepted(s))
             return ITERATED;

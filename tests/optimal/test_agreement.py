@@ -1,0 +1,179 @@
+"""Random problems of every feature: both quadratic programs and Ipopt end at the same inputs, or name what has none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slipangle.control.mpc import MPC
+from slipangle.models.custom import Ode
+from slipangle.ops import sin, tanh
+from slipangle.optimal.end import TerminalCost
+from slipangle.optimal.engine import Start
+from slipangle.optimal.ipopt import Ipopt
+from slipangle.optimal.realtime import RealTime, backend
+from slipangle.optimal.scenarios import Scenarios
+from slipangle.optimal.solution import Status
+from slipangle.optimal.terms import Limits, Weights
+
+CLOSE = 1e-8  # of inputs
+GAINS = ("weight", "coupling", "lag")  # inputs of the model that change from problem to problem
+
+
+def rates(x, u, p):
+    """A pendulum, pushed by one input and, through a drive that lags, by another."""
+    return [
+        x[1],
+        -u[2] * sin(x[0]) - 0.3 * x[1] + u[0] + 0.2 * u[3] * u[1] * x[2],
+        -u[4] * x[2] + tanh(u[1]) + 0.3 * x[0] * x[1],
+    ]
+
+
+MODEL = Ode(
+    f=rates,
+    states=("a", "b", "c"),
+    inputs=("u", "v", *GAINS),
+    more=lambda x, u, p: {"y": x[0] + 0.5 * x[2] * x[1] + 0.1 * u[0]},
+    outputs=("y",),
+    params={},
+    dt=0.1,
+)
+P = np.array([[4.0, 1.0, 0.2], [1.0, 2.0, 0.1], [0.2, 0.1, 0.5]])
+KINDS = {
+    "inputs": {},
+    "rates": {"S": Weights(u=0.5, v=0.1), "rates": Limits(u=15.0, v=15.0)},
+    "soft": {
+        "limits": Limits(u=3.0, v=2.0, b=1.0, y=1.2),
+        "slack": Weights(y=20.0),
+        "slack_linear": Weights(y=3.0, b=30.0),
+    },
+    "hard": {"limits": Limits(u=6.0, v=4.0, b=1.6)},
+    "end": {"limits": Limits(u=4.0, v=3.0), "terminal_limits": Limits(a=(0.0, 0.0), b=0.2)},
+    "matrix": {"terminal": TerminalCost(("a", "b", "u"), P)},
+    "terms": {
+        "parameters": ("q",),
+        "terms": {"e": lambda x, u, p: sin(x[0]) - p.q * x[2] + 0.1 * u[0]},
+        "Q": Weights(a=1.0, e=3.0),
+        "limits": Limits(u=3.0, v=2.0, e=0.8),
+        "slack_linear": Weights(e=2.0),
+    },
+    "steps": {"steps": (1, 1, 1, 1, 1, 2, 2, 2, 3, 4)},
+    "scenarios": {
+        "scenarios": Scenarios({"weight": (0.5, 1.0, 2.0)}, probabilities=(0.2, 0.5, 0.3), common=2),
+        "limits": Limits(u=3.0, v=2.0, b=1.5),
+        "slack_linear": Weights(b=5.0),
+    },
+    "free": {
+        "parameters": ("q",),
+        "free": Limits(q=(-1.0, 1.0)),
+        "terms": {"e": lambda x, u, p: x[0] - p.q},
+        "Q": Weights(b=0.5, c=2.0, e=3.0, q=0.2),
+    },
+    "duration": {"duration": (0.5, 3.0), "terminal": Weights(a=30.0, b=5.0, c=2.0, duration=1.0)},
+}
+MIXED = {
+    "soft limits, rates, terms and a matrix": {**KINDS["soft"], **KINDS["rates"], **KINDS["matrix"]},
+    "scenarios and a free parameter": {**KINDS["scenarios"], **KINDS["free"], "S": Weights(u=0.3)},
+    "a free duration and an end": {**KINDS["duration"], **KINDS["end"]},
+}
+
+
+def solvers(settings):
+    """The problem for each solver, all converged."""
+    usual = {
+        "horizon": 10,
+        "controls": ("u", "v"),
+        "Q": Weights(a=4.0, b=0.5, c=2.0),
+        "R": Weights(u=0.1, v=0.2),
+        "limits": Limits(u=3.0, v=2.0),
+    }
+    engines = (
+        RealTime(iterations=0, tolerance=1e-11, qp="condensed"),
+        RealTime(iterations=0, tolerance=1e-11, qp="riccati"),
+        Ipopt(tolerance=1e-13, max_iterations=1000),
+    )
+    return [MPC(MODEL, solver=engine, **{**usual, **settings}) for engine in engines]
+
+
+def drawn(ocp, rng):
+    """A state and what is wanted, by name."""
+    said = {name: rng.uniform(0.3, 2.0) for name in GAINS}
+    if ocp.scenarios is not None:
+        said["scenarios"] = {"weight": tuple(rng.uniform(0.3, 2.0, len(ocp.scenarios)))}
+    said |= {name: rng.uniform(-0.5, 0.5) for name in ("q",) if name in ocp.exogenous}
+    said |= {name: rng.uniform(-1.2, 1.2) for name in ("a", "b", "c") if name in ocp.references}
+    return rng.uniform(-1.0, 1.0, 3) * (1.5, 1.2, 1.0), said
+
+
+def inputs(plan):
+    """Of all branches."""
+    return np.array([b.u for b in plan.branches]) if plan.branches else plan.u
+
+
+def near(ours, theirs):
+    """Whether two plans are the same."""
+    same = inputs(ours) == pytest.approx(inputs(theirs), abs=CLOSE)
+    return same and ours.decided == (theirs.decided and pytest.approx(theirs.decided, abs=CLOSE))
+
+
+def compare(settings, count, seed=1):
+    """How many of so many problems have an answer; it is the same for all solvers, and what has none is named by all.
+
+    Where there are several local optima, ours is one from which Ipopt does not move.
+    """
+    posed, rng, solved = solvers(settings), np.random.default_rng(seed), 0
+    for _ in range(count):
+        x, said = drawn(posed[0].ocp, rng)
+        ours, other, theirs = [mpc.plan(x, **said) for mpc in posed]
+        what = x.tolist(), said, ours.status, other.status, theirs.status
+        if not theirs.status.solved:
+            assert not ours.status.solved, what
+            assert not other.status.solved, what
+            assert Status.INFEASIBLE in {ours.status, other.status, theirs.status}, what
+            continue
+        assert ours.status is other.status is Status.SOLVED, what
+        assert near(ours, other), what
+        if not near(ours, theirs):
+            there = Start(
+                x=x,
+                applied=np.zeros(2),
+                reference=posed[2].setpoint(**said),
+                guess_u=ours.u,
+                guess_x=ours.x,
+            )
+            assert near(ours, posed[2].engine.solve(there)), what
+        solved += 1
+    return solved
+
+
+@pytest.mark.parametrize("kind", MIXED)
+def test_ten_random_problems_end_the_same(kind):
+    assert compare(MIXED[kind], 10) >= 5
+
+
+@pytest.mark.parametrize("qp", ["condensed", "riccati", "interpreted"])
+def test_a_limit_that_the_first_linear_model_cannot_keep_is_kept(qp, monkeypatch):
+    """Named infeasible before, though Ipopt has an answer; and one that has none is named so."""
+    if qp == "interpreted":
+        monkeypatch.setenv("SLIPANGLE_CC", "none")
+        monkeypatch.setattr(backend, "_say_once", lambda words: None)
+    posed, names = solvers(KINDS["end"]), []
+    rng = np.random.default_rng(2)
+    mpc = replace(posed[0], solver=RealTime(iterations=0, qp=qp if qp != "interpreted" else "auto"))
+    for _ in range(10):
+        x, said = drawn(mpc.ocp, rng)
+        plan, theirs = mpc.plan(x, **said), posed[2].plan(x, **said)
+        names.append(theirs.status)
+        assert plan.status.solved == theirs.status.solved
+        if not plan.status.solved:
+            assert plan.age == 1  # a fallback, not a plan that breaks a limit
+        else:
+            assert inputs(plan) == pytest.approx(inputs(theirs), abs=1e-7)
+    assert Status.INFEASIBLE in names
+    assert Status.SOLVED in names
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [*KINDS, *MIXED])
+def test_many_random_problems_of_each_feature_end_the_same(kind):
+    assert compare({**KINDS, **MIXED}[kind], 75, seed=2) >= 40
