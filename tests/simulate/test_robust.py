@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from slipangle.codegen.compiler import compiler
+from slipangle.control.driver import Driver
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError, SampleTimeError
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams
+from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, SaturatingBicycleParams
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.optimal.terms import Limits, Values, Weights
 from slipangle.paths.lane_change import double_lane_change
@@ -149,3 +151,39 @@ def test_bad_trials():
     short = MPC(car, horizon=5, controls=("delta",), Q=Weights(Y=1.0), S=Weights(delta=1.0))
     with pytest.raises(SampleTimeError, match="a multiple of"):
         Trial(controller=short, path=double_lane_change(15.0), bicycle=CAR)
+
+
+NOISE = Values(X=0.02, Y=0.02, psi=1e-3, v_x=0.02, v_y=0.02, r=2e-3)
+
+
+def driven(caution, v_x=20.0):
+    """A driver that knows the car, relaxation of its tires among it; its sensors are noisy."""
+    known = {n: getattr(CAR, n) for n in ("mass", "inertia_z", "wheelbase", "l_f", "C_f", "C_r")}
+    late = 0.19 * CAR.wheelbase
+    params = SaturatingBicycleParams(**known, relaxation_f=late, relaxation_r=late)
+    model = RelaxingBicycle(params=params, dt=0.02, outputs=("v_y", "r"))
+    path = double_lane_change(v_x)
+    told = {n: v for n, v in NOISE.items() if n != "v_x"}
+    driver = Driver(model, path, noise=told, caution=caution)
+    return Trial(controller=driver, path=path, bicycle=CAR, noise=NOISE)
+
+
+def test_a_driver_sees_measurements_alone_and_each_car_is_driven_by_its_own():
+    trial = driven(1.0)
+    both, alone = try_on(trial, [3, 8]), try_on(trial, [8])
+    assert np.array_equal(both.results[1], alone.results[0])
+    nominal = try_on(trial, [0], changes=np.zeros((1, len(NAMES))))
+    assert nominal.column("inside").all()
+    assert nominal.column("e_y")[0] < 0.06
+
+
+@pytest.mark.slow
+def test_a_cautious_driver_bears_cars_that_differ():
+    shares = [try_on(driven(caution, 15.0), range(16)).share for caution in (0.0, 1.0)]
+    assert shares[1] >= 0.97
+    assert shares[0] < 0.5  # as docs/limits.md says
+
+
+def test_a_caution_out_of_range_is_refused():
+    with pytest.raises(ParameterError, match="caution is 2"):
+        driven(2.0)

@@ -26,6 +26,7 @@ USUAL = 2.7  # m, wheelbase of the car that the numbers are for
 STAGES = (1, *[1] * 5, *[2] * 6, *[3] * 4, *[5] * 4)  # of the horizon, in steps of 0.02 s: one second
 STEP = 0.02  # s, that these stages and the weights are for
 E_Y, E_PSI, CHANGE = 1.0, 1.0, 2.0  # weights per m2, per rad2, per rad2 of a step
+CAUTIOUS = {"E_PSI": 10.0, "CHANGE": 20.0, "d_v_y": 0.03, "d_r": 0.03}  # factors of these at a caution of 1
 BRISK = 24.0  # m/s up to which CHANGE holds; faster, a change counts by the lateral acceleration that it makes: v^2
 ANGLE, RATE = 0.5, 1.05  # rad and rad/s at the road wheels
 WANDER = {"v_y": 0.3, "r": 0.05, "d_v_y": 0.5, "d_r": 0.3}  # how far a state wanders in a root of a second
@@ -71,13 +72,20 @@ def driven_model(model: Model, dt: float) -> OnGround:
     return replace(posed, model=base) if model.off_ground is not model else OnGround(base)
 
 
-def default_estimator(model: OnGround, noise: Mapping[str, float], late: Mapping[str, float]) -> EKF:
-    """A filter for the outputs of `driven_model`; noise that is not given is that of the fit's residuals."""
+def default_estimator(
+    model: OnGround, noise: Mapping[str, float], late: Mapping[str, float], *, caution: float = 0.0
+) -> EKF:
+    """A filter for the outputs of `driven_model`; noise that is not given is that of the fit's residuals.
+
+    With more ``caution``, 0 to 1, what pushes the car is believed to change slowly, so that an answer that only comes
+    late is not taken for a push.
+    """
     size = size_of(model)
     scale = {name: size**power for name, power in _POWER.items()}
     states = {name.removeprefix("base ").removesuffix("[k]"): name for name in model.states}
-    wander = {n: v * scale.get(n, 1.0) for n, v in {**WANDER, **POSE_WANDER}.items() if n in states}
     start = {n: v * scale.get(n, 1.0) for n, v in START.items() if n in states}
+    scale |= {n: scale.get(n, 1.0) * CAUTIOUS[n] ** caution for n in WANDER if n in CAUTIOUS}
+    wander = {n: v * scale.get(n, 1.0) for n, v in {**WANDER, **POSE_WANDER}.items() if n in states}
     return EKF(
         start=model,
         noise_std=noise,
@@ -89,11 +97,14 @@ def default_estimator(model: OnGround, noise: Mapping[str, float], late: Mapping
     )
 
 
-def default_controller(model: OnGround, control: str = "delta", *, fastest: float = 0.0) -> MPC:
+def default_controller(model: OnGround, control: str = "delta", *, fastest: float = 0.0, caution: float = 0.0) -> MPC:
     """An MPC on `driven_model` that looks a second ahead: distance and heading against quick steering.
 
     ``fastest`` is the path's highest speed [m/s]. The faster a car is, the less its yaw is damped and the more lateral
     acceleration an angle makes: above 24 m/s (by Froude's rule for another size) quick steering costs more.
+
+    With more ``caution``, 0 to 1, heading and quick steering count more: the car follows less closely and bears more
+    that the model does not know, such as a steering that answers later.
 
     Where an axle of the model has a slip angle at which its force is largest, the plan keeps to it. At the front more
     steering is less force past it, and an estimator that takes what is missing for a push would ask for ever more; at
@@ -103,7 +114,8 @@ def default_controller(model: OnGround, control: str = "delta", *, fastest: floa
     grain = model.dt / STEP
     steps: Any = [max(round(n / grain), 1) for n in STAGES]
     steps[0] = 1
-    weight = CHANGE * max(1.0, fastest / (BRISK * math.sqrt(size))) ** 4 * gain**2 * size / grain**2
+    e_psi, change = (n * CAUTIOUS[name] ** caution for n, name in ((E_PSI, "E_PSI"), (CHANGE, "CHANGE")))
+    weight = change * max(1.0, fastest / (BRISK * math.sqrt(size))) ** 4 * gain**2 * size / grain**2
     slips = {"slip": front_slip(model, control), "slip_r": rear_slip(model, control)}
     terms = {name: slip for name, slip in slips.items() if slip is not None}
     known: Any = {"terms": terms, "slack_linear": Weights(dict.fromkeys(terms, PAST_PEAK))} if terms else {}
@@ -113,7 +125,7 @@ def default_controller(model: OnGround, control: str = "delta", *, fastest: floa
         horizon=len(steps),
         steps=None if set(steps) == {1} else tuple(steps),
         controls=(control,),
-        Q=Weights(e_y=E_Y / size**2, e_psi=E_PSI),
+        Q=Weights(e_y=E_Y / size**2, e_psi=e_psi),
         S=Weights({control: weight}),
         limits=Limits({control: ANGLE / gain, **peak}),
         rates=Limits({control: RATE / gain / math.sqrt(size)}),

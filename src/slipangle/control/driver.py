@@ -120,11 +120,15 @@ class Driver:
         How long after its instant an output arrives. [s]
     dt : float
         Time between plans [s]; a model that is no ODE brings its own.
+    caution : float
+        Of the default controller and estimator, 0 to 1: 0 follows the path as closely as it can where the model is
+        right, 1 less closely, and bears cars that differ from it; ``slipangle robust`` tells which. [-]
 
     Raises
     ------
     ParameterError
-        If the path has no speed profile, or the models of controller and estimator are not the same.
+        If the path has no speed profile, caution is not from 0 to 1, or the models of controller and estimator are not
+        the same.
     """
 
     def __init__(
@@ -138,7 +142,10 @@ class Driver:
         noise: Mapping[str, float] | None = None,
         late: Mapping[str, float] | None = None,
         dt: float = 0.02,
+        caution: float = 0.0,
     ) -> None:
+        if not 0.0 <= caution <= 1.0:
+            raise ParameterError(f"caution is {caution:g}; expected 0 to 1")
         if path.v_x is None:
             raise ParameterError(f"'{path.name}' has no speed profile; expected one: use path.with_speed(20.0)")
         if estimator is not None:
@@ -146,8 +153,8 @@ class Driver:
         else:
             whole = controller.model if controller is not None else driven_model(model, dt)
         self.path, self.dt = path, float(whole.dt)
-        self.estimator = estimator or default_estimator(whole, noise or {}, late or {})
-        self.controller = controller or default_controller(whole, fastest=float(np.max(path.v_x)))
+        self.estimator = estimator or default_estimator(whole, noise or {}, late or {}, caution=caution)
+        self.controller = controller or default_controller(whole, fastest=float(np.max(path.v_x)), caution=caution)
         if self.controller.model.states != whole.states or not math.isclose(self.controller.dt, self.dt):
             raise ParameterError(
                 f"the controller plans every {self.controller.dt:g} s on {self.controller.model.n_states} states, the "

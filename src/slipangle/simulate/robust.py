@@ -7,6 +7,7 @@ equal seeds, wherever they were computed.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -14,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from slipangle.control.controller import Controller
+from slipangle.control.driver import Driver
 from slipangle.errors import ParameterError, SampleTimeError
 from slipangle.models.fast import bind, evaluate
 from slipangle.models.vehicles.parameters import BicycleParams
@@ -26,6 +28,7 @@ ENOUGH = 0.97  # share of the cars inside their lanes that makes a controller go
 FAIR = 0.8  # below this it is poor
 STEP = 0.001  # s, of the plant
 EVERY = 10  # steps between samples of the record
+AHEAD = ("v_x_dot",)  # what the path says of the time to come
 SIDE = 0.5  # m, from a path without lanes
 
 
@@ -38,8 +41,9 @@ class Trial:
 
     Parameters
     ----------
-    controller, path : Controller, Path
-        As of `closed_loop`; the path has a speed profile.
+    controller, path : Controller or Driver, Path
+        As of `closed_loop`; the path has a speed profile. A `Driver` on this path estimates from noisy measurements of
+        X, Y, psi, v_x and its model's outputs, new at each of its steps.
     bicycle, friction
         The car as identified, and the friction coefficient at which its tires saturate.
     spread : Spread
@@ -53,7 +57,7 @@ class Trial:
         Of the draws and of the noise.
     """
 
-    controller: Controller
+    controller: Controller | Driver
     path: Path
     bicycle: BicycleParams
     friction: float = 1.0
@@ -65,18 +69,31 @@ class Trial:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        model, controls = self.controller.model, tuple(self.controller.controls)
+        model, controls = self.planner.model, tuple(self.planner.controls)
         seen = ("X", "Y", "psi", "v_x", "v_y", "r")
         if controls != ("delta",):
             raise ParameterError(f"the controller decides {list(controls)}; expected delta alone: the speed is held")
-        require_names((*model.outputs, *self.controller.exogenous), seen, "the controller", "use what is measured")
+        known = (*seen, *AHEAD) if self.planner is not self.controller else seen
+        require_names((*model.outputs, *self.planner.exogenous), known, "the controller", "use what is measured")
         require_names(model.inputs, ("delta", "v_x"), "the controller's model", "use these inputs")
         require_names(self.noise, seen, "noise", "use what is measured")
         if self.path.v_x is None:
             raise ParameterError(f"'{self.path.name}' has no speed profile; expected one: use path.with_speed(20.0)")
-        per_plan = self.controller.dt / (STEP * EVERY)
+        per_plan = self.planner.dt / (STEP * EVERY)
         if round(per_plan) < 1 or abs(per_plan - round(per_plan)) > 1e-6:
-            raise SampleTimeError(f"the controller's step is {self.controller.dt:g} s; expected a multiple of 0.01 s")
+            raise SampleTimeError(f"the controller's step is {self.planner.dt:g} s; expected a multiple of 0.01 s")
+
+    @property
+    def planner(self) -> Any:
+        """The controller, or that of a driver."""
+        return self.controller.controller if isinstance(self.controller, Driver) else self.controller
+
+    def drivers(self, n: int) -> list[Driver]:
+        """As many drivers as there are cars, each at its start; none where the controller is told the state."""
+        made = [copy.copy(self.controller) for _ in range(n) if isinstance(self.controller, Driver)]
+        for each in made:
+            each.reset()
+        return made
 
 
 COLUMNS = ("inside", "margin", "e_y", "finished", "fallbacks")
@@ -215,9 +232,9 @@ class _Race:
     """Cars and, for each, what its controller knows."""
 
     def __init__(self, trial: Trial, numbers: list[int], changes: np.ndarray) -> None:
-        self.trial, self.controller, self.path = trial, trial.controller, trial.path
+        self.trial, self.controller, self.path = trial, trial.planner, trial.path
         self.fleet = Fleet(bicycle=trial.bicycle, friction=trial.friction, changes=changes)
-        n, path, model = len(numbers), trial.path, trial.controller.model
+        n, path, model = len(numbers), trial.path, trial.planner.model
         X, Y, psi = path.start
         speeds = np.maximum(path.v_x if path.v_x is not None else np.ones(1), 0.5)
         self.per_plan = round(self.controller.dt / STEP)
@@ -237,6 +254,7 @@ class _Race:
         self.known = np.tile(self._first(), (n, 1))
         self.inputs, self.s = np.zeros((n, model.n_inputs)), np.zeros(n)
         self.plans: list[Any] = [None] * n
+        self.drivers = trial.drivers(n)
         self.over, self.fallbacks = np.zeros(n, dtype=bool), np.zeros(n, dtype=int)
         self.record: list[np.ndarray] = [self.x[None][:, :, self.pose]]
         self.seconds: list[float] = []
@@ -252,8 +270,11 @@ class _Race:
         with np.errstate(all="ignore"):
             draws = np.array([rng.standard_normal(len(self.seen)) for rng in self.rngs])
             measured = self.x[:, self.columns] + self.noise * draws
-            self._estimate(k, measured)
-            command = np.array([self._plan(i, measured[i]) for i in range(len(self.x))])
+            if self.drivers:
+                command = np.array([self._driven(i, k, measured[i]) for i in range(len(self.x))])
+            else:
+                self._estimate(k, measured)
+                command = np.array([self._plan(i, measured[i]) for i in range(len(self.x))])
             self.inputs[:, list(self.controller.model.inputs).index("delta")] = command
             wanted = np.array([self.path.speed(s) for s in self.s])
             states = self.fleet.advance(self.x, self._acting(command), wanted)
@@ -294,6 +315,19 @@ class _Race:
         if before is not None:
             self.seconds.append(plan.seconds)
         return float(plan.command[0])
+
+    def _driven(self, i: int, k: int, measured: np.ndarray) -> float:
+        """Steering angle of one car by its driver. [rad]"""
+        if self.over[i]:
+            return 0.0
+        said = self.drivers[i].step(dict(zip(self.seen, measured.tolist(), strict=True)), k * self.controller.dt)
+        self.s[i] = said.s
+        if said.s >= self.path.length or abs(float(self.x[i, self.pose[1]])) > 1e6:
+            self.over[i] = True
+        self.fallbacks[i] += said.fallback
+        if k and said.plan is not None:
+            self.seconds.append(said.plan.seconds)
+        return float(said["delta"])
 
     def _acting(self, command: np.ndarray) -> np.ndarray:
         """Steering angles at every millisecond, after delay and lag, shape (rows, n). [rad]"""

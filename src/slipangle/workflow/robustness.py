@@ -46,13 +46,11 @@ class Tried:
     why_not: str = ""
 
 
-def trial_of(wanted: ControllerSettings, plant: PlantSettings, model: Model, controller: Controller) -> Trial:
+def trial_of(wanted: ControllerSettings, plant: PlantSettings, model: Model, controller: Controller | Driver) -> Trial:
     """The controller, its path, and the car that others are drawn around.
 
     Raises SlipangleError with the reason where there is no such car or the controller needs more than it measures.
     """
-    if isinstance(controller, Driver):
-        raise ConfigError("a driver with its estimator is tried on one car only; expected a controller: name another")
     if plant.kind:
         raise ConfigError("a vehicle from outside cannot be perturbed; expected a plant of the toolbox: leave kind out")
     known, tires = identified_bicycle(model), plant_tires(plant, model)
@@ -82,7 +80,7 @@ def tried(
     wanted: ControllerSettings,
     plant: PlantSettings,
     model: Model,
-    controller: Controller,
+    controller: Controller | Driver,
     progress: Callable[[float], None],
 ) -> Tried | None:
     """The controller on as many cars as the job says; None on a vehicle from outside, which is no model of ours."""
