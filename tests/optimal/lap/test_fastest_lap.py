@@ -14,7 +14,7 @@ from slipangle.optimal.lap.car import LapCar, forces, rates
 from tests.optimal.lap.cars import RACER, circuit, point_like, ring, straight
 
 # The same car with no parameter at an end of its range, so that each can be more and less.
-INNER = replace(RACER, drive_rear=0.9, drive_force=8000.0, brake_force=12000.0, rolling_resistance=0.01)
+INNER = replace(RACER, even=0.3, drive_rear=0.9, drive_force=8000.0, brake_force=12000.0, rolling_resistance=0.01)
 
 
 @cache

@@ -1,14 +1,17 @@
 """The cheap stages of a fastest lap, against closed forms and plain searches."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import optimize, sparse
 
 from slipangle.models.vehicles.parameters import GRAVITY
+from slipangle.optimal.lap.car import axle
 from slipangle.optimal.lap.envelope import Envelope, envelope
 from slipangle.optimal.lap.line import box_qp, differences, minimum_curvature
 from slipangle.optimal.lap.profile import speed_profile
-from tests.optimal.lap.cars import point_like
+from tests.optimal.lap.cars import RACER, point_like
 
 
 def test_envelope_of_a_balanced_car_is_the_friction_ellipse():
@@ -21,6 +24,29 @@ def test_envelope_of_a_balanced_car_is_the_friction_ellipse():
     middle = (limits.share > 0.3) & (limits.share < 0.95)
     circle = most * np.sqrt(1 - limits.share[middle] ** 2)
     assert limits.brake[0, middle] == pytest.approx(circle, rel=0.03)
+
+
+@pytest.mark.parametrize("even", [0.0, 1.0])
+def test_tires_of_an_axle_share_its_force_by_grip_or_evenly(even):
+    """Two tires by hand: each has its own load, its own part of the force, and what its ellipse leaves to the side."""
+    car, static, transfer, F_x, alpha = replace(RACER, even=even), 6000.0, 1500.0, -2000.0, 0.05
+    loads = 0.5 * static + np.array([transfer, -transfer])
+    rise = loads / (0.5 * static) - 1
+    peaks = car.mu_f * loads * (1 - car.friction_load * rise)
+    stiffness = 0.5 * car.C_f * (1 + rise * (1 - car.stiffness_load))
+    used = (np.array([0.5, 0.5]) if even else peaks / peaks.sum()) * F_x / peaks
+    lateral = peaks * np.sin(car.shape * np.arctan(stiffness / (car.shape * peaks) * alpha))
+    got = axle(alpha, static, transfer, static, F_x, car.C_f, car.mu_f, 0.0, car)
+    assert got.F_y == pytest.approx(np.sum(lateral * np.sqrt(1 - used**2)), rel=2e-3)
+    assert got.use == pytest.approx(used[1], rel=1e-4)  # of the inner tire, which has the least left
+    assert got.peak == pytest.approx(peaks.sum(), rel=1e-4)
+
+
+def test_evenly_shared_force_costs_braking_in_a_bend_alone():
+    shared, even = envelope(RACER, 40.0), envelope(replace(RACER, even=1.0), 40.0)
+    assert even.brake[:, 0] == pytest.approx(shared.brake[:, 0], rel=0.01)
+    bend = (shared.share > 0.5) & (shared.share < 0.9)
+    assert np.all(even.brake[:, bend] < 0.95 * shared.brake[:, bend])
 
 
 def test_drive_is_bounded_by_power_and_drag():

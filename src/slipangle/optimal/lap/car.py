@@ -22,8 +22,10 @@ _UNUSED = ("steering_gain", "steering_offset", "bias_r", "bias_v_y", "bias_a_y",
 class LapCar(NonlinearBicycleParams):
     """The nonlinear bicycle's parameters, and the engine, brakes, air and driver that bound a lap.
 
-    The two tires of an axle share its longitudinal force by their grip, as behind a locked differential; each is on its
-    own load from load transfer and downforce. `slipangle.optimal.lap.cars.lap_car` makes one of any model of a car.
+    The two tires of an axle share its longitudinal force by their grip, as behind a locked differential and with
+    anti-lock brakes, or with ``even=1`` evenly, as behind an open one and with plain brakes: then the less loaded one
+    bounds the force. Each is on its own load from load transfer and downforce. `slipangle.optimal.lap.cars.lap_car`
+    makes one of any model of a car.
     """
 
     power: Annotated[float, SI("W", "largest driving power at the wheels", 10.0, 1e7)]
@@ -36,6 +38,9 @@ class LapCar(NonlinearBicycleParams):
     width: Annotated[float, SI("m", "width of the car", 0.0, 5.0)] = 1.8
     delta_max: Annotated[float, SI("rad", "largest road-wheel angle", 0.01, 1.5)] = 0.5
     delta_rate: Annotated[float, SI("rad/s", "largest rate of the road-wheel angle", 0.01, 100.0)] = 1.0
+    even: Annotated[
+        float, SI("-", "share of an axle's force that its tires get evenly, not by their grip", 0.0, 1.0)
+    ] = 0.0
     force_rate: Annotated[float, SI("1/s", "largest rate of the longitudinal force over weight", 0.1, 1000.0)] = 8.0
 
     @property
@@ -88,16 +93,21 @@ def axle(
     the friction ellipse. ``static`` is the load at rest [N], at which ``C`` [N/rad] and ``mu`` hold.
     """
     half = 0.5 * static
-    grip = lateral = 0.0
+    peaks, sides = [], []
     for side in (1.0, -1.0):
         wheel = _positive(0.5 * load + side * transfer, _CORNER * half)
         rise = wheel / half - 1.0
         peak = _positive(mu * wheel * (1.0 - p.friction_load * rise), _PEAK * half)
         stiffness = 0.5 * C * (1.0 + rise * (1.0 - p.stiffness_load))
-        grip = grip + peak
-        lateral = lateral + peak * sin(p.shape * curved(stiffness / (p.shape * peak) * alpha, E))
-    use = F_x / (p.mu_x * grip)
-    return Axle(lateral * sqrt(_positive(1.0 - use * use, _LATERAL)), use, grip)
+        peaks.append(peak)
+        sides.append(peak * sin(p.shape * curved(stiffness / (p.shape * peak) * alpha, E)))
+    grip, apart = peaks[0] + peaks[1], peaks[0] - peaks[1]
+    by_grip, least = (1.0 - p.even) / grip, grip - sqrt(apart * apart + (_PEAK * half) ** 2)
+    F_y = 0.0
+    for peak, lateral in zip(peaks, sides, strict=True):
+        use = F_x / p.mu_x * (by_grip + 0.5 * p.even / peak)
+        F_y = F_y + lateral * sqrt(_positive(1.0 - use * use, _LATERAL))
+    return Axle(F_y, F_x / p.mu_x * (by_grip + p.even / least), grip)
 
 
 def forces(

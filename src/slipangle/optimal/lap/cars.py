@@ -27,8 +27,8 @@ def lap_car(car: Any, **values: float) -> LapCar:
     ----------
     car : LapCar, NonlinearBicycle, SaturatingBicycle, RelaxingBicycle, DualTrack, their parameters, or a fit's result
         A nonlinear bicycle brings all but the power; a saturating one its axles, without load transfer; a dual track's
-        tires become axles of the same stiffness, peak friction, shape and load sensitivity, and its engine the largest
-        power and force over all gears.
+        tires become axles of the same stiffness, peak friction, shape and load sensitivity, which share force evenly as
+        its brakes do, and its engine the largest power and force over all gears.
     **values : float
         Parameters of `LapCar` by their names, which the model does not know or which are to differ.
 
@@ -102,7 +102,7 @@ def _of_dual_track(p: DualTrackParams, tire_f: Tire, tire_r: Tire) -> dict[str, 
     return values | {
         **{k: getattr(p, k) for k in ("mass", "inertia_z", "wheelbase", "l_f", "rolling_resistance")},
         **transfer,
-        **dict(shape=shape, transfer_x=p.height / p.wheelbase, power=power, drive_force=force),
+        **dict(shape=shape, transfer_x=p.height / p.wheelbase, power=power, drive_force=force, even=1.0),
         **{k: float(np.clip(np.mean([a[k] for a in axles]), 0.0, 1.0)) for k in ("friction_load", "stiffness_load")},
         **dict(drive_rear=1.0 - p.driveline.front_share, brake_rear=1.0 - p.brakes.bias),
         **dict(brake_force=p.brakes.torque / p.radius, drag=air * p.drag_area),
