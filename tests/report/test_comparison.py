@@ -35,6 +35,9 @@ def test_the_best_stands_first_with_its_margin():
     assert table.rows[1].cells[5] is None
     rmse = float(table.rows[0].cells[4].split()[0])
     assert abs(rmse - np.degrees(result.best.scores["r"].rmse)) < 0.005 * rmse
+    ranking = made.sections[1].blocks[0]  # in the unit of the table above it
+    assert ranking.texts()[0][-1] == table.rows[0].cells[4].split()[0]
+    assert "deg/s" in ranking.to_text()
     share = 100 * (1 - result.entries[0].error / result.entries[1].error)
     assert f"{share:.0f} % smaller than that of “soft”" in verdict.sentence
     text = made.to_html()

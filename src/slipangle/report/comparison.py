@@ -1,5 +1,7 @@
 """`comparison_page`: what `slipangle.identify.judge.compare.compare` found, to look at."""
 
+from dataclasses import replace
+
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.identify.judge.compare import Comparison, horizon_errors
 from slipangle.report.diagnostics import horizon_curves
@@ -19,19 +21,20 @@ def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> 
     ahead = {e.name: horizon_errors(e.model, data) for e in good}
     sections = [Section(title="Verdict", blocks=_verdict(result, data))]
     for output in result.outputs:
-        channel = Channel(output, data.unit(output))
-        errors = {n: t.error[t.predicted, t.outputs.index(output)] for n, t in result.trajectories.items()}
-        rows = [
-            ScoreRow(model=e.name, channel=output, unit=channel.unit, kind="free run", **vars(e.scores[output]))
-            for e in good
-        ]
+        factor, unit = read_in(output, data.unit(output))
+        channel = Channel(output, unit)
+        runs = {n: replace(t, y=factor * t.y, measured=factor * t.measured) for n, t in result.trajectories.items()}
+        errors = {n: t.error[t.predicted, t.outputs.index(output)] for n, t in runs.items()}
+        later = {n: replace(h, rmse=factor * h.rmse, free_run=factor * h.free_run) for n, h in ahead.items()}
+        scores = {e.name: replace(e.scores[output], rmse=factor * e.scores[output].rmse) for e in good}
+        rows = [ScoreRow(model=n, channel=output, unit=unit, kind="free run", **vars(s)) for n, s in scores.items()]
         blocks = (
             score_table(rows, title=f"Ranking, {output}"),
-            Figure(title=f"Free runs, {output}", figure=trajectories(result.trajectories, channel)),
+            Figure(title=f"Free runs, {output}", figure=trajectories(runs, channel)),
             Figure(title=f"Free-run error of {output}", figure=rainclouds(errors, channel=channel)),
             Figure(
                 title=f"Error over the horizon, {output}",
-                figure=horizon_curves(ahead, channel),
+                figure=horizon_curves(later, channel),
                 caption="Prediction from measured outputs up to so long before; dashed: the free run.",
             ),
         )
