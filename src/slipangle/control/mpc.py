@@ -244,9 +244,9 @@ class MPC(Fallbacks):
             "times": self.times,
             "health": health_of(previous).after(False, self.deadline is not None and seconds > self.deadline),
             "seconds": seconds,
-            "branches": solution.branches,
-            "decided": solution.decided,
         }
+        if solution.branches or solution.decided is not None:
+            values |= {"branches": solution.branches, "decided": solution.decided}
         duration = (solution.decided or {}).get("duration")
         if duration is not None:
             values["times"] = self.times * (duration / self.times[-1])
