@@ -11,7 +11,9 @@ from slipangle.report import Figure, Page, Section, Signal, Text, path_map, sign
 from slipangle.report.drawing import seen_from_above
 from slipangle.report.page import figures
 from slipangle.report.playback import Beside, LiveDrive, Playback, Slider
+from slipangle.report.robust import CHANGES, shares_by_change
 from slipangle.simulate.loop import closed_loop
+from slipangle.simulate.robust import Trials
 from tests.export.test_live import CASES, loop
 from tests.export.tools import needs
 from tests.report.browser import BROWSER, Browser
@@ -173,6 +175,27 @@ CLIPPED = """Array.from(document.querySelectorAll("h1, h2, h3, p, th, td, label,
 }).map((e) => e.textContent.slice(0, 60))"""
 
 
+# Texts of the figures that are cut or lie on one another, and titles of axes among the labels above them.
+TANGLED = """Array.from(document.querySelectorAll(".js-plotly-plot")).flatMap((plot) => {
+  const frame = plot.getBoundingClientRect(), seen = (e) => [e.textContent, e.getBoundingClientRect()];
+  const texts = Array.from(plot.querySelectorAll("svg.main-svg text")).filter((e) => e.textContent.trim()
+    && !e.closest(".hoverlayer, .modebar") && e.getBoundingClientRect().width > 0).map(seen);
+  const said = texts.filter(([, b]) => b.left < frame.left - 1 || b.right > frame.right + 1 || b.top < frame.top - 1
+    || b.bottom > frame.bottom + 1).map(([t]) => t + " is cut in " + plot.id);
+  texts.forEach(([s, a], i) => texts.slice(i + 1).forEach(([t, b]) => {
+    const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+    const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+    if (wide > 2 && high > 3) said.push(s + " lies on " + t + " in " + plot.id);
+  }));
+  for (const title of plot.querySelectorAll("text[class$=xtitle]")) {
+    const low = title.getBoundingClientRect().top + 3;
+    const above = Array.from(plot.querySelectorAll(".xtick text")).map((e) => e.getBoundingClientRect());
+    if (above.some((b) => b.bottom > low)) said.push(title.textContent + " stands among labels in " + plot.id);
+  }
+  return said;
+})"""
+
+
 @pytest.mark.parametrize("width", [390, 1280, 1920])
 def test_nothing_is_cut_at_any_width(browser, tmp_path, width):
     path = example_page().write(tmp_path / "page.html")
@@ -185,7 +208,24 @@ def test_nothing_is_cut_at_any_width(browser, tmp_path, width):
         browser.wait(f"document.querySelectorAll('.plot')[{k}].querySelector('svg.main-svg') !== null")
         box = browser.run(f"document.querySelectorAll('.plot')[{k}].getBoundingClientRect().toJSON()")
         assert 0 <= box["left"] <= box["right"] <= width
+    assert browser.run(TANGLED) == []
     assert browser.console == []
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_many_panels_stand_apart(browser, tmp_path, width):
+    """Four columns of panels on a desk are two on a phone."""
+    names = tuple(CHANGES)
+    rng = np.random.default_rng(0)
+    drawn = rng.uniform(-0.2, 0.2, (64, len(names)))
+    cars = Trials(names=names, changes=drawn, results=(rng.uniform(size=(64, 5)) > 0.3).astype(float))
+    path = write(tmp_path, Figure(title="inside", figure=shares_by_change(cars)))
+    browser.open(path, width)
+    browser.wait("document.querySelector('.plot svg.main-svg') !== null")
+    assert browser.run(TANGLED) == []
+    plot = "document.querySelector('.plot')._fullLayout"
+    ends = [browser.run(f"{plot}.xaxis{k}.domain[0]") for k in ("", 2, 3, 4)]
+    assert len({round(e, 3) for e in ends}) == (2 if width < 520 else 4)
 
 
 def test_figures_are_drawn_when_they_come_near(browser, tmp_path):

@@ -40,6 +40,15 @@ def test_the_best_stands_first_with_its_margin():
     assert "deg/s" in ranking.to_text()
     share = 100 * (1 - result.entries[0].error / result.entries[1].error)
     assert f"{share:.0f} % smaller than that of “soft”" in verdict.sentence
+    assert {r.tone for r in table.rows} == {verdict.tone, None}  # one judgement in table and sentence
     text = made.to_html()
     assert re.search(r'<a href="#output-r">output r</a>', text)
     assert made.title == "2 models on data"
+
+
+def test_a_fair_verdict_says_why():
+    info = replace(fitted()[0].fit_info, warnings=("something is doubtful",))
+    _, made = page(true=replace(fitted()[0], outputs=("r",), fit_info=info))
+    table, verdict = made.sections[0].blocks
+    assert (verdict.tone, table.rows[0].tone) == ("fair", "fair")
+    assert verdict.sentence.endswith("1 warning on it stands below.")

@@ -10,7 +10,7 @@ import pytest
 
 from slipangle.data.dataset import Channel
 from slipangle.errors import ParameterError
-from slipangle.models.model import Trajectory
+from slipangle.models.model import ProfileInfo, Trajectory
 from slipangle.report import (
     Body,
     Signal,
@@ -231,6 +231,23 @@ def test_forest_places_intervals_and_references_relative_to_the_estimate():
     np.testing.assert_allclose(widths, 1.959964 * 100 * info.std / np.abs(info.values), rtol=1e-5)
     np.testing.assert_allclose(trace(figure, "reference").x, [2.0])
     assert not figure.layout.annotations
+
+
+def test_forest_draws_intervals_with_unequal_sides_as_they_are():
+    info = fit_info(weak=False)
+    half = 1.96 * info.std
+    limits = np.column_stack([info.values - half, info.values + 1.5 * half])
+    limits[0] = info.values[0] * np.array([-3.0, 1.5])
+    profiled = ProfileInfo(**vars(info), limits=limits)
+    figure = forest(profiled)
+    lines = [t for t in figure.data if t.mode == "lines"]
+    for k in range(1, len(info.names)):
+        wanted = 100 * (limits[k] - info.values[k]) / abs(info.values[k])
+        np.testing.assert_allclose(lines[k].x, wanted, rtol=1e-5)
+    [note] = figure.layout.annotations
+    assert note.text == "-400 to +50 %"
+    [arrow] = [t for t in figure.data if t.mode == "markers" and "triangle" in str(t.marker.symbol)]
+    assert list(arrow.marker.symbol) == ["triangle-left"]
 
 
 @pytest.mark.parametrize("spread", [4.0, np.inf, np.nan])

@@ -23,6 +23,7 @@ from slipangle.report import (
     record_table,
     score_table,
 )
+from slipangle.report.parameters import doubt
 from slipangle.report.tables import number
 from tests.report.example import NASTY, fit_info
 
@@ -150,6 +151,23 @@ def test_parameter_table_judges_by_interval():
     # 2 % standard deviation: half width 3 184, so the estimate is given to hundreds
     assert table.texts()[0] == ["C_f", "N/rad", "81 200", "78 100", "84 400", "3.9", "80 000"]
     assert table.texts()[1][-1] == "–"
+
+
+def test_angles_are_read_in_degrees_and_references_with_them():
+    table = parameter_table(fit_info(), references={"steering_offset": -0.002})
+    row = table.texts()[4]
+    assert row[:2] == ["steering_offset", "deg"]
+    assert [float(v) for v in row[2:5]] == pytest.approx(
+        np.degrees([-0.0021, -0.0021 * 1.392, -0.0021 * 0.608]), rel=0.01
+    )
+    assert float(row[-1]) == pytest.approx(np.degrees(-0.002), rel=1e-4)
+
+
+def test_what_may_be_zero_is_not_called_undetermined():
+    info = dataclasses.replace(fit_info(weak=False), covariance=np.diag((2 * fit_info().values) ** 2))
+    assert [r.tone for r in parameter_table(info).rows] == ["poor", "poor", "poor", "poor", "fair", "poor"]
+    assert doubt(info, 4, 0.1) == "may be 0"
+    assert doubt(info, 4, np.nan) == "these data do not determine it"
 
 
 def test_correlation_table_says_which_parameters_replace_each_other():

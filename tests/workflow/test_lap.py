@@ -33,7 +33,7 @@ def test_the_command_writes_a_page_and_the_lap(files, capsys):
     assert main(["lap", job, track, "--set", "power=1.5e5", "--points", "60", "--out", str(out), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert said["sensitivities"]["power"] < 0
-    page = (out / "lap.html").read_text()
+    page = (out / "index.html").read_text()
     for words in ("The line, by speed", "g-g diagram", "What one percent more is worth"):
         assert words in page
     head, *rows = (out / "lap.csv").read_text().splitlines()
@@ -67,7 +67,7 @@ def test_a_driven_log_is_held_against_the_lap(files, capsys):
     assert said["driven"]["time"] == pytest.approx(middle.length / 10.0, abs=0.1)
     lost = [sector["lost"] for sector in said["driven"]["sectors"]]
     assert sum(lost) == pytest.approx(said["driven"]["time"] - said["time"], rel=1e-6)
-    page = (folder / "o" / "lap.html").read_text()
+    page = (folder / "o" / "index.html").read_text()
     assert "Driven and fastest" in page
     assert "Beside it: the driven lap" in page
     assert main(["lap", job, track, *how]) == 0

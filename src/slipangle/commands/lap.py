@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _ABOUT = """\
 Identify a model as JOB.toml says, and find the fastest lap of that car on a track: its line between the edges, its
-speeds, and what each parameter of the car is worth. The folder then holds a page (lap.html) and the lap (lap.csv).
+speeds, and what each parameter of the car is worth. The folder then holds a page (index.html) and the lap (lap.csv).
 
 What the model does not know of the car is set by name, its power always: --set power=2e5 --set drag=0.4.
 """
@@ -70,9 +70,9 @@ def _lap(options: argparse.Namespace) -> Answer:
         delta = None if wanted.driven is None else _driven(wanted.driven, lap)
         bar(0.95, "writing the page")
         folder.mkdir(parents=True, exist_ok=True)
-        before = replaced(folder / "lap.html")
+        before = replaced(folder / "index.html")
         command = f"slipangle lap {options.file}{f' {options.track}' if options.track else ''}"
-        page = lap_page(lap, settings.title, command, delta).write(folder / "lap.html")
+        page = lap_page(lap, settings.title, command, delta).write(folder / "index.html")
         write_atomic(folder / "lap.csv", _csv(lap))
         bar(1.0, "done")
     found = {"time": lap.time, "quasi_steady": lap.quasi_steady, "iterations": lap.iterations}

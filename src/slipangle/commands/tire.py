@@ -128,7 +128,7 @@ def _fit(options: argparse.Namespace) -> Answer:
     from slipangle.identify.tires.relaxation import with_relaxation
     from slipangle.models.storage import save
     from slipangle.report.page import Fact
-    from slipangle.report.tables import parameter_table
+    from slipangle.report.parameters import parameter_table
     from slipangle.report.tires import fit_errors, informations, tire_page
 
     model = _estimator(options)

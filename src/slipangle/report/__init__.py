@@ -9,6 +9,7 @@ from slipangle.report.diagnostics import correlogram, forest, horizon_curves
 from slipangle.report.drives import Signal, Span, signals, solver_histogram, solver_time
 from slipangle.report.maps import Body, path_map, track_map
 from slipangle.report.page import Fact, Figure, Finding, Findings, Grid, Number, Page, Section, Text, Verdict
+from slipangle.report.parameters import correlation_table, parameter_table
 from slipangle.report.plots import correlation, measured_vs_simulated, rainclouds, trajectories
 from slipangle.report.records import Record, record_table
 from slipangle.report.tables import (
@@ -16,9 +17,7 @@ from slipangle.report.tables import (
     Row,
     ScoreRow,
     Table,
-    correlation_table,
     orders_table,
-    parameter_table,
     score_table,
 )
 

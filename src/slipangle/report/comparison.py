@@ -7,8 +7,9 @@ from slipangle.identify.judge.compare import Comparison, horizon_errors
 from slipangle.report.diagnostics import horizon_curves
 from slipangle.report.page import Block, Figure, Finding, Findings, Page, Section, Verdict
 from slipangle.report.plots import rainclouds, trajectories
-from slipangle.report.style import pretty_unit, read_in
+from slipangle.report.style import pretty_unit
 from slipangle.report.tables import Heading, Row, ScoreRow, Table, Tone, number, score_table
+from slipangle.units import read_in
 
 
 def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> Page:
@@ -53,7 +54,8 @@ def comparison_page(result: Comparison, data: Dataset, *, command: str = "") -> 
 
 def _verdict(result: Comparison, data: Dataset) -> tuple[Block, ...]:
     """One table of models and outputs, and the best in a sentence."""
-    rows = []
+    rows, best = [], result.best
+    tone: Tone = "fair" if best.warnings or any(e.failure for e in result.entries) else "good"
     for place, e in enumerate(result.entries):
         count = len(e.model.fit_info.names) if e.model.fit_info is not None else None
         for output in result.outputs:
@@ -61,11 +63,11 @@ def _verdict(result: Comparison, data: Dataset) -> tuple[Block, ...]:
             s = e.scores.get(output)
             error = None if s is None else f"{number(factor * s.rmse, 3)} {pretty_unit(unit)}"
             cells = (e.name, output, None if s is None else s.fit, None if s is None else s.vaf, error, count)
-            rows.append(Row(cells, tone="poor" if e.failure else "good" if place == 0 else None))
+            rows.append(Row(cells, tone="poor" if e.failure else tone if place == 0 else None))
     words = Heading("model", words=True), Heading("output", words=True)
     numbers = Heading("fit", "%", 3), Heading("VAF", "%", 3), Heading("RMSE"), Heading("parameters")
     table = Table(title="Free runs", columns=(*words, *numbers), rows=tuple(rows))
-    best, others = result.best, [e for e in result.entries[1:] if not e.failure]
+    others = [e for e in result.entries[1:] if not e.failure]
     if best.failure:
         return (table, Verdict(title="None of them", sentence="No model has a free run over these data.", tone="poor"))
     fits = ", ".join(f"{best.scores[o].fit:.1f} % of {o}" for o in result.outputs)
@@ -75,6 +77,8 @@ def _verdict(result: Comparison, data: Dataset) -> tuple[Block, ...]:
         sentence += f" Its error is {share:.0f} % smaller than that of “{others[0].name}”, the next."
     failed = len(result.entries) - len(others) - 1
     sentence += f" {failed} failed; why stands below." if failed else ""
+    if best.warnings:
+        count = len(best.warnings)
+        sentence += f" {count} warning{'s' if count > 1 else ''} on it stand{'' if count > 1 else 's'} below."
     evidence = tuple(f"Output {output}" for output in result.outputs)
-    tone: Tone = "fair" if failed or best.warnings else "good"
     return (table, Verdict(title=f"The best: {best.name}", sentence=sentence, tone=tone, evidence=evidence))

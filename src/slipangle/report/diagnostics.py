@@ -26,6 +26,7 @@ from slipangle.report.style import (
     series_style,
     wrap,
 )
+from slipangle.units import read_in
 
 
 def correlogram(
@@ -120,7 +121,8 @@ def forest(
     known = {k: v for k, v in (references or {}).items() if k in fit.names}
     interval, value = fit.interval(level), np.asarray(fit.values, dtype=float)
     scale = np.where(value != 0, np.abs(value), np.nan)
-    half = 100 * (interval[:, 1] - value) / scale
+    ends = 100 * (interval - value[:, None]) / scale[:, None]  # below and above the estimate
+    half = np.abs(ends).max(axis=1)
     spot = {k: 100 * (v - value[fit.names.index(k)]) / scale[fit.names.index(k)] for k, v in known.items()}
     shown = [h for h in (*half, *np.abs(list(spot.values()))) if np.isfinite(h) and h <= cap]
     reach = 1.15 * max([*shown, 1.0]) if np.all(half <= cap) else 1.15 * cap
@@ -128,24 +130,28 @@ def forest(
     rows = np.arange(len(fit.names))[::-1].astype(float)
     wide = ~(half <= cap)
     for k, row in enumerate(rows):
-        span = min(float(np.nan_to_num(half[k], nan=np.inf)), reach)
+        span = np.clip(ends[k] if np.isfinite(half[k]) else [-reach, reach], -reach, reach)
         colour = VERMILION if wide[k] else INK
-        line(figure, [-span, span], [row, row], colour, 2)
+        line(figure, span, [row, row], colour, 2)
         if wide[k]:
-            width = f"±{half[k]:.0f} %" if np.isfinite(half[k]) else "unbounded"
-            arrows = {"symbol": ["triangle-left", "triangle-right"]}
-            dots(figure, [-reach, reach], [row, row], colour, 10, marker=arrows)
+            width = _width(*ends[k])
+            beyond = np.abs(span) >= reach
+            arrows = {"symbol": np.array(["triangle-left", "triangle-right"])[beyond].tolist()}
+            dots(figure, span[beyond], np.full(beyond.sum(), row), colour, 10, marker=arrows)
             where = {"x": reach, "y": row, "xanchor": "right", "yshift": 13}
             figure.add_annotation(text=width, showarrow=False, font={"color": colour.light}, **where)
     figure.update_traces(showlegend=False)
     units = fit.units or ("-",) * len(fit.names)
-    said = [f"{v:.5g} {escape(pretty_unit(u))}" for v, u in zip(value, units, strict=True)]
+    read = [read_in(n, u) for n, u in zip(fit.names, units, strict=True)]
+    said = [f"{f * v:.5g} {escape(pretty_unit(u))}" for v, (f, u) in zip(value, read, strict=True)]
     name, hover = f"estimate, {100 * level:g} % interval", "%{customdata}<extra></extra>"
     colours = [(VERMILION if w else INK).light for w in wide]
     dots(figure, np.zeros(len(rows)), rows, colours, 9, hover=hover, name=name, customdata=said)
     if spot:
         x, y = np.clip(list(spot.values()), -reach, reach), [rows[fit.names.index(k)] for k in spot]
-        said, open_ones = [f"{v:.5g}" for v in known.values()], {"symbol": "diamond-open", "line": {"width": 2}}
+        factors = [read[fit.names.index(k)][0] for k in known]
+        said = [f"{f * v:.5g}" for f, v in zip(factors, known.values(), strict=True)]
+        open_ones = {"symbol": "diamond-open", "line": {"width": 2}}
         more = {"name": "reference", "customdata": said, "marker": open_ones}
         dots(figure, x, y, series_style(0)[0], 11, hover="reference %{customdata}<extra></extra>", **more)
     ticks = {"tickvals": rows, "ticktext": [escape(n) for n in fit.names], "range": [-0.7, len(rows) - 0.3]}
@@ -156,3 +162,10 @@ def forest(
         xaxis={"range": [-1.06 * reach, 1.06 * reach], "zeroline": True, "zerolinecolor": SLATE.light},
         yaxis={**ticks, "showline": False, "ticks": "", "fixedrange": True},
     )
+
+
+def _width(below: float, above: float) -> str:
+    """An interval beside its estimate in words, both ends in percent."""
+    if not np.isfinite([below, above]).all():
+        return "unbounded"
+    return f"±{above:.0f} %" if abs(above + below) < 0.01 * above else f"{below:+.0f} to {above:+.0f} %"

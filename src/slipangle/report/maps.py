@@ -72,7 +72,11 @@ def track_map(
     hover, scale["colorbar"] = "X %{x:.1f} m, Y %{y:.1f} m<br>%{marker.color:.3g}<extra></extra>", _bar(title)
     style.dots(figure, style.compact(X[rows]), Y[rows], style.compact(shown[rows]), 6, hover=hover, marker=scale)
     _start_arrow(figure, X, Y)
-    return _equal_axes(figure, float(np.ptp(X)), float(np.ptp(Y)), frame=130)
+    _equal_axes(figure, float(np.ptp(X)), float(np.ptp(Y)), frame=130)
+    # Plotly draws the title of an axis among its labels where a figure has a horizontal colour bar.
+    below = {"xref": "paper", "yref": "paper", "x": 0.5, "y": 0.0, "yanchor": "top", "yshift": -24}
+    figure.add_annotation(text="X [m]", showarrow=False, font={"size": 13}, **below)
+    return figure.update_xaxes(title="")
 
 
 def _bar(title: str) -> dict[str, object]:
@@ -96,9 +100,8 @@ def _start_arrow(figure: go.Figure, X: np.ndarray, Y: np.ndarray) -> None:
 
 def _equal_axes(figure: go.Figure, width: float, height: float, frame: float) -> go.Figure:
     scale = style.EqualScale(ratio=1.05 * height / max(width, 1e-9), frame=frame)
-    inside = {"constrain": "domain"}
     size = {"height": scale.height(), "meta": scale.meta}
-    return style.axes(figure, "X [m]", "Y [m]", xaxis=inside, yaxis={"scaleanchor": "x", **inside}, **size)
+    return style.axes(figure, "X [m]", "Y [m]", yaxis={"scaleanchor": "x"}, **size)
 
 
 def path_map(

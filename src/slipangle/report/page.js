@@ -24,6 +24,7 @@
     layout.template = JSON.parse(coloured(JSON.stringify(settings.template)));
     layout.autosize = true;
     if (plot.clientWidth < 520) narrow(layout);
+    if (layout.meta && layout.meta.columns) plot.style.height = layout.height + "px";
     const touch = window.matchMedia("(hover: none)").matches;
     if (touch) layout.dragmode = false; /* a finger on a figure scrolls the page */
     return {
@@ -40,6 +41,22 @@
     base.margin = { l: 52, r: 8, t: base.margin.t, b: base.margin.b };
     for (const key of ["xaxis", "yaxis"]) base[key].title.font.size = 12;
     base.xaxis.nticks = 5;
+    if (layout.meta && layout.meta.columns > 2) beside(layout, layout.meta.columns);
+  }
+
+  /* Panels of many columns: two beside each other. */
+  function beside(layout, columns) {
+    const count = Object.keys(layout).filter((key) => /^xaxis\d*$/.test(key)).length;
+    const before = Math.ceil(count / columns), rows = Math.ceil(count / 2), gap = 0.36 / rows;
+    const high = (1 - gap * (rows - 1)) / rows;
+    for (let k = 0; k < count; k++) {
+      const number = k ? String(k + 1) : "", left = k % 2 ? 0.55 : 0, top = 1 - Math.floor(k / 2) * (high + gap);
+      layout["xaxis" + number].domain = [left, left + 0.45];
+      const upright = layout["yaxis" + number];
+      upright.domain = [Math.max(top - high, 0), top];
+      upright.showticklabels = k % 2 === 0;
+    }
+    layout.height = Math.round(layout.height * rows / before);
   }
 
   /* The library is packed in the page: unpacked once, when the first figure is near or nothing else is to be done, then

@@ -61,7 +61,7 @@ def shares_by_change(trials: Trials) -> go.Figure:
     if not len(trials):
         raise ParameterError("there is no car to draw; expected at least one")
     names = list(trials.influence)
-    figure = make_subplots(rows=2, cols=4, shared_yaxes=True, horizontal_spacing=0.03, vertical_spacing=0.24)
+    figure = make_subplots(rows=2, cols=4, shared_yaxes=True, horizontal_spacing=0.04, vertical_spacing=0.24)
     inside = trials.column("inside")
     for k, name in enumerate(names):
         x = CHANGES[name][2] * trials.column(name)
@@ -94,7 +94,8 @@ def shares_by_change(trials: Trials) -> go.Figure:
         )
         figure.add_hline(y=100 * ENOUGH, line={"color": SLATE.light, "width": 1, "dash": "dot"}, **place)
         figure.update_xaxes(title={"text": unit_title(*CHANGES[name][:2]), "font": {"color": INK.light}}, **place)
-    figure.update_layout(template=template(), height=480, showlegend=False)
+    figure.update_layout(template=template(), height=480, showlegend=False, meta={"columns": 4})
+    figure.update_xaxes(nticks=4, tickangle=0)
     figure.update_yaxes(range=[0, 104])
     return figure.update_yaxes(title="inside [%]", col=1)
 

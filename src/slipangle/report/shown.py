@@ -22,10 +22,12 @@ from slipangle.report.diagnostics import forest
 from slipangle.report.drives import Signal, signals
 from slipangle.report.lap import delta_figure, lap_map, sector_table
 from slipangle.report.maps import Body, path_map
+from slipangle.report.parameters import parameter_table
 from slipangle.report.plots import trajectories
-from slipangle.report.style import pretty_unit, read_in
-from slipangle.report.tables import Heading, Row, ScoreRow, Table, parameter_table, score_table
+from slipangle.report.style import pretty_unit
+from slipangle.report.tables import Heading, Row, ScoreRow, Table, score_table
 from slipangle.simulate.run import Run
+from slipangle.units import read_in
 
 _UNITS = {"r": "rad/s", "a_y": "m/s2", "a_x": "m/s2", "beta": "rad", "psi": "rad", "delta": "rad", "X": "m", "Y": "m"}
 _UNITS |= {"v_x": "m/s", "v_y": "m/s", "e_y": "m", "e_psi": "rad", "e_v": "m/s", "s": "m"}

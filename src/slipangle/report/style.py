@@ -99,21 +99,6 @@ def pretty_unit(unit: str) -> str:
     return unit.translate(_POWERS)
 
 
-def read_in(name: str, unit: str) -> tuple[float, str]:
-    """Factor and unit in which people read a channel or parameter: degrees, km/h for speeds of travel, ms for delays.
-
-    >>> read_in("v_y", "m/s"), read_in("C_f", "N/rad")
-    ((1.0, 'm/s'), (1.0, 'N/rad'))
-    >>> read_in("delay_delta", "s"), round(read_in("v_x", "m/s")[0], 3)
-    ((1000.0, 'ms'), 3.6)
-    """
-    if unit in ("rad", "rad/s", "rad/s2"):
-        return 180 / np.pi, unit.replace("rad", "deg")
-    if unit == "m/s" and name in ("v_x", "v"):
-        return 3.6, "km/h"
-    return (1000.0, "ms") if unit == "s" and name != "t" else (1.0, unit)
-
-
 def axis_title(channel: Channel, *, lines: int = 1, prefix: str = "") -> str:
     """Quantity, name and unit of a channel as an axis title, safe for plotly's markup.
 

@@ -4,7 +4,7 @@ import html
 import io
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -188,7 +188,9 @@ class Table:
         for k, (text, column) in enumerate(zip(texts, self.columns, strict=True)):
             mark = f'<span class="mark {row.tone}" title="{row.tone}"></span>' if k == 0 and row.tone else ""
             tag, scope = ("th", ' scope="row"') if k == 0 else ("td", "")
-            kind = (' class="short"' if len(text) <= 24 else "") if column.words else ' class="num"'
+            short = "short" if len(text) <= 24 else ""
+            kinds = ["num"] if not column.words else [k for k in (short, "marked" if mark else "") if k]
+            kind = f' class="{" ".join(kinds)}"' if kinds else ""
             cells.append(f"<{tag}{scope}{kind}>{mark}{html.escape(text)}</{tag}>")
         extra = (f'<p class="note">{typeset(row.note)}</p>' if row.note else "") + command_html(row.command)
         if not extra:
@@ -294,52 +296,6 @@ def _with_unit(value: float | None, unit: str) -> Cell:
     return f"{number(value, 3)} {pretty_unit(unit)}" if value is not None and unit and unit != "-" else value
 
 
-def parameter_table(
-    fit: FitInfo,
-    *,
-    references: Mapping[str, float] | None = None,
-    reference_title: str = "reference",
-    level: float = 0.95,
-    title: str = "Parameters",
-    command: str = "",
-) -> Table:
-    """Estimates with their confidence intervals; an interval wider than the estimate itself is marked poor.
-
-    Parameters
-    ----------
-    fit : FitInfo
-        Estimates, covariance, warnings.
-    references : mapping, optional
-        True or published values by parameter name, under ``reference_title``.
-    level : float
-        Confidence level.
-    """
-    known = references or {}
-    interval = fit.interval(level)
-    half = (interval[:, 1] - interval[:, 0]) / 2
-    rows = []
-    for k, name in enumerate(fit.names):
-        value = float(fit.values[k])
-        share = 100 * half[k] / abs(value) if value else math.nan
-        tone: Tone = "poor" if not share <= 100 else "fair" if share > 20 else "good"
-        cells: list[Cell] = [name, pretty_unit(fit.units[k]) if fit.units else "-"]
-        cells += [to_digit(value, half[k]), to_digit(interval[k, 0], half[k]), to_digit(interval[k, 1], half[k])]
-        cells += [share, *([published(known.get(name), 6)] if known else [])]
-        rows.append(Row(tuple(cells), tone=tone))
-    percent = f"{100 * level:g} %"
-    columns = [Heading("parameter", words=True), Heading("unit", words=True), Heading("estimate")]
-    columns += [Heading(f"{percent} from"), Heading("to"), Heading("half width", "%", 2)]
-    columns += [Heading(reference_title)] if known else []
-    return Table(
-        title=title,
-        columns=tuple(columns),
-        rows=tuple(rows),
-        caption=f"{fit.method[0].upper()}{fit.method[1:].rstrip('.')}." if fit.method else "",
-        warnings=fit.warnings,
-        command=command,
-    )
-
-
 def orders_table(fit: FitInfo, *, title: str = "Orders that were compared", most: int = 20, command: str = "") -> Table:
     """The best ``most`` candidates of an estimator that chose its orders, the chosen one first, unstable ones poor.
 
@@ -364,25 +320,6 @@ def orders_table(fit: FitInfo, *, title: str = "Orders that were compared", most
         rows=tuple(rows),
         caption="Errors on stretches held out in turn, RMSE over standard deviation; AIC, BIC and FPE of the data "
         f"fitted to, one step ahead, outputs over their standard deviations.{more}",
-        command=command,
-    )
-
-
-def correlation_table(fit: FitInfo, *, title: str = "Correlation of the estimates", command: str = "") -> Table:
-    """Correlation matrix of the estimates; a parameter that another one can replace, 0.95 or more, is marked poor."""
-    matrix = fit.correlation
-    rows = []
-    for i, name in enumerate(fit.names):
-        others = np.abs(np.delete(matrix[i], i))
-        tone: Tone = "poor" if not (others < 0.95).all() else "fair" if (others > 0.8).any() else "good"
-        cells: list[Cell] = [name, *(f"{rho:.2f}" if math.isfinite(rho) else "n/a" for rho in matrix[i])]
-        rows.append(Row(tuple(cells), tone=tone))
-    said = fit.confounding
-    return Table(
-        title=title,
-        columns=(Heading("", words=True), *(Heading(name) for name in fit.names)),
-        rows=tuple(rows),
-        caption=f"{said[:1].upper()}{said[1:]}." if said else "",
         command=command,
     )
 

@@ -13,7 +13,8 @@ from slipangle.models.model import FitInfo
 from slipangle.models.tires.magic_formula.axes import AXES
 from slipangle.models.tires.simple import Tire, slip_from_practical
 from slipangle.report.page import Fact, Figure, Findings, Grid, Page, Section
-from slipangle.report.tables import Heading, Row, Table, parameter_table
+from slipangle.report.parameters import parameter_table
+from slipangle.report.tables import Heading, Row, Table
 from slipangle.report.tire_figures import (
     QUANTITIES,
     OperatingRange,

@@ -11,8 +11,8 @@ from slipangle import MPC, Channel, Dataset, Model, Trajectory, Validation, deg,
 from slipangle.data.race import with_dead_reckoning
 from slipangle.identify.judge.scores import Score
 from slipangle.report.page import Block
-from slipangle.report.style import read_in
 from slipangle.report.tables import number
+from slipangle.units import read_in
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.verdict import SECTIONS, spoken
 

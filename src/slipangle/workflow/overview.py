@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,16 +11,15 @@ from slipangle import Validation, report
 from slipangle.models.model import FitInfo
 from slipangle.report.drawing import seen_from_above
 from slipangle.report.page import Block
+from slipangle.report.parameters import doubt, judged, undetermined
 from slipangle.report.playback import Playback
-from slipangle.report.style import pretty_unit, read_in
+from slipangle.report.style import pretty_unit
 from slipangle.report.tables import number, to_digit
+from slipangle.units import read_in
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.live import live_drive, other_law, tire_use
 
 _MOST = 14  # parameters that a first screen has room for
-_ALIKE = 0.95  # correlation from which two parameters can stand in for each other
-_WIDE = 0.2  # half of the interval over the value, from which it is said
-_ABOUT_ZERO = ("offset", "bias", "delay", "lag", "compliance")  # in names of parameters that may well be zero
 
 
 def overview(outcome: Outcome, command: str) -> Iterator[Block]:
@@ -127,11 +125,9 @@ def doubts(name: str, info: FitInfo) -> report.Table:
         value, half = float(info.values[k]), float(ends[k, 1] - ends[k, 0]) / 2
         factor, unit = read_in(parameter, info.units[k] if info.units else "-")
         said = doubt(info, k, half)
-        share = half / abs(value) if value else np.inf
-        lost = not share <= 1 and not any(m in parameter for m in _ABOUT_ZERO)
-        tone = "poor" if lost else "fair" if share > _WIDE or said else "good"
         shown = to_digit(factor * value, factor * half) if abs(value) > 0.01 * half else "0"
-        rows.append(report.Row((parameter, shown, f"± {number(factor * half, 2)}", pretty_unit(unit), said), tone=tone))
+        cells = parameter, shown, f"± {number(factor * half, 2)}", pretty_unit(unit), said
+        rows.append(report.Row(cells, tone=judged(info, k, half)))
     columns = (
         report.Heading("parameter", words=True),
         report.Heading("estimate"),
@@ -139,23 +135,6 @@ def doubts(name: str, info: FitInfo) -> report.Table:
         *(report.Heading(title, words=True) for title in ("unit", "what to doubt")),
     )
     return report.Table(title=f"Parameters of {name}", columns=columns, rows=tuple(rows))
-
-
-def doubt(info: FitInfo, k: int, half: float) -> str:
-    """What to doubt about one parameter, in a few words; empty where nothing speaks against it."""
-    name, value = info.names[k], float(info.values[k])
-    said = []
-    if not half <= abs(value):
-        said.append("may be 0" if any(m in name for m in _ABOUT_ZERO) else "these data do not determine it")
-    elif half > _WIDE * abs(value):
-        said.append(f"wide: ± {100 * half / abs(value):.0f} %")
-    for a, b, rho in info.correlated(_ALIKE):
-        if name in (a, b):
-            said.append(f"hardly told apart from {b if name == a else a} ({rho:.2f})")
-            break
-    if any(re.search(rf"(?<![\w]){re.escape(name)}(?![\w])", sentence) for sentence in info.warnings):
-        said.append("a warning names it")
-    return "; ".join(said)
 
 
 def next_step(outcome: Outcome) -> str:
@@ -201,6 +180,5 @@ def _open(info: FitInfo | None) -> list[str]:
     """Parameters whose interval is as wide as their value, leaving out those that may well be zero."""
     if info is None:
         return []
-    half = (info.interval()[:, 1] - info.interval()[:, 0]) / 2
-    return [n for n, h, v in zip(info.names, half, info.values, strict=True)
-            if not h <= abs(v) and not any(m in n for m in _ABOUT_ZERO)]  # fmt: skip
+    half = np.ptp(info.interval(), axis=1) / 2
+    return [n for k, n in enumerate(info.names) if undetermined(info, k, half[k])]

@@ -9,9 +9,9 @@ from slipangle.registry import Registry
 from slipangle.report import Findings, Number, Section, Verdict
 from slipangle.report.page import Block
 from slipangle.report.robust import CHANGES
-from slipangle.report.style import read_in
 from slipangle.report.tables import Tone
 from slipangle.simulate.robust import ENOUGH
+from slipangle.units import read_in
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.overview import overview
 from slipangle.workflow.robustness import Tried

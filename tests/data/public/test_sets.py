@@ -1,5 +1,7 @@
 """The public logs: loaded in SI units with the facts that are known of them."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -72,7 +74,10 @@ def test_ferrari_spikes_and_jumps_are_reported(run):
     assert not [s for s in report.spikes if not s.channel.startswith("delta")]
     assert report.gaps == ()
     for t in SPIKES:
-        assert any(f"delta has a spike of +{SPIKES[t]:.3g} rad at t = {t:.2f} s" in s for s in report.sentences)
+        spike = next(s for s in spikes if round(s.t, 2) == t)
+        assert round(spike.size, 3) == round(SPIKES[t], 3)
+        told = f"delta has a spike of {np.degrees(spike.size):+.3g} deg at t = {t:.2f} s"
+        assert any(told in s for s in report.sentences)
 
 
 @pytest.mark.parametrize("rate", [20.0, 25.0, 50.0, 100.0])
@@ -94,7 +99,8 @@ def test_ferrari_for_identification(run, slow):
     for t, size in SPIKES.items():
         k = round((t - slow.start_times[0]) / 0.05)
         assert np.ptp(slow["delta"][k - 4 : k + 5]) < 0.2 * size + 0.01
-        assert any(f"t = {t:.2f} s" in n and f"{size:+.3g} rad" in n for n in slow.notes)
+        told = [n for n in slow.notes if f"t = {t:.2f} s" in n]
+        assert any(abs(np.radians(float(m)) - size) < 1.5e-3 for n in told for m in re.findall(r"([+-][\d.]+) deg", n))
     assert any("v_y jumps in one sample at t = 191.67, 272.30" in n and "left as recorded" in n for n in slow.notes)
     assert any("low-pass at 8 Hz" in n for n in slow.notes)
     assert np.abs(slow["r"] - np.interp(slow.t, run.t, run["r"])).std() < 0.01

@@ -48,7 +48,7 @@ def test_spikes_are_found_with_time_and_size_and_removed(size, quantum, samples)
         assert spike.size == pytest.approx(size, abs=5e-3)
         assert spike.t == pytest.approx(100 + 0.01 * spike.row)
         assert f"{spike.t:.2f} s" in spike.sentence
-        assert "rad" in spike.sentence
+        assert "deg" in spike.sentence
     repaired, same = despike(one(dirty), "delta")
     assert tuple(same) == found
     touched = np.flatnonzero(repaired["delta"] != dirty)
@@ -100,7 +100,7 @@ def test_jumps_of_a_speed_beyond_what_tires_can_do():
     v[2500:] -= 0.4
     found = find_jumps(one(v, "v_x", "m/s"), "v_x")
     assert [(j.row, round(j.size, 2)) for j in found] == [(1000, 0.21), (2500, -0.49)]
-    assert "jumps by +0.21 m/s in one sample at t = 110.00 s" in found[0].sentence
+    assert "jumps by +0.756 km/h in one sample at t = 110.00 s" in found[0].sentence
     assert find_jumps(one(v, "v_x", "m/s"), "v_x", fastest=100.0) == ()
 
 
@@ -341,9 +341,10 @@ def test_report_on_excitation():
     t = 0.01 * np.arange(6000)
     (tone,) = inspect(one(np.sin(2 * np.pi * 2.0 * t))).excitations
     assert tone.bandwidth == pytest.approx(2.0, abs=0.1)
+    assert tone.sentence.startswith("delta runs from -57.2 to 57.2 deg, standard deviation 40.5")
     (still,) = inspect(one(np.full(500, 3.0))).excitations
     assert still.constant
-    assert still.sentence == "delta is constant at 3 rad: it excites nothing"
+    assert still.sentence == "delta is constant at 171.9 deg: it excites nothing"
 
 
 def test_many_events_are_told_in_one_sentence():
@@ -355,7 +356,7 @@ def test_many_events_are_told_in_one_sentence():
     told = [s for s in report.sentences if "spike" in s]
     assert len(told) == 1
     size = 0.6 - np.median(x[2098:2103])
-    assert f"19 spikes, the largest {size:+.3g} rad at t = 121.00 s" in told[0]
+    assert f"19 spikes, the largest {np.degrees(size):+.3g} deg at t = 121.00 s" in told[0]
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 9, 40])

@@ -212,7 +212,7 @@ def _dart_record(name: str) -> Dataset:
         if spikes:
             largest = max(spikes, key=lambda s: abs(s.size))
             said.append(
-                f"{len(spikes)} spikes of {channel} (motion capture), up to {largest.size:+.3g} {largest.unit} at t = "
+                f"{len(spikes)} spikes of {channel} (motion capture), up to {largest.read} at t = "
                 f"{largest.t:.2f} s, replaced by the median of 5 samples"
             )
     window = 2 * round(0.075 / data.dt) + 1

@@ -26,6 +26,12 @@ class Event:
     size: float  # in the channel's unit
     unit: str
 
+    @property
+    def read(self) -> str:
+        """The size in the unit that people read."""
+        factor, unit = units.read_in(self.channel, self.unit)
+        return f"{factor * self.size:+.3g} {unit}"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Spike(Event):
@@ -37,7 +43,7 @@ class Spike(Event):
     def sentence(self) -> str:
         """The finding in words."""
         lasts = "a single sample" if self.samples == 1 else f"{self.samples} samples"
-        return f"{self.channel} has a spike of {self.size:+.3g} {self.unit} at t = {self.t:.2f} s, {lasts}"
+        return f"{self.channel} has a spike of {self.read} at t = {self.t:.2f} s, {lasts}"
 
 
 class Jump(Event):
@@ -46,7 +52,7 @@ class Jump(Event):
     @property
     def sentence(self) -> str:
         """The finding in words."""
-        return f"{self.channel} jumps by {self.size:+.3g} {self.unit} in one sample at t = {self.t:.2f} s"
+        return f"{self.channel} jumps by {self.read} in one sample at t = {self.t:.2f} s"
 
 
 def _spread(residual: np.ndarray) -> float:

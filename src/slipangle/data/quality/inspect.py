@@ -11,6 +11,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.data.quality.delay import MOTION, STEERING, Delay, estimate_delay
 from slipangle.data.quality.events import Jump, Spike, despike, find_jumps, find_spikes, level_step
 from slipangle.errors import ExcitationError, TooShortError
+from slipangle.units import read_in
 
 _STRAIGHT, _STRAIGHT_BY = 0.05, ("r", "a_y")  # below this share of their largest values a car drives straight,
 _SETTLED, _SMOOTH = 0.4, 0.1  # s, if for as long, in means over so long; between two bends steering is ahead of the car
@@ -20,6 +21,12 @@ _MOST = 0.99  # quantile that counts as the largest
 _FEW_LEVELS = 8  # a channel with no more levels is a switch, not clipped
 _MANY = 10  # events of one channel that are told one by one
 _HELD = 1.0  # a channel at rest for longer is worth a word [s]
+
+
+def _read(channel: str, unit: str, value: float) -> str:
+    """A value of a channel in the unit that people read."""
+    factor, unit = read_in(channel, unit)
+    return f"{factor * value:.4g}" + ("" if unit == "-" else f" {unit}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,10 +54,9 @@ class Offset(Seen):
     unit: str
 
     def _said(self) -> str:
-        size = f"{self.value:+.2g} {self.unit} (95 % within {1.96 * self.error:.1g})"
-        if self.unit == "rad":
-            value, within = np.degrees(self.value), 1.96 * np.degrees(self.error)
-            size = f"{value:+.2f} deg (95 % within {within:.1g} deg)"
+        factor, unit = read_in(self.channel, self.unit)
+        value = f"{factor * self.value:{'+.2f' if unit == 'deg' else '+.2g'}} {unit}"
+        size = f"{value} (95 % within {1.96 * factor * self.error:.1g} {unit})"
         return f"{self.channel} shows {size} while the car drives straight ({self.samples} samples)"
 
 
@@ -65,10 +71,12 @@ class Stretch(Seen):
     duration: float
     value: float  # at which it stands, in its SI unit
     count: int
+    unit: str = "-"
 
     def _said(self) -> str:
+        value = _read(self.channel, self.unit, self.value)
         return (
-            f"{self.channel} stays at {self.value:.4g} for {self.duration:.3g} s from t = {self.t:.2f} s, the longest "
+            f"{self.channel} stays at {value} for {self.duration:.3g} s from t = {self.t:.2f} s, the longest "
             f"of {self.count} such stretches"
         )
 
@@ -79,10 +87,12 @@ class Clipping(Seen):
 
     value: float  # at which it rests, in the channel's unit
     share: float  # of the samples that rest there [-]
+    unit: str = "-"
 
     def _said(self) -> str:
         share = f"{100 * self.share:.2g} %"
-        return f"{self.channel} rests at its limit {self.value:.4g} for {share} of the time: saturated or clipped"
+        value = _read(self.channel, self.unit, self.value)
+        return f"{self.channel} rests at its limit {value} for {share} of the time: saturated or clipped"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,7 +107,8 @@ class Resolution(Seen):
     def _said(self) -> str:
         said = []
         if self.step:
-            said.append(f"{self.channel} comes in steps of {self.step:.3g} {self.unit}")
+            factor, unit = read_in(self.channel, self.unit)
+            said.append(f"{self.channel} comes in steps of {factor * self.step:.3g} {unit}")
         if self.repeats > 0.02:
             real = (1 - self.repeats) * self.rate
             said.append(
@@ -124,10 +135,12 @@ class Excitation(Seen):
 
     def _said(self) -> str:
         if self.constant:
-            return f"{self.channel} is constant at {self.low:.4g} {self.unit}: it excites nothing"
+            return f"{self.channel} is constant at {_read(self.channel, self.unit, self.low)}: it excites nothing"
+        factor, unit = read_in(self.channel, self.unit)
+        low, high, std = (factor * v for v in (self.low, self.high, self.std))
         return (
-            f"{self.channel} runs from {self.low:.3g} to {self.high:.3g} {self.unit}, standard deviation "
-            f"{self.std:.3g}, 95 % of its power below {self.bandwidth:.2g} Hz"
+            f"{self.channel} runs from {low:.3g} to {high:.3g} {unit}, standard deviation {std:.3g}, "
+            f"95 % of its power below {self.bandwidth:.2g} Hz"
         )
 
 
@@ -187,8 +200,7 @@ def _told(events: Sequence[Spike] | Sequence[Jump], kind: str) -> list[str]:
         if len(own) <= _MANY:
             said += [e.sentence for e in own]
         else:
-            size = f"{largest.size:+.3g} {largest.unit}"
-            said.append(f"{channel} has {len(own)} {kind}, the largest {size} at t = {largest.t:.2f} s")
+            said.append(f"{channel} has {len(own)} {kind}, the largest {largest.read} at t = {largest.t:.2f} s")
     return said
 
 
@@ -301,7 +313,9 @@ def _stretch(data: Dataset, name: str) -> Stretch | None:
         return None
     a, b = max(long, key=lambda r: r[1] - r[0])
     value = float(data[name][a]) + 0.0
-    return Stretch(channel=name, t=float(data.t[a]), duration=(b - a) * data.dt, value=value, count=len(long))
+    return Stretch(
+        channel=name, t=float(data.t[a]), duration=(b - a) * data.dt, value=value, count=len(long), unit=data.unit(name)
+    )
 
 
 def _clippings(data: Dataset, name: str) -> list[Clipping]:
@@ -314,7 +328,7 @@ def _clippings(data: Dataset, name: str) -> list[Clipping]:
         rows = sum(b - a for a, b in rests if x[a] == value)
         visits = sum(1 for a, _ in rests if x[a] == value)
         if value != 0.0 and visits >= 3 and rows > 1e-3 * len(x):
-            clippings.append(Clipping(channel=name, value=value, share=rows / len(x)))
+            clippings.append(Clipping(channel=name, value=value, share=rows / len(x), unit=data.unit(name)))
     return clippings
 
 
