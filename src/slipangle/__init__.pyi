@@ -87,6 +87,7 @@ from slipangle.models.vehicles.tire_bicycle import TireBicycle as TireBicycle
 from slipangle.models.vehicles.tire_bicycle import TireBicycleParams as TireBicycleParams
 from slipangle.models.wrappers.delayed import Delayed as Delayed
 from slipangle.models.wrappers.disturbed import Disturbed as Disturbed
+from slipangle.models.wrappers.lagging import Lagging as Lagging
 from slipangle.models.wrappers.multi_arx import MultiARXModel as MultiARXModel
 from slipangle.models.wrappers.on_ground import OnGround as OnGround
 from slipangle.optimal.end import TerminalCost as TerminalCost

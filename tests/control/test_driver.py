@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slipangle.codegen.compiler import compiler, sentence
-from slipangle.control.default_drive import WANDER, default_controller, default_estimator, driven_model
+from slipangle.control.default_drive import SLOWER, WANDER, default_controller, default_estimator, driven_model
 from slipangle.control.driver import Driver
 from slipangle.errors import ParameterError
 from slipangle.models.vehicles.banked import Banked
@@ -183,7 +183,11 @@ def test_defaults_scale_with_the_car_and_its_steering():
     assert b.ocp.limits["delta"][1] == pytest.approx(10 * a.ocp.limits["delta"][1])
     assert b.ocp.S["delta"] == pytest.approx(0.01 * a.ocp.S["delta"])
     assert a.times[-1] == pytest.approx(1.0)
-    assert default_estimator(model, NOISE, {}).process_std["d_v_y"] == WANDER["d_v_y"]
+    assert [n for n in model.states if "lag" in n] == ["delta_lagged", "lag_delta"]
+    assert default_estimator(model, NOISE, {}).process_std["d_v_y"] == WANDER["d_v_y"] * SLOWER["d_v_y"]
+    told = driven_model(LATE, 0.02, lagging=False)
+    assert not [n for n in told.states if "lag" in n]
+    assert default_estimator(told, NOISE, {}).process_std["d_v_y"] == WANDER["d_v_y"]
 
 
 def test_what_does_not_fit_is_said():

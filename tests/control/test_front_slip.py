@@ -114,9 +114,9 @@ def test_a_bend_too_fast_is_driven_wide_and_left_again():
     v_y, r = (run.states[:, run.state_names.index(n)] for n in ("v_y", "r"))
     delta = run.inputs[:, run.input_names.index("delta")]
     peak = front_slip(SaturatingBicycle(params=params, dt=0.02)).peak
-    assert np.abs(delta - (v_y + params.l_f * r) / run.v_x).max() < 1.02 * peak
+    assert np.abs(delta - (v_y + params.l_f * r) / run.v_x).max() < peak
     assert 0.2 < np.abs(run.e_y).max() < 5.0
     assert np.abs(run.e_y[-50:]).max() < 0.05
-    assert np.min(driven[200:]) == 0.0  # no drive while the axle has nothing left
+    assert np.min(driven[200:]) < 20.0  # of 1000 N m: hardly any drive while the axle has hardly anything left
     assert driven[150] > 800.0
     assert driven[-1] > 800.0

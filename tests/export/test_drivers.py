@@ -167,7 +167,7 @@ def test_same_as_python_to_the_last_bit_whatever_it_is_told(variant, tmp_path, m
     for n, v in zip(("X", "Y", "psi"), whole.path.start, strict=True):
         x[model.states.index(n)] = v
     t = 0.0
-    for k in range(400):
+    for k in range(460):
         told = told_by(model, x, t, k, rng) if k > 3 or k == 1 else {"r": 0.0} if k == 0 else {"v_x": 20.0 + 1e-3 * k}
         if 300 < k:
             told = {n: v for n, v in told.items() if n not in ("X", "Y", "psi")}

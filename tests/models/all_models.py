@@ -45,6 +45,7 @@ from slipangle.models.wrappers.delayed import Delayed
 from slipangle.models.wrappers.disturbed import Disturbed
 from slipangle.models.wrappers.ensemble import EnsembleModel
 from slipangle.models.wrappers.hybrid import HybridModel, OffsetModel
+from slipangle.models.wrappers.lagging import Lagging
 from slipangle.models.wrappers.multi_arx import MultiARXModel, ParallelARX
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.ops import tanh, where
@@ -389,6 +390,7 @@ ALL_MODELS = {
         )
     ),
     "bicycle pushed by a wind": Disturbed(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r", "v_y"))),
+    "bicycle that answers late": Lagging(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r", "v_y"))),
     "bicycle on the ground": OnGround(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r", "v_y"))),
     "ARX models blended by speed": MultiARXModel(
         models=(

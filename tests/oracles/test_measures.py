@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from slipangle.errors import ParameterError
 from slipangle.identify.judge import metrics
+from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.models.vehicles.kinematic import Kinematic
+from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.optimal.ocp import OCP, Weights
 from slipangle.paths.centreline import limit_rise
 from slipangle.paths.path import Path
@@ -131,6 +134,21 @@ def test_errors_that_a_controller_minimises():
         expected = measures.seen_from_the_path(*x, foot)
         found = dict(zip(problem.tracked, error, strict=True))
         assert [found[n] for n in ("e_x", "e_y", "e_psi")] == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+def test_the_course_error_is_the_angle_from_the_path_to_the_velocity():
+    """By the velocity's components along and across the path, of a car on the ground that slides to its side."""
+    car = OnGround(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r",)))
+    problem = OCP(car, horizon=3, controls=("delta",), Q=Weights(e_y=1.0, e_course=1.0))
+    for v_y, psi, wanted_psi in uniform(2, 50, (-4, 4), (-2, 2), (-1, 1)):
+        values = {"v_y": v_y, "psi": psi, "X": 3.0, "Y": 4.0}
+        x = np.array([values.get(n, 0.1) for n in car.states])
+        wanted = [dict(X=0.0, Y=0.0, psi=wanted_psi)[name] for name in problem.references]
+        error = dict(zip(problem.tracked, np.asarray(problem.stage(x, 0.1, 15.0, wanted)[0]).ravel(), strict=True))
+        velocity = (15.0 + 1j * v_y) * np.exp(1j * (psi - wanted_psi))
+        assert np.exp(1j * error["e_course"]) == pytest.approx(velocity / abs(velocity), abs=1e-12)
+    with pytest.raises(ParameterError, match="e_course"):
+        OCP(Kinematic(params=SOUSA_TABLE_7_2, dt=0.05), horizon=3, controls=("delta",), Q=Weights(e_course=1.0))
 
 
 @pytest.mark.parametrize(("said", "unit"), [("Deg/Sec", "deg/s"), ("RAD/SEC", "rad/s"), ("mps", "m/s")])

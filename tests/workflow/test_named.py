@@ -28,6 +28,7 @@ FROM_KEYS = {  # made where a key or another one asks for them
     sa.Banked: "banked = true",
     sa.OnGround: "every controller poses its model",
     sa.Disturbed: "kind = 'driver' has it inside",
+    sa.Lagging: "kind = 'driver' has it inside",
     sa.SingleTrack: "[plant]",
     sa.Plant: "[plant]",
     sa.SpeedDriver: "[plant] brings its own",

@@ -18,6 +18,7 @@ from slipangle.estimate.ekf import EKF
 from slipangle.models.model import Model
 from slipangle.models.ode import Parametrised
 from slipangle.models.wrappers.disturbed import Disturbed
+from slipangle.models.wrappers.lagging import Lagging
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.models.wrappers.wrapper import Wrapper
 from slipangle.optimal.terms import Limits, Weights
@@ -25,16 +26,20 @@ from slipangle.optimal.terms import Limits, Weights
 USUAL = 2.7  # m, wheelbase of the car that the numbers are for
 STAGES = (1, *[1] * 5, *[2] * 6, *[3] * 4, *[5] * 4)  # of the horizon, in steps of 0.02 s: one second
 STEP = 0.02  # s, that these stages and the weights are for
-E_Y, E_PSI, CHANGE = 1.0, 1.0, 2.0  # weights per m2, per rad2, per rad2 of a step
-CAUTIOUS = {"E_PSI": 10.0, "CHANGE": 20.0, "d_v_y": 0.03, "d_r": 0.03}  # factors of these at a caution of 1
+E_Y, E_COURSE, CHANGE = 1.0, 5.0, 8.0  # weights per m2, per rad2, per rad2 of a step
+E_PSI = 1.0  # per rad2, of models that know no course
 BRISK = 24.0  # m/s up to which CHANGE holds; faster, a change counts by the lateral acceleration that it makes: v^2
 ANGLE, RATE = 0.5, 1.05  # rad and rad/s at the road wheels
 WANDER = {"v_y": 0.3, "r": 0.05, "d_v_y": 0.5, "d_r": 0.3}  # how far a state wanders in a root of a second
+SLOWER = {"d_v_y": 0.03, "d_r": 0.03}  # factors of these where a late answer is told from a push (`Lagging`)
 START = {"v_y": 0.3, "r": 0.1, "d_v_y": 0.5, "d_r": 0.3}  # standard deviation of states at the start
 POSE_WANDER = {"X": 0.01, "Y": 0.01, "psi": 0.001}
+LAG_STD, LAG_LEAST, LAG_FADING = 0.03, 0.002, 20.0  # s, of the steering's lag beyond that of the model, see `Lagging`
 GATE, PATIENCE = 8.0, 5  # of outliers
-PAST_PEAK = 50.0  # weight per rad by which an axle slips more than where its force peaks
-_POWER = {"v_y": 0.5, "r": -0.5, "d_r": -1.0, "X": 1.0, "Y": 1.0}  # of the size, by which these scale
+WITHIN = 0.97  # of the slip angle at which an axle's force peaks; no force is lost there, and speeds may read wrong
+PAST_PEAK = 50.0  # weight per rad by which an axle slips more than that
+# Of the size, by which these scale; of what wanders in a root of a second.
+_POWER = {"v_y": 0.5, "r": -0.5, "d_r": -1.0, "X": 1.0, "Y": 1.0}
 
 
 def _parameter(model: Model, name: str, otherwise: float) -> float:
@@ -51,8 +56,10 @@ def size_of(model: Model) -> float:
     return _parameter(model, "wheelbase", USUAL) / USUAL
 
 
-def driven_model(model: Model, dt: float) -> OnGround:
+def driven_model(model: Model, dt: float, *, lagging: bool = True) -> OnGround:
     """The identified model at a sample time [s] where it is an ODE, with what may push it, on the ground.
+
+    By default its steering may answer later than the model says (`Lagging`).
 
     Raises ParameterError if it has no yaw rate among its states.
     """
@@ -67,25 +74,32 @@ def driven_model(model: Model, dt: float) -> OnGround:
                 f"the model has the states {list(base.states)[:8]}; expected a yaw rate 'r' among them, so that what "
                 "pushes the car can be told: give controller and estimator for another model"
             )
+        if lagging and "delta" in base.inputs:
+            times = math.sqrt(size_of(base))
+            base = Lagging(base, least=LAG_LEAST * times, fading=LAG_FADING * times)
         base = Disturbed(base, on=on)
     posed: Any = model
     return replace(posed, model=base) if model.off_ground is not model else OnGround(base)
 
 
-def default_estimator(
-    model: OnGround, noise: Mapping[str, float], late: Mapping[str, float], *, caution: float = 0.0
-) -> EKF:
+def default_estimator(model: OnGround, noise: Mapping[str, float], late: Mapping[str, float]) -> EKF:
     """A filter for the outputs of `driven_model`; noise that is not given is that of the fit's residuals.
 
-    With more ``caution``, 0 to 1, what pushes the car is believed to change slowly, so that an answer that only comes
-    late is not taken for a push.
+    Where the lag of the steering is a state, what pushes the car is believed to change slowly, so that an answer that
+    only comes late is not taken for a push.
     """
     size = size_of(model)
     scale = {name: size**power for name, power in _POWER.items()}
     states = {name.removeprefix("base ").removesuffix("[k]"): name for name in model.states}
     start = {n: v * scale.get(n, 1.0) for n, v in START.items() if n in states}
-    scale |= {n: scale.get(n, 1.0) * CAUTIOUS[n] ** caution for n in WANDER if n in CAUTIOUS}
-    wander = {n: v * scale.get(n, 1.0) for n, v in {**WANDER, **POSE_WANDER}.items() if n in states}
+    lags = [name for name in states if name.startswith("lag_")]
+    slower = SLOWER if lags else {}
+    wander = {
+        n: v * scale.get(n, 1.0) * slower.get(n, 1.0) for n, v in {**WANDER, **POSE_WANDER}.items() if n in states
+    }
+    for name in lags:
+        start[name] = LAG_STD * math.sqrt(size)
+        wander[name] = LAG_STD * math.sqrt(2.0 / LAG_FADING) * size**0.25  # so that it stays as uncertain
     return EKF(
         start=model,
         noise_std=noise,
@@ -97,14 +111,13 @@ def default_estimator(
     )
 
 
-def default_controller(model: OnGround, control: str = "delta", *, fastest: float = 0.0, caution: float = 0.0) -> MPC:
-    """An MPC on `driven_model` that looks a second ahead: distance and heading against quick steering.
+def default_controller(model: OnGround, control: str = "delta", *, fastest: float = 0.0) -> MPC:
+    """An MPC on `driven_model` that looks a second ahead: distance and course against quick steering.
+
+    Of a model that knows no v_x or no v_y it is the heading instead of the course.
 
     ``fastest`` is the path's highest speed [m/s]. The faster a car is, the less its yaw is damped and the more lateral
     acceleration an angle makes: above 24 m/s (by Froude's rule for another size) quick steering costs more.
-
-    With more ``caution``, 0 to 1, heading and quick steering count more: the car follows less closely and bears more
-    that the model does not know, such as a steering that answers later.
 
     Where an axle of the model has a slip angle at which its force is largest, the plan keeps to it. At the front more
     steering is less force past it, and an estimator that takes what is missing for a push would ask for ever more; at
@@ -114,18 +127,18 @@ def default_controller(model: OnGround, control: str = "delta", *, fastest: floa
     grain = model.dt / STEP
     steps: Any = [max(round(n / grain), 1) for n in STAGES]
     steps[0] = 1
-    e_psi, change = (n * CAUTIOUS[name] ** caution for n, name in ((E_PSI, "E_PSI"), (CHANGE, "CHANGE")))
-    weight = change * max(1.0, fastest / (BRISK * math.sqrt(size))) ** 4 * gain**2 * size / grain**2
+    weight = CHANGE * max(1.0, fastest / (BRISK * math.sqrt(size))) ** 4 * gain**2 * size / grain**2
+    coursed = {"v_x", "v_y"} <= {*model.states, *model.outputs, *model.inputs}
     slips = {"slip": front_slip(model, control), "slip_r": rear_slip(model, control)}
     terms = {name: slip for name, slip in slips.items() if slip is not None}
     known: Any = {"terms": terms, "slack_linear": Weights(dict.fromkeys(terms, PAST_PEAK))} if terms else {}
-    peak = {name: slip.peak for name, slip in terms.items()}
+    peak = {name: WITHIN * slip.peak for name, slip in terms.items()}
     return MPC(
         model,
         horizon=len(steps),
         steps=None if set(steps) == {1} else tuple(steps),
         controls=(control,),
-        Q=Weights(e_y=E_Y / size**2, e_psi=e_psi),
+        Q=Weights(e_y=E_Y / size**2, **({"e_course": E_COURSE} if coursed else {"e_psi": E_PSI})),
         S=Weights({control: weight}),
         limits=Limits({control: ANGLE / gain, **peak}),
         rates=Limits({control: RATE / gain / math.sqrt(size)}),

@@ -13,6 +13,7 @@ import numpy as np
 
 from slipangle.control.default_drive import default_controller, default_estimator, driven_model, size_of
 from slipangle.control.front_slip import grip_left
+from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.control.targets import SteadyStates
 from slipangle.errors import ParameterError, SimulationError
@@ -91,9 +92,10 @@ class Driver:
     `step` takes measurements by name at any rate and at any time, some of them missing, slow or late, and returns
     commands. Inside, at every multiple of ``dt``, an estimator (`slipangle.estimate.ekf.EKF`) finds the state of the
     identified model and what pushes the car off it (`Disturbed`), and a controller plans on that same model: delay and
-    lag of the steering are states of it, so they are compensated, and wind, bank, a wrong stiffness or a steering
-    offset leave no steady error. Wanted headings are those at which the car, pushed as it is, moves along the path
-    (`SteadyStates`). Defaults follow from the model alone, see `slipangle.control.default_drive`.
+    lag of the steering are states of it, so they are compensated, a steering that answers later than was identified is
+    noticed in the first bend (`Lagging`), and wind, bank, a wrong stiffness or a steering offset leave no steady error.
+    A controller that does not count the course (``e_course``) is given headings at which the car, pushed as it is,
+    moves along the path (`SteadyStates`). Defaults follow from the model alone, see `slipangle.control.default_drive`.
 
     The speed law gives up drive and brake where an axle of the identified model needs its force to the side
     (`slipangle.control.front_slip.grip_left`), so that a bend that is too fast is not lost under power.
@@ -120,15 +122,11 @@ class Driver:
         How long after its instant an output arrives. [s]
     dt : float
         Time between plans [s]; a model that is no ODE brings its own.
-    caution : float
-        Of the default controller and estimator, 0 to 1: 0 follows the path as closely as it can where the model is
-        right, 1 less closely, and bears cars that differ from it; ``slipangle robust`` tells which. [-]
 
     Raises
     ------
     ParameterError
-        If the path has no speed profile, caution is not from 0 to 1, or the models of controller and estimator are not
-        the same.
+        If the path has no speed profile, or the models of controller and estimator are not the same.
     """
 
     def __init__(
@@ -142,10 +140,7 @@ class Driver:
         noise: Mapping[str, float] | None = None,
         late: Mapping[str, float] | None = None,
         dt: float = 0.02,
-        caution: float = 0.0,
     ) -> None:
-        if not 0.0 <= caution <= 1.0:
-            raise ParameterError(f"caution is {caution:g}; expected 0 to 1")
         if path.v_x is None:
             raise ParameterError(f"'{path.name}' has no speed profile; expected one: use path.with_speed(20.0)")
         if estimator is not None:
@@ -153,8 +148,8 @@ class Driver:
         else:
             whole = controller.model if controller is not None else driven_model(model, dt)
         self.path, self.dt = path, float(whole.dt)
-        self.estimator = estimator or default_estimator(whole, noise or {}, late or {}, caution=caution)
-        self.controller = controller or default_controller(whole, fastest=float(np.max(path.v_x)), caution=caution)
+        self.estimator = estimator or default_estimator(whole, noise or {}, late or {})
+        self.controller = controller or default_controller(whole, fastest=float(np.max(path.v_x)))
         if self.controller.model.states != whole.states or not math.isclose(self.controller.dt, self.dt):
             raise ParameterError(
                 f"the controller plans every {self.controller.dt:g} s on {self.controller.model.n_states} states, the "
@@ -166,6 +161,8 @@ class Driver:
         self.speed = None if speed is None else replace(speed, dt=self.dt)
         self.steering = self.controller.controls[0]
         self._targets = SteadyStates(whole, self.steering)
+        counted = self.controller.ocp.tracked if isinstance(self.controller, MPC) else ()
+        self._turns = "psi" in self.controller.references and not self.controller.steady and "e_course" not in counted
         self._grip_left = None if speed is None else grip_left(whole, self.steering)
         self._model: Any = whole
         self._motion = [whole.states.index(name) for name in POSE]
@@ -338,7 +335,7 @@ class Driver:
         ahead = {"v_x": preview.v_x, "v_x_dot": preview.v_x_dot(self.controller.times)}
         given = {n: ahead.get(n, self._inputs[n]) for n in self.controller.exogenous}
         reference = self.controller.reference(preview, **given)
-        if "psi" in self.controller.references and not self.controller.steady:
+        if self._turns:
             d = x[list(self._targets.disturbances)]
             v_y, _ = self._targets(self._v_x, preview.r, d)
             tracked = np.array(reference.tracked, dtype=float)

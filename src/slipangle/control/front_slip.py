@@ -20,7 +20,8 @@ from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.wrappers.wrapper import Wrapper
 from slipangle.ops import Scalar, Vector, fabs, maximum, minimum, sin, sqrt, where
 
-_STEERING = {"delta_s": True, "delta_w": False}  # states of steering with a lag; whether gain and offset are to come
+# States of steering with a lag, the last of them first; whether gain and offset are to come.
+_STEERING = {"delta_w": False, "delta_s": True, "delta_lagged": True}
 
 
 @dataclass(frozen=True)

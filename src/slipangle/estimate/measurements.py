@@ -12,7 +12,7 @@ import numpy as np
 
 from slipangle.models.model import Model
 
-_PLAIN = re.compile(r"^(?:base |discrepancy )*(?P<name>.*?)(?:_s|'+|\[k(?:-\d+)?\]|\(k-\d+\))?$")
+_PLAIN = re.compile(r"^(?:base |discrepancy )*(?P<name>.*?)(?:_s|_lagged|'+|\[k(?:-\d+)?\]|\(k-\d+\))?$")
 
 
 class Row(NamedTuple):
@@ -53,8 +53,8 @@ class Late:
 def plain_name(state: str) -> str:
     """Channel that a state is a past value of, or lags behind; its own name if none.
 
-    >>> [plain_name(n) for n in ("r", "r[k-1]", "delta(k-2)", "delta_s", "base v_y")]
-    ['r', 'r', 'delta', 'delta', 'v_y']
+    >>> [plain_name(n) for n in ("r", "r[k-1]", "delta(k-2)", "delta_s", "delta_lagged", "base v_y")]
+    ['r', 'r', 'delta', 'delta', 'delta', 'v_y']
     """
     found = _PLAIN.match(state)
     return found["name"] if found else state

@@ -31,6 +31,7 @@ from slipangle.paths.preview import strides_between
 
 AHEAD = {"X": 1, "Y": 2, "psi": 3, "curvature": 4, "v_x": 5}  # rows of a look along the path
 CODES = {"HEADING": 3, "YAW_RATE": -2, "SPEED_AHEAD": -1, "SPEED_CHANGE": -2}
+NO_HEADING = -9  # no reference's code, where headings are taken as they are
 NO_DRIVE = Drive(columns=(), asked=np.empty((0, 0)), commands=np.empty((0, 1)), controls=())
 
 
@@ -168,7 +169,8 @@ def _source(driver: Driver) -> str:
         *_of_path(driver),
         *_of_speed(driver),
     ]
-    return "\n".join([*parts, *(f"#define {k} ({v})" for k, v in CODES.items()), _period(driver), template("driver.c")])
+    codes = CODES if driver._turns else CODES | {"HEADING": NO_HEADING}
+    return "\n".join([*parts, *(f"#define {k} ({v})" for k, v in codes.items()), _period(driver), template("driver.c")])
 
 
 def _period(driver: Driver) -> str:

@@ -19,14 +19,15 @@ from slipangle.errors import ParameterError
 from slipangle.fields import Checked, Count, Within
 from slipangle.models.model import Model, without_caches
 from slipangle.models.ode import OdeModel
-from slipangle.ops import Scalar, Vector, cos, sin, stack
+from slipangle.ops import Scalar, Vector, atan2, cos, maximum, sin, stack
 from slipangle.optimal.arrays import array, short
 from slipangle.optimal.end import TerminalCost, lqr
 from slipangle.optimal.scenarios import Scenarios
 from slipangle.optimal.terms import Limits, Read, Weights, coerce, require_names
 from slipangle.paths.preview import Preview
 
-PATH_ERRORS = ("e_x", "e_y", "e_psi")
+PATH_ERRORS = ("e_x", "e_y", "e_psi", "e_course")
+MOVING = 0.1  # m/s, below which no direction of motion is told
 POSE = ("X", "Y", "psi")
 
 
@@ -113,7 +114,8 @@ class OCP(Checked):
     ``J = sum_{i=0}^{N-1} (|y_i - q_i|^2_Q + |u_i - r_i|^2_R + |u_i - u_{i-1}|^2_S + slack) + |y_N - q_N|^2_terminal``
     subject to the model, where ``u_{-1}`` is the input applied before and x_0 the state now. Weights are
     diagonal, by name. A tracked name is a state or an output of the model or, for a model with X, Y and psi,
-    an error relative to the reference pose: ``e_x`` along, ``e_y`` to the left of, ``e_psi`` in heading.
+    an error relative to the reference pose: ``e_x`` along, ``e_y`` to the left of, ``e_psi`` in heading, and, where the
+    model knows v_x and v_y, ``e_course`` in the direction of motion: heading plus side slip, [rad].
 
     Weights and limits may be dictionaries too, for names such as ``r[k-1]`` that are no Python identifiers.
 
@@ -320,8 +322,13 @@ class OCP(Checked):
     def _trackable(self) -> list[str]:
         known = dict.fromkeys((*self.model.states, *self.model.outputs))
         if set(POSE) <= known.keys():
-            known.update(dict.fromkeys(PATH_ERRORS))
+            known.update(dict.fromkeys(PATH_ERRORS if self._coursed else PATH_ERRORS[:-1]))
         return list(dict.fromkeys((*known, *self.terms, *self.decided_once)))
+
+    @property
+    def _coursed(self) -> bool:
+        """Whether the model says where the vehicle moves to, by v_x and v_y."""
+        return {"v_x", "v_y"} <= {*self.model.states, *self.model.outputs, *self.model.inputs}
 
     @property
     def decided_once(self) -> tuple[str, ...]:
@@ -400,6 +407,9 @@ class OCP(Checked):
             values["e_x"] = cos(psi) * dx + sin(psi) * dy
             values["e_y"] = cos(psi) * dy - sin(psi) * dx
             values["e_psi"] = values["psi"] - psi
+            if self._coursed:
+                known = {**{n: full[i] for i, n in enumerate(self.model.inputs)}, **values}
+                values["e_course"] = values["e_psi"] + atan2(known["v_y"], maximum(known["v_x"], MOVING))
         values.update(self._more(x, u))
         params = getattr(self.model, "params", None)
         beside = self._beside(x, w)

@@ -30,7 +30,7 @@ from slipangle.simulate.run import Run
 from slipangle.units import read_in
 
 _UNITS = {"r": "rad/s", "a_y": "m/s2", "a_x": "m/s2", "beta": "rad", "psi": "rad", "delta": "rad", "X": "m", "Y": "m"}
-_UNITS |= {"v_x": "m/s", "v_y": "m/s", "e_y": "m", "e_psi": "rad", "e_v": "m/s", "s": "m"}
+_UNITS |= {"v_x": "m/s", "v_y": "m/s", "e_y": "m", "e_psi": "rad", "e_course": "rad", "e_v": "m/s", "s": "m"}
 
 
 def _one_of(names: Sequence[str], known: Sequence[str], what: str) -> None:

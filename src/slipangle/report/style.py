@@ -65,6 +65,7 @@ QUANTITIES: Mapping[str, str] = {
     "psi": "heading",
     "e_y": "lateral error",
     "e_psi": "heading error",
+    "e_course": "course error",
     "e_v": "speed error",
     "r_dot": "yaw acceleration",
     "T_f": "front drive torque",

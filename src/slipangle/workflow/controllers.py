@@ -260,7 +260,6 @@ def build_driver(
     noise: dict[str, Weight] | None = None,
     late: dict[str, Annotated[float, Within(0, 10, "s")]] | None = None,
     law: Literal["mpc", "pure-pursuit", "stanley", "feedforward-feedback", "preview-lqr"] = "mpc",
-    caution: Annotated[float, Within(0, 1)] = 0.0,
 ) -> Driver:
     """From measurements to commands: an estimator, a controller and the path in one, see `Driver`.
 
@@ -276,16 +275,12 @@ def build_driver(
     law : str
         Who steers: the predictive controller, or a path follower that looks a second ahead, with delay and lag of the
         steering compensated and without steady error, see `Compensated`.
-    caution : float
-        Of the predictive controller: 0 follows as closely as it can, 1 bears cars that differ from the model.
     """
     controller = None
     if law != "mpc":
         follower = _law_of(_LAWS[law], model, wanted, horizon=max(round(1.0 / wanted.dt), 1))
         controller = Compensated(follower=follower, car=model)
-    return Driver(
-        model, build_path(wanted), controller=controller, noise=noise, late=late, dt=wanted.dt, caution=caution
-    )
+    return Driver(model, build_path(wanted), controller=controller, noise=noise, late=late, dt=wanted.dt)
 
 
 def identified_bicycle(model: Model) -> BicycleParams | None:

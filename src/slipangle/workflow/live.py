@@ -21,7 +21,14 @@ from slipangle.units import deg
 from slipangle.workflow.controllers import ControllerSettings, build_path, identified_bicycle
 from slipangle.workflow.drive import PlantSettings, build_plant
 
-_NAMED = {"X": "along X", "Y": "across", "psi": "of the heading", "e_y": "of the distance", "e_psi": "of the heading"}
+_NAMED = {
+    "X": "along X",
+    "Y": "across",
+    "psi": "of the heading",
+    "e_y": "of the distance",
+    "e_psi": "of the heading",
+    "e_course": "of the course",
+}
 
 
 def tire_use(run: Run, rows: np.ndarray, plant_settings: PlantSettings, model: Any) -> list[list[float]]:

@@ -88,7 +88,7 @@ class Compensated(Checked, SteeringLaw):
     @cached_property
     def model(self) -> Model:  # type: ignore[override]  # made once
         """The identified model with what may push it, on the ground."""
-        return driven_model(self.car, self.dt)
+        return driven_model(self.car, self.dt, lagging=False)
 
     @cached_property
     def lead(self) -> int:
