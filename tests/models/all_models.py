@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.black_box.continuous import ContinuousTimeModel
 from slipangle.models.black_box.lure import LureModel
 from slipangle.models.black_box.narx import NARXModel
 from slipangle.models.black_box.networks import MLP, Scaling
@@ -281,6 +282,16 @@ ALL_MODELS = {
         dt=0.05,
         inputs=("delta", "v_x"),
         outputs=("v_y", "r"),
+    ),
+    "continuous time, late input": ContinuousTimeModel.of(
+        np.array([[-2.0, 4.0], [-4.0, -2.0]]),
+        np.array([1.0, 0.5]),
+        np.array([1.0, 0.2]),
+        delay=0.083,
+        dt=0.05,
+        inputs=("delta",),
+        outputs=("r",),
+        y_offset=[0.1],
     ),
     "state space, singular A": StateSpaceModel(
         A=[[0.5, 1.0], [0.0, 0.0]],

@@ -61,20 +61,102 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "identify/linear/continuous.py",
+        "models/black_box/continuous.py",
         "identify/linear/test_transfer_function.py",
         [
-            (
-                "transfer functions: delay of whole samples only",
-                "max(delay - whole * self.dt, 0.0)",
-                "max(0.0, 0.0)",
-            ),
             (
                 "transfer functions: the last part of a sample first",
                 "(one.older, one.whole + 1), (one.newer, one.whole)",
                 "(one.newer, one.whole + 1), (one.older, one.whole)",
             ),
         ],
+    ),
+    *mistakes(
+        "models/black_box/continuous.py",
+        "models/analysis/test_delays.py",
+        [("a fit in continuous time: its delay is sure", "self.delay + float(move[-1])", "self.delay + 0.0")],
+    ),
+    *mistakes(
+        "numerics/held.py",
+        "models/analysis/test_delays.py",
+        [
+            ("late inputs: delay of whole samples only", "max(delay - whole * h, 0.0)", "max(0.0, 0.0)"),
+            (
+                "late inputs: the newer part is the older",
+                "A_rest @ B_late[:, 0], B_rest[:, 0], whole",
+                "B_rest[:, 0], A_rest @ B_late[:, 0], whole",
+            ),
+            ("late inputs: what came first does not move on", "A_rest @ B_late[:, 0]", "B_late[:, 0]"),
+        ],
+    ),
+    *mistakes(
+        "models/analysis/delays.py",
+        "models/analysis/test_delays.py",
+        [
+            (
+                "sampled: the newer part acts late",
+                "(part.newer, part.whole), (part.older, part.whole + 1)",
+                "(part.older, part.whole), (part.newer, part.whole + 1)",
+            ),
+            ("sampled: what acts at once is lost where late", "+= system.D[:, j]", "+= 0.0 * system.D[:, j]"),
+            (
+                "to continuous time: the part of a sample is lost",
+                "inverse @ linalg.expm(F * part) @ both",
+                "inverse @ both",
+            ),
+            ("to continuous time: any past inputs are a delay", "if error(part) > _SAME or", "if"),
+            (
+                "to continuous time: interpolation of whole samples",
+                "float(weights @ np.arange(len(weights)))",
+                "float(np.argmax(weights))",
+            ),
+        ],
+    ),
+    *mistakes(
+        "models/analysis/linearised.py",
+        "models/analysis/test_delays.py",
+        [
+            ("late inputs lead", "np.exp(-s[:, None, None] * self.delay)", "np.exp(s[:, None, None] * self.delay)"),
+            (
+                "a late step begins at a sample",
+                "max(first * h - float(model.delay[j]), 0.0)",
+                "max(0.0 * first, 0.0)",
+            ),
+        ],
+    ),
+    *mistakes(
+        "models/black_box/arx.py",
+        "models/analysis/test_delays.py",
+        [("estimates of ARX with the sign of the polynomial", "= -value", "= value")],
+    ),
+    *mistakes(
+        "models/black_box/polynomial.py",
+        "models/analysis/test_delays.py",
+        [("estimates of B and F change places", "B=both[:nu], F=both[nu:]", "B=both[nu:], F=both[:nu]")],
+    ),
+    *mistakes(
+        "models/analysis/linearize.py",
+        "models/analysis/test_delays.py",
+        [
+            (
+                "bands of data models twice as wide",
+                "info.values + sign * SHARE * d",
+                "info.values + 2 * sign * SHARE * d",
+            )
+        ],
+    ),
+    *mistakes(
+        "report/parameters.py",
+        "report/test_tables.py",
+        [
+            ("an open estimate is no fault by its name", " and math.isfinite(half))", ")"),
+            ("references stay in radians", "published(factor * known[name], 6)", "published(known[name], 6)"),
+        ],
+    ),
+    *mistakes(
+        "report/diagnostics.py",
+        "report/test_plots.py",
+        [("intervals drawn by their upper half", "np.abs(ends).max(axis=1)", "np.abs(ends[:, 1])")],
     ),
     *mistakes(
         "identify/linear/transfer_function.py",

@@ -259,6 +259,11 @@ class Model(FastPaths, abc.ABC):
         The model without the position and heading that `OnGround` adds.
     alternatives : tuple of Model
         The models that this one is the mean of.
+    affine : bool
+        Whether step and output are straight lines in state and input.
+    continuous : tuple or None
+        F, shape (n, n), G and H, shape (n,), and the delay [s] of ``x' = F x + G u(t - delay)``, ``y = H x`` where
+        that is what the samples are of, offsets apart.
     """
 
     dt: float
@@ -273,6 +278,8 @@ class Model(FastPaths, abc.ABC):
     n_inputs: int = derived(lambda self: len(self.inputs))
     n_outputs: int = derived(lambda self: len(self.outputs))
     told_by_poles: ClassVar[bool] = False  # better than by its coefficients, one by one
+    affine: ClassVar[bool] = False
+    continuous: tuple[np.ndarray, np.ndarray, np.ndarray, float] | None = derived(lambda self: None)
 
     def __getstate__(self) -> dict[str, Any]:
         """What a copy needs, in this process or another: all but what was computed on the way."""
@@ -293,6 +300,10 @@ class Model(FastPaths, abc.ABC):
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
         """State after measuring ``y`` at the same sample, shape (n_states,); by default nothing is corrected."""
         return x
+
+    def with_estimates(self, values: np.ndarray) -> Model | None:
+        """A copy with other values, shape (n_free,), of ``fit_info.names``, SI; None where they are no coefficients."""
+        return None
 
     def _repr_html_(self) -> str:
         return import_module("slipangle.report.shown").table(self)._repr_html_()  # a room above this one

@@ -73,11 +73,9 @@ def test_the_state_space_is_the_system_at_every_frequency():
     found = sa.linearize(model).bode("r", "delta", frequency=f)
     s = 2j * np.pi * f
     num, den, delay = SYSTEMS[name]
-    exact = (
-        np.polyval(num, s) / np.polyval(den, s) * np.exp(-delay * s) * np.exp(-0.5 * DT * s)
-    )  # the hold's half sample
-    assert found.magnitude == pytest.approx(np.abs(exact), rel=0.04)
-    assert found.phase == pytest.approx(np.unwrap(np.angle(exact)), abs=0.06)
+    exact = np.polyval(num, s) / np.polyval(den, s) * np.exp(-delay * s)
+    assert found.magnitude == pytest.approx(np.abs(exact), rel=1e-3)
+    assert found.phase == pytest.approx(np.unwrap(np.angle(exact)), abs=1e-3)
 
 
 def test_units_experiments_and_a_known_delay():

@@ -23,6 +23,7 @@ CAR = {"mass": 1500.0, "inertia_z": 2500.0, "wheelbase": 2.7, "l_f": 1.2, "C_f":
 BICYCLE = Bicycle(params=BicycleParams(**CAR), dt=0.02, outputs=("r", "v_y", "a_y"))
 # Models with a steady state: others are at random, with friction that never rests, or with an engine and gears.
 NONE = ("NARX", "neural state space, feedthrough", "EMPS", "dual track", "ARX models blended", "hybrid, switched off")
+NONE += ("continuous time",)  # its linear system is not that of its samples: test_delays
 KINKED = "single track, neural tires"  # its friction ellipse has a tip where no tire slips
 STEADY = {k: m for k, m in ALL_MODELS.items() if not k.startswith((*NONE, KINKED))}
 
@@ -156,8 +157,7 @@ def test_a_delay_lags_and_changes_no_gain():
     ratio = late.bode("r", "delta", frequency=f).value / plain.bode("r", "delta", frequency=f).value
     assert ratio == pytest.approx(np.exp(-2j * np.pi * f * 0.06), rel=1e-6)
     assert np.isinf(late.natural_frequency).sum() >= 1
-    with pytest.raises(ParameterError, match="keep it discrete"):
-        late.continuous()
+    assert late.continuous().delay == pytest.approx([0.06, 0.0], abs=1e-9)
 
 
 def test_to_discrete_time_and_back():

@@ -8,28 +8,19 @@ from __future__ import annotations
 import abc
 import time
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy import linalg
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.identify.linear.estimator import channels, described
-from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.models.black_box.continuous import ContinuousTimeModel
 from slipangle.numerics.covariance import covariance
+from slipangle.numerics.held import Late, late
 from slipangle.numerics.linear_response import LTI
 
 SLOPE = 1e-5  # relative step of numerical derivatives
-
-
-class _Sampled(NamedTuple):
-    """States one sample later: from states, from the input ``whole + 1`` and ``whole`` samples ago."""
-
-    A: np.ndarray
-    older: np.ndarray
-    newer: np.ndarray
-    whole: int
 
 
 class HeldResponse(abc.ABC):
@@ -67,16 +58,9 @@ class HeldResponse(abc.ABC):
     def outputs(self, shape: np.ndarray) -> np.ndarray:
         """Rows of what the gains multiply, from the states, shape (n_gains, order)."""
 
-    def sampled(self, shape: np.ndarray, delay: float) -> _Sampled:
+    def sampled(self, shape: np.ndarray, delay: float) -> Late:
         """The same over one sample, the input being held and late."""
-        A, B = self.rates(shape)
-        n = len(A)
-        whole = int(np.floor(delay / self.dt + 1e-12))
-        part = min(max(delay - whole * self.dt, 0.0), self.dt)
-        block = np.zeros((n + 1, n + 1))
-        block[:n, :n], block[:n, n] = A, B
-        late, rest = (linalg.expm(block * h) for h in (part, self.dt - part))
-        return _Sampled(rest[:n, :n] @ late[:n, :n], rest[:n, :n] @ late[:n, n], rest[:n, n], whole)
+        return late(*self.rates(shape), delay, self.dt)
 
     def columns(self, shape: np.ndarray, delay: float) -> tuple[np.ndarray, np.ndarray]:
         """What the linear unknowns multiply: those of the gains; then level and first states."""
@@ -171,7 +155,7 @@ class HeldResponse(abc.ABC):
         basis = u[:, s > 1e-10 * s[0]]
         return np.column_stack([*found, basis]), rest - basis @ (basis.T @ rest)
 
-    def fitted(self, z: np.ndarray, began: float, method: str, units: tuple[str, ...]) -> StateSpaceModel:
+    def fitted(self, z: np.ndarray, began: float, method: str, units: tuple[str, ...]) -> ContinuousTimeModel:
         """The model of a point of the search, with intervals of `names`."""
         values = self.natural(z)
         jacobian, error = self.slopes(values)
@@ -191,26 +175,26 @@ class HeldResponse(abc.ABC):
         )
         return replace(self.model(values), fit_info=replace(info, units=units, seconds=time.perf_counter() - began))
 
-    def model(self, values: np.ndarray) -> StateSpaceModel:
-        """The sampled state space: the states, then past inputs, the newest first."""
+    def model(self, values: np.ndarray) -> ContinuousTimeModel:
+        """The system of such values, and how it moves with them."""
         gains, shape, delay = self.parts(values)
-        one, C = self.sampled(shape, delay), gains @ self.outputs(shape)
-        n, kept = self.order, one.whole + (np.abs(one.older).max() > 0)
-        A, B = np.zeros((n + kept, n + kept)), np.zeros((n + kept, 1))
-        A[:n, :n] = one.A
-        for column, back in ((one.older, one.whole + 1), (one.newer, one.whole)):
-            if back == 0:
-                B[:n, 0] += column
-            elif back <= kept:
-                A[:n, n + back - 1] += column
-        if kept:
-            B[n, 0] = 1.0
-            A[n + 1 :, n : n + kept - 1] += np.eye(kept - 1)
         forced, other = self.columns(shape, delay)
         rest = np.linalg.lstsq(other, self.y - forced @ gains, rcond=1e-10)[0]
         level = 0.0 if self.integrates else float(rest[0])
-        row = np.concatenate([C, np.zeros(kept)])[None]
-        return StateSpaceModel(A=A, B=B, C=row, y_offset=np.array([level]), **channels(self.data))
+        found = []
+        for i, name in enumerate(self.names):
+            h = self.step(name, values[i])
+            ends = [self._entries(values + s * h * np.eye(len(values))[i]) for s in (1, -1)]
+            found.append((ends[0] - ends[1]) / (2 * h))
+        others: dict[str, Any] = {"y_offset": np.array([level]), "slopes": np.array(found), **channels(self.data)}
+        (F, G), H = self.rates(shape), gains @ self.outputs(shape)
+        return ContinuousTimeModel.of(F, G, H, delay=delay, **others)
+
+    def _entries(self, values: np.ndarray) -> np.ndarray:
+        """Entries of F, G, H and the delay, one after the other."""
+        gains, shape, delay = self.parts(values)
+        F, G = self.rates(shape)
+        return np.concatenate([F.ravel(), G, gains @ self.outputs(shape), [delay]])
 
 
 def unforced(A: np.ndarray, C: np.ndarray, n: int) -> np.ndarray:

@@ -18,7 +18,7 @@ from slipangle.errors import ParameterError
 from slipangle.fields import Positive
 from slipangle.identify.linear.continuous import SLOPE, HeldResponse
 from slipangle.identify.linear.estimator import LinearEstimator
-from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.models.black_box.continuous import ContinuousTimeModel
 from slipangle.numerics.blas import one_blas_thread
 from slipangle.numerics.least_squares import least_squares
 
@@ -28,7 +28,7 @@ _STARTS = 5
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProcessModel(LinearEstimator[StateSpaceModel]):
+class ProcessModel(LinearEstimator[ContinuousTimeModel]):
     """``K (1 + T_z s) exp(-T_d s) / ((1 + T_p1 s) (1 + T_p2 s) ...)`` from one input to one output, in continuous time.
 
     The input is held over each sample and late by ``T_d``, of any part of a sample; the response is exact. Gain, zero,
@@ -66,7 +66,7 @@ class ProcessModel(LinearEstimator[StateSpaceModel]):
             )
 
     @one_blas_thread()
-    def _fit(self, data: Dataset) -> StateSpaceModel:
+    def _fit(self, data: Dataset) -> ContinuousTimeModel:
         began = time.perf_counter()
         problem = _Problem(self, data)
         units = tuple({"K": "-", "zeta": "-"}.get(n, "s") for n in problem.names)

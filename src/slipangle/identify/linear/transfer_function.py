@@ -19,7 +19,7 @@ from slipangle.fields import Count, NotNegative, Positive, Whole
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.continuous import SLOPE, HeldResponse, unforced
 from slipangle.identify.linear.estimator import LinearEstimator
-from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.models.black_box.continuous import ContinuousTimeModel
 from slipangle.numerics.blas import one_blas_thread
 from slipangle.numerics.least_squares import least_squares
 from slipangle.numerics.linear_response import LTI
@@ -31,7 +31,7 @@ _FAR = 1e8  # scaled coefficients are smaller
 
 
 @dataclass(frozen=True, kw_only=True)
-class TransferFunction(LinearEstimator[StateSpaceModel]):
+class TransferFunction(LinearEstimator[ContinuousTimeModel]):
     """``(b_m s^m + ... + b_0) exp(-T_d s) / (s^n + a_(n-1) s^(n-1) + ... + a_0)``, one input to one output.
 
     The input is held over each sample and late by ``T_d``, of any part of a sample; the response is exact. Numerator,
@@ -73,7 +73,7 @@ class TransferFunction(LinearEstimator[StateSpaceModel]):
             )
 
     @one_blas_thread()
-    def _fit(self, data: Dataset) -> StateSpaceModel:
+    def _fit(self, data: Dataset) -> ContinuousTimeModel:
         began = time.perf_counter()
         problem = _Problem(self, data)
         require_identifiable(data, len(problem.names))

@@ -12,8 +12,11 @@ import numpy as np
 from scipy import linalg, optimize
 
 from slipangle.errors import ConfigError, ParameterError, nearest
+from slipangle.models.analysis import delays
+from slipangle.models.analysis.delays import moved
 from slipangle.models.analysis.responses import Estimate, FrequencyResponse, TimeResponse
 from slipangle.models.analysis.trim import Trim
+from slipangle.numerics.held import held
 
 SHARE = 1e-3  # of a standard deviation, by which parameters are moved to see what follows
 _POINTS = 1001
@@ -25,6 +28,8 @@ _UNITS |= {"a_x": "m/s2", "T_f": "N m", "T_r": "N m", "psi": "rad", "r_dot": "ra
 class LinearisedModel:
     """A linear state space around an operating point: ``x' = A x + B u``, ``y = C x + D u``, all beside that point.
 
+    Raises ParameterError if the delays are not one time of 0 s or more per input, or a sampled system has any.
+
     Parameters
     ----------
     A, B, C, D : array, shapes (n, n), (n, n_inputs), (n_outputs, n), (n_outputs, n_inputs)
@@ -35,6 +40,8 @@ class LinearisedModel:
         Names of their entries.
     trim : Trim
         The steady state they are beside.
+    delay : array, shape (n_inputs,), optional
+        By which each input acts late, in continuous time; by default not at all. In samples past inputs are states. [s]
     variants : tuple of pairs of LinearisedModel
         Neighbours along each direction in which the fit is unsure, which the bands come from.
     uncertainty : str
@@ -50,9 +57,19 @@ class LinearisedModel:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     trim: Trim
+    delay: np.ndarray = field(default=None)  # type: ignore[assignment]
     name: str = "model"
     variants: tuple[tuple[LinearisedModel, LinearisedModel], ...] = field(default=(), repr=False)
     uncertainty: str = ""
+
+    def __post_init__(self) -> None:
+        late = np.zeros(len(self.inputs)) if self.delay is None else np.array(self.delay, dtype=float)
+        if late.shape != (len(self.inputs),) or not (late >= 0).all() or (self.dt and late.any()):
+            raise ParameterError(
+                f"delay is {late}; expected {len(self.inputs)} times of 0 s or more, one per input, and none of a "
+                "sampled system, whose past inputs are states"
+            )
+        object.__setattr__(self, "delay", late)
 
     # ---- poles and zeros ---------------------------------------------------------------------------------------
 
@@ -137,10 +154,11 @@ class LinearisedModel:
 
     def frequency_response(self, omega: np.ndarray) -> np.ndarray:
         """Outputs over inputs at angular frequencies [rad/s], shape (n_frequencies, n_outputs, n_inputs), complex."""
-        z = 1j * np.asarray(omega, dtype=float)
-        z = np.exp(z * self.dt) if self.dt else z
+        s = 1j * np.asarray(omega, dtype=float)
+        z = np.exp(s * self.dt) if self.dt else s
         eye = np.eye(len(self.A))
-        return np.array([self.C @ np.linalg.solve(s * eye - self.A, self.B) + self.D for s in z])
+        found = np.array([self.C @ np.linalg.solve(p * eye - self.A, self.B) + self.D for p in z])
+        return found * np.exp(-s[:, None, None] * self.delay)
 
     def bode(
         self, output: str | None = None, input: str | None = None, *, frequency: np.ndarray | None = None
@@ -193,13 +211,16 @@ class LinearisedModel:
         t = np.arange(max(2, round(end / h) + 1)) * h
 
         def respond(model: LinearisedModel) -> np.ndarray:
-            A, B = (model.A, model.B) if model.dt else _held(model.A, model.B, h)
+            A, B = (model.A, model.B) if model.dt else held(model.A, model.B, h)
             x, push = (model.B[:, j], 0.0) if kind == "impulse" else (np.zeros(len(A)), B[:, j])
             if kind == "impulse" and model.dt:
                 x = x / model.dt
-            y = np.empty(len(t))
+            y = np.zeros(len(t))
             direct = model.D[i, j] if kind == "step" else 0.0
-            for k in range(len(t)):
+            first = int(np.ceil(model.delay[j] / h - 1e-9))
+            if first:
+                x = moved(model.A, model.B[:, j], max(first * h - float(model.delay[j]), 0.0), kind == "impulse")
+            for k in range(first, len(t)):
                 if kind == "impulse" and model.dt:  # it acts on the state one sample later
                     y[k] = model.C[i] @ x if k else 0.0
                     x = A @ x if k else x
@@ -258,30 +279,38 @@ class LinearisedModel:
             raise ParameterError(f"'{self.name}' is sampled at {self.dt:g} s already; expected continuous time")
         if not (np.isfinite(dt) and dt > 0):
             raise ParameterError(f"dt is {dt:g} s; expected a positive time")
-        A, B = _held(self.A, self.B, dt)
+        made = delays.sampled(self._late, self.inputs, dt)
         pairs = tuple((a.sampled(dt), b.sampled(dt)) for a, b in self.variants)
-        return replace(self, A=A, B=B, dt=dt, variants=pairs)
+        return replace(self, **made._asdict() | {"delay": None}, dt=dt, variants=pairs)
+
+    @property
+    def _late(self) -> delays.LateInputs:
+        return delays.LateInputs(self.A, self.B, self.C, self.D, self.delay, self.states)
 
     def continuous(self) -> LinearisedModel:
         """The same in continuous time, taking the inputs as held over each sample.
 
-        Raises ParameterError where no continuous model does that: a pole at zero (a delay) or below.
+        Past inputs among the states become a `delay`, of any part of a sample; where a `Delayed` model interpolates its
+        late inputs, the result is the system and the delay that it interpolates. Raises ParameterError where no
+        continuous model does the same: another pole at zero or below, or past inputs that are no delay.
         """
         if not self.dt:
             return self
-        if any(p.real <= 1e-8 and abs(p.imag) < 1e-12 for p in self.poles):
+        made = delays.continuous(self._late, self.dt)
+        if made is None:
             raise ParameterError(
-                f"'{self.name}' has a pole at or below zero, as a delay gives; no continuous model of its order is the "
-                "same at the samples: keep it discrete"
+                f"'{self.name}' has a pole at or below zero, or past inputs that are no delay; no continuous model of "
+                "its order is the same at the samples: keep it discrete"
             )
-        n = len(self.A)
-        whole = np.block([[self.A, self.B], [np.zeros((self.B.shape[1], n)), np.eye(self.B.shape[1])]])
-        rate = np.real(linalg.logm(whole)) / self.dt  # type: ignore[operator]
         pairs = tuple((a.continuous(), b.continuous()) for a, b in self.variants)
-        return replace(self, A=rate[:n, :n], B=rate[:n, n:], dt=0.0, variants=pairs)
+        return replace(self, **made._asdict(), dt=0.0, variants=pairs)
 
     def to_scipy(self) -> Any:
-        """A ``scipy.signal.StateSpace``, with ``dt`` where it is sampled."""
+        """A ``scipy.signal.StateSpace``, with ``dt`` where it is sampled.
+
+        Raises ParameterError where an input acts late in continuous time, which SciPy has no place for.
+        """
+        self._without_delay()
         from scipy.signal import StateSpace
 
         matrices = self.A, self.B, self.C, self.D
@@ -290,8 +319,10 @@ class LinearisedModel:
     def to_control(self) -> Any:
         """A ``control.StateSpace`` of python-control, with the names of states, inputs and outputs.
 
-        Raises ConfigError if python-control is not installed.
+        Raises ConfigError if python-control is not installed, and ParameterError where an input acts late in continuous
+        time, which a state space has no place for.
         """
+        self._without_delay()
         try:
             control = import_module("control")
         except ImportError:
@@ -301,6 +332,13 @@ class LinearisedModel:
         names = {"states": list(self.states), "inputs": list(self.inputs), "outputs": list(self.outputs)}
         return control.ss(self.A, self.B, self.C, self.D, *([self.dt] if self.dt else []), **names)
 
+    def _without_delay(self) -> None:
+        if self.delay.any():
+            late = ", ".join(f"'{n}' {d:g} s" for n, d in zip(self.inputs, self.delay, strict=True) if d)
+            raise ParameterError(
+                f"inputs of '{self.name}' act late ({late}); expected none: take sampled(dt) of it first"
+            )
+
     # ---- showing -----------------------------------------------------------------------------------------------
 
     def plot(self, output: str | None = None, input: str | None = None) -> Any:
@@ -309,6 +347,7 @@ class LinearisedModel:
 
     def __repr__(self) -> str:
         kind = f"sampled at {self.dt:g} s" if self.dt else "continuous"
+        kind += "".join(f", {n} late by {d:.3g} s" for n, d in zip(self.inputs, self.delay, strict=True) if d)
         place = "" if self.trim.v_x is None else f" at {self.trim.v_x:g} m/s, a_y {self.trim.a_y:g} m/s2"
         return f"<linear {self.name}{place}: {len(self.A)} states, {', '.join(self.inputs)} to " + (
             f"{', '.join(self.outputs)}, {kind}; {self.uncertainty}>"
@@ -344,15 +383,9 @@ class LinearisedModel:
 
     def _usual_duration(self) -> float:
         decay = np.abs(self._motions().real)
-        return float(np.clip(8.0 / max(decay.min(), 1e-6), 1.0, 30.0)) if self._motions().real.max() < 0 else 3.0
+        settled = float(np.clip(8.0 / max(decay.min(), 1e-6), 1.0, 30.0)) if self._motions().real.max() < 0 else 3.0
+        return settled + float(self.delay.max(initial=0.0))
 
 
 def _bracketed(unit: str) -> str:
     return f"({unit})" if "/" in unit or " " in unit else unit
-
-
-def _held(A: np.ndarray, B: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
-    """Exact discrete matrices for inputs held over ``h`` seconds."""
-    n, nu = B.shape
-    whole: Any = linalg.expm(np.block([[A, B], [np.zeros((nu, n + nu))]]) * h)
-    return whole[:n, :n], whole[:n, n:]

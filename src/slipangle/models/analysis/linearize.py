@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -30,7 +30,8 @@ def linearize(
 
     The steady state has the speed ``v_x`` and the lateral acceleration ``a_y``; steering and driving inputs that keep
     it are found. Where the model is no more than an ODE, the result is in continuous time, else sampled as the model
-    is. Position and heading are left out. Bands are those of the fit's intervals and correlations, to first order
+    is, or what it is the samples of: a `ProcessModel` or `TransferFunction` was fitted in continuous time, with its
+    delay. Position and heading are left out. Bands are those of the fit's intervals and correlations, to first order
     (delta method).
 
     Raises ParameterError where there is no such steady state, or a name is not the model's; warns with ModelWarning
@@ -71,17 +72,11 @@ def linearize(
     if not chosen:
         chosen = tuple(model.states[i] for i in kept)
 
+    if model.continuous is not None:
+        return _fitted_in_continuous_time(model, trim, chosen, name)
+
     def at(place: Trim, p: np.ndarray) -> LinearisedModel:
-        _, by_x, by_u, _, seen_x, seen_u = motion.slopes(place.x, place.u, p)
-        rows = [_row(n, motion, place, by_x, by_u, seen_x, seen_u) for n in chosen]
-        C, D = np.array([r[0] for r in rows])[:, kept], np.array([r[1] for r in rows])
-        named: dict[str, Any] = {
-            "states": tuple(model.states[i] for i in kept),
-            "inputs": model.inputs,
-            "outputs": chosen,
-        }
-        matrices: dict[str, Any] = {"A": by_x[np.ix_(kept, kept)], "B": by_u[kept], "C": C, "D": D}
-        return LinearisedModel(**matrices, dt=motion.dt, trim=place, name=name or type(model).__name__, **named)
+        return _assembled(motion, place, motion.slopes(place.x, place.u, p), kept, chosen, name)
 
     found = at(trim, motion.values)
     bent = motion.kinks(trim, motion.values)
@@ -92,12 +87,79 @@ def linearize(
             ModelWarning,
             stacklevel=2,
         )
+    if not names:
+        said, others = neighbours(model)
+        pairs = [[_assembled(motion, trim, _matrices(m), kept, chosen, name) for m in pair] for pair in others]
+        return replace(found, variants=tuple((a, b) for a, b in pairs), uncertainty=said)
     said, roots = directions(model, names)
     pairs = []
     for d in roots:
         ends = [motion.values + sign * SHARE * d for sign in (1, -1)]
         pairs.append([at(motion.trim(v_x, a_y, inputs or {}, p, near=trim), p) for p in ends])
     return replace(found, variants=tuple((a, b) for a, b in pairs), uncertainty=said)
+
+
+def _assembled(
+    motion: Motion,
+    place: Trim,
+    slopes: tuple[np.ndarray, ...],
+    kept: Sequence[int],
+    chosen: tuple[str, ...],
+    name: str,
+) -> LinearisedModel:
+    """The linear state space of the states that are kept, from what `Motion.slopes` gives."""
+    model = motion.model
+    _, by_x, by_u, _, seen_x, seen_u = slopes
+    rows = [_row(n, motion, place, by_x, by_u, seen_x, seen_u) for n in chosen]
+    C, D = np.array([r[0] for r in rows])[:, kept], np.array([r[1] for r in rows])
+    states = tuple(model.states[i] for i in kept)
+    named: dict[str, Any] = {"states": states, "inputs": model.inputs, "outputs": chosen}
+    matrices: dict[str, Any] = {"A": by_x[np.ix_(kept, kept)], "B": by_u[kept], "C": C, "D": D}
+    return LinearisedModel(**matrices, dt=motion.dt, trim=place, name=name or type(model).__name__, **named)
+
+
+def neighbours(model: Model) -> tuple[str, list[tuple[Model, Model]]]:
+    """A sentence, and models to both sides along each direction in which the fit of an affine model is unsure."""
+    info = model.fit_info
+    if info is None or not (len(info.values) and model.affine and model.with_estimates(info.values)):
+        return directions(model, ())[0], []
+    said, roots = directions(model, info.names)
+    pairs = []
+    for d in roots:
+        up, down = (model.with_estimates(info.values + sign * SHARE * d) for sign in (1, -1))
+        pairs += [(up, down)] if np.any(d) and up is not None and down is not None else []
+    return said, pairs
+
+
+def _matrices(model: Model) -> tuple[np.ndarray, ...]:
+    """What `Motion.slopes` gives, of a model that is affine: by unit states and inputs."""
+    x, u = np.zeros(model.n_states), np.zeros(model.n_inputs)
+    found = []
+    for of in (model.step, model.output):
+        first = np.asarray(of(x, u), dtype=float)
+        by_x = [np.asarray(of(row, u), dtype=float) - first for row in np.eye(len(x))]
+        by_u = [np.asarray(of(x, row), dtype=float) - first for row in np.eye(len(u))]
+        found += [first, *(np.array(v).T.reshape(len(first), -1) for v in (by_x, by_u))]
+    return tuple(found)
+
+
+def _fitted_in_continuous_time(model: Model, trim: Trim, chosen: tuple[str, ...], name: str) -> LinearisedModel:
+    """The system that a model is the samples of, one input to one output."""
+    if chosen != model.outputs:
+        raise ParameterError(
+            f"outputs are {', '.join(chosen)}; expected {model.outputs[0]} alone of the {type(model).__name__}: "
+            "leave them out"
+        )
+
+    def of(one: Model) -> LinearisedModel:
+        F, G, H, delay = cast(tuple[np.ndarray, np.ndarray, np.ndarray, float], one.continuous)
+        matrices: dict[str, Any] = {"A": F, "B": G[:, None], "C": H[None], "D": np.zeros((1, 1))}
+        named: dict[str, Any] = {"states": one.states[: len(F)], "inputs": one.inputs, "outputs": one.outputs}
+        named["name"] = name or type(model).__name__
+        return LinearisedModel(**matrices, **named, dt=0.0, delay=np.array([delay]), trim=trim)
+
+    said, others = neighbours(model)
+    return replace(of(model), variants=tuple((of(a), of(b)) for a, b in others), uncertainty=said)
 
 
 def directions(model: Model, names: tuple[str, ...]) -> tuple[str, np.ndarray]:

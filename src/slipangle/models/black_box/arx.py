@@ -1,7 +1,9 @@
 """ARX models: linear difference equations with any number of inputs and outputs."""
 
-from dataclasses import dataclass, field
+import re
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from scipy.signal import lfilter
@@ -14,6 +16,7 @@ from slipangle.models.model import derived
 from slipangle.models.parameters import require_few_lags
 from slipangle.ops import Vector, matmul
 
+_LAGGED = re.compile(r"(.+)\(k(?:-(\d+))?\)")
 _LONG = 50_000  # samples from which compiling is worth it
 
 
@@ -38,6 +41,7 @@ class ARXModel(LaggedModel):
     """
 
     told_by_poles = True
+    affine = True
     A: np.ndarray
     B: np.ndarray
     c: np.ndarray = field(default=None)  # type: ignore[assignment]
@@ -97,6 +101,27 @@ class ARXModel(LaggedModel):
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable model; `simulate` says where
             driven = sum(_filtered(taps, past_u[:, j], drive[:, j]) for j, taps in enumerate(self._taps[0]))
             return np.asarray(lfilter([1.0], denominator, driven + self.c[0], zi=still)[0])[:, None]
+
+    def with_estimates(self, values: np.ndarray) -> Self | None:
+        """Coefficients by the regressors that the fit names; None without a fit that names them all."""
+        info, ny = self.fit_info, len(self.outputs)
+        if info is None or not info.names or len(info.names) % ny:
+            return None
+        A, B, c = self.A.copy(), self.B.copy(), self.c.copy()
+        count = len(info.names) // ny
+        for k, (name, value) in enumerate(zip(info.names, values, strict=True)):
+            row = k // count
+            label = name.removeprefix(f"{self.outputs[row]}: ") if ny > 1 else name
+            lagged = _LAGGED.fullmatch(label)
+            if label == "1":
+                c[row] = value
+            elif lagged and lagged[1] in self.inputs:
+                B[int(lagged[2] or 0) - self.nk, row, self.inputs.index(lagged[1])] = value
+            elif lagged and lagged[1] in self.outputs:
+                A[int(lagged[2]) - 1, row, self.outputs.index(lagged[1])] = -value
+            else:
+                return None
+        return replace(self, A=A, B=B, c=c, fit_info=replace(info, values=np.array(values, dtype=float)))
 
     @property
     def poles(self) -> np.ndarray:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -52,6 +52,7 @@ class PolynomialModel(BlackBoxModel):
     Source: L. Ljung, System Identification, 2nd ed., 1999, sec. 4.2.
     """
 
+    affine = True
     A: np.ndarray
     B: Sequence[np.ndarray]
     C: np.ndarray
@@ -105,6 +106,18 @@ class PolynomialModel(BlackBoxModel):
         )
 
     states = derived(lambda self: self.realisation.states)
+
+    def with_estimates(self, values: np.ndarray) -> Self | None:
+        """Coefficients in the order of the fit: A, B and F by input, C, D, then the offset; None without a fit."""
+        info = self.fit_info
+        own = [self.A, *self.B, *self.F, self.C, self.D]
+        ends = np.cumsum([len(p) for p in own])
+        if info is None or len(info.values) not in (ends[-1], ends[-1] + 1):
+            return None
+        A, *both, C, D, rest = np.split(np.asarray(values, dtype=float), ends)
+        level = float(rest[0]) if len(rest) else self.y_offset
+        nu, told = len(self.B), replace(info, values=np.array(values, dtype=float))
+        return replace(self, A=A, B=both[:nu], F=both[nu:], C=C, D=D, y_offset=level, fit_info=told)
 
     @property
     def poles(self) -> np.ndarray:

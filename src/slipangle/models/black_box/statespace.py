@@ -41,6 +41,7 @@ class StateSpaceModel(BlackBoxModel):
     Source: L. Ljung, System Identification, 2nd ed., 1999, sec. 4.3.
     """
 
+    affine = True
     A: np.ndarray
     B: np.ndarray
     C: np.ndarray
@@ -71,6 +72,18 @@ class StateSpaceModel(BlackBoxModel):
     def poles(self) -> np.ndarray:
         """Eigenvalues of A."""
         return np.linalg.eigvals(self.A)
+
+    def with_estimates(self, values: np.ndarray) -> Self | None:
+        """Entries of the matrices as the fit names them; None without a fit that does."""
+        info = self.fit_info
+        if info is None or "A[0,0]" not in info.names:
+            return None
+        parts: dict[str, np.ndarray] = {}
+        for name, value in zip(info.names, values, strict=True):
+            key, _, place = name.partition("[")
+            part = parts.setdefault(key, np.array(getattr(self, key), dtype=float))
+            part[tuple(int(k) for k in place[:-1].split(","))] = value
+        return replace(self, **parts, fit_info=replace(info, values=np.array(values, dtype=float)))
 
     def modes(self) -> FitInfo:
         """Poles and steady gains with their covariance, which, unlike entries of A, do not hang on the states' basis.
