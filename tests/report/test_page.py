@@ -276,3 +276,25 @@ def test_a_figure_of_any_origin_cannot_end_its_script():
     assert "alert(1)" not in "".join(parser.text)
     [spec] = [json.loads(body) for attrs, body in parser.scripts if attrs.get("id") == "figure-f-data"]
     assert spec["data"][0]["text"] == ["</script><script>alert(1)</script>"]
+
+
+def test_evenly_spaced_times_are_said_by_begin_and_step():
+    """A line over 400 s at 50 Hz; one with a gap, and a short one, keep their abscissae."""
+    t = 0.02 * np.arange(20_000)
+    even, short = new_figure(300), new_figure(300)
+    even.add_scatter(x=t.astype(np.float32) + np.float32(105.0), y=np.sin(t))
+    even.add_scatter(x=np.where(t < 7, t, t + 3), y=np.sin(t))
+    short.add_scatter(x=t[:9], y=t[:9])
+    blocks = Figure(title="even", figure=even), Figure(title="short", figure=short)
+    text = Page(title="t", sections=(Section(title="s", blocks=blocks),)).to_html()
+    first, second, third = (
+        trace
+        for name in ("even", "short")
+        for trace in json.loads(re.search(rf'id="figure-{name}-data">(.*?)</script>', text, re.S)[1])["data"]
+    )
+    assert "x" not in first
+    assert (first["x0"], first["dx"]) == (105.0, pytest.approx(0.02, rel=1e-5))
+    assert first["x0"] + first["dx"] * (len(t) - 1) == pytest.approx(105.0 + t[-1], abs=1e-4)
+    assert "x0" not in second
+    assert "x0" not in third
+    assert len(even.data[0].x) == len(t)  # the figure itself is as it was

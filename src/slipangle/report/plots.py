@@ -131,7 +131,7 @@ def rainclouds(errors: Mapping[str, np.ndarray], *, channel: Channel, points: in
         row = float(len(errors) - 1 - index)
         _raincloud(figure, e, row, index, name, points, rng)
         gap = ", " if len(name) <= 22 else "<br>"
-        rmse = f"RMSE {np.sqrt(np.mean(e**2)):.3g} {escape(pretty_unit(channel.unit))}"
+        rmse = f"RMSE {np.sqrt(np.mean(e**2)):#.3g} {escape(pretty_unit(channel.unit))}"
         where = {"x": 0, "y": row + 0.43, "xref": "x domain", "xanchor": "left", "yanchor": "bottom", "align": "left"}
         figure.add_annotation(text=f"<b>{wrap(name, 44)}</b>{gap}{rmse}", showarrow=False, **where)
     title = {"text": axis_title(channel, prefix="error of ")}

@@ -280,7 +280,7 @@ def score_table(
         ),
         rows=tuple(
             Row(
-                (s.model, s.channel, s.kind, s.fit, s.vaf, s.r2, _with_unit(s.rmse, "" if shared else s.unit)),
+                (s.model, s.channel, s.kind, s.fit, _zero(s.vaf), s.r2, _with_unit(s.rmse, "" if shared else s.unit)),
                 tone=s.tone,
                 command=s.command,
                 note=s.note,
@@ -290,6 +290,11 @@ def score_table(
         caption=caption,
         command=command,
     )
+
+
+def _zero(value: float | None) -> float | None:
+    """Zero for what rounding leaves of it."""
+    return 0.0 if value is not None and abs(value) < 1e-9 else value
 
 
 def _with_unit(value: float | None, unit: str) -> Cell:
