@@ -121,6 +121,11 @@ def test_the_gallery_has_a_page_for_each_table_and_example(tmp_path):
     }
     index = (tmp_path / "index.md").read_text()
     assert all(f"({name}.md)" in index for name in pages - {"index"})
+    rows = [line for line in index.splitlines() if line.startswith("|")]
+    assert {len(re.split(r"(?<!\\)\|", line)) - 2 for line in rows} == {
+        2,
+        3,
+    }  # no bar of a title is taken for a cell's end
     for name in STORED:
         page = (tmp_path / f"{name}.md").read_text()
         assert page.count("\n| ") == 1 + len(stored(name))

@@ -52,11 +52,11 @@ def write_gallery(folder: Path) -> None:
         title, protocol = _described(name)
         records = stored(name)
         here = f"{len(records)} stored" if records else "by the command"
-        tables.append(f"| [{name}]({name}.md) | {title} | {here} |")
+        tables.append(f"| [{name}]({name}.md) | {_cell(title)} | {here} |")
         (folder / f"{name}.md").write_text(_table_page(name, title, protocol, records), encoding="utf-8")
     for path in (p for p in EXAMPLES if p.suffix in (".py", ".toml")):
         what, text = _example(path)
-        examples.append(f"| [{path.name}]({path.stem}.md) | {what} |")
+        examples.append(f"| [{path.name}]({path.stem}.md) | {_cell(what)} |")
         kind = {".py": "python", ".toml": "toml"}[path.suffix]
         command = f"python examples/{path.name}" if kind == "python" else f"slipangle run examples/{path.name}"
         page = (
@@ -88,12 +88,17 @@ def _table_page(name: str, title: str, protocol: str, records: list[dict[str, An
         lines += ["| row | quantity | thesis | here | bound | holds |", "|---|---|---|---|---|---|"]
         for r in records:
             cells = (r["row"], r["quantity"], _shown(r["thesis"]), _shown(r["here"]), r["bound"], _holds(r["holds"]))
-            lines.append("| " + " | ".join(str(cell).replace("|", "\\|") for cell in cells) + " |")
+            lines.append("| " + " | ".join(_cell(str(cell)) for cell in cells) + " |")
     else:
         lines += ["Its numbers take long and are not stored here: run the command."]
     said = [f"* {r['row']}, {r['quantity']}: {r['note']}" for r in records if r["note"]]
     lines += ["", "## Protocol", "", _plain(protocol), *(["", "## Notes", "", *map(_plain, said)] if said else [])]
     return "\n".join(lines) + "\n"
+
+
+def _cell(text: str) -> str:
+    """Text in a table of Markdown."""
+    return text.replace("|", "\\|")
 
 
 def _plain(text: str) -> str:
