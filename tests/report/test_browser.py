@@ -233,9 +233,19 @@ def test_figures_are_drawn_when_they_come_near(browser, tmp_path):
     far = Section(title="far", blocks=(Text(text="\n\n".join("x" for _ in range(200))), *figures_of(example_page())))
     browser.open(Page(title="t", sections=(far,)).write(tmp_path / "page.html"))
     assert browser.run("document.querySelectorAll('.js-plotly-plot').length") == 0
-    assert browser.run("typeof Plotly") == "undefined"
     browser.run("document.querySelector('.plot').scrollIntoView()")
     browser.wait("document.querySelectorAll('.js-plotly-plot').length > 0")
+
+
+def test_a_page_prints_whole_a_moment_after_it_has_loaded(browser, tmp_path):
+    """All figures, though none was near the window; the library is there as soon as nothing else is to be done."""
+    far = Section(title="far", blocks=(Text(text="\n\n".join("x" for _ in range(200))), *figures_of(example_page())))
+    browser.open(Page(title="t", sections=(far,)).write(tmp_path / "page.html"))
+    browser.wait("typeof Plotly !== 'undefined'")
+    assert browser.run("document.querySelectorAll('.js-plotly-plot').length") == 0
+    browser.call("Page.printToPDF")
+    drawn, all_of_them = (browser.run(f"document.querySelectorAll('{c}').length") for c in (".js-plotly-plot", ".plot"))
+    assert drawn == all_of_them > 0
 
 
 def figures_of(page):

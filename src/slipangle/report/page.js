@@ -192,5 +192,5 @@
 
   onResize();
   const idle = window.requestIdleCallback || ((act) => window.setTimeout(act, 200));
-  window.addEventListener("load", () => window.setTimeout(() => idle(unpacked), 5000)); /* so that it prints at once */
+  window.addEventListener("load", () => window.setTimeout(() => idle(unpacked), 300)); /* so that it prints at once */
 })();
