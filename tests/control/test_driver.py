@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from slipangle.codegen.compiler import compiler, sentence
-from slipangle.control.default_drive import SLOWER, WANDER, default_controller, default_estimator, driven_model
+from slipangle.control.default_drive import (
+    SLOWER,
+    WANDER,
+    default_controller,
+    default_estimator,
+    driven_model,
+    less_trusting,
+)
 from slipangle.control.driver import Driver
 from slipangle.errors import ParameterError
 from slipangle.models.vehicles.banked import Banked
@@ -31,6 +38,9 @@ LATE = Delayed(Steered(KNOWN, steering_lag=0.05), delays={"delta": 0.02}, longes
 NOISE = {"r": 0.002, "X": 0.02, "Y": 0.02, "psi": 0.001}
 STEERING = {"delay": Values(delta=0.02), "lag": Values(delta=0.05)}
 RAW = ("r", "v_x", "X", "Y", "psi")
+NOISY = Sensors(
+    r=Sensor(noise=0.002), v_x=Sensor(noise=0.02), X=Sensor(noise=0.02), Y=Sensor(noise=0.02), psi=Sensor(noise=1e-3)
+)
 LINE = Path.from_points(np.linspace(0.0, 400.0, 200), np.zeros(200), name="straight").with_speed(25.0)
 
 
@@ -188,6 +198,35 @@ def test_defaults_scale_with_the_car_and_its_steering():
     told = driven_model(LATE, 0.02, lagging=False)
     assert not [n for n in told.states if "lag" in n]
     assert default_estimator(told, NOISE, {}).process_std["d_v_y"] == WANDER["d_v_y"]
+
+
+def test_a_model_is_trusted_as_far_as_it_foretells():
+    """Weights by hand; a controller that is given keeps its own."""
+    controller = default_controller(driven_model(LATE, 0.02))
+    ocp = controller.ocp
+    reference = controller.reference(LINE.ahead(0.0, controller.times), v_x=25.0)
+    for surprise, doubt in ((0.2, 1.0), (1.0, 1.0), (2.5, 2.5), (40.0, 10.0)):
+        q, _, s = ocp.weights_for(less_trusting(controller, reference, surprise))
+        usual_q, _, usual_s = ocp.stage_weights
+        course = ocp.tracked.index("e_course")
+        others = [i for i in range(len(ocp.tracked)) if i != course]
+        assert q[:, course] == pytest.approx(doubt * usual_q[:, course])
+        assert np.array_equal(q[:, others], usual_q[:, others])
+        assert s == pytest.approx(doubt**3 * usual_s)
+    told = {"X": 0.0, "Y": 0.3, "psi": 0.0, "v_x": 25.0, "r": 0.0}
+    own, given = Driver(LATE, LINE, noise=NOISE), Driver(LATE, LINE, controller=controller, noise=NOISE)
+    assert abs(own.step(told, 0.0)["delta"]) < 0.9 * abs(given.step(told, 0.0)["delta"])  # not known yet
+
+
+@pytest.mark.parametrize(("late", "trusted"), [(0.0, True), (0.25, False)])
+def test_surprise_tells_a_car_that_is_the_model_from_one_that_is_not(late, trusted):
+    """Steering that answers a quarter of a second late, in a lane change; one is what a right model comes to."""
+    path, heard = double_lane_change(15.0), []
+    whole = driver(path)
+    plant = Plant(car(), delay=Values(delta=0.02 + late), lag=Values(delta=0.05), sensors=NOISY)
+    drive(plant, whole, channels=RAW, watch=lambda t, said: heard.append(whole._surprise))
+    assert heard[0] > 2.9
+    assert (max(heard[300:]) < 2.0) is trusted
 
 
 def test_what_does_not_fit_is_said():

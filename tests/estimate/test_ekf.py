@@ -303,3 +303,19 @@ def test_a_race_car_in_one_pass_is_as_good_as_the_batch_fit():
     assert found["r"].fit > 78.5  # the batch fit of these two from yaw rate: 78.9
     assert found["v_y"].fit > 71
     assert (model.params.C_f, model.params.C_r) == pytest.approx((38e3, 82e3), rel=0.1)  # what the batch fit finds
+
+
+def test_surprise_is_the_mean_square_of_innovations_and_one_for_the_right_model():
+    data = drive(BICYCLE, 1500, 4, process=(0.3, 0.1))
+    filter_ = EKF(
+        start=BICYCLE, noise_std=NOISE, process_std={"v_y": 0.3, "r": 0.1}, state_std={"v_y": 0.3, "r": 0.1}
+    ).start_at()
+    heard = []
+    for y, u in zip(data.y, data.u, strict=True):
+        filter_.update(y, u)
+        error, std = filter_.innovation
+        assert filter_.surprise == pytest.approx(np.mean((error / std) ** 2))
+        heard.append(filter_.surprise)
+    assert np.mean(heard[100:]) == pytest.approx(1.0, abs=0.08)  # 2 800 squares of a standard normal
+    filter_.update(np.array([np.nan, np.nan]), data.u[0])
+    assert np.isnan(filter_.surprise)

@@ -147,7 +147,7 @@ def told_by(plant, x, t, k, rng):
 
 VARIANTS = {
     "plain": lambda: driver(double_lane_change(20.0), horizon=6),
-    "late, lagged, pedals": lambda: driver(circle(), LAGGED, late=LATE, speed=PEDALS),
+    "late, lagged, pedals": lambda: Driver(LAGGED, circle(), noise=NOISE, late=LATE, speed=PEDALS),
     "short, saturating": lambda: driver(double_lane_change(20.0), SATURATING, speed=PEDALS),
 }
 EACH = pytest.mark.parametrize(

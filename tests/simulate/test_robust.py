@@ -156,12 +156,14 @@ def test_bad_trials():
 NOISE = Values(X=0.02, Y=0.02, psi=1e-3, v_x=0.02, v_y=0.02, r=2e-3)
 
 
-def driven(v_x=20.0):
-    """A driver that knows the car, relaxation of its tires among it; its sensors are noisy."""
+def driven(v_x=20.0, *, relaxing=True):
+    """A driver that knows the car, relaxation of its tires (34 ms) among it or not; its sensors are noisy."""
     known = {n: getattr(CAR, n) for n in ("mass", "inertia_z", "wheelbase", "l_f", "C_f", "C_r")}
     late = 0.19 * CAR.wheelbase
     params = SaturatingBicycleParams(**known, relaxation_f=late, relaxation_r=late)
     model = RelaxingBicycle(params=params, dt=0.02, outputs=("v_y", "r"))
+    if not relaxing:
+        model = Bicycle(params=CAR, dt=0.02, outputs=("v_y", "r"))
     path = double_lane_change(v_x)
     told = {n: v for n, v in NOISE.items() if n != "v_x"}
     return Trial(controller=Driver(model, path, noise=told), path=path, bicycle=CAR, noise=NOISE)
@@ -177,7 +179,7 @@ def test_a_driver_sees_measurements_alone_and_each_car_is_driven_by_its_own():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("v_x", [15.0, 20.0, 22.0])
-def test_a_driver_bears_cars_that_differ(v_x):
-    """At 54, 72 and 79 km/h, all 32 of them."""
-    assert try_on(driven(v_x), range(32)).share >= 0.97
+@pytest.mark.parametrize(("v_x", "relaxing"), [(15.0, True), (20.0, True), (22.0, True), (15.0, False), (20.0, False)])
+def test_a_driver_bears_cars_that_differ(v_x, relaxing):
+    """At 54, 72 and 79 km/h; without trust by what the model foretells, the last two lose half of them."""
+    assert try_on(driven(v_x, relaxing=relaxing), range(32)).share >= 0.97

@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from slipangle.control.front_slip import front_slip, rear_slip
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError
@@ -21,6 +23,7 @@ from slipangle.models.wrappers.disturbed import Disturbed
 from slipangle.models.wrappers.lagging import Lagging
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.models.wrappers.wrapper import Wrapper
+from slipangle.optimal.ocp import Reference
 from slipangle.optimal.terms import Limits, Weights
 
 USUAL = 2.7  # m, wheelbase of the car that the numbers are for
@@ -35,6 +38,8 @@ SLOWER = {"d_v_y": 0.03, "d_r": 0.03}  # factors of these where a late answer is
 START = {"v_y": 0.3, "r": 0.1, "d_v_y": 0.5, "d_r": 0.3}  # standard deviation of states at the start
 POSE_WANDER = {"X": 0.01, "Y": 0.01, "psi": 0.001}
 LAG_STD, LAG_LEAST, LAG_FADING = 0.03, 0.002, 20.0  # s, of the steering's lag beyond that of the model, see `Lagging`
+UNKNOWN, DOUBTED, TRUSTED = 3.0, 50.0, 1.0  # surprise at the start and at most [-]; time over which it is averaged [s]
+MOST = 10.0  # of the surprise, from which weights do not change any more
 GATE, PATIENCE = 8.0, 5  # of outliers
 WITHIN = 0.97  # of the slip angle at which an axle's force peaks; no force is lost there, and speeds may read wrong
 PAST_PEAK = 50.0  # weight per rad by which an axle slips more than that
@@ -143,4 +148,25 @@ def default_controller(model: OnGround, control: str = "delta", *, fastest: floa
         limits=Limits({control: ANGLE / gain, **peak}),
         rates=Limits({control: RATE / gain / math.sqrt(size)}),
         **known,
+    )
+
+
+def less_trusting(controller: MPC, reference: Reference, surprise: float) -> Reference:
+    """The reference with the weights of a model that foretells what is measured as badly as this.
+
+    ``surprise`` is the mean of the squared innovations over their variances, see `RecursiveVehicle.surprise`: one where
+    the model is right. Above that course, or heading, counts ``surprise`` times and quick steering ``surprise**3``
+    times, as far as 10: the controller's bandwidth falls by about its root, and what the model leaves out, such as the
+    relaxation of its tires, does not make the car swing. At the start, 3, a car is not known.
+    """
+    doubt = min(max(surprise, 1.0), MOST)
+    if doubt == 1.0:
+        return reference
+    ocp = controller.ocp
+    q, end, _, s = ocp.weights
+    course = [doubt if n in ("e_course", "e_psi") else 1.0 for n in ocp.tracked]
+    return replace(
+        reference,
+        Q=np.vstack([np.tile(q * course, (ocp.horizon, 1)), end * course]),
+        S=np.tile(s * (doubt * doubt * doubt), (ocp.horizon, 1)),
     )

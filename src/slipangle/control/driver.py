@@ -11,12 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.default_drive import default_controller, default_estimator, driven_model, size_of
+from slipangle.control.default_drive import (
+    DOUBTED,
+    TRUSTED,
+    UNKNOWN,
+    default_controller,
+    default_estimator,
+    driven_model,
+    less_trusting,
+    size_of,
+)
 from slipangle.control.front_slip import grip_left
 from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import DriverState, SpeedDriver
 from slipangle.control.targets import SteadyStates
 from slipangle.errors import ParameterError, SimulationError
+from slipangle.estimate.ekf import EKF
 from slipangle.models.model import Model
 from slipangle.models.wrappers.on_ground import POSE
 from slipangle.optimal.checks import NUMBER, Plausible
@@ -95,7 +105,8 @@ class Driver:
     lag of the steering are states of it, so they are compensated, a steering that answers later than was identified is
     noticed in the first bend (`Lagging`), and wind, bank, a wrong stiffness or a steering offset leave no steady error.
     A controller that does not count the course (``e_course``) is given headings at which the car, pushed as it is,
-    moves along the path (`SteadyStates`). Defaults follow from the model alone, see `slipangle.control.default_drive`.
+    moves along the path (`SteadyStates`). Defaults follow from the model alone, see `slipangle.control.default_drive`;
+    the default controller trusts the model as far as it foretells what is measured (`less_trusting` there).
 
     The speed law gives up drive and brake where an axle of the identified model needs its force to the side
     (`slipangle.control.front_slip.grip_left`), so that a bend that is too fast is not lost under power.
@@ -163,6 +174,7 @@ class Driver:
         self._targets = SteadyStates(whole, self.steering)
         counted = self.controller.ocp.tracked if isinstance(self.controller, MPC) else ()
         self._turns = "psi" in self.controller.references and not self.controller.steady and "e_course" not in counted
+        self._trusts = controller is None and isinstance(self.estimator, EKF)
         self._grip_left = None if speed is None else grip_left(whole, self.steering)
         self._model: Any = whole
         self._motion = [whole.states.index(name) for name in POSE]
@@ -186,6 +198,7 @@ class Driver:
         self._driving = DriverState()
         self._steered = 0.0
         self._last: Commands | None = None
+        self._surprise = UNKNOWN
 
     def export(self, folder: str | FilePath, **settings: Any) -> FilePath:
         """Write the driver as C that runs without Python; see `slipangle.export.export`, also for its settings.
@@ -293,6 +306,8 @@ class Driver:
         for name, good in zip(self._model.outputs, tracker.taken, strict=True):
             if good:
                 self._seen[name] = self._now
+        if self._trusts and not math.isnan(surprise := tracker.surprise):
+            self._surprise += self.dt / TRUSTED * (min(surprise, DOUBTED) - self._surprise)
         self._pending.clear()
         return ""
 
@@ -342,6 +357,8 @@ class Driver:
             slips = zip(v_y.tolist(), np.maximum(preview.v_x, self._slowest).tolist(), strict=True)
             tracked[:, self.controller.references.index("psi")] -= [math.atan2(a, b) for a, b in slips]
             reference = replace(reference, tracked=tracked)
+        if self._trusts:
+            reference = less_trusting(self.controller, reference, self._surprise)
         return self.controller.plan(x, reference, self._plan, applied=np.array([self._steered]))
 
     def _grip(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -333,6 +334,18 @@ class RecursiveVehicle:
         """
         seen = self._finite_y
         return np.where(seen, self._error, np.nan), np.where(seen, np.sqrt(self._variance), np.nan)
+
+    @property
+    def surprise(self) -> float:
+        """Mean of the squared innovations over their variances, of what the last sample took in. [-]
+
+        One where the model is right; NaN where nothing was taken in.
+        """
+        squares, count = 0.0, 0
+        for error, variance, taken in zip(self._error.tolist(), self._variance.tolist(), self.taken, strict=True):
+            if taken:
+                squares, count = squares + error * error / variance, count + 1
+        return squares / count if count else math.nan
 
     @property
     def taken(self) -> np.ndarray:

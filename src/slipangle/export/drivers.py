@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from slipangle.control.default_drive import DOUBTED, TRUSTED, UNKNOWN
+from slipangle.control.default_drive import MOST as MOST_DOUBT
 from slipangle.control.driver import MOST, Commands, Driver
 from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import BRAKED, SpeedDriver
@@ -24,7 +26,7 @@ from slipangle.export.memory import size_of
 from slipangle.export.models import meaning
 from slipangle.export.mpc import mpc_project
 from slipangle.export.names import comment, constants
-from slipangle.export.project import Project, replay, template
+from slipangle.export.project import Project, replay, template, with_prefix
 from slipangle.models.wrappers.on_ground import POSE
 from slipangle.paths.path import Path
 from slipangle.paths.preview import strides_between
@@ -32,6 +34,7 @@ from slipangle.paths.preview import strides_between
 AHEAD = {"X": 1, "Y": 2, "psi": 3, "curvature": 4, "v_x": 5}  # rows of a look along the path
 CODES = {"HEADING": 3, "YAW_RATE": -2, "SPEED_AHEAD": -1, "SPEED_CHANGE": -2}
 NO_HEADING = -9  # no reference's code, where headings are taken as they are
+TRUST = {"UNKNOWN": UNKNOWN, "DOUBTED_MOST": DOUBTED, "TRUSTED": TRUSTED, "TRUST_MOST": MOST_DOUBT}
 NO_DRIVE = Drive(columns=(), asked=np.empty((0, 0)), commands=np.empty((0, 1)), controls=())
 
 
@@ -106,6 +109,8 @@ def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
     _require_known(driver)
     planner = mpc_project(driver.controller, "car_planner", NO_DRIVE)
     inner = {n: planner.everything[n] for n in ("car_planner.h", "car_planner.c")}
+    if driver._trusts:
+        inner["car_planner.c"] += _trusting(driver.controller)
     source = _source(driver)
     title = f"driver along '{driver.path.name}', a plan every {driver.dt:g} s"
     header = _header(driver, title)
@@ -150,6 +155,17 @@ def _require_known(driver: Driver) -> None:
         )
 
 
+def _trusting(planner: MPC) -> str:
+    """C behind the planner that weighs course and quick steering as `less_trusting` does."""
+    q, end, _, s = planner.ocp.weights
+    errors, _, changes = planner.ocp._counts
+    rows = np.vstack([np.tile(q, (planner.ocp.horizon, 1)), end])
+    doubted = [n in ("e_course", "e_psi") for n in planner.ocp.tracked]
+    reals = {"ERRORS_AS_ONE": rows, "ERRORS_COUNT": errors, "CHANGES_AS_ONE": s, "CHANGES_COUNT": changes}
+    tables = [*(table(n, v) for n, v in reals.items()), table("DOUBTED", doubted, "int")]
+    return "\n".join(["", *tables, with_prefix(template("trusting.c"), "car_planner")])
+
+
 def _counts(driver: Driver) -> dict[str, int]:
     model = driver.controller.model
     listed = {"CHANNELS": channels(driver), "COMMANDS": commands(driver)}
@@ -164,6 +180,7 @@ def _source(driver: Driver) -> str:
     parts = [
         filter_source(driver.estimator, **functions),
         *(["#define GRIP"] if driver._grip_left is not None else []),
+        *([*(f"#define {n} {number(v)}" for n, v in TRUST.items()), template("surprise.c")] if driver._trusts else []),
         path_source(),
         *_of_model(driver),
         *_of_path(driver),

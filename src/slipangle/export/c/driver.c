@@ -11,7 +11,7 @@ typedef struct {
     double raw[CAR_CHANNELS]; /* what each channel read last, NaN before */
     double pending[NY];       /* outputs measured since the last sample of the filter, NaN where there are none */
     double read[NY];          /* what each output read when it was taken in last */
-    double inputs[NU], v_x, s, integral, output, steered;
+    double inputs[NU], v_x, s, integral, output, steered, surprise;
     car_seconds v_at, seen[NY], t0, now;
     int64_t tick, jumps, restarts;
     int tracking, planned, begun, iterations;
@@ -52,6 +52,9 @@ int car_start(car_driver *memory, size_t bytes)
     for (int i = 0; i < NY; i++)
         d->pending[i] = NAN, d->seen[i] = NAN;
     d->v_x = d->s = NAN, d->tick = -1;
+#ifdef TRUSTED
+    d->surprise = UNKNOWN;
+#endif
     return CAR_OK;
 }
 
@@ -190,6 +193,9 @@ static int observe(Driver *d, int64_t behind)
             d->seen[i] = d->now;
         d->pending[i] = NAN;
     }
+#ifdef TRUSTED
+    wonder(&d->filter, &d->surprise);
+#endif
     return CAR_PLANNED;
 }
 
@@ -258,6 +264,9 @@ static void plan(car_driver *memory, Driver *d)
         (void)car_planner_start(&memory->planner, sizeof memory->planner);
         car_planner_deadline(&memory->planner, d->iterations, d->seconds, d->clock, d->of);
     }
+#ifdef TRUSTED
+    car_planner_trust(&memory->planner, within(d->surprise, 1, TRUST_MOST));
+#endif
     (void)car_planner_plan(&memory->planner, in, &d->plan);
     d->planned = 1;
     d->steered = d->plan.command[0];

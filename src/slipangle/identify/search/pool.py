@@ -159,7 +159,7 @@ class Cluster:
                 try:
                     yield task.number, self.ray.get(ready[0])
                 except (errors.WorkerCrashedError, errors.OutOfMemoryError, errors.RayTaskError) as error:
-                    yield task.number, lost(f"its worker died: {str(error).splitlines()[0]}")
+                    yield task.number, lost(f"its worker died: {str(error).strip().splitlines()[-1]}")
         except (errors.RayError, ConnectionError) as error:
             raise ConfigError(
                 f"the Ray cluster went away ({str(error).splitlines()[0]}); expected it to run until the search ends: "
