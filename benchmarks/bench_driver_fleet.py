@@ -8,8 +8,8 @@ r, v_x, X, Y, psi alone. Double lane change of ISO 3888-1, every length times th
 speed at which the line asks for 0.7 of the lateral acceleration that the car is capable of, or at its highest. Errors
 are over that same size, bounds those of a road car. True pose: every 10 ms, without noise; late pose: every 100 ms,
 100 ms late, with noise of 2 cm (times the size) and 1 mrad. Noise of r 0.002 rad/s, of v_x 0.02 m/s for a road car, by
-Froude's rule for others. Weights and noise of the Driver's defaults were chosen on two other cars
-(`benchmarks/bench_driver.py`) and not touched since: all of these are test cars.
+Froude's rule for others. Weights and noise of the Driver's defaults were chosen on two other cars, see
+`benchmarks/bench_driver.py`, and on bicycles that differ from their model: all of these are test cars.
 """
 
 from __future__ import annotations

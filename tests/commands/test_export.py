@@ -53,8 +53,17 @@ def test_driver_of_a_job(folder, capsys):  # noqa: F811
     assert len(drive) > 500
     said = run("make", "-s", "replay", "CC=gcc", folder=made)
     assert f"{len(drive)} calls in" in said
-    assert main(["export", "fmu", str(job), "--out", str(folder / "a.fmu")]) == 2
-    assert "a Driver has no FMU; expected a model or a controller" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("words", [("build",), ("export", "fmu")])
+def test_what_no_driver_can_become_is_refused_before_anything_is_identified(words, folder, capsys, monkeypatch):  # noqa: F811
+    monkeypatch.setattr("slipangle.workflow.job.identify_named", lambda *_: pytest.fail("identified"))
+    job = folder / "job.toml"
+    text = job.read_text().replace('outputs = ["r"]', 'outputs = ["r"]\nrate = 20.0')
+    job.write_text(text + CONTROLLER.replace("horizon = 6", 'kind = "driver"'))
+    assert main([*words, str(job), "--out", str(folder / "made")]) == 2
+    assert "is a driver, which cannot be" in capsys.readouterr().err
+    assert not (folder / "made").exists()
 
 
 @pytest.mark.parametrize("name", ["if", "../racer", "Racer"])
