@@ -8,7 +8,8 @@ ISO 3888-1 at 24 m/s, lateral RMSE to the path. True pose: every 10 ms, without 
 late, with noise of 2 cm and 1 mrad. Noise of 0.002 rad/s in r, 0.02 m/s in v_x. Weights and noise of the defaults were
 chosen on these same two cars: about twenty settings were scanned at 24 m/s, seed 0, then two of them settled at 22 m/s,
 seed 7. No car was kept back. Later the weights of course and quick steering and the filter's lag were settled on
-bicycles that differ from their model by up to 20 % (`try_on`, ISO 3888-1 at 15, 20 and 22 m/s), with these two beside.
+bicycles that differ from their model by up to 20 % (`try_on`, ISO 3888-1 at 15, 20 and 22 m/s), with these two and the
+laps of `bench_driver_lap.py` (seed 0) beside.
 
 Highest speed: true pose, from 20 m/s on by 1 m/s, the last before the first that leaves the lanes of a car of 1.8 m, or
 the line by more than 1 m, also where nothing marks a lane. Beside the defaults the law of feed-forward and feedback

@@ -38,8 +38,9 @@ SLOWER = {"d_v_y": 0.03, "d_r": 0.03}  # factors of these where a late answer is
 START = {"v_y": 0.3, "r": 0.1, "d_v_y": 0.5, "d_r": 0.3}  # standard deviation of states at the start
 POSE_WANDER = {"X": 0.01, "Y": 0.01, "psi": 0.001}
 LAG_STD, LAG_LEAST, LAG_FADING = 0.03, 0.002, 20.0  # s, of the steering's lag beyond that of the model, see `Lagging`
-UNKNOWN, DOUBTED, TRUSTED = 3.0, 50.0, 1.0  # surprise at the start and at most [-]; time over which it is averaged [s]
-MOST = 10.0  # of the surprise, from which weights do not change any more
+SURE = 1.5  # surprise up to which a model is trusted wholly [-]
+UNKNOWN, DOUBTED, TRUSTED = 4.5, 50.0, 1.0  # surprise at the start and at most [-]; time over which it is averaged [s]
+MOST = 10.0  # times that, from which weights do not change any more
 GATE, PATIENCE = 8.0, 5  # of outliers
 WITHIN = 0.97  # of the slip angle at which an axle's force peaks; no force is lost there, and speeds may read wrong
 PAST_PEAK = 50.0  # weight per rad by which an axle slips more than that
@@ -155,11 +156,11 @@ def less_trusting(controller: MPC, reference: Reference, surprise: float) -> Ref
     """The reference with the weights of a model that foretells what is measured as badly as this.
 
     ``surprise`` is the mean of the squared innovations over their variances, see `RecursiveVehicle.surprise`: one where
-    the model is right. Above that course, or heading, counts ``surprise`` times and quick steering ``surprise**3``
-    times, as far as 10: the controller's bandwidth falls by about its root, and what the model leaves out, such as the
-    relaxation of its tires, does not make the car swing. At the start, 3, a car is not known.
+    the model is right. At n times 1.5, course or heading counts n times and quick steering n**3 times, n up to 10: the
+    controller's bandwidth falls by about the root of n, and what the model leaves out, such as the relaxation of its
+    tires, does not make the car swing. At the start n is 3, as the car is not known.
     """
-    doubt = min(max(surprise, 1.0), MOST)
+    doubt = min(max(surprise / SURE, 1.0), MOST)
     if doubt == 1.0:
         return reference
     ocp = controller.ocp

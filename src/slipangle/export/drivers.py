@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.default_drive import DOUBTED, TRUSTED, UNKNOWN
+from slipangle.control.default_drive import DOUBTED, SURE, TRUSTED, UNKNOWN
 from slipangle.control.default_drive import MOST as MOST_DOUBT
 from slipangle.control.driver import MOST, Commands, Driver
 from slipangle.control.mpc import MPC
@@ -34,7 +34,7 @@ from slipangle.paths.preview import strides_between
 AHEAD = {"X": 1, "Y": 2, "psi": 3, "curvature": 4, "v_x": 5}  # rows of a look along the path
 CODES = {"HEADING": 3, "YAW_RATE": -2, "SPEED_AHEAD": -1, "SPEED_CHANGE": -2}
 NO_HEADING = -9  # no reference's code, where headings are taken as they are
-TRUST = {"UNKNOWN": UNKNOWN, "DOUBTED_MOST": DOUBTED, "TRUSTED": TRUSTED, "TRUST_MOST": MOST_DOUBT}
+TRUST = {"SURE": SURE, "UNKNOWN": UNKNOWN, "DOUBTED_MOST": DOUBTED, "TRUSTED": TRUSTED, "TRUST_MOST": MOST_DOUBT}
 NO_DRIVE = Drive(columns=(), asked=np.empty((0, 0)), commands=np.empty((0, 1)), controls=())
 
 

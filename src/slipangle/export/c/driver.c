@@ -265,7 +265,7 @@ static void plan(car_driver *memory, Driver *d)
         car_planner_deadline(&memory->planner, d->iterations, d->seconds, d->clock, d->of);
     }
 #ifdef TRUSTED
-    car_planner_trust(&memory->planner, within(d->surprise, 1, TRUST_MOST));
+    car_planner_trust(&memory->planner, within(d->surprise / SURE, 1, TRUST_MOST));
 #endif
     (void)car_planner_plan(&memory->planner, in, &d->plan);
     d->planned = 1;
