@@ -8,6 +8,7 @@ import pytest
 
 from slipangle.cli import main
 from slipangle.codegen import compiler
+from slipangle.export import load
 from slipangle.models.storage import save
 from tests.commands.test_log import folder  # noqa: F401  # a fixture
 from tests.export.tools import needs, run
@@ -53,17 +54,18 @@ def test_driver_of_a_job(folder, capsys):  # noqa: F811
     assert len(drive) > 500
     said = run("make", "-s", "replay", "CC=gcc", folder=made)
     assert f"{len(drive)} calls in" in said
-
-
-@pytest.mark.parametrize("words", [("build",), ("export", "fmu")])
-def test_what_no_driver_can_become_is_refused_before_anything_is_identified(words, folder, capsys, monkeypatch):  # noqa: F811
-    monkeypatch.setattr("slipangle.workflow.job.identify_named", lambda *_: pytest.fail("identified"))
-    job = folder / "job.toml"
-    text = job.read_text().replace('outputs = ["r"]', 'outputs = ["r"]\nrate = 20.0')
-    job.write_text(text + CONTROLLER.replace("horizon = 6", 'kind = "driver"'))
-    assert main([*words, str(job), "--out", str(folder / "made")]) == 2
-    assert "is a driver, which cannot be" in capsys.readouterr().err
-    assert not (folder / "made").exists()
+    built = folder / "built"
+    assert main(["build", str(job), "--out", str(built), "--json"]) == 0
+    assert "path.csv" in json.loads(capsys.readouterr().out)["files"]
+    loaded = load(built)
+    names, n = loaded._names["channels"], len(loaded.controls)
+    wanted = [
+        list(loaded.step(dict(zip(names, row[1:-n], strict=True)), row[0]).values.values()) for row in drive[:200]
+    ]
+    assert np.array(wanted) == pytest.approx(drive[:200, -n:], rel=1e-9, abs=1e-9)
+    assert main(["export", "fmu", str(job), "--out", str(folder / "driver.fmu"), "--source-only"]) == 0
+    with zipfile.ZipFile(folder / "driver.fmu") as archive:
+        assert {"sources/driver_fmu.c", "sources/driver.c", "sources/driver_planner.c"} < set(archive.namelist())
 
 
 @pytest.mark.parametrize("name", ["if", "../racer", "Racer"])

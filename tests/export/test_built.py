@@ -15,7 +15,11 @@ import slipangle as sa
 from slipangle.codegen import compiler
 from slipangle.errors import ConfigError, FormatError, HashError, MissingFileError, ParameterError
 from slipangle.export import build, load
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.paths.lane_change import double_lane_change
+from slipangle.simulate.drive import drive
 from tests.control.marx.test_mpc import BY_POSE
+from tests.export.test_drivers import LAGGED, LATE, PEDALS, driver
 from tests.export.test_mpc import KINDS, controller
 
 pytestmark = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
@@ -90,6 +94,66 @@ def test_a_start_is_found_or_refused(built, tmp_path, monkeypatch):
     lagged = load(build(BY_POSE, tmp_path / "made", drive=60))
     with pytest.raises(ParameterError, match="does not know the state to start from"):
         lagged.start({"Y": 2.0})
+
+
+@pytest.fixture(scope="module")
+def pilot(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
+        whole = driver(double_lane_change(20.0), LAGGED, horizon=6, late=LATE, speed=PEDALS)
+        return whole, build(whole, tmp_path_factory.mktemp("built") / "made", name="pilot", drive=60)
+
+
+def test_a_driver_drives_as_the_one_it_was_built_from(pilot):
+    """On a plant that is not its model, to the last bit; its messages and plans are the same too."""
+    whole, folder = pilot
+    built = load(folder)
+    assert (built.controls, built.dt) == (whole.controls, whole.dt)
+    for key in ("X", "Y", "psi", "curvature", "v_x", "right", "left"):
+        assert np.array_equal(getattr(built.path, key), getattr(whole.path, key))
+    assert (built.path.name, built.path.closed) == (whole.path.name, whole.path.closed)
+    plant = sa.Plant(sa.OnGround(sa.Bicycle(params=SOUSA_TABLE_7_2, dt=0.01, outputs=("r",))))
+    heard, runs = [], []
+    for one in (whole, built, pickle.loads(pickle.dumps(built))):
+        heard.append([])
+        runs.append(drive(plant, one, duration=3.0, watch=lambda _, c: heard[-1].append((c.message, c.age, c.s))))
+    for one, said in zip(runs[1:], heard[1:], strict=True):
+        assert np.array_equal(runs[0].states, one.states)
+        assert np.array_equal(runs[0].commands, one.commands)
+        assert runs[0].controls == one.controls
+        assert [p.status for p in runs[0].plans] == [p.status for p in one.plans]
+        assert heard[0] == said
+    assert np.abs(runs[0].states[:, plant.model.states.index("Y")]).max() > 1.0
+
+
+def test_a_built_driver_answers_as_the_one_in_python_where_it_cannot_plan(pilot):
+    whole, folder = pilot
+    built = load(folder)
+    for one in (whole, built):
+        one.reset()
+    told = [({"r": 0.0}, 0.0), ({"v_x": 0.5}, 0.1), ({"v_x": 20.0}, 0.3), ({"X": 0.0, "Y": 0.1, "psi": 0.0}, 0.35)]
+    told += [({"unknown": 1.0, "v_x": 20.1}, 0.41), ({}, 0.411), ({"v_x": np.nan}, 3.0)]
+    for measured, t in told:
+        a, b = whole.step(measured, t), built.step(measured, t)
+        assert (a.message, a.values, a.wanted_v_x, a.s, a.e_y) == (b.message, b.values, b.wanted_v_x, b.s, b.e_y)
+        assert (a.age, a.restarts, a.fallback, a.status) == (b.age, b.restarts, b.fallback, b.status)
+        assert np.array_equal(a.state, b.state)
+        assert np.array_equal(a.state_std, b.state_std)
+        if a.plan is not None:
+            assert np.array_equal(a.plan.u, b.plan.u)
+            assert (a.plan.health, a.plan.controls) == (b.plan.health, b.plan.controls)
+    assert built.step({}, 3.001) is built.step({}, 3.002)
+    for t in (1.0, np.nan, np.inf):
+        with pytest.raises(ParameterError, match="expected finite times that do not go back"):
+            built.step({}, t)
+
+
+def test_a_path_that_was_changed_is_not_driven(pilot, tmp_path):
+    folder = shutil.copytree(pilot[1], tmp_path / "copy")
+    text = (folder / "path.csv").read_text()
+    (folder / "path.csv").write_text(text.replace("20.0", "30.0"))
+    with pytest.raises(HashError, match=r"'path\.csv' in .* is not the file that was built"):
+        load(folder)
 
 
 def test_marx(tmp_path, monkeypatch):

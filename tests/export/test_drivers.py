@@ -13,7 +13,7 @@ from slipangle.control.followers.compensated import Compensated
 from slipangle.control.followers.followers import Stanley
 from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError
-from slipangle.export.drivers import DriverRecorder, channels, commands
+from slipangle.export.drivers import DriverRecorder, channels
 from slipangle.export.kinds import project_of
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
@@ -117,7 +117,7 @@ def alike(out, plan, said, whole):
     """Whether what C wants is what Python does, to the last bit."""
     ages = [said.age.get(n, math.nan) for n in whole.controller.model.outputs]
     listed = [
-        (out.value, [said[n] for n in commands(whole)]),
+        (out.value, [said[n] for n in whole.controls]),
         ([out.wanted_v_x, out.s, out.e_y], [said.wanted_v_x, said.s, said.e_y]),
         (out.state, said.state),
         (out.state_std, said.state_std),

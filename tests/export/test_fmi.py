@@ -9,7 +9,12 @@ import pytest
 import slipangle as sa
 from slipangle.codegen import compiler
 from slipangle.errors import ParameterError, WriteError
+from slipangle.export.drivers import channels
 from slipangle.export.fmi import export_fmu
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.paths.lane_change import double_lane_change
+from tests.export.loaded import STATUSES
+from tests.export.test_drivers import LAGGED, LATE, PEDALS, driver
 from tests.export.test_mpc import STANLEY, controller
 from tests.export.tools import STRICT, needs, run
 from tests.models.all_models import ALL_MODELS
@@ -196,7 +201,7 @@ def test_versions_and_things_without_an_fmu_are_said(tmp_path):
     with pytest.raises(ParameterError, match="the version of FMI is 1; expected 2 or 3"):
         export_fmu(ALL_MODELS["bicycle"], tmp_path / "a.fmu", version=1)
     observer = sa.EKF(start=ALL_MODELS["bicycle"], noise_std={"r": 0.01})
-    with pytest.raises(ParameterError, match="a EKF has no FMU; expected a model or a controller"):
+    with pytest.raises(ParameterError, match="a EKF has no FMU; expected a model, a controller or a driver"):
         export_fmu(observer, tmp_path / "a.fmu")
 
 
@@ -236,6 +241,55 @@ def test_controller_and_plant_close_the_loop(version, tmp_path):
     plant.end()
 
 
+@BOTH
+def test_a_driver_and_a_plant_close_the_loop(version, tmp_path):
+    """The driver is told what the plant's outputs are, late and seldom the pose, and wants what it does in Python."""
+    import fmpy.validation
+
+    whole = driver(double_lane_change(20.0), LAGGED, horizon=6, late=LATE, speed=PEDALS)
+    model, names = whole.controller.model, channels(whole)
+    plant = sa.OnGround(sa.Bicycle(params=SOUSA_TABLE_7_2, dt=0.02, outputs=("r",)))
+    files = [export_fmu(t, tmp_path / f"{n}.fmu", version=version) for n, t in (("driver", whole), ("plant", plant))]
+    assert [fmpy.validation.validate_fmu(str(f)) for f in files] == [[], []]
+    pilot, car = (Slave(f, tmp_path / f.stem) for f in files)
+    described = {v.name: v for v in pilot.description.modelVariables}
+    assert (described["measured.r"].unit, described["delta"].causality) == ("rad/s", "output")
+    seen, past = set(), []
+    for k in range(180):
+        now = dict(zip(plant.states, car.get(*(f"state.{n}" for n in plant.states)), strict=True))
+        past.append(now)
+        told = {} if k < 2 else {"v_x": 20.0 + 0.01 * (k % 3), "r": now["r"]}
+        if k % 10 == 5:
+            told |= {n: past[-6][n] for n in ("X", "Y", "psi")}
+        if k == 100:
+            told = dict.fromkeys(names, np.nan)
+        pilot.set(**{f"measured.{n}": v for n, v in told.items()})
+        pilot.step()
+        said = whole.step(told, 0.02 * k)
+        wanted = [*said.values.values(), said.wanted_v_x, said.s, said.e_y, *said.state, *said.state_std]
+        outputs = [v.name for v in pilot.description.modelVariables if v.causality == "output"]
+        assert pilot.get(*outputs[: len(wanted)]) == pytest.approx(wanted, rel=1e-9, abs=1e-9), k
+        reason, planned, status, age, restarts = pilot.get("reason", "planned", "status", "age", "restarts")
+        assert (bool(planned), restarts) == (said.plan is not None, said.restarts)
+        if said.plan is not None:
+            assert (STATUSES[int(status)], age) == (said.plan.status, said.plan.age)
+        seen.add(int(reason))
+        if k == 90:
+            saved = pilot.fmu.getFMUState()
+            pilot.set(**{"measured.Y": 1.0})
+            pilot.step()
+            pilot.fmu.setFMUState(saved)
+            pilot.fmu.freeFMUState(saved)
+            pilot.time -= pilot.dt
+        car.set(delta=pilot.get("delta")[0], v_x=20.0)
+        car.step()
+    assert seen == {0, 1, 3}
+    assert abs(now["Y"]) > 1.0
+    assert len(model.states) > len(plant.states)
+    pilot.end()
+    car.end()
+
+
 @pytest.mark.parametrize("compiler_", ["gcc", "clang"])
 def test_compilers_have_nothing_to_say(compiler_, tmp_path):
     needs(compiler_)
@@ -244,12 +298,18 @@ def test_compilers_have_nothing_to_say(compiler_, tmp_path):
         ("mpc", 2, controller(3)),
         ("newer", 3, ALL_MODELS["NARX"]),
         ("newest", 3, STANLEY),
+        ("pilot", 2, driver(double_lane_change(20.0), horizon=4, speed=PEDALS)),
+        ("later", 3, driver(double_lane_change(20.0), horizon=4)),
     ):
         path = export_fmu(thing, tmp_path / f"{name}.fmu", name=name, version=version, binary=False)
         with zipfile.ZipFile(path) as archive:
             assert not [n for n in archive.namelist() if n.startswith("binaries")]
-            (tmp_path / f"{name}.c").write_bytes(archive.read(f"sources/{name}.c"))
-        run(compiler_, *STRICT, "-fsyntax-only", f"{name}.c", folder=tmp_path)
+            sources = [n for n in archive.namelist() if n.startswith("sources/") and n.endswith((".c", ".h"))]
+            for source in sources:
+                (tmp_path / source.rpartition("/")[2]).write_bytes(archive.read(source))
+        for source in sources:
+            if source.endswith(".c"):
+                run(compiler_, *STRICT, "-fsyntax-only", source.rpartition("/")[2], folder=tmp_path)
 
 
 def test_a_file_is_new_or_asked_for(tmp_path):

@@ -20,7 +20,7 @@ import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -118,14 +118,16 @@ def library(source: str, *, name: str, flags: tuple[str, ...] = ()) -> ctypes.CD
 
 
 def compile_file(
-    source: Path, target: Path, *, flags: tuple[str, ...] = (), portable: bool = False
+    sources: Sequence[Path], target: Path, *, flags: tuple[str, ...] = (), portable: bool = False
 ) -> dict[str, str | list[str]]:
-    """A shared library from a file, outside the cache; by which compiler and flags it was made.
+    """A shared library from files, outside the cache; by which compiler and flags it was made.
 
     Parameters
     ----------
-    source, target : Path
-        The C file, and the library.
+    sources : sequence of Path
+        The C files.
+    target : Path
+        The library.
     flags : tuple of str, optional
         More flags for the compiler.
     portable : bool
@@ -134,7 +136,7 @@ def compile_file(
     Raises
     ------
     ConfigError
-        If there is no compiler, or it rejects the source.
+        If there is no compiler, or it rejects a source.
     """
     command = compiler()
     if command is None:
@@ -144,14 +146,14 @@ def compile_file(
     for level in _levels() if given or not portable else (PORTABLE,):
         options = (*flags, *level, "-shared", "-fPIC", "-std=gnu11")
         try:
-            status, text = _run((*command, *options, "-o", str(target), str(source), "-lm"), os.environ)
+            status, text = _run((*command, *options, "-o", str(target), *map(str, sources), "-lm"), os.environ)
         except _RejectedError as error:
             status, text = 1, f"error: {error}"
         if status == 0 and target.is_file():
             return {"compiler": _version(command).partition("\n")[0], "command": list(command), "flags": list(options)}
         said = next((line for line in text.splitlines() if "error" in line), f"exit code {status}")
     raise ConfigError(
-        f"'{' '.join(command)}' did not compile '{source}' ({said[:200]}): set SLIPANGLE_CC to another one"
+        f"'{' '.join(command)}' did not compile '{sources[0]}' ({said[:200]}): set SLIPANGLE_CC to another one"
     )
 
 

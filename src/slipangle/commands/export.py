@@ -43,7 +43,7 @@ def add(commands: Commands) -> None:
     sub.add_argument("--fmi", type=int, choices=(2, 3), default=2, help="version of the standard (default: 2)")
     sub.add_argument("--source-only", action="store_true", help="compile nothing")
     sub = commands.add("build", _build, "compile the controller of a job, to be loaded where there is no compiler")
-    _options(sub, "JOB.toml", "slipangle-out/build/NAME", "mpc, marx, follower")
+    _options(sub, "JOB.toml", "slipangle-out/build/NAME", "mpc, driver, ...")
     sub.add_argument("--portable", action="store_true", help="for every processor of this machine's kind")
 
 
@@ -64,11 +64,11 @@ def _place(options: argparse.Namespace, folder: str, suffix: str = "") -> tuple[
     return name, Path(options.out or f"slipangle-out/{folder}/{name or Path(options.what).stem}{suffix}")
 
 
-def _thing(options: argparse.Namespace, bar: Bar, not_driven: str = "") -> tuple[Any, dict[str, Any]]:
+def _thing(options: argparse.Namespace, bar: Bar) -> tuple[Any, dict[str, Any]]:
     """The model of a file, or the controller of a job and the drive of its manoeuvre."""
     if options.what.endswith(".json"):
         return next(iter(load_models([options.what]).values())), {}
-    thing, drive = _controller(options.what, bar, not_driven)
+    thing, drive = _controller(options.what, bar)
     return thing, {"drive": drive}
 
 
@@ -108,7 +108,7 @@ def _fmu(options: argparse.Namespace) -> Answer:
     name, path = _place(options, "export", ".fmu")
     check_output(path.parent)
     with Bar(quiet=options.json or options.quiet) as bar:
-        thing, _ = _thing(options, bar, "an FMU")
+        thing, _ = _thing(options, bar)
         bar(0.9, "writing the FMU")
         settings = {"name": name, "version": options.fmi, "binary": not options.source_only, "force": options.force}
         made = export_fmu(thing, path, **settings)
@@ -118,14 +118,14 @@ def _fmu(options: argparse.Namespace) -> Answer:
 def _build(options: argparse.Namespace) -> Answer:
     """Compile the controller of JOB.toml once; slipangle.export.load takes the folder where there is no compiler.
 
-    It checks the files, the machine and what the library decides on the recorded drive.
+    A driver is compiled whole. What is loaded checks the files, the machine and what it decides on the recorded drive.
     """
     from slipangle.export import build
 
     name, folder = _place(options, "build")
     check_output(folder)
     with Bar(quiet=options.json or options.quiet) as bar:
-        controller, drive = _controller(options.what, bar, "compiled ahead of time")
+        controller, drive = _controller(options.what, bar)
         bar(0.8, "compiling")
         made = build(controller, folder, name=name, drive=drive, portable=options.portable, force=options.force)
     listed = sorted(p.name for p in made.iterdir())
@@ -133,10 +133,10 @@ def _build(options: argparse.Namespace) -> Answer:
     return Answer({"folder": str(made), "files": listed}, words)
 
 
-def _controller(file: str, bar: Bar, not_driven: str = "") -> tuple[Any, Drive]:
-    """The controller of a job and the drive of its manoeuvre; ``not_driven`` says what no driver can become.
+def _controller(file: str, bar: Bar) -> tuple[Any, Drive]:
+    """The controller of a job, or its whole driver, and the drive of its manoeuvre.
 
-    Raises ConfigError if the job has none, or a driver where none can be, before anything is identified.
+    Raises ConfigError if the job has none, before anything is identified.
     """
     from slipangle.control.driver import Driver
     from slipangle.export import DriverRecorder, Recorder
@@ -151,11 +151,6 @@ def _controller(file: str, bar: Bar, not_driven: str = "") -> tuple[Any, Drive]:
         raise ConfigError(
             f"'{file}' has no [controller]; expected one to export: add it, or name a model that 'slipangle identify' "
             "wrote"
-        )
-    if not_driven and wanted.kind == "driver":
-        raise ConfigError(
-            f"the [controller] of '{file}' is a driver, which cannot be {not_driven}; expected a controller alone: "
-            f"write it as C, slipangle export c {file}"
         )
     bar(0.1, f"identifying {wanted.model}")
     model = identify_named(settings, wanted.model, logs.train)

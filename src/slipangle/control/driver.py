@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
+from slipangle.control.commands import HINDERED, LOST_PLACE, STAY, Commands
 from slipangle.control.default_drive import (
     DOUBTED,
     TRUSTED,
@@ -30,7 +31,7 @@ from slipangle.estimate.ekf import EKF
 from slipangle.models.model import Model
 from slipangle.models.wrappers.on_ground import POSE
 from slipangle.optimal.checks import NUMBER, Plausible
-from slipangle.optimal.solution import NEW, Health, Plan, Status
+from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import require_names
 from slipangle.paths.path import Path
 
@@ -39,61 +40,6 @@ SLOWEST = 1.5  # m/s, below which a lateral model does not describe the car
 LONGEST_GAP = 1.0  # s between two calls, after which the estimator starts anew
 JUMP, MOST = 2.0, 30.0  # m/s and m/s2 by which a measured speed may change at once and over time
 LOST = 1.0  # m of standard deviation of the position from which the car should stop
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Commands:
-    """What a `Driver` wants, and how it is.
-
-    Parameters
-    ----------
-    values : dict of str to float
-        Inputs of the car by name, finite and within limits, SI units.
-    wanted_v_x : float
-        Speed that the car should have: the path's, or 0 to stop. [m/s]
-    plan : Plan or None
-        Of the controller; None before the first pose and at walking pace.
-    message : str
-        One sentence on where the commands come from.
-    s, e_y : float
-        Arc length of the path beside the car, and how far it is to the left of it, as estimated. [m]
-    state, state_std : array, shape (n_states,)
-        Estimated state of the driver's model, and its standard deviation.
-    age : dict of str to float
-        How long ago each output was measured and believed. [s]
-    restarts : int
-        How often the estimator had to start anew.
-    """
-
-    values: dict[str, float]
-    wanted_v_x: float
-    plan: Plan | None = None
-    message: str
-    s: float = 0.0
-    e_y: float = 0.0
-    state: np.ndarray
-    state_std: np.ndarray
-    age: dict[str, float] = field(default_factory=dict)
-    restarts: int = 0
-
-    def __getitem__(self, name: str) -> float:
-        """One command."""
-        return self.values[name]
-
-    @property
-    def status(self) -> Status:
-        """How the controller's solve ended; NOT_FINITE before the first pose and at walking pace."""
-        return Status.NOT_FINITE if self.plan is None else self.plan.status
-
-    @property
-    def fallback(self) -> bool:
-        """Whether the commands are not those of a fresh plan."""
-        return self.plan is None or self.plan.age > 0
-
-    @property
-    def health(self) -> Health:
-        """Plans, fallbacks and overruns so far."""
-        return NEW if self.plan is None else self.plan.health
 
 
 class Driver:
@@ -183,6 +129,12 @@ class Driver:
         self._whole = Plausible(whole.states)
         self._steps = {name: round(self.estimator.late.get(name, 0.0) / self.dt) for name in whole.outputs}
         self.reset()
+
+    @property
+    def controls(self) -> tuple[str, ...]:
+        """Names of its commands, the steering first."""
+        law = {} if self.speed is None else self.speed.inputs(0.0)
+        return tuple(dict.fromkeys((*self.controller.controls, *law)))
 
     def reset(self) -> None:
         """Forget the drive so far; the next call of `step` begins another."""
@@ -284,10 +236,10 @@ class Driver:
         if not moving >= self._slowest:
             self._tracker, self._plan = None, None
             self._pending.clear()
-            return "the speed is not known yet" if math.isnan(moving) else "the car stands or creeps"
+            return HINDERED[1] if math.isnan(moving) else HINDERED[2]
         if self._tracker is None or behind * self.dt > LONGEST_GAP:
             if not set(POSE) <= self._raw.keys():
-                return "the pose is not known yet"
+                return HINDERED[3]
             self._begin()
             behind = 1
         tracker: Any = self._tracker
@@ -326,7 +278,7 @@ class Driver:
             known = "v_x" in self._raw and math.isfinite(self._s)
             wanted = self.path.speed(s) if known else 0.0
             nothing = np.zeros(self._model.n_states)
-            message = f"{hindered}, the wheels stay where they are"
+            message = f"{hindered}, {STAY}"
             return self._commands(wanted, s, 0.0, (nothing, np.full_like(nothing, np.inf)), message)
         x, std = self._tracker.state, self._tracker.state_std
         e_y = self._project(x[self._motion[0]], x[self._motion[1]])
@@ -335,7 +287,7 @@ class Driver:
         self._tracker.hold(dict(zip(self.controller.controls, plan.command.tolist(), strict=True)))
         lost = bool(max(std[i] for i in self._motion[:2]) > self._lost)
         wanted = 0.0 if plan.stopping or lost else self.path.speed(self._s)
-        message = "the position is not known any more, the car should stop" if lost else plan.message
+        message = LOST_PLACE if lost else plan.message
         return self._commands(wanted, self._s, e_y, (x, std), message)
 
     def _project(self, X: float, Y: float) -> float:

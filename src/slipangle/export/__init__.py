@@ -12,7 +12,9 @@ from typing import Any
 
 from slipangle.data.dataset import Dataset
 from slipangle.export.budget import measured, with_budget
-from slipangle.export.built import BuiltController, build, load
+from slipangle.export.built import build, load
+from slipangle.export.built_controller import BuiltController
+from slipangle.export.built_driver import BuiltDriver
 from slipangle.export.drivers import DriverRecorder
 from slipangle.export.drives import DEFAULT_STEPS, Drive, Recorder
 from slipangle.export.kinds import project_of
@@ -77,4 +79,4 @@ def export(
     return write(project, folder, force=force)
 
 
-__all__ = ["BuiltController", "Drive", "DriverRecorder", "Recorder", "build", "export", "load"]
+__all__ = ["BuiltController", "BuiltDriver", "Drive", "DriverRecorder", "Recorder", "build", "export", "load"]

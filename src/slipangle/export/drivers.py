@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from slipangle.control.commands import Commands
 from slipangle.control.default_drive import DOUBTED, SURE, TRUSTED, UNKNOWN
 from slipangle.control.default_drive import MOST as MOST_DOUBT
-from slipangle.control.driver import MOST, Commands, Driver
+from slipangle.control.driver import MOST, Driver
 from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import BRAKED, SpeedDriver
 from slipangle.errors import ParameterError
@@ -71,7 +72,7 @@ class DriverRecorder:
         """As `Driver.step`."""
         said = self.driver.step(measurements, t)
         self.told.append([float(t), *(float(measurements.get(n, math.nan)) for n in channels(self.driver))])
-        self.commands.append([said[n] for n in commands(self.driver)])
+        self.commands.append([said[n] for n in self.driver.controls])
         return said
 
     @property
@@ -84,7 +85,7 @@ class DriverRecorder:
             raise ParameterError("nothing has been recorded; expected a drive: call step, or drive, first")
         columns = ("t", *(comment(n) for n in channels(self.driver)))
         return Drive(
-            columns=columns, asked=np.array(self.told), commands=np.array(self.commands), controls=commands(self.driver)
+            columns=columns, asked=np.array(self.told), commands=np.array(self.commands), controls=self.driver.controls
         )
 
 
@@ -93,12 +94,6 @@ def channels(driver: Driver) -> tuple[str, ...]:
     model = driver.controller.model
     states = map(plain_name, model.states)
     return tuple(dict.fromkeys((*POSE, "v_x", *model.outputs, *model.inputs, *states, *model.states)))
-
-
-def commands(driver: Driver) -> tuple[str, ...]:
-    """What a driver decides, the steering first."""
-    law = {} if driver.speed is None else driver.speed.inputs(0.0)
-    return tuple(dict.fromkeys((driver.steering, *law)))
 
 
 def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
@@ -114,6 +109,7 @@ def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
     source = _source(driver)
     title = f"driver along '{driver.path.name}', a plan every {driver.dt:g} s"
     header = _header(driver, title)
+    model, planned = driver.controller.model, planner.facts["interface"]
     bytes_ = size_of("\n".join([inner["car_planner.h"], header, source]), "Driver", 1)
     return Project(
         name=name,
@@ -135,6 +131,15 @@ def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
             "dt": driver.dt,
             "horizon": driver.controller.horizon,
             "drive": {"steps": len(drive.commands)},
+            "interface": {
+                "channels": list(channels(driver)),
+                "controls": list(driver.controls),
+                "states": list(model.states),
+                "outputs": list(model.outputs),
+                "planned": planned["controls"],
+                "times": planned["times"],
+            },
+            "sizes": {"planner": planner.facts["sizes"], "BYTES": planner.facts["sizes"]["BYTES"] + bytes_ + 64},
             "bytes": {lanes: size + bytes_ for lanes, size in planner.facts["bytes"].items()},
         },
         flags=planner.flags,
@@ -168,7 +173,7 @@ def _trusting(planner: MPC) -> str:
 
 def _counts(driver: Driver) -> dict[str, int]:
     model = driver.controller.model
-    listed = {"CHANNELS": channels(driver), "COMMANDS": commands(driver)}
+    listed = {"CHANNELS": channels(driver), "COMMANDS": driver.controls}
     return {k: len(v) for k, v in {**listed, "STATES": model.states, "OUTPUTS": model.outputs}.items()}
 
 
@@ -293,7 +298,7 @@ def _header(driver: Driver, title: str) -> str:
     text = template("driver.h").replace("@TITLE@", comment(title))
     text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in _counts(driver).items()))
     text = text.replace("@DT@", repr(driver.dt))
-    places = {"@CHANNELS@": ("M", channels(driver), ranges), "@COMMANDS@": ("C", commands(driver), bounds)}
+    places = {"@CHANNELS@": ("M", channels(driver), ranges), "@COMMANDS@": ("C", driver.controls, bounds)}
     places |= {"@STATES@": ("X", model.states, {}), "@OUTPUTS@": ("Y", model.outputs, {})}
     for mark, (letter, names, known) in places.items():
         lines = []
@@ -305,7 +310,7 @@ def _header(driver: Driver, title: str) -> str:
 
 
 def _about(driver: Driver, bytes_: int) -> str:
-    listed = {"measured": channels(driver), "commands": commands(driver), "state": driver.controller.model.states}
+    listed = {"measured": channels(driver), "commands": driver.controls, "state": driver.controller.model.states}
     lines = [f"- {what}: {', '.join(comment(n) for n in names)}" for what, names in listed.items()]
     path = driver.path
     lines.append(f"- path: {len(path.s)} samples over {path.length:.6g} m, constants of {72 * len(path.s)} bytes")
@@ -332,7 +337,7 @@ def standard_driver_drive(driver: Driver, steps: int) -> Drive:
         x[model.states.index(n)] = v
     past: list[np.ndarray] = []
     late = [round(driver.estimator.late.get(n, 0.0) / driver.dt) for n in model.outputs]
-    v_x, wanted = driver.path.speed(0.0), {n: 0.0 for n in commands(driver)}
+    v_x, wanted = driver.path.speed(0.0), {n: 0.0 for n in driver.controls}
     for k in range(steps):
         t = 0.5 * driver.dt * k
         if k % 2:

@@ -1,4 +1,4 @@
-"""FMUs for co-simulation, FMI 2.0 and 3.0: a model or a controller as C source and a library for this machine."""
+"""FMUs for co-simulation, FMI 2.0 and 3.0: models, controllers and drivers as C and a library for this machine."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import platform
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,12 @@ from typing import Any
 import casadi as ca
 
 from slipangle.codegen import compiler
+from slipangle.control.driver import Driver
 from slipangle.errors import ParameterError, WriteError
 from slipangle.estimate.filter import moving, parametrised
 from slipangle.export.controllers import table
 from slipangle.export.drives import SPEED
-from slipangle.export.fmi_description import Variable, build_description, channel, description, unique
+from slipangle.export.fmi_description import Part, Variable, build_description, channel, description, unique
 from slipangle.export.kinds import project_of
 from slipangle.export.models import sourced
 from slipangle.export.names import checked, with_prefix
@@ -28,6 +29,21 @@ from slipangle.models.model import Model
 from slipangle.models.ode import Parametrised
 
 PLATFORMS = {"Linux": "linux64", "Windows": "win64", "Darwin": "darwin64"}
+NOT_MEASURED = 1e300  # beyond every channel's range
+NOT_NEW = "new when it changes; NaN and 1e300: not measured"
+DRIVER_DOCS = {
+    "wanted_v_x": "speed that the vehicle should have; 0: it should stop",
+    "s": "arc length of the path beside the vehicle",
+    "e_y": "how far the vehicle is to the left of the path, as estimated",
+    "reason": "where commands come from, as in the C header; 0: a plan",
+    "planned": "0: there is no plan, and the numbers on it say nothing",
+    "status": "how the solve ended, as in the C header",
+    "age": "0: a solution; k: a fallback, the k-th in a row",
+    "stopping": "1: no recent plan is left, the vehicle should stop",
+    "fallbacks": "plans so far that were no solution",
+    "restarts": "how often the estimator had to start anew",
+}
+DRIVER_NUMBERS = ("reason", "planned", "status", "age", "stopping", "fallbacks", "restarts")
 STATUS_NUMBERS = ("status", "age", "stopping", "fallbacks")
 VERSIONS = (2, 3)
 
@@ -41,7 +57,7 @@ def export_fmu(
     binary: bool = True,
     force: bool = False,
 ) -> Path:
-    """Write a model or a controller as an FMU for co-simulation, FMI 2.0 or 3.0.
+    """Write a model, a controller or a driver as an FMU for co-simulation, FMI 2.0 or 3.0.
 
     A model has its inputs and outputs, its states as local variables ``state.NAME``, whose start values can be set
     before initialisation, and its parameters, within their ranges, as tunable ones; directional derivatives are those
@@ -53,7 +69,7 @@ def export_fmu(
 
     Parameters
     ----------
-    thing : Model, MPC, MultiARXMPC or PathFollower
+    thing : Model, MPC, MultiARXMPC, PathFollower or Driver
         What to export.
     path : str or Path
         The file, such as ``"car.fmu"``.
@@ -86,29 +102,40 @@ def export_fmu(
     if version not in VERSIONS:
         raise ParameterError(f"the version of FMI is {version!r}; expected 2 or 3: say version=3")
     project = project_of(thing, checked(name) if name else "", 2)
-    if "interface" in project.facts:
-        code, variables = _of_controller(project)
-    elif isinstance(thing, Model):
-        code, variables = _of_model(thing)
-    else:
-        raise ParameterError(f"a {type(thing).__name__} has no FMU; expected a model or a controller: export it as C")
-    guid = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, code + str(variables))}}}"
-    source = _source(code, variables, guid, float(project.facts["dt"]), version)
+    part = _part(thing, project)
+    guid = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, part.code + str(part.variables) + ''.join(part.files.values()))}}}"
+    shell = project.name if not part.files else f"{project.name}_fmu"  # beside files of their own names
+    sources = {**part.files, f"{shell}.c": _source(part, guid, float(project.facts["dt"]), version)}
+    compiled = [n for n in sources if n.endswith(".c")]
     with tempfile.TemporaryDirectory(prefix="slipangle-fmu-") as scratch:
         made = Path(scratch) / "made.fmu"
         with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
-            derivatives = "interface" not in project.facts
-            archive.writestr("modelDescription.xml", description(project, variables, guid, version, derivatives))
-            archive.writestr(f"sources/{project.name}.c", source)
+            archive.writestr("modelDescription.xml", description(project, part, compiled, guid, version))
+            for file, text in sources.items():
+                archive.writestr(f"sources/{file}", text)
+                (Path(scratch) / file).write_text(text, encoding="utf-8")
             if version == 3:
-                archive.writestr("sources/buildDescription.xml", build_description(project.name))
+                archive.writestr("sources/buildDescription.xml", build_description(project.name, compiled))
             archive.writestr("documentation/licenses/license.txt", LICENCE)
             if binary:
-                file, library = Path(scratch) / "all.c", Path(scratch) / f"all{compiler.SUFFIX}"
-                file.write_text(source, encoding="utf-8")
-                compiler.compile_file(file, library, flags=("-fvisibility=hidden",), portable=True)
+                library = Path(scratch) / f"all{compiler.SUFFIX}"
+                flags = (*project.flags, "-fvisibility=hidden")
+                compiler.compile_file([Path(scratch) / n for n in compiled], library, flags=flags, portable=True)
                 archive.write(library, f"binaries/{_platform(version)}/{project.name}{compiler.SUFFIX}")
         return write_atomic(target, made.read_bytes())
+
+
+def _part(thing: Any, project: Project) -> Part:
+    """What an FMU has of its own by its kind."""
+    if isinstance(thing, Driver):
+        return _of_driver(thing, project)
+    if "interface" in project.facts:
+        return _of_controller(project)
+    if isinstance(thing, Model):
+        return _of_model(thing)
+    raise ParameterError(
+        f"a {type(thing).__name__} has no FMU; expected a model, a controller or a driver: export it as C"
+    )
 
 
 def _platform(version: int) -> str:
@@ -127,7 +154,7 @@ class _AsTheyAre:
         return [q[i] for i in range(q.numel())]
 
 
-def _of_model(model: Any) -> tuple[str, list[Variable]]:
+def _of_model(model: Any) -> Part:
     """C of step, output and its derivative, by all that can be set; and the variables, states first."""
     names, functions = _parametric(model)
     n, start = model.n_states, model.straight(SPEED)
@@ -149,7 +176,7 @@ def _of_model(model: Any) -> tuple[str, list[Variable]]:
     ranges = [v for v in listed if v.causality == "parameter"]
     lines = [f"#define STATES {n}", f"#define PARAMETERS {len(ranges)}", sourced(declared)]
     lines += [table("LEAST", [v.low for v in ranges]), table("MOST", [v.high for v in ranges])] if ranges else []
-    return "\n".join([*lines, _template("model.c")]), unique(listed)
+    return Part(code="\n".join([*lines, _template("model.c")]), variables=unique(listed), derivatives=True)
 
 
 def _parametric(model: Any) -> tuple[tuple[str, ...], tuple[ca.Function, ...]]:
@@ -175,7 +202,7 @@ def _functions(model: Any, names: tuple[str, ...]) -> tuple[ca.Function, ...]:
     return tuple(ca.Function(name, given, [ca.densify(made)]) for name, (given, made) in results.items())
 
 
-def _of_controller(project: Project) -> tuple[str, list[Variable]]:
+def _of_controller(project: Project) -> Part:
     """C of a controller with its header, and the variables: the numbers of its input struct, then what it decided."""
     names, n = project.facts["interface"], project.facts["sizes"]
     listed = [channel(f"state.{s}", "input", s, start=0.0) for s in names["states"]]
@@ -190,18 +217,43 @@ def _of_controller(project: Project) -> tuple[str, list[Variable]]:
     given = project.everything
     code = given[f"{project.name}.c"].replace(f'#include "{project.name}.h"\n', given[f"{project.name}.h"])
     part = with_prefix(_template("controller.c"), project.name)
-    return "\n".join([code, "#define PARAMETERS 0", part]), unique(listed)
+    return Part(code="\n".join([code, "#define PARAMETERS 0", part]), variables=unique(listed))
 
 
-def _source(code: str, variables: Sequence[Variable], guid: str, dt: float, version: int) -> str:
-    """The whole C source."""
+def _of_driver(driver: Driver, project: Project) -> Part:
+    """A shell around the files of a driver, and the variables: what is measured, then what it wants and believes."""
+    names = project.facts["interface"]
+    told = (channel(f"measured.{n}", "input", n, start=NOT_MEASURED) for n in names["channels"])
+    listed = [replace(v, doc=f"{v.doc}; {NOT_NEW}".removeprefix("; ")) for v in told]
+    listed += [channel(n, "output", n) for n in names["controls"]]
+    listed += [channel(n, "output", of) for n, of in (("wanted_v_x", "v_x"), ("s", "X"), ("e_y", "Y"))]
+    for what in ("state", "state_std"):
+        listed += [channel(f"{what}.{n}", "output", n) for n in names["states"]]
+    listed = [replace(v, doc=DRIVER_DOCS.get(v.name, v.doc)) for v in listed]
+    listed += [replace(channel(n, "output", ""), doc=DRIVER_DOCS[n]) for n in DRIVER_NUMBERS]
+    files = {n: text for n, text in project.everything.items() if n.endswith((".c", ".h")) and n in _compiled(project)}
+    part = with_prefix(_template("driver.c"), project.name)
+    return Part(
+        code=f'#include "{project.name}.h"\n#define PARAMETERS 0\n{part}', variables=unique(listed), files=files
+    )
+
+
+def _compiled(project: Project) -> set[str]:
+    """Sources of a project and their headers, by name."""
+    sources = {with_prefix(n, project.name) for n in project.sources}
+    return sources | {n.removesuffix(".c") + ".h" for n in sources}
+
+
+def _source(part: Part, guid: str, dt: float, version: int) -> str:
+    """The C source with the functions of FMI."""
+    variables = part.variables
     outputs = next(i for i, v in enumerate(variables) if v.causality == "output")
     numbers = {"REALS": len(variables), "OUTPUTS": outputs, "DT": repr(dt), "GUID": f'"{guid}"'}
     numbers["HAS_TIME"] = int(version == 3)
     parts = [
         "#include <math.h>\n#include <stddef.h>\n#include <stdint.h>\n#include <string.h>",
         *(f"#define {k} {v}" for k, v in numbers.items()),
-        code,
+        part.code,
         table("STARTS", [0.0 if v.start is None else v.start for v in variables]),
         _template("instance.c"),
         _template(f"fmi{version}.c"),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -58,6 +58,20 @@ class Variable:
     high: float = np.inf
 
 
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """What an FMU has of its own.
+
+    That is C for the functions of FMI to call, variables in the order of their value references, sources and headers
+    beside, by name, and whether there are directional derivatives.
+    """
+
+    code: str
+    variables: Sequence[Variable]
+    files: Mapping[str, str] = field(default_factory=dict)
+    derivatives: bool = False
+
+
 def channel(name: str, causality: str, of: str, start: float | None = None) -> Variable:
     """A variable with unit and meaning of a channel, where that is a standard one."""
     known = STANDARD.get(of)
@@ -75,22 +89,23 @@ def unique(variables: Sequence[Variable]) -> list[Variable]:
     return made
 
 
-def description(project: Project, variables: Sequence[Variable], guid: str, version: int, derivatives: bool) -> str:
+def description(project: Project, part: Part, sources: Sequence[str], guid: str, version: int) -> str:
     """The text of modelDescription.xml.
 
     Parameters
     ----------
     project : Project
         What it is of.
-    variables : sequence of Variable
-        In the order of their value references; in FMI 3.0 the time comes after them.
+    part : Part
+        Its variables; in FMI 3.0 the time comes after them.
+    sources : sequence of str
+        Names of the files to be compiled.
     guid : str
         As in the source.
     version : int
         2 or 3, of FMI.
-    derivatives : bool
-        Whether there are directional derivatives.
     """
+    variables, derivatives = part.variables, part.derivatives
     units = sorted({v.unit for v in variables} & set(BASE_UNITS))
     listed = [f"    <Unit name={quoteattr(u)}><BaseUnit {_powers(u)}/></Unit>" for u in units]
     rows = [_variable(v, i, version) for i, v in enumerate(variables)]
@@ -102,12 +117,12 @@ def description(project: Project, variables: Sequence[Variable], guid: str, vers
     can = " ".join(f'{what}="true"' for what in (*_CAN[version], *([_SLOPES[version]] if derivatives else [])))
     simulation = f'<CoSimulation modelIdentifier="{project.name}" {can}'
     token, number = ("guid", "2.0") if version == 2 else ("instantiationToken", "3.0")
-    sources = f'    <SourceFiles><File name="{project.name}.c"/></SourceFiles>'
+    files = f"    <SourceFiles>{''.join(f'<File name={quoteattr(n)}/>' for n in sources)}</SourceFiles>"
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         f'<fmiModelDescription fmiVersion="{number}" modelName={quoteattr(project.name)} {token}="{guid}"',
         f'    description={quoteattr(project.sentence)} generationTool="slipangle" variableNamingConvention="flat">',
-        *([f"  {simulation}>", sources, "  </CoSimulation>"] if version == 2 else [f"  {simulation}/>"]),
+        *([f"  {simulation}>", files, "  </CoSimulation>"] if version == 2 else [f"  {simulation}/>"]),
         *(["  <UnitDefinitions>", *listed, "  </UnitDefinitions>"] if listed else []),
         f'  <DefaultExperiment startTime="0" stepSize="{project.facts["dt"]!r}"/>',
         "  <ModelVariables>",
@@ -121,9 +136,10 @@ def description(project: Project, variables: Sequence[Variable], guid: str, vers
     return "\n".join([*lines, ""])
 
 
-def build_description(name: str) -> str:
+def build_description(name: str, sources: Sequence[str]) -> str:
     """The text of sources/buildDescription.xml of FMI 3.0."""
-    files = f'<SourceFileSet language="C99"><SourceFile name="{name}.c"/></SourceFileSet>'
+    listed = "".join(f'<SourceFile name="{n}"/>' for n in sources)
+    files = f'<SourceFileSet language="C99">{listed}</SourceFileSet>'
     made = f'<BuildConfiguration modelIdentifier="{name}">{files}</BuildConfiguration>'
     return (
         f'<?xml version="1.0" encoding="UTF-8"?>\n<fmiBuildDescription fmiVersion="3.0">{made}</fmiBuildDescription>\n'

@@ -1,4 +1,4 @@
-"""`drive`: a plant and a `Driver`, which sees nothing of the plant but its measurements."""
+"""`drive`: a plant and a driver, which sees nothing of the plant but its measurements."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slipangle.control.driver import Commands, Driver
+from slipangle.control.commands import AnyDriver, Commands
 from slipangle.errors import ParameterError, SampleTimeError
 from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import Values, require_names
@@ -21,7 +21,7 @@ FAR = 20.0  # m from the path: the drive is over
 
 def drive(
     plant: Plant,
-    driver: Driver,
+    driver: AnyDriver,
     *,
     duration: float | None = None,
     channels: Sequence[str] | None = None,
@@ -43,8 +43,8 @@ def drive(
     ----------
     plant : Plant
         Measures v_x, X, Y, psi and what else the driver's estimator uses.
-    driver : Driver
-        Reset at the start.
+    driver : AnyDriver
+        Reset at the start; a `Driver`, or one that `slipangle.export.load` loaded.
     duration : float, optional
         When to stop at the latest [s]; by default at the end of an open path, after one lap of a closed one.
     channels : sequence of str, optional
@@ -95,7 +95,7 @@ def drive(
     return _run(np.array(rows), (times, plans), plant, driver, end, width)
 
 
-def _checked(plant: Plant, driver: Driver, held: Values, channels: Sequence[str], sample: float) -> int:
+def _checked(plant: Plant, driver: AnyDriver, held: Values, channels: Sequence[str], sample: float) -> int:
     """Steps of the plant in a sample; see `drive` for what is raised."""
     per_sample = round(sample / plant.dt)
     if per_sample < 1 or not math.isclose(per_sample * plant.dt, sample, rel_tol=1e-6):
@@ -104,7 +104,7 @@ def _checked(plant: Plant, driver: Driver, held: Values, channels: Sequence[str]
         )
     require_names(held, plant.model.inputs, "held", "use an input of the plant")
     require_names(channels, plant.channels, "channels", "use what the plant measures")
-    known = {*driver.controller.controls, "v_x", *({} if driver.speed is None else driver.speed.inputs(0.0)), *held}
+    known = {*driver.controls, "v_x", *held}
     for name in plant.model.inputs:
         if name not in known:
             raise ParameterError(
@@ -121,7 +121,7 @@ def _time_limit(path: Path) -> float:
 
 
 def _run(
-    table: np.ndarray, planned: tuple[list[float], list[Plan]], plant: Plant, driver: Driver, end: End, width: float
+    table: np.ndarray, planned: tuple[list[float], list[Plan]], plant: Plant, driver: AnyDriver, end: End, width: float
 ) -> Run:
     """The drive from its rows: t, s, e_y, e_psi, v_x, states, inputs."""
     line, n = driver.path.at(table[:, 1]), plant.model.n_states
@@ -135,7 +135,7 @@ def _run(
         reference=np.column_stack([line.X, line.Y, line.psi, line.v_x]),
         t_plan=np.array(planned[0]),
         plans=tuple(replace(p, memory=None) for p in planned[1]),
-        controls=tuple(driver.controller.controls),
+        controls=planned[1][0].controls if planned[1] else driver.controls,
         end=end,
         width=width,
     )

@@ -1,0 +1,93 @@
+"""`Commands`: what a driver wants, and how it is; `AnyDriver`: what gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from slipangle.optimal.solution import NEW, Health, Plan, Status
+from slipangle.paths.path import Path
+
+HINDERED = ("", "the speed is not known yet", "the car stands or creeps", "the pose is not known yet")
+STAY = "the wheels stay where they are"
+LOST_PLACE = "the position is not known any more, the car should stop"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Commands:
+    """What a `Driver` wants, and how it is.
+
+    Parameters
+    ----------
+    values : dict of str to float
+        Inputs of the car by name, finite and within limits, SI units.
+    wanted_v_x : float
+        Speed that the car should have: the path's, or 0 to stop. [m/s]
+    plan : Plan or None
+        Of the controller; None before the first pose and at walking pace.
+    message : str
+        One sentence on where the commands come from.
+    s, e_y : float
+        Arc length of the path beside the car, and how far it is to the left of it, as estimated. [m]
+    state, state_std : array, shape (n_states,)
+        Estimated state of the driver's model, and its standard deviation.
+    age : dict of str to float
+        How long ago each output was measured and believed. [s]
+    restarts : int
+        How often the estimator had to start anew.
+    """
+
+    values: dict[str, float]
+    wanted_v_x: float
+    plan: Plan | None = None
+    message: str
+    s: float = 0.0
+    e_y: float = 0.0
+    state: np.ndarray
+    state_std: np.ndarray
+    age: dict[str, float] = field(default_factory=dict)
+    restarts: int = 0
+
+    def __getitem__(self, name: str) -> float:
+        """One command."""
+        return self.values[name]
+
+    @property
+    def status(self) -> Status:
+        """How the controller's solve ended; NOT_FINITE before the first pose and at walking pace."""
+        return Status.NOT_FINITE if self.plan is None else self.plan.status
+
+    @property
+    def fallback(self) -> bool:
+        """Whether the commands are not those of a fresh plan."""
+        return self.plan is None or self.plan.age > 0
+
+    @property
+    def health(self) -> Health:
+        """Plans, fallbacks and overruns so far."""
+        return NEW if self.plan is None else self.plan.health
+
+
+class AnyDriver(Protocol):
+    """What `slipangle.simulate.drive.drive` drives with: a `Driver`, one that was compiled, or one of your own."""
+
+    @property
+    def path(self) -> Path:
+        """What it follows, with a speed profile."""
+        ...
+
+    @property
+    def controls(self) -> tuple[str, ...]:
+        """Names of its commands."""
+        ...
+
+    def reset(self) -> None:
+        """Forget the drive so far."""
+        ...
+
+    def step(self, measurements: Mapping[str, float], t: float) -> Commands:
+        """Take in what was measured at a time [s], SI units, and say what to do."""
+        ...
