@@ -200,7 +200,10 @@ WARNS = {
     "commands/tire.py": (1, ("no unloaded radius is given",)),
     "data/readers/tir.py": (1, ("is read as the rest of the comment above it",)),
     "identify/adapt.py": (1, ("the model is left as it is",)),
-    "identify/car/identify_car.py": (1, ("cannot be separated:", "ends at its bound")),
+    "identify/car/identify_car.py": (
+        1,
+        ("cannot be separated:", "ends at its bound", "differs between the recordings:"),
+    ),
     "identify/judge/validate.py": (1, ("whether the model was fitted to some of these data cannot be told",)),
     "identify/lure/lure.py": (1, ("the fit stopped at its limit of", "starts reached the best minimum; expected two")),
     "identify/networks/estimator.py": (1, ("training diverged before epoch", "training starts from random weights")),

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, join
 from slipangle.data.quality.plausible import LONGEST_STEP, doubts
 from slipangle.errors import IdentifiabilityWarning, MissingColumnError, ParameterError, SampleTimeError
 from slipangle.fields import Checked, Within
 from slipangle.identify.car import sentences
+from slipangle.identify.car.recordings import settled
 from slipangle.identify.car.stretches import stretches
 from slipangle.identify.car.structures import (
     ELSEWHERE,
+    RECORDING,
     STIFF,
     Correction,
     Fitted,
@@ -47,6 +49,7 @@ _NONE = 1.5  # of that share, from which it is not believed at all; of `ELSEWHER
 _FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
 _DENSITIES = 15.0, 1500.0  # kg/m3, mass over the wheelbase cubed: cars about 75, an open-wheeler 30, a full truck 700
 _SHAPES = (1.1, 1.7)  # other tires, see `with_shape`
+_OWN = ("steering_offset", "bias_r", "bias_v_y", "delay_delta", "steering_gain", "lever_v_y", "mass")
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -73,6 +76,25 @@ class IdentifiedCar(Shown):
         low, high = info.interval()[info.names.index(name)]
         return float(low), float(high)
 
+    def for_recording(self, data: Dataset, seconds: float = 30.0) -> Delayed:
+        """The model for a recording that it was not fitted to: what differs between recordings, from its first seconds.
+
+        Stiffness and all else that recordings share stay. What differs is drawn to the mean of the recordings that were
+        fitted to, as hard as these differ among themselves; judge the model on what comes after these seconds. It comes
+        back as it is where nothing differs. ``model.for_experiment(k)`` is that of a recording of the fit.
+
+        Parameters
+        ----------
+        data : Dataset
+            With the channels that the model was fitted to, at its sample time.
+        seconds : float
+            How much of it is used, of driving. [s]
+
+        Raises TooShortError if the car moves for less than a tenth of that, SampleTimeError, MissingColumnError or
+        ExcitationError if the recording is of another kind, or does not steer.
+        """
+        return settled(self.model, data, seconds, _SLOWEST)
+
 
 @dataclass(frozen=True, kw_only=True)
 class WholeCar(Checked):
@@ -88,12 +110,17 @@ class WholeCar(Checked):
         From the centre of gravity to the front axle. [m]
     steering_gain : float
         A first guess of the road-wheel angle per logged angle [-], such as 1/15 for a hand wheel; negative turns it.
+    per_experiment : tuple of str or "chosen"
+        Parameters with a value for each recording: of steering_offset, bias_r, bias_v_y, delay_delta, steering_gain,
+        lever_v_y and mass (the given one is that of the first). By default offset and biases are tried where there are
+        several recordings of 40 s or more at the mean.
     """
 
     mass: Annotated[float, Within(0.05, 1e6, "kg")]
     wheelbase: Annotated[float, Within(0.02, 50.0, "m")]
     l_f: Annotated[float, Within(0.0, 50.0, "m", open="low")]
     steering_gain: Annotated[float, Within(-20.0, 20.0)] = 1.0
+    per_experiment: tuple[str, ...] | Literal["chosen"] = "chosen"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -102,6 +129,15 @@ class WholeCar(Checked):
                 f"l_f is {self.l_f:g} m and the wheelbase {self.wheelbase:g} m; expected the centre of gravity between "
                 "the axles: check both, and their units"
             )
+        unknown = [n for n in self._own or () if n not in _OWN]
+        if unknown or len(set(self._own or ())) < len(self._own or ()):
+            wrong = f"names '{unknown[0]}'" if unknown else "names a parameter twice"
+            raise ParameterError(f"per_experiment {wrong}; expected each once, of {', '.join(_OWN)}")
+
+    @property
+    def _own(self) -> tuple[str, ...] | None:
+        """Parameters with a value for each recording; None where that is to be found out."""
+        return None if isinstance(self.per_experiment, str) else tuple(self.per_experiment)
 
     def fit(self, data: Dataset) -> Delayed:
         """The model of the identified car; what there is to know of it stands in its `fit_info`.
@@ -116,13 +152,8 @@ class WholeCar(Checked):
 
     def identify(self, data: Dataset) -> IdentifiedCar:
         """See `identify_car`; raises MissingColumnError, SampleTimeError and the others named there."""
-        began = time.perf_counter()
-        for name in ("delta", "v_x", "r"):
-            if name not in data:
-                raise MissingColumnError(
-                    f"'{data.name}' has no channel '{name}'; expected delta, v_x and r at least: name the columns so "
-                    "when reading the log"
-                )
+        began, own = time.perf_counter(), self._own
+        self._check(data)
         turned = data.with_channel("delta", self.steering_gain * data["delta"], "rad")
         suspect = doubts(turned, wheelbase=self.wheelbase)
         if data.dt > LONGEST_STEP:
@@ -134,11 +165,13 @@ class WholeCar(Checked):
         known = {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
         start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, banked=banked)
         with one_blas_thread():
-            first = fit(start, (*STIFF, "steering_offset"), whole.train)
-            best, stages, dropped = _climb(first, corrections(whole.train, self.wheelbase), whole.train, whole.held_out)
-            final = fit(best.model, best.free, whole.all, best)
+            shared = tuple(n for n in (*STIFF, "steering_offset") if n not in (own or ()))
+            first = fit(start, shared, whole.train, own=own or ())
+            tried = corrections(whole.train, self.wheelbase, own)
+            best, stages, dropped = _climb(first, tried, whole.train, whole.held_out)
+            final = fit(best.model, best.free, whole.all, best, own=best.own)
             others = _others(final, dropped, whole.all)
-        names = final.free
+        names = final.names
         spread, limits, how = hull(names, final, others)
         floors = dict.fromkeys(STIFF, _FLOOR if "v_y" in outputs else _FLOOR_ALONE) | {"steering_gain": _FLOOR_GAIN}
         for i, name in enumerate(names):
@@ -151,6 +184,7 @@ class WholeCar(Checked):
         unknown = (
             *sentences.ridges(names, final, spread, limits, separated),
             *sentences.elsewhere(final, others),
+            *sentences.between(final),
             *sentences.bounds(final),
         )
         info = ProfileInfo(
@@ -159,7 +193,7 @@ class WholeCar(Checked):
             covariance=spread,
             noise_std=final.sigma,
             n_samples=len(final.error),
-            units=tuple(final.model.si(n).unit for n in names),
+            units=tuple(final.model.si(n).unit for n in final.problem.base_names),
             seconds=time.perf_counter() - began,
             method=f"free-run error, structure by held-out stretches; {how}, and {len(others)} structures as good",
             warnings=(*wrong, *unknown),
@@ -175,6 +209,19 @@ class WholeCar(Checked):
             sentences=(*wrong, *changed, *unknown, self._of_the_mass()),
             separated=separated,
         )
+
+    def _check(self, data: Dataset) -> None:
+        """Raise MissingColumnError unless the data have the channels that are needed."""
+        for name in ("delta", "v_x", "r"):
+            if name not in data:
+                raise MissingColumnError(
+                    f"'{data.name}' has no channel '{name}'; expected delta, v_x and r at least: name the columns so "
+                    "when reading the log"
+                )
+        for name in (n for n in self._own or () if n.endswith("v_y") and "v_y" not in data.outputs):
+            raise MissingColumnError(
+                f"per_experiment names '{name}', and '{data.name}' has no output v_y; expected one"
+            )
 
     def _weight(self) -> list[str]:
         """A sentence where no vehicle of this length weighs so little or so much."""
@@ -194,7 +241,13 @@ class WholeCar(Checked):
 
 
 def identify_car(
-    data: Dataset, *, mass: float, wheelbase: float, l_f: float, steering_gain: float = 1.0
+    data: Dataset | Sequence[Dataset],
+    *,
+    mass: float,
+    wheelbase: float,
+    l_f: float,
+    steering_gain: float = 1.0,
+    per_experiment: tuple[str, ...] | Literal["chosen"] = "chosen",
 ) -> IdentifiedCar:
     """A car's parameters with intervals, its steering's delay and lag, its sensors' biases, from any log of it.
 
@@ -206,12 +259,13 @@ def identify_car(
 
     Parameters
     ----------
-    data : Dataset
-        With channels delta [rad] (as logged), v_x [m/s], r [rad/s]; axes of ISO 8855. Where v_y [m/s] is among the
-        outputs it is fitted too, and tells stiffness and inertia apart as the yaw rate alone can hardly do. An input
-        bank [rad], positive with the left edge higher, is the road's cross slope. Where the
-        steering moves between the samples, `Dataset.hold_mean` first, here as for every later simulation.
-    mass, wheelbase, l_f, steering_gain : float
+    data : Dataset or sequence of Dataset
+        One log, or several of one car, each a recording with offsets of its own; the experiments of a single one count
+        as recordings. With channels delta [rad] (as logged), v_x [m/s], r [rad/s]; axes of ISO 8855. Where v_y [m/s] is
+        among the outputs it is fitted too, and tells stiffness and inertia apart as the yaw rate alone can hardly do.
+        An input bank [rad], positive with the left edge higher, is the road's cross slope. Where the steering moves
+        between the samples, `Dataset.hold_mean` first, here as for every later simulation.
+    mass, wheelbase, l_f, steering_gain, per_experiment
         See `WholeCar`.
 
     Returns
@@ -223,24 +277,35 @@ def identify_car(
     Raises MissingColumnError, ParameterError, SampleTimeError or TooShortError if a channel is missing, a number is
     impossible, time is in milliseconds, or the car hardly moves.
     """
-    return WholeCar(mass=mass, wheelbase=wheelbase, l_f=l_f, steering_gain=steering_gain).identify(data)
+    how: Any = {"steering_gain": steering_gain, "per_experiment": per_experiment}
+    return WholeCar(mass=mass, wheelbase=wheelbase, l_f=l_f, **how).identify(_together(data))
+
+
+def _together(data: Dataset | Sequence[Dataset]) -> Dataset:
+    """Several logs as one whose samples know of which they are."""
+    if isinstance(data, Dataset):
+        return data
+    numbered = [part.with_channel(RECORDING, np.full(part.n_samples, float(k))) for k, part in enumerate(data)]
+    return join(*numbered, name=", ".join(dict.fromkeys(part.name for part in data)))
 
 
 def _climb(
     first: Fitted, tried: tuple[Correction, ...], train: Dataset, held: Dataset
 ) -> tuple[Fitted, list[Stage], list[Correction]]:
     """The structure that predicts held-out stretches best; the stages on the way; the corrections that did not help."""
-    best, at = first, errors(first.model, held)
+    best, at = first, errors(first, held)
     stages = [_stage("the linear bicycle with its steering's offset", True, first, at, 0.0)]
     dropped, failed_on = list(tried), dict[str, Fitted]()
     for _ in range(_ROUNDS):  # what did not help a poor model may help a better one
         waiting, dropped = dropped, []
         for correction in waiting:
+            if correction.adds_nothing_to(best):
+                continue
             if failed_on.get(correction.said) is best:
                 dropped.append(correction)
                 continue
             other = corrected(best, correction, train)
-            then = errors(other.model, held)
+            then = errors(other, held)
             kept = helps(best, other, at, then)
             stages.append(_stage(correction.said, kept, other, then, change(at, then)[0]))
             if kept:
@@ -262,16 +327,16 @@ def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[tup
     With a correction more, or other tires; with a centre of gravity elsewhere too, which is hard to tell from another
     place of the v_y sensor, if the data want it. Nothing counts all at once, so that no rounding decides an interval.
     """
-    at = errors(final.model, data)
-    trials = [(corrected(final, correction, data), 1.0) for correction in dropped]
+    at, known = errors(final, data), {"before": final, "own": final.own}
+    trials = [(corrected(final, correction, data), 1.0) for correction in dropped if not correction.own]
     if "lever_v_y" in final.free:
-        moved = fit(final.model, (*final.free, "l_f"), data, final)
+        moved = fit(final.model, (*final.free, "l_f"), data, **known)
         away = abs(moved.values["l_f"] - final.model.value("l_f")) / (ELSEWHERE * final.model.value("wheelbase"))
         trials.append((moved, away - _NONE))
     if "mu_f" in final.free:
-        trials += [(fit(with_shape(final.model, shape), final.free, data, final), 1.0) for shape in _SHAPES]
+        trials += [(fit(with_shape(final.model, shape), final.free, data, **known), 1.0) for shape in _SHAPES]
     counted = []
     for other, share in trials:
-        worse = change(at, errors(other.model, data))[0] / _AS_GOOD
+        worse = change(at, errors(other, data))[0] / _AS_GOOD
         counted.append((other, float(min(share, _NONE - worse, 1.0))))
     return [(other, share) for other, share in counted if share > 0]

@@ -15,6 +15,7 @@ _MOVED = 0.05  # change of a parameter that is worth a sentence
 _OFFSET = 0.2  # of a sensor, over the standard deviation of its channel, from which it is told
 _GAIN = (0.75, 1.33)  # of the steering, found over given, that needs no word
 _BEYOND = 1.2  # friction found over friction used, from which a limit is extrapolated
+_SHOWN = 6  # values of single recordings that a sentence lists
 _LATE = 0.25  # s, of delay and lag together, that no steering has
 
 
@@ -72,13 +73,16 @@ def _ratio(names: tuple[str, ...], final: Fitted, spread: np.ndarray, a: str, b:
 def sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
     """Sensors whose zero or scale is far off; ``first`` is the steering's gain as it was given."""
     said = []
-    for i, name in enumerate(final.free):
+    for i, (name, base) in enumerate(zip(final.names, final.problem.base_names, strict=True)):
         if name.startswith("bias_"):
-            channel, value, sd = name.removeprefix("bias_"), final.values[name], float(np.sqrt(spread[i, i]))
+            channel, value, sd = base.removeprefix("bias_"), final.values[name], float(np.sqrt(spread[i, i]))
             size = float(np.std(final.problem.data[channel]))
             if abs(value) > max(_OFFSET * size, 4 * sd):
-                unit = final.model.si(name).unit
-                said.append(f"{channel} has an offset of {value:.3g} {unit}, corrected in the fit: zero the sensor")
+                unit, where = final.model.si(base).unit, name.removeprefix(base)
+                where = f" in recording {where[1:-1]}" if where else ""
+                said.append(
+                    f"{channel} has an offset of {value:.3g} {unit}{where}, corrected in the fit: zero the sensor"
+                )
     gain = final.values.get("steering_gain", first) / first
     if not _GAIN[0] < gain < _GAIN[1]:
         said.append(
@@ -88,6 +92,20 @@ def sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
     late = final.values.get("delay_delta", 0.0) + final.values.get("steering_lag", 0.0)
     if late > _LATE:
         said.append(f"the car answers its steering {late:.2f} s late: delta or the outputs may come delayed in the log")
+    return said
+
+
+def between(final: Fitted) -> list[str]:
+    """What differs between the recordings, and what that means for another one."""
+    said = []
+    for name in final.own:
+        each = ", ".join(f"{final.values[f'{name}[{k}]']:.3g}" for k in final.problem.recordings[:_SHOWN])
+        more = f" and {len(final.problem.recordings) - _SHOWN} more" if len(final.problem.recordings) > _SHOWN else ""
+        first = "that of the first" if name == "mass" else "their mean"
+        said.append(
+            f"{name} differs between the recordings: {each}{more} {final.model.si(name).unit}; the model has {first}, "
+            "another recording has one of its own: read it from its first seconds by identified.for_recording(log)"
+        )
     return said
 
 
@@ -113,13 +131,13 @@ def bounds(final: Fitted) -> list[str]:
             f"{found} are read from the bend of the tire curves: the log uses {used:.2g} at most, and what the car "
             "does beyond is extrapolated; drive nearer the limit before relying on it"
         )
-    for name, value in final.values.items():
-        si = final.model.si(name)
+    for name, base in zip(final.names, final.problem.base_names, strict=True):
+        value, si = final.values[name], final.model.si(base)
         if name in ("mu_f", "mu_r") and value > 0.99 * si.upper:
             said.append(
                 f"the log does not reach the {'front' if name == 'mu_f' else 'rear'} axle's friction: it has no value"
             )
-        elif min(abs(value - si.lower), abs(value - si.upper)) < 1e-6 * max(abs(value), 1e-3) and name not in (
+        elif min(abs(value - si.lower), abs(value - si.upper)) < 1e-6 * max(abs(value), 1e-3) and base not in (
             "delay_delta",
             "relaxation_f",
             "relaxation_r",

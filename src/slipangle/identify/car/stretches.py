@@ -9,6 +9,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import TooShortError
+from slipangle.identify.car.structures import RECORDING
 
 _SHORTEST = 4.0  # s, of a stretch that is worth a free run
 _WANTED, _ENOUGH = 20, 8  # stretches that recordings are cut into; so many recordings stay whole
@@ -31,13 +32,18 @@ class Stretches:
 def stretches(data: Dataset, slowest: float) -> Stretches:
     """Cut a log where the car is slower than ``slowest`` [m/s], and long recordings into shorter ones.
 
+    A channel `RECORDING` says of which recording each is: of those that the log numbers so, or of its experiments.
+
     Raises
     ------
     TooShortError
         If fewer than two stretches remain.
     """
+    if RECORDING not in data:
+        each = np.diff([*data.starts, data.n_samples])
+        data = data.with_channel(RECORDING, np.repeat(np.arange(len(each), dtype=float), each))
     least = max(round(_SHORTEST / data.dt), 8)
-    moving = [run for part in data.experiments for run in _moving(part, slowest, least)]
+    moving = [run for part in data.experiments for run in driven(part, slowest, least)]
     total = sum(run.n_samples for run in moving)
     length = max(least, total // _WANTED) if len(moving) < _ENOUGH else total
     pieces = [piece for run in moving for piece in _cut(run, max(1, round(run.n_samples / length)))]
@@ -55,7 +61,8 @@ def stretches(data: Dataset, slowest: float) -> Stretches:
     )
 
 
-def _moving(part: Dataset, slowest: float, least: int) -> list[Dataset]:
+def driven(part: Dataset, slowest: float, least: int) -> list[Dataset]:
+    """Stretches of an experiment, of at least so many samples, in which the car is faster than ``slowest`` [m/s]."""
     fast = np.concatenate([[False], part["v_x"] > slowest, [False]])
     edges = np.flatnonzero(np.diff(fast.astype(int))).reshape(-1, 2)
     return [part.rows(int(a), int(b)) for a, b in edges if b - a >= least]

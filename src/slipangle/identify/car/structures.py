@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares as trust_region
 
 from slipangle.data.dataset import Dataset
+from slipangle.identify.physics.grey_box import nominal
 from slipangle.identify.physics.simulation_error import FreeRunProblem
 from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.parameters import GRAVITY
@@ -17,17 +18,24 @@ from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, Satura
 from slipangle.models.vehicles.steering import Steered
 from slipangle.models.wrappers.delayed import Delayed
 
+RECORDING = "recording"  # channel that numbers the recording that a sample is of
 ELSEWHERE = 0.05  # wheelbases, standard deviation of the centre of gravity about where it was said to be
 STIFF = ("C_f", "C_r", "inertia_z")
 _LINEAR = 8.0  # peak friction at which an axle is as good as linear
 _LONGEST = 0.3  # s, of a steering delay
 _ITERATIONS, _FLAT = 60, 1e-7  # of a fit, and the relative gain of its last step
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
+_AS_GIVEN = 1e-4  # of the width for the mass, for the recording whose mass was given
 _ALIKE = 0.15  # standard deviation of the difference of both axles' friction
 _WORTH = 0.05  # fall of the squared held-out error that is worth a correction by itself
 _HARM = 0.01  # rise of the squared held-out error that a correction may bring
 _SETTLES = 1.0  # s, until an initial state that was guessed is forgotten
+_SESSION = 40.0  # s of driving, mean of several recordings from which each may have offsets of its own
 _ROUNDS, _COLOUR = 4, 400  # of weighing outputs and prior; lags of the residuals' autocorrelation
+
+
+Prior = Mapping[str, tuple[float, float, bool]]
+"""What is known of parameters by name: centre, standard deviation, and whether that is a share of the centre."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +45,20 @@ class Correction:
     said: str
     free: tuple[str, ...]
     starts: tuple[Mapping[str, float], ...] = ({},)
+    own: tuple[str, ...] = ()  # of `free`, those with a value for each recording
     relaxing: bool = False  # the car becomes a `RelaxingBicycle`
     steered: bool = False  # the car becomes a `Steered` one
 
+    def adds_nothing_to(self, fitted: Fitted) -> bool:
+        """Whether its parameters have values of their own already, of each recording if it is about those."""
+        return {*self.free} <= {*fitted.own} | ({*fitted.free} - {*self.own})
 
-def corrections(data: Dataset, wheelbase: float) -> tuple[Correction, ...]:
-    """Corrections in the order in which they are tried; each stays if it helps on held-out stretches."""
+
+def corrections(data: Dataset, wheelbase: float, own: tuple[str, ...] | None) -> tuple[Correction, ...]:
+    """Corrections in the order in which they are tried; each stays if it helps on held-out stretches.
+
+    ``own`` are parameters that have a value for each recording anyway; None lets offsets be tried so.
+    """
     biases = tuple(f"bias_{name}" for name in data.outputs)
     used = friction_used(data)
     frictions = tuple({"mu_f": share * used, "mu_r": share * used} for share in _SHARES)
@@ -61,7 +77,24 @@ def corrections(data: Dataset, wheelbase: float) -> tuple[Correction, ...]:
     ]
     if "v_y" in data.outputs:
         listed.insert(-1, Correction("the place of the v_y sensor is free", ("lever_v_y",)))
-    return tuple(listed)
+    if own is None and _sessions(data):
+        differ = (("the steering's offset differs", ("steering_offset",)), ("the sensors' biases differ", biases))
+        listed += [Correction(f"{what} between recordings", names, own=names) for what, names in differ]
+    left = (replace(c, free=tuple(n for n in c.free if n not in (own or ()))) for c in listed)
+    return tuple(c for c in left if c.free)
+
+
+def recordings(data: Dataset) -> tuple[int, ...]:
+    """Number of the recording that each experiment is of."""
+    if RECORDING not in data:
+        return tuple(range(len(data.starts)))
+    return tuple(int(data[RECORDING][row]) for row in data.starts)
+
+
+def _sessions(data: Dataset) -> bool:
+    """Whether there are several recordings, long enough to be sessions with sensors zeroed in between."""
+    count = len(set(recordings(data)))
+    return count > 1 and data.duration > _SESSION * count
 
 
 def friction_used(data: Dataset) -> float:
@@ -91,20 +124,34 @@ class Fitted:
     """A structure fitted to data: its free parameters, and errors and derivatives where that ended."""
 
     model: Any
-    free: tuple[str, ...]
+    free: tuple[str, ...]  # with one value
+    own: tuple[str, ...]  # with a value for each recording
     problem: FreeRunProblem
-    z: np.ndarray  # (n_free,), the parameters over the problem's scales
+    z: np.ndarray  # (n_names,), the parameters over the problem's scales
     error: np.ndarray  # (n, n_outputs), of the free run over `sigma`, the settling of every stretch left out
-    jacobian: np.ndarray  # (n, n_outputs, n_free), its derivatives by z
+    jacobian: np.ndarray  # (n, n_outputs, n_names), its derivatives by z
     stretch: np.ndarray  # (n,), to which stretch a row belongs
     sigma: np.ndarray  # (n_outputs,), standard deviation of the outputs' errors, SI units
     thinning: float  # samples per independent one
-    pull: np.ndarray  # (n, n_free), rows that draw `z` to what is ordinary, as hard as `thinning` allows
+    pull: np.ndarray  # (n, n_names), rows that draw `z` to what is ordinary, as hard as `thinning` allows
 
     @property
     def values(self) -> dict[str, float]:
-        """Values of the free parameters, SI units."""
-        return {name: self.model.value(name) for name in self.free}
+        """Values of the free parameters, SI units; ``steering_offset[1]`` is that of the second recording."""
+        found = np.clip(self.z * self.problem.scale, *self.problem.ranges)
+        shared = {name: self.model.value(name) for name in self.free}
+        return dict(zip(self.names, map(float, found), strict=True)) | shared
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of `values`."""
+        return self.problem.names
+
+    def model_of(self, recording: int) -> Any:
+        """The model with the parameters of a recording; for one that was not fitted to, their means."""
+        if not self.own or recording not in self.problem.recordings:
+            return self.model
+        return self.model.with_values(**{name: self.values[f"{name}[{recording}]"] for name in self.own})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,17 +165,30 @@ class Stage:
     values: Mapping[str, float] = field(repr=False)
 
 
-def fit(model: Any, free: tuple[str, ...], data: Dataset, before: Fitted | None = None) -> Fitted:
+def fit(
+    model: Any,
+    free: tuple[str, ...],
+    data: Dataset,
+    before: Fitted | None = None,
+    *,
+    own: tuple[str, ...] = (),
+    prior: Prior | None = None,
+) -> Fitted:
     """Free-run fit from where the model stands, drawn to `ordinary` values as far as the data do not tell.
 
-    ``before`` is an earlier fit, from which the outputs' errors and their colour are known.
+    ``before`` is an earlier fit, from which the outputs' errors and their colour are known, and the values of ``own``
+    parameters, one for each recording; ``prior`` takes the place of what is ordinary.
     """
-    problem = FreeRunProblem(model, free, (), data, False)
+    problem = FreeRunProblem(model, free, own, data, False, recordings(data))
     problem.sigma, thinning = (problem.sigma, 1.0) if before is None else (before.sigma, before.thinning)
     ny, lengths = model.n_outputs, [len(y) - 1 for y in problem.measured]
     kept = np.concatenate([np.arange(n) >= settling(n, data.dt) for n in lengths])
     rows, stretch = np.repeat(kept, ny), np.repeat(np.arange(len(lengths)), lengths)[kept]
-    prior, z = ordinary(model, free), problem.start
+    prior = ordinary(model, (*free, *own)) if prior is None else prior
+    found = {} if before is None else before.values
+    at = [found.get(name, model.value(base)) for name, base in zip(problem.names, problem.base_names, strict=True)]
+    z = np.where([name in free for name in problem.names], problem.start, np.array(at) / problem.scale)
+    z = np.clip(z, problem.lower, problem.upper)
     for _ in range(_ROUNDS):
         pull, centre = _pull(prior, problem, thinning)
         slope: Any = lambda z, a=pull: np.vstack([problem.evaluate(z)[1][rows], a])  # noqa: E731
@@ -151,12 +211,13 @@ def fit(model: Any, free: tuple[str, ...], data: Dataset, before: Fitted | None 
     error, jacobian = problem.evaluate(z)
     values = np.clip(z * problem.scale, *problem.ranges)
     return Fitted(
-        model=model.with_values(**dict(zip(free, map(float, values), strict=True))),
+        model=model.with_values(**_for_all(problem, values)),
         free=free,
+        own=own,
         problem=problem,
         z=z,
         error=error[rows].reshape(-1, ny),
-        jacobian=jacobian[rows].reshape(-1, ny, len(free)),
+        jacobian=jacobian[rows].reshape(-1, ny, problem.n_p),
         stretch=stretch,
         sigma=problem.sigma,
         thinning=thinning,
@@ -164,16 +225,23 @@ def fit(model: Any, free: tuple[str, ...], data: Dataset, before: Fitted | None 
     )
 
 
+def _for_all(problem: FreeRunProblem, values: np.ndarray) -> dict[str, float]:
+    """One value per parameter: the mean over recordings, but the mass as it was given, which is the first's."""
+    of, first = nominal(problem, values), problem.base_names.index("mass") if "mass" in problem.own else None
+    return of if first is None else of | {"mass": float(values[first])}
+
+
 def settling(n: int, dt: float) -> int:
     """Samples at the head of a stretch of ``n`` in which what was not measured settles: they do not count."""
     return min(round(_SETTLES / dt), n // 4)
 
 
-def ordinary(model: Any, free: tuple[str, ...]) -> dict[str, tuple[float, float, bool]]:
+def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
     """What is known of any car on tires, by parameter: centre, standard deviation, and whether of the logarithm.
 
     Yaw inertia is near mass l_f l_r, stiffness near twelve loads per radian, friction near one, a tire relaxes within a
-    share of the wheelbase; weak enough for a log that tells anything to overrule.
+    share of the wheelbase; weak enough for a log that tells anything to overrule. Its mass is a fifth more or less with
+    another load.
     """
     p = model.ode.params
     front, rear = (GRAVITY * p.mass * arm / p.wheelbase for arm in (p.l_r, p.l_f))
@@ -191,22 +259,24 @@ def ordinary(model: Any, free: tuple[str, ...]) -> dict[str, tuple[float, float,
         "steering_lag": (0.0, 0.1, False),
         "bias_r": (0.0, 0.03, False),
         "steering_offset": (0.0, 0.02, False),
+        "mass": (p.mass, 0.2, True),
     }
     return {name: known[name] for name in free if name in known}
 
 
-def _pull(
-    prior: Mapping[str, tuple[float, float, bool]], problem: FreeRunProblem, thinning: float
-) -> tuple[np.ndarray, np.ndarray]:
+def _pull(prior: Prior, problem: FreeRunProblem, thinning: float) -> tuple[np.ndarray, np.ndarray]:
     """Rows, shape (n, n_free), and their centres that draw scaled unknowns to the prior, if samples are coloured.
 
-    Both axles' frictions are drawn to each other: a car whose rear slides long before its front is not built.
+    Both axles' frictions are drawn to each other: a car whose rear slides long before its front is not built. The mass
+    of the first recording is the one that was given: motion tells but the ratios of masses.
     """
     at, widths, centres = np.eye(problem.n_p), np.full(problem.n_p, np.inf), np.zeros(problem.n_p)
-    for i, name in enumerate(problem.free):
+    for i, name in enumerate(problem.base_names):
         if name in prior:
             centre, spread, relative = prior[name]
             widths[i], centres[i] = spread * centre if relative else spread, centre
+    if "mass" in problem.own:
+        widths[problem.base_names.index("mass")] *= _AS_GIVEN
     if {"mu_f", "mu_r"} <= set(problem.free):
         between = at[problem.free.index("mu_f")] - at[problem.free.index("mu_r")]
         at, widths, centres = np.vstack([at, between]), np.append(widths, _ALIKE), np.append(centres, 0.0)
@@ -231,9 +301,10 @@ def _thinning(error: np.ndarray, stretch: np.ndarray) -> float:
 
 def corrected(before: Fitted, by: Correction, data: Dataset) -> Fitted:
     """The structure with one correction more, fitted from where it stood."""
-    free = (*before.free, *by.free)
+    own = (*before.own, *by.own)
+    free = tuple(dict.fromkeys(n for n in (*before.free, *by.free) if n not in own))
     model = _steered(before.model) if by.steered else _relaxing(before.model) if by.relaxing else before.model
-    tried = [fit(model.with_values(**start), free, data, before) for start in by.starts]
+    tried = [fit(model.with_values(**start), free, data, before, own=own) for start in by.starts]
     return min(tried, key=lambda fitted: float(np.log(fitted.sigma).sum()))
 
 
@@ -253,11 +324,12 @@ def _relaxing(model: Any) -> Any:
     return replace(model, model=replace(driven, model=late) if lagging else late)
 
 
-def errors(model: Any, data: Dataset) -> np.ndarray:
+def errors(fitted: Fitted, data: Dataset) -> np.ndarray:
     """Mean squared free-run error of every experiment, shape (n_experiments, n_outputs); infinite where it diverges."""
     squares = []
     with np.errstate(over="ignore", invalid="ignore"):
-        for part in data.experiments:
+        for part, recording in zip(data.experiments, recordings(data), strict=True):
+            model = fitted.model_of(recording)
             first = model.memory - 1
             x0 = model.initial_state(part.rows(0, model.memory))
             run = model.free_run(x0, part.select(inputs=model.inputs).u[first:])
@@ -282,7 +354,7 @@ def helps(before: Fitted, after: Fitted, held_before: np.ndarray, held_after: np
     """
     independent = len(after.error) / after.thinning
     gain = -2.0 * independent * float(np.log(after.sigma / before.sigma).sum())
-    price = (len(after.free) - len(before.free)) * np.log(independent)
+    price = (len(after.names) - len(before.names)) * np.log(independent)
     moved, scatter = change(held_before, held_after)
     together = float(np.log(held_after.mean(axis=0) / held_before.mean(axis=0)).mean())
     no_harm = max(moved, together) < max(_HARM, scatter)

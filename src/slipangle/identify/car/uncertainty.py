@@ -10,6 +10,8 @@ from scipy.stats import t as student
 from slipangle.identify.car.structures import Fitted
 from slipangle.numerics import covariance as uncertainty
 
+_UNTOLD = 1e-9  # information left over information, of a parameter, below which there is none
+
 
 def covariance(fitted: Fitted) -> tuple[np.ndarray, str]:
     """Covariance of the free parameters, SI units, and how it was found.
@@ -35,7 +37,10 @@ def covariance(fitted: Fitted) -> tuple[np.ndarray, str]:
     for k in np.unique(fitted.stretch):
         rows = np.repeat(fitted.stretch == k, ny)
         rest = full - J[rows].T @ J[rows]
-        moves.append(_inverse(rest) @ (J[rows].T @ e[rows]))
+        told = np.diag(rest) > _UNTOLD * np.diag(full)  # not where the only stretch of a recording is left out
+        move = np.zeros(n_p)
+        move[told] = _inverse(rest[np.ix_(told, told)]) @ (J[rows][:, told].T @ e[rows])
+        moves.append(move)
     count = len(moves)
     spread = np.array(moves) - np.mean(moves, axis=0)
     jackknife = spread.T @ spread * (count - 1) / count
@@ -69,8 +74,8 @@ def hull(
     for other, share in others:
         own = 1.96 * np.sqrt(np.maximum(np.diag(covariance(other)[0]), 0.0))
         for i, name in enumerate(names):
-            if name in other.free:
-                value, reach = other.values[name], own[other.free.index(name)]
+            if name in other.names:
+                value, reach = other.values[name], own[other.names.index(name)]
                 low, high = own_limits[i] + share * (np.array([value - reach, value + reach]) - own_limits[i])
                 limits[i] = min(limits[i, 0], low), max(limits[i, 1], high)
     ranges = best.problem.ranges.T

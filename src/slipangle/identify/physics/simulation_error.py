@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,15 +42,22 @@ class Minimum:
 class FreeRunProblem:
     """Weighted free-run errors and their Jacobian over scaled unknowns.
 
-    The unknowns are the shared parameters, then each parameter per experiment (all experiments of the first, all of
+    The unknowns are the shared parameters, then each parameter per recording (all recordings of the first, all of
     the next), then the experiments' initial states where those are free.
 
-    ``shared`` and ``own`` name the free parameters with one value for all experiments, and with one for each; initial
-    states are read from the first samples unless they are free.
+    ``shared`` and ``own`` name the free parameters with one value for all experiments, and with one for each recording;
+    ``recordings`` numbers the recording that each experiment is of, by default each of one of its own. Initial states
+    are read from the first samples unless they are free.
     """
 
     def __init__(
-        self, model: Any, shared: tuple[str, ...], own: tuple[str, ...], data: Dataset, free_initial_state: bool
+        self,
+        model: Any,
+        shared: tuple[str, ...],
+        own: tuple[str, ...],
+        data: Dataset,
+        free_initial_state: bool,
+        recordings: Sequence[int] | None = None,
     ) -> None:
         self.model, self.shared, self.own = model, shared, own
         self.free = (*shared, *own)
@@ -57,7 +65,10 @@ class FreeRunProblem:
         model.check(self.data)
         self.parts = self.data.experiments
         self.n_e, self.n_x = len(self.parts), model.ode.n_states
-        self.n_p = len(shared) + len(own) * self.n_e
+        of = list(range(self.n_e)) if recordings is None else list(recordings)
+        self.recordings = sorted(set(of))
+        self._group = [self.recordings.index(k) for k in of]
+        self.n_p = len(shared) + len(own) * len(self.recordings)
         require_identifiable(self.data, self.n_p, scheduling=("v_x",))
         self.n_x0 = self.n_x if free_initial_state else 0
         first = model.memory - 1
@@ -74,13 +85,13 @@ class FreeRunProblem:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters: ``mass[0]`` is that of the first experiment."""
-        return (*self.shared, *(f"{n}[{i}]" for n in self.own for i in range(self.n_e)))
+        """Of the parameters: ``mass[0]`` is that of the first recording."""
+        return (*self.shared, *(f"{n}[{i}]" for n in self.own for i in self.recordings))
 
     @property
     def base_names(self) -> tuple[str, ...]:
-        """The same without the experiment."""
-        return (*self.shared, *(n for n in self.own for _ in range(self.n_e)))
+        """The same without the recording."""
+        return (*self.shared, *(n for n in self.own for _ in self.recordings))
 
     def _scales(self) -> None:
         metadata = [self.model.si(n) for n in self.base_names]
@@ -127,7 +138,7 @@ class FreeRunProblem:
     def columns(self, i: int) -> np.ndarray:
         """Places in z of the free parameters and, where free, the initial state of experiment ``i``."""
         k = len(self.shared)
-        own = [k + j * self.n_e + i for j in range(len(self.own))]
+        own = [k + j * len(self.recordings) + self._group[i] for j in range(len(self.own))]
         x0 = self.n_p + i * self.n_x0 + np.arange(self.n_x0)
         return np.concatenate([np.arange(k), own, x0]).astype(int)
 
