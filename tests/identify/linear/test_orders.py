@@ -59,6 +59,17 @@ def test_the_choice_is_as_good_on_unseen_data_as_the_best_of_fixed_orders(offset
     assert chosen <= min(fixed) + 0.01
 
 
+@pytest.mark.parametrize(("na", "nb", "nk"), [(1, 5, 2), (3, 3, 9), (5, 1, 6)])
+def test_few_candidates_find_orders_between_the_levels(na, nb, nk):
+    """Poles apart on a circle and distinct coefficients: no fewer lags explain the data."""
+    poles = 0.7 * np.exp(1j * np.linspace(0.3, 2.8, na // 2))
+    polynomial = np.real(np.poly([*poles, *poles.conj(), *[0.6] * (na % 2)]))
+    B = np.linspace(1.0, -0.8, nb)[:, None, None]
+    model = ARX().fit(made(model=replace(TRUE, A=polynomial[1:, None, None], B=B, nk=nk), noise=0.02))
+    assert (model.na, model.nb, model.nk) == (na, nb, nk)
+    assert len(model.fit_info.candidates) <= 80
+
+
 def test_delays_are_found_for_each_input():
     B = np.zeros((6, 1, 2))
     B[0, 0, 0], B[5, 0, 1] = 1.0, 0.8

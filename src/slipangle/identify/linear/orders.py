@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Literal
 
 import numpy as np
 
@@ -17,40 +16,18 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import TooShortError
 from slipangle.identify.linear.estimator import criteria
 from slipangle.identify.linear.lags import PerInput, Windows
+from slipangle.identify.linear.neighbours import Chosen, Orders, each_input, near, with_input
 from slipangle.models.model import Candidate
 from slipangle.models.plausible import growth
 from slipangle.models.wrappers.multi_arx import speed_weights
 
-Chosen = Literal["chosen"]
-LEVELS = (1, 2, 3, 4, 5, 6, 8, 10)  # lags of the first candidates
+LEVELS = (1, 2, 4, 7, 10)  # lags of the first candidates: every number is one of them, or next to one
 FOLDS, BLOCKS = 5, 20  # groups held out in turn; stretches that they are made of where a record is one
 LENGTH = 2000  # samples of a stretch that free runs are judged on, from its beginning
+_SHORT = {2, 4}  # lags of an input whose delay is sought, beside those that did best
+_ROUNDS = 3  # from the best to what is near it
 _TIE, _EXACT = 1.01, 1e-6  # errors apart by less, or below, are alike: the fewest coefficients win
 _RIDGE = 1e-13  # of columns of one length: regressors that depend on each other share the effect
-
-
-@dataclass(frozen=True, order=True)
-class Orders:
-    """Lags of outputs, of each input, and the delay of each input."""
-
-    na: int
-    nb: tuple[int, ...]
-    nk: tuple[int, ...]
-
-    @property
-    def reach(self) -> int:
-        """Samples that the oldest regressor lies back."""
-        return max(self.na, *(b + k - 1 for b, k in zip(self.nb, self.nk, strict=True)))
-
-    def coefficients(self, n_outputs: int, offset: bool) -> int:
-        """Per output."""
-        return self.na * n_outputs + sum(self.nb) + offset
-
-    @property
-    def said(self) -> str:
-        """In words."""
-        each = ("/".join(map(str, v if len(set(v)) > 1 else v[:1])) for v in (self.nb, self.nk))
-        return "na = {}, nb = {}, nk = {}".format(self.na, *each)
 
 
 @dataclass(frozen=True)
@@ -81,9 +58,9 @@ def choose(
 ) -> Choice:
     """Orders by free run over held-out stretches; those that are given stay.
 
-    Candidates are a grid of lags, then delays of each input with few lags, then the neighbours of the best. A model
-    whose free run would blow up over the longest experiment comes after all that hold. Of candidates within 1 % of the
-    least error the one with the fewest coefficients wins.
+    Candidates, 50 to 80, are a coarse grid of lags, then delays of each input with few lags, then the neighbours of the
+    best, and more past outputs where that is unstable. A model whose free run would blow up over the longest experiment
+    comes after all that hold. Of candidates within 1 % of the least error the one with the fewest coefficients wins.
 
     Raises TooShortError if there are too few samples to fit to some stretches and run freely over others.
 
@@ -92,9 +69,9 @@ def choose(
     """
     nu = len(data.inputs) - ("v_x" in data.inputs and len(speeds) > 0)
     open_y, open_b, open_k = (v == "chosen" for v in (na, nb, nk))
-    fixed = Orders(1 if isinstance(na, str) else na, _each(nb, nu), _each(nk, nu))
+    fixed = Orders(1 if isinstance(na, str) else na, each_input(nb, nu), each_input(nk, nu))
     most = _most(data, fixed, (open_y, open_b, open_k))
-    levels = [n for n in LEVELS if n <= most]
+    levels = sorted({most, *(n for n in LEVELS if n < most)})
     widest = replace(
         fixed,
         na=max(levels[-1], fixed.na) if open_y else fixed.na,
@@ -107,31 +84,18 @@ def choose(
     groups = [range(nu)] if same else [range(i, i + 1) for i in range(nu)]
     for of in groups if open_k else []:
         best = trials.best
-        counts = sorted({1, 2, 3, 4, best.nb[of[0]]}) if open_b else [best.nb[of[0]]]
-        trials.add(
-            replace(best, nb=_with(best.nb, of, b), nk=_with(best.nk, of, k))
-            for b in counts
-            for k in range(1, most + 1)
-        )
-    best = trials.best
-    near = [replace(best, na=best.na + d) for d in (-2, -1, 1, 2)] if open_y else []
-    for of in groups:
-        near += [replace(best, nb=_with(best.nb, of, best.nb[of[0]] + d)) for d in (-1, 1) if open_b]
-        near += [replace(best, nk=_with(best.nk, of, best.nk[of[0]] + d)) for d in (-1, 1) if open_k]
-    trials.add(o for o in near if min(o.na, *o.nb) >= 1 and (not open_k or min(o.nk) >= 1))
+        counts = sorted({*_SHORT, best.nb[of[0]]}) if open_b else [best.nb[of[0]]]
+        delays = [with_input(best.nk, of, k) for k in range(1, most + 1)]
+        trials.add(replace(best, nb=with_input(best.nb, of, b), nk=nk) for b in counts for nk in delays)
+    trials.add(replace(trials.best, na=a) for a in lags_y)
+    for _ in range(_ROUNDS):
+        best = trials.best
+        trials.add(near(best, groups, (open_y, open_b, open_k)))
+        if trials.best == best:
+            break
+    if not trials.done[trials.best].stable and open_y:
+        trials.add(replace(trials.best, na=a) for a in range(1, most + 1))
     return trials.choice()
-
-
-def _each(value: PerInput | Chosen, n: int) -> tuple[int, ...]:
-    """For every input; one where it is open."""
-    if isinstance(value, tuple):
-        return value
-    return (1 if isinstance(value, str) else value,) * n
-
-
-def _with(values: tuple[int, ...], of: range, value: int) -> tuple[int, ...]:
-    """The numbers with those of some inputs replaced."""
-    return tuple(value if i in of else v for i, v in enumerate(values))
 
 
 def _most(data: Dataset, fixed: Orders, open_: tuple[bool, bool, bool]) -> int:
