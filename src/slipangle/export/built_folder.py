@@ -15,7 +15,7 @@ from slipangle.codegen import compiler
 from slipangle.errors import ConfigError, FormatError, HashError
 from slipangle.files import read_bytes
 
-TESTED = 50  # steps of the recorded drive that a library repeats before it is used
+TESTED = 16  # steps of the recorded drive that a library repeats before it is used
 AGREES = 1e-9  # largest difference of a command from the recorded one, relative to 1 + its size
 EXPECTED = "a folder that 'slipangle build' wrote"
 

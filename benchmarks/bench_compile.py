@@ -1,0 +1,174 @@
+"""How long a predictive controller takes to be compiled, and one that was built ahead of time to its first plan.
+
+The thesis' front-drive car (8 states, implicit wheels, 10 stages) and a dual track of 12 states (planar motion, four
+wheels with loads that follow the accelerations and combined slip, pose, lagged steering and torque; implicit, 20
+stages). Compiling is processor time of the compiler alone, the least of all rounds, with the flags in use and with -O2
+in turn, and what the plans of both take; loading is wall time from the folder that `slipangle build` wrote to the first
+plan, checks of the library included, in a process that has the package loaded.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+from benchmarks.bench_mpc import CAR
+
+from slipangle.codegen import compiler
+from slipangle.control.mpc import MPC
+from slipangle.export import build, load
+from slipangle.models.custom import Ode
+from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2
+from slipangle.models.vehicles.parameters import GRAVITY
+from slipangle.ops import atan, cos, sin, sqrt
+from slipangle.optimal.realtime.backend import RealTime
+from slipangle.optimal.terms import Limits, Weights
+from slipangle.paths.lane_change import double_lane_change
+from slipangle.report.records import Record
+from slipangle.reproduce import Progress, Reproduction
+
+ROUNDS, PLANS = 3, 400
+BOUNDS = {"front drive, 8 states": 4.0, "dual track, 12 states": 8.0}  # s
+SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # front or rear, left or right
+
+
+def rates(x: Any, u: Any, p: Any) -> list[Any]:
+    """Of a dual track: v_x, v_y, r, four wheels, X, Y, psi, steering and drive torque."""
+    v_x, v_y, r, psi, delta, torque = x[0], x[1], x[2], x[9], x[10], x[11]
+    l_r, a_y, a_x = p.wheelbase - p.l_f, v_x * r, torque / (p.radius * p.mass)
+    X = Y = N = 0.0
+    spins = []
+    for i, (end, side) in enumerate(SIDES):
+        along, across = (p.l_f if end > 0 else -l_r), 0.5 * side * p.track
+        share = (l_r if end > 0 else p.l_f) / p.wheelbase
+        load = 0.5 * p.mass * (GRAVITY * share - end * a_x * p.height / p.wheelbase)
+        load = load - side * p.mass * a_y * p.height * share / p.track
+        angle = delta if end > 0 else 0.0
+        c, s = cos(angle), sin(angle)
+        at_x, at_y = v_x - across * r, v_y + along * r
+        roll = c * at_x + s * at_y
+        rim = p.radius * x[3 + i]
+        slip, aside = (rim - roll) / (roll + 0.5), (s * at_x - c * at_y) / (roll + 0.5)
+        total = sqrt(slip * slip + aside * aside + 1e-6)
+        grip = p.friction * load * sin(p.shape * atan(p.steepness * total)) / total
+        F_x, F_y = grip * slip, grip * aside
+        X, Y = X + c * F_x - s * F_y, Y + s * F_x + c * F_y
+        N = N + along * (s * F_x + c * F_y) - across * (c * F_x - s * F_y)
+        spins.append(((0.5 * torque if end > 0 else 0.0) - p.radius * F_x) / p.inertia_w)
+    c, s = cos(psi), sin(psi)
+    moved = [c * v_x - s * v_y, s * v_x + c * v_y, r]
+    actuators = [(u[0] - delta) / 0.05, (u[1] - torque) / 0.1]
+    return [X / p.mass + v_y * r, Y / p.mass - v_x * r, N / p.inertia_z, *spins, *moved, *actuators]
+
+
+def dual_track() -> MPC:
+    """The controller of the dual track."""
+    numbers = {"mass": 1100.0, "inertia_z": 1800.0, "wheelbase": 2.6, "l_f": 1.15, "track": 1.4, "height": 0.5}
+    numbers |= {"radius": 0.34, "inertia_w": 1.7, "friction": 1.0, "shape": 1.3, "steepness": 14.0}
+    wheels = tuple(f"omega_{n}" for n in ("fl", "fr", "rl", "rr"))
+    model = Ode(
+        f=rates,
+        states=("v_x", "v_y", "r", *wheels, "X", "Y", "psi", "delta", "T"),
+        inputs=("delta_set", "T_set"),
+        params=numbers,
+        dt=0.05,
+        method="radau",
+    )
+    return MPC(
+        model,
+        horizon=20,
+        controls=("delta_set", "T_set"),
+        Q=Weights(X=0.1, Y=1.0, psi=1.0, v_x=0.1),
+        S=Weights(delta_set=50.0, T_set=1e-6),
+        limits=Limits(delta_set=0.35, T_set=1500.0),
+        solver=RealTime(),
+    )
+
+
+def bench(progress: Progress) -> Reproduction:
+    """Compile times, and first plans."""
+    found: list[Record] = []
+    if compiler.compiler() is not None:
+        cars = {"front drive, 8 states": CAR.controller(CAR.model(SOUSA_TABLE_6_2), 10, RealTime())}
+        cars["dual track, 12 states"] = dual_track()
+        for k, (name, mpc) in enumerate(cars.items()):
+            progress(k / len(cars), name)
+            found += _of(name, mpc)
+    return Reproduction(
+        title="Compiling controllers, and loading what was built",
+        records=tuple(found),
+        protocol=f"Processor time of the compiler, the least of {ROUNDS} rounds in turn; {PLANS} plans along ISO "
+        f"3888-1 from states off the path, the least of five rounds in turn; {compiler.sentence()}.",
+    )
+
+
+def _of(name: str, mpc: MPC) -> list[Record]:
+    seconds: dict[str, list[float]] = {"-O3": [], "-O2": []}
+    plans: dict[str, np.ndarray] = {}
+    loading: list[float] = []
+    with tempfile.TemporaryDirectory() as scratch:
+        for k in range(ROUNDS):
+            for level, spent in seconds.items():
+                folder = Path(scratch) / f"{level}{k}"
+                with _flags(f"{level} -march=native"):
+                    spent.append(_processor(lambda at=folder: build(mpc, at, drive=60)))
+        for _ in range(5):
+            begin = time.perf_counter()
+            loaded = load(Path(scratch) / "-O30")
+            _drive(loaded, mpc, 1)
+            loading.append(time.perf_counter() - begin)
+        built = {level: load(Path(scratch) / f"{level}0") for level in seconds}
+        for _ in range(5):
+            for level, one in built.items():
+                took = _drive(one, mpc, PLANS)
+                plans[level] = np.minimum(plans.get(level, took), took)
+    slower = float(np.mean(plans["-O2"]) / np.mean(plans["-O3"]))
+    return [
+        Record.judged(name, "compiling [s]", None, min(seconds["-O3"]), at_most=BOUNDS[name]),
+        Record.judged(name, "compiling with -O2 instead of -O3 [s]", None, min(seconds["-O2"])),
+        Record.judged(name, "mean plan with -O2, over that with -O3", None, slower),
+        Record.judged(name, "folder to first plan, median [ms]", None, 1e3 * median(loading), at_most=20.0),
+    ]
+
+
+@contextmanager
+def _flags(text: str) -> Iterator[None]:
+    before = os.environ.get("SLIPANGLE_CFLAGS")
+    os.environ["SLIPANGLE_CFLAGS"] = text
+    try:
+        yield
+    finally:
+        os.environ.pop("SLIPANGLE_CFLAGS")
+        if before is not None:
+            os.environ["SLIPANGLE_CFLAGS"] = before
+
+
+def _processor(what: Callable[[], object]) -> float:
+    """Processor time of the processes that it starts. [s]"""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    what()
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _drive(one: Any, mpc: MPC, steps: int) -> np.ndarray:
+    """Time of each plan along a lane change, at the states that the path wants. [s]"""
+    path, took, plan = double_lane_change(15.0), [], None
+    states = list(mpc.model.states)
+    for k in range(steps):
+        preview = path.ahead(0.2 * k % path.length, mpc.times)
+        x = np.array(mpc.model.straight(15.0))
+        x[[i for i, n in enumerate(states) if n.startswith("omega")]] = 15.0 / 0.34
+        for n, v in (("X", preview.X[0]), ("Y", preview.Y[0] + 0.2 * np.sin(k)), ("psi", preview.psi[0])):
+            x[states.index(n)] = v
+        plan = one.plan(x, one.reference(preview, **dict.fromkeys(one.exogenous, 0.0)), plan)
+        took.append(plan.seconds)
+    return np.array(took)
