@@ -58,6 +58,7 @@ POSE = ("X", "Y", "psi")
 SEEDS = (0, 1, 2, 3, 4)
 SPEED = 24.0  # m/s
 SPEEDS = np.arange(20.0, 45.0).tolist()  # m/s
+SLOWER = (12.0, 16.0, 20.0, 24.0)  # m/s, at which errors stand beside those of the law
 TUNED = tuple((b, lead) for b in (2.0, 3.0, 4.0) for lead in (0.0, 0.05))  # of the law to compare with; rad/s, s
 ABOVE, WIDE = 3.0, 1.0  # m/s by which the defaults are faster; m
 BOUNDS = {"true pose": 2.0, "late pose": 4.0}  # cm
@@ -164,10 +165,23 @@ def bench(progress: Progress, seeds: tuple[int, ...] = SEEDS) -> Reproduction:
             note = f"from {min(errors):.2f} to {max(errors):.2f}"
             median = float(np.median(errors))
             records.append(Record.judged(name, f"RMSE, {pose}, median [cm]", None, median, at_most=bound, note=note))
+        records += beside_the_law(name, car, model)
         records += speeds(
             name, car, model, seeds, lambda share, i=i, name=name: progress((i + (2 + share) / 3) / len(names), name)
         )
     return Reproduction.told(__doc__, records, more=f"Noise seeds {', '.join(map(str, seeds))}.")
+
+
+def beside_the_law(name: str, car: Car, model: Model) -> list[Record]:
+    """Lateral RMSE of the defaults over that of the best law at each speed; true pose, one seed."""
+    found = []
+    for v_x in SLOWER:
+        ours = car.drive(model, "true pose", 0, v_x).rmse("y")
+        theirs = min(car.drive(model, "true pose", 0, v_x, law(model, *each)).rmse("y") for each in TUNED)
+        what = f"RMSE over that of the best law at {v_x:g} m/s"
+        note = f"{100 * ours:.2f} and {100 * theirs:.2f} cm"
+        found.append(Record.judged(name, what, None, ours / theirs, at_most=1.0, note=note))
+    return found
 
 
 def speeds(

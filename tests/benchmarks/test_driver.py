@@ -1,7 +1,7 @@
 """A Driver with its defaults, built from what a log of the car gives, on a dual track that is not its model."""
 
 import pytest
-from benchmarks.bench_driver import BOUNDS, Car
+from benchmarks.bench_driver import BOUNDS, Car, beside_the_law
 from benchmarks.bench_driver_fleet import FleetCar
 from benchmarks.bench_driver_lap import CARS, MOST, TrackCar
 
@@ -17,6 +17,7 @@ def test_iso_3888_at_24_m_per_s_from_raw_measurements():
     model = car.identified()
     for pose, bound in BOUNDS.items():
         assert car.error(model, pose, 0) < bound
+    assert all(record.holds for record in beside_the_law("dual track", car, model))
 
 
 @pytest.mark.slow

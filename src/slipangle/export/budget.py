@@ -138,7 +138,7 @@ def measured(project: Project, states: int = STATES) -> Budget:
     ParameterError
         If the project is of another kind.
     """
-    kind = "plan" if "interface" in project.facts else "step" if project.kind == "driver" else ""
+    kind = "step" if project.kind == "driver" else "plan" if "interface" in project.facts else ""
     if not kind:
         raise ParameterError(f"a {project.kind} has no budget; expected a controller or a driver: export those with it")
     if states < 1:
