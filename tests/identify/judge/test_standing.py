@@ -106,6 +106,23 @@ def test_a_model_that_a_simple_one_beats_by_far_is_poor():
     assert "times that of the simple model" in found.sentence
 
 
+@pytest.mark.parametrize(("error", "word"), [(0.03, "fair"), (0.12, "fair"), (0.35, "poor")])
+def test_a_model_that_a_simple_one_beats_says_so(error, word):
+    """The simple model is the truth, and errs by the noise alone; the other errs by a bit of its output more."""
+    noise = 0.1
+    data = made(noise, n=6000, system=([0.0, 0.2], [1.0, -0.8]))
+    train, test = data.split(0.6)
+    model = true_model(data, ([0.0, 0.2], [1.0, -0.8]))
+    share = np.sqrt((1 + error) ** 2 - 1) * noise  # so that the whole error is so much larger
+    found = validate(replace(model, B=(1 - share) * model.B), test, train=train).standing["y"]
+    assert found.worse
+    assert not found.better
+    assert found.word == word, found.sentence
+    assert "not better than" not in found.sentence
+    said = "the simple model is better, with 0." if word == "fair" else "times that of the simple model, which is"
+    assert said in found.sentence
+
+
 def test_half_a_model_is_poor_and_says_what_it_explains():
     data = made(0.1)
     train, test = data.split(0.6)

@@ -9,8 +9,9 @@ noise. The words and their limits, reasoned but for the 2 % and the two standard
   half of what that one leaves and noise allows, ``b - m >= (b - n) / 2``: nearer to the noise than to the simple model;
   or what it leaves is as much as the noise, within two standard errors of that.
 * poor: it explains less than half of what noise allows, ``1 - m < (1 - n) / 2``, or errs half as much again as the best
-  simple model, ``m > 1.5 b``: whoever needs a number is better off with that one.
-* fair: all between. A model that a simple one equals is never called good.
+  simple model, ``m > 1.5 b``, or a quarter as much again where that is beyond chance, ``m > 1.25 b``: whoever needs a
+  number is better off with that one.
+* fair: all between. A model that a simple one equals is never called good, and one that a simple one beats is told so.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from slipangle.models.model import Trajectory
 _NEARER = 0.5  # share of what the best simple model leaves and noise allows that a good model takes off
 _EXPLAINED = 0.5  # share of what noise allows that any but a poor model explains
 _WORSE = 1.5  # times the best simple model's error, from which a model is poor
+_BEATEN = 1.25  # the same where the simple model is better beyond chance
 _GAIN = 0.02  # of the best simple model's error, below which another is as good
 _BATCHES, _LEVEL = 10, 0.05  # of the test that the model is better than the simple one
 _ERRORS = 2.0  # standard errors of the noise, up to which what a model leaves is said to be noise
@@ -45,6 +47,7 @@ class Standing:
     noise: float  # standard deviation of the output's noise; NaN where the test data are too few to tell
     highest: float  # fit that this noise leaves a perfect model [%]; 100 where it is not known
     better: bool  # than the best simple model, beyond chance and by more than 2 % of its error
+    worse: bool  # than that one, beyond chance and by more than 2 % of its own error
     at_the_noise: bool  # what the model leaves is as much as the noise
     word: Literal["good", "fair", "poor"]
 
@@ -78,9 +81,11 @@ class Standing:
         """Why the word."""
         m, b, n = _errors(self.score, self.baselines[self.best], self.highest)
         if self.word == "poor":
-            if m > _WORSE * b:
-                return f"its error is {min(m / b, 9999):.3g} times that of the simple model"
+            if m > _WORSE * b or 1 - m >= _EXPLAINED * (1 - n):
+                return f"its error is {min(m / b, 9999):.3g} times that of the simple model, which is the better one"
             return f"it explains {100 * max(0.0, (1 - m) / (1 - n)) if n < 1 else 0:.0f} % of what noise allows"
+        if self.worse:
+            return f"the simple model is better, with {b / m:.2g} times its error"
         if not self.better:
             return "it is not better than the simple model beyond chance"
         if self.at_the_noise:
@@ -93,8 +98,8 @@ def standing(run: Trajectory, output: str, train: Dataset, test: Dataset) -> Sta
 
     The simple models (`baselines.baselines`) see the inputs that the data name, are fitted to ``train`` and judged on
     the samples of ``test`` that ``run`` predicts; the noise is `noise.noise_floor` of those samples, and never more
-    than the best free run leaves. That the model is better is tested on the means of ten stretches of the difference of
-    the squared errors [1]_, at 5 %.
+    than the best free run leaves. That the model is better, or worse, is tested on the means of ten stretches of the
+    difference of the squared errors [1]_, at 5 % either way.
 
     Raises MissingColumnError if ``train`` or ``test`` lacks the output or an input.
 
@@ -108,7 +113,9 @@ def standing(run: Trajectory, output: str, train: Dataset, test: Dataset) -> Sta
     simple = {b.name: b.simulate(seen, run.measured[:, i])[kept] for b in baselines(train, output)}
     scores = {name: Score.of(y, y_hat) for name, y_hat in simple.items()}
     best = max(scores, key=lambda name: scores[name].fit)
-    better = own.rmse < (1 - _GAIN) * scores[best].rmse and _better(y - run.y[kept, i], y - simple[best])
+    errors = y - run.y[kept, i], y - simple[best]
+    better = own.rmse < (1 - _GAIN) * scores[best].rmse and _better(*errors)
+    worse = scores[best].rmse < (1 - _GAIN) * own.rmse and _better(*errors[::-1])
     noise = noise_floor(seen, output)
     if not np.isnan(noise):
         noise = min(noise, own.rmse, *(s.rmse for s in scores.values()))
@@ -118,7 +125,7 @@ def standing(run: Trajectory, output: str, train: Dataset, test: Dataset) -> Sta
     word: Literal["good", "fair", "poor"] = "fair"
     if better and (noisy or b - m >= _NEARER * (b - n)):
         word = "good"
-    elif 1 - m < _EXPLAINED * (1 - n) or m > _WORSE * b:
+    elif 1 - m < _EXPLAINED * (1 - n) or _beaten(m, b, worse):
         word = "poor"
     return Standing(
         output=output,
@@ -127,6 +134,7 @@ def standing(run: Trajectory, output: str, train: Dataset, test: Dataset) -> Sta
         noise=noise,
         highest=highest,
         better=better,
+        worse=worse,
         at_the_noise=noisy,
         word=word,
     )
@@ -135,6 +143,11 @@ def standing(run: Trajectory, output: str, train: Dataset, test: Dataset) -> Sta
 def _errors(model: Score, simple: Score, highest: float) -> tuple[float, float, float]:
     """Of the model, the simple model and the noise, in standard deviations of the output."""
     return 1 - model.fit / 100, min(1 - simple.fit / 100, 1.0), 1 - highest / 100
+
+
+def _beaten(model: float, simple: float, beyond_chance: bool) -> bool:
+    """Whether the simple model's error is so much smaller that the other is poor."""
+    return model > (_BEATEN if beyond_chance else _WORSE) * simple
 
 
 def _better(model: np.ndarray, simple: np.ndarray) -> bool:
