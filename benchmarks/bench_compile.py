@@ -2,13 +2,16 @@
 
 The thesis' front-drive car (8 states, implicit wheels, 10 stages) and a dual track of 12 states (planar motion, four
 wheels with loads that follow the accelerations and combined slip, pose, lagged steering and torque; implicit, 20
-stages). Compiling is processor time of the compiler alone, the least of all rounds, with the flags in use and with -O2
-in turn, and what the plans of both take; loading is wall time from the folder that `slipangle build` wrote to the first
-plan, checks of the library included, in a process that has the package loaded.
+stages). The exported plan is timed by a clock in C around its call, beside what the solver that Python drives says of
+itself, at the same states of the drive that the export recorded, in turn. Compiling is processor time of the compiler
+alone, the least of all rounds, with the flags in use and with -O2 in turn, and what the plans of both take; loading
+is wall time from the folder that `slipangle build` wrote to the first plan, checks of the library included, in a
+process that has the package loaded.
 """
 
 from __future__ import annotations
 
+import ctypes
 import os
 import resource
 import tempfile
@@ -25,10 +28,12 @@ from benchmarks.bench_mpc import CAR
 from slipangle.codegen import compiler
 from slipangle.control.mpc import MPC
 from slipangle.export import build, load
+from slipangle.export.built_controller import BuiltController
 from slipangle.models.custom import Ode
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_2
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import atan, cos, sin, sqrt
+from slipangle.optimal.ocp import Reference
 from slipangle.optimal.realtime.backend import RealTime
 from slipangle.optimal.terms import Limits, Weights
 from slipangle.paths.lane_change import double_lane_change
@@ -36,6 +41,7 @@ from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 
 ROUNDS, PLANS = 3, 400
+STATES, STATE_ROUNDS = 200, 12
 BOUNDS = {"front drive, 8 states": 4.0, "dual track, 12 states": 8.0}  # s
 SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1))  # front or rear, left or right
 
@@ -102,6 +108,7 @@ def bench(progress: Progress) -> Reproduction:
         for k, (name, mpc) in enumerate(cars.items()):
             progress(k / len(cars), name)
             found += _of(name, mpc)
+        found += exported("front drive, 8 states", cars["front drive, 8 states"])
     return Reproduction(
         title="Compiling controllers, and loading what was built",
         records=tuple(found),
@@ -137,6 +144,50 @@ def _of(name: str, mpc: MPC) -> list[Record]:
         Record.judged(name, "mean plan with -O2, over that with -O3", None, slower),
         Record.judged(name, "folder to first plan, median [ms]", None, 1e3 * median(loading), at_most=20.0),
     ]
+
+
+TIMED = """#include <time.h>
+double timed(void *plan, void *controller, void *input, void *output)
+{
+    struct timespec a, b;
+    clock_gettime(CLOCK_MONOTONIC, &a);
+    ((int (*)(void *, void *, void *))plan)(controller, input, output);
+    clock_gettime(CLOCK_MONOTONIC, &b);
+    return (double)(b.tv_sec - a.tv_sec) + 1e-9 * (double)(b.tv_nsec - a.tv_nsec);
+}
+"""
+
+
+def exported(name: str, mpc: MPC) -> list[Record]:
+    """Time of the exported plan over that of the solver inside Python, the least of all rounds at each state."""
+    clock = compiler.library(TIMED, name="timed")
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = build(mpc, Path(scratch) / "made", drive=STATES)
+        one = load(folder)
+        rows = np.loadtxt(folder / "drive.csv", delimiter=",", skiprows=1)
+    if clock is None or not isinstance(one, BuiltController):
+        return []
+    x, tracked, exogenous = (one._arrays[k] for k in ("x", "tracked", "exogenous"))
+    ends = np.cumsum([x.size, tracked.size, exogenous.size])
+    outside, inside = np.full(len(rows), np.inf), np.full(len(rows), np.inf)
+    call = ctypes.cast(one._plan, ctypes.c_void_p).value
+    for _ in range(STATE_ROUNDS):
+        one._begin()
+        plan = None
+        for k, row in enumerate(rows):
+            for part, to in zip(np.split(row[: ends[-1]], ends[:-1]), (x, tracked, exogenous), strict=True):
+                to[...] = part.reshape(to.shape)
+            one._given.applied_known = 0
+            given = (one._memory.ctypes.data, ctypes.addressof(one._given), ctypes.addressof(one._out))
+            outside[k] = min(outside[k], clock.timed(call, *given))
+        for k, row in enumerate(rows):
+            a, b, c = np.split(row[: ends[-1]], ends[:-1])
+            reference = Reference(tracked=b.reshape(tracked.shape), exogenous=c.reshape(exogenous.shape))
+            plan = mpc.plan(a, reference, plan)
+            inside[k] = min(inside[k], mpc.engine.timing.total)
+    ratio, p99 = np.median(outside) / np.median(inside), [1e6 * np.percentile(t, 99) for t in (outside, inside)]
+    note = f"{1e6 * np.median(outside):.1f} and {1e6 * np.median(inside):.1f} us, p99 {p99[0]:.0f} and {p99[1]:.0f} us"
+    return [Record.judged(name, "exported plan over that in Python's process", None, ratio, at_most=1.05, note=note)]
 
 
 @contextmanager

@@ -49,6 +49,14 @@ def needs(*tools):
                 pytest.skip("ziglang is not installed: pip install --group export")
         elif shutil.which(tool) is None:
             pytest.skip(f"{tool} is not installed: apt-get install {PACKAGES.get(tool, tool)}")
+    if "wine" in tools:
+        boot_wine()
+
+
+@cache
+def boot_wine():
+    """Wine makes its folder at the first start, which takes as long as it takes, not as a program may."""
+    subprocess.run(["wine", "wineboot", "--init"], stdin=subprocess.DEVNULL, capture_output=True, check=False)
 
 
 def run(*command, folder, stdin=None, environment=None, limit=240):
