@@ -127,6 +127,8 @@ def test_the_reader_drives(browser, live_page):
     said = browser.run("document.querySelector('.outcome').textContent")
     assert re.search(r"Solver on your machine: [\d.]+ ms a plan", said)
     before = browser.run("document.querySelector('.way').getAttribute('d')")
+    title = "document.querySelector('.playback h3').textContent"
+    jobs = browser.run(title)
     browser.run(
         "(() => { const i = document.querySelector('[data-at=\"0\"]'); i.value = 150;"
         " i.dispatchEvent(new Event('input')); })()"
@@ -137,9 +139,11 @@ def test_the_reader_drives(browser, live_page):
     said = browser.run("document.querySelector('.outcome').textContent")
     assert said.startswith(f"{100 * run.rmse('y'):.1f} cm (RMS)")
     assert browser.run("document.querySelector('.way').getAttribute('d')") != before
+    assert browser.run(title) == "Your drive, seen from above"
     browser.run("document.querySelector('.reset').click()")
     rmse = 100 * closed_loop(**live.loop()).rmse("y")
     browser.wait(f"document.querySelector('.outcome').textContent.startsWith('{rmse:.1f} cm')")
+    assert browser.run(title) == jobs
     assert browser.console == []
     assert all(url.startswith(("file:", "blob:")) for url in browser.requests)
 

@@ -193,6 +193,7 @@
         `${r.mean.toFixed(2)} ms a plan on average, ${r.slowest.toFixed(1)} ms at most, of ${(1000 * about.dt).toFixed(0)} ms; ` +
         `all ${r.plans} plans and the car took ${r.took.toFixed(0)} ms.`;
     };
+    const heading = block.querySelector("h3"), jobs = heading.textContent;
     let beside = null, due = false;
     const begin = () => { /* the job's own drive, which also warms it up */
       if (beside) return;
@@ -207,8 +208,9 @@
     const again = () => {
       due = false;
       begin();
-      const r = run();
+      const r = run(), own = now.some((v, k) => v !== about.sliders[k].value);
       say(r);
+      heading.textContent = own ? "Your drive, seen from above" : jobs;
       shown.load({ ...r.frames, beside });
     };
     const later = () => { tell(); if (!due) { due = true; window.requestAnimationFrame(again); } };
