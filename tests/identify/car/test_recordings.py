@@ -10,7 +10,7 @@ from slipangle.errors import MissingColumnError, ParameterError, TooShortError
 from slipangle.identify.car.identify_car import WholeCar, identify_car
 from slipangle.identify.car.recordings import between
 from slipangle.identify.car.stretches import stretches
-from slipangle.identify.car.structures import RECORDING, STIFF, first_guess, fit, recordings
+from slipangle.identify.car.structures import RECORDING, STIFF, corrections, first_guess, fit, recordings
 from slipangle.identify.car.uncertainty import covariance
 from slipangle.models.model import FitInfo
 from slipangle.models.storage import load, save
@@ -99,6 +99,14 @@ def test_a_recording_with_a_gap_is_one_and_experiments_of_one_data_set_are_sever
     pieces = stretches(join(*numbered), 2.0).all
     assert {k: recordings(pieces).count(k) for k in (0, 1)} == {0: 4, 1: 4}
     assert set(recordings(stretches(join(gap, b), 2.0).all)) == {0, 1, 2}
+
+
+@pytest.mark.parametrize(("seconds", "tried"), [(45.0, True), (25.0, False)])
+def test_offsets_are_tried_where_recordings_last_as_long_as_sessions(seconds, tried):
+    parts = [log(14.0 + k, k, seconds=seconds, noise=0.0) for k in range(3)]
+    listed = corrections(stretches(join(*parts), 2.0).train, KNOWN["wheelbase"], None)
+    assert any(c.own == ("steering_offset",) for c in listed) == tried
+    assert not any(c.own for c in corrections(parts[0], KNOWN["wheelbase"], None))
 
 
 def test_another_recording_is_expected_where_those_of_the_fit_were():

@@ -30,7 +30,7 @@ _ALIKE = 0.15  # standard deviation of the difference of both axles' friction
 _WORTH = 0.05  # fall of the squared held-out error that is worth a correction by itself
 _HARM = 0.01  # rise of the squared held-out error that a correction may bring
 _SETTLES = 1.0  # s, until an initial state that was guessed is forgotten
-_SESSION = 40.0  # s of driving, mean of several recordings from which each may have offsets of its own
+_SESSION = 28.0  # s of driving to fit to, mean of several recordings that may have offsets of their own; of 40 s about
 _ROUNDS, _COLOUR = 4, 400  # of weighing outputs and prior; lags of the residuals' autocorrelation
 
 
