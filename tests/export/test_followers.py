@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from slipangle.codegen import compiler
+from slipangle.control.followers.feedforward import FeedforwardFeedback
 from slipangle.control.followers.followers import PurePursuit, Stanley
 from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.errors import ParameterError
@@ -21,6 +22,7 @@ KINDS = {
     "pure pursuit": PurePursuit(params=GEARED, rate=1.0),
     "Stanley": Stanley(params=GEARED),
     "LQR with preview": PreviewLQR(params=GEARED, horizon=15),
+    "feed-forward and feedback law": FeedforwardFeedback(params=GEARED, lead=0.07),
 }
 EACH = pytest.mark.parametrize("kind", KINDS)
 

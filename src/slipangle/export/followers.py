@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import singledispatch
 from typing import Any
 
+from slipangle.control.followers.feedforward import LONGEST, SHORTEST, SLOWEST, FeedforwardFeedback
 from slipangle.control.followers.followers import PathFollower, PurePursuit, Stanley
 from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.errors import ParameterError
@@ -47,6 +48,19 @@ def _(follower: PreviewLQR) -> tuple[str, str, dict[str, Any], dict[str, Any]]:
     )
 
 
+@law.register
+def _(follower: FeedforwardFeedback) -> tuple[str, str, dict[str, Any], dict[str, Any]]:
+    p = follower.params
+    numbers = {"REAR": p.l_r, "WHEELBASE": p.wheelbase, "UNDERSTEER": follower.understeer_gradient}
+    numbers |= {"SLIPPING": p.mass * p.l_f / (p.wheelbase * p.C_r)}  # side slip of a bend, per curvature and v^2
+    numbers |= {"DAMPED": (p.C_f + p.C_r) / p.mass + (p.C_f * p.l_f**2 + p.C_r * p.l_r**2) / p.inertia_z}
+    numbers |= {"COUPLED": p.C_f * p.C_r * p.wheelbase**2 / (p.mass * p.inertia_z)}
+    numbers |= {"TURNING": (p.C_r * p.l_r - p.C_f * p.l_f) / p.inertia_z}
+    numbers |= {"LEAD": follower.lead, "BANDWIDTH": follower.bandwidth, "DAMPING": follower.damping}
+    numbers |= {"SLOWEST": SLOWEST, "LONGEST": LONGEST, "SHORTEST": SHORTEST}
+    return "feed-forward and feedback law", "feedforward.c", numbers, {"TIMES": follower.times}
+
+
 def follower_project(follower: PathFollower, name: str, drive: Drive) -> Project:
     """The files of a path follower; name and drive as for `project`.
 
@@ -55,8 +69,8 @@ def follower_project(follower: PathFollower, name: str, drive: Drive) -> Project
     writer = next(k for k in type(follower).__mro__ if "law" in vars(k))  # of the law, which a subclass may change
     if writer not in law.registry:
         raise ParameterError(
-            f"a {type(follower).__name__} has a law of its own, which has no C; expected PurePursuit, Stanley or "
-            "PreviewLQR: register it with slipangle.export.followers.law"
+            f"a {type(follower).__name__} has a law of its own, which has no C; expected PurePursuit, Stanley, "
+            "PreviewLQR or FeedforwardFeedback: register it with slipangle.export.followers.law"
         )
     kind, file, numbers, arrays = law.dispatch(writer)(follower)
     low, high = follower._judge.ranges

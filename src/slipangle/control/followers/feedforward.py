@@ -15,6 +15,7 @@ from slipangle.models.vehicles.parameters import BicycleParams
 
 SLOWEST = 1.0  # m/s, speed below which the gains stay
 LONGEST = 0.5  # s, by which the car itself is late at most
+SHORTEST = 0.1  # of the wheelbase: the length that a steering angle turns over, in the feedback, at least
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,6 +88,6 @@ class FeedforwardFeedback(PathFollower):
         e_y = -(x[2] - x0) * math.sin(angle) + (x[3] - y0) * math.cos(angle)
         beta = (p.l_r - p.mass * p.l_f * v**2 / (p.wheelbase * p.C_r)) * float(ahead[0, 3])
         course = math.remainder(x[4] - angle, 2 * math.pi) + beta
-        gain = self.bandwidth**2 * max(length, 0.1 * p.wheelbase) / v**2
+        gain = self.bandwidth**2 * max(length, SHORTEST * p.wheelbase) / v**2
         far = 2.0 * self.damping * v / self.bandwidth + self.lead * v
         return length * curvature - gain * (e_y + far * course)
