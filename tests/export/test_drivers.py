@@ -253,8 +253,6 @@ def test_a_drive_is_recorded_and_what_has_no_c_is_said():
             return super().step(measurements, t)
 
     law = Compensated(follower=Stanley(params=SOUSA_TABLE_7_2, dt=0.02), car=KNOWN)
-    with pytest.raises(ParameterError, match="a Compensated has no C; expected a model"):
-        project_of(law, "", 2)
     with pytest.raises(ParameterError, match="a Compensated in the driver has no C; expected a plain MPC"):
         project_of(Driver(KNOWN, whole.path, controller=law, noise=NOISE), "", 2)
     with pytest.raises(ParameterError, match="a Own in the driver has no C; expected a plain Driver"):

@@ -1,16 +1,22 @@
 """Exported path followers steer as those in Python do, on any machine."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from slipangle.codegen import compiler
+from slipangle.control.followers.compensated import Compensated
 from slipangle.control.followers.feedforward import FeedforwardFeedback
 from slipangle.control.followers.followers import PurePursuit, Stanley
 from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.errors import ParameterError
 from slipangle.export.drives import standard_drive
 from slipangle.export.kinds import project_of
+from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import FERRARI_250LM
+from slipangle.models.vehicles.steering import Steered
+from slipangle.models.wrappers.delayed import Delayed
 from slipangle.paths.lane_change import double_lane_change
 from tests.export.loaded import STATUSES, Loaded
 from tests.export.test_mpc import upset
@@ -23,6 +29,13 @@ KINDS = {
     "Stanley": Stanley(params=GEARED),
     "LQR with preview": PreviewLQR(params=GEARED, horizon=15),
     "feed-forward and feedback law": FeedforwardFeedback(params=GEARED, lead=0.07),
+}
+LATE = Delayed(
+    Steered(Bicycle(params=GEARED, dt=0.05, outputs=("r",)), steering_lag=0.1), delays={"delta": 0.05}, longest=0.1
+)
+KINDS |= {
+    f"{name}, compensated": Compensated(follower=replace(KINDS[name], rate=1.0), car=LATE)
+    for name in ("Stanley", "LQR with preview", "feed-forward and feedback law")
 }
 EACH = pytest.mark.parametrize("kind", KINDS)
 

@@ -20,6 +20,7 @@ KINDS = {  # what it is, columns of its drive before its inputs, how many of wha
     "Stanley": (lambda: test_followers.KINDS["Stanley"], 0, "RACER_CONTROLS", 100_000),
     "pure pursuit": (lambda: test_followers.KINDS["pure pursuit"], 0, "RACER_CONTROLS", 100_000),
     "LQR with preview": (lambda: test_followers.KINDS["LQR with preview"], 0, "RACER_CONTROLS", 100_000),
+    "compensated": (lambda: test_followers.KINDS["Stanley, compensated"], 0, "RACER_CONTROLS", 100_000),
     "driver": (test_drivers.VARIANTS["plain"], 1, "RACER_COMMANDS", 100_000),
     "driver, late, lagged, pedals": (test_drivers.VARIANTS["late, lagged, pedals"], 1, "RACER_COMMANDS", 100_000),
     "estimator": (lambda: test_estimators.VARIANTS["late, gate, offsets"], 0, "RACER_STATES", 100_000),

@@ -53,6 +53,7 @@ CONTROLLERS = {
     "pure pursuit": lambda: test_followers.KINDS["pure pursuit"],
     "Stanley": lambda: test_followers.KINDS["Stanley"],
     "LQR with preview": lambda: test_followers.KINDS["LQR with preview"],
+    "Stanley, compensated": lambda: test_followers.KINDS["Stanley, compensated"],
     "feed-forward": lambda: test_followers.KINDS["feed-forward and feedback law"],
 }
 THINGS = CONTROLLERS | {

@@ -7,6 +7,7 @@ from typing import Any
 
 from slipangle.control.controller import Controller
 from slipangle.control.driver import Driver
+from slipangle.control.followers.compensated import Compensated
 from slipangle.control.followers.followers import PathFollower
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
@@ -88,6 +89,12 @@ def _(thing: MultiARXMPC, name: str, drive: Drive | Dataset | int) -> Project:
 @project_of.register
 def _(thing: PathFollower, name: str, drive: Drive | Dataset | int) -> Project:
     _require_own(thing, PathFollower)
+    return follower_project(thing, name or "follower", _driven(thing, drive))
+
+
+@project_of.register
+def _(thing: Compensated, name: str, drive: Drive | Dataset | int) -> Project:
+    _require_own(thing, Compensated)
     return follower_project(thing, name or "follower", _driven(thing, drive))
 
 
