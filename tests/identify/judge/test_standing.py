@@ -220,3 +220,15 @@ def test_a_true_bicycle_beats_all_of_them():
     found = validate(car, test, train=train).standing["r"]
     assert found.word == "good", found.sentence
     assert found.noise == pytest.approx(0.02, rel=0.1)
+
+
+def test_a_model_behind_a_simple_one_by_chance_perhaps_says_by_how_much():
+    """Not beyond chance, but by how much it is behind is said."""
+    data = made(0.1, n=6000, system=([0.0, 0.2], [1.0, -0.8]))
+    train, test = data.split(0.6)
+    model = true_model(data, ([0.0, 0.2], [1.0, -0.8]))
+    found = validate(model, test, train=train).standing["y"]
+    error = 1 - found.score.fit / 100
+    simple = replace(found.baselines[found.best], fit=100 * (1 - error / 1.4))
+    behind = replace(found, better=False, worse=False, word="fair", baselines={found.best: simple})
+    assert behind.reason == "its error is 1.4 times that of the simple model, which may be chance"

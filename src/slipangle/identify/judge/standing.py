@@ -86,6 +86,8 @@ class Standing:
             return f"it explains {100 * max(0.0, (1 - m) / (1 - n)) if n < 1 else 0:.0f} % of what noise allows"
         if self.worse:
             return f"the simple model is better, with {b / m:.2g} times its error"
+        if m > (1 + _GAIN) * b:
+            return f"its error is {m / b:.3g} times that of the simple model, which may be chance"
         if not self.better:
             return "it is not better than the simple model beyond chance"
         if self.at_the_noise:
