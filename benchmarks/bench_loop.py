@@ -4,18 +4,26 @@ Dual-track BMW 320i at one millisecond with sensor noise, ISO 3888-1 at 20 m/s, 
 a speed driver at 100 Hz. The parts are the same number of steps of the compiled plant, ten at a time, and of `MPC.plan`
 calls, all through Python; the loop's own share is projection, look ahead, noise, driver and record. Wall time of whole
 drives, one thread, in turn, the least of all rounds.
+
+Then the same car with a `Driver` that was built (20 ms between plans): the loop in C, and the one in Python around the
+same library. Its parts are the plant's steps in one call, and the driver's steps with a plan, as the loop in C timed
+them.
 """
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from slipangle.codegen import compiler
+from slipangle.control.driver import Driver
 from slipangle.control.mpc import MPC
 from slipangle.control.speed.pedals import pedal_driver
+from slipangle.export import build, load
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
@@ -26,6 +34,7 @@ from slipangle.paths.lane_change import double_lane_change
 from slipangle.paths.path import Path
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
+from slipangle.simulate.drive import drive as drive_by
 from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import Run
@@ -103,12 +112,66 @@ def bench(progress: Progress) -> Reproduction:
         )
     )
     records += [_call(name, call(path), call(plain)) for name, call in ASKED.items()]
+    if compiler.compiler() is not None:
+        records += _built(progress, path)
     return Reproduction(
         title="Closed loop beside its parts",
         records=tuple(records),
         protocol=f"ISO 3888-1 at 20 m/s; least wall time of {ROUNDS} rounds in turn, one thread; calls: least of "
         f"{ROUNDS} rounds of {CALLS}.",
     )
+
+
+def _built(progress: Progress, path: Path) -> list[Record]:
+    """A driver that was built, in a loop that is compiled too and in one that is not."""
+    progress(1.0, "compiling a driver")
+    model = Bicycle(params=BICYCLE, dt=0.02, outputs=("r",))
+    driver = Driver(model, path, speed=pedal_driver(P), noise={"r": 0.002, "X": 0.01, "Y": 0.01, "psi": 0.001})
+    with tempfile.TemporaryDirectory() as folder:
+        loaded = load(build(driver, f"{folder}/pilot", drive=100))
+        ours, python, gap = np.inf, np.inf, 0.0
+        planning = plant = np.inf
+        for _ in range(ROUNDS):
+            began = time.perf_counter()
+            run = drive_by(PLANT, loaded)
+            ours = min(ours, time.perf_counter() - began)
+            planning = min(planning, sum(plan.seconds for plan in run.plans))
+            began = time.perf_counter()
+            other = drive_by(PLANT, loaded, watch=lambda *_: None)
+            python = min(python, time.perf_counter() - began)
+            gap = max(float(np.abs(getattr(run, n) - getattr(other, n)).max()) for n in ("states", "e_y", "commands"))
+            if CAR.steps is not None:
+                u = np.tile([0.001, 0.1, 0.0], (10 * len(run.t), 1))
+                began = time.perf_counter()
+                CAR.steps.run(PLANT.straight(20.0), u)
+                plant = min(plant, time.perf_counter() - began)
+    row, ratio = "built driver, loop in C", ours / (plant + planning)
+    listed = {"": ours, ", loop in Python": python, ", plant alone": plant, ", steps with a plan alone": planning}
+    records = [
+        Record(row=f"built driver{n}" if n else row, quantity="wall time of one drive [ms]", thesis=None, here=1000 * t)
+        for n, t in listed.items()
+    ]
+    note = f"{len(run.t)} samples, {len(run.plans)} plans; the loop in Python {python / (plant + planning):.3g}"
+    return [
+        *records,
+        Record(
+            row=row,
+            quantity="ratio of wall times over plant and plans",
+            thesis=None,
+            here=ratio,
+            bound="<= 3",
+            holds=ratio <= 3,
+            note=note,
+        ),
+        Record(
+            row=row,
+            quantity="largest difference of a state, error or command from the loop in Python",
+            thesis=None,
+            here=gap,
+            bound="<= 1e-9",
+            holds=gap <= 1e-9,
+        ),
+    ]
 
 
 TIMES = 0.05 * np.arange(21)

@@ -7,6 +7,7 @@ import pickle
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,9 +16,14 @@ import slipangle as sa
 from slipangle.codegen import compiler
 from slipangle.errors import ConfigError, FormatError, HashError, MissingFileError, ParameterError
 from slipangle.export import build, load
-from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
+from slipangle.models.vehicles.catalogue import PASSENGER_TIRE, SOUSA_CAR_7, SOUSA_TABLE_7_2
+from slipangle.models.vehicles.dual_track.dual_track import DualTrack
+from slipangle.optimal.terms import Values
 from slipangle.paths.lane_change import double_lane_change
+from slipangle.simulate.compiled import compiled_loop
 from slipangle.simulate.drive import drive
+from slipangle.simulate.run import End
+from slipangle.simulate.sensors import Sensor, Sensors
 from tests.control.marx.test_mpc import BY_POSE
 from tests.export.test_drivers import LAGGED, LATE, PEDALS, driver
 from tests.export.test_mpc import KINDS, controller
@@ -124,6 +130,67 @@ def test_a_driver_drives_as_the_one_it_was_built_from(pilot):
         assert [p.status for p in runs[0].plans] == [p.status for p in one.plans]
         assert heard[0] == said
     assert np.abs(runs[0].states[:, plant.model.states.index("Y")]).max() > 1.0
+
+
+CAR = DualTrack(params=SOUSA_CAR_7, tire_f=PASSENGER_TIRE, tire_r=PASSENGER_TIRE, dt=0.001)
+WHITE = Values(r=0.002, X=0.01, Y=0.01, psi=0.001, v_x=0.02)
+LAGS = {"delay": Values(delta=0.023), "lag": Values(delta=0.05, throttle=0.1)}
+SENSORS = Sensors(
+    X=Sensor(interval=0.1, delay=0.05, noise=0.02, drop_out=0.1, lost="nan"),
+    Y=Sensor(interval=0.1, delay=0.047, drift=0.01, bias=0.01, gain=0.01),
+    psi=Sensor(interval=0.007, noise=0.001, quantum=0.0005, delay=0.013),
+    v_x=Sensor(noise=0.02, drop_out=0.05, drop_length=3.0, range=(0.0, 20.5)),
+    delta=Sensor(interval=0.01),
+)
+
+
+@pytest.mark.parametrize(
+    ("settings", "called"),
+    [
+        ({}, {}),
+        ({"noise": WHITE, "seed": 3, **LAGS}, {"sample": 0.02, "width": 2.0}),
+        ({"sensors": SENSORS, "noise": Values(r=0.002), "seed": 4, **LAGS}, {"channels": ("X", "Y", "psi", "v_x")}),
+        ({"sensors": SENSORS, "seed": 5}, {"duration": 2.5, "sample": 0.005}),
+    ],
+)
+def test_a_loop_without_python_has_the_same_numbers(pilot, settings, called):
+    """Sensors, delay, lag, ends and plans, to the last bit; a drive that is watched is one in Python."""
+    built, plant = load(pilot[1]), sa.Plant(CAR, **settings)
+    fixed = {"held": Values(throttle=0.05, brake=0.0), **called}
+    asked = called.get("channels")
+    assert compiled_loop(plant, built, asked) is not None
+    ours, watched = drive(plant, built, **fixed), drive(plant, built, watch=lambda *_: None, **fixed)
+    assert ours.end is watched.end
+    for name in ("t", "s", "e_y", "e_psi", "v_x", "states", "inputs", "reference", "t_plan"):
+        assert np.array_equal(getattr(ours, name), getattr(watched, name)), name
+    assert len(ours.plans) == len(watched.plans)
+    for a, b in zip(ours.plans, watched.plans, strict=True):
+        assert np.array_equal(a.u, b.u)
+        assert (a.status, a.health, a.age, a.memory) == (b.status, b.health, b.age, None)
+    assert 0 < ours.plans[-1].seconds < 1
+    assert np.abs(ours["Y"]).max() > 0.1
+    again = drive(plant, built, **fixed)
+    assert np.array_equal(again.states, ours.states)
+
+
+def test_a_loop_without_python_ends_as_the_one_in_python(pilot):
+    """Far from the path at once, off it with a late steering, and out of time."""
+    built, plant = load(pilot[1]), sa.Plant(CAR, delay=Values(delta=0.5))
+    held = Values(throttle=0.05, brake=0.0)
+    far, near = plant.straight(20.0, Y=30.0), plant.straight(20.0, Y=-19.0)
+    for x0, end in ((far, End.LEFT_PATH), (near, End.LEFT_PATH), (None, End.TIME)):
+        pair = [drive(plant, built, held=held, x0=x0, watch=w) for w in (None, lambda *_: None)]
+        assert pair[0].end is pair[1].end is end
+        assert all(np.array_equal(getattr(pair[0], n), getattr(pair[1], n)) for n in ("states", "inputs", "t_plan"))
+
+
+def test_what_a_loop_without_python_cannot_do_is_done_in_python(pilot):
+    whole, built = pilot[0], load(pilot[1])
+    assert compiled_loop(sa.Plant(CAR), whole, None) is None
+    slow = sa.Plant(sa.OnGround(sa.Bicycle(params=SOUSA_TABLE_7_2, dt=0.01, outputs=("r",))))
+    assert compiled_loop(slow, built, None) is None
+    sensed = sa.Plant(replace(CAR, outputs=("a_y",)), sensors=Sensors(a_y=Sensor(interval=0.01)))
+    assert compiled_loop(sensed, built, None) is None
 
 
 def test_a_built_driver_answers_as_the_one_in_python_where_it_cannot_plan(pilot):

@@ -605,7 +605,24 @@ MUTANTS = [
                 "s.drift * math.sqrt(self.every * self._dt)",
                 "s.drift * self.every * self._dt",
             ),
-            ("sensor: shows before the delay", "+ k * self.every + self._late", "+ k * self.every"),
+            ("sensor: shows before the delay", "+ k * self.every + self.late", "+ k * self.every"),
+        ],
+    ),
+    *mistakes(
+        "simulate/loop.c",
+        "export/test_built.py::test_a_loop_without_python_has_the_same_numbers",
+        [
+            (
+                "compiled loop: delay a step short",
+                "most - l->late[j] + k;",
+                "most - l->late[j] + k + (l->late[j] > 0);",
+            ),
+            (
+                "compiled loop: sample shown a step late",
+                "s->arrivals[s->first] <= tick",
+                "s->arrivals[s->first] < tick",
+            ),
+            ("compiled loop: no lag", "l->share[j] < 1 ?", "l->share[j] < 0 ?"),
         ],
     ),
 ]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -69,6 +69,20 @@ class Commands:
     def health(self) -> Health:
         """Plans, fallbacks and overruns so far."""
         return NEW if self.plan is None else self.plan.health
+
+
+class CompiledDriver(NamedTuple):
+    """How C calls a driver that was compiled, as its header has it: addresses, sizes and places in bytes."""
+
+    decide: int  # int step(void *memory, const void *measurements, void *commands); 0 unless it refuses the time
+    last_plan: int  # const void *last_plan(const void *memory)
+    memory: int
+    channels: tuple[str, ...]  # what it is told, after the time, as doubles
+    commands_bytes: int  # of its commands, which begin with those in the order of `controls`
+    wanted: int  # place of the wanted speed
+    planned: int  # place of whether there is a plan
+    plan_bytes: int
+    plan: Callable[[bytes, float], Plan]  # from the bytes of a plan, and how long it took [s]
 
 
 class AnyDriver(Protocol):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.commands import HINDERED, LOST_PLACE, STAY, Commands
+from slipangle.control.commands import HINDERED, LOST_PLACE, STAY, Commands, CompiledDriver
 from slipangle.errors import ConfigError, ParameterError
 from slipangle.export.built_controller import Counters, output_of, plan_of
 from slipangle.export.built_folder import BuiltFolder, loaded, memory, numbers, view
@@ -100,6 +100,23 @@ class BuiltDriver:
         if self._last is None or said != self._said:
             self._said, self._last = said, self._commands(perf_counter() - begin)
         return self._last
+
+    @property
+    def compiled(self) -> CompiledDriver:
+        """How a loop in C calls it."""
+        kind, made = type(self._out), self._plan.restype._type_
+        decide, last_plan = (ctypes.cast(f, ctypes.c_void_p).value or 0 for f in (self._step, self._plan))
+        return CompiledDriver(
+            decide=decide,
+            last_plan=last_plan,
+            memory=self._memory.ctypes.data,
+            channels=tuple(self._names["channels"]),
+            commands_bytes=ctypes.sizeof(kind),
+            wanted=kind.wanted_v_x.offset,
+            planned=kind.planned.offset,
+            plan_bytes=ctypes.sizeof(made),
+            plan=lambda told, seconds: plan_of(made.from_buffer_copy(told), self._planned, self._times, seconds, None),
+        )
 
     def _commands(self, seconds: float) -> Commands:
         out, names = self._out, self._names

@@ -30,7 +30,7 @@ class Line:
 
     def __init__(self, loaded: ctypes.CDLL, grid: np.ndarray, closed: bool, spacing: float, length: float) -> None:
         self._kept = grid, np.array([len(grid), closed], dtype=ctypes.c_long), np.array([spacing, length])
-        self._data = tuple(array.ctypes.data for array in self._kept)
+        self.data = tuple(array.ctypes.data for array in self._kept)  # addresses of grid, shape and size in C
         self._at, self._feet, self._foot = loaded.line_at, loaded.line_feet, loaded.line_foot
         self._ahead = loaded.line_ahead
 
@@ -49,7 +49,7 @@ class Line:
         """X, Y, psi, curvature, v_x, right, left at places, shape (7, n)."""
         s = np.ascontiguousarray(s)
         out = np.empty((7, len(s)))
-        self._at(*self._data, s.ctypes.data, len(s), out.ctypes.data)
+        self._at(*self.data, s.ctypes.data, len(s), out.ctypes.data)
         return out
 
     def foot(self, X: float, Y: float, near_s: float | None, window: float) -> tuple[float, float, float] | None:
@@ -58,7 +58,7 @@ class Line:
         if not (abs(near) < _FARTHEST and 0 <= window < _FARTHEST):
             return None
         out = (ctypes.c_double * 3)()
-        self._foot(*self._data, X, Y, near, -1.0 if near_s is None else window, ctypes.addressof(out))
+        self._foot(*self.data, X, Y, near, -1.0 if near_s is None else window, ctypes.addressof(out))
         return out[0], out[1], out[2]
 
     def feet(self, X: np.ndarray, Y: np.ndarray, near_s: float | None, window: float) -> np.ndarray:
@@ -66,7 +66,7 @@ class Line:
         X, Y = np.ascontiguousarray(X), np.ascontiguousarray(Y)
         out = np.empty((len(X), 3))
         near, search = (0.0, -window) if near_s is None else (near_s, window)
-        self._feet(*self._data, X.ctypes.data, Y.ctypes.data, len(X), near, search, out.ctypes.data)
+        self._feet(*self.data, X.ctypes.data, Y.ctypes.data, len(X), near, search, out.ctypes.data)
         return out
 
     def ahead(self, s: float, strides: Sequence[tuple[int, float]], v: float, *, constant: bool) -> np.ndarray:
@@ -74,7 +74,7 @@ class Line:
         counts, _, where = _packed(tuple(strides))
         rows = len(counts) + 1
         out = np.empty((8, rows))
-        self._ahead(*self._data, s, int(constant), v, *where, rows, out.ctypes.data)
+        self._ahead(*self.data, s, int(constant), v, *where, rows, out.ctypes.data)
         return out
 
 

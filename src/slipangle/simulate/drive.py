@@ -13,6 +13,7 @@ from slipangle.errors import ParameterError, SampleTimeError
 from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import Values, require_names
 from slipangle.paths.path import Path
+from slipangle.simulate.compiled import compiled_loop
 from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import End, Run
 
@@ -34,7 +35,9 @@ def drive(
     """Drive a plant along the driver's path.
 
     The driver is called every ``sample`` with what the plant's sensors show then. Inputs of the plant are its commands,
-    ``v_x`` its wanted speed, and the others those that are held.
+    ``v_x`` its wanted speed, and the others those that are held. A dual track and a driver that was compiled
+    (`slipangle.export.build`) are driven in compiled code from end to end, with the same numbers, unless ``watch`` is
+    given.
 
     Raises ParameterError if an input of the plant has no source, and SampleTimeError if the sample times do not divide
     each other.
@@ -66,6 +69,10 @@ def drive(
     first = {**dict.fromkeys(model.inputs, 0.0), **fixed, "v_x": path.speed(0.0)}
     simulation = plant.start(x, np.array([first[name] for name in model.inputs]))
     driver.reset()
+    compiled = compiled_loop(plant, driver, channels) if watch is None else None
+    if compiled is not None:
+        ends = {"sample": sample, "limit": limit, "to_the_end": duration is None or not path.closed}
+        return _run(*compiled(simulation, fixed, per_sample, **ends), plant, driver, width)
     plans: list[Plan] = []
     rows, times, near, end, tick = [], [], 0.0, None, 0
     while end is None:
@@ -92,7 +99,7 @@ def drive(
         given = {**fixed, "v_x": commands.wanted_v_x, **commands.values}
         simulation.advance(np.array([given[name] for name in model.inputs]), per_sample)
         tick += 1
-    return _run(np.array(rows), (times, plans), plant, driver, end, width)
+    return _run(np.array(rows), (times, plans), end, plant, driver, width)
 
 
 def _checked(plant: Plant, driver: AnyDriver, held: Values, channels: Sequence[str], sample: float) -> int:
@@ -121,7 +128,7 @@ def _time_limit(path: Path) -> float:
 
 
 def _run(
-    table: np.ndarray, planned: tuple[list[float], list[Plan]], plant: Plant, driver: AnyDriver, end: End, width: float
+    table: np.ndarray, planned: tuple[list[float], list[Plan]], end: End, plant: Plant, driver: AnyDriver, width: float
 ) -> Run:
     """The drive from its rows: t, s, e_y, e_psi, v_x, states, inputs."""
     line, n = driver.path.at(table[:, 1]), plant.model.n_states

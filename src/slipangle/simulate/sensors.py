@@ -83,12 +83,12 @@ class Stream:
                 f"a sensor samples every {sensor.interval:g} s, the plant steps by {dt:g} s; expected a whole "
                 "multiple: choose another of the two"
             )
-        self._sensor, self._dt, self._rng = sensor, dt, rng
-        self._late = round(sensor.delay / dt)
+        self.sensor, self._dt, self._rng = sensor, dt, rng
+        self.late = round(sensor.delay / dt)
         self._drift = 0.0
         self._lost = False
-        self._waiting: list[tuple[int, float]] = []
-        self._shown = float(self._convert(np.array([first]))[0])
+        self.waiting: list[tuple[int, float]] = []
+        self.shown = float(self._convert(np.array([first]))[0])
 
     def feed(self, tick: int, true: np.ndarray) -> None:
         """Take the samples that fall into steps ``tick``, ``tick + 1``, ... of the true signal, shape (n,)."""
@@ -96,28 +96,33 @@ class Stream:
         values = np.asarray(true, dtype=float)[start :: self.every]
         if len(values) == 0:
             return
-        s, n = self._sensor, len(values)
+        s, n = self.sensor, len(values)
+        error, lost = self.draw(n)
+        shown = self._convert(values, error)
+        for k in range(n):
+            if lost[k] and s.lost == "hold":
+                continue
+            arrival = tick + start + k * self.every + self.late
+            self.waiting.append((arrival, math.nan if lost[k] else float(shown[k])))
+
+    def draw(self, n: int) -> tuple[np.ndarray, np.ndarray]:
+        """What the next samples are off by, noise and drift, and whether they are lost; shape (n,) both."""
+        s = self.sensor
         walk = np.zeros(n)
         if s.drift:
             walk = self._drift + np.cumsum(self._rng.normal(0.0, s.drift * math.sqrt(self.every * self._dt), n))
             self._drift = float(walk[-1])
         noise = self._rng.normal(0.0, s.noise, n) if s.noise else np.zeros(n)
-        shown = self._convert(values, noise + walk)
-        lost = self._drops(n) if s.drop_out else np.zeros(n, dtype=bool)
-        for k in range(n):
-            if lost[k] and s.lost == "hold":
-                continue
-            arrival = tick + start + k * self.every + self._late
-            self._waiting.append((arrival, math.nan if lost[k] else float(shown[k])))
+        return noise + walk, self._drops(n) if s.drop_out else np.zeros(n, dtype=bool)
 
     def read(self, tick: int) -> float:
         """What the instrument shows at a step; steps must not go back."""
-        while self._waiting and self._waiting[0][0] <= tick:
-            self._shown = self._waiting.pop(0)[1]
-        return self._shown
+        while self.waiting and self.waiting[0][0] <= tick:
+            self.shown = self.waiting.pop(0)[1]
+        return self.shown
 
     def _convert(self, values: np.ndarray, error: np.ndarray | float = 0.0) -> np.ndarray:
-        s = self._sensor
+        s = self.sensor
         shown = (1.0 + s.gain) * values + s.bias + error
         if s.quantum:
             shown = s.quantum * np.round(shown / s.quantum)
@@ -125,7 +130,7 @@ class Stream:
 
     def _drops(self, n: int) -> np.ndarray:
         """Which samples are lost: a chain with two states, so that losses come in a row."""
-        s = self._sensor
+        s = self.sensor
         end = 1.0 / s.drop_length
         begin = end * s.drop_out / (1.0 - s.drop_out)
         if begin > 1.0:
