@@ -15,6 +15,7 @@ from slipangle.control.default_drive import (
     less_trusting,
 )
 from slipangle.control.driver import Driver
+from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError
 from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
@@ -215,7 +216,15 @@ def test_a_model_is_trusted_as_far_as_it_foretells():
         assert s == pytest.approx(doubt**3 * usual_s)
     told = {"X": 0.0, "Y": 0.3, "psi": 0.0, "v_x": 25.0, "r": 0.0}
     own, given = Driver(LATE, LINE, noise=NOISE), Driver(LATE, LINE, controller=controller, noise=NOISE)
-    assert abs(own.step(told, 0.0)["delta"]) < 0.9 * abs(given.step(told, 0.0)["delta"])  # not known yet
+    first = own.step(told, 0.0)["delta"]
+    assert abs(first) < 0.9 * abs(given.step(told, 0.0)["delta"])  # not known yet
+    speed = SpeedDriver(kp=(800.0,), ki=(200.0,), limits=(-3000.0, 1500.0), drive=Values(T_f=1.0))
+    other = own.with_parts(speed=speed, estimator=default_estimator(own.estimator.model, NOISE, {}))
+    assert other.step(told, 0.0)["delta"] == first
+    assert other.with_parts().step(told, 0.0)["delta"] == first
+    assert other.controls == ("delta", "T_f")
+    given.reset()
+    assert given.with_parts(speed=speed).step(told, 0.0)["delta"] == given.step(told, 0.0)["delta"]
 
 
 @pytest.mark.parametrize(("late", "trusted"), [(0.0, True), (0.25, False)])

@@ -22,8 +22,10 @@ from slipangle.optimal.terms import Values
 from slipangle.paths.lane_change import double_lane_change
 from slipangle.simulate.compiled import compiled_loop
 from slipangle.simulate.drive import drive
+from slipangle.simulate.robust import Trial, try_on
 from slipangle.simulate.run import End
 from slipangle.simulate.sensors import Sensor, Sensors
+from slipangle.workflow import robustness
 from tests.control.marx.test_mpc import BY_POSE
 from tests.export.test_drivers import LAGGED, LATE, PEDALS, driver
 from tests.export.test_mpc import KINDS, controller
@@ -191,6 +193,36 @@ def test_what_a_loop_without_python_cannot_do_is_done_in_python(pilot):
     assert compiled_loop(slow, built, None) is None
     sensed = sa.Plant(replace(CAR, outputs=("a_y",)), sensors=Sensors(a_y=Sensor(interval=0.01)))
     assert compiled_loop(sensed, built, None) is None
+
+
+def test_many_cars_driven_by_a_built_driver_end_as_by_the_one_in_python(pilot):
+    """Each car has a memory of its own; a job's trial compiles its driver itself where the cars are many."""
+    whole, folder = pilot
+    trial = Trial(controller=whole, path=whole.path, bicycle=SOUSA_TABLE_7_2, noise=WHITE)
+    python, ours = try_on(trial, range(4)), try_on(replace(trial, built=load(folder)), range(4))
+    assert np.array_equal(ours.results, python.results)
+    assert np.array_equal(try_on(replace(trial, built=load(folder)), [3]).results[0], python.results[3])
+    assert len(ours.seconds) == len(python.seconds)
+    assert 0 < np.median(ours.seconds) < 1
+
+
+def test_a_trial_compiles_its_driver_where_the_cars_are_many(pilot, monkeypatch):
+    whole, folder = pilot
+    trial, made = Trial(controller=whole, path=whole.path, bicycle=SOUSA_TABLE_7_2), []
+    monkeypatch.setattr(robustness, "build", lambda driver, _: made.append(driver) or folder)
+    with robustness.compiled(trial, robustness.WORTH - 1) as few:
+        assert few.built is None
+    with robustness.compiled(trial, robustness.WORTH) as many:
+        assert many.built is not None
+        assert np.array_equal(try_on(many, [1]).results, try_on(few, [1]).results)
+    assert made == [whole]
+
+    def refused(*_):
+        raise ParameterError("no C")
+
+    monkeypatch.setattr(robustness, "build", refused)
+    with robustness.compiled(trial, robustness.WORTH) as python:
+        assert python.built is None
 
 
 def test_a_built_driver_answers_as_the_one_in_python_where_it_cannot_plan(pilot):

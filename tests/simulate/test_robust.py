@@ -183,3 +183,11 @@ def test_a_driver_sees_measurements_alone_and_each_car_is_driven_by_its_own():
 def test_a_driver_bears_cars_that_differ(v_x, relaxing):
     """At 54, 72 and 79 km/h; were the model trusted whatever it foretells, the last two would lose half of them."""
     assert try_on(driven(v_x, relaxing=relaxing), range(32)).share >= (0.96 if relaxing else 0.9)
+
+
+def test_a_built_driver_is_asked_for_where_one_is_named():
+    trial = driven()
+    with pytest.raises(ParameterError, match="a Driver is not compiled"):
+        try_on(replace(trial, built=trial.controller), [0])
+    with pytest.raises(ParameterError, match="expected the driver of `controller`"):
+        replace(trial, controller=trial.planner, built=trial.controller)

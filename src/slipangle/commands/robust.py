@@ -55,17 +55,20 @@ def _robust(options: argparse.Namespace) -> Answer:
         train = read_logs(settings).train
         model = identify_named(settings, wanted.model, train)
         controller = CONTROLLERS[wanted.kind](model, wanted, **wanted.entries)
-        trial = robustness.trial_of(wanted, settings.plant, model, controller)
+        trial = robustness.trial_of(wanted, settings.plant, model, controller, settings.estimator)
         signature = robustness.signature_of(Path(options.file), trial.seed)
-        trials = robustness.try_many(
-            trial,
-            options.cars,
-            folder / "robust.journal",
-            signature,
-            workers=options.workers,
-            cluster=options.cluster,
-            progress=lambda share, what: bar(0.05 + 0.95 * share, what),
-        )
+        with robustness.compiled(
+            trial, 0 if options.cluster else options.cars
+        ) as trial:  # others have not that library
+            trials = robustness.try_many(
+                trial,
+                options.cars,
+                folder / "robust.journal",
+                signature,
+                workers=options.workers,
+                cluster=options.cluster,
+                progress=lambda share, what: bar(0.05 + 0.95 * share, what),
+            )
     command = f"slipangle robust {options.file} --cars {options.cars}"
     before = replaced(folder / "index.html")
     page = robustness.page(trials, settings, command).write(folder / "index.html")

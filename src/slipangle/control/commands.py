@@ -72,17 +72,18 @@ class Commands:
 
 
 class CompiledDriver(NamedTuple):
-    """How C calls a driver that was compiled, as its header has it: addresses, sizes and places in bytes."""
+    """How C calls a driver that was compiled, as its header has it: addresses and sizes in bytes."""
 
     decide: int  # int step(void *memory, const void *measurements, void *commands); 0 unless it refuses the time
     last_plan: int  # const void *last_plan(const void *memory)
     memory: int
     channels: tuple[str, ...]  # what it is told, after the time, as doubles
-    commands_bytes: int  # of its commands, which begin with those in the order of `controls`
-    wanted: int  # place of the wanted speed
-    planned: int  # place of whether there is a plan
+    commands: (
+        np.dtype
+    )  # of its commands: value (in the order of `controls`), wanted_v_x, s, planned, plan_age and others
     plan_bytes: int
     plan: Callable[[bytes, float], Plan]  # from the bytes of a plan, and how long it took [s]
+    begin: Callable[[int], np.ndarray]  # memories of so many, each at its start, shape (n, n_bytes)
 
 
 class AnyDriver(Protocol):

@@ -120,7 +120,8 @@ class Driver:
         self._targets = SteadyStates(whole, self.steering)
         counted = self.controller.ocp.tracked if isinstance(self.controller, MPC) else ()
         self._turns = "psi" in self.controller.references and not self.controller.steady and "e_course" not in counted
-        self._trusts = controller is None and isinstance(self.estimator, EKF)
+        self._default = controller is None
+        self._trusts = self._default and isinstance(self.estimator, EKF)
         self._grip_left = None if speed is None else grip_left(whole, self.steering)
         self._model: Any = whole
         self._motion = [whole.states.index(name) for name in POSE]
@@ -151,6 +152,19 @@ class Driver:
         self._steered = 0.0
         self._last: Commands | None = None
         self._surprise = UNKNOWN
+
+    def with_parts(self, *, speed: SpeedDriver | None = None, estimator: Any = None) -> Driver:
+        """A driver at its start with this speed law, or none, and this estimator, by default the same one.
+
+        Its controller stays, and how far that trusts the model.
+
+        Raises ParameterError if the estimator's model is not the controller's.
+        """
+        parts = {"controller": self.controller, "estimator": estimator or self.estimator, "dt": self.dt}
+        made = Driver(self.controller.model, self.path, speed=speed, **parts)
+        made._trusts = self._default and isinstance(made.estimator, EKF)
+        made._default = self._default
+        return made
 
     def export(self, folder: str | FilePath, **settings: Any) -> FilePath:
         """Write the driver as C that runs without Python; see `slipangle.export.export`, also for its settings.

@@ -74,9 +74,7 @@ class BuiltDriver:
 
         Raises ConfigError if the library refuses its memory.
         """
-        code = self._start(self._memory.ctypes.data, self._memory.nbytes)
-        if code:
-            raise ConfigError(f"the library of '{self.folder}' refuses its memory (code {code}): build it again")
+        self._begin(self._memory)
         self._said, self._last = b"", None
 
     def step(self, measurements: Mapping[str, float], t: float) -> Commands:
@@ -111,12 +109,24 @@ class BuiltDriver:
             last_plan=last_plan,
             memory=self._memory.ctypes.data,
             channels=tuple(self._names["channels"]),
-            commands_bytes=ctypes.sizeof(kind),
-            wanted=kind.wanted_v_x.offset,
-            planned=kind.planned.offset,
+            commands=np.dtype(kind),
             plan_bytes=ctypes.sizeof(made),
             plan=lambda told, seconds: plan_of(made.from_buffer_copy(told), self._planned, self._times, seconds, None),
+            begin=self._memories,
         )
+
+    def _memories(self, n: int) -> np.ndarray:
+        """Of so many drivers at their start, shape (n, n_bytes), each from a multiple of 64 on."""
+        size = -(-self._memory.nbytes // 64) * 64
+        many = memory(n * size)[: n * size].reshape(n, size)
+        for one in many:
+            self._begin(one)
+        return many
+
+    def _begin(self, one: np.ndarray) -> None:
+        code = self._start(one.ctypes.data, one.nbytes)
+        if code:
+            raise ConfigError(f"the library of '{self.folder}' refuses its memory (code {code}): build it again")
 
     def _commands(self, seconds: float) -> Commands:
         out, names = self._out, self._names

@@ -12,7 +12,7 @@ import numpy as np
 from slipangle.codegen.compiler import library
 from slipangle.codegen.struct import clock
 from slipangle.control.commands import CompiledDriver
-from slipangle.errors import ParameterError
+from slipangle.errors import ConfigError, ParameterError
 from slipangle.optimal.solution import Plan
 from slipangle.paths.line import FLAGS
 from slipangle.simulate.plant import Plant, Simulation
@@ -64,10 +64,14 @@ def compiled_loop(plant: Plant, driver: Any, channels: Sequence[str] | None) -> 
     asked = [n for n in called.channels if n in plant.channels and (channels is None or n in channels)]
     if not {*asked, *plant.sensors, "X", "Y", "psi", "v_x"} <= set(known):
         return None
-    text = (files("slipangle.simulate") / "loop.c").read_text(encoding="utf-8")
-    line_text = (files("slipangle.paths") / "line.c").read_text(encoding="utf-8")
-    loaded = library("\n".join([clock(), line_text, text]), name="loop", flags=FLAGS)
+    loaded = _library()
     return None if loaded is None else CompiledLoop(loaded, plant, driver, called, asked)
+
+
+def _library() -> ctypes.CDLL | None:
+    """Of loop.c; None without a compiler."""
+    texts = [files(f"slipangle.{room}") / name for room, name in (("paths", "line.c"), ("simulate", "loop.c"))]
+    return library("\n".join([clock(), *(t.read_text(encoding="utf-8") for t in texts)]), name="loop", flags=FLAGS)
 
 
 class CompiledLoop:
@@ -163,7 +167,8 @@ class CompiledLoop:
             "rows": np.empty((CHUNK, 5 + n + m)),
             "seconds": np.empty(CHUNK),
         }
-        bytes_ = {"said": called.commands_bytes, "before": called.commands_bytes, "plans": (CHUNK, called.plan_bytes)}
+        size, place = called.commands.itemsize, called.commands.fields or {}
+        bytes_ = {"said": size, "before": size, "plans": (CHUNK, called.plan_bytes)}
         arrays = {k: np.array(v, dtype=ctypes.c_long) for k, v in whole.items()}
         arrays |= {k: np.array(v, dtype=float) for k, v in real.items()}
         arrays |= {k: np.zeros(v, dtype=np.uint8) for k, v in bytes_.items()}
@@ -173,8 +178,8 @@ class CompiledLoop:
             step=ctypes.cast(model.steps.library.drive, ctypes.c_void_p).value,
             **{k: v.ctypes.data for k, v in arrays.items()},
             **dict(zip(("grid", "shape", "size"), line.data, strict=True)),
-            **{k: getattr(called, k) for k in ("decide", "last_plan", "memory", "plan_bytes", "commands_bytes")},
-            **{k: getattr(called, k) for k in ("wanted", "planned")},
+            **{k: getattr(called, k) for k in ("decide", "last_plan", "memory", "plan_bytes")},
+            **{"commands_bytes": size, "wanted": place["wanted_v_x"][1], "planned": place["planned"][1]},
             streams=ctypes.addressof(self._streams),
         )
         loop.n_states, loop.n_inputs, loop.steps, loop.n_channels = n, m, steps, c
@@ -195,6 +200,56 @@ class CompiledLoop:
             **{"values": values.ctypes.data, "arrivals": arrivals.ctypes.data},
         )
         return values, arrivals
+
+
+class Crew:
+    """Copies of a compiled driver, one in each car, asked all at once.
+
+    Raises ParameterError if the driver is not compiled, ConfigError without a compiler.
+
+    Parameters
+    ----------
+    driver : AnyDriver
+        One that was built.
+    n : int
+        How many.
+    seen : sequence of str
+        What the cars measure, in the order of `step`'s columns.
+    """
+
+    def __init__(self, driver: Any, n: int, seen: Sequence[str]) -> None:
+        called: CompiledDriver | None = getattr(driver, "compiled", None)
+        if called is None:
+            raise ParameterError(f"a {type(driver).__name__} is not compiled; expected one that was built: see export")
+        loaded = _library()
+        if loaded is None:
+            raise ConfigError(
+                "many drivers at a time run in compiled code only; expected a C compiler: install it as cc"
+            )
+        self._ask, self._called = loaded.loop_ask, called
+        self._memory = called.begin(n)
+        self._told = np.full((n, 1 + len(called.channels)), np.nan)
+        self._said = np.zeros(n, dtype=called.commands)
+        self._columns = [(1 + called.channels.index(name), j) for j, name in enumerate(seen) if name in called.channels]
+
+    def step(self, t: float, measured: np.ndarray, drives: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Commands of all at a time [s], as the driver's C has them, and what each took, shape (n,) [s].
+
+        Those who do not drive any more keep their commands, in no time.
+
+        ``measured`` has a row per car, shape (n, n_seen), ``drives`` says who still does, shape (n,).
+
+        Raises ParameterError if a driver refuses the time.
+        """
+        self._told[:, 0] = t
+        for at, j in self._columns:
+            self._told[:, at] = measured[:, j]
+        memory, told, said = self._memory, self._told, self._said
+        seconds = np.ascontiguousarray(drives, dtype=float)
+        sizes = (memory.strides[0], told.ctypes.data, told.shape[1], said.ctypes.data, said.itemsize)
+        if self._ask(self._called.decide, memory.ctypes.data, *sizes, seconds.ctypes.data, len(said)):
+            raise ParameterError(f"the driver refuses the time {t:g} s; expected one below 1e9 s")
+        return said, seconds
 
 
 def _drawn(stream: Stream, tick: int, samples: int, steps: int) -> tuple[np.ndarray, np.ndarray]:

@@ -163,3 +163,18 @@ int loop_drive(void *loop, long samples)
     }
     return GOES_ON;
 }
+
+/* Asks many drivers, those that still drive; how many refuse the time. Memories are `bytes` apart. `seconds` has what
+ * each took in place of whether it drives. */
+int loop_ask(void *decide, unsigned char *memory, long bytes, const double *told, long n_told, unsigned char *said, long n_said, double *seconds, long n)
+{
+    int (*step)(void *, const double *, void *), refused = 0;
+    memcpy(&step, &decide, sizeof step);
+    for (long i = 0; i < n; i++)
+        if (seconds[i] > 0) {
+            const double began = monotonic();
+            refused += step(memory + i * bytes, told + i * n_told, said + i * n_said) != 0;
+            seconds[i] = monotonic() - began;
+        }
+    return refused;
+}

@@ -131,10 +131,8 @@ def drive(
 
 def whole_driver(driver: Driver, speed: SpeedDriver | None, estimator: EstimatorSettings | None) -> Driver:
     """A job's `Driver` with the plant's speed driver and the job's estimator, where there is one."""
-    parts: dict[str, Any] = {"controller": driver.controller, "estimator": driver.estimator, "dt": driver.dt}
-    if estimator is not None:
-        parts["estimator"] = ESTIMATORS[estimator.kind](driver.estimator.model, **estimator.entries)
-    return Driver(driver.controller.model, driver.path, speed=speed, **parts)
+    knows = ESTIMATORS[estimator.kind](driver.estimator.model, **estimator.entries) if estimator is not None else None
+    return driver.with_parts(speed=speed, estimator=knows)
 
 
 def _driven(plant: Plant, whole: Driver, wanted: ControllerSettings, progress: Callable[[float], None]) -> Run:

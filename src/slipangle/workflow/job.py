@@ -133,6 +133,7 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
             judged[wanted.model][0].model,
             controller,
             lambda share: progress(0.75 + 0.2 * share, f"driving {wanted.cars} other cars"),
+            settings.estimator,
         )
     return Outcome(
         settings=settings,

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +18,7 @@ from slipangle.codegen.compiler import compiler
 from slipangle.control.controller import Controller
 from slipangle.control.driver import Driver
 from slipangle.errors import ConfigError, SlipangleError
+from slipangle.export import build, load
 from slipangle.identify.search.pool import Cluster, Local, Report, Task, Value
 from slipangle.models.model import Model
 from slipangle.optimal.terms import Values
@@ -24,17 +28,20 @@ from slipangle.simulate.robust import COLUMNS, ENOUGH, Trial, Trials, cause, try
 from slipangle.workflow.drive import (
     NOISE,
     ControllerSettings,
+    EstimatorSettings,
     PlantSettings,
     build_path,
     catalogued,
     identified_bicycle,
     late,
     plant_chassis,
+    whole_driver,
 )
 from slipangle.workflow.settings import Settings
 from slipangle.workflow.tires import equivalent, plant_tires
 
 BATCH = 50  # cars side by side
+WORTH = 100  # cars from which on it pays to compile their driver
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,8 +53,14 @@ class Tried:
     why_not: str = ""
 
 
-def trial_of(wanted: ControllerSettings, plant: PlantSettings, model: Model, controller: Controller | Driver) -> Trial:
-    """The controller, its path, and the car that others are drawn around.
+def trial_of(
+    wanted: ControllerSettings,
+    plant: PlantSettings,
+    model: Model,
+    controller: Controller | Driver,
+    estimator: EstimatorSettings | None = None,
+) -> Trial:
+    """The controller, its path, and the car that others are drawn around; a driver has the job's estimator.
 
     Raises SlipangleError with the reason where there is no such car or the controller needs more than it measures.
     """
@@ -64,7 +77,7 @@ def trial_of(wanted: ControllerSettings, plant: PlantSettings, model: Model, con
         raise ConfigError("there is no car to perturb; expected a bicycle's model or a catalogue name in [plant]")
     times = Values() if plant.catalogue else late(model, "delay_delta"), late(model, "steering_lag")
     return Trial(
-        controller=controller,
+        controller=whole_driver(controller, None, estimator) if isinstance(controller, Driver) else controller,
         path=build_path(wanted),
         bicycle=bicycle,
         friction=friction,
@@ -82,6 +95,7 @@ def tried(
     model: Model,
     controller: Controller | Driver,
     progress: Callable[[float], None],
+    estimator: EstimatorSettings | None = None,
 ) -> Tried | None:
     """The controller on as many cars as the job says; None on a vehicle from outside, which is no model of ours."""
     if plant.kind or not wanted.cars:
@@ -89,12 +103,23 @@ def tried(
     if compiler() is None:
         return Tried(why_not="that needs a C compiler")
     try:
-        trial = trial_of(wanted, plant, model, controller)
         numbers = range(wanted.cars)
-        trials = try_on(trial, numbers, progress=progress)
-        return Tried(trials=trials, cause=cause(trial, trials, numbers, trials.worst))
+        with compiled(trial_of(wanted, plant, model, controller, estimator), len(numbers)) as trial:
+            trials = try_on(trial, numbers, progress=progress)
+            return Tried(trials=trials, cause=cause(trial, trials, numbers, trials.worst))
     except SlipangleError as error:
         return Tried(why_not=str(error))
+
+
+@contextmanager
+def compiled(trial: Trial, cars: int) -> Iterator[Trial]:
+    """The trial with its driver compiled for as long, where there are cars enough and the driver has C."""
+    with tempfile.TemporaryDirectory(prefix="slipangle-") as folder:
+        built = None
+        if isinstance(trial.controller, Driver) and cars >= WORTH and compiler() is not None:
+            with contextlib.suppress(SlipangleError):  # a part of it has no C: it is driven in Python
+                built = load(build(trial.controller, Path(folder) / "driver"))
+        yield replace(trial, built=built)
 
 
 # ---- many ----------------------------------------------------------------------------------------------------------
