@@ -8,17 +8,21 @@ import numpy as np
 import pytest
 
 import slipangle as sa
+from slipangle.control.driver import Driver
 from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError
 from slipangle.export.live import MOST_BYTES, Live
+from slipangle.export.live_driver import LiveDriver
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.optimal.terms import Limits, Values, Weights
 from slipangle.paths.lane_change import double_lane_change
+from slipangle.simulate.drive import drive
 from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.plant import Plant
-from tests.export.tools import needs, run
+from tests.export.tools import needs
+from tests.export.tools import run as call
 
 DRIVE = """
 import { readFile } from 'node:fs/promises'
@@ -69,6 +73,18 @@ def loop(horizon=20, **more):
     return Live(**{**parts, **more})
 
 
+def answers_of(live, cases, folder):
+    """What the program does at these settings, by Node.js."""
+    program = live.wasm()
+    assert 0 < len(program) <= MOST_BYTES
+    (folder / "live.wasm").write_bytes(program)
+    (folder / "drive.mjs").write_text(DRIVE.replace("ROW", str(live.row)))
+    names = [s.name.replace(" ", "_") for s in live.settings]
+    values = [[case.get(n, s.value) for n, s in zip(names, live.settings, strict=True)] for case in cases]
+    (folder / "settings.json").write_text(json.dumps(values))
+    return json.loads(call("node", "drive.mjs", folder=folder))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("horizon", [20, 13])
 def test_commands_are_those_of_python(tmp_path, horizon):
@@ -78,22 +94,55 @@ def test_commands_are_those_of_python(tmp_path, horizon):
     """
     needs("zig", "node")
     live = loop(horizon)
-    program = live.wasm()
-    assert 0 < len(program) <= MOST_BYTES
-    (tmp_path / "live.wasm").write_bytes(program)
-    (tmp_path / "drive.mjs").write_text(DRIVE.replace("ROW", str(live.row)))
-    names = [s.name.replace(" ", "_") for s in live.settings]
-    values = [[case.get(n, s.value) for n, s in zip(names, live.settings, strict=True)] for case in CASES]
-    (tmp_path / "settings.json").write_text(json.dumps(values))
-    answers = json.loads(run("node", "drive.mjs", folder=tmp_path))
+    answers = answers_of(live, CASES, tmp_path)
     for case, answer in zip(CASES, answers, strict=True):
-        drive = closed_loop(**live.loop(**case))
-        wanted = [float(p.command[0]) for p in drive.plans]
+        run = closed_loop(**live.loop(**case))
+        wanted = [float(p.command[0]) for p in run.plans]
         assert np.abs(np.subtract(answer["commands"], wanted)).max() < 1e-9, case
         rows = np.reshape(answer["rows"], (-1, live.row))
-        columns = [drive.t, drive.s, drive.e_y, drive.v_x, drive["X"], drive["Y"], drive["psi"], drive["delta"]]
+        columns = [run.t, run.s, run.e_y, run.v_x, run["X"], run["Y"], run["psi"], run["delta"]]
         assert np.abs(rows[:, :8] - np.column_stack(columns)).max() < 1e-6, case
         assert answer["end"] == 1
+
+
+def whole(**more):
+    """The same car driven by a driver, with every default."""
+    given = loop()
+    p = SOUSA_TABLE_6_1
+    known = {n: getattr(p, n) for n in ("mass", "inertia_z", "wheelbase", "l_f")}
+    model = sa.Bicycle(params=sa.BicycleParams(**known, C_f=1.2e5, C_r=1.2e5), dt=0.02, outputs=("v_y", "r"))
+    driver = Driver(model, given.path, speed=given.driver, noise={"v_y": 0.05, "r": 0.005}, **more)
+    return LiveDriver(plant=given.plant, whole=driver)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("own", [True, False])
+def test_a_driver_in_a_page_is_that_of_python(tmp_path, own):
+    """Told what instruments without errors show; a controller of one's own has weights that stay."""
+    needs("zig", "node")
+    live = whole() if own else whole(controller=whole().mpc)
+    cases = [
+        {},
+        {"pace": 1.1, "delay": 0.03},
+        {"friction": 0.7, "mass": 1.2, "pace": 0.8},
+        *([{"weight_e_y": 5.0, "weight_delta": 0.3}] if own else []),
+    ]
+    for case, answer in zip(cases, answers_of(live, cases, tmp_path), strict=True):
+        run = drive(**live.loop(**case))
+        wanted = [float(p.command[0]) for p in run.plans]
+        assert np.abs(np.subtract(answer["commands"], wanted)).max() < 1e-9, case
+        rows = np.reshape(answer["rows"], (-1, live.row))
+        columns = [run.t, run.s, run.e_y, run.v_x, run["X"], run["Y"], run["psi"], run["delta"]]
+        assert np.abs(rows[:, :8] - np.column_stack(columns)).max() < 1e-6, case
+        assert answer["end"] == 1
+
+
+def test_a_driver_without_speed_law_has_no_place_in_a_page():
+    live = whole()
+    with pytest.raises(ParameterError, match=r"^the driver has no MPC or no speed law; expected both"):
+        LiveDriver(plant=live.plant, whole=live.whole.with_parts())
+    assert live.weights == ("e_y", "e_course", "delta")
+    assert whole(controller=live.mpc).weights == ()
 
 
 def test_settings_reach_what_they_name():

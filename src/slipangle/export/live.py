@@ -25,8 +25,7 @@ from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError
 from slipangle.export.controllers import table
-from slipangle.export.drivers import path_source, path_tables
-from slipangle.export.drives import Drive
+from slipangle.export.drivers import NO_DRIVE, path_source, path_tables
 from slipangle.export.models import sourced
 from slipangle.export.mpc import mpc_project
 from slipangle.export.project import template
@@ -44,7 +43,6 @@ _PLACES = {"pace": 0, "friction": 1, "delay": 2, "mass": 3}  # of settings, befo
 _FLAGS = ("-target", "wasm32-wasi", "-mexec-model=reactor", "-Os", "-msimd128", "-std=gnu11", "-fno-sanitize=undefined")
 _INCLUDES = '#include "car.h"\n#include <math.h>\n#include <string.h>'
 _EXPORTED = ("settings", "rows", "commands", "predicted", "count", "plans", "age", "begin", "plan", "go")
-_NO_DRIVE = Drive(columns=(), asked=np.empty((0, 0)), commands=np.empty((0, 1)), controls=())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,10 +82,16 @@ class Live:
     driver: SpeedDriver
 
     def __post_init__(self) -> None:
+        wrong = [said for said, found in self._wrong().items() if found]
+        if wrong:
+            raise ParameterError(f"{wrong[0]}; expected a loop of an MPC, a car and a speed law: show the recorded one")
+
+    def _wrong(self) -> dict[str, bool]:
+        """What has no place in a page, and whether this loop has it."""
         model, plant = self.mpc.model, self.plant.model
         inputs, law = set(plant.inputs), set(self.driver.inputs(0.0))
         steering = self.mpc.controls[0]
-        tests = {
+        return {
             "the controller decides more than the steering": len(self.mpc.controls) > 1,
             "the plant has inputs that nobody sets here": not inputs <= {steering, *law} or steering not in inputs,
             "the plant does not measure the model's outputs as states": not {*model.outputs, *POSE, "v_x"}
@@ -99,9 +103,6 @@ class Live:
             f"the drive takes more than {LONGEST:g} s": self.path.v_x is not None and self._seconds > LONGEST,
             "an input other than the steering is late": not set(self.plant.delay) <= {steering},
         }
-        wrong = [said for said, found in tests.items() if found]
-        if wrong:
-            raise ParameterError(f"{wrong[0]}; expected a loop of an MPC, a car and a speed law: show the recorded one")
 
     @property
     def _seconds(self) -> float:
@@ -150,10 +151,19 @@ class Live:
         known = {s.name.replace(" ", "_"): s.value for s in self.settings}
         if unknown := settings.keys() - known.keys():
             raise ParameterError(f"there is no setting {sorted(unknown)[0]!r}; expected one of {', '.join(known)}")
-        now = known | settings
+        return self._loop(known | settings)
+
+    def _loop(self, now: Mapping[str, float]) -> dict[str, Any]:
+        return {**self._plant_and_path(now), "controller": self._weighed(now), "driver": self.driver}
+
+    def _plant_and_path(self, now: Mapping[str, float]) -> dict[str, Any]:
         plant = replace(self.plant, noise=Values(), delay=Values({self.mpc.controls[0]: now["delay"]}))
         if self._varied:
             plant = replace(plant, model=plant.model.varied(friction=now["friction"], mass=now["mass"]))
+        return {"plant": plant, "path": self.path.with_speed(np.asarray(self.path.v_x) * now["pace"])}
+
+    def _weighed(self, now: Mapping[str, float]) -> MPC:
+        """The controller with its weights times these factors."""
         ocp = self.mpc.ocp
 
         def scaled(of: Mapping[str, float]) -> Weights:
@@ -161,38 +171,39 @@ class Live:
 
         ends = scaled(ocp.terminal) if isinstance(ocp.terminal, Weights) else ocp.terminal
         ocp = replace(ocp, Q=scaled(ocp.Q), S=scaled(ocp.S), terminal=ends)
-        mpc = MPC(ocp=ocp, solver=self.mpc.solver, fallback=self.mpc.fallback, safe=self.mpc.safe)
-        path = self.path.with_speed(np.asarray(self.path.v_x) * now["pace"])
-        return {"plant": plant, "controller": mpc, "path": path, "driver": self.driver}
+        return MPC(ocp=ocp, solver=self.mpc.solver, fallback=self.mpc.fallback, safe=self.mpc.safe)
 
     # ---- the program -------------------------------------------------------------------------------------------
 
     @cached_property
     def sources(self) -> dict[str, str]:
         """C of the controller and of the loop around it."""
-        project = mpc_project(self.mpc, "car", _NO_DRIVE)
-        ocp = self.mpc.ocp
-        of_changes = [len(ocp.tracked) + list(ocp.S).index(n) if n in ocp.S else -1 for n in ocp.controls]
-        weights = [table("FACTOR_OF_CHANGE", of_changes, "int"), template("live_weights.c")]
+        project = mpc_project(self.mpc, "car", NO_DRIVE)
         return {
             "car.h": project.everything["car.h"],
-            "car.c": "\n".join([project.everything["car.c"], *weights]),
-            "live.c": "\n".join(
-                ['#include "car.h"\n#include <math.h>\n#include <string.h>', *self._constants(), template("live.c")]
-            ),
+            "car.c": "\n".join([project.everything["car.c"], *self._of_weights(), template("live_weights.c")]),
+            "live.c": self._live("live_mpc.c"),
         }
 
+    def _live(self, decides: str) -> str:
+        """What drives: the loop, and the part of it that decides."""
+        constants = [*self._constants(), *self._of_controller()]
+        return "\n".join([_INCLUDES, *constants, template("live.c"), template(decides)])
+
+    def _of_weights(self) -> list[str]:
+        ocp = self.mpc.ocp
+        of_changes = [len(ocp.tracked) + list(ocp.S).index(n) if n in ocp.S else -1 for n in ocp.controls]
+        return [table("FACTOR_OF_CHANGE", of_changes, "int")]
+
     def _constants(self) -> list[str]:
-        model, plant, mpc = self.mpc.model, self.plant.model, self.mpc
+        """Of the loop, the plant and the path."""
+        plant, mpc = self.plant.model, self.mpc
         steering, states = plant.inputs.index(mpc.controls[0]), plant.states
         slowest = self._seconds / self.settings[0].low
         numbers = {
             "PX": len(states),
             "PU": len(plant.inputs),
-            "MU": len(model.inputs),
-            "MY": len(model.outputs),
             "N_SETTINGS": len(self.settings),
-            "N_WEIGHTS": len(self.weights),
             "WEIGHTS": len(_PLACES),
             "USES": self.row - 9,
             "LINE_ROWS": len(self.path.s),
@@ -203,42 +214,57 @@ class Live:
             "PER_PLAN": round(mpc.dt / SAMPLE),
             "STEERING": steering,
             "SPEED": states.index("v_x"),
-            "YAW_RATE": "(-2)",
             **{n.upper(): at for n, at in _PLACES.items()},
         }
-        real = {"SAMPLE": SAMPLE, "STEP": self.plant.dt, "KP": self.driver.kp[0], "KI": self.driver.ki[0]}
-        real |= {"FEEDFORWARD": self.driver.feedforward, "BRAKE_MOST": self.driver.limits[0]}
-        real["DRIVE_MOST"] = self.driver.limits[1]
-        shares = {name: (drive, brake) for name, drive, brake in self.driver._shares}
-        at = [[states.index(n) if n in states else -1 for n in names] for names in (POSE, model.states, model.outputs)]
-        inputs = [-1 if n == mpc.controls[0] else states.index(n) for n in model.inputs]
-        lines = [f"#define {n} {v}" for n, v in numbers.items()]
+        real = {"SAMPLE": SAMPLE, "STEP": self.plant.dt}
+        lines = [*(f"#define {n} {v}" for n, v in numbers.items()), *(f"#define {n} ({v!r})" for n, v in real.items())]
+        lines += [table("POSE", [states.index(n) for n in POSE], "int"), table("SHARE", self.plant._share)]
+        path = path_tables(self.path, mpc, _EXOGENOUS)
+        return [*lines, *path, path_source(), sourced([*self._of_plant(), *self._of_model()])]
+
+    def _of_controller(self) -> list[str]:
+        """Of the controller's model and of the speed law."""
+        plant, model, law = self.plant.model, self.mpc.model, self.driver
+        steering, states = self.mpc.controls[0], plant.states
+        at = [[states.index(n) if n in states else -1 for n in names] for names in (model.states, model.outputs)]
+        inputs = [-1 if n == steering else states.index(n) for n in model.inputs]
+        real = {"KP": law.kp[0], "KI": law.ki[0], "FEEDFORWARD": law.feedforward}
+        real |= {"BRAKE_MOST": law.limits[0], "DRIVE_MOST": law.limits[1]}
+        shares = {name: (drive, brake) for name, drive, brake in law._shares}
+        lines = [f"#define MU {len(model.inputs)}", f"#define MY {len(model.outputs)}", "#define YAW_RATE (-2)"]
         lines += [f"#define {n} ({float(v)!r})" for n, v in real.items()]
-        lines += [table(n, v, "int") for n, v in zip(("POSE", "STATES", "OUTPUTS"), at, strict=True)]
-        lines += [table("INPUTS", inputs, "int"), table("SHARE", self.plant._share)]
+        lines += [table(n, v, "int") for n, v in zip(("STATES", "OUTPUTS"), at, strict=True)]
+        lines += [table("INPUTS", inputs, "int")]
         lines += [table("DRIVE", [shares.get(n, (0.0, 0.0))[0] for n in plant.inputs])]
         lines += [table("BRAKE", [shares.get(n, (0.0, 0.0))[1] for n in plant.inputs])]
-        return [*lines, *path_tables(self.path, mpc, _EXOGENOUS), path_source(), self._functions()]
+        return lines
 
-    def _functions(self) -> str:
-        """C of the plant's step, start and tire use, and of the model's step and correction."""
-        plant, model = self.plant.model, self.mpc.model
-        step, _, correct = model.functions
+    def _of_model(self) -> list[Any]:
+        """Step and correction of the controller's model."""
+        step, _, correct = self.mpc.model.functions
+        x, u, y = f"x[{self.mpc.model.n_states}]", f"u[{self.mpc.model.n_inputs}]", f"y[{self.mpc.model.n_outputs}]"
+        result = x.replace("x", "next")
+        return [
+            ("static void model_step", step, [x, u], result),
+            ("static void model_correct", correct, [x, u, y], result),
+        ]
+
+    def _of_plant(self) -> list[Any]:
+        """Step, start and tire use."""
+        plant = self.plant.model
         x, u = ca.SX.sym("x", plant.n_states), ca.SX.sym("u", plant.n_inputs)
         q, v = ca.SX.sym("q", len(self.settings)), ca.SX.sym("v")
         X, Y, psi = self.path.start
         start = ca.Function("start", [v], [ca.densify(ca.vertcat(*list(plant.straight(v, X=X, Y=Y, psi=psi))))])
-        listed = [
+        listed: list[Any] = [
             ("static void plant_start", start, ["v[1]"], "x0[PX]"),
-            ("static void model_step", step, ["x[CAR_STATES]", "u[MU]"], "next[CAR_STATES]"),
-            ("static void model_correct", correct, ["x[CAR_STATES]", "u[MU]", "y[MY]"], "next[CAR_STATES]"),
             ("static void plant_moved", self._plant_step(x, u, q), ["x[PX]", "u[PU]", "q[N_SETTINGS]"], "next[PX]"),
         ]
         if self._varied:
             car = plant.varied(friction=q[1], mass=q[3])
             used = ca.Function("use", [x, u, q], [ca.densify(ca.vertcat(*car.tire_use(x, u)))])
             listed.append(("static void plant_use", used, ["x[PX]", "u[PU]", "q[N_SETTINGS]"], "used[4]"))
-        return sourced(listed)
+        return listed
 
     def _plant_step(self, x: ca.SX, u: ca.SX, q: ca.SX) -> ca.Function:
         plant = self.plant.model

@@ -63,15 +63,12 @@ nb = 4
 offset = true
 
 [controller]
+kind = "driver"         # estimator, predictive controller and speed law in one, from measurements to commands
 model = "car"
 manoeuvre = "iso3888-1"
-solver = "realtime"     # or "ipopt", the reference
 v_x = 20.0
-dt = 0.05
-horizon = 20
+dt = 0.02
 width = 1.8
-delta_max = 20.0        # deg
-delta_rate_max = 60.0   # deg/s
 
 [plant]
 catalogue = "sousa-table-6.1"

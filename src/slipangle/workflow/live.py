@@ -12,14 +12,16 @@ from typing import Any
 import numpy as np
 
 from slipangle import MPC, Run
+from slipangle.control.driver import Driver
 from slipangle.control.followers.feedforward import FeedforwardFeedback
 from slipangle.errors import ModelWarning, SlipangleError
 from slipangle.export.live import Live
+from slipangle.export.live_driver import LiveDriver
 from slipangle.report.playback import Beside, LiveDrive, Slider
 from slipangle.simulate.loop import closed_loop
 from slipangle.units import deg
-from slipangle.workflow.controllers import ControllerSettings, build_path, identified_bicycle
-from slipangle.workflow.drive import PlantSettings, build_plant
+from slipangle.workflow.controllers import ControllerSettings, EstimatorSettings, build_path, identified_bicycle
+from slipangle.workflow.drive import PlantSettings, build_plant, whole_driver
 
 _NAMED = {
     "X": "along X",
@@ -57,21 +59,33 @@ def other_law(wanted: ControllerSettings, plant_settings: PlantSettings, model: 
     return Beside(label="feed-forward and feedback", t=run.t[rows].tolist(), **pose)
 
 
-def live_drive(wanted: ControllerSettings, plant_settings: PlantSettings, model: Any, mpc: Any) -> LiveDrive | None:
+def live_drive(
+    wanted: ControllerSettings,
+    plant_settings: PlantSettings,
+    model: Any,
+    controller: Any,
+    estimator: EstimatorSettings | None = None,
+) -> LiveDrive | None:
     """The job's loop as a program of the page; None where there is no compiler for it, or no place in a page."""
-    if type(mpc) is not MPC or plant_settings.kind or os.environ.get("SLIPANGLE_LIVE", "").strip().lower() == "none":
+    whole = isinstance(controller, Driver)
+    known = whole or (type(controller) is MPC and estimator is None)
+    if not known or plant_settings.kind or os.environ.get("SLIPANGLE_LIVE", "").strip().lower() == "none":
         return None
     try:
-        plant, driver, _ = build_plant(plant_settings, model)
-        if driver is None:
+        plant, speed, _ = build_plant(plant_settings, model)
+        if speed is None:
             return None
-        live = Live(plant=plant, mpc=mpc, path=build_path(wanted), driver=driver)
+        if whole:
+            live: Live = LiveDriver(plant=plant, whole=whole_driver(controller, speed, estimator))
+        else:
+            live = Live(plant=plant, mpc=controller, path=build_path(wanted), driver=speed)
         with warnings.catch_warnings(action="ignore", category=ModelWarning):
             program = live.wasm()
     except SlipangleError:
         return None
     if program is None:
         return None
+    mpc = live.mpc
     states = mpc.model.states
     place = len(states), mpc.horizon + 1, states.index("X"), states.index("Y")
     return LiveDrive(

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 from slipangle import Validation, report
+from slipangle.control.driver import Driver
+from slipangle.export.controllers import limits_of
 from slipangle.models.model import FitInfo
 from slipangle.report.drawing import seen_from_above
 from slipangle.report.page import Block
@@ -79,9 +81,10 @@ def picture(outcome: Outcome) -> Playback | None:
     svg = seen_from_above(run["X"], run["Y"], run["psi"], body=body, label=label, moving=True, **edges)
     rows = np.searchsorted(run.t, run.t_plan - 1e-9).clip(0, len(run.t) - 1)
     known = "delta" in (*run.state_names, *run.input_names)
+    limit = _limit(outcome, wanted.delta_max)
     steering = np.degrees(run["delta"]) if known else np.zeros(len(run.t))
     words = [
-        f"steering {steering[k]:+.1f}° of ±{wanted.delta_max:g}°, {3.6 * run.v_x[k]:.1f} km/h, "
+        f"steering {steering[k]:+.1f}° of ±{limit:g}°, {3.6 * run.v_x[k]:.1f} km/h, "
         f"{100 * run.e_y[k]:+.1f} cm from the path"
         for k in rows
     ]
@@ -98,17 +101,32 @@ def picture(outcome: Outcome) -> Playback | None:
         said=words,
         horizon=_horizons(outcome, len(rows)),
         steering=steering[rows].tolist() if known else (),
-        limit=wanted.delta_max,
+        limit=limit,
         axles=tire_use(run, rows, plant, model),
         beside=beside,
-        live=None if outcome.settings.estimator else live_drive(wanted, plant, model, outcome.controller),
+        live=live_drive(wanted, plant, model, outcome.controller, outcome.settings.estimator),
         caption=drawn + (f" Dotted: {beside.label}, a law that predicts nothing." if beside else ""),
     )
 
 
+def _planner(outcome: Outcome) -> Any:
+    """What plans: the controller, or that of a driver."""
+    controller = outcome.controller
+    return controller.controller if isinstance(controller, Driver) else controller
+
+
+def _limit(outcome: Outcome, wanted: float) -> float:
+    """Largest steering angle, a driver's own or that of the job. [deg]"""
+    if not isinstance(outcome.controller, Driver):
+        return wanted
+    planner = outcome.controller.controller
+    most = max(map(abs, limits_of(planner)[planner.controls[0]]))
+    return round(float(np.degrees(most)), 1) if np.isfinite(most) else wanted
+
+
 def _horizons(outcome: Outcome, count: int) -> list[list[float]]:
     """X and Y that each plan predicts, every fourth stage; none of a controller that predicts nothing."""
-    states = getattr(getattr(outcome.controller, "model", None), "states", ())
+    states = getattr(getattr(_planner(outcome), "model", None), "states", ())
     plans = outcome.run.plans if outcome.run is not None else ()
     if not {"X", "Y"} <= {*states} or len(plans) != count:
         return []

@@ -91,7 +91,7 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     own: Tone = "poor" if not run.inside else "good" if run.fallbacks == 0 and in_time else "fair"
     order: tuple[Tone, ...] = ("good", "fair", "poor")
     tone = order[max(order.index(word), order.index(own))]
-    named = "An MPC" if wanted.kind == "mpc" else f"The controller {wanted.kind}"
+    named = {"mpc": "An MPC", "driver": "A driver"}.get(wanted.kind, f"The controller {wanted.kind}")
     where = "stays inside its lanes" if run.inside else "leaves its lanes"
     sentence = (
         f"{named} on “{wanted.model}” drives {_MANOEUVRE[wanted.manoeuvre]} at {3.6 * wanted.v_x:.3g} km/h and "
