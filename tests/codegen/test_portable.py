@@ -12,6 +12,7 @@ from slipangle.models.black_box import arx_code
 from slipangle.models.vehicles import neural_bicycle_code
 from slipangle.models.vehicles.dual_track import kernel
 from slipangle.optimal.realtime.program import source as solver_source
+from slipangle.simulate.compiled import source as loop_source
 from tests.control.marx.test_mpc import BY_POSE
 from tests.export.test_mpc import controller
 from tests.export.tools import ZIG, needs, run
@@ -40,6 +41,7 @@ KINDS = {
     "neural bicycle": lambda: neural_bicycle_code.source(ALL_MODELS["neural bicycle"]),
     "dual track": lambda: kernel.source(ALL_MODELS["dual track, front drive"]),
     "free runs with sensitivities": lambda: forward._source(ALL_MODELS["bicycle"], ("C_f", "C_r"))[0],
+    "loop": loop_source,
     "paths": lambda: (files("slipangle.paths") / "line.c").read_text(encoding="utf-8"),
 }
 

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +16,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, TooShortError
 from slipangle.fields import Checked, Count, Positive
 from slipangle.models.vehicles.parameters import GRAVITY
+from slipangle.ops import atan2, fabs, maximum
 
 CHANNELS = ("delta", "v_x", "r", "a_y")
 SLOWEST = 1.25  # wheelbases a second, below which slip angles are mostly noise
@@ -126,30 +131,42 @@ class _Look:
 
     def turning(self, rows: np.ndarray) -> np.ndarray:
         """Slip angle of the centre of gravity where the rear axle has none, shape (n,). [rad]"""
-        return np.arctan2(self.l_r * rows[:, 2], np.maximum(rows[:, 1], self.slowest))
+        return self.turned(rows.T)
+
+    def turned(self, row: Any) -> Any:
+        """The same of the channels of a sample. [rad]"""
+        return atan2(self.l_r * row[2], maximum(row[1], self.slowest))
 
     def regressors(self, table: np.ndarray) -> np.ndarray:
         """Of samples from `first` on, shape (n - first, n_regressors)."""
         n, first = len(table), self.first
         if n <= first:
             return np.empty((0, 18 + 4 * self.lags))
+        return np.column_stack(self.at_last([table[k : n - first + k].T for k in range(first + 1)]))
 
-        def ago(x: np.ndarray, steps: int) -> np.ndarray:
-            return x[first - steps : n - steps]
+    def at_last(self, table: Any) -> list[Any]:
+        """Regressors of the last of ``first + 1`` samples; table[k] are channels of sample k, numbers or symbols."""
 
-        delta, v_x, r, a_y = table.T
-        v = np.maximum(v_x, self.slowest)
-        r_dot = np.full(n, np.nan)
-        r_dot[self.turn :] = (r[self.turn :] - r[: -self.turn]) / (self.turn * self.dt)
-        a_x = (ago(v_x, 0) - ago(v_x, self.gain)) / (self.gain * self.dt * GRAVITY)
-        rear, front = (a_y - self.l_r * r_dot) / GRAVITY, (a_y + self.l_f * r_dot) / GRAVITY
-        u, f, w = ago(rear, 0), ago(front, 0), ago(v, 0) / 30.0
-        columns = [u, u**2, u**3, u**5, a_x, u * a_x, u**3 * a_x, u * a_x**2, u * w, u * w**2, 1.0 / w]
-        columns += [ago(r, 0), ago(delta, 0), ago(r, 0) / w, f, f**3, u * np.abs(u), f * w]
-        for k in range(1, self.lags + 1):
-            steps = k * self.spacing
-            columns += [ago(rear, steps), ago(rear, steps) ** 3, ago(r, steps), ago(delta, steps)]
-        return np.column_stack(columns)
+        def forces(steps: int) -> tuple[Any, ...]:
+            """Rear and front lateral force over load, yaw rate and steering some time ago."""
+            (delta, _, r, a_y), sooner = table[self.first - steps], table[self.first - steps - self.turn][2]
+            r_dot = (r - sooner) / (self.turn * self.dt)
+            return (a_y - self.l_r * r_dot) / GRAVITY, (a_y + self.l_f * r_dot) / GRAVITY, r, delta
+
+        v_x, sooner = table[self.first][1], table[self.first - self.gain][1]
+        a_x = (v_x - sooner) / (self.gain * self.dt * GRAVITY)
+        past = [forces(k * self.spacing) for k in range(1, self.lags + 1)]
+        return _columns(forces(0), a_x, maximum(v_x, self.slowest) / 30.0, [(a, r, d) for a, _, r, d in past])
+
+
+def _columns(now: Sequence[Any], a_x: Any, w: Any, before: Sequence[Sequence[Any]]) -> list[Any]:
+    """Regressors of rear and front force over load, yaw rate, steering, acceleration, speed; and of samples before."""
+    u, f, r, delta = now
+    columns = [u, u**2, u**3, u**5, a_x, u * a_x, u**3 * a_x, u * a_x**2, u * w, u * w**2, 1.0 / w]
+    columns += [r, delta, r / w, f, f**3, u * fabs(u), f * w]
+    for rear, yaw_rate, steering in before:
+        columns += [rear, rear**3, yaw_rate, steering]
+    return columns
 
 
 def _told(X: np.ndarray, coefficients: np.ndarray, centre: np.ndarray) -> np.ndarray:
@@ -185,6 +202,11 @@ class LearnedSideSlip:
     std: float
     held_out: np.ndarray = field(repr=False)
 
+    @cached_property
+    def look(self) -> _Look:
+        """How rows of channels become regressors."""
+        return _Look(self.settings, self.dt)
+
     def __call__(self, data: Dataset) -> np.ndarray:
         """Lateral velocity of each sample, shape (n_samples,). [m/s]
 
@@ -198,7 +220,7 @@ class LearnedSideSlip:
         return np.concatenate(parts)
 
     def _of(self, table: np.ndarray) -> np.ndarray:
-        look = _Look(self.settings, self.dt)
+        look = self.look
         v_y, X, rows = np.full(len(table), np.nan), look.regressors(table), table[look.first :]
         if len(X):
             low, high = self.span.T
@@ -208,6 +230,13 @@ class LearnedSideSlip:
             angle = _told(X[inside], self.coefficients, self.centre) + look.turning(rows[inside])
             v_y[look.first :][inside] = np.tan(angle) * rows[inside, 1]
         return v_y
+
+    def export(self, folder: str | Path, **settings: Any) -> Path:
+        """Write the sensor as C that runs without Python; see `slipangle.export.export`, also for its ``settings``.
+
+        Raises ParameterError if the name cannot be one, WriteError if the folder is not empty or cannot be written.
+        """
+        return import_module("slipangle.export").export(self, folder, **settings)
 
     def begin(self) -> SideSlipStream:
         """The sensor at work, one sample at a time."""
@@ -219,7 +248,7 @@ class SideSlipStream:
 
     def __init__(self, sensor: LearnedSideSlip) -> None:
         self._sensor = sensor
-        self._rows: deque[list[float]] = deque(maxlen=_Look(sensor.settings, sensor.dt).first + 1)
+        self._rows: deque[list[float]] = deque(maxlen=sensor.look.first + 1)
 
     def take(self, measured: Mapping[str, float]) -> float:
         """Lateral velocity now [m/s] from channels by name; NaN where the sensor says nothing, see its call."""

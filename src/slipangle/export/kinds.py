@@ -14,6 +14,7 @@ from slipangle.control.mpc import MPC
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.estimate.ekf import EKF
+from slipangle.estimate.side_slip_sensor import LearnedSideSlip
 from slipangle.export.drivers import driver_project, standard_driver_drive
 from slipangle.export.drives import Drive, standard_drive
 from slipangle.export.estimators import estimator_project
@@ -23,6 +24,7 @@ from slipangle.export.models import model_project
 from slipangle.export.mpc import mpc_project
 from slipangle.export.project import Project
 from slipangle.export.recursions import recursion_project
+from slipangle.export.sensors import sensor_project
 from slipangle.identify.linear.recursive import RecursiveARX
 from slipangle.models.model import Model
 
@@ -47,7 +49,7 @@ def project_of(thing: Any, name: str, drive: Drive | Dataset | int) -> Project:
     """
     raise ParameterError(
         f"a {type(thing).__name__} has no C; expected a model, an MPC solved in real time, a MultiARXMPC, a path "
-        "follower, an EKF, a RecursiveARX or a Driver"
+        "follower, an EKF, a learned SideSlipSensor, a RecursiveARX or a Driver"
     )
 
 
@@ -115,6 +117,13 @@ def _(thing: RecursiveARX, name: str, drive: Drive | Dataset | int) -> Project:
     if isinstance(drive, Drive):
         raise ParameterError("the drive is that of a controller; expected a Dataset, or a number of samples")
     return recursion_project(thing, name or "recursion", drive)
+
+
+@project_of.register
+def _(thing: LearnedSideSlip, name: str, drive: Drive | Dataset | int) -> Project:
+    if isinstance(drive, Drive):
+        raise ParameterError("the drive is that of a controller; expected a Dataset, or a number of samples")
+    return sensor_project(thing, name or "sensor", drive)
 
 
 @project_of.register

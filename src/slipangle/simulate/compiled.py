@@ -68,10 +68,15 @@ def compiled_loop(plant: Plant, driver: Any, channels: Sequence[str] | None) -> 
     return None if loaded is None else CompiledLoop(loaded, plant, driver, called, asked)
 
 
-def _library() -> ctypes.CDLL | None:
-    """Of loop.c; None without a compiler."""
+def source() -> str:
+    """C of the loop, for any plant and driver."""
     texts = [files(f"slipangle.{room}") / name for room, name in (("paths", "line.c"), ("simulate", "loop.c"))]
-    return library("\n".join([clock(), *(t.read_text(encoding="utf-8") for t in texts)]), name="loop", flags=FLAGS)
+    return "\n".join([clock(), *(t.read_text(encoding="utf-8") for t in texts)])
+
+
+def _library() -> ctypes.CDLL | None:
+    """Of the loop; None without a compiler."""
+    return library(source(), name="loop", flags=FLAGS)
 
 
 class CompiledLoop:

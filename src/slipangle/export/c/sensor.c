@@ -1,0 +1,41 @@
+/* The sensor by itself. The same numbers as those of `SideSlipStream.take`. */
+
+typedef struct {
+    double samples[NEEDED * CAR_CHANNELS]; /* oldest first */
+    int64_t known;
+} Sensor;
+
+typedef char car_bytes_are_enough[sizeof(Sensor) <= CAR_BYTES ? 1 : -1];
+
+static Sensor *own(car_sensor *s) { return (Sensor *)(void *)s->memory; }
+
+int car_start(car_sensor *memory, size_t bytes)
+{
+    if (bytes < sizeof *memory)
+        return CAR_TOO_SMALL;
+    memset(own(memory), 0, sizeof(Sensor));
+    return CAR_OK;
+}
+
+void car_restart(car_sensor *memory) { own(memory)->known = 0; }
+
+int car_update(car_sensor *memory, const double channels[CAR_CHANNELS], car_estimate *to)
+{
+    Sensor *s = own(memory);
+    double angle, seen[LIMITED];
+    memmove(s->samples, s->samples + CAR_CHANNELS, sizeof(double) * (NEEDED - 1) * CAR_CHANNELS);
+    memcpy(s->samples + (NEEDED - 1) * CAR_CHANNELS, channels, sizeof(double) * CAR_CHANNELS);
+    s->known = s->known < NEEDED ? s->known + 1 : NEEDED;
+    to->v_y = NAN, to->side_slip = NAN;
+    if (s->known < NEEDED)
+        return CAR_SILENT;
+    say(s->samples, &angle, seen);
+    int inside = fabs(angle) < INFINITY && channels[CAR_C_V_X] > SLOWEST;
+    for (int i = 0; i < LIMITED; i++)
+        inside &= seen[i] >= LOWEST[i] && seen[i] <= HIGHEST[i];
+    if (!inside)
+        return CAR_SILENT;
+    to->side_slip = angle;
+    to->v_y = tan(angle) * channels[CAR_C_V_X];
+    return CAR_OK;
+}
