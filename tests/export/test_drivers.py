@@ -81,11 +81,11 @@ class LoadedDriver:
             return of_kind(*lengths, kind=kind)
 
         files = project.everything
-        for name in ("car.h", "car.c", "car_planner.h", "car_planner.c"):
-            (folder / name).write_text(files[name])
+        for name, text in files.items():
+            (folder / name).write_text(text)
         flags = (*project.flags, *compiler._levels()[0], "-shared", "-fPIC", "-std=gnu11")
         made = f"all{compiler.SUFFIX}"
-        run(*compiler.compiler(), *flags, "-o", made, "car.c", "car_planner.c", "-lm", folder=folder)
+        run(*compiler.compiler(), *flags, "-o", made, *project.sources, "-lm", folder=folder)
         self.library = ctypes.CDLL(str(folder / made))
         n, inner = defines(files["car.h"]), defines(files["car_planner.h"], "CAR_PLANNER")
         self.Measured = type(

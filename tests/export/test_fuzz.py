@@ -7,7 +7,7 @@ import pytest
 from slipangle.export.kinds import project_of
 from slipangle.export.precision import as_precision
 from tests.control.marx.test_mpc import BY_POSE
-from tests.export import test_drivers, test_estimators, test_followers, test_sensors, test_widths
+from tests.export import test_drivers, test_estimators, test_followers, test_sensors, test_widths, test_windows
 from tests.export.test_mpc import controller
 from tests.export.test_recursions import started
 from tests.export.tools import needs, run
@@ -24,6 +24,8 @@ KINDS = {  # what it is, columns of its drive before its inputs, how many of wha
     "driver": (test_drivers.VARIANTS["plain"], 1, "RACER_COMMANDS", 100_000),
     "driver, late, lagged, pedals": (test_drivers.VARIANTS["late, lagged, pedals"], 1, "RACER_COMMANDS", 100_000),
     "estimator": (lambda: test_estimators.VARIANTS["late, gate, offsets"], 0, "RACER_STATES", 100_000),
+    "moving horizon": (lambda: test_windows.VARIANTS["late, gate, offsets"], 0, "RACER_STATES", 100_000),
+    "driver that looks back": (test_windows.driver, 1, "RACER_COMMANDS", 100_000),
     "recursion": (lambda: started("directional, constant"), 0, "0", 100_000),
     "virtual sensor": (lambda: test_sensors.LEARNED, 0, "0", 100_000),
     "model": (lambda: ALL_MODELS["saturating bicycle"], "RACER_STATES", "0", 100_000),

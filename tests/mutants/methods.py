@@ -381,7 +381,7 @@ MUTANTS = [
         ],
     ),
     *mistakes(
-        "export/c/filter.c",
+        "export/c/filter_late.c",
         "export/test_estimators.py::test_same_as_python_to_the_last_bit_whatever_it_is_given",
         [
             (
@@ -389,6 +389,27 @@ MUTANTS = [
                 "if (LATE[i] > 0)\n            f->now.seen[i] = 0;",
                 "if (LATE[i] < 0)\n            f->now.seen[i] = 0;",
             )
+        ],
+    ),
+    *mistakes(
+        "export/c/filter_window.c",
+        "export/test_windows.py::test_same_as_python_whatever_it_is_given",
+        [
+            (
+                "exported window: a late output placed a sample too late",
+                "int64_t k = f->samples - 1 - LATE[i];",
+                "int64_t k = f->samples - LATE[i];",
+            ),
+            (
+                "exported window: what leaves it is not moved to the next sample",
+                "    predict(w->mean, w->P, &told);\n    f->samples--;",
+                "    f->samples--;",
+            ),
+            (
+                "exported window: nothing wanders",
+                "at[LED + SHAKEN[j] * WIDTH + j] = WANDER[SHAKEN[j]];",
+                "at[LED + SHAKEN[j] * WIDTH + j] = 0;",
+            ),
         ],
     ),
     *mistakes(

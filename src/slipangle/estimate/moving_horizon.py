@@ -38,7 +38,7 @@ class MHE(EKF[M]):
     differs where a model is nonlinear, since samples are looked at again in the light of later ones, and where limits
     hold.
 
-    Measurements are taken in as by `EKF`, and it stands wherever that does; it is not exported as C.
+    Measurements are taken in as by `EKF`, and it stands wherever that does, in exported C too (`export`).
 
     Raises ParameterError as `EKF` does, or if an output is later than the horizon is long, or a limit is on no state.
 

@@ -41,7 +41,7 @@ def export(
 
     Parameters
     ----------
-    thing : Model, EKF, LearnedSideSlip, RecursiveARX, MPC, MultiARXMPC, PathFollower or Driver
+    thing : Model, EKF, MHE, LearnedSideSlip, RecursiveARX, MPC, MultiARXMPC, PathFollower or Driver
         What to export; an MPC is one solved in real time. A driver is estimator, path, controller and speed law in one.
     folder : str or Path
         Where; a new or an empty folder.

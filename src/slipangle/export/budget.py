@@ -19,7 +19,7 @@ from slipangle.export.project import Project, template
 
 STATES = 10_000
 LIMIT = 3600.0  # s, of one measurement
-FLAGS = ("-O2", "-DCAR_LANES=1", "-DCAR_PLANNER_LANES=1")  # as for a processor without vectors
+FLAGS = ("-O2", "-DCAR_LANES=1", "-DCAR_PLANNER_LANES=1", "-DCAR_WINDOW_LANES=1")  # as for a processor without vectors
 _CALLS: Mapping[str, tuple[str, str]] = {
     "plan": (
         "car_plan",

@@ -87,9 +87,6 @@ def _interface(controller: Controller, sizes: Mapping[int, int]) -> dict[str, An
 
 def header(controller: Controller, sizes: Mapping[int, int], title: str) -> str:
     """The text of ``car.h``."""
-    bytes_ = "\n".join(
-        f"{'#if' if n == LANES[0] else '#elif'} CAR_LANES == {n}\n#define CAR_BYTES {sizes[n]}" for n in LANES
-    )
     places = {"@STATES@": ("X", controller.model.states), "@CONTROLS@": ("U", controller.controls)}
     places |= {"@REFERENCES@": ("P", controller.references), "@EXOGENOUS@": ("W", controller.exogenous)}
     low, high = controller._judge.ranges
@@ -101,7 +98,7 @@ def header(controller: Controller, sizes: Mapping[int, int], title: str) -> str:
         )
     )
     bounds = limits_of(controller)
-    text = template("car.h").replace("@TITLE@", comment(title)).replace("@BYTES@", bytes_)
+    text = template("car.h").replace("@TITLE@", comment(title)).replace("@LANES@\n", lanes("CAR", sizes))
     text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in counts_of(controller).items()))
     text = text.replace("@DT@", repr(float(controller.dt)))
     for mark, (letter, names) in places.items():
@@ -112,6 +109,14 @@ def header(controller: Controller, sizes: Mapping[int, int], title: str) -> str:
         ]
         text = text.replace(mark, "\n".join(lines) or "/* none */")
     return text.replace("@TIMES@", ", ".join(f"{t:g}" for t in controller.times))
+
+
+def lanes(prefix: str, sizes: Mapping[int, int]) -> str:
+    """C of ``PREFIX_LANES`` and ``PREFIX_BYTES``, of bytes of memory by the numbers per vector."""
+    bytes_ = "\n".join(
+        f"{'#if' if n == LANES[0] else '#elif'} CAR_LANES == {n}\n#define CAR_BYTES {sizes[n]}" for n in LANES
+    )
+    return template("lanes.h").replace("@BYTES@", bytes_).replace("CAR_", f"{prefix}_") + "\n"
 
 
 def counts_of(controller: Controller) -> dict[str, int]:

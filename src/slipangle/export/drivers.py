@@ -20,7 +20,8 @@ from slipangle.control.speed.driver import BRAKED, SpeedDriver
 from slipangle.errors import ParameterError
 from slipangle.estimate.ekf import EKF
 from slipangle.estimate.measurements import plain_name
-from slipangle.export.controllers import limits_of, number, table
+from slipangle.estimate.moving_horizon import MHE
+from slipangle.export.controllers import LANES, limits_of, number, table
 from slipangle.export.drives import Drive
 from slipangle.export.estimators import filter_source
 from slipangle.export.memory import size_of
@@ -28,6 +29,7 @@ from slipangle.export.models import meaning
 from slipangle.export.mpc import mpc_project
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template, with_prefix
+from slipangle.export.windows import window_files
 from slipangle.models.wrappers.on_ground import POSE
 from slipangle.paths.path import Path
 from slipangle.paths.preview import strides_between
@@ -106,11 +108,16 @@ def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
     inner = {n: planner.everything[n] for n in ("car_planner.h", "car_planner.c")}
     if driver._trusts:
         inner["car_planner.c"] += _trusting(driver.controller)
+    window, sizes = (
+        window_files(driver.estimator) if isinstance(driver.estimator, MHE) else ({}, dict.fromkeys(LANES, 0))
+    )
+    inner |= window
     source = _source(driver)
     title = f"driver along '{driver.path.name}', a plan every {driver.dt:g} s"
     header = _header(driver, title)
     model, planned = driver.controller.model, planner.facts["interface"]
     bytes_ = size_of("\n".join([inner["car_planner.h"], header, source]), "Driver", 1)
+    most = bytes_ + planner.facts["sizes"]["BYTES"] + max(sizes.values())
     return Project(
         name=name,
         kind="driver",
@@ -123,9 +130,9 @@ def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
             "car_block.h": template("driver_block.h"),
             "main.c": replay("driver_main.c"),
         },
-        sources=("car.c", "car_planner.c"),
+        sources=("car.c", *(n for n in inner if n.endswith(".c"))),
         drive=drive.text(),
-        about=_about(driver, bytes_ + planner.facts["sizes"]["BYTES"]),
+        about=_about(driver, most),
         readme="DRIVER.md",
         facts={
             "dt": driver.dt,
@@ -139,15 +146,16 @@ def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
                 "planned": planned["controls"],
                 "times": planned["times"],
             },
-            "sizes": {"planner": planner.facts["sizes"], "BYTES": planner.facts["sizes"]["BYTES"] + bytes_ + 64},
-            "bytes": {lanes: size + bytes_ for lanes, size in planner.facts["bytes"].items()},
+            "sizes": {"planner": planner.facts["sizes"], "BYTES": most + 64},
+            "bytes": {lanes: size + bytes_ + sizes[lanes] for lanes, size in planner.facts["bytes"].items()},
         },
         flags=planner.flags,
     )
 
 
 def _require_known(driver: Driver) -> None:
-    parts = ((driver, Driver, "step"), (driver.estimator, EKF, "begin"), (driver.controller, MPC, "plan"))
+    known = MHE if isinstance(driver.estimator, MHE) else EKF
+    parts = ((driver, Driver, "step"), (driver.estimator, known, "begin"), (driver.controller, MPC, "plan"))
     for part, kind, method in (*parts, *([] if driver.speed is None else [(driver.speed, SpeedDriver, "step")])):
         if getattr(type(part), method, None) is not getattr(kind, method):
             raise ParameterError(
@@ -296,6 +304,9 @@ def _header(driver: Driver, title: str) -> str:
             bounds[n] = min(high * drive, low * brake, 0.0), max(high * drive, low * brake, 0.0)
     ranges = {n: driver._ranges[n] for n in channels(driver) if n in driver._ranges}
     text = template("driver.h").replace("@TITLE@", comment(title))
+    back = isinstance(driver.estimator, MHE)
+    text = text.replace("@INCLUDED@", '#include "car_window.h"\n' if back else "")
+    text = text.replace("@WINDOW@", "    car_window window;\n" if back else "")
     text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in _counts(driver).items()))
     text = text.replace("@DT@", repr(driver.dt))
     places = {"@CHANNELS@": ("M", channels(driver), ranges), "@COMMANDS@": ("C", driver.controls, bounds)}

@@ -1,4 +1,4 @@
-"""C of an `EKF`: its step written out, its settings as constants, and the loop around them."""
+"""C of an `EKF` or an `MHE`: its step written out, its settings as constants, and the loop around them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,14 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.estimate.ekf import EKF
 from slipangle.estimate.filter import OPEN, Scales, filter_step
+from slipangle.estimate.moving_horizon import MHE
 from slipangle.export.controllers import table
 from slipangle.export.memory import size_of
 from slipangle.export.models import free_run, meaning
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template
+from slipangle.export.windows import window_files, window_tables
+from slipangle.optimal.realtime.backend import FLAGS
 
 EXACT = """\
 #if defined __clang__
@@ -40,10 +43,16 @@ def filter_source(estimator: EKF, **functions: ca.Function) -> str:
     gate = OPEN if estimator.gate is None else float(estimator.gate**2)
     lines = [f"#define {n} {v}" for n, v in numbers.items()]
     lines += [f"#define GATE ({'INFINITY' if gate == OPEN else repr(gate)})", table("AT_START", tracker._P)]
-    lines += [table("LATE", late, "int")] if any(late) or functions else []
+    looking_back = isinstance(estimator, MHE)
+    lines += [table("LATE", late, "int")] if any(late) or functions or looking_back else []
     functions = {"filter_step": filter_step(estimator, Scales(estimator)), **functions}
+    if looking_back:
+        functions["look"] = estimator.window.look
+        lines += window_tables(estimator)
     written = [emit(_plain(f), name) for name, f in functions.items()]
-    return "\n".join([EXACT, "#include <string.h>", preamble("double"), *written, *lines, template("filter.c")])
+    past, again = map(template, ("window_past.c", "filter_window.c") if looking_back else ("past.c", "filter_late.c"))
+    code = template("filter.c").replace("@PAST@", past).replace("@AGAIN@", again)
+    return "\n".join([EXACT, "#include <string.h>", preamble("double"), *written, *lines, code])
 
 
 def _plain(function: ca.Function) -> ca.Function:
@@ -75,19 +84,22 @@ def estimator_project(estimator: EKF, name: str, data: Dataset | int) -> Project
         If there is no C of it.
     """
     model, scales = estimator.model, Scales(estimator)
-    if type(estimator).begin is not EKF.begin or not (model.n_inputs and model.n_outputs):
+    if type(estimator).begin not in (EKF.begin, MHE.begin) or not (model.n_inputs and model.n_outputs):
         raise ParameterError(
             f"a {type(estimator).__name__} of {model.n_inputs} inputs, {model.n_outputs} outputs has no C; expected an "
-            "EKF of a model with both"
+            "EKF or an MHE of a model with both"
         )
     start, rows = replayed(estimator, data)
-    title = f"extended Kalman filter of {model.n_states} states, a sample every {model.dt:g} s"
+    back = estimator if isinstance(estimator, MHE) else None
+    way = f"moving horizon estimator, {back.horizon} steps back," if back else "extended Kalman filter"
+    title = f"{way} of {model.n_states} states, a sample every {model.dt:g} s"
     parts = [filter_source(estimator)]
     if estimator.free:
         parts += [table("PARAMETERS", scales.start), table("POSITIVE", scales.positive, "int")]
     source = "\n".join([*parts, template("estimator.c")])
     header = _header(estimator, title, start)
     bytes_ = size_of(f"{header}\n{source}", "Filter", 1)
+    window, sizes = window_files(back) if back else ({}, {1: 0})
     counts = (("y", model.n_outputs), ("u", model.n_inputs), ("x", model.n_states))
     columns = [f"{kind} {i}" for kind, n in counts for i in range(n)]
     lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows.tolist())]
@@ -97,16 +109,19 @@ def estimator_project(estimator: EKF, name: str, data: Dataset | int) -> Project
     return Project(
         name=name,
         kind="estimator",
-        sentence=f"An {comment(title)}.",
+        sentence=f"{'A' if back else 'An'} {comment(title)}.",
         files={
             "car.h": header.replace("@BYTES@", str(bytes_)),
             "car.hpp": template("estimator.hpp"),
             "car.c": f'#include "car.h"\n{source}',
+            **window,
             "car_block.h": template("estimator_block.h"),
             "main.c": replay("estimator_main.c"),
         },
+        sources=("car.c", *(n for n in window if n.endswith(".c"))),
         drive="\n".join(lines) + "\n",
-        about="\n".join([*about, f"- memory: {bytes_} bytes"]),
+        about="\n".join([*about, f"- memory: {bytes_ + max(sizes.values())} bytes{' at most' if back else ''}"]),
+        flags=FLAGS if back else (),
         readme="ESTIMATOR.md",
         facts={"dt": float(model.dt), "drive": {"steps": len(rows)}},
     )
@@ -120,6 +135,11 @@ def _header(estimator: EKF, title: str, start: np.ndarray) -> str:
     counts = {k: len(v) for k, v in names.items()} | {"INPUTS_SIZE": max(model.n_inputs, 1)}
     text = template("estimator.h").replace("@TITLE@", comment(title)).replace("@DT@", repr(float(model.dt)))
     text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in counts.items()))
+    back = isinstance(estimator, MHE)
+    text = text.replace("@INCLUDED@", '\n#include "car_window.h"\n' if back else "")
+    text = text.replace("@WINDOW@", "    car_window window;\n" if back else "")
+    failed = "    int64_t failures; /* windows without a solution since car_start; a filter through them stands in */\n"
+    text = text.replace("@FAILURES@", failed if back else "")
     text = text.replace("@START@", ", ".join(repr(float(v)) for v in start))
     for letter, (mark, listed) in zip("XYUPB", names.items(), strict=True):
         made = constants(f"CAR_{letter}", listed).items()

@@ -49,7 +49,7 @@ def project_of(thing: Any, name: str, drive: Drive | Dataset | int) -> Project:
     """
     raise ParameterError(
         f"a {type(thing).__name__} has no C; expected a model, an MPC solved in real time, a MultiARXMPC, a path "
-        "follower, an EKF, a learned SideSlipSensor, a RecursiveARX or a Driver"
+        "follower, an EKF, an MHE, a learned SideSlipSensor, a RecursiveARX or a Driver"
     )
 
 

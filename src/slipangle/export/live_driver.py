@@ -72,7 +72,11 @@ class LiveDriver(Live):
     def sources(self) -> dict[str, str]:
         """C of the driver and of the loop around it."""
         files = dict(driver_project(self.whole, "car", NO_DRIVE).everything)
-        kept = {n: files[n] for n in ("car.h", "car.c", "car_planner.h", "car_planner.c")}
+        kept = {
+            n: text
+            for n, text in files.items()
+            if n in ("car.h", "car.c") or n.startswith(("car_planner", "car_window"))
+        }
         follow = "void car_follow(const double *line) { memcpy(LINE, line, sizeof LINE); }"
         own = kept["car.c"].replace("static const double LINE[]", "static double LINE[]", 1)
         if self.weights:

@@ -11,6 +11,7 @@ from slipangle.errors import ParameterError
 from slipangle.export.controllers import around, project, table
 from slipangle.export.drives import Drive
 from slipangle.export.project import Project
+from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.backend import FLAGS
 from slipangle.optimal.realtime.parts import slack_of_rows
@@ -39,27 +40,30 @@ def mpc_project(mpc: MPC, name: str, drive: Drive) -> Project:
 
 
 def _constants(mpc: MPC, settings: RealTime) -> str:
-    ocp = mpc.ocp
+    """What the controller is made with, around what its solver is."""
+    low, high = mpc._judge.ranges
+    arrays = {"LOWEST": low, "HIGHEST": high, "SAFE": mpc._safe_input, "RELAXING": mpc._relaxing}
+    lines = [table(n, v) for n, v in arrays.items()]
+    return "\n".join([*lines, solver_tables(mpc.ocp, settings), f"#define FALLBACK {mpc.fallback}", ""])
+
+
+def solver_tables(ocp: OCP, settings: RealTime) -> str:
+    """Weights and limits of a problem, and settings of its solver."""
     of_errors, of_inputs, of_changes = ocp.stage_weights
     plain, square = slack_of_rows(ocp)
-    low, high = mpc._judge.ranges
     arrays = {
         "OF_ERRORS": of_errors,
         "OF_INPUTS": of_inputs,
         "OF_CHANGES": of_changes,
-        "LOWEST": low,
-        "HIGHEST": high,
-        "SAFE": mpc._safe_input,
-        "RELAXING": mpc._relaxing,
         "PLAIN": plain,
         "SQUARE": square,
         "BOUNDS": ocp.state_limits if len(ocp.limited) else np.zeros(2),
         "END_BOUNDS": ocp.limits_at_nodes[-1] if len(ocp.limited) else np.zeros(2),
     }
     numbers = {"TOLERANCE": settings.tolerance, "NEWTON": settings.newton, "ACCEPT": settings.accept}
-    whole = {"MAX_ITERATIONS": settings.max_iterations, "FIXED": settings.iterations, "FALLBACK": mpc.fallback}
+    whole = {"MAX_ITERATIONS": settings.max_iterations, "FIXED": settings.iterations}
     lines = [table(n, v) for n, v in arrays.items()]
-    return "\n".join([*lines, *(f"#define {n} {_power(v)}" for n, v in (numbers | whole).items()), ""])
+    return "\n".join([*lines, *(f"#define {n} {_power(v)}" for n, v in (numbers | whole).items())])
 
 
 def _power(v: float) -> str:

@@ -16,22 +16,7 @@ extern "C" {
 #endif
 
 /* Numbers per vector, the same in all files of a program: 8, 4, 2, or 1 where the processor has no such vectors. */
-#ifndef CAR_LANES
-#if defined __AVX512F__
-#define CAR_LANES 8
-#elif defined __AVX__
-#define CAR_LANES 4
-#elif defined __SSE2__ || defined __aarch64__ || defined __wasm_simd128__
-#define CAR_LANES 2
-#else
-#define CAR_LANES 1
-#endif
-#endif
-@BYTES@
-#else
-#error "CAR_LANES must be 1, 2, 4 or 8"
-#endif
-
+@LANES@
 @COUNTS@
 #define CAR_DT @DT@ /* time from plan to plan [s] */
 

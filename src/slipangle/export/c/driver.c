@@ -25,7 +25,14 @@ typedef struct {
 
 typedef char car_bytes_are_enough[sizeof(Driver) <= CAR_BYTES ? 1 : -1];
 
-static Driver *own(car_driver *d) { return (Driver *)(void *)d->memory; }
+static Driver *own(car_driver *memory)
+{
+    Driver *d = (Driver *)(void *)memory->memory;
+#ifdef HORIZON
+    d->filter.past.solver = &memory->window;
+#endif
+    return d;
+}
 
 /* Whole samples in a time, a quarter of one before it is over. */
 static int64_t ticks(car_seconds t)
@@ -46,6 +53,10 @@ int car_start(car_driver *memory, size_t bytes)
     int code = bytes < sizeof *memory ? CAR_TOO_SMALL : car_planner_start(&memory->planner, sizeof memory->planner);
     if (code != CAR_OK)
         return code;
+#ifdef HORIZON
+    if (car_window_start(&memory->window, sizeof memory->window) != CAR_WINDOW_OK)
+        return CAR_MISALIGNED;
+#endif
     memset(d, 0, sizeof *d);
     for (int i = 0; i < CAR_CHANNELS; i++)
         d->raw[i] = NAN;

@@ -10,7 +10,7 @@
 #define CAR_H
 
 #include "car_planner.h"
-
+@INCLUDED@
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -60,7 +60,7 @@ typedef struct {
 
 typedef struct {
     car_planner_controller planner;
-    int64_t memory[CAR_BYTES / 8];
+@WINDOW@    int64_t memory[CAR_BYTES / 8];
 } car_driver;
 
 enum { CAR_OK, CAR_TOO_SMALL, CAR_MISALIGNED, CAR_WRONG_TIME };

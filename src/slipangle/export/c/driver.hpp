@@ -15,7 +15,7 @@ class Driver {
     Driver()
     {
         if (car_start(&driver_, sizeof driver_) != CAR_OK)
-            throw std::logic_error("car: compiled with another CAR_PLANNER_LANES than its library");
+            throw std::logic_error("car: compiled with other numbers per vector than its library");
     }
     Driver(const Driver &) = delete;
     Driver &operator=(const Driver &) = delete;

@@ -2,7 +2,14 @@
 
 typedef char car_bytes_are_enough[sizeof(Filter) <= CAR_BYTES ? 1 : -1];
 
-static Filter *own(car_estimator *e) { return (Filter *)(void *)e->memory; }
+static Filter *own(car_estimator *e)
+{
+    Filter *f = (Filter *)(void *)e->memory;
+#ifdef HORIZON
+    f->past.solver = &e->window;
+#endif
+    return f;
+}
 
 static int all_finite(const double *v, int n)
 {
@@ -16,6 +23,10 @@ int car_start(car_estimator *memory, size_t bytes, const double x[CAR_STATES])
 {
     if (bytes < sizeof *memory)
         return CAR_TOO_SMALL;
+#ifdef HORIZON
+    if (car_window_start(&memory->window, sizeof memory->window) != CAR_WINDOW_OK)
+        return CAR_MISALIGNED;
+#endif
     filter_begin(own(memory), x);
     return all_finite(x, NX) ? CAR_OK : CAR_NOT_FINITE;
 }
@@ -61,6 +72,9 @@ int car_update(car_estimator *memory, const car_sample *sample, car_estimate *to
         int a = NX + CAR_PARAMETERS + k;
         to->bias[k] = z[a], to->bias_std[k] = sqrt(P[a * NZ + a]);
     }
+#endif
+#ifdef HORIZON
+    to->failures = f->past.failures;
 #endif
     return code;
 }

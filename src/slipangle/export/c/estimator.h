@@ -9,7 +9,7 @@
 
 #include <stddef.h>
 #include <stdint.h>
-
+@INCLUDED@
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -46,13 +46,13 @@ typedef struct {
     double bias[CAR_BIASES], bias_std[CAR_BIASES];
 #endif
     int taken[CAR_OUTPUTS]; /* measured, and no outlier */
-} car_estimate;
+@FAILURES@} car_estimate;
 
 typedef struct {
-    int64_t memory[CAR_BYTES / 8];
+@WINDOW@    int64_t memory[CAR_BYTES / 8];
 } car_estimator;
 
-enum { CAR_OK, CAR_TOO_SMALL, CAR_NOT_FINITE, CAR_DIVERGED };
+enum { CAR_OK, CAR_TOO_SMALL, CAR_NOT_FINITE, CAR_DIVERGED, CAR_MISALIGNED };
 
 /* Makes an estimator of `bytes` bytes of memory, sizeof(car_estimator), before its first sample; x is the state that is
    expected there. CAR_OK, or why not. */

@@ -1,0 +1,3 @@
+typedef struct {
+    Sample kept[DEEPEST + 1]; /* the last samples, for outputs that are late */
+} Past;

@@ -1,0 +1,45 @@
+/* The solver behind the functions of the header. */
+
+#define ALIGNED sizeof(V)
+
+typedef char car_window_bytes_are_enough[sizeof(Work) <= CAR_WINDOW_BYTES ? 1 : -1];
+
+static Work *own(car_window *w) { return (Work *)(void *)w->memory; }
+
+int car_window_start(car_window *memory, size_t bytes)
+{
+    Work *s = own(memory);
+    if (bytes < sizeof(Work))
+        return CAR_WINDOW_TOO_SMALL;
+    if ((uintptr_t)s % ALIGNED)
+        return CAR_WINDOW_MISALIGNED;
+    memset(s, 0, sizeof *s);
+    rt_begin(s);
+    memcpy(s->q, OF_ERRORS, sizeof s->q);
+    memcpy(s->wr, OF_INPUTS, sizeof s->wr);
+    memcpy(s->ws, OF_CHANGES, sizeof s->ws);
+    if (N_LIMITS > 0) {
+        memcpy(s->plain, PLAIN, sizeof s->plain);
+        memcpy(s->square, SQUARE, sizeof s->square);
+    }
+    for (int i = 0; i < (N + 1) * NL * 2; i++)
+        s->bounds[i] = (i < N * NL * 2 ? BOUNDS : END_BOUNDS)[i % (2 * M1(NL))];
+    s->tolerance = TOLERANCE, s->newton = NEWTON, s->accept = ACCEPT, s->time_limit = INFINITY;
+    s->max_iterations = MAX_ITERATIONS, s->fixed = FIXED;
+    return CAR_WINDOW_OK;
+}
+
+car_window_parts car_window_at(car_window *memory)
+{
+    Work *s = own(memory);
+    car_window_parts parts = {s->x0, s->w, s->u, s->x};
+    return parts;
+}
+
+int car_window_solve(car_window *memory)
+{
+    Work *s = own(memory);
+    s->fresh = GIVEN;
+    int status = rt_solve(s);
+    return status == SOLVED || status == ITERATED;
+}
