@@ -53,6 +53,8 @@ def given_and_made(n, kind=ctypes.c_double):
     given += [("inputs", array(n["HORIZON"], n["CONTROLS"])), ("applied", array(n["CONTROLS"]))]
     made = [("command", array(n["CONTROLS"])), ("u", array(n["HORIZON"], n["CONTROLS"]))]
     made += [("x", array(n["NODES"], n["STATES"]))]
+    if n.get("DECIDED"):
+        made.append(("decided", array(n["DECIDED"])))
     made += [(k, kind) for k in ("cost", "residual", "violation", "seconds")]
     made += [(k, ctypes.c_int) for k in ("status", "age", "stopping", "iterations")]
     given, made = [*given, ("applied_known", ctypes.c_int)], [*made, ("health", Health)]
@@ -65,7 +67,7 @@ class Loaded:
     def __init__(self, files, flags=FLAGS, kind=ctypes.c_double):
         self.size = n = defines(files["car.h"])
         self.Input, self.Output = given_and_made(n, kind)
-        self.library = compiler.library(as_one(files), name="exported", flags=flags)
+        self.library = self.compiled(files, flags)
         self.library.car_plan.argtypes = [ctypes.c_void_p] * 3
         self.library.car_start.argtypes = [ctypes.c_void_p, ctypes.c_size_t]
         self.library.car_deadline.argtypes = [
@@ -75,10 +77,19 @@ class Loaded:
             ctypes.c_void_p,
             ctypes.c_void_p,
         ]
-        self.bytes = max(int(b) for b in re.findall(r"#define CAR_BYTES (\d+)", files["car.h"]))
+        self.bytes = max(int(b) for b in re.findall(r"#define CAR_BYTES (\d+)", files["car.h"])) + self.more(files)
         raw = np.zeros(self.bytes + 64, dtype=np.uint8)
         self.memory = raw[-raw.ctypes.data % 64 :]
         assert self.start() == 0
+
+    @staticmethod
+    def more(files):
+        """Bytes of memory beside the controller's own."""
+        return 0
+
+    def compiled(self, files, flags):
+        """The library of the files."""
+        return compiler.library(as_one(files), name="exported", flags=flags)
 
     def start(self, bytes_=None, offset=0):
         return self.library.car_start(self.memory.ctypes.data + offset, self.bytes if bytes_ is None else bytes_)

@@ -25,7 +25,7 @@ def frames(project, folder):
         (folder / name).write_text(content)
     said = []
     for source in project.sources:
-        flags = ("-O2", "-DCAR_LANES=1", "-DCAR_PLANNER_LANES=1", "-DCAR_WINDOW_LANES=1", "-fstack-usage", "-c")
+        flags = (*(f"-DCAR{part}_LANES=1" for part in ("", "_PLANNER", "_WINDOW")), "-O2", "-fstack-usage", "-c")
         run("gcc", *flags, source, "-o", "made.o", folder=folder)
         said += re.findall(r"\t(\d+)\t", next(folder.glob("*.su")).read_text())
         next(folder.glob("*.su")).unlink()

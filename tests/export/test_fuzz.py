@@ -7,7 +7,15 @@ import pytest
 from slipangle.export.kinds import project_of
 from slipangle.export.precision import as_precision
 from tests.control.marx.test_mpc import BY_POSE
-from tests.export import test_drivers, test_estimators, test_followers, test_sensors, test_widths, test_windows
+from tests.export import (
+    test_drivers,
+    test_estimators,
+    test_followers,
+    test_joined,
+    test_sensors,
+    test_widths,
+    test_windows,
+)
 from tests.export.test_mpc import controller
 from tests.export.test_recursions import started
 from tests.export.tools import needs, run
@@ -15,6 +23,7 @@ from tests.models.all_models import ALL_MODELS
 
 KINDS = {  # what it is, columns of its drive before its inputs, how many of what comes out must be finite
     "MPC": (lambda: controller(6), 0, "RACER_CONTROLS", 100_000),
+    "MPC with scenarios": (test_joined.KINDS["a corridor at two speeds"], 0, "RACER_CONTROLS", 100_000),
     "MPC, implicit wheels": (lambda: test_widths.controller(6), 0, "RACER_CONTROLS", 100_000),
     "MARX": (lambda: BY_POSE, 0, "RACER_CONTROLS", 100_000),
     "Stanley": (lambda: test_followers.KINDS["Stanley"], 0, "RACER_CONTROLS", 100_000),

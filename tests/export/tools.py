@@ -82,7 +82,12 @@ def machine(name):
     wasi = ("node", "--no-warnings", "wasi.mjs")
     return {
         "gcc": (("gcc", "-O2", "-march=native"), "", (), ("gcc",)),
-        "gcc without SIMD": (("gcc", "-O2", "-DCAR_LANES=1", "-DCAR_WINDOW_LANES=1"), "", (), ("gcc",)),
+        "gcc without SIMD": (
+            ("gcc", "-O2", *(f"-DCAR{p}_LANES=1" for p in ("", "_WINDOW", "_JOINED"))),
+            "",
+            (),
+            ("gcc",),
+        ),
         "clang": (("clang", "-O2", "-march=native"), "", (), ("clang",)),
         "Windows": ((*ZIG, "-target", "x86_64-windows-gnu", "-O2"), ".exe", ("wine",), ("zig", "wine")),
         "Cortex-A53": (

@@ -413,6 +413,38 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "export/c/joined.c",
+        "export/test_joined.py::test_same_as_python_whatever_happens",
+        [
+            (
+                "exported scenarios: the parts' horizons overlap",
+                "((i) - LEAD) % (ONE_N + 1))",
+                "((i) - LEAD) % ONE_N)",
+            ),
+            (
+                "exported scenarios: a part that is not the likely one",
+                "first = LEAD + LIKELY * (ONE_N + 1);",
+                "first = LEAD;",
+            ),
+            (
+                "exported scenarios: the state that jumps lead back to is forgotten",
+                "BACK[j] >= 0 ? of->x[BACK[j]]",
+                "BACK[j] >= 0 ? 0.0",
+            ),
+        ],
+    ),
+    *mistakes(
+        "export/c/mpc.c",
+        "export/test_joined.py::test_same_as_python_whatever_happens",
+        [
+            (
+                "exported free duration: a plan of longer stages is followed a step later",
+                "(c->age == 1 && !in_time(c))",
+                "0",
+            ),
+        ],
+    ),
+    *mistakes(
         "export/c/driver.c",
         "export/test_drivers.py::test_same_as_python_to_the_last_bit_whatever_it_is_told",
         [

@@ -19,7 +19,8 @@ from slipangle.export.project import Project, template
 
 STATES = 10_000
 LIMIT = 3600.0  # s, of one measurement
-FLAGS = ("-O2", "-DCAR_LANES=1", "-DCAR_PLANNER_LANES=1", "-DCAR_WINDOW_LANES=1")  # as for a processor without vectors
+_ALONE = ("", "_PLANNER", "_WINDOW", "_JOINED", "_PLANNER_JOINED")
+FLAGS = ("-O2", *(f"-DCAR{part}_LANES=1" for part in _ALONE))  # as for a processor without vectors
 _CALLS: Mapping[str, tuple[str, str]] = {
     "plan": (
         "car_plan",

@@ -52,6 +52,7 @@ class BuiltController(Controller):
         self._names, self._sizes, self.name = record["interface"], record["sizes"], record["name"]
         self.dt, self.horizon, self.times = record["dt"], self._sizes["HORIZON"], np.array(self._names["times"])
         self.controls, self.references = tuple(self._names["controls"]), tuple(self._names["references"])
+        self.decided = tuple(self._names.get("decided", ()))
         self.exogenous, self._states = tuple(self._names["exogenous"]), tuple(self._names["states"])
         self._library = library = built.library()
         self._start, self._plan = (getattr(library, f"{self.name}_{n}") for n in ("start", "plan"))
@@ -167,7 +168,7 @@ class BuiltController(Controller):
         self._given.applied_known = applied is not None
         self._plan(self._memory.ctypes.data, ctypes.byref(self._given), ctypes.byref(self._out))
         self._last = object()
-        return plan_of(self._out, self.controls, self.times, perf_counter() - begin, self._last)
+        return plan_of(self._out, self.controls, self.times, perf_counter() - begin, self._last, self.decided)
 
 
 def _input(n: dict[str, int]) -> type[ctypes.Structure]:
@@ -182,14 +183,25 @@ def _input(n: dict[str, int]) -> type[ctypes.Structure]:
 def output_of(n: dict[str, int]) -> type[ctypes.Structure]:
     """``NAME_output`` of a controller's header, with these sizes."""
     shapes = {"command": (n["CONTROLS"],), "u": (n["HORIZON"], n["CONTROLS"]), "x": (n["NODES"], n["STATES"])}
-    fields = [(k, numbers(*s)) for k, s in shapes.items()]
+    shapes |= {"decided": (n.get("DECIDED", 0),)}
+    fields = [(k, numbers(*s)) for k, s in shapes.items() if all(s) or k != "decided"]
     fields += [(k, ctypes.c_double) for k in ("cost", "residual", "violation", "seconds")]
     fields += [(k, ctypes.c_int) for k in ("status", "age", "stopping", "iterations")]
     return type("Output", (ctypes.Structure,), {"_fields_": [*fields, ("health", Counters)]})
 
 
-def plan_of(out: Any, controls: tuple[str, ...], times: np.ndarray, seconds: float, memory_: object) -> Plan:
-    """A ``NAME_output`` as a `Plan`."""
+def plan_of(
+    out: Any,
+    controls: tuple[str, ...],
+    times: np.ndarray,
+    seconds: float,
+    memory_: object,
+    decided: tuple[str, ...] = (),
+) -> Plan:
+    """A ``NAME_output`` as a `Plan`; ``decided`` names what it decides once."""
+    once = None if not decided or out.age else dict(zip(decided, view(out, "decided").tolist(), strict=True))
+    if once and "duration" in once:
+        times = times * (once["duration"] / times[-1])
     return Plan(
         u=view(out, "u").copy(),
         x=view(out, "x").copy(),
@@ -203,6 +215,7 @@ def plan_of(out: Any, controls: tuple[str, ...], times: np.ndarray, seconds: flo
         residual=out.residual,
         violation=out.violation,
         memory=memory_,
+        decided=once,
         times=times,
         health=health_of(out.health),
     )

@@ -17,6 +17,7 @@ from slipangle.errors import ConfigError, ParameterError
 from slipangle.export.built_controller import Counters, output_of, plan_of
 from slipangle.export.built_folder import BuiltFolder, loaded, memory, numbers, view
 from slipangle.files import write_atomic
+from slipangle.optimal.solution import Plan
 from slipangle.paths.path import Path
 
 PATH = "path.csv"
@@ -47,6 +48,7 @@ class BuiltDriver:
         self._names, sizes, self.name, self.dt = record["interface"], record["sizes"], record["name"], record["dt"]
         self.controls = tuple(self._names["controls"])
         self._planned, self._times = tuple(self._names["planned"]), np.array(self._names["times"])
+        self._decided = tuple(self._names.get("decided", ()))
         self.path = _read_path(built)
         self._library = library = built.library()
         self._start, self._step, self._plan = (getattr(library, f"{self.name}_{n}") for n in _FUNCTIONS)
@@ -111,7 +113,7 @@ class BuiltDriver:
             channels=tuple(self._names["channels"]),
             commands=np.dtype(kind),
             plan_bytes=ctypes.sizeof(made),
-            plan=lambda told, seconds: plan_of(made.from_buffer_copy(told), self._planned, self._times, seconds, None),
+            plan=lambda told, seconds: self._said_plan(made.from_buffer_copy(told), seconds),
             begin=self._memories,
         )
 
@@ -128,12 +130,15 @@ class BuiltDriver:
         if code:
             raise ConfigError(f"the library of '{self.folder}' refuses its memory (code {code}): build it again")
 
+    def _said_plan(self, said: ctypes.Structure, seconds: float) -> Plan:
+        return plan_of(said, self._planned, self._times, seconds, None, self._decided)
+
     def _commands(self, seconds: float) -> Commands:
         out, names = self._out, self._names
         plan = None
         if out.planned:
             made = self._plan(self._memory.ctypes.data).contents
-            plan = plan_of(made, self._planned, self._times, seconds, None)
+            plan = self._said_plan(made, seconds)
         if 0 < out.reason < LOST:
             message = f"{HINDERED[out.reason]}, {STAY}"
         else:

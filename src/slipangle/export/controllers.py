@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,25 @@ from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template
 
 LANES = (8, 4, 2, 1)
+ALIGNED = 64  # bytes between which the memory of a solver of its own may begin
+
+
+class Solver(NamedTuple):
+    """A solver in files of its own, ``car_NAME.h`` and ``.c``, and bytes of its memory by the numbers per vector."""
+
+    name: str
+    files: dict[str, str]
+    sizes: dict[int, int]
+
+
+def inner_solver(name: str, text: str) -> Solver:
+    """A solver from what stands after its header in ``car_NAME.c``; the header is a file of ``export/c``."""
+    text = re.sub(r"\brt_(?=[a-z])", f"car_{name}_rt_", text)  # so that several go into one program
+    sizes = {n: size_of(text, "Work", n) for n in LANES}
+    prefix = f"CAR_{name.upper()}"
+    head = f'#include "car_{name}.h"\n#define LANES {prefix}_LANES\n#define CALLERS_CLOCK\n{text}'
+    header = template(f"{name}.h").replace("@LANES@\n", lanes(prefix, sizes))
+    return Solver(name, {f"car_{name}.h": header, f"car_{name}.c": head}, sizes)
 
 
 def project(
@@ -26,6 +46,7 @@ def project(
     kind: str,
     facts: Mapping[str, Any],
     flags: tuple[str, ...] = (),
+    solver: Solver | None = None,
 ) -> Project:
     """The files of a controller whose C is ``source``, a template that begins after its header.
 
@@ -45,9 +66,13 @@ def project(
         For the manifest.
     flags : tuple of str, optional
         Those that Python compiles the same code with.
+    solver : Solver, optional
+        That is asked, with files and memory of its own.
     """
     counts = "\n".join(f"#define CAR_{k} {v}" for k, v in counts_of(controller).items())
-    sizes = {lanes: size_of(f"{counts}\n{source}", "Controller", lanes) for lanes in LANES}
+    own = {lanes: size_of(f"{counts}\n{source}", "Controller", lanes) for lanes in LANES}
+    inner = {} if solver is None else solver.files
+    sizes = {n: size + (0 if solver is None else solver.sizes[n]) for n, size in own.items()}
     title = f"{kind} of {controller.horizon} stages, a plan every {controller.dt:g} s"
     c = f'#include "car.h"\n#define LANES CAR_LANES\n#define CALLERS_CLOCK\n{source}'
     return Project(
@@ -55,12 +80,14 @@ def project(
         kind=kind,
         sentence=f"A {comment(title)}.",
         files={
-            "car.h": header(controller, sizes, title),
+            "car.h": header(controller, own, title, solver),
             "car.hpp": template("car.hpp"),
             "car.c": c,
+            **inner,
             "car_block.h": template("controller_block.h"),
             "main.c": replay("main.c"),
         },
+        sources=("car.c", *(n for n in inner if n.endswith(".c"))),
         drive=drive.text(),
         about=_about(controller, sizes),
         facts={
@@ -74,19 +101,21 @@ def project(
 
 
 def around(*decision: str) -> str:
-    """C of a controller: files that define its struct and how it decides, and around these what all have."""
-    return template("controller.c").replace("@DECISION@", "\n".join(map(template, decision)))
+    """C of a controller: what defines its struct and how it decides, and around this what all have."""
+    return template("controller.c").replace("@DECISION@", "\n".join(decision))
 
 
 def _interface(controller: Controller, sizes: Mapping[int, int]) -> dict[str, Any]:
     """Names and sizes, for those who load what was compiled from this."""
     names = {n: list(getattr(controller, n)) for n in ("controls", "references", "exogenous")}
+    names["decided"] = list(decided_once(controller))
     names |= {"states": list(controller.model.states), "times": [float(t) for t in controller.times]}
-    return {"interface": names, "sizes": {**counts_of(controller), "BYTES": max(sizes.values())}, "bytes": dict(sizes)}
+    most = max(sizes.values()) + ALIGNED
+    return {"interface": names, "sizes": {**counts_of(controller), "BYTES": most}, "bytes": dict(sizes)}
 
 
-def header(controller: Controller, sizes: Mapping[int, int], title: str) -> str:
-    """The text of ``car.h``."""
+def header(controller: Controller, sizes: Mapping[int, int], title: str, solver: Solver | None = None) -> str:
+    """The text of ``car.h``; the sizes are without the solver's own."""
     places = {"@STATES@": ("X", controller.model.states), "@CONTROLS@": ("U", controller.controls)}
     places |= {"@REFERENCES@": ("P", controller.references), "@EXOGENOUS@": ("W", controller.exogenous)}
     low, high = controller._judge.ranges
@@ -100,7 +129,9 @@ def header(controller: Controller, sizes: Mapping[int, int], title: str) -> str:
     bounds = limits_of(controller)
     text = template("car.h").replace("@TITLE@", comment(title)).replace("@LANES@\n", lanes("CAR", sizes))
     text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in counts_of(controller).items()))
-    text = text.replace("@DT@", repr(float(controller.dt)))
+    text = text.replace("@DT@", repr(float(controller.dt))).replace("@DECIDED@\n", _decided(controller))
+    text = text.replace("@INCLUDED@", f'#include "car_{solver.name}.h"\n' if solver else "")
+    text = text.replace("@SOLVER@", f"    car_{solver.name} {solver.name};\n" if solver else "")
     for mark, (letter, names) in places.items():
         known = bounds if letter == "U" else ranges
         lines = [
@@ -109,6 +140,23 @@ def header(controller: Controller, sizes: Mapping[int, int], title: str) -> str:
         ]
         text = text.replace(mark, "\n".join(lines) or "/* none */")
     return text.replace("@TIMES@", ", ".join(f"{t:g}" for t in controller.times))
+
+
+def decided_once(controller: Controller) -> tuple[str, ...]:
+    """What a plan decides once for the whole horizon: free parameters, and how long it is."""
+    ocp = getattr(controller, "ocp", None)
+    return () if ocp is None else tuple(ocp.decided_once)
+
+
+def _decided(controller: Controller) -> str:
+    """Names in C of what is decided once."""
+    ocp, once = getattr(controller, "ocp", None), decided_once(controller)
+    if ocp is None or not once:
+        return ""
+    bounds: dict[str, Any] = {**ocp.free, **({} if ocp.duration is None else {"duration": ocp.duration})}
+    listed = enumerate(constants("CAR_D", once).items())
+    lines = [f"#define {c} {i} /* {_meaning(n, (float(bounds[n][0]), float(bounds[n][1])))} */" for i, (n, c) in listed]
+    return "\n".join(["/* What is decided once for the whole horizon, with its limits. */", *lines, ""])
 
 
 def lanes(prefix: str, sizes: Mapping[int, int]) -> str:
@@ -129,6 +177,7 @@ def counts_of(controller: Controller) -> dict[str, int]:
         "HORIZON": controller.horizon,
         "NODES": controller.horizon + 1,
         "EXOGENOUS_ROWS": exogenous_rows(controller),
+        "DECIDED": len(decided_once(controller)),
         "CORRIDOR": int(getattr(getattr(controller, "ocp", None), "corridor", None) is not None),
     }
 

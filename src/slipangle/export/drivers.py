@@ -29,7 +29,7 @@ from slipangle.export.models import meaning
 from slipangle.export.mpc import mpc_project
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template, with_prefix
-from slipangle.export.windows import window_files
+from slipangle.export.windows import window_solver
 from slipangle.models.wrappers.on_ground import POSE
 from slipangle.paths.path import Path
 from slipangle.paths.preview import strides_between
@@ -105,13 +105,13 @@ def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
     """
     _require_known(driver)
     planner = mpc_project(driver.controller, "car_planner", NO_DRIVE)
-    inner = {n: planner.everything[n] for n in ("car_planner.h", "car_planner.c")}
+    parts = [source.removesuffix(".c").replace("car", "car_planner") for source in planner.sources]
+    inner = {f"{part}.{suffix}": planner.everything[f"{part}.{suffix}"] for part in parts for suffix in "hc"}
     if driver._trusts:
         inner["car_planner.c"] += _trusting(driver.controller)
-    window, sizes = (
-        window_files(driver.estimator) if isinstance(driver.estimator, MHE) else ({}, dict.fromkeys(LANES, 0))
-    )
-    inner |= window
+    back = window_solver(driver.estimator) if isinstance(driver.estimator, MHE) else None
+    sizes = back.sizes if back else dict.fromkeys(LANES, 0)
+    inner |= back.files if back else {}
     source = _source(driver)
     title = f"driver along '{driver.path.name}', a plan every {driver.dt:g} s"
     header = _header(driver, title)
@@ -144,6 +144,7 @@ def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
                 "states": list(model.states),
                 "outputs": list(model.outputs),
                 "planned": planned["controls"],
+                "decided": planned["decided"],
                 "times": planned["times"],
             },
             "sizes": {"planner": planner.facts["sizes"], "BYTES": most + 64},
@@ -162,6 +163,11 @@ def _require_known(driver: Driver) -> None:
                 f"a {type(part).__name__} in the driver has no C; expected a plain {kind.__name__}: write the parts "
                 "that have C by their own export"
             )
+    if driver._trusts and driver.controller.ocp.composed:
+        raise ParameterError(
+            "the driver weighs scenarios or free parameters by its trust in the model, which has no C; expected a "
+            "problem without: give Driver(controller=...) an MPC of its own, whose weights stay"
+        )
     if len(driver.controller.controls) != 1:
         raise ParameterError(
             f"the driver's controller decides {list(driver.controller.controls)}; expected the steering alone"

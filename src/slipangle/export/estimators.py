@@ -18,7 +18,7 @@ from slipangle.export.memory import size_of
 from slipangle.export.models import free_run, meaning
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template
-from slipangle.export.windows import window_files, window_tables
+from slipangle.export.windows import window_solver, window_tables
 from slipangle.optimal.realtime.backend import FLAGS
 
 EXACT = """\
@@ -99,7 +99,8 @@ def estimator_project(estimator: EKF, name: str, data: Dataset | int) -> Project
     source = "\n".join([*parts, template("estimator.c")])
     header = _header(estimator, title, start)
     bytes_ = size_of(f"{header}\n{source}", "Filter", 1)
-    window, sizes = window_files(back) if back else ({}, {1: 0})
+    solver = window_solver(back) if back else None
+    window, sizes = (solver.files, solver.sizes) if solver else ({}, {1: 0})
     counts = (("y", model.n_outputs), ("u", model.n_inputs), ("x", model.n_states))
     columns = [f"{kind} {i}" for kind, n in counts for i in range(n)]
     lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows.tolist())]

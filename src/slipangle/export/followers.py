@@ -90,9 +90,9 @@ def follower_project(follower: PathFollower | Compensated, name: str, drive: Dri
     if isinstance(follower, Compensated):
         kind = f"{kind} with delay and steady error compensated,"
         asked = template(file).replace("CAR_NODES", "LAW_NODES").replace("double steer(", "double follow(")
-        text = "\n".join([*lines, *_car(follower), asked, around("compensated.c", "follower.c")])
+        text = "\n".join([*lines, *_car(follower), asked, around(template("compensated.c"), template("follower.c"))])
     else:
-        text = "\n".join([*lines, around(file, "follower.c")])
+        text = "\n".join([*lines, around(template(file), template("follower.c"))])
     return project(follower, name, drive, text, kind=kind, facts={"horizon": follower.horizon})
 
 

@@ -11,12 +11,12 @@ from slipangle.control.marx.mpc import FARTHEST, SLOWEST, MultiARXMPC
 from slipangle.control.marx.solver import FLAGS, source
 from slipangle.export.controllers import around, number, project, table
 from slipangle.export.drives import Drive
-from slipangle.export.project import Project
+from slipangle.export.project import Project, template
 
 
 def marx_project(mpc: MultiARXMPC, name: str, drive: Drive) -> Project:
     """The files of predictive control on ARX models blended by speed; name and drive as for `project`."""
-    text = "\n".join([source(mpc.problem, caller=True), _constants(mpc), around("marx.c")])
+    text = "\n".join([source(mpc.problem, caller=True), _constants(mpc), around(template("marx.c"))])
     text = re.sub(r"\bmarx_(?=[a-z])", "car_program_", text)  # so that several projects go into one program
     facts = {"horizon": mpc.horizon, "models": len(mpc.numbers.speeds)}
     kind = "predictive controller on ARX models blended by speed"

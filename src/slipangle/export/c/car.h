@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#ifdef __cplusplus
+@INCLUDED@#ifdef __cplusplus
 extern "C" {
 #endif
 
@@ -30,6 +30,7 @@ typedef double car_seconds; /* of a clock */
 @REFERENCES@
 /* Columns of the exogenous inputs. */
 @EXOGENOUS@
+@DECIDED@
 
 /* Nodes are at these times from now [s]: @TIMES@. */
 typedef struct {
@@ -70,6 +71,9 @@ typedef struct {
     double command[CAR_CONTROLS];             /* to be applied now */
     double u[CAR_HORIZON][CAR_CONTROLS];      /* over the horizon */
     double x[CAR_NODES][CAR_STATES];          /* predicted states */
+#if CAR_DECIDED > 0
+    double decided[CAR_DECIDED];              /* once for the whole horizon; NaN of a fallback */
+#endif
     double cost, residual, violation;         /* NaN of a fallback */
     double seconds;                           /* by the caller's clock; 0 without */
     int status;                               /* how the solve ended, one of the above */
@@ -84,7 +88,7 @@ typedef struct {
     __attribute__((aligned(8 * CAR_LANES)))
 #endif
     int64_t memory[CAR_BYTES / 8];
-} car_controller;
+@SOLVER@} car_controller;
 
 enum { CAR_OK, CAR_TOO_SMALL, CAR_MISALIGNED };
 

@@ -13,6 +13,10 @@ static double elapsed(void *controller);
 @DECISION@
 typedef char car_bytes_are_enough[sizeof(Controller) <= CAR_BYTES ? 1 : -1];
 
+#ifndef NEEDED
+#define NEEDED sizeof(Controller)
+#endif
+
 static Controller *own(car_controller *c) { return (Controller *)(void *)c->memory; }
 
 static car_seconds clock_of(const Around *a) { return a->clock ? a->clock(a->clock_of) : 0; }
@@ -27,14 +31,13 @@ static double elapsed(void *controller)
 int car_start(car_controller *memory, size_t bytes)
 {
     Controller *c = own(memory);
-    if (bytes < sizeof(Controller))
+    if (bytes < NEEDED)
         return CAR_TOO_SMALL;
     if ((uintptr_t)c % ALIGNED)
         return CAR_MISALIGNED;
     memset(c, 0, sizeof *c);
     c->around.seconds = INFINITY;
-    set_up(c);
-    return CAR_OK;
+    return set_up(c);
 }
 
 void car_deadline(car_controller *memory, int iterations, car_seconds seconds, car_seconds (*clock)(void *), void *of)

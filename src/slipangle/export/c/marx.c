@@ -12,7 +12,7 @@ typedef struct {
 
 #define ALIGNED sizeof(V)
 
-static void set_up(Controller *c)
+static int set_up(Controller *c)
 {
     Work *s = &c->work;
     memcpy(s->speeds, SPEEDS, sizeof s->speeds);
@@ -26,6 +26,7 @@ static void set_up(Controller *c)
     memcpy(s->steps, STEPS, sizeof s->steps);
     memcpy(s->lowest, LOWEST, sizeof s->lowest);
     memcpy(s->highest, HIGHEST, sizeof s->highest);
+    return CAR_OK;
 }
 
 /* The number of events of the quadratic program is bounded as it was exported; a clock counts overruns. */

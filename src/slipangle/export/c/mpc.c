@@ -16,25 +16,25 @@ typedef struct {
 
 #define ALIGNED sizeof(V)
 
-static void set_up(Controller *c)
+#ifdef CAR_JOINED_H /* the problem has several parts, and a solver of its own for all of them */
+#define NEEDED sizeof(car_controller)
+
+static car_joined *joined_of(Controller *c) { return &((car_controller *)(void *)c)->joined; }
+#endif
+
+static int set_up(Controller *c)
 {
     Work *s = &c->work;
-    rt_begin(s);
-    memcpy(s->q, OF_ERRORS, sizeof s->q);
-    memcpy(s->wr, OF_INPUTS, sizeof s->wr);
-    memcpy(s->ws, OF_CHANGES, sizeof s->ws);
+    begin_solver(s);
     memcpy(s->lowest, LOWEST, sizeof s->lowest);
     memcpy(s->highest, HIGHEST, sizeof s->highest);
     memcpy(s->safe, SAFE, sizeof s->safe);
     memcpy(s->relaxing, RELAXING, sizeof s->relaxing);
-    if (N_LIMITS > 0) {
-        memcpy(s->plain, PLAIN, sizeof s->plain);
-        memcpy(s->square, SQUARE, sizeof s->square);
-    }
-    for (int i = 0; i < (N + 1) * NL * 2; i++)
-        s->bounds[i] = (i < N * NL * 2 ? BOUNDS : END_BOUNDS)[i % (2 * M1(NL))];
-    s->tolerance = TOLERANCE, s->newton = NEWTON, s->accept = ACCEPT, s->time_limit = INFINITY;
-    s->max_iterations = MAX_ITERATIONS, s->fixed = FIXED;
+#ifdef CAR_JOINED_H
+    return car_joined_start(joined_of(c), sizeof(car_joined));
+#else
+    return CAR_OK;
+#endif
 }
 
 /* What a deadline means to the solver. */
@@ -105,27 +105,7 @@ static void applied_before(const Controller *c, const car_input *in, double *to)
     }
 }
 
-/* Solve from what the plan before left; whether a solve went on from an unfinished one is in c->attempts. */
-static int solve(Controller *c)
-{
-    Work *s = &c->work;
-    int whole = c->found && c->attempts <= MOST_ATTEMPTS && moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX) &&
-                moderate(s->k, (NS + 1) * NK) && moderate(s->working, 1 + 2 * QT);
-    if (whole)
-        s->fresh = c->attempts ? RESUME : CONTINUE;
-    else if (c->plans) {
-        inputs_after(c->u, 1, s->u);
-        s->fresh = GIVEN_INPUTS;
-    } else
-        s->fresh = FROM_NOTHING;
-    if (!whole)
-        c->attempts = 0;
-    int status = rt_solve(s);
-    int answer = moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX);
-    c->attempts = status == TIME_OUT || status == ITERATION_LIMIT ? c->attempts + 1 : 0;
-    return (status == SOLVED || status == ITERATED) && !answer ? NOT_FINITE : status;
-}
-
+@SOLVE@
 /* The stop law where nothing was planned and the state is not known. */
 static void stop_blindly(const Work *s, const double *before, double *u)
 {
@@ -139,13 +119,24 @@ static void stop_blindly(const Work *s, const double *before, double *u)
         }
 }
 
+/* Whether the plan before, shifted, is one for now: not where its stages are longer or shorter than the steps of time. */
+static int in_time(Controller *c)
+{
+#ifdef DURATION
+    return fabs(car_joined_decided(joined_of(c))[DURATION] - SPAN) <= 1e-8 + 1e-5 * SPAN;
+#else
+    (void)c;
+    return 1;
+#endif
+}
+
 /* The last good plan shifted, or the stop law, into c->u and c->x; `known` says that the state is. */
 static void fall_back(Controller *c, const double *before, int known)
 {
     Work *s = &c->work;
     int most = FALLBACK < NS - 1 ? FALLBACK : NS - 1, later = 1;
     c->age = c->plans ? c->age + 1 : 1;
-    if (!c->plans || c->stopping)
+    if (!c->plans || c->stopping || (c->age == 1 && !in_time(c)))
         c->kept = 0;
     else if (!c->kept) {
         memcpy(c->kept_u, c->u, sizeof c->u);
@@ -223,6 +214,10 @@ static int decide(Controller *c, const car_input *in, car_output *out)
         c->age = c->kept = c->stopping = 0;
     }
     memcpy(out->x, c->x, sizeof c->x);
+#if CAR_DECIDED > 0
+    for (int i = 0; i < CAR_DECIDED; i++)
+        out->decided[i] = fell ? NAN : car_joined_decided(joined_of(c))[i];
+#endif
     out->cost = c->age ? NAN : s->cost, out->residual = c->age ? NAN : s->residual;
     out->violation = c->age ? NAN : s->violation;
     return status;

@@ -14,18 +14,7 @@ int car_window_start(car_window *memory, size_t bytes)
     if ((uintptr_t)s % ALIGNED)
         return CAR_WINDOW_MISALIGNED;
     memset(s, 0, sizeof *s);
-    rt_begin(s);
-    memcpy(s->q, OF_ERRORS, sizeof s->q);
-    memcpy(s->wr, OF_INPUTS, sizeof s->wr);
-    memcpy(s->ws, OF_CHANGES, sizeof s->ws);
-    if (N_LIMITS > 0) {
-        memcpy(s->plain, PLAIN, sizeof s->plain);
-        memcpy(s->square, SQUARE, sizeof s->square);
-    }
-    for (int i = 0; i < (N + 1) * NL * 2; i++)
-        s->bounds[i] = (i < N * NL * 2 ? BOUNDS : END_BOUNDS)[i % (2 * M1(NL))];
-    s->tolerance = TOLERANCE, s->newton = NEWTON, s->accept = ACCEPT, s->time_limit = INFINITY;
-    s->max_iterations = MAX_ITERATIONS, s->fixed = FIXED;
+    begin_solver(s);
     return CAR_WINDOW_OK;
 }
 

@@ -1,0 +1,56 @@
+"""C of the solver of a problem with scenarios or free parameters: the one problem that it is, in a file of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slipangle.export.controllers import Solver, inner_solver, table
+from slipangle.export.mpc_tables import solver_tables
+from slipangle.export.project import template
+from slipangle.optimal.joined import Joined
+from slipangle.optimal.ocp import OCP, Reference
+from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.realtime.program import source
+
+
+def joined_solver(ocp: OCP, settings: RealTime) -> Solver:
+    """``car_joined.h`` and ``car_joined.c`` of a problem of several parts."""
+    joined = Joined(ocp)
+    bounds = joined.limits_at_nodes.copy()
+    bounds[~joined.limited_at] = -np.inf, np.inf
+    text = [source(joined, caller=True, qp=settings.qp), solver_tables(joined, settings, bounds), *_tables(joined)]
+    return inner_solver("joined", "\n".join([*text, template("begin_solver.c"), template("joined.c")]))
+
+
+def _tables(joined: Joined) -> list[str]:
+    """How one part is spread over all: where each exogenous input comes from, and what is the same at every step."""
+    base, once = joined.base, joined.base.decided_once
+    nx, nu, states = base.model.n_states, len(base.controls), [f"@{n}" for n in base.model.states]
+    varied = () if base.scenarios is None else base.scenarios.values
+    known = [base.exogenous.index(n) if n in base.exogenous and n not in varied else -1 for n in joined.exogenous]
+    nothing = Reference(
+        tracked=np.zeros((base.horizon + 1, len(base.references))),
+        exogenous=np.zeros((base.horizon + 1, len(base.exogenous))),
+        corridor=None if base.corridor is None else np.zeros((base.horizon + 1, 2)),
+    )
+    numbers = {
+        "ONE_N": base.horizon,
+        "ONE_NX": nx,
+        "ONE_NU": nu,
+        "ONE_NW": len(base.exogenous),
+        "N_ONCE": len(once),
+        "LEAD": int(joined.starts[0]),
+        "LIKELY": int(np.argmax(joined.share)),
+    }
+    whole = {
+        "KNOWN": known,
+        "BACK": [states.index(n) if n in states else -1 for n in joined.exogenous],
+        "ONCE_FROM": [base.exogenous.index(n) if n in base.exogenous else -1 for n in once],
+    }
+    real = {
+        "FIXED_W": joined.spread(np.zeros(nx), np.zeros(nu), nothing).exogenous,
+        "REST": joined.resting(np.zeros(nu)),
+        "ONCE": joined.guess(nothing),
+    }
+    lines = [f"#define {n} {v}" for n, v in numbers.items()]
+    return [*lines, *(table(n, v, "int") for n, v in whole.items()), *(table(n, v) for n, v in real.items())]
