@@ -1,4 +1,4 @@
-"""FMUs in other people's importers: libcosim, on Modelon's FMI Library (FMI 2.0), and Ecos, on fmi4c (FMI 2.0 and 3.0)."""
+"""FMUs in other importers: libcosim, on Modelon's FMI Library (FMI 2.0), and Ecos, on fmi4c (FMI 2.0 and 3.0)."""
 
 import numpy as np
 import pytest
@@ -47,7 +47,7 @@ class Ecos:
 
 
 class Cosim:
-    """An instance in libcosim, its variables by name; what is set counts from the next step on, what is got is of its end."""
+    """An instance in libcosim, its variables by name; what is set counts from the next step on."""
 
     def __init__(self, path, dt, **start):
         reason = "libcosimpy is not installed: pip install --group export"
