@@ -10,7 +10,7 @@ from slipangle.export.fmi import export_fmu
 from slipangle.export.kinds import project_of
 from slipangle.paths.lane_change import double_lane_change
 from tests.control.marx.test_mpc import BY_POSE
-from tests.export import test_joined, test_sensors, test_windows
+from tests.export import test_joined, test_marx_learns, test_sensors, test_windows
 from tests.export.test_drivers import driver
 from tests.export.test_estimators import VARIANTS
 from tests.export.test_mpc import KINDS, STANLEY, controller
@@ -27,11 +27,12 @@ EXPORTED = {
     "recursion": lambda: started("directional, constant"),
     "model": lambda: ALL_MODELS["saturating bicycle"],
     "MARX-MPC": lambda: BY_POSE,
+    "MARX that learns": lambda: test_marx_learns.INTEGRAL,
     "MPC": lambda: controller(**KINDS["corridor and soft limits"]),
     "scenarios": test_joined.KINDS["a corridor at two speeds"],
     "driver": lambda: driver(double_lane_change(20.0), horizon=6),
 }
-LONG = {"estimator", "moving horizon", "virtual sensor", "recursion", "MARX-MPC", "MPC", "scenarios", "driver"}
+LONG = {*EXPORTED} - {"path follower", "model"}
 EACH = pytest.mark.parametrize(
     "kind", [pytest.param(k, marks=[pytest.mark.slow] * (k in LONG)) for k in (*EXPORTED, "FMU 2", "FMU 3")]
 )

@@ -445,6 +445,27 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "export/c/marx_learns.c",
+        "export/test_marx_learns.py::test_same_lessons_and_commands_as_python",
+        [
+            (
+                "exported learning: what leaves the trusted region is kept",
+                "    if (!trusted(theta))\n        return CAR_DOUBTFUL;\n",
+                "",
+            ),
+            (
+                "exported learning: forgets in all directions",
+                "FORGETTING - (1 - FORGETTING) / information",
+                "FORGETTING",
+            ),
+            (
+                "exported learning: the program keeps its first models",
+                "    if (l->lesson == CAR_LEARNED)\n        hand_over(l, s);\n",
+                "",
+            ),
+        ],
+    ),
+    *mistakes(
         "export/c/driver.c",
         "export/test_drivers.py::test_same_as_python_to_the_last_bit_whatever_it_is_told",
         [

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slipangle.control.controller import Controller
+from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC
 from slipangle.data.channels import STANDARD
 from slipangle.export.drives import Drive
 from slipangle.export.memory import size_of
@@ -118,7 +119,7 @@ def header(controller: Controller, sizes: Mapping[int, int], title: str, solver:
     """The text of ``car.h``; the sizes are without the solver's own."""
     places = {"@STATES@": ("X", controller.model.states), "@CONTROLS@": ("U", controller.controls)}
     places |= {"@REFERENCES@": ("P", controller.references), "@EXOGENOUS@": ("W", controller.exogenous)}
-    low, high = controller._judge.ranges
+    low, high = base_of(controller)._judge.ranges
     ranges = dict(
         zip(
             [*controller.model.states, *controller.references, *controller.exogenous],
@@ -126,7 +127,7 @@ def header(controller: Controller, sizes: Mapping[int, int], title: str, solver:
             strict=False,
         )
     )
-    bounds = limits_of(controller)
+    bounds = limits_of(base_of(controller))
     text = template("car.h").replace("@TITLE@", comment(title)).replace("@LANES@\n", lanes("CAR", sizes))
     text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in counts_of(controller).items()))
     text = text.replace("@DT@", repr(float(controller.dt))).replace("@DECIDED@\n", _decided(controller))
@@ -177,9 +178,15 @@ def counts_of(controller: Controller) -> dict[str, int]:
         "HORIZON": controller.horizon,
         "NODES": controller.horizon + 1,
         "EXOGENOUS_ROWS": exogenous_rows(controller),
+        "LEARNS": int(isinstance(controller, AdaptiveMultiARXMPC)),
         "DECIDED": len(decided_once(controller)),
         "CORRIDOR": int(getattr(getattr(controller, "ocp", None), "corridor", None) is not None),
     }
+
+
+def base_of(controller: Controller) -> Controller:
+    """The controller that judges and plans: what learns is around it."""
+    return controller.base if isinstance(controller, AdaptiveMultiARXMPC) else controller
 
 
 def limits_of(controller: Controller) -> dict[str, tuple[float, float]]:

@@ -9,6 +9,7 @@ from slipangle.control.controller import Controller
 from slipangle.control.driver import Driver
 from slipangle.control.followers.compensated import Compensated
 from slipangle.control.followers.followers import PathFollower
+from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
 from slipangle.data.dataset import Dataset
@@ -85,6 +86,12 @@ def _(thing: MPC, name: str, drive: Drive | Dataset | int) -> Project:
 @project_of.register
 def _(thing: MultiARXMPC, name: str, drive: Drive | Dataset | int) -> Project:
     _require_own(thing, MultiARXMPC)
+    return marx_project(thing, name or "marx", _driven(thing, drive))
+
+
+@project_of.register
+def _(thing: AdaptiveMultiARXMPC, name: str, drive: Drive | Dataset | int) -> Project:
+    _require_own(thing, AdaptiveMultiARXMPC)
     return marx_project(thing, name or "marx", _driven(thing, drive))
 
 

@@ -7,6 +7,8 @@ import re
 import numpy as np
 
 from slipangle.control.fallback import RELAX
+from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC
+from slipangle.control.marx.blended import FASTEST
 from slipangle.control.marx.mpc import FARTHEST, SLOWEST, MultiARXMPC
 from slipangle.control.marx.solver import FLAGS, source
 from slipangle.export.controllers import around, number, project, table
@@ -14,13 +16,18 @@ from slipangle.export.drives import Drive
 from slipangle.export.project import Project, template
 
 
-def marx_project(mpc: MultiARXMPC, name: str, drive: Drive) -> Project:
+def marx_project(controller: MultiARXMPC | AdaptiveMultiARXMPC, name: str, drive: Drive) -> Project:
     """The files of predictive control on ARX models blended by speed; name and drive as for `project`."""
-    text = "\n".join([source(mpc.problem, caller=True), _constants(mpc), around(template("marx.c"))])
+    learns = isinstance(controller, AdaptiveMultiARXMPC)
+    mpc = controller.base if isinstance(controller, AdaptiveMultiARXMPC) else controller
+    decision = template("marx.c").replace("@LEARNS@", template("marx_learns.c") + "\n" if learns else "")
+    decision = decision.replace("@LEARNER@", "    Learner learner;\n" if learns else "")
+    constants = _constants(mpc) + (_of_learning(controller) if isinstance(controller, AdaptiveMultiARXMPC) else "")
+    text = "\n".join([source(mpc.problem, caller=True), constants, around(decision)])
     text = re.sub(r"\bmarx_(?=[a-z])", "car_program_", text)  # so that several projects go into one program
     facts = {"horizon": mpc.horizon, "models": len(mpc.numbers.speeds)}
-    kind = "predictive controller on ARX models blended by speed"
-    return project(mpc, name, drive, text, kind=kind, facts=facts, flags=FLAGS)
+    kind = f"predictive controller on ARX models blended by speed{', which learn' if learns else ''}"
+    return project(controller, name, drive, text, kind=kind, facts=facts, flags=FLAGS)
 
 
 def _constants(mpc: MultiARXMPC) -> str:
@@ -44,3 +51,23 @@ def _constants(mpc: MultiARXMPC) -> str:
     lines = [table(n, v) for n, v in arrays.items()]
     lines += [f"#define {n} {number(v)}" for n, v in scalars.items()]
     return "\n".join([*lines, f"#define FALLBACK {mpc.fallback}", ""])
+
+
+def _of_learning(controller: AdaptiveMultiARXMPC) -> str:
+    """What is known before the first sample, and what is learned from."""
+    first, supervisor, names = controller._first, controller.supervisor, controller.base.blended.outputs
+    arrays = {"THETA": first.theta, "UNSURE": np.diag(first.P), "RESPONSE": controller._start_response}
+    scalars = {
+        "NOISE": controller.noise,
+        "FORGETTING": controller.forgetting,
+        "EXCITATION": supervisor.excitation,
+        "SURPRISE": supervisor.surprise,
+        "LARGEST_GAIN": supervisor.gain,
+        "LATERAL": supervisor.lateral,
+        "LEAST_CHANGE": supervisor.least_change,
+        "FASTEST": FASTEST,
+    }
+    lines = [*(table(n, v) for n, v in arrays.items()), *(f"#define {n} {number(v)}" for n, v in scalars.items())]
+    lines += [f"#define REACH {supervisor.reach}"]
+    lines += [f"#define YAW_RATE {names.index('r')}"] if "r" in names else []
+    return "\n".join([*lines, ""])

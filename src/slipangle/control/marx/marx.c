@@ -30,24 +30,30 @@ typedef struct {
     Qp qp;
 } Work;
 
+/* Weights of the models at a speed. */
+static void weights_at(const Work *s, double v, double *w)
+{
+    double last = 1.0;
+    for (int j = 0; j < NJ; j++) {
+        double t = 0.0;
+        if (j + 1 < NJ) {
+            t = fmin(fmax((v - s->speeds[j]) / (s->speeds[j + 1] - s->speeds[j]), 0.0), 1.0);
+            if (SMOOTH)
+                t = t * t * (3.0 - 2.0 * t);
+        }
+        w[j] = last - t;
+        last = t;
+    }
+}
+
 static void speed_weights(Work *s)
 {
     for (int i = 0; i <= NH; i++) {
-        double *w = s->w + i * NJ, v = s->v[i < NH ? i : NH - 1], last = 1.0;
-        if (i == NH || (i && v == s->v[i - 1])) {
+        double *w = s->w + i * NJ, v = s->v[i < NH ? i : NH - 1];
+        if (i == NH || (i && v == s->v[i - 1]))
             memcpy(w, w - NJ, sizeof(double) * NJ);
-            continue;
-        }
-        for (int j = 0; j < NJ; j++) {
-            double t = 0.0;
-            if (j + 1 < NJ) {
-                t = fmin(fmax((v - s->speeds[j]) / (s->speeds[j + 1] - s->speeds[j]), 0.0), 1.0);
-                if (SMOOTH)
-                    t = t * t * (3.0 - 2.0 * t);
-            }
-            w[j] = last - t;
-            last = t;
-        }
+        else
+            weights_at(s, v, w);
     }
     memcpy(s->weights, s->w, sizeof s->weights);
 }

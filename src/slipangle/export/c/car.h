@@ -61,6 +61,18 @@ enum {
     CAR_IMPLAUSIBLE      /* state or reference lies far outside what it can be */
 };
 
+#if CAR_LEARNS
+enum {
+    CAR_LEARNED,    /* the sample was learned from */
+    CAR_WAITING,    /* there is no sample before this one */
+    CAR_QUIET,      /* the regressors say next to nothing new */
+    CAR_SURPRISING, /* the prediction error is far outside its usual size */
+    CAR_SATURATED,  /* the lateral acceleration is beyond the range in which a linear model holds */
+    CAR_OUTSIDE,    /* the speed is outside the models' range */
+    CAR_DOUBTFUL    /* the coefficients would have left the region that is trusted, so they stay */
+};
+#endif
+
 /* Since car_start: plans asked for; those that were no solution, and how many in a row up to now; those that took longer
    than the deadline, and how many in a row up to now. */
 typedef struct {
@@ -80,6 +92,10 @@ typedef struct {
     int age;                                  /* 0: a solution; k: a fallback, the k-th in a row */
     int stopping;                             /* the stop law, as no recent plan is left: the speed should go to zero */
     int iterations;
+#if CAR_LEARNS
+    int lesson;      /* what was made of this sample, one of the above */
+    int64_t samples; /* that have been learned from */
+#endif
     car_health health;
 } car_output;
 

@@ -3,12 +3,12 @@
 
 enum { DECIDED, IMPOSSIBLE = CAR_NOT_FINITE, NO_PLAN = CAR_FAILED };
 
-typedef struct {
+@LEARNS@typedef struct {
     Work work; /* first, as its vectors are aligned */
     double u[NH], x[(NH + 1) * NS], offset[NY];
     Around around;
     int plans, age, stopping;
-} Controller;
+@LEARNER@} Controller;
 
 #define ALIGNED sizeof(V)
 
@@ -26,6 +26,9 @@ static int set_up(Controller *c)
     memcpy(s->steps, STEPS, sizeof s->steps);
     memcpy(s->lowest, LOWEST, sizeof s->lowest);
     memcpy(s->highest, HIGHEST, sizeof s->highest);
+#if CAR_LEARNS
+    begin_learning(&c->learner, s);
+#endif
     return CAR_OK;
 }
 
@@ -108,6 +111,10 @@ static int decide(Controller *c, const car_input *in, car_output *out)
     memcpy(s->v, in->exogenous, sizeof s->v);
     s->applied[0] = before;
     s->qp.clock_of = c;
+#if CAR_LEARNS
+    learn(&c->learner, s);
+    out->lesson = c->learner.lesson, out->samples = c->learner.samples;
+#endif
     int status = fault(s), fell = 1, standing = 0;
     if (status == DECIDED && s->v[0] < SLOWEST)
         status = NO_PLAN, standing = 1;
@@ -125,6 +132,11 @@ static int decide(Controller *c, const car_input *in, car_output *out)
         memcpy(c->x, s->states, sizeof c->x);
         c->age = c->stopping = 0;
     }
+#if CAR_LEARNS
+    c->learner.known = status != CAR_NOT_FINITE && status != CAR_IMPLAUSIBLE;
+    memcpy(c->learner.x, s->x, sizeof s->x);
+    c->learner.u = c->u[0];
+#endif
     memcpy(out->x, c->x, sizeof c->x);
     out->iterations = fell ? 0 : (int)s->iterations[0];
     out->cost = fell ? NAN : s->cost[0], out->residual = fell ? NAN : s->residual[0], out->violation = NAN;
