@@ -131,3 +131,17 @@ def test_bad_settings_say_what_to_do():
         SwitchedMPC(replace(LIMIT, Q=Weights(Y=1.0)), replace(LIMIT, Q=Weights(Y=1.0)))
     with pytest.raises(ParameterError, match="differ"):
         SideBySide(BICYCLE, Bicycle(params=SOUSA_TABLE_7_2, dt=0.05))
+
+
+def test_a_calm_controller_keeps_its_offsets():
+    """What it believes of a steady error grows from step to step, as it does alone; a change of turns forgets it."""
+    calm = replace(CALM, integral=0.2)
+    both, x, alone, plan = replace(SWITCHED, calm=calm), state(), None, None
+    x[SWITCHED.model.states.index("v_y")] = 0.05
+    for _ in range(6):
+        alone = calm.plan(SWITCHED.model.split(x)[0], bend(0.0), alone)
+        plan = both.plan(x, bend(0.0), plan)
+        assert plan.active == 0
+        assert np.array_equal(plan.u, alone.u)
+    assert np.abs(alone.offset).max() > 0.005
+    assert both.plan(x, bend(0.03), plan).active == 1

@@ -57,6 +57,8 @@ def given_and_made(n, kind=ctypes.c_double):
         made.append(("decided", array(n["DECIDED"])))
     made += [(k, kind) for k in ("cost", "residual", "violation", "seconds")]
     made += [(k, ctypes.c_int) for k in ("status", "age", "stopping", "iterations")]
+    if n.get("SWITCHES"):
+        made += [("demand", kind), ("active", ctypes.c_int)]
     if n.get("LEARNS"):
         made += [("lesson", ctypes.c_int), ("samples", ctypes.c_int64)]
     given, made = [*given, ("applied_known", ctypes.c_int)], [*made, ("health", Health)]

@@ -14,6 +14,7 @@ from tests.export import (
     test_joined,
     test_marx_learns,
     test_sensors,
+    test_switched,
     test_widths,
     test_windows,
 )
@@ -28,6 +29,7 @@ KINDS = {  # what it is, columns of its drive before its inputs, how many of wha
     "MPC, implicit wheels": (lambda: test_widths.controller(6), 0, "RACER_CONTROLS", 100_000),
     "MARX": (lambda: BY_POSE, 0, "RACER_CONTROLS", 100_000),
     "MARX that learns": (lambda: test_marx_learns.INTEGRAL, 0, "RACER_CONTROLS", 100_000),
+    "switched": (lambda: test_switched.KINDS["MARX with offsets"], 0, "RACER_CONTROLS", 100_000),
     "Stanley": (lambda: test_followers.KINDS["Stanley"], 0, "RACER_CONTROLS", 100_000),
     "pure pursuit": (lambda: test_followers.KINDS["pure pursuit"], 0, "RACER_CONTROLS", 100_000),
     "LQR with preview": (lambda: test_followers.KINDS["LQR with preview"], 0, "RACER_CONTROLS", 100_000),

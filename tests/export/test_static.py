@@ -10,7 +10,7 @@ from slipangle.export.fmi import export_fmu
 from slipangle.export.kinds import project_of
 from slipangle.paths.lane_change import double_lane_change
 from tests.control.marx.test_mpc import BY_POSE
-from tests.export import test_joined, test_marx_learns, test_sensors, test_windows
+from tests.export import test_joined, test_marx_learns, test_sensors, test_switched, test_windows
 from tests.export.test_drivers import driver
 from tests.export.test_estimators import VARIANTS
 from tests.export.test_mpc import KINDS, STANLEY, controller
@@ -27,6 +27,7 @@ EXPORTED = {
     "recursion": lambda: started("directional, constant"),
     "model": lambda: ALL_MODELS["saturating bicycle"],
     "MARX-MPC": lambda: BY_POSE,
+    "switched": lambda: test_switched.SWITCHED,
     "MARX that learns": lambda: test_marx_learns.INTEGRAL,
     "MPC": lambda: controller(**KINDS["corridor and soft limits"]),
     "scenarios": test_joined.KINDS["a corridor at two speeds"],
@@ -36,7 +37,14 @@ LONG = {*EXPORTED} - {"path follower", "model"}
 EACH = pytest.mark.parametrize(
     "kind", [pytest.param(k, marks=[pytest.mark.slow] * (k in LONG)) for k in (*EXPORTED, "FMU 2", "FMU 3")]
 )
-DEFINED = ("-DCAR_LANES=1", "-DCAR_PLANNER_LANES=1", "-DCAR_WINDOW_LANES=1", "-DCAR_JOINED_LANES=1")
+DEFINED = (
+    "-DCAR_LANES=1",
+    "-DCAR_PLANNER_LANES=1",
+    "-DCAR_WINDOW_LANES=1",
+    "-DCAR_JOINED_LANES=1",
+    "-DCAR_CALM_LANES=1",
+    "-DCAR_LIMIT_LANES=1",
+)
 FINDINGS = {  # of Cppcheck, and what stands in their lines; the documents explain each
     "negativeIndex": "LIMIT_STAGE",
     "overlappingWriteFunction": "memcpy(",

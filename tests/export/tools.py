@@ -83,7 +83,7 @@ def machine(name):
     return {
         "gcc": (("gcc", "-O2", "-march=native"), "", (), ("gcc",)),
         "gcc without SIMD": (
-            ("gcc", "-O2", *(f"-DCAR{p}_LANES=1" for p in ("", "_WINDOW", "_JOINED"))),
+            ("gcc", "-O2", *(f"-DCAR{p}_LANES=1" for p in ("", "_WINDOW", "_JOINED", "_CALM", "_LIMIT"))),
             "",
             (),
             ("gcc",),

@@ -466,6 +466,27 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "export/c/switched.c",
+        "export/test_switched.py::test_takes_turns_as_python_does_whatever_happens",
+        [
+            (
+                "exported turns: the other one is not told of the plan before",
+                "            car_limit_take_over(&whole(c)->limit, &limit);\n",
+                "",
+            ),
+            (
+                "exported turns: gives back at once",
+                "return c->active && c->calm_steps <= DWELL;",
+                "return 0;",
+            ),
+            (
+                "exported turns: what is planned asks for no grip",
+                "fabs(c->heading[i + 1] - c->heading[i]) / PERIOD * v",
+                "0 * v",
+            ),
+        ],
+    ),
+    *mistakes(
         "export/c/driver.c",
         "export/test_drivers.py::test_same_as_python_to_the_last_bit_whatever_it_is_told",
         [

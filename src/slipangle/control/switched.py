@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import KW_ONLY, dataclass, fields
+from dataclasses import KW_ONLY, dataclass, fields, replace
 from functools import cached_property
 from time import perf_counter
 from typing import Any
@@ -114,11 +114,14 @@ class SwitchedPlan(Plan):
         Lateral acceleration demanded over the friction's, see `SwitchedMPC`. [-]
     calm_steps : int
         Steps in a row with little demand.
+    planned : Plan
+        The active controller's own, from which it goes on while it stays active.
     """
 
     active: int
     demand: float
     calm_steps: int
+    planned: Plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,8 +228,8 @@ class SwitchedMPC(Led):
         x, wanted = given(self, x, reference, previous)
         demand = self.demand(x, wanted, previous)
         last = previous if isinstance(previous, SwitchedPlan) else None
-        before = 0 if last is None else counted(last.calm_steps)
-        calm_steps = before + 1 if demand < self.leave else 0
+        calm_before = 0 if last is None else counted(last.calm_steps)
+        calm_steps = calm_before + 1 if demand < self.leave else 0
         active = 0 if last is None else int(last.active == 1)
         if demand > self.enter:
             active = 1
@@ -234,7 +237,10 @@ class SwitchedMPC(Led):
             active = 0
         chosen = (self.calm, self.limit)[active]
         part = self.model.split(x)[active]
-        planned = chosen.plan(part, wanted, previous, applied=applied)
+        before = previous
+        if last is not None and last.active == active and isinstance(last.planned, Plan):  # with all that is its own
+            before = replace(last.planned, **{f.name: getattr(last, f.name) for f in fields(Plan)})
+        planned = chosen.plan(part, wanted, before, applied=applied)
         values = {f.name: getattr(planned, f.name) for f in fields(Plan)}
         values["seconds"] = perf_counter() - begin
-        return SwitchedPlan(**values, active=active, demand=demand, calm_steps=calm_steps)
+        return SwitchedPlan(**values, active=active, demand=demand, calm_steps=calm_steps, planned=planned)

@@ -19,7 +19,7 @@ from slipangle.export.project import Project, template
 
 STATES = 10_000
 LIMIT = 3600.0  # s, of one measurement
-_ALONE = ("", "_PLANNER", "_WINDOW", "_JOINED", "_PLANNER_JOINED")
+_ALONE = ("", "_PLANNER", "_WINDOW", "_JOINED", "_PLANNER_JOINED", "_CALM", "_LIMIT")
 FLAGS = ("-O2", *(f"-DCAR{part}_LANES=1" for part in _ALONE))  # as for a processor without vectors
 _CALLS: Mapping[str, tuple[str, str]] = {
     "plan": (

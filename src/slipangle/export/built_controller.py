@@ -187,6 +187,7 @@ def output_of(n: dict[str, int]) -> type[ctypes.Structure]:
     fields = [(k, numbers(*s)) for k, s in shapes.items() if all(s) or k != "decided"]
     fields += [(k, ctypes.c_double) for k in ("cost", "residual", "violation", "seconds")]
     fields += [(k, ctypes.c_int) for k in ("status", "age", "stopping", "iterations")]
+    fields += [("demand", ctypes.c_double), ("active", ctypes.c_int)] if n.get("SWITCHES") else []
     fields += [("lesson", ctypes.c_int), ("samples", ctypes.c_int64)] if n.get("LEARNS") else []
     return type("Output", (ctypes.Structure,), {"_fields_": [*fields, ("health", Counters)]})
 

@@ -10,32 +10,34 @@ import numpy as np
 
 from slipangle.control.controller import Controller
 from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC
+from slipangle.control.switched import SwitchedMPC
 from slipangle.data.channels import STANDARD
-from slipangle.export.drives import Drive
+from slipangle.export.drives import Drive, exogenous_rows
 from slipangle.export.memory import size_of
 from slipangle.export.names import comment, constants
 from slipangle.export.project import Project, replay, template
 
 LANES = (8, 4, 2, 1)
-ALIGNED = 64  # bytes between which the memory of a solver of its own may begin
+ALIGNED = 64  # bytes between which the memory of each part may begin
 
 
-class Solver(NamedTuple):
-    """A solver in files of its own, ``car_NAME.h`` and ``.c``, and bytes of its memory by the numbers per vector."""
+class Part(NamedTuple):
+    """What a controller asks, in files of its own, ``car_NAME.h`` and ``.c``; the bytes of its struct by lanes."""
 
     name: str
     files: dict[str, str]
     sizes: dict[int, int]
+    struct: str
 
 
-def inner_solver(name: str, text: str) -> Solver:
+def inner_solver(name: str, text: str) -> Part:
     """A solver from what stands after its header in ``car_NAME.c``; the header is a file of ``export/c``."""
     text = re.sub(r"\brt_(?=[a-z])", f"car_{name}_rt_", text)  # so that several go into one program
     sizes = {n: size_of(text, "Work", n) for n in LANES}
     prefix = f"CAR_{name.upper()}"
     head = f'#include "car_{name}.h"\n#define LANES {prefix}_LANES\n#define CALLERS_CLOCK\n{text}'
     header = template(f"{name}.h").replace("@LANES@\n", lanes(prefix, sizes))
-    return Solver(name, {f"car_{name}.h": header, f"car_{name}.c": head}, sizes)
+    return Part(name, {f"car_{name}.h": header, f"car_{name}.c": head}, sizes, f"car_{name}")
 
 
 def project(
@@ -47,7 +49,7 @@ def project(
     kind: str,
     facts: Mapping[str, Any],
     flags: tuple[str, ...] = (),
-    solver: Solver | None = None,
+    parts: Sequence[Part] = (),
 ) -> Project:
     """The files of a controller whose C is ``source``, a template that begins after its header.
 
@@ -67,13 +69,13 @@ def project(
         For the manifest.
     flags : tuple of str, optional
         Those that Python compiles the same code with.
-    solver : Solver, optional
-        That is asked, with files and memory of its own.
+    parts : sequence of Part, optional
+        Those that it asks, with files and memory of their own.
     """
     counts = "\n".join(f"#define CAR_{k} {v}" for k, v in counts_of(controller).items())
     own = {lanes: size_of(f"{counts}\n{source}", "Controller", lanes) for lanes in LANES}
-    inner = {} if solver is None else solver.files
-    sizes = {n: size + (0 if solver is None else solver.sizes[n]) for n, size in own.items()}
+    inner = {name: text for part in parts for name, text in part.files.items()}
+    sizes = {n: size + sum(part.sizes[n] for part in parts) for n, size in own.items()}
     title = f"{kind} of {controller.horizon} stages, a plan every {controller.dt:g} s"
     c = f'#include "car.h"\n#define LANES CAR_LANES\n#define CALLERS_CLOCK\n{source}'
     return Project(
@@ -81,7 +83,7 @@ def project(
         kind=kind,
         sentence=f"A {comment(title)}.",
         files={
-            "car.h": header(controller, own, title, solver),
+            "car.h": header(controller, own, title, parts),
             "car.hpp": template("car.hpp"),
             "car.c": c,
             **inner,
@@ -111,15 +113,15 @@ def _interface(controller: Controller, sizes: Mapping[int, int]) -> dict[str, An
     names = {n: list(getattr(controller, n)) for n in ("controls", "references", "exogenous")}
     names["decided"] = list(decided_once(controller))
     names |= {"states": list(controller.model.states), "times": [float(t) for t in controller.times]}
-    most = max(sizes.values()) + ALIGNED
+    most = max(sizes.values()) + 3 * ALIGNED
     return {"interface": names, "sizes": {**counts_of(controller), "BYTES": most}, "bytes": dict(sizes)}
 
 
-def header(controller: Controller, sizes: Mapping[int, int], title: str, solver: Solver | None = None) -> str:
-    """The text of ``car.h``; the sizes are without the solver's own."""
+def header(controller: Controller, sizes: Mapping[int, int], title: str, parts: Sequence[Part] = ()) -> str:
+    """The text of ``car.h``; the sizes are without the parts' own."""
     places = {"@STATES@": ("X", controller.model.states), "@CONTROLS@": ("U", controller.controls)}
     places |= {"@REFERENCES@": ("P", controller.references), "@EXOGENOUS@": ("W", controller.exogenous)}
-    low, high = base_of(controller)._judge.ranges
+    low, high = (controller if isinstance(controller, SwitchedMPC) else base_of(controller))._judge.ranges
     ranges = dict(
         zip(
             [*controller.model.states, *controller.references, *controller.exogenous],
@@ -131,8 +133,8 @@ def header(controller: Controller, sizes: Mapping[int, int], title: str, solver:
     text = template("car.h").replace("@TITLE@", comment(title)).replace("@LANES@\n", lanes("CAR", sizes))
     text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in counts_of(controller).items()))
     text = text.replace("@DT@", repr(float(controller.dt))).replace("@DECIDED@\n", _decided(controller))
-    text = text.replace("@INCLUDED@", f'#include "car_{solver.name}.h"\n' if solver else "")
-    text = text.replace("@SOLVER@", f"    car_{solver.name} {solver.name};\n" if solver else "")
+    text = text.replace("@INCLUDED@", "".join(f'#include "car_{part.name}.h"\n' for part in parts))
+    text = text.replace("@SOLVER@", "".join(f"    {part.struct} {part.name};\n" for part in parts))
     for mark, (letter, names) in places.items():
         known = bounds if letter == "U" else ranges
         lines = [
@@ -178,6 +180,7 @@ def counts_of(controller: Controller) -> dict[str, int]:
         "HORIZON": controller.horizon,
         "NODES": controller.horizon + 1,
         "EXOGENOUS_ROWS": exogenous_rows(controller),
+        "SWITCHES": int(isinstance(controller, SwitchedMPC)),
         "LEARNS": int(isinstance(controller, AdaptiveMultiARXMPC)),
         "DECIDED": len(decided_once(controller)),
         "CORRIDOR": int(getattr(getattr(controller, "ocp", None), "corridor", None) is not None),
@@ -186,7 +189,9 @@ def counts_of(controller: Controller) -> dict[str, int]:
 
 def base_of(controller: Controller) -> Controller:
     """The controller that judges and plans: what learns is around it."""
-    return controller.base if isinstance(controller, AdaptiveMultiARXMPC) else controller
+    if isinstance(controller, AdaptiveMultiARXMPC):
+        return controller.base
+    return controller.calm if isinstance(controller, SwitchedMPC) else controller
 
 
 def limits_of(controller: Controller) -> dict[str, tuple[float, float]]:
@@ -198,11 +203,6 @@ def limits_of(controller: Controller) -> dict[str, tuple[float, float]]:
         return {controller.controls[0]: (float(problem.bounds[0]), float(problem.bounds[1]))}
     limit = float(getattr(controller, "limit", np.inf))
     return {controller.controls[0]: (-limit, limit)}
-
-
-def exogenous_rows(controller: Controller) -> int:
-    """Rows of the exogenous inputs: with or without one for the end."""
-    return controller.horizon + (getattr(controller, "ocp", None) is not None)
 
 
 def _meaning(name: str, between: tuple[float, float] | None) -> str:

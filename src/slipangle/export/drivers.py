@@ -22,7 +22,7 @@ from slipangle.estimate.ekf import EKF
 from slipangle.estimate.measurements import plain_name
 from slipangle.estimate.moving_horizon import MHE
 from slipangle.export.controllers import LANES, limits_of, number, table
-from slipangle.export.drives import Drive
+from slipangle.export.drives import NO_DRIVE, Drive
 from slipangle.export.estimators import filter_source
 from slipangle.export.memory import size_of
 from slipangle.export.models import meaning
@@ -38,7 +38,6 @@ AHEAD = {"X": 1, "Y": 2, "psi": 3, "curvature": 4, "v_x": 5}  # rows of a look a
 CODES = {"HEADING": 3, "YAW_RATE": -2, "SPEED_AHEAD": -1, "SPEED_CHANGE": -2}
 NO_HEADING = -9  # no reference's code, where headings are taken as they are
 TRUST = {"SURE": SURE, "UNKNOWN": UNKNOWN, "DOUBTED_MOST": DOUBTED, "TRUSTED": TRUSTED, "TRUST_MOST": MOST_DOUBT}
-NO_DRIVE = Drive(columns=(), asked=np.empty((0, 0)), commands=np.empty((0, 1)), controls=())
 
 
 @dataclass

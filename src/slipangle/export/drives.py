@@ -35,6 +35,9 @@ class Drive:
         return "\n".join([head, *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n"
 
 
+NO_DRIVE = Drive(columns=(), asked=np.empty((0, 0)), commands=np.empty((0, 1)), controls=())
+
+
 @dataclass
 class Recorder:
     """A controller that writes down what it is asked and what it decides; `closed_loop` drives with it.
@@ -82,7 +85,7 @@ class Recorder:
         return plan
 
     def _exogenous(self, wanted: Reference) -> np.ndarray:
-        rows = self.controller.horizon + (getattr(self.controller, "ocp", None) is not None)
+        rows = exogenous_rows(self.controller)
         w = np.asarray(wanted.exogenous, dtype=float)
         return np.vstack([w, w[-1:]]) if len(w) < rows else w[:rows]
 
@@ -131,6 +134,12 @@ def standard_drive(controller: Controller, steps: int = DEFAULT_STEPS) -> Drive:
     return recorder.drive
 
 
+def exogenous_rows(controller: Controller) -> int:
+    """Rows of the exogenous inputs: with or without one for the end."""
+    leader: Any = getattr(controller, "calm", controller)  # of two, the one whose references are those of both
+    return controller.horizon + (getattr(leader, "ocp", None) is not None)
+
+
 def preview_columns(preview: Preview) -> dict[str, np.ndarray]:
     """What a look along a path knows, by the names of channels."""
     return {n: getattr(preview, n) for n in ("X", "Y", "psi", "v_x", "r", "curvature")}
@@ -146,7 +155,7 @@ def _wanted(controller: Controller, preview: Preview, k: int) -> Reference:
         listed = [known.get(n, unknown)[:rows] for n in names]
         return np.column_stack(listed) if listed else np.empty((rows, 0))
 
-    rows = controller.horizon + (getattr(controller, "ocp", None) is not None)
+    rows = exogenous_rows(controller)
     return Reference(
         tracked=columns(controller.references, 0.0 * wave if is_known else wave, controller.horizon + 1),
         exogenous=columns(controller.exogenous, 0.0 * wave, rows),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slipangle.export.controllers import Solver, inner_solver, table
+from slipangle.export.controllers import Part, inner_solver, table
 from slipangle.export.mpc_tables import solver_tables
 from slipangle.export.project import template
 from slipangle.optimal.joined import Joined
@@ -13,7 +13,7 @@ from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.program import source
 
 
-def joined_solver(ocp: OCP, settings: RealTime) -> Solver:
+def joined_solver(ocp: OCP, settings: RealTime) -> Part:
     """``car_joined.h`` and ``car_joined.c`` of a problem of several parts."""
     joined = Joined(ocp)
     bounds = joined.limits_at_nodes.copy()

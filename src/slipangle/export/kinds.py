@@ -12,6 +12,7 @@ from slipangle.control.followers.followers import PathFollower
 from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
+from slipangle.control.switched import SwitchedMPC
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.estimate.ekf import EKF
@@ -26,6 +27,7 @@ from slipangle.export.mpc import mpc_project
 from slipangle.export.project import Project
 from slipangle.export.recursions import recursion_project
 from slipangle.export.sensors import sensor_project
+from slipangle.export.switched import switched_project
 from slipangle.identify.linear.recursive import RecursiveARX
 from slipangle.models.model import Model
 
@@ -93,6 +95,12 @@ def _(thing: MultiARXMPC, name: str, drive: Drive | Dataset | int) -> Project:
 def _(thing: AdaptiveMultiARXMPC, name: str, drive: Drive | Dataset | int) -> Project:
     _require_own(thing, AdaptiveMultiARXMPC)
     return marx_project(thing, name or "marx", _driven(thing, drive))
+
+
+@project_of.register
+def _(thing: SwitchedMPC, name: str, drive: Drive | Dataset | int) -> Project:
+    _require_own(thing, SwitchedMPC)
+    return switched_project(thing, name or "switched", _driven(thing, drive))
 
 
 @project_of.register

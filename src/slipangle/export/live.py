@@ -25,7 +25,8 @@ from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError
 from slipangle.export.controllers import table
-from slipangle.export.drivers import NO_DRIVE, path_source, path_tables
+from slipangle.export.drivers import path_source, path_tables
+from slipangle.export.drives import NO_DRIVE
 from slipangle.export.models import sourced
 from slipangle.export.mpc import mpc_project
 from slipangle.export.project import template

@@ -28,7 +28,7 @@ def mpc_project(mpc: MPC, name: str, drive: Drive) -> Project:
     text = re.sub(r"\brt_(?=[a-z])", "car_rt_", text)  # so that several projects go into one program
     facts = {"solver": "realtime", "horizon": mpc.horizon, "deadline": mpc.deadline}
     kind = "model predictive controller"
-    return project(mpc, name, drive, text, kind=kind, facts=facts, flags=FLAGS, solver=joined)
+    return project(mpc, name, drive, text, kind=kind, facts=facts, flags=FLAGS, parts=(joined,) if joined else ())
 
 
 def _constants(mpc: MPC, settings: RealTime) -> str:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from slipangle.estimate.moving_horizon import MHE
-from slipangle.export.controllers import Solver, inner_solver, table
+from slipangle.export.controllers import Part, inner_solver, table
 from slipangle.export.mpc_tables import real_time, solver_tables
 from slipangle.export.project import template
 from slipangle.optimal.realtime.program import source
 
 
-def window_solver(estimator: MHE) -> Solver:
+def window_solver(estimator: MHE) -> Part:
     """``car_window.h`` and ``car_window.c``.
 
     Raises ParameterError if another solver than the real-time one solves the estimator's problem.

@@ -92,6 +92,10 @@ typedef struct {
     int age;                                  /* 0: a solution; k: a fallback, the k-th in a row */
     int stopping;                             /* the stop law, as no recent plan is left: the speed should go to zero */
     int iterations;
+#if CAR_SWITCHES
+    double demand; /* share of grip that is needed */
+    int active;    /* 0: the calm controller planned, 1: the one for the limit; states of the other one are NaN */
+#endif
 #if CAR_LEARNS
     int lesson;      /* what was made of this sample, one of the above */
     int64_t samples; /* that have been learned from */

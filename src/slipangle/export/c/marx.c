@@ -7,7 +7,7 @@ enum { DECIDED, IMPOSSIBLE = CAR_NOT_FINITE, NO_PLAN = CAR_FAILED };
     Work work; /* first, as its vectors are aligned */
     double u[NH], x[(NH + 1) * NS], offset[NY];
     Around around;
-    int plans, age, stopping;
+    int plans, age, stopping, handed; /* handed: the plan before is another controller's */
 @LEARNER@} Controller;
 
 #define ALIGNED sizeof(V)
@@ -62,7 +62,7 @@ static double within(double v, double low, double high) { return smaller(larger(
 static void believe(Controller *c)
 {
     double sum[NY];
-    int good = INTEGRAL > 0 && c->plans && c->age == 0;
+    int good = INTEGRAL > 0 && c->plans && c->age == 0 && !c->handed;
     for (int o = 0; o < NY; o++) {
         volatile double part = INTEGRAL * (c->work.x[o] - c->x[NS + o]);
         sum[o] = c->offset[o] + part;
@@ -137,6 +137,7 @@ static int decide(Controller *c, const car_input *in, car_output *out)
     memcpy(c->learner.x, s->x, sizeof s->x);
     c->learner.u = c->u[0];
 #endif
+    c->handed = 0;
     memcpy(out->x, c->x, sizeof c->x);
     out->iterations = fell ? 0 : (int)s->iterations[0];
     out->cost = fell ? NAN : s->cost[0], out->residual = fell ? NAN : s->residual[0], out->violation = NAN;
