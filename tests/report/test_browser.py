@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -105,6 +106,48 @@ def test_slider_keys_and_button_move_the_car(browser, tmp_path):
     browser.wait("document.querySelector('.controls output').textContent.includes('frame 20')")
     assert browser.run("document.querySelector('.play').textContent") == "Play"
     assert browser.console == []
+
+
+SEEN = """(() => {
+  const drawing = document.querySelector(".playback svg.drawing"), car = drawing.querySelector(".now");
+  const [frame, at] = [drawing, car].map((e) => e.getBoundingClientRect());
+  return [drawing.getAttribute("viewBox").split(" ").map(Number), at.left - frame.left, frame.right - at.right,
+    at.width, frame.height];
+})()"""
+
+
+def test_a_narrow_screen_follows_the_car(browser, tmp_path):
+    """True scale on a phone: the car is of a size to be seen, and in the picture from its start to its end."""
+    X = np.linspace(0.0, 200.0, 21)
+    flat = np.zeros(21)
+    svg = seen_from_above(X, flat, flat, moving=True)
+    long = replace(drive(), svg=svg, X=X, Y=flat, psi=flat, beside=None, horizon=[[x, 0.0, x + 9.0, 0.0] for x in X])
+    page = write(tmp_path, long)
+    browser.open(page, width=390)
+    begins = []
+    for k in (0, 7, 13, 20):
+        browser.run(
+            f"(() => {{ const i = document.querySelector('.controls input'); i.value = {k};"
+            " i.dispatchEvent(new Event('input')); })()"
+        )
+        (begin, _, seen, _), left, right, length, height = browser.run(SEEN)
+        assert left > -1
+        assert right > -1
+        assert length > 15
+        assert height == pytest.approx(60, abs=1)
+        assert seen < 60
+        begins.append(begin)
+    assert begins == sorted(begins)
+    assert begins[0] == 0
+    assert begins[-1] > 100
+    browser.run("window.dispatchEvent(new Event('beforeprint'))")
+    assert browser.run(SEEN)[0][2] > 200
+    browser.run("window.dispatchEvent(new Event('afterprint'))")
+    assert browser.run(SEEN)[0][2] < 60
+    wide = write(tmp_path, drive())
+    browser.open(wide, width=390)
+    assert browser.run(SEEN)[0][0] == 0  # high enough as it is
+    assert browser.run(SEEN)[4] > 60
 
 
 def test_no_script_runs_but_the_page_s_own(browser, tmp_path):

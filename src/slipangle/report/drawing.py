@@ -43,11 +43,12 @@ def seen_from_above(
     everything = np.vstack([way, *(p for _, p in lines)])
     if not np.isfinite(way).all() or not len(way):
         raise ParameterError("the path holds no samples or some that are not finite; expected a drive of numbers")
-    low = np.nanmin(everything, axis=0) - _MARGIN - body.width / 2
-    high = np.nanmax(everything, axis=0) + _MARGIN + body.width / 2
+    cars = _cars(way, psi, body, outlines)
+    low = np.minimum(np.nanmin(everything, axis=0) - body.width / 2, np.min(cars, axis=(0, 1))) - _MARGIN
+    high = np.maximum(np.nanmax(everything, axis=0) + body.width / 2, np.max(cars, axis=(0, 1))) + _MARGIN
     rows = np.unique(np.concatenate([thin(X, 600), thin(Y, 600)]))
     drawn = [f'<path class="{kind}" d="{_path(p, low, high)}"/>' for kind, p in lines]
-    drawn += [f'<path class="car" d="{_path(o, low, high)}Z"/>' for o in _cars(way, psi, body, outlines)]
+    drawn += [f'<path class="car" d="{_path(o, low, high)}Z"/>' for o in cars]
     drawn.append(f'<path class="way" d="{_path(way[rows], low, high)}"/>')
     if moving:
         outline = np.array([[body.front, 1.0], [body.front, -1.0], [-body.rear, -1.0], [-body.rear, 1.0]])

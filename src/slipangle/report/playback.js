@@ -13,6 +13,17 @@
     let frames = JSON.parse(part(".frames").textContent);
     let started = null, at = 0, recorded = true; /* at: s, what is shown; whether it is what the page's figures show */
 
+    /* Where the whole path would be less than LOW pixels high, as on a phone, a part of it that is HIGH follows the car. */
+    const LOW = 30, HIGH = 60;
+    const [wide, high] = drawing.getAttribute("viewBox").split(" ").slice(2).map(Number);
+    let printing = false;
+    function frame(X) {
+      const across = drawing.clientWidth, whole = printing || !across || across * high / wide >= LOW;
+      const seen = whole ? wide : Math.min(wide, high * across / HIGH);
+      const from = Math.min(Math.max(X - left - 0.3 * seen, 0), wide - seen);
+      drawing.setAttribute("viewBox", `${from.toFixed(2)} 0 ${seen.toFixed(2)} ${high}`);
+    }
+
     const way = (X, Y) => X.map((v, k) => `${k ? "L" : "M"}${x(v)} ${y(Y[k])}`).join("");
     const pose = (drive, k, share) => {
       const j = Math.min(k + 1, drive.t.length - 1), mix = (v) => v[k] + share * (v[j] - v[k]);
@@ -49,6 +60,7 @@
       const [k, share] = place(frames, time), other = frames.beside;
       if (!exact) slider.value = k;
       part(".now").setAttribute("transform", pose(frames, k, exact ? 0 : share));
+      frame(frames.X[k] + (exact ? 0 : share) * ((frames.X[k + 1] ?? frames.X[k]) - frames.X[k]));
       if (other && part(".other")) part(".other").setAttribute("transform", pose(other, ...place(other, time)));
       const ahead = frames.horizon[k] || [];
       let d = "";
@@ -72,6 +84,10 @@
       const seen = time === undefined ? frames.t[frames.t.map((_, k) => k).reduce((a, b) => (far(b) < far(a) ? b : a))] : time;
       show(seen, false, from);
     });
+
+    window.addEventListener("resize", () => show(at, true));
+    for (const [event, now] of [["beforeprint", true], ["afterprint", false]])
+      window.addEventListener(event, () => { printing = now; show(at, true); });
 
     const stop = () => { started = null; play.textContent = "Play"; };
     const go = (now) => {
