@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
+import slipangle as sa
 from slipangle.errors import ConfigError, ModelWarning, ParameterError
 from slipangle.models.analysis.linearize import linearize
 from slipangle.models.model import FitInfo
@@ -199,6 +200,33 @@ def test_bands_are_the_closed_form_moved_by_the_covariance():
     low, high = linear.gain("r", "delta").interval()
     assert high - low == pytest.approx(2 * 1.959964 * linear.gain("r", "delta").std, rel=1e-6)
     assert "C_f, C_r" in linear.uncertainty
+
+
+def test_bands_of_models_blended_by_speed_are_those_of_their_coefficients():
+    """Beside 400 draws of all coefficients: yaw gain, poles and step response between two of its speeds."""
+    rng = np.random.default_rng(5)
+    n, car = 6000, ALL_MODELS["bicycle, three outputs"]
+    u = np.column_stack([0.02 * np.sin(np.cumsum(0.02 + 0.3 * rng.random(n))), 17.0 + 7.0 * np.sin(np.arange(n) / 400)])
+    x, y = np.zeros(2), []
+    for row in u:
+        y.append(np.asarray(car.output(x, row))[:2] + 1e-3 * rng.normal(size=2))
+        x = np.asarray(car.step(x, row))
+    seen = dict(zip(("v_y", "r"), np.array(y).T, strict=True))
+    data = sa.Dataset.from_arrays({"delta": u[:, 0], "v_x": u[:, 1]}, seen, car.dt)
+    model = sa.MultiARX(na=2, nb=2, speeds=(12.0, 18.0, 24.0)).fit(data)
+    info = model.fit_info
+    again = model.with_estimates(info.values)
+    assert all(np.array_equal(a, b) for a, b in zip(again.coefficients, model.coefficients, strict=True))
+    linear = linearize(model, v_x=16.0)
+    draws = rng.multivariate_normal(info.values, info.covariance, 400)
+    others = [linearize(replace(model.with_estimates(d), fit_info=None), v_x=16.0) for d in draws]
+    gains = [o.gain("r", "delta").value for o in others]
+    assert linear.gain("r", "delta").std == pytest.approx(np.std(gains), rel=0.15)
+    k = [1, 5, 20]
+    response = linear.step("r", "delta", duration=1.0)
+    drawn = np.std([o.step("r", "delta", duration=1.0).y[k] for o in others], axis=0)
+    assert response.std[k] == pytest.approx(drawn, rel=0.15)
+    assert "standard deviations of v_y at 12 m/s: v_y(k-1)" in linear.uncertainty
 
 
 def test_without_a_fit_there_are_no_bands_and_it_says_why():

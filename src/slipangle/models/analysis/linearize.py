@@ -89,7 +89,15 @@ def linearize(
         )
     if not names:
         said, others = neighbours(model)
-        pairs = [[_assembled(motion, trim, _matrices(m), kept, chosen, name) for m in pair] for pair in others]
+
+        def of(other: Model) -> LinearisedModel:
+            if model.affine:
+                return _assembled(motion, trim, _matrices(other), kept, chosen, name)
+            moved = Motion(other)
+            place = moved.trim(v_x, a_y, inputs or {}, moved.values, near=trim)
+            return _assembled(moved, place, moved.slopes(place.x, place.u, moved.values), kept, chosen, name)
+
+        pairs = [[of(m) for m in pair] for pair in others]
         return replace(found, variants=tuple((a, b) for a, b in pairs), uncertainty=said)
     said, roots = directions(model, names)
     pairs = []
@@ -119,9 +127,9 @@ def _assembled(
 
 
 def neighbours(model: Model) -> tuple[str, list[tuple[Model, Model]]]:
-    """A sentence, and models to both sides along each direction in which the fit of an affine model is unsure."""
+    """A sentence, and models to both sides along each direction in which the coefficients of a fit are unsure."""
     info = model.fit_info
-    if info is None or not (len(info.values) and model.affine and model.with_estimates(info.values)):
+    if info is None or not (len(info.values) and model.with_estimates(info.values)):
         return directions(model, ())[0], []
     said, roots = directions(model, info.names)
     pairs = []

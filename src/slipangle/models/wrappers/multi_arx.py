@@ -5,10 +5,10 @@
 
 import abc
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
 
 import numpy as np
 
@@ -94,6 +94,23 @@ class SpeedBlend(Checked, Model):
                     f"models differ: dt {first.dt} and {other.dt} s, inputs {first.inputs} and {other.inputs}, outputs "
                     f"{first.outputs} and {other.outputs}; expected the same: identify all of them alike"
                 )
+
+    def with_estimates(self, values: np.ndarray) -> Self | None:
+        """Coefficients by output, speed and regressor, as they were fitted together; None without such a fit."""
+        info, ny, first = self.fit_info, len(self.outputs), self.models[0]
+        count = 0 if info is None else len(info.names) // (ny * len(self.models))
+        lags, inputs = first.na * ny, first.nb
+        alike = all((m.na, m.nb, m.nk) == (first.na, first.nb, first.nk) for m in self.models)
+        if info is None or not alike or not lags + inputs <= count <= lags + inputs + 1:
+            return None
+        rows = np.asarray(values, dtype=float).reshape(ny, len(self.models), count)
+        models = []
+        for j, model in enumerate(self.models):
+            A = -rows[:, j, :lags].reshape(ny, first.na, ny).transpose(1, 0, 2)
+            B = rows[:, j, lags : lags + inputs].T[:, :, None]
+            c = rows[:, j, -1] if count > lags + inputs else model.c
+            models.append(replace(model, A=A, B=B, c=c))
+        return replace(self, models=tuple(models), fit_info=replace(info, values=np.array(values, dtype=float)))
 
     @cached_property
     def coefficients(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
