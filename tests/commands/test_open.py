@@ -48,7 +48,9 @@ def trial(number, failure=""):
 
 
 def test_a_page_is_there_while_a_search_goes_on(tmp_path):
-    options = argparse.Namespace(out=str(tmp_path), file="job.toml", trials=4, seed=0, space="wider")
+    options = argparse.Namespace(
+        out=str(tmp_path), file="job.toml", trials=4, seed=0, space="wider", epochs=7, pruner="none"
+    )
     written, page = search._Written(options, "a log"), tmp_path / "index.html"
     written(SearchResult(trials=(trial(0, "too many lags"),)))
     assert not page.exists()  # nothing to draw yet
@@ -60,4 +62,5 @@ def test_a_page_is_there_while_a_search_goes_on(tmp_path):
     assert page.read_text() == text  # not again at once
     search._page(SearchResult(trials=tuple(map(trial, range(4)))), options, "a log")
     assert "so far" not in page.read_text()
+    assert "--space wider --epochs 7 --pruner none" in page.read_text()
     assert "refresh" not in page.read_text()

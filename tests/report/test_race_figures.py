@@ -8,7 +8,7 @@ from slipangle.data.race import Corner
 from slipangle.errors import ParameterError
 from slipangle.identify.search.search import SearchResult, TrialResult
 from slipangle.report.race import error_by_level, error_by_phase, share_map
-from slipangle.report.search import parallel_coordinates, search_table
+from slipangle.report.search import parallel_coordinates, search_table, search_verdict
 
 RATE = Channel("r", "rad/s")
 CORNERS = (Corner(start=2, stop=8, apex=5, left=True),)
@@ -88,3 +88,19 @@ def test_search_table_has_reasons_and_counts():
     assert table.caption.startswith("5 trials, 1 given up on the way, 1 failed.")
     assert "4 more are in the journal" in search_table(RESULT, rows=1).caption
     assert "0.1000" in table.to_text()
+
+
+@pytest.mark.parametrize(
+    ("linear", "tone", "says"),
+    [
+        (None, "fair", "The next best trial has"),
+        (0.2, "good", "50 % less than a linear model"),
+        (0.102, "fair", "only 2.0 % more"),
+        (0.09, "poor", "errs less: take that"),
+    ],
+)
+def test_a_search_is_judged_beside_a_linear_model(linear, tone, says):
+    verdict = search_verdict(RESULT, linear)
+    assert (verdict.tone, verdict.sentence.count("Trial 1 errs least")) == (tone, 1)
+    assert says in verdict.sentence
+    assert "a fit of 90.0 %" in verdict.sentence

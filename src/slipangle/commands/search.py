@@ -12,9 +12,12 @@ from typing import TYPE_CHECKING
 from slipangle.commands import Answer, Commands
 from slipangle.commands.models import read_job
 from slipangle.commands.progress import Bar
+from slipangle.errors import SlipangleError
 from slipangle.files import check_output, replaced
 
 if TYPE_CHECKING:
+    from slipangle.identify.networks.narx import NARX
+    from slipangle.identify.search.narx import NarxObjective
     from slipangle.identify.search.search import SearchResult
 
 _ABOUT = """\
@@ -55,7 +58,7 @@ def add(commands: Commands) -> None:
 def _search(options: argparse.Namespace) -> Answer:
     from slipangle.identify.search.narx import STAGES, THESIS, WIDER, NarxObjective
     from slipangle.identify.search.search import Search
-    from slipangle.report.search import search_table
+    from slipangle.report.search import search_table, search_verdict
 
     check_output(options.out)
     folder = Path(options.out)
@@ -75,19 +78,51 @@ def _search(options: argparse.Namespace) -> Answer:
     with Bar(quiet=options.json or options.quiet) as bar:
         bar(0.0, "starting the workers")
         result = search.run(objective, progress=bar, watch=_Written(options, train.name))
-    page = _page(result, options, train.name)
+        bar(1.0, "a linear model beside it")
+        linear = _linear(objective)
     best = result.best
+    entry = _entry(objective.estimator(best.settings, options.seed + best.number))
+    page = _page(result, options, train.name, linear=linear, entry=entry)
     rows = [
         {"number": t.number, "settings": t.settings, "score": None if t.failure else t.score}
         | {"seconds": t.seconds, "failure": t.failure}
         for t in result.trials
     ]
     first = {"number": best.number, "settings": best.settings, "score": best.score}
+    said = search_verdict(result, linear).sentence
     words = (
-        f"{search_table(result, rows=12).to_text()}\nThe best: "
-        f"{objective.estimator(best.settings, options.seed + best.number)}\n\nThe page: {page.resolve()}{before}"
+        f"{search_table(result, rows=12).to_text()}\n{said}\n\nIn a job:\n\n{entry}\n\nThe page: "
+        f"{page.resolve()}{before}"
     )
-    return Answer({"best": first, "trials": rows}, words)
+    return Answer({"best": first, "linear": linear, "trials": rows}, words)
+
+
+def _linear(objective: NarxObjective) -> float | None:
+    """Score of a linear model; None where there is none of these data."""
+    try:
+        return objective.linear()
+    except SlipangleError:
+        return None
+
+
+def _entry(best: NARX) -> str:
+    """A job's entry of a network."""
+    stages = ", ".join(
+        f"{{ horizon = {s.horizon}, epochs = {s.epochs}, learning_rate = {s.learning_rate!r} }}" for s in best.stages
+    )
+    lines = {
+        "name": '"searched"',
+        "kind": '"narx"',
+        "na": best.na,
+        "nb": best.nb,
+        "hidden": list(best.hidden),
+        "activation": f'"{best.activation}"',
+        "stages": f"[{stages}]",
+        "holdout": best.holdout,
+        "seeds": list(best.seeds),
+        "linear_start": "false",
+    }
+    return "\n".join(["[[model]]", *(f"{name} = {value}" for name, value in lines.items())])
 
 
 class _Written:
@@ -105,13 +140,25 @@ class _Written:
         _page(result, self._options, self._name, done=done)
 
 
-def _page(result: SearchResult, options: argparse.Namespace, name: str, *, done: int = 0) -> Path:
-    """Parallel coordinates and the table of every trial; ``done`` of them so far, where the search goes on."""
-    from slipangle.report import Figure, Page, Section
-    from slipangle.report.search import parallel_coordinates, search_table
+def _page(
+    result: SearchResult,
+    options: argparse.Namespace,
+    name: str,
+    *,
+    done: int = 0,
+    linear: float | None = None,
+    entry: str = "",
+) -> Path:
+    """Verdict, parallel coordinates, every trial, a job's entry; ``done`` trials so far, where the search goes on."""
+    from slipangle.report import Figure, Listing, Page, Section
+    from slipangle.report.search import parallel_coordinates, search_table, search_verdict
 
     so_far = f"{done} of {options.trials} trials so far. " if done else ""
-    command = f"slipangle search {options.file} --trials {options.trials} --seed {options.seed} --space {options.space}"
+    own = {"trials": options.trials, "seed": options.seed, "space": options.space, "epochs": options.epochs}
+    command = " ".join([f"slipangle search {options.file}", *(f"--{key} {value}" for key, value in own.items())])
+    command += "" if options.pruner == "median" else f" --pruner {options.pruner}"
+    verdict = search_verdict(result, linear)
+    use = [Listing(title="As a model of the job", text=entry)] if entry else []
     figure = Figure(
         title="Settings and score",
         figure=parallel_coordinates(result, score="free-run error [-]"),
@@ -121,7 +168,10 @@ def _page(result: SearchResult, options: argparse.Namespace, name: str, *, done:
         title="Search of network architectures",
         subtitle=f"{so_far}{name}; training part only, free runs over stretches that follow what was trained on",
         renewed=_RENEWED if done else 0,
-        sections=(Section(title="Trials", blocks=(figure, search_table(result))),),
+        sections=(
+            Section(title="Verdict", blocks=(verdict, *use)),
+            Section(title="Trials", blocks=(figure, search_table(result))),
+        ),
         command=command,
     )
     return page.write(Path(options.out) / "index.html")

@@ -102,7 +102,15 @@ class Text:
     text: str
 
 
-Block = Verdict | Figure | Grid | Table | Findings | Text | Playback
+@dataclass(frozen=True, kw_only=True)
+class Listing:
+    """Lines of a file, such as a job's entry, as they are."""
+
+    title: str
+    text: str
+
+
+Block = Verdict | Figure | Grid | Table | Findings | Text | Listing | Playback
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -258,6 +266,9 @@ def _block(block: Block, ids: _Ids) -> str:
                 for i in block.items
             )
             return f'<div class="block"><h3>{html.escape(block.title)}</h3><ul class="findings">{items}</ul></div>'
+        case Listing():
+            code = f'<pre class="command listing"><code>{html.escape(block.text)}</code></pre>'
+            return f'<div class="block"><h3>{html.escape(block.title)}</h3>{code}</div>'
         case Text():
             return "".join(f"<p>{typeset(part.strip())}</p>" for part in block.text.split("\n\n") if part.strip())
         case Playback():

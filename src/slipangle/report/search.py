@@ -10,9 +10,11 @@ import plotly.graph_objects as go
 
 from slipangle.errors import ParameterError
 from slipangle.identify.search.search import SearchResult, columns
+from slipangle.report.page import Number, Verdict
 from slipangle.report.style import BLUE, INK, MIDDLE, SLATE, compact, escape, new_figure, nice_step
-from slipangle.report.tables import Cell, Heading, Row, Table
+from slipangle.report.tables import Cell, Heading, Row, Table, Tone
 
+CLEARLY = 0.05  # share of its error by which a network should be better than a linear model
 _WIDE = 1.5  # decades between lowest and highest, above which an axis is logarithmic
 
 
@@ -31,7 +33,7 @@ def parallel_coordinates(result: SearchResult, *, score: str = "score") -> go.Fi
     shown = np.minimum(scores, 3.0 * float(np.median(scores)))
     axes = [_axis(name, [trial.settings[name] for trial in good]) for name in good[0].settings]
     axes.append(_axis(score, shown.tolist()))
-    figure = new_figure(420, showlegend=False, hovermode="closest", margin={"l": 40, "r": 40, "t": 56, "b": 16})
+    figure = new_figure(460, showlegend=False, hovermode="closest", margin={"l": 40, "r": 40, "t": 96, "b": 16})
     for k, trial in enumerate(good):  # the best last, on top
         rank = (len(good) - 1 - k) / max(len(good) - 1, 1)
         colour = BLUE if rank <= 0.1 else MIDDLE if rank <= 0.5 else SLATE
@@ -46,7 +48,10 @@ def parallel_coordinates(result: SearchResult, *, score: str = "score") -> go.Fi
         )
     for i, axis in enumerate(axes):
         figure.add_shape(type="line", x0=i, x1=i, y0=0, y1=1, line={"color": INK.light, "width": 1})
-        figure.add_annotation(text=f"<b>{escape(axis.name)}</b>", x=i, y=1.0, yshift=22, showarrow=False)
+        title = (
+            escape(axis.name).replace("_", " ").replace(" ", "<br>", 1)
+        )  # in turns at two heights: a phone is narrow
+        figure.add_annotation(text=f"<b>{title}</b>", x=i, y=1.0, yshift=28 + 34 * (i % 2), showarrow=False)
         for place, text in axis.ticks:
             figure.add_annotation(text=escape(text), x=i, y=place, xshift=-4, xanchor="right", showarrow=False)
     hidden = {"visible": False, "fixedrange": True}
@@ -89,6 +94,28 @@ def _axis(name: str, values: list[Any]) -> _Axis:
     )
 
 
+def search_verdict(result: SearchResult, linear: float | None = None) -> Verdict:
+    """The best trial in a sentence, beside the score of a linear model on the same stretches where that is known."""
+    best = result.best
+    others = sorted(t.score for t in result.trials if not t.failure and t.number != best.number)
+    settings = ", ".join(f"{n} {v:.3g}" if isinstance(v, float) else f"{n} {v}" for n, v in best.settings.items())
+    said = f"Trial {best.number} errs least in free runs over what follows its training: {best.score:.3g} of what the "
+    said += f"outputs vary by, a fit of {100 * (1 - best.score):.1f} % ({settings})."
+    tone: Tone = "fair"  # beside nothing it is not known how good it is
+    numbers = [Number(label="free-run error of the best", value=best.score, unit="-", digits=3)]
+    if linear is not None:
+        ahead = 1 - best.score / linear
+        tone = "good" if ahead > CLEARLY else "fair" if ahead > 0 else "poor"
+        said += {
+            "good": f" That is {100 * ahead:.0f} % less than a linear model, ARX with orders of its own choice.",
+            "fair": f" A linear model, ARX with orders of its own choice, has only {100 * ahead:.1f} % more.",
+            "poor": " A linear model, ARX with orders of its own choice, errs less: take that, or search longer.",
+        }[tone]
+        numbers.append(Number(label="of a linear model", value=linear, unit="-", digits=3))
+    said += f" The next best trial has {others[0]:.3g}." if others else ""
+    return Verdict(title="The best", sentence=said, tone=tone, numbers=tuple(numbers))
+
+
 def search_table(result: SearchResult, *, rows: int | None = None, command: str = "") -> Table:
     """Every trial, the best first; trials that failed or were given up last, with their reason.
 
@@ -110,7 +137,7 @@ def search_table(result: SearchResult, *, rows: int | None = None, command: str 
         columns=(
             Heading("trial"),
             *(Heading(name, digits=3, words=_is_text(cells, k + 1)) for k, name in enumerate(names[1:-3])),
-            Heading("score"),
+            Heading("score", "-"),
             Heading("time", "s", digits=3),
         ),
         rows=tuple(made),

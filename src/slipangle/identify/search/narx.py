@@ -11,6 +11,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, SimulationError
 from slipangle.identify.judge.intervals import stretches
+from slipangle.identify.linear.arx import ARX
 from slipangle.identify.networks.narx import NARX
 from slipangle.identify.networks.problem import Stage
 from slipangle.identify.search.pool import Report, Value
@@ -71,7 +72,13 @@ class NarxObjective:
 
     def __call__(self, settings: Mapping[str, Value], seed: int, report: Report) -> float:
         """Score of a trial; see the class."""
-        estimator = self.estimator(settings, seed)
+        return self._score(self.estimator(settings, seed), report)
+
+    def linear(self) -> float:
+        """Score of an ARX model with orders of its own choice, on the same stretches."""
+        return self._score(ARX(), lambda score: None)
+
+    def _score(self, estimator: NARX | ARX, report: Report) -> float:
         errors: list[float] = []
         for early, next_ in stretches(self.data, self.shares):
             with warnings.catch_warnings():
