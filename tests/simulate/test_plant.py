@@ -91,5 +91,13 @@ def test_bad_settings(options, what):
 
 
 def test_bad_start():
+    plant = Plant(CAR)
+    n, m = plant.model.n_states, plant.model.n_inputs
     with pytest.raises(ParameterError, match="shape"):
-        Plant(CAR).start(np.zeros(4), np.zeros(2))
+        plant.start(np.zeros(4), np.zeros(2))
+    for name, x, inputs in (
+        (plant.model.states[0], np.array([np.nan, *np.zeros(n - 1)]), np.zeros(m)),
+        (plant.model.inputs[-1], np.zeros(n), np.array([*np.zeros(m - 1), np.inf])),
+    ):
+        with pytest.raises(ParameterError, match=f"starts from {name} = (nan|inf); expected a finite number"):
+            plant.start(x, inputs)

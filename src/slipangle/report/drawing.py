@@ -44,8 +44,8 @@ def seen_from_above(
     if not np.isfinite(way).all() or not len(way):
         raise ParameterError("the path holds no samples or some that are not finite; expected a drive of numbers")
     cars = _cars(way, psi, body, outlines)
-    low = np.minimum(np.nanmin(everything, axis=0) - body.width / 2, np.min(cars, axis=(0, 1))) - _MARGIN
-    high = np.maximum(np.nanmax(everything, axis=0) + body.width / 2, np.max(cars, axis=(0, 1))) + _MARGIN
+    reach = np.vstack([everything - body.width / 2, everything + body.width / 2, *cars])
+    low, high = np.nanmin(reach, axis=0) - _MARGIN, np.nanmax(reach, axis=0) + _MARGIN
     rows = np.unique(np.concatenate([thin(X, 600), thin(Y, 600)]))
     drawn = [f'<path class="{kind}" d="{_path(p, low, high)}"/>' for kind, p in lines]
     drawn += [f'<path class="car" d="{_path(o, low, high)}Z"/>' for o in cars]

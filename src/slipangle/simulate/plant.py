@@ -109,7 +109,8 @@ def _draws(rng: np.random.Generator) -> Iterator[float]:
 class Simulation:
     """A drive of a ``plant``: state, actuators and delayed commands, advanced in place.
 
-    Raises ParameterError if the shapes of the first state and inputs are not (n_states,) and (n_inputs,).
+    Raises ParameterError if the shapes of the first state and inputs are not (n_states,) and (n_inputs,), or if one of
+    their numbers is not finite.
     """
 
     def __init__(self, plant: Plant, x: np.ndarray, inputs: np.ndarray) -> None:
@@ -119,6 +120,9 @@ class Simulation:
                 f"the plant starts from x of shape {x.shape} and inputs of shape {inputs.shape}; expected "
                 f"({model.n_states},) for {list(model.states)} and ({model.n_inputs},) for {list(model.inputs)}"
             )
+        for name, value in zip((*model.states, *model.inputs), (*x, *inputs), strict=True):
+            if not math.isfinite(value):
+                raise ParameterError(f"the plant starts from {name} = {value}; expected a finite number: give it one")
         self._plant = plant
         self._state = np.concatenate([self._begin(x), inputs])
         self._delay = [round(plant.delay.get(n, 0.0) / plant.dt) for n in model.inputs]

@@ -329,9 +329,10 @@ def _start(physics: Physics, wanted: PhysicsEntries, outputs: tuple[str, ...], t
     car = {n: v for n, v in wanted.car.items() if n in kind.metadata()}
     if wanted.catalogue:
         if wanted.catalogue not in physics.catalogue:
+            fix = "use one of these names" if physics.catalogue else "give its parameters as car = { ... } instead"
             raise ConfigError(
                 f"model '{name}': there is no {physics.model.__name__} '{wanted.catalogue}' in the catalogue; "
-                f"{nearest(wanted.catalogue, physics.catalogue)}: use one of these names"
+                f"{nearest(wanted.catalogue, physics.catalogue)}: {fix}"
             )
         params: Any = physics.catalogue[wanted.catalogue].with_values(**car)
     else:
