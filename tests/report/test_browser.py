@@ -275,6 +275,24 @@ def test_many_panels_stand_apart(browser, tmp_path, width):
     assert len({round(e, 3) for e in ends}) == (2 if width < 520 else 4)
 
 
+@pytest.mark.parametrize("before", [390, 700])
+def test_a_window_that_grows_has_figures_of_its_size(browser, tmp_path, before):
+    """A way at equal scale is as high as its width asks, whatever width the page was opened at."""
+    t = np.linspace(0.0, 2 * np.pi, 200)
+    path = write(tmp_path, Figure(title="way", figure=path_map(90.0 * np.cos(t), 60.0 * np.sin(t), t + np.pi / 2)))
+    height, drawn = "document.querySelector('.plot svg.main-svg')?.height.baseVal.value", {}
+    for width in (before, 1280):
+        browser.open(path, width)
+        browser.wait(f"{height} > 0")
+        drawn[width] = browser.run(height)
+    browser.open(path, before)
+    browser.wait(f"{height} > 0")
+    size = {"width": 1280, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.call("Emulation.setDeviceMetricsOverride", **size)
+    assert drawn[before] < 0.8 * drawn[1280]
+    browser.wait(f"Math.abs({height} - {drawn[1280]}) < 2")
+
+
 def test_figures_are_drawn_when_they_come_near(browser, tmp_path):
     """The first screen answers before the library is there; a figure far below waits."""
     far = Section(title="far", blocks=(Text(text="\n\n".join("x" for _ in range(200))), *figures_of(example_page())))

@@ -20,6 +20,7 @@
       const height = layout.meta.ratio * (plot.clientWidth - 80) + layout.meta.frame;
       layout.height = Math.round(Math.min(Math.max(height, 240), 640));
       plot.style.height = layout.height + "px";
+      plot.dataset.width = plot.clientWidth;
     }
     layout.template = JSON.parse(coloured(JSON.stringify(settings.template)));
     layout.autosize = true;
@@ -143,11 +144,15 @@
   }, { rootMargin: "700px 0px" });
   for (const plot of plots) approach.observe(plot);
 
-  let wasNarrow = null;
+  let wasNarrow = window.innerWidth < 600;
   function onResize() {
     const now = window.innerWidth < 600;
-    if (wasNarrow !== null && now !== wasNarrow) drawAgain();
+    if (now !== wasNarrow) drawAgain();
     wasNarrow = now;
+    for (const plot of drawn) { /* axes of equal scale: another width is another height */
+      if (plot.dataset.width && Number(plot.dataset.width) !== plot.clientWidth) drawn.delete(plot);
+    }
+    if (near.size) drawNear();
   }
 
   function beforePrint() {

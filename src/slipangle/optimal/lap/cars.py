@@ -59,7 +59,8 @@ def lap_car(car: Any, **values: float) -> LapCar:
     known = {**known, **values}
     if "power" not in known:
         raise ParameterError(
-            f"the power of the {type(model).__name__} is not known; expected it in W: sa.lap_car(model, power=2e5)"
+            "the car's power is not known; expected it in W: sa.lap_car(model, power=2e5), or slipangle lap with "
+            "--set power=2e5"
         )
     return LapCar(**known)
 
