@@ -1,5 +1,6 @@
 """Pages in a real browser, by its DevTools protocol: drives play, the reader drives, the console stays clean."""
 
+import base64
 import json
 import re
 from dataclasses import replace
@@ -311,6 +312,20 @@ def test_a_page_prints_whole_a_moment_after_it_has_loaded(browser, tmp_path):
     browser.call("Page.printToPDF")
     drawn, all_of_them = (browser.run(f"document.querySelectorAll('{c}').length") for c in (".js-plotly-plot", ".plot"))
     assert drawn == all_of_them > 0
+
+
+def test_no_sheet_is_left_half_empty(browser, tmp_path):
+    """Six figures of half a sheet and a little more: two to a sheet, where each would have had one to itself."""
+    t = np.linspace(0.0, 1.0, 50)
+    tall = [path_map(20.0 * t, np.sin(9.0 * t), 0.0 * t) for _ in range(6)]
+    for figure in tall:
+        figure.update_layout(height=520, meta=None)
+    path = write(tmp_path, *(Figure(title=f"figure {k}", figure=figure) for k, figure in enumerate(tall)))
+    browser.open(path)
+    browser.wait("typeof Plotly !== 'undefined'")
+    pdf = base64.b64decode(browser.call("Page.printToPDF", preferCSSPageSize=True)["data"])
+    assert len(re.findall(rb"/Type\s*/Page\b", pdf)) <= 4, "the last one may hold the footer alone"
+    browser.wait("document.querySelector('.plot').style.height === '520px'")  # the screen is as it was
 
 
 def figures_of(page):

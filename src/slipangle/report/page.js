@@ -5,6 +5,7 @@
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const plots = Array.from(document.querySelectorAll(".plot"));
   let printing = false;
+  const fitted = new Map(); /* heights on paper */
 
   function coloured(text) {
     if (!dark.matches || printing) return text;
@@ -19,13 +20,13 @@
     if (layout.meta && layout.meta.ratio) { /* axes of equal scale: no empty ground above and below */
       const height = layout.meta.ratio * (plot.clientWidth - 80) + layout.meta.frame;
       layout.height = Math.round(Math.min(Math.max(height, 240), 640));
-      plot.style.height = layout.height + "px";
       plot.dataset.width = plot.clientWidth;
     }
     layout.template = JSON.parse(coloured(JSON.stringify(settings.template)));
     layout.autosize = true;
     if (plot.clientWidth < 520) narrow(layout);
-    if (layout.meta && layout.meta.columns) plot.style.height = layout.height + "px";
+    layout.height = fitted.get(plot) || layout.height;
+    plot.style.height = layout.height + "px";
     const touch = window.matchMedia("(hover: none)").matches;
     if (touch) layout.dragmode = false; /* a finger on a figure scrolls the page */
     return {
@@ -155,13 +156,66 @@
     if (near.size) drawNear();
   }
 
+  /* Figures shrink into what is left of a sheet, or grow where the next one does not fit, so that no sheet ends half
+     empty. Long paragraphs and tables break as they fall. */
+  const SHEET = 1017, SPARE = 16; /* A4 without its margins; kept free [px] */
+  const LEAST = 0.55, MOST = 1.35, LOW = 230, SHORT = 60; /* of a figure, a paragraph that does not break [px] */
+  function fitSheets() {
+    const from = document.querySelector(".layout").getBoundingClientRect().top, rows = [];
+    for (const part of document.querySelectorAll("main :is(.plot, .drawing, .verdict, tbody tr, p, li, pre)")) {
+      const box = part.getBoundingClientRect(), plot = part.matches(".plot") ? part : null, last = rows[rows.length - 1];
+      if (!box.height || part.parentElement.closest(".verdict")) continue;
+      if (part.matches("p, li, pre") && (box.height > SHORT || part.matches(".lead"))) continue;
+      if (plot && last && last.plots.length && Math.abs(last.top - box.top + from) < 2) {
+        last.plots.push(plot); /* beside each other */
+        continue;
+      }
+      rows.push({ top: box.top - from, head: headOf(part) - from, height: box.height, plots: plot ? [plot] : [] });
+    }
+    let sheet = 0, shift = 0, above = [];
+    for (const row of rows) {
+      row.top += shift;
+      row.head += shift;
+      while (row.head >= sheet + SHEET) [sheet, above] = [sheet + SHEET, []];
+      const room = sheet + SHEET - row.top;
+      if (row.height > room) {
+        if (row.plots.length && room - SPARE >= Math.max(LEAST * row.height, LOW)) {
+          shift += room - SPARE - row.height;
+          row.height = room - SPARE;
+        } else {
+          const left = sheet + SHEET - row.head - SPARE, most = above.reduce((sum, r) => sum + r.height, 0);
+          const share = Math.min(Math.max(left, 0) / most, MOST - 1);
+          for (const r of above) r.height *= 1 + share;
+          if (most) shift += share * most;
+          [sheet, above] = [row.head + (most ? share * most : 0), []];
+        }
+      }
+      if (row.plots.length) above.push(row);
+    }
+    for (const row of rows) for (const plot of row.plots) fitted.set(plot, Math.round(row.height));
+  }
+  /* Where what must stand on the same sheet begins: headings, and the head of a table. */
+  function headOf(part) {
+    let first = part.matches("tr") ? (part.previousElementSibling ? part : part.closest(".scroll")) : part;
+    for (let block = first; block && !block.matches("section"); block = block.parentElement) {
+      let before = block.previousElementSibling;
+      while (before && before.matches("h2, h3, .lead")) [first, before] = [before, before.previousElementSibling];
+      if (before || !block.matches(":is(.block, .playback, .scroll, .plot, .drawing)")) break;
+    }
+    if (first.matches("section > :first-child")) first = first.parentElement;
+    return first.getBoundingClientRect().top;
+  }
+
   function beforePrint() {
     printing = true;
     document.documentElement.classList.add("printing"); /* the paper's width, before measuring */
+    for (const plot of plots) specification(plot);
+    fitSheets();
     for (const plot of plots) draw(plot);
   }
   function afterPrint() {
     printing = false;
+    fitted.clear();
     document.documentElement.classList.remove("printing");
     drawAgain();
   }

@@ -189,7 +189,7 @@ class Table:
             mark = f'<span class="mark {row.tone}" title="{row.tone}"></span>' if k == 0 and row.tone else ""
             tag, scope = ("th", ' scope="row"') if k == 0 else ("td", "")
             short = "short" if len(text) <= 24 else ""
-            kinds = ["num"] if not column.words else [k for k in (short, "marked" if mark else "") if k]
+            kinds = [k for k in (short if column.words else "num", "marked" if mark else "") if k]
             kind = f' class="{" ".join(kinds)}"' if kinds else ""
             cells.append(f"<{tag}{scope}{kind}>{mark}{html.escape(text)}</{tag}>")
         extra = (f'<p class="note">{typeset(row.note)}</p>' if row.note else "") + command_html(row.command)
