@@ -4,11 +4,14 @@ import inspect
 import json
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from docs.site.api import write_pages
 from docs.site.described import lacks
 from docs.site.gallery import stored, write_gallery
+from docs.site.lane_change import PACE, PICTURE, draw
 from docs.site.links import broken
 from docs.site.notebooks import PAGES as NOTEBOOKS
 from docs.site.notebooks import notebook, write_notebooks
@@ -17,6 +20,8 @@ from docs.site.public import PAGES, members, page_of, public
 
 import slipangle
 from slipangle.errors import ParameterError
+from slipangle.report.drawing import seen_from_above
+from slipangle.report.playback import Playback
 from slipangle.report.records import Record
 from slipangle.reproduce import find, names
 
@@ -174,3 +179,43 @@ def test_notebooks_are_written_once_each(tmp_path):
     paths = write_notebooks(tmp_path)
     assert len({p.name for p in paths}) == len(NOTEBOOKS)
     assert all(json.loads(p.read_text())["cells"] for p in paths)
+
+
+def moved(svg, kind):
+    """Values of the first animation of a kind, shape (frames, numbers)."""
+    parts = svg.iter("{http://www.w3.org/2000/svg}animateTransform")
+    values = next(part for part in parts if part.attrib["type"] == kind).attrib["values"]
+    return np.array([[float(v) for v in frame.split()] for frame in values.split(";")])
+
+
+def test_the_picture_moves_as_the_drive_did():
+    t = np.linspace(0.0, 2.0, 101)
+    X, Y, psi = 10.0 * t, 2.0 * t, np.full(101, 0.2)
+    drive = Playback(
+        title="drive",
+        svg=seen_from_above(X, Y, psi, moving=True, label="A drive: it goes"),
+        t=t,
+        X=X,
+        Y=Y,
+        psi=psi,
+        said=["" for _ in t],
+        horizon=[[x, y, x + 5.0, y + 1.0] for x, y in zip(X, Y, strict=True)],
+    )
+    svg = ElementTree.fromstring(draw(drive.to_html()))
+    ways = moved(svg, "translate")
+    assert len(ways) == round(2.0 / PACE)
+    np.testing.assert_allclose(np.diff(ways, axis=0), [[10.0 * PACE, -2.0 * PACE]] * (len(ways) - 1), atol=0.02)
+    np.testing.assert_allclose(moved(svg, "rotate"), -np.degrees(0.2), atol=0.01)
+    with pytest.raises(ValueError, match="no drive plays on the page"):
+        draw("<html></html>")
+
+
+def test_the_first_screen_of_the_readme_moves():
+    """Three lanes are entered and left, the middle one 3 m and more beside the others; small enough to load at once."""
+    head = "\n".join((ROOT / "README.md").read_text().splitlines()[:12])
+    assert f"(docs/{PICTURE.name})" in head
+    text = PICTURE.read_text()
+    ways = moved(ElementTree.fromstring(text), "translate")
+    assert np.ptp(ways[:, 0]) > 150.0
+    assert 3.0 < np.ptp(ways[:, 1]) < 5.0
+    assert len(text) < 60_000
