@@ -4,6 +4,9 @@
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 
 import numpy as np
@@ -139,16 +142,58 @@ class SI:
     upper: float = math.inf  # largest value, in unit
 
 
+_AS_KEPT: ContextVar[bool] = ContextVar("as_kept", default=False)
+
+
+@contextmanager
+def shown_in_si(wanted: bool = True) -> Iterator[None]:
+    """What is shown inside is in SI units and radians, as it is kept: pages, tables, figures.
+
+    >>> with shown_in_si():
+    ...     read_in("v_x", "m/s"), speed_said(20.0)
+    ((1.0, 'm/s'), '20 m/s')
+    """
+    before = _AS_KEPT.set(wanted)
+    try:
+        yield
+    finally:
+        _AS_KEPT.reset(before)
+
+
 def read_in(name: str, unit: str) -> tuple[float, str]:
     """Factor and unit in which people read a channel or parameter: degrees, km/h for speeds of travel, ms for delays.
+
+    Inside `shown_in_si` they read SI units.
 
     >>> read_in("v_y", "m/s"), read_in("C_f", "N/rad")
     ((1.0, 'm/s'), (1.0, 'N/rad'))
     >>> read_in("delay_delta", "s"), round(read_in("v_x", "m/s")[0], 3)
     ((1000.0, 'ms'), 3.6)
     """
+    if _AS_KEPT.get():
+        return 1.0, unit
     if unit in ("rad", "rad/s", "rad/s2"):
         return math.degrees(1.0), unit.replace("rad", "deg")
     if unit == "m/s" and name in ("v_x", "v"):
         return 3.6, "km/h"
     return (1000.0, "ms") if unit == "s" and name != "t" else (1.0, unit)
+
+
+def speed_said(v_x: float) -> str:
+    """A speed of travel [m/s] as people read it.
+
+    >>> speed_said(20.0)
+    '72 km/h'
+    """
+    factor, unit = read_in("v_x", "m/s")
+    return f"{factor * v_x:.3g} {unit}"
+
+
+def angle_said(angle: float, digits: str = ".3g") -> str:
+    """An angle [rad] as people read it.
+
+    >>> angle_said(0.1), angle_said(0.1, "+.1f")
+    ('5.73°', '+5.7°')
+    """
+    factor, unit = read_in("", "rad")
+    return f"{factor * angle:{digits}}°" if unit == "deg" else f"{angle:{'+' if '+' in digits else ''}.3f} rad"

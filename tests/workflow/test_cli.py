@@ -392,3 +392,20 @@ def test_ferrari_run_beats_the_thesis(real_data, tmp_path, capsys):
     for t in ("207.27", "503.49", "524.85", "671.67"):
         assert re.search(rf"delta has a spike of [^<]* at t = {t}\s", html)
     assert "inertia_z is not identifiable without knowing the steering delay" in html
+
+
+def test_a_page_speaks_si_where_it_is_asked_to(tmp_path, capsys):
+    """Nothing that a reader sees is in degrees, km/h or, but for the solver's time, ms; the numbers are the same."""
+    job, pages, fits = write_job(tmp_path), [], []
+    for more in ([], ["--si"]):
+        assert main(["run", str(job), "--out", str(tmp_path / "out"), "--json", *more]) == 0
+        fits.append(json.loads(capsys.readouterr().out))
+        pages.append((tmp_path / "out" / "index.html").read_text())
+    for words in ("deg/s", "km/h"):
+        assert [words in page for page in pages] == [True, False], words
+    shown = re.sub(
+        r"<script(?! type=\"application/json\").*?</script>|<style.*?</style>", "", pages[1], flags=re.DOTALL
+    )
+    assert re.findall(r".{30}(?:\d°|\bdeg\b|\[deg).{10}", shown) == []
+    assert "rad/s" in shown
+    assert fits[0]["free_run"] == fits[1]["free_run"]

@@ -8,6 +8,8 @@ import json
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from slipangle.units import shown_in_si
+
 
 class Answer(NamedTuple):
     """What a command found: for machines, the same in words, and the exit code."""
@@ -19,19 +21,21 @@ class Answer(NamedTuple):
 
 def run(options: argparse.Namespace) -> int:
     """Do what was asked for, print what came of it, and return the exit code."""
-    answer = options.function(options)
+    with shown_in_si(options.si):
+        answer = options.function(options)
     if options.json or not options.quiet:
         print(json.dumps(answer.data, indent=2) if options.json else answer.words)
     return answer.code
 
 
 class Commands:
-    """Where a group adds its commands; every one knows ``--json`` and ``--quiet``."""
+    """Where a group adds its commands; every one knows ``--json``, ``--quiet`` and ``--si``."""
 
     def __init__(self, actions: argparse._SubParsersAction) -> None:
         self._actions = actions
         self._json = argparse.ArgumentParser(add_help=False)
         self._json.add_argument("--json", action="store_true", help="print JSON on standard output, and nothing else")
+        self._json.add_argument("--si", action="store_true", help="show m/s, rad and s, not km/h, degrees and ms")
         self._json.add_argument("--quiet", action="store_true", help="print nothing but what is wrong, no progress")
 
     def add(

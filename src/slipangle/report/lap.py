@@ -19,10 +19,11 @@ from slipangle.report.page import Figure, Number, Page, Section, Verdict
 from slipangle.report.playback import Beside, Playback
 from slipangle.report.style import SLATE, compact, new_figure, series_style
 from slipangle.report.tables import Heading, Row, Table
+from slipangle.units import read_in, speed_said
 
 _FRAME, _DRAWN = 0.05, 2.0  # s between frames of a lap that plays, m between points of drawn edges
 _COLOURS = {
-    "v_x": ("speed", 3.6, "km/h"),
+    "v_x": ("speed", 1.0, "m/s"),
     "grip_f": ("grip used by the front axle", 100.0, "%"),
     "grip_r": ("grip used by the rear axle", 100.0, "%"),
 }
@@ -31,6 +32,8 @@ _COLOURS = {
 def lap_map(lap: Lap, by: Literal["v_x", "grip_f", "grip_r"] = "v_x") -> go.Figure:
     """The line between the edges of the track, coloured by speed or by the grip that an axle uses."""
     label, factor, unit = _COLOURS[by]
+    if by == "v_x":
+        factor, unit = read_in(by, unit)
     drawn = track_map(lap.X, lap.Y, factor * getattr(lap, by), channel=Channel(by, unit), label=label)
     for edge in lap.track.boundaries():
         if np.isfinite(edge).all():
@@ -41,9 +44,10 @@ def lap_map(lap: Lap, by: Literal["v_x", "grip_f", "grip_r"] = "v_x") -> go.Figu
 
 def lap_traces(lap: Lap) -> go.Figure:
     """Speed, steering, longitudinal force and grip over the arc length of the track."""
+    (fast, speed), (turn, angle) = read_in("v_x", "m/s"), read_in("delta", "rad")
     rows = [
-        Signal(channel=Channel("v_x", "km/h"), values=3.6 * lap.v_x),
-        Signal(channel=Channel("delta", "deg"), values=np.degrees(lap.delta)),
+        Signal(channel=Channel("v_x", speed), values=fast * lap.v_x),
+        Signal(channel=Channel("delta", angle), values=turn * lap.delta),
         Signal(channel=Channel("F_x", "kN"), values=1e-3 * lap.F_x),
         Signal(channel=Channel("grip_f", "%"), values=100 * lap.grip_f),
         Signal(channel=Channel("grip_r", "%"), values=100 * lap.grip_r),
@@ -66,7 +70,7 @@ def gg_diagram(lap: Lap) -> go.Figure:
             x=compact(np.concatenate([across, -across[::-1]])),
             y=compact(np.concatenate([right, right[::-1]])),
             mode="lines",
-            name=f"limit at {3.6 * v:.0f} km/h",
+            name=f"limit at {speed_said(v)}",
             line={"color": colour.light, "width": 1.5, "dash": dash},
             hovertemplate="%{x:.1f}, %{y:.1f} m/s²<extra></extra>",
         )
@@ -88,8 +92,9 @@ def delta_figure(delta: LapDelta) -> go.Figure:
     """Speed, time behind and offset of a driven lap over the arc length of the track, beside the fastest lap's."""
     lap, driven = delta.lap, delta.driven
     v, n = (np.interp(delta.s, lap.s, values, period=lap.track.length) for values in (lap.v_x, lap.n))
+    factor, unit = read_in("v_x", "m/s")
     rows = [
-        Signal(channel=Channel("v_x", "km/h"), values=3.6 * driven.v_x, reference=3.6 * v),
+        Signal(channel=Channel("v_x", unit), values=factor * driven.v_x, reference=factor * v),
         Signal(channel=Channel("behind", "s"), values=delta.delta),
         Signal(channel=Channel("n", "m"), values=driven.n, reference=n),
     ]
@@ -119,10 +124,10 @@ def lap_playback(lap: Lap, driven: DrivenLap | None = None) -> Playback:
     t = np.arange(0.0, lap.time, _FRAME)
     psi = np.unwrap(lap.psi)
     turned = 2 * np.pi * round(float(psi[-1] - psi[0]) / (2 * np.pi))
-    values = (lap.X, lap.Y, psi, 3.6 * lap.v_x, 100 * lap.grip_f, 100 * lap.grip_r)
+    values = (lap.X, lap.Y, psi, lap.v_x, 100 * lap.grip_f, 100 * lap.grip_r)
     X, Y, psi, v, front, rear = (_at(t, lap, one, turned if one is psi else 0.0) for one in values)
     said = f"{lap.track.name} in {lap.time:.3f} s"
-    words = [f"{a:.0f} km/h, grip {b:.0f} % front, {c:.0f} % rear" for a, b, c in zip(v, front, rear, strict=True)]
+    words = [f"{speed_said(a)}, grip {b:.0f} % front, {c:.0f} % rear" for a, b, c in zip(v, front, rear, strict=True)]
     beside = None
     if driven is not None:
         rows = np.searchsorted(driven.t, np.arange(0.0, driven.time, _FRAME)).clip(0, len(driven.t) - 1)
@@ -153,6 +158,7 @@ def lap_page(lap: Lap, title: str, command: str, delta: LapDelta | None = None) 
 
     With a driven lap also where it loses time.
     """
+    factor, unit = read_in("v_x", "m/s")
     verdict = Verdict(
         title="The fastest lap",
         sentence=f"The car laps “{lap.track.name}” in {lap.time:.3f} s. On the line of least curvature it would take "
@@ -160,8 +166,8 @@ def lap_page(lap: Lap, title: str, command: str, delta: LapDelta | None = None) 
         tone="good",
         numbers=(
             Number(label="lap time", value=lap.time, unit="s", digits=6),
-            Number(label="highest speed", value=3.6 * float(lap.v_x.max()), unit="km/h", digits=4),
-            Number(label="lowest speed", value=3.6 * float(lap.v_x.min()), unit="km/h", digits=4),
+            Number(label="highest speed", value=factor * float(lap.v_x.max()), unit=unit, digits=4),
+            Number(label="lowest speed", value=factor * float(lap.v_x.min()), unit=unit, digits=4),
         ),
         command=command,
     )

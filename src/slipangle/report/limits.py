@@ -29,6 +29,7 @@ from slipangle.report.style import (
     thin,
 )
 from slipangle.report.tables import Heading, Row, Table
+from slipangle.units import speed_said
 
 _ANY_POWER = 1e7  # W, of a car whose engine nobody knows: its tires alone bound it then
 _SLOWEST = 3.0  # m/s
@@ -67,7 +68,7 @@ class GGDiagram:
             ends = [np.percentile(v, 99) for v in (np.abs(self.a_y), self.a_x, -self.a_x)]
             rows.append(Row((f"{self.log_name}, 99 % of samples", *(float(e) for e in ends))))
         for v, edge in zip(self.v, self.limits, strict=True):
-            named = f"{self.name} at {3.6 * v:.3g} km/h"
+            named = f"{self.name} at {speed_said(v)}"
             rows.append(Row((named, float(edge[:, 0].max()), float(edge[:, 1].max()), float(-edge[:, 1].min()))))
         heads = (Heading(n, "m/s2") for n in ("lateral", "driving", "braking"))
         return Table(title="Largest accelerations", columns=(Heading("", words=True), *heads), rows=tuple(rows))
@@ -80,8 +81,8 @@ class GGDiagram:
             dots(figure, self.a_y[rows], self.a_x[rows], SLATE, 3, name=escape(self.log_name), marker={"opacity": 0.5})
         for k, (v, edge) in enumerate(zip(self.v, self.limits, strict=True)):
             colour, dash = series_style(k)
-            hover = f"{3.6 * v:.3g} km/h: %{{x:.3g}} across, %{{y:.3g}} m/s² along"
-            name = escape(f"{self.name}, {3.6 * v:.3g} km/h")
+            hover = f"{speed_said(v)}: %{{x:.3g}} across, %{{y:.3g}} m/s² along"
+            name = escape(f"{self.name}, {speed_said(v)}")
             line(figure, edge[:, 0], edge[:, 1], colour, 2, dash=dash, name=name, hovertemplate=hover)
         across = {"zeroline": True, "zerolinecolor": SLATE.light}
         equal = {**across, "scaleanchor": "x"}
@@ -90,9 +91,7 @@ class GGDiagram:
 
     def __repr__(self) -> str:
         said = [f"{len(self.a_y)} samples of '{self.log_name}'"] if len(self.a_y) else []
-        said += (
-            [f"limits of '{self.name}' at {', '.join(f'{3.6 * v:.3g}' for v in self.v)} km/h"] if len(self.v) else []
-        )
+        said += [f"limits of '{self.name}' at {', '.join(speed_said(v) for v in self.v)}"] if len(self.v) else []
         return f"<GGDiagram: {'; '.join(said)}>"
 
     def _repr_html_(self) -> str:

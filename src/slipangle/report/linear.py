@@ -14,6 +14,7 @@ from slipangle.models.analysis.linearised import LinearisedModel
 from slipangle.models.analysis.responses import FrequencyResponse, TimeResponse, quantile
 from slipangle.report.style import SLATE, axes, dots, escape, line, new_figure, pretty_unit, series_style, wrap
 from slipangle.report.tables import Heading, Row, Table, number, to_digit
+from slipangle.units import read_in, speed_said
 
 _DEG = 180 / np.pi
 # Quantities as people read them: factor and unit.
@@ -26,6 +27,12 @@ _READ = {
     "rad/s": (1 / (2 * np.pi), "Hz"),
     "s": (1000.0, "ms"),
 }
+
+
+def _read(unit: str) -> tuple[float, str]:
+    """Factor and unit in which people read a quantity."""
+    kept = read_in("", "rad")[1] == "rad"
+    return (1.0, unit) if kept else _READ.get(unit, (1.0, unit))
 
 
 def _band(figure: go.Figure, x: np.ndarray, band: np.ndarray, index: int, axis: str = "y", **more: Any) -> None:
@@ -46,6 +53,7 @@ def bode(responses: Sequence[FrequencyResponse]) -> go.Figure:
     """
     figure = new_figure(560, hovermode="closest")
     seen = any(r.coherence is not None for r in responses)
+    turn, angle = read_in("", "rad")
     for index, one in enumerate(responses):
         colour, dash = series_style(index)
         name = escape(one.name)
@@ -56,8 +64,8 @@ def bode(responses: Sequence[FrequencyResponse]) -> go.Figure:
         hover = "%{x:.3g} Hz: %{y:.4g}"
         line(figure, one.frequency, one.magnitude, colour, dash=dash, hovertemplate=hover, **own)
         below: dict[str, Any] = {"yaxis": "y2", "showlegend": False}
-        _band(figure, one.frequency, _DEG * shown.phase_band(), index, "y2", legendgroup=name)
-        line(figure, one.frequency, _DEG * one.phase, colour, dash=dash, hovertemplate=hover + "°", **own, **below)
+        _band(figure, one.frequency, turn * shown.phase_band(), index, "y2", legendgroup=name)
+        line(figure, one.frequency, turn * one.phase, colour, dash=dash, hovertemplate=hover, **own, **below)
         if one.coherence is not None:
             last: dict[str, Any] = {"yaxis": "y3", "showlegend": False}
             line(figure, one.frequency, one.coherence, colour, dash=dash, hovertemplate=hover, **own, **last)
@@ -65,7 +73,12 @@ def bode(responses: Sequence[FrequencyResponse]) -> go.Figure:
     heights = ([0.62, 1.0], [0.26, 0.56], [0.0, 0.2]) if seen else ([0.52, 1.0], [0.0, 0.44], None)
     title = f"gain {escape(first.input)} to {escape(first.output)}"
     above = {"type": "log", "domain": heights[0], "dtick": "D2"}
-    phase = {"title": {"text": "phase [deg]"}, "domain": heights[1], "zeroline": True, "zerolinecolor": SLATE.light}
+    phase = {
+        "title": {"text": f"phase [{angle}]"},
+        "domain": heights[1],
+        "zeroline": True,
+        "zerolinecolor": SLATE.light,
+    }
     more: dict[str, Any] = {"yaxis2": phase}
     if heights[2]:
         more["yaxis3"] = {"title": {"text": "coherence"}, "domain": heights[2], "range": [0, 1.05]}
@@ -112,9 +125,10 @@ def handling_curves(several: Sequence[Handling], names: Sequence[str] = ()) -> g
     figure = new_figure(40 + 170 * len(chosen), hovermode="closest")
     rows = len(chosen)
     layout: dict[str, Any] = {}
+    fast, speed = read_in("v_x", "m/s")
     for k, name in enumerate(chosen):
         what = QUANTITIES[name]
-        factor, unit = _READ.get(what.unit, (1.0, what.unit))
+        factor, unit = _read(what.unit)
         axis = "y" if k == 0 else f"y{k + 1}"
         domain = [1 - (k + 1) / rows + (0.04 if k < rows - 1 else 0.0), 1 - k / rows - 0.02]
         title = {"text": f"{wrap(what.title, 18)}<br>[{pretty_unit(unit)}]", "font": {"size": 11}}
@@ -126,11 +140,11 @@ def handling_curves(several: Sequence[Handling], names: Sequence[str] = ()) -> g
                 "legendgroup": one.name,
                 "showlegend": k == 0 and len(several) > 1,
             }
-            _band(figure, 3.6 * one.v_x, factor * one.band(name), index, axis, legendgroup=one.name)
-            hover = "%{x:.3g} km/h: %{y:.4g}"
+            _band(figure, fast * one.v_x, factor * one.band(name), index, axis, legendgroup=one.name)
+            hover = f"%{{x:.3g}} {speed}: %{{y:.4g}}"
             y = factor * one.values[name]
-            line(figure, 3.6 * one.v_x, y, colour, dash=dash, yaxis=axis, hovertemplate=hover, **own)
-    layout["xaxis"] = {"title": {"text": "speed [km/h]"}, "anchor": "y" if rows == 1 else f"y{rows}"}
+            line(figure, fast * one.v_x, y, colour, dash=dash, yaxis=axis, hovertemplate=hover, **own)
+    layout["xaxis"] = {"title": {"text": f"speed [{speed}]"}, "anchor": "y" if rows == 1 else f"y{rows}"}
     return figure.update_layout(**layout)
 
 
@@ -139,16 +153,17 @@ def handling_table(handling: Handling, v_x: float | None = None) -> Table:
     middle = len(handling.v_x) // 2 if v_x is None else int(np.argmin(np.abs(handling.v_x - v_x)))
     rows = []
     for name, what in QUANTITIES.items():
-        factor, unit = _READ.get(what.unit, (1.0, what.unit))
+        factor, unit = _read(what.unit)
         value, std = factor * handling.values[name][middle], factor * handling.stds[name][middle]
         rows.append(_row(what.title, value, std, unit, what.standard))
     for name in ("characteristic", "critical"):
         speed = getattr(handling, f"{name}_speed")
         if np.isfinite(speed.value) and not speed.value < quantile(0.95) * speed.std:  # else it may be of either kind
-            rows.append(_row(f"{name} speed", 3.6 * speed.value, 3.6 * speed.std, "km/h", "ISO 4138"))
+            factor, unit = read_in("v_x", "m/s")
+            rows.append(_row(f"{name} speed", factor * speed.value, factor * speed.std, unit, "ISO 4138"))
     columns = Heading("quantity", words=True), Heading("value"), Heading("± 95 %"), Heading("unit", words=True)
     return Table(
-        title=f"Handling of {handling.name} at {3.6 * handling.v_x[middle]:.3g} km/h",
+        title=f"Handling of {handling.name} at {speed_said(handling.v_x[middle])}",
         columns=(*columns, Heading("defined in", words=True)),
         rows=tuple(rows),
         caption=f"{handling.uncertainty[:1].upper()}{handling.uncertainty[1:]}." if handling.uncertainty else "",
@@ -177,7 +192,7 @@ def modes_table(model: LinearisedModel) -> Table:
         cells = f"{pole.real:.4g}{turns}", f"{size:.4g}{sure[0]}", f"{model.damping[k]:.4g}{sure[1]}"
         rows.append(Row(cells, tone="poor" if model.rates[k].real > 1e-9 else None))
     unit = "" if model.dt else "rad/s"
-    place = "" if model.trim.v_x is None else f" at {3.6 * model.trim.v_x:.3g} km/h, {model.trim.a_y:.3g} m/s²"
+    place = "" if model.trim.v_x is None else f" at {speed_said(model.trim.v_x)}, {model.trim.a_y:.3g} m/s²"
     return Table(
         title=f"Poles of {model.name}{place}",
         columns=(Heading("pole", unit), Heading("natural frequency", "Hz"), Heading("damping ratio", "-")),

@@ -155,6 +155,8 @@
       end = e.live_go();
     }
     const count = e.live_count(), rows = new Float64Array(e.memory.buffer, e.live_rows(), count * about.row);
+    const [turn, angle] = about.angle;
+    const angled = (v) => (angle === "deg" ? `${(turn * v).toFixed(1)}°` : `${v.toFixed(3)} rad`);
     const made = { t: [], X: [], Y: [], psi: [], said: [], steering: [], axles: [], horizon: [], limit };
     let squares = 0, most = 0, seen = -1;
     for (let k = 0; k < count; k++) {
@@ -163,15 +165,15 @@
       most = Math.max(most, Math.abs(row[2]));
       if (row[8] === seen && k < count - 1) continue;
       seen = row[8];
-      const angle = row[7] * 180 / Math.PI;
       made.t.push(row[0]);
       made.X.push(row[4]);
       made.Y.push(row[5]);
       made.psi.push(row[6]);
-      made.steering.push(angle);
+      made.steering.push(row[7]);
       made.axles.push(Array.from(row.subarray(9)));
       made.horizon.push(horizon[seen]);
-      made.said.push(`steering ${angle.toFixed(1)}° of ±${limit}°, ${(3.6 * row[3]).toFixed(1)} km/h, ` +
+      const [fast, speed] = about.speed;
+      made.said.push(`steering ${angled(row[7])} of ±${angled(limit)}, ${(fast * row[3]).toFixed(1)} ${speed}, ` +
         `${(100 * row[2]).toFixed(1)} cm from the path`);
     }
     const plans = e.live_plans();

@@ -11,6 +11,7 @@ from typing import Any
 
 from slipangle.report.jsoned import jsoned
 from slipangle.report.tables import typeset
+from slipangle.units import angle_said, read_in
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +81,7 @@ class Playback:
     said : sequence of str
         What is said at each frame, such as the steering angle.
     steering, limit : sequence of float, float
-        Angle of the road wheels at each frame and its largest size, drawn over time [deg]; empty for none.
+        Angle of the road wheels at each frame and its largest size, drawn over time [rad]; empty for none.
     axles : sequence of sequence
         Tire forces at each frame over the available ones: along and across, front then rear; empty for none. [-]
     beside : Beside, optional
@@ -109,7 +110,7 @@ class Playback:
         """The block, without its heading."""
         frames: dict[str, Any] = {"t": _rounded(self.t, 3), **_pose(self), "said": list(self.said)}
         frames |= {"horizon": [_rounded(h, 2) for h in self.horizon]}
-        frames |= {"steering": _rounded(self.steering, 3), "limit": self.limit}
+        frames |= {"steering": _rounded(self.steering, 5), "limit": self.limit}
         frames |= {"axles": [_rounded(a, 3) for a in self.axles]}
         if self.beside is not None:
             frames["beside"] = {"label": self.beside.label, "t": _rounded(self.beside.t, 3), **_pose(self.beside)}
@@ -136,13 +137,14 @@ class Playback:
         """Steering over time against its limit, and the friction circle of each axle."""
         parts = []
         if len(self.steering):
-            said = f"steering over the drive, between its limits of ±{self.limit:g} degrees"
+            most = angle_said(self.limit)
+            said = f"steering over the drive, between its limits of ±{most}"
             parts.append(
                 '<div class="gauge wide"><svg class="strip" viewBox="0 0 600 90" preserveAspectRatio="none" '
                 f'role="img" aria-label="{said}"><path class="limits" d="M0 8H600M0 82H600"/>'
                 '<path class="zero" d="M0 45H600"/>'
                 '<path class="besides"/><path class="steered"/><path class="cursor"/></svg>'
-                f"<span>steering, limits ±{self.limit:g}° dashed</span></div>"
+                f"<span>steering, limits ±{most} dashed</span></div>"
             )
         if len(self.axles):
             for axle in ("front", "rear"):
@@ -167,7 +169,8 @@ def _driven(live: LiveDrive | None) -> str:
             f'<label><span>{html.escape(s.label)}</span><input type="range" min="0" max="200" step="1" data-at="{k}">'
             "<output></output></label>"
         )
-    about = {"row": live.row, "dt": live.dt, "state": list(live.state)}
+    about: dict[str, Any] = {"row": live.row, "dt": live.dt, "state": list(live.state)}
+    about |= {"speed": read_in("v_x", "m/s"), "angle": read_in("", "rad")}
     about["sliders"] = [
         {"value": s.value, "low": s.low, "high": s.high, "unit": s.unit, "scale": s.scale, "ratio": s.ratio}
         for s in live.sliders

@@ -147,13 +147,18 @@ def _(result: Run) -> Table:
     return _facts("Closed loop", rows, f"{result.end.value[:1].upper()}{result.end.value[1:]}.")
 
 
+def _speeds(v_x: np.ndarray) -> list[tuple[str, Any, str]]:
+    factor, unit = read_in("v_x", "m/s")
+    ends = ("lowest", float(v_x.min())), ("highest", float(v_x.max()))
+    return [(f"speed, {name}", factor * v, unit) for name, v in ends]
+
+
 @table.register
 def _(result: Lap) -> Table:
     rows: list[tuple[str, Any, str]] = [
         ("lap time", result.time, "s"),
         ("lap time, quasi-steady", result.quasi_steady, "s"),
-        ("speed, lowest", 3.6 * float(result.v_x.min()), "km/h"),
-        ("speed, highest", 3.6 * float(result.v_x.max()), "km/h"),
+        *_speeds(result.v_x),
     ]
     worth = [(f"1 % more {n}", 10.0 * result.worth(n, getattr(result.car, n)), "ms") for n in result.sensitivities]
     return _facts(f"Fastest lap of {result.track.name}", [*rows, *(w for w in worth if abs(w[1]) >= 0.1)])
@@ -163,8 +168,7 @@ def _(result: Lap) -> Table:
 def _(result: DrivenLap) -> Table:
     rows: list[tuple[str, Any, str]] = [
         ("lap time", result.time, "s"),
-        ("speed, lowest", 3.6 * float(result.v_x.min()), "km/h"),
-        ("speed, highest", 3.6 * float(result.v_x.max()), "km/h"),
+        *_speeds(result.v_x),
     ]
     return _facts(f"Lap {result.number} of {result.track.name}", rows)
 
@@ -180,8 +184,7 @@ def _(result: Path) -> Table:
     rows: list[tuple[str, Any, str]] = [("length", result.length, "m"), ("closed", result.closed, "")]
     rows.append(("tightest radius", 1 / bend if bend > 0 else float("inf"), "m"))
     if result.v_x is not None:
-        rows += [("speed, lowest", 3.6 * float(result.v_x.min()), "km/h")]
-        rows += [("speed, highest", 3.6 * float(result.v_x.max()), "km/h")]
+        rows += _speeds(result.v_x)
     return _facts(f"Path {result.name}", rows)
 
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from slipangle import MPC, Channel, Dataset, Model, Trajectory, Validation, deg, report
+from slipangle import MPC, Channel, Dataset, Model, Trajectory, Validation, report
 from slipangle.data.race import with_dead_reckoning
 from slipangle.identify.judge.scores import Score
 from slipangle.report.page import Block
 from slipangle.report.tables import number
-from slipangle.units import read_in
+from slipangle.units import angle_said, deg, read_in
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.verdict import SECTIONS, spoken
 
@@ -260,7 +260,8 @@ def _drive_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
         report.Figure(
             title="Command, errors and motion",
             figure=_of_drive(report.signals(run.t, rows), "time"),
-            caption=f"Steering is limited to {wanted.delta_max:g} deg and {wanted.delta_rate_max:g} deg/s.",
+            caption="Steering is limited to "
+            f"{angle_said(deg(wanted.delta_max))} and {angle_said(deg(wanted.delta_rate_max))}/s.",
         ),
         report.Grid(
             figures=(

@@ -15,6 +15,7 @@ from slipangle.models.analysis.responses import FrequencyResponse
 from slipangle.report.limits import gg_diagram
 from slipangle.report.linear import bode, handling_curves, handling_table
 from slipangle.report.page import Block
+from slipangle.units import speed_said
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.verdict import SECTIONS
 
@@ -45,7 +46,7 @@ def _handling_section(outcome: Outcome, command: str) -> Iterator[report.Section
             caption = "Over the speeds of the log, with 95 % bands where the fit gives them."
             blocks.append(report.Figure(title="Handling over speed", figure=figure, caption=caption))
     if curves:
-        said = f"Models at {3.6 * middle:.3g} km/h; the log at all its speeds, with coherence and 95 % bands."
+        said = f"Models at {speed_said(middle)}; the log at all its speeds, with coherence and 95 % bands."
         figure = bode(curves)
         blocks.append(report.Figure(title="Yaw rate over steering, by frequency", figure=figure, caption=said))
     blocks += _limits(outcome, models, float(middle))

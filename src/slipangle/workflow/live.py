@@ -19,7 +19,7 @@ from slipangle.export.live import Live
 from slipangle.export.live_driver import LiveDriver
 from slipangle.report.playback import Beside, LiveDrive, Slider
 from slipangle.simulate.loop import closed_loop
-from slipangle.units import deg
+from slipangle.units import deg, read_in
 from slipangle.workflow.controllers import ControllerSettings, EstimatorSettings, build_path, identified_bicycle
 from slipangle.workflow.drive import PlantSettings, build_plant, whole_driver
 
@@ -96,10 +96,11 @@ def live_drive(
 def _slider(setting: Any, live: Live) -> Slider:
     """A setting of the loop as people read it."""
     name, v_x = setting.name, float(np.max(np.asarray(live.path.v_x)))
+    fast, speed = read_in("v_x", "m/s")
     shown: dict[str, tuple[str, float, str]] = {
-        "pace": ("speed", 3.6 * v_x, "km/h"),
+        "pace": ("speed", fast * v_x, speed),
         "friction": ("friction of the road, 1 as the tires' own", 1.0, ""),
-        "delay": ("delay of the steering", 1000.0, "ms"),
+        "delay": ("delay of the steering", *read_in("delay", "s")),
         "mass": ("mass of the car", float(getattr(getattr(live.plant.model, "params", None), "mass", 1.0)), "kg"),
     }
     if name in shown:

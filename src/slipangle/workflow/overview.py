@@ -17,7 +17,7 @@ from slipangle.report.parameters import doubt, judged, undetermined
 from slipangle.report.playback import Playback
 from slipangle.report.style import pretty_unit
 from slipangle.report.tables import number, to_digit
-from slipangle.units import read_in
+from slipangle.units import angle_said, read_in, speed_said
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.live import live_drive, other_law, tire_use
 
@@ -73,7 +73,7 @@ def picture(outcome: Outcome) -> Playback | None:
     right, left = run.path.boundaries()
     line = np.column_stack([run.path.X, run.path.Y])
     body = report.Body(width=wanted.width)
-    said = f"The closed loop at {3.6 * wanted.v_x:.3g} km/h, seen from above"
+    said = f"The closed loop at {speed_said(wanted.v_x)}, seen from above"
     label = (
         f"{said}: largest distance from the path {100 * run.max('y'):.0f} cm, {'inside' if run.inside else 'outside'}"
     )
@@ -82,9 +82,10 @@ def picture(outcome: Outcome) -> Playback | None:
     rows = np.searchsorted(run.t, run.t_plan - 1e-9).clip(0, len(run.t) - 1)
     known = "delta" in (*run.state_names, *run.input_names)
     limit = _limit(outcome, wanted.delta_max)
-    steering = np.degrees(run["delta"]) if known else np.zeros(len(run.t))
+    steering = run["delta"] if known else np.zeros(len(run.t))
+    fast, speed = read_in("v_x", "m/s")
     words = [
-        f"steering {steering[k]:+.1f}° of ±{limit:g}°, {3.6 * run.v_x[k]:.1f} km/h, "
+        f"steering {angle_said(float(steering[k]), '+.1f')} of ±{angle_said(limit)}, {fast * run.v_x[k]:.1f} {speed}, "
         f"{100 * run.e_y[k]:+.1f} cm from the path"
         for k in rows
     ]
@@ -116,12 +117,12 @@ def _planner(outcome: Outcome) -> Any:
 
 
 def _limit(outcome: Outcome, wanted: float) -> float:
-    """Largest steering angle, a driver's own or that of the job. [deg]"""
+    """Largest steering angle, a driver's own or that of the job, which is in degrees. [rad]"""
     if not isinstance(outcome.controller, Driver):
-        return wanted
+        return float(np.radians(wanted))
     planner = outcome.controller.controller
     most = max(map(abs, limits_of(planner)[planner.controls[0]]))
-    return round(float(np.degrees(most)), 1) if np.isfinite(most) else wanted
+    return float(most) if np.isfinite(most) else float(np.radians(wanted))
 
 
 def _horizons(outcome: Outcome, count: int) -> list[list[float]]:

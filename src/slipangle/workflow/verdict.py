@@ -11,7 +11,7 @@ from slipangle.report.page import Block
 from slipangle.report.robust import CHANGES
 from slipangle.report.tables import Tone
 from slipangle.simulate.robust import ENOUGH
-from slipangle.units import read_in
+from slipangle.units import read_in, speed_said
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.overview import overview
 from slipangle.workflow.robustness import Tried
@@ -94,7 +94,7 @@ def _drive_verdict(outcome: Outcome, run: Run, command: str) -> Verdict:
     named = {"mpc": "An MPC", "driver": "A driver"}.get(wanted.kind, f"The controller {wanted.kind}")
     where = "stays inside its lanes" if run.inside else "leaves its lanes"
     sentence = (
-        f"{named} on “{wanted.model}” drives {_MANOEUVRE[wanted.manoeuvre]} at {3.6 * wanted.v_x:.3g} km/h and "
+        f"{named} on “{wanted.model}” drives {_MANOEUVRE[wanted.manoeuvre]} at {speed_said(wanted.v_x)} and "
         f"{where}, "
         f"{100 * run.rmse('y'):.1f} cm (RMS) from the path. The plant is {outcome.plant}."
     )

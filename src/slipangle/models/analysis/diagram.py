@@ -16,6 +16,7 @@ from slipangle.models.analysis.linearize import directions
 from slipangle.models.analysis.responses import quantile
 from slipangle.models.analysis.trim import STEERING, Motion, Trim, moving
 from slipangle.models.model import Model
+from slipangle.units import speed_said
 
 _HALVINGS = 12  # of the last step, at whose end there is no steady state any more
 
@@ -78,7 +79,7 @@ class HandlingDiagram:
 
     def __repr__(self) -> str:
         end = f"limit {self.a_y_max:.3g} m/s2, {self.limit}" if self.limit else f"no limit to {self.a_y[-1]:.3g} m/s2"
-        return f"<HandlingDiagram of '{self.name}' at {3.6 * self.v_x:.3g} km/h: {end}>"
+        return f"<HandlingDiagram of '{self.name}' at {speed_said(self.v_x)}: {end}>"
 
     def _repr_html_(self) -> str:
         return self.table()._repr_html_()

@@ -16,6 +16,7 @@ from slipangle.models.analysis.linearize import linearize
 from slipangle.models.analysis.responses import Estimate, quantile
 from slipangle.models.analysis.trim import STEERING
 from slipangle.models.model import Model
+from slipangle.units import speed_said
 
 _WEAVE = 0.2  # Hz, of the on-centre weave of ISO 13674-1
 _LEVEL = 4.0  # m/s2, lateral acceleration at which ISO 7401 wants its step
@@ -96,7 +97,7 @@ class Handling:
         return import_module("slipangle.report.linear").handling_curves((self,), names)  # a room above this one
 
     def __repr__(self) -> str:
-        ends = f"{3.6 * self.v_x[0]:.3g} to {3.6 * self.v_x[-1]:.3g} km/h"
+        ends = f"{speed_said(self.v_x[0])} to {speed_said(self.v_x[-1])}"
         kind = "characteristic" if np.isfinite(self.characteristic_speed.value) else "critical"
         return f"<Handling of '{self.name}', {ends}: {kind} speed {getattr(self, f'{kind}_speed')}>"
 

@@ -13,6 +13,7 @@ from slipangle.errors import ParameterError
 from slipangle.models.analysis.diagram import lateral_states
 from slipangle.models.analysis.trim import STEERING, Motion
 from slipangle.models.model import Model
+from slipangle.units import speed_said
 
 Kind = Literal["stable", "saddle", "unstable"]
 _NEWTON, _ROUNDING = 40, 1e-9
@@ -80,7 +81,7 @@ class PhasePlane:
     def __repr__(self) -> str:
         count = {k: sum(e.kind == k for e in self.equilibria) for k in ("stable", "saddle", "unstable")}
         said = ", ".join(f"{n} {k}" for k, n in count.items() if n) or "no"
-        place = f"{3.6 * self.v_x:.3g} km/h, delta {np.degrees(self.delta):.3g} deg"
+        place = f"{speed_said(self.v_x)}, delta {np.degrees(self.delta):.3g} deg"
         return f"<PhasePlane of '{self.name}' at {place}: {said} equilibria, settles from {100 * self.share:.0f} %>"
 
     def _repr_html_(self) -> str:
