@@ -69,6 +69,16 @@ def test_demo_writes_page_log_and_job(demo):
         assert heading in html
 
 
+def test_the_page_names_one_steering_limit(demo):
+    """The driver's own, over the drive that plays and in the figure, not the one that a job's MPC would have had."""
+    page = (demo / "index.html").read_text()
+    said = {float(v) for v in re.findall(r"of ±([\d.]+)°", page)}
+    drawn = {float(v) for v in re.findall(r'"text":"limit ([\d.]+)"', page)}
+    assert len(said) == 1
+    assert said == {float(v) for v in re.findall(r"Steering is limited to ([\d.]+)°", page)}
+    assert list(drawn) == [pytest.approx(*said, abs=0.06)]  # 28.85, said as 28.8
+
+
 def test_demo_numbers(demo):
     found = json.loads((demo / "metrics.json").read_text())
     car = found["models"]["car"]

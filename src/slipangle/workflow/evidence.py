@@ -8,12 +8,14 @@ import numpy as np
 import plotly.graph_objects as go
 
 from slipangle import MPC, Channel, Dataset, Model, Trajectory, Validation, report
+from slipangle.control.driver import Driver
 from slipangle.data.race import with_dead_reckoning
 from slipangle.identify.judge.scores import Score
 from slipangle.report.page import Block
 from slipangle.report.tables import number
 from slipangle.units import angle_said, deg, read_in
 from slipangle.workflow.job import Outcome
+from slipangle.workflow.overview import steering_limit
 from slipangle.workflow.verdict import SECTIONS, spoken
 
 _SOLVER = {
@@ -237,7 +239,8 @@ def _drive_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
         return
     right, left = run.path.boundaries()
     own = "" if outcome.settings.plant.kind else ", stepped at 1 kHz, with sensor noise"
-    limit = deg(wanted.delta_max)
+    limit = steering_limit(outcome, wanted.delta_max)
+    rate = "" if isinstance(outcome.controller, Driver) else f" and {angle_said(deg(wanted.delta_rate_max))}/s"
     rows = [
         _signal("delta", "rad", run["delta"], lower=-limit, upper=limit, held=True),
         _signal("e_y", "m", run.e_y),
@@ -260,8 +263,7 @@ def _drive_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
         report.Figure(
             title="Command, errors and motion",
             figure=_of_drive(report.signals(run.t, rows), "time"),
-            caption="Steering is limited to "
-            f"{angle_said(deg(wanted.delta_max))} and {angle_said(deg(wanted.delta_rate_max))}/s.",
+            caption=f"Steering is limited to {angle_said(limit)}{rate}.",
         ),
         report.Grid(
             figures=(

@@ -81,7 +81,7 @@ def picture(outcome: Outcome) -> Playback | None:
     svg = seen_from_above(run["X"], run["Y"], run["psi"], body=body, label=label, moving=True, **edges)
     rows = np.searchsorted(run.t, run.t_plan - 1e-9).clip(0, len(run.t) - 1)
     known = "delta" in (*run.state_names, *run.input_names)
-    limit = _limit(outcome, wanted.delta_max)
+    limit = steering_limit(outcome, wanted.delta_max)
     steering = run["delta"] if known else np.zeros(len(run.t))
     fast, speed = read_in("v_x", "m/s")
     words = [
@@ -116,7 +116,7 @@ def _planner(outcome: Outcome) -> Any:
     return controller.controller if isinstance(controller, Driver) else controller
 
 
-def _limit(outcome: Outcome, wanted: float) -> float:
+def steering_limit(outcome: Outcome, wanted: float) -> float:
     """Largest steering angle, a driver's own or that of the job, which is in degrees. [rad]"""
     if not isinstance(outcome.controller, Driver):
         return float(np.radians(wanted))
