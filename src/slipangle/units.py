@@ -160,6 +160,11 @@ def shown_in_si(wanted: bool = True) -> Iterator[None]:
         _AS_KEPT.reset(before)
 
 
+def shows_si() -> bool:
+    """Whether people read SI units now, see `shown_in_si`."""
+    return _AS_KEPT.get()
+
+
 def read_in(name: str, unit: str) -> tuple[float, str]:
     """Factor and unit in which people read a channel or parameter: degrees, km/h for speeds of travel, ms for delays.
 
@@ -170,7 +175,7 @@ def read_in(name: str, unit: str) -> tuple[float, str]:
     >>> read_in("delay_delta", "s"), round(read_in("v_x", "m/s")[0], 3)
     ((1000.0, 'ms'), 3.6)
     """
-    if _AS_KEPT.get():
+    if shows_si():
         return 1.0, unit
     if unit in ("rad", "rad/s", "rad/s2"):
         return math.degrees(1.0), unit.replace("rad", "deg")
@@ -195,5 +200,6 @@ def angle_said(angle: float, digits: str = ".3g") -> str:
     >>> angle_said(0.1), angle_said(0.1, "+.1f")
     ('5.73°', '+5.7°')
     """
-    factor, unit = read_in("", "rad")
-    return f"{factor * angle:{digits}}°" if unit == "deg" else f"{angle:{'+' if '+' in digits else ''}.3f} rad"
+    if shows_si():
+        return f"{angle:{'+' if '+' in digits else ''}.3f} rad"
+    return f"{math.degrees(angle):{digits}}°"

@@ -21,6 +21,8 @@ from slipangle.paths.lane_change import lane_changes
 from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.plant import Plant
 
+pytestmark = pytest.mark.filterwarnings("ignore:no C compiler was found")  # what it decides is the same without
+
 V = 15.0
 BICYCLE = OnGround(Bicycle(params=SOUSA_TABLE_7_2, dt=0.05, outputs=("r", "v_y")))
 SETTINGS = {

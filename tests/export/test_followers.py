@@ -11,7 +11,6 @@ from slipangle.control.followers.feedforward import FeedforwardFeedback
 from slipangle.control.followers.followers import PurePursuit, Stanley
 from slipangle.control.followers.preview_lqr import PreviewLQR
 from slipangle.errors import ParameterError
-from slipangle.export.drives import standard_drive
 from slipangle.export.kinds import project_of
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import FERRARI_250LM
@@ -20,7 +19,7 @@ from slipangle.models.wrappers.delayed import Delayed
 from slipangle.paths.lane_change import double_lane_change
 from tests.export.loaded import STATUSES, Loaded
 from tests.export.test_mpc import upset
-from tests.export.tools import MACHINES, STRICT, built_and_run, needs, run
+from tests.export.tools import MACHINES, STRICT, driven_on, needs, run
 
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
 GEARED = FERRARI_250LM.with_values(steering_gain=0.8, steering_offset=0.01)
@@ -101,10 +100,5 @@ def test_what_a_subclass_changes_is_not_lost_in_silence():
 @EACH
 @pytest.mark.parametrize("name", MACHINES)
 def test_two_thousand_steps_on_every_machine(name, kind, tmp_path):
-    drive = standard_drive(KINDS[kind], 2000)
-    for file, content in project_of(KINDS[kind], "car", drive).everything.items():
-        (tmp_path / file).write_text(content)
-    said = built_and_run(name, ["car.c", "main.c"], tmp_path, "--commands", stdin=tmp_path / "drive.csv")
-    commands = np.array(said.split(), dtype=float)
-    assert np.abs(drive.commands).max() > 0.02
-    assert np.abs(commands - drive.commands[:, 0]).max() <= 1e-10
+    commands, wanted = driven_on(name, KINDS[kind], tmp_path)
+    assert np.abs(commands - wanted).max() <= 1e-10

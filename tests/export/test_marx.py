@@ -8,13 +8,12 @@ import pytest
 from slipangle.codegen import compiler
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.marx.solver import FLAGS
-from slipangle.export.drives import standard_drive
 from slipangle.export.kinds import project_of
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.terms import Limits, Values, Weights
 from tests.control.marx.test_mpc import BY_POSE, BY_Y, GROUND, SETTINGS, situation
 from tests.export.loaded import Loaded, same
-from tests.export.tools import MACHINES, STRICT, built_and_run, needs, run
+from tests.export.tools import MACHINES, STRICT, driven_on, needs, run
 
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
 INTEGRAL = MultiARXMPC(
@@ -74,10 +73,5 @@ def test_compilers_have_nothing_to_say(kind, compiler_, tmp_path):
 @pytest.mark.parametrize("name", MACHINES)
 def test_two_thousand_steps_on_every_machine(name, tmp_path):
     needs()
-    drive = standard_drive(INTEGRAL, 2000)
-    for file, content in project_of(INTEGRAL, "car", drive).everything.items():
-        (tmp_path / file).write_text(content)
-    said = built_and_run(name, ["car.c", "main.c"], tmp_path, "--commands", stdin=tmp_path / "drive.csv")
-    commands = np.array(said.split(), dtype=float)
-    assert np.abs(drive.commands).max() > 0.02
-    assert np.abs(commands - drive.commands[:, 0]).max() <= 1e-10
+    commands, wanted = driven_on(name, INTEGRAL, tmp_path)
+    assert np.abs(commands - wanted).max() <= 1e-10

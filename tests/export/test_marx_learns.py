@@ -8,14 +8,13 @@ import pytest
 from slipangle.codegen import compiler
 from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC, Lesson, Supervisor
 from slipangle.control.marx.solver import FLAGS
-from slipangle.export.drives import standard_drive
 from slipangle.export.kinds import project_of
 from slipangle.export.precision import as_precision
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.optimal.ocp import Reference
 from tests.control.marx.test_adaptation import ADAPTIVE, BASE, FREE, model, reference
 from tests.export.loaded import STATUSES, Loaded
-from tests.export.tools import MACHINES, STRICT, built_and_run, needs, run
+from tests.export.tools import MACHINES, STRICT, driven_on, needs, run
 
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
 LESSONS = list(Lesson)
@@ -79,10 +78,5 @@ def test_compilers_have_nothing_to_say(compiler_, precision, tmp_path):
 @needs_compiler
 @pytest.mark.parametrize("name", MACHINES)
 def test_two_thousand_steps_on_every_machine(name, tmp_path):
-    drive = standard_drive(ADAPTIVE, 2000)
-    for file, content in project_of(ADAPTIVE, "car", drive).everything.items():
-        (tmp_path / file).write_text(content)
-    said = built_and_run(name, ["car.c", "main.c"], tmp_path, "--commands", stdin=tmp_path / "drive.csv")
-    commands = np.array(said.split(), dtype=float)
-    assert np.abs(drive.commands).max() > 0.02
-    assert np.abs(commands - drive.commands[:, 0]).max() <= 1e-9
+    commands, wanted = driven_on(name, ADAPTIVE, tmp_path)
+    assert np.abs(commands - wanted).max() <= 1e-10

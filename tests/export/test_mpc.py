@@ -18,7 +18,7 @@ from slipangle.export.names import checked, comment, constants
 from slipangle.models.vehicles.catalogue import FERRARI_250LM
 from tests.control.marx.test_mpc import BY_POSE
 from tests.export.loaded import Loaded, same
-from tests.export.tools import MACHINES, STRICT, built_and_run, needs, run
+from tests.export.tools import MACHINES, STRICT, driven_on, needs, run
 from tests.models.all_models import ALL_MODELS
 
 STANLEY = sa.Stanley(params=FERRARI_250LM)
@@ -276,14 +276,8 @@ def test_two_thousand_steps_on_every_machine(name, tmp_path):
     """The same commands to 1e-10 from every compiler and processor."""
     needs()
     mpc = controller(10)
-    drive = standard_drive(mpc, 2000)
-    for file, content in project_of(mpc, "car", drive).everything.items():
-        (tmp_path / file).write_text(content)
-    said = built_and_run(name, ["car.c", "main.c"], tmp_path, "--commands", stdin=tmp_path / "drive.csv")
-    commands = np.array(said.split(), dtype=float)
-    assert commands.shape == (2000,)
-    assert np.abs(drive.commands).max() > 0.02
-    assert np.abs(commands - drive.commands[:, 0]).max() <= 1e-10
+    commands, wanted = driven_on(name, mpc, tmp_path)
+    assert np.abs(commands - wanted).max() <= 1e-10
 
 
 @pytest.mark.slow

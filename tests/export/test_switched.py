@@ -18,7 +18,7 @@ from slipangle.optimal.ocp import Reference
 from slipangle.optimal.terms import Limits, Weights
 from tests.control.test_switched import BICYCLE, CALM, LIMIT, SETTINGS, SWITCHED, V, bend
 from tests.export.loaded import STATUSES, Loaded, defines
-from tests.export.tools import MACHINES, STRICT, built_and_run, needs, run
+from tests.export.tools import MACHINES, STRICT, driven_on, needs, run
 
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
 EAGER = MPC(BICYCLE, **(SETTINGS | {"S": Weights(delta=100.0), "rates": Limits(delta=2.0)}))
@@ -130,10 +130,6 @@ def test_parts_that_cannot_be_handed_over_are_said():
 @pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("name", MACHINES)
-def test_five_hundred_steps_on_every_machine(name, tmp_path):
-    drive = standard_drive(SWITCHED, 500)
-    project = project_of(SWITCHED, "car", drive)
-    for file, content in project.everything.items():
-        (tmp_path / file).write_text(content)
-    said = built_and_run(name, [*project.sources, "main.c"], tmp_path, "--commands", stdin=tmp_path / "drive.csv")
-    assert np.abs(np.array(said.split(), dtype=float) - drive.commands[:, 0]).max() <= 1e-9
+def test_two_thousand_steps_on_every_machine(name, tmp_path):
+    commands, wanted = driven_on(name, SWITCHED, tmp_path)
+    assert np.abs(commands - wanted).max() <= 1e-10

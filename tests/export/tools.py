@@ -7,9 +7,12 @@ import subprocess
 import sys
 from functools import cache
 
+import numpy as np
 import pytest
 
 from slipangle.codegen import compiler
+from slipangle.export.drives import standard_drive
+from slipangle.export.kinds import project_of
 
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion")
 ZIG = (sys.executable, "-m", "ziglang", "cc")
@@ -137,3 +140,16 @@ def built_and_run(name, sources, folder, *words, stdin=None):
     started = [*runner, out] if runner else [f"./{out}"]
     home = {"WINEDEBUG": "-all", "WINEPREFIX": str(folder / "wine")} if runner == ("wine",) else {}
     return run(*started, *words, folder=folder, stdin=stdin, environment=home)
+
+
+def driven_on(name, controller, folder, steps=2000):
+    """The first command of each step of a drive: what the C says on a machine, and what Python decided."""
+    drive = standard_drive(controller, steps)
+    project = project_of(controller, "car", drive)
+    for file, content in project.everything.items():
+        (folder / file).write_text(content)
+    said = built_and_run(name, [*project.sources, "main.c"], folder, "--commands", stdin=folder / "drive.csv")
+    assert np.abs(drive.commands).max() > 0.02
+    commands = np.array(said.split(), dtype=float)
+    assert commands.shape == (steps,)
+    return commands, drive.commands[:, 0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import singledispatch
 from typing import Any
 
@@ -79,34 +80,21 @@ def _require_own(controller: Any, kind: type[Controller]) -> None:
         )
 
 
-@project_of.register
-def _(thing: MPC, name: str, drive: Drive | Dataset | int) -> Project:
-    _require_own(thing, MPC)
-    return mpc_project(thing, name or "mpc", _driven(thing, drive))
+def _controller(kind: type, project: Callable[[Any, str, Drive], Project], named: str) -> None:
+    """Register a kind of controller, and the name of its files by default."""
+
+    def made(thing: Any, name: str, drive: Drive | Dataset | int) -> Project:
+        _require_own(thing, kind)
+        return project(thing, name or named, _driven(thing, drive))
+
+    project_of.register(kind, made)
 
 
-@project_of.register
-def _(thing: MultiARXMPC, name: str, drive: Drive | Dataset | int) -> Project:
-    _require_own(thing, MultiARXMPC)
-    return marx_project(thing, name or "marx", _driven(thing, drive))
-
-
-@project_of.register
-def _(thing: AdaptiveMultiARXMPC, name: str, drive: Drive | Dataset | int) -> Project:
-    _require_own(thing, AdaptiveMultiARXMPC)
-    return marx_project(thing, name or "marx", _driven(thing, drive))
-
-
-@project_of.register
-def _(thing: SwitchedMPC, name: str, drive: Drive | Dataset | int) -> Project:
-    _require_own(thing, SwitchedMPC)
-    return switched_project(thing, name or "switched", _driven(thing, drive))
-
-
-@project_of.register
-def _(thing: PathFollower, name: str, drive: Drive | Dataset | int) -> Project:
-    _require_own(thing, PathFollower)
-    return follower_project(thing, name or "follower", _driven(thing, drive))
+_controller(MPC, mpc_project, "mpc")
+_controller(MultiARXMPC, marx_project, "marx")
+_controller(AdaptiveMultiARXMPC, marx_project, "marx")
+_controller(SwitchedMPC, switched_project, "switched")
+_controller(PathFollower, follower_project, "follower")
 
 
 @project_of.register

@@ -18,15 +18,17 @@ from slipangle.export.project import Project, template
 
 def marx_project(controller: MultiARXMPC | AdaptiveMultiARXMPC, name: str, drive: Drive) -> Project:
     """The files of predictive control on ARX models blended by speed; name and drive as for `project`."""
-    learns = isinstance(controller, AdaptiveMultiARXMPC)
-    mpc = controller.base if isinstance(controller, AdaptiveMultiARXMPC) else controller
-    decision = template("marx.c").replace("@LEARNS@", template("marx_learns.c") + "\n" if learns else "")
-    decision = decision.replace("@LEARNER@", "    Learner learner;\n" if learns else "")
-    constants = _constants(mpc) + (_of_learning(controller) if isinstance(controller, AdaptiveMultiARXMPC) else "")
+    if isinstance(controller, AdaptiveMultiARXMPC):
+        mpc, own, said = controller.base, _of_learning(controller), ", which learn"
+        learns, learner = template("marx_learns.c") + "\n", "    Learner learner;\n"
+    else:
+        mpc, own, said, learns, learner = controller, "", "", "", ""
+    decision = template("marx.c").replace("@LEARNS@", learns).replace("@LEARNER@", learner)
+    constants = _constants(mpc) + own
     text = "\n".join([source(mpc.problem, caller=True), constants, around(decision)])
     text = re.sub(r"\bmarx_(?=[a-z])", "car_program_", text)  # so that several projects go into one program
     facts = {"horizon": mpc.horizon, "models": len(mpc.numbers.speeds)}
-    kind = f"predictive controller on ARX models blended by speed{', which learn' if learns else ''}"
+    kind = f"predictive controller on ARX models blended by speed{said}"
     return project(controller, name, drive, text, kind=kind, facts=facts, flags=FLAGS)
 
 

@@ -31,10 +31,9 @@ _COLOURS = {
 
 def lap_map(lap: Lap, by: Literal["v_x", "grip_f", "grip_r"] = "v_x") -> go.Figure:
     """The line between the edges of the track, coloured by speed or by the grip that an axle uses."""
-    label, factor, unit = _COLOURS[by]
-    if by == "v_x":
-        factor, unit = read_in(by, unit)
-    drawn = track_map(lap.X, lap.Y, factor * getattr(lap, by), channel=Channel(by, unit), label=label)
+    label, kept, unit = _COLOURS[by]
+    factor, unit = read_in(by, unit)
+    drawn = track_map(lap.X, lap.Y, factor * kept * getattr(lap, by), channel=Channel(by, unit), label=label)
     for edge in lap.track.boundaries():
         if np.isfinite(edge).all():
             rows = style.thin(edge[:, 0], 3000)

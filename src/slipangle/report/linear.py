@@ -14,7 +14,7 @@ from slipangle.models.analysis.linearised import LinearisedModel
 from slipangle.models.analysis.responses import FrequencyResponse, TimeResponse, quantile
 from slipangle.report.style import SLATE, axes, dots, escape, line, new_figure, pretty_unit, series_style, wrap
 from slipangle.report.tables import Heading, Row, Table, number, to_digit
-from slipangle.units import read_in, speed_said
+from slipangle.units import read_in, shows_si, speed_said
 
 _DEG = 180 / np.pi
 # Quantities as people read them: factor and unit.
@@ -31,8 +31,7 @@ _READ = {
 
 def _read(unit: str) -> tuple[float, str]:
     """Factor and unit in which people read a quantity."""
-    kept = read_in("", "rad")[1] == "rad"
-    return (1.0, unit) if kept else _READ.get(unit, (1.0, unit))
+    return (1.0, unit) if shows_si() else _READ.get(unit, (1.0, unit))
 
 
 def _band(figure: go.Figure, x: np.ndarray, band: np.ndarray, index: int, axis: str = "y", **more: Any) -> None:

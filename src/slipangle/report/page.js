@@ -5,7 +5,6 @@
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
   const plots = Array.from(document.querySelectorAll(".plot"));
   let printing = false;
-  const fitted = new Map(); /* heights on paper */
 
   function coloured(text) {
     if (!dark.matches || printing) return text;
@@ -25,7 +24,6 @@
     layout.template = JSON.parse(coloured(JSON.stringify(settings.template)));
     layout.autosize = true;
     if (plot.clientWidth < 520) narrow(layout);
-    layout.height = fitted.get(plot) || layout.height;
     plot.style.height = layout.height + "px";
     const touch = window.matchMedia("(hover: none)").matches;
     if (touch) layout.dragmode = false; /* a finger on a figure scrolls the page */
@@ -80,9 +78,8 @@
     return unpacking;
   }
 
-  function draw(plot) {
+  function draw(plot, spec = specification(plot)) {
     if (!window.Plotly) return undefined;
-    const spec = specification(plot);
     const done = window.Plotly.react(plot, spec.data, spec.layout, spec.config);
     link(plot, (spec.layout.meta || {}).drive);
     return done;
@@ -157,7 +154,7 @@
   }
 
   /* Figures shrink into what is left of a sheet, or grow where the next one does not fit, so that no sheet ends half
-     empty. Long paragraphs and tables break as they fall. */
+     empty. Long paragraphs and tables break as they fall. Gives each figure with its height. */
   const SHEET = 1017, SPARE = 16; /* A4 without its margins; kept free [px] */
   const LEAST = 0.55, MOST = 1.35, LOW = 230, SHORT = 60; /* of a figure, a paragraph that does not break [px] */
   function fitSheets() {
@@ -192,7 +189,7 @@
       }
       if (row.plots.length) above.push(row);
     }
-    for (const row of rows) for (const plot of row.plots) fitted.set(plot, Math.round(row.height));
+    return rows.flatMap((row) => row.plots.map((plot) => [plot, Math.round(row.height)]));
   }
   /* Where what must stand on the same sheet begins: headings, and the head of a table. */
   function headOf(part) {
@@ -209,13 +206,15 @@
   function beforePrint() {
     printing = true;
     document.documentElement.classList.add("printing"); /* the paper's width, before measuring */
-    for (const plot of plots) specification(plot);
-    fitSheets();
-    for (const plot of plots) draw(plot);
+    const specs = new Map(plots.map((plot) => [plot, specification(plot)]));
+    for (const [plot, height] of fitSheets()) {
+      specs.get(plot).layout.height = height;
+      plot.style.height = height + "px";
+    }
+    for (const [plot, spec] of specs) draw(plot, spec);
   }
   function afterPrint() {
     printing = false;
-    fitted.clear();
     document.documentElement.classList.remove("printing");
     drawAgain();
   }

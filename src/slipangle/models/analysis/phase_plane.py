@@ -13,7 +13,7 @@ from slipangle.errors import ParameterError
 from slipangle.models.analysis.diagram import lateral_states
 from slipangle.models.analysis.trim import STEERING, Motion
 from slipangle.models.model import Model
-from slipangle.units import speed_said
+from slipangle.units import read_in, speed_said
 
 Kind = Literal["stable", "saddle", "unstable"]
 _NEWTON, _ROUNDING = 40, 1e-9
@@ -81,7 +81,8 @@ class PhasePlane:
     def __repr__(self) -> str:
         count = {k: sum(e.kind == k for e in self.equilibria) for k in ("stable", "saddle", "unstable")}
         said = ", ".join(f"{n} {k}" for k, n in count.items() if n) or "no"
-        place = f"{speed_said(self.v_x)}, delta {np.degrees(self.delta):.3g} deg"
+        turn, angle = read_in("delta", "rad")
+        place = f"{speed_said(self.v_x)}, delta {turn * self.delta:.3g} {angle}"
         return f"<PhasePlane of '{self.name}' at {place}: {said} equilibria, settles from {100 * self.share:.0f} %>"
 
     def _repr_html_(self) -> str:
