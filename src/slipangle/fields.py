@@ -18,6 +18,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from slipangle.errors import ParameterError, nearest, shown
+from slipangle.shown import Brief
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ Radius = Annotated[float, Within(0, open="low", example="0.999")]
 Seed = Annotated[int, Within(0, 2**32 - 1)]
 
 
-class Checked:
+class Checked(Brief):
     """Base of settings records: numbers lie in their ``Within``, words are among their ``Literal``, lists are tuples.
 
     A subclass that relates fields to each other does so in ``__post_init__`` after ``super().__post_init__()``.

@@ -6,14 +6,22 @@ import pytest
 import slipangle as sa
 from slipangle.errors import ParameterError
 from slipangle.identify.car.identify_car import IdentifiedCar
+from slipangle.identify.search.search import SearchResult, TrialResult
 from slipangle.models.model import ProfileInfo
 from slipangle.report import Heading, Row, Table
-from slipangle.report.shown import figure, table
+from slipangle.report.drawn import figure
+from slipangle.report.shown import table
+from slipangle.simulate.robust import Trials
 from slipangle.simulate.run import End, Run
+from tests.models.all_models import ALL_MODELS
 from tests.report.example import fit_info
 
 PARAMS = sa.BicycleParams(mass=1500, inertia_z=2500, wheelbase=2.7, l_f=1.2, C_f=9e4, C_r=1.1e5)
 CAR = sa.Bicycle(params=PARAMS, dt=0.02)
+
+
+def controller():
+    return sa.MPC(sa.OnGround(CAR), horizon=5, controls=("delta",), Q=sa.Weights(Y=1.0), S=sa.Weights(delta=1.0))
 
 
 def log(n=400):
@@ -27,8 +35,8 @@ def log(n=400):
 
 
 @pytest.fixture(scope="module")
-def results():
-    data = log()
+def results(tmp_path_factory):
+    data, rng = log(), np.random.default_rng(0)
     path = sa.double_lane_change(20.0)
     n = len(path.s)
     rows = {"v_x": np.full(n, 20.0), "X": path.X, "Y": path.Y, "psi": path.psi}
@@ -39,7 +47,22 @@ def results():
         path=path, width=1.8, s=path.s, reference=np.column_stack([path.X, path.Y, path.psi, rows["v_x"]]), e_y=zeros,
         e_psi=zeros, v_x=rows["v_x"], plans=(), t_plan=np.zeros(0), controls=("delta",), end=End.FINISHED,
     )  # fmt: skip
+    mpc = controller()
+    rich = data.with_channel("delta", 0.02 * rng.standard_normal(400), "rad").select(inputs=["delta"], outputs=["r"])
+    rich = rich.with_channel("r", np.convolve(rich["delta"], 0.5 ** np.arange(20))[:400], "rad/s")
+    spiked = data.with_channel("r", np.where(np.arange(400) == 200, 5.0, data["r"]), "rad/s")
+    done = [TrialResult(number=k, settings={"na": k, "nb": 2}, score=1.0 / (k + 1), seconds=0.1) for k in range(4)]
+    names = ("mass", "delay")
+    rows = rng.uniform(size=(32, 2)), (rng.uniform(size=(32, 5)) > 0.3).astype(float)
     return {
+        "plan": mpc.plan(np.zeros(mpc.model.n_states), mpc.reference(path.ahead(0.0, mpc.times))),
+        "folds": sa.cross_validate(sa.ARX(na=1, nb=1), sa.join(data.head(200), data.head(200)), folds=2),
+        "orders": sa.StateSpace(order=(1, 2)).choose_order(rich),
+        "advice": sa.advise(sa.GreyBox(start=CAR, free=("C_f",)).fit(data), data)[0],
+        "inspected": sa.inspect(spiked),
+        "log": sa.open_log(sa.write(data, tmp_path_factory.mktemp("logs") / "log.csv")),
+        "search": SearchResult(trials=tuple(done)),
+        "cars": Trials(names=names, changes=rows[0], results=rows[1]),
         "data": data,
         "trajectory": CAR.simulate(data),
         "fit": fit_info(),
@@ -57,7 +80,8 @@ def _fitted():
     return replace(CAR, fit_info=fit_info())
 
 
-EVERY = pytest.mark.parametrize("name", ["data", "trajectory", "fit", "verdict", "comparison", "run", "path", "car"])
+RESULTS = ["data", "trajectory", "fit", "verdict", "comparison", "run", "path", "car", "plan", "folds", "orders"]
+EVERY = pytest.mark.parametrize("name", [*RESULTS, "advice", "inspected", "log", "search", "cars"])
 
 
 @EVERY
@@ -78,6 +102,78 @@ def test_a_notebook_gets_a_table(results, name):
 @EVERY
 def test_each_has_a_figure(results, name):
     assert len(results[name].plot().data) > 0
+
+
+PUBLIC = {name: getattr(sa, name) for name in sa.__all__ if isinstance(getattr(sa, name), type)}
+
+
+@pytest.mark.parametrize("name", PUBLIC)
+def test_every_public_object_has_a_line_and_a_table(name):
+    """None has that of `object`, or the one that `dataclass` writes of everything that it holds."""
+    kind = PUBLIC[name]
+    assert kind.__repr__ is not object.__repr__
+    assert kind.__repr__.__qualname__.partition(".")[0] not in ("__create_fn__", kind.__name__) or kind in (
+        sa.NARXModel, sa.NeuralStateSpace,
+    )  # fmt: skip
+    assert callable(kind._repr_html_)
+
+
+@pytest.mark.parametrize("name", ALL_MODELS)
+def test_a_model_says_itself_in_a_short_line(name):
+    said = repr(ALL_MODELS[name])
+    assert len(said) <= 160
+    assert "\n" not in said
+    assert said.startswith(f"{type(ALL_MODELS[name]).__name__}(")
+    assert ALL_MODELS[name]._repr_html_().count("<table>") == 1
+
+
+def test_a_line_has_what_is_not_as_by_default():
+    assert repr(PARAMS) == "BicycleParams(mass=1500, inertia_z=2500, wheelbase=2.7, l_f=1.2, C_f=90000, C_r=110000)"
+    assert repr(sa.ARX(na=2, nb=3)) == "ARX(na=2, nb=3, nk=1)"
+    assert repr(sa.Limits(delta=0.3)) == "Limits(delta=(-0.3, 0.3))"
+    assert repr(sa.TerminalCost(("Y", "v_y"), np.eye(2))) == "TerminalCost(names=('Y', 'v_y'), matrix=array 2 x 2)"
+    assert repr(sa.Channel("r", "rad/s")) == "Channel(name='r', unit='rad/s')"
+    many = sa.Weights({f"q{k}": float(k) for k in range(40)})
+    assert repr(many).endswith(", ...)")
+    assert len(repr(many)) <= 160
+    mpc = controller()
+    assert repr(mpc).startswith("MPC(model=OnGround(model=Bicycle(params=BicycleParams(mass=1500, ")
+    assert len(repr(mpc)) <= 160
+
+
+def test_settings_show_values_units_and_meanings():
+    text = PARAMS._repr_html_()
+    assert ">90000<" in text
+    assert "N/rad" in text
+    assert "Yaw moment of inertia" in text
+    for thing, names in ((sa.NARX(na=1, nb=1), ("hidden", "na")), (controller(), ("horizon", "Q", "deadline"))):
+        said = {row.cells[0]: row.cells[-1] for row in table(thing).rows}
+        assert all(said[name] for name in names), said
+
+
+def test_what_is_seen_in_a_log_is_drawn_at_its_time(results):
+    drawn = results["inspected"].plot()
+    assert [(t.name, *t.x) for t in drawn.data] == [("spike", pytest.approx(4.0))]
+
+
+def test_every_fold_has_a_bar_of_its_own(results):
+    drawn = results["folds"].plot()
+    assert len(set(drawn.data[0].x)) == len(results["folds"].folds) == 2
+    assert np.asarray(drawn.data[0].y) == pytest.approx(results["folds"].fit("r"))
+
+
+def test_a_log_has_a_panel_for_each_channel(results):
+    drawn = results["log"].plot("v_x", "r")
+    assert [t.yaxis for t in drawn.data] == ["y", "y2"]
+    assert drawn.layout.yaxis2.title.text == "r [rad/s]"
+
+
+def test_a_plan_is_drawn_as_it_is_held(results):
+    plan = results["plan"]
+    drawn = plan.plot("delta").data[0]
+    assert drawn.line.shape == "hv"
+    assert np.asarray(drawn.y)[: len(plan.u)] == pytest.approx(np.degrees(plan.u[:, 0]), abs=1e-4)
+    assert "ms" in repr(plan)
 
 
 def test_lines_say_the_numbers(results):

@@ -17,11 +17,12 @@ from slipangle.optimal.ocp import Reference, require_reference
 from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import require_names
 from slipangle.paths.preview import Preview
+from slipangle.shown import Brief
 
 Ahead = Reference | Preview  # what is wanted over the horizon, or a look along a path
 
 
-class Controller(abc.ABC):
+class Controller(Brief, abc.ABC):
     """Plans from a state and a path ahead, at every step; `slipangle.simulate.loop.closed_loop` drives with it.
 
     Attributes

@@ -34,6 +34,7 @@ from slipangle.optimal.checks import NUMBER, Plausible
 from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import require_names
 from slipangle.paths.path import Path
+from slipangle.shown import Brief
 
 # For a road car; lengths scale with the wheelbase, speeds with its root.
 SLOWEST = 1.5  # m/s, below which a lateral model does not describe the car
@@ -42,7 +43,7 @@ JUMP, MOST = 2.0, 30.0  # m/s and m/s2 by which a measured speed may change at o
 LOST = 1.0  # m of standard deviation of the position from which the car should stop
 
 
-class Driver:
+class Driver(Brief):
     """Drives a car along a path from what its sensors say, complete when constructed.
 
     `step` takes measurements by name at any rate and at any time, some of them missing, slow or late, and returns
@@ -85,6 +86,8 @@ class Driver:
     ParameterError
         If the path has no speed profile, or the models of controller and estimator are not the same.
     """
+
+    _lists = ("path", "controller", "estimator", "speed", "dt")
 
     def __init__(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import nan
@@ -55,6 +55,7 @@ class Call(NamedTuple):
 class Fallbacks(Checked, Led):
     """A problem, its engine, and plans that need no solve: the one before shifted, or the safe stop law; see `MPC`."""
 
+    _explained_by = (OCP,)
     ocp: OCP
     solver: Literal["realtime", "ipopt"] | Backend
     deadline: Annotated[float, Within(0, unit="s", open="low")] | None
@@ -98,6 +99,10 @@ class Fallbacks(Checked, Led):
         require_names(self.safe, ocp.controls, "safe", "use a decided input")
         known = (*ocp.model.states, *ocp.references, *ocp.exogenous)
         require_names(self.plausible, known, "plausible", "use a state, a tracked quantity or an exogenous input")
+
+    def _entries(self) -> Iterator[tuple[str, Any, Any]]:
+        yield from self.ocp._entries()
+        yield from (entry for entry in super()._entries() if entry[0] != "ocp")
 
     @property
     def leader(self) -> OCP:

@@ -21,20 +21,20 @@ from slipangle.errors import (
     UnitError,
     nearest,
 )
-from slipangle.shown import Shown
+from slipangle.shown import Brief, Shown
 
 _MOST = 100_000_000  # samples that resampling makes; with ten channels 8 GB
 
 
 @dataclass(frozen=True)
-class Channel:
+class Channel(Brief):
     """Name and SI unit of one column."""
 
     name: str
     unit: str = "-"
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True)
 class Dataset(InFrames, Shown):
     """One or several recordings ("experiments") of the same channels at one sample time.
 

@@ -23,7 +23,7 @@ from slipangle.models.fast import FastPaths, evaluate
 from slipangle.models.plausible import astray
 from slipangle.models.provenance import Fingerprint
 from slipangle.ops import Vector
-from slipangle.shown import Shown
+from slipangle.shown import Brief, Shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +56,7 @@ class Candidate:
     stable: bool  # whether a free run over the longest experiment would stay
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True)
 class FitInfo(Shown):
     """How a model was fitted: estimates, their covariance and what to be careful about.
 
@@ -100,9 +100,9 @@ class FitInfo(Shown):
     train_name: str = ""
     train_span: tuple[float, float] = (0.0, 0.0)
     trials: tuple[Trial, ...] = ()
-    candidates: tuple[Candidate, ...] = field(default=(), repr=False, metadata={"may be missing in a file": True})
-    fingerprint: Fingerprint | None = field(default=None, repr=False, metadata={"may be missing in a file": True})
-    corrections: tuple[str, ...] = field(default=(), repr=False, metadata={"may be missing in a file": True})
+    candidates: tuple[Candidate, ...] = field(default=(), metadata={"may be missing in a file": True})
+    fingerprint: Fingerprint | None = field(default=None, metadata={"may be missing in a file": True})
+    corrections: tuple[str, ...] = field(default=(), metadata={"may be missing in a file": True})
 
     def _words(self) -> str:
         half = np.ptp(self.interval(), axis=1) / 2
@@ -159,7 +159,7 @@ class FitInfo(Shown):
         return f"condition number {self.condition:.3g}; the strongest correlation is {rho:.2f}, of {a} and {b}"
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True)
 class ProfileInfo(FitInfo):
     """`FitInfo` with intervals at one level from the profile likelihood, which keeps its level on bent valleys."""
 
@@ -171,7 +171,7 @@ class ProfileInfo(FitInfo):
         return self.limits if level == self.level else super().interval(level)
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True)
 class Trajectory(Shown):
     """Predicted outputs beside what was measured.
 
@@ -234,7 +234,7 @@ def taken(path: str) -> Any:
     return derived(attrgetter(path))
 
 
-class Model(FastPaths, abc.ABC):
+class Model(FastPaths, Brief, abc.ABC):
     """A discrete-time state space: everything that can be identified, validated and controlled with.
 
     Subclasses are frozen and supply `initial_state`, `step` and `output`; the last two must work on
@@ -304,9 +304,6 @@ class Model(FastPaths, abc.ABC):
     def with_estimates(self, values: np.ndarray) -> Model | None:
         """A copy with other values, shape (n_free,), of ``fit_info.names``, SI; None where they are no coefficients."""
         return None
-
-    def _repr_html_(self) -> str:
-        return import_module("slipangle.report.shown").table(self)._repr_html_()  # a room above this one
 
     def straight(self, v_x: float, *, X: float = 0.0, Y: float = 0.0, psi: float = 0.0) -> np.ndarray:
         """State of straight driving at a speed [m/s] and pose [m, m, rad]; by default all other states are zero."""

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Self, get_args, get_origin, get_type_hints
 
 from slipangle.errors import ParameterError, nearest
 from slipangle.ops import is_symbolic, is_traced
+from slipangle.shown import Brief
 from slipangle.units import SI
 
 __all__ = ["MOST_LAGS", "SI", "Annotated", "ParameterSet", "require_few_lags"]
@@ -32,7 +33,7 @@ def require_in_range(what: str, value: Any, meta: SI) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ParameterSet:
+class ParameterSet(Brief):
     """Base of parameter records; every field is ``Annotated[float, SI(unit, doc, lower, upper)]``.
 
     One record feeds the range check, the bounds of identification and the report. Raises ParameterError if a value is

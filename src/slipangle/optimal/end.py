@@ -13,12 +13,13 @@ from scipy import linalg
 from slipangle.errors import ParameterError
 from slipangle.optimal.arrays import short
 from slipangle.optimal.terms import require_names
+from slipangle.shown import Brief
 
 ERROR_OF = {"X": "e_x", "Y": "e_y", "psi": "e_psi"}
 
 
 @dataclass(frozen=True, eq=False)
-class TerminalCost:
+class TerminalCost(Brief):
     """Cost of the end, ``e^T P e``: a weight between every two errors.
 
     Parameters
@@ -37,7 +38,7 @@ class TerminalCost:
     Examples
     --------
     >>> TerminalCost(("p", "v"), [[2.0, 1.0], [1.0, 3.0]])
-    TerminalCost(('p', 'v'))
+    TerminalCost(names=('p', 'v'), matrix=array 2 x 2)
     """
 
     names: tuple[str, ...]
@@ -66,9 +67,6 @@ class TerminalCost:
         P.flags.writeable = False
         object.__setattr__(self, "names", names)
         object.__setattr__(self, "matrix", P)
-
-    def __repr__(self) -> str:
-        return f"TerminalCost({self.names!r})"
 
     @property
     def rows(self) -> np.ndarray:

@@ -25,6 +25,7 @@ from slipangle.optimal.end import TerminalCost, lqr
 from slipangle.optimal.scenarios import Scenarios
 from slipangle.optimal.terms import Limits, Read, Weights, coerce, require_names
 from slipangle.paths.preview import Preview
+from slipangle.shown import Brief
 
 PATH_ERRORS = ("e_x", "e_y", "e_psi", "e_course")
 MOVING = 0.1  # m/s, below which no direction of motion is told
@@ -32,7 +33,7 @@ POSE = ("X", "Y", "psi")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Reference:
+class Reference(Brief):
     """What the vehicle should do over the horizon.
 
     Parameters

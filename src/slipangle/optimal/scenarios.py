@@ -10,10 +10,11 @@ import numpy as np
 
 from slipangle.errors import ParameterError
 from slipangle.optimal.arrays import short
+from slipangle.shown import Brief
 
 
 @dataclass(frozen=True, eq=False)
-class Scenarios:
+class Scenarios(Brief):
     """Several values of what is not known, with the first inputs in common: robust multi-stage control. [1]_
 
     The plan has a branch for every scenario, which keeps all limits; its cost is their mean by probability. The first
@@ -42,7 +43,7 @@ class Scenarios:
     Examples
     --------
     >>> Scenarios({"friction": (0.6, 1.0)}, probabilities=(0.3, 0.7))
-    Scenarios(friction=(0.6, 1.0))
+    Scenarios(values={'friction': (0.6, 1)}, probabilities=(0.3, 0.7))
     """
 
     values: Mapping[str, Any]
@@ -81,9 +82,6 @@ class Scenarios:
         share.flags.writeable = False
         object.__setattr__(self, "values", rows)
         object.__setattr__(self, "probabilities", share)
-
-    def __repr__(self) -> str:
-        return f"Scenarios({', '.join(f'{name}={row}' for name, row in self.values.items())})"
 
     def __len__(self) -> int:
         return len(self.probabilities)

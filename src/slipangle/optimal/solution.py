@@ -11,6 +11,8 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from slipangle.shown import Shown
+
 P = TypeVar("P")
 
 
@@ -88,7 +90,7 @@ class Branch(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Plan:
+class Plan(Shown):
     """Inputs and predicted states over the horizon.
 
     Parameters
@@ -150,12 +152,17 @@ class Plan:
     detail: str = ""
     residual: float = float("nan")
     violation: float = float("nan")
-    memory: Any = field(default=None, repr=False, compare=False)
-    unfinished: Any = field(default=None, repr=False, compare=False)
-    times: np.ndarray | None = field(default=None, repr=False)
+    memory: Any = field(default=None, compare=False)
+    unfinished: Any = field(default=None, compare=False)
+    times: np.ndarray | None = None
     health: Health = NEW
     branches: tuple[Branch, ...] = ()
     decided: Mapping[str, float] | None = None
+
+    def _words(self) -> str:
+        now = ", ".join(f"{n} = {v:.4g}" for n, v in zip(self.controls, self.command, strict=True))
+        old = f", {self.age} steps old" if self.age else ""
+        return f"{now} now{old}, {len(self.u)} stages; {self.status.name} in {1e3 * self.seconds:.3g} ms"
 
     @property
     def command(self) -> np.ndarray:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import MISSING
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from slipangle.errors import ParameterError, nearest
 from slipangle.optimal.arrays import short
+from slipangle.shown import WIDEST, Brief
 
 T = TypeVar("T")
 
 
-class Named(Mapping[str, T], Generic[T]):
+class Named(Brief, Mapping[str, T], Generic[T]):
     """A checked number, or two, by channel name, immutable; ``given`` is a dictionary, or ``named`` keywords are.
 
     Raises ParameterError if a name is no text or a number makes no sense.
@@ -63,10 +65,15 @@ class Named(Mapping[str, T], Generic[T]):
     def __hash__(self) -> int:
         return hash(frozenset(self._items.items()))
 
+    def _entries(self) -> Iterator[tuple[str, Any, Any]]:
+        for name, value in self._items.items():
+            yield name, value, MISSING
+
     def __repr__(self) -> str:
         plain = all(name.isidentifier() for name in self._items)
-        said = ", ".join(f"{k}={v!r}" for k, v in self._items.items()) if plain else repr(self._items)
-        return f"{type(self).__name__}({said})"
+        whole = ", ".join(f"{k}={v!r}" for k, v in self._items.items()) if plain else repr(self._items)
+        line = f"{type(self).__name__}({whole})"  # Python reads it again
+        return line if len(line) <= WIDEST else super().__repr__()
 
 
 class Values(Named[float]):

@@ -27,7 +27,7 @@ _EDGE_STEP = 2.0  # m, between the points of an edge from which the line between
 _FIELDS = ("s", "X", "Y", "psi", "curvature", "v_x", "right", "left")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Path(Shown):
     """Centre line over arc length ``s``, evenly spaced from zero [m]; all arrays have shape (n,).
 

@@ -1,4 +1,4 @@
-"""What results show of themselves: `table` in a notebook, `figure` by ``.plot()``; one of each per kind of result."""
+"""What shows itself in a notebook: `table`, one per kind of result, and one for all settings and records."""
 
 from __future__ import annotations
 
@@ -7,37 +7,41 @@ from functools import singledispatch
 from typing import Any
 
 import numpy as np
-import plotly.graph_objects as go
 
-from slipangle.data.dataset import Channel, Dataset
-from slipangle.errors import ParameterError, nearest
+from slipangle.data.dataset import Dataset
+from slipangle.data.quality.inspect import DataReport
+from slipangle.data.readers.recording import Recording
+from slipangle.errors import ParameterError
 from slipangle.identify.car.identify_car import IdentifiedCar
-from slipangle.identify.judge.compare import Comparison
+from slipangle.identify.judge.compare import Comparison, CrossValidation, Fold
 from slipangle.identify.judge.validate import Validation
+from slipangle.identify.linear.statespace import OrderChoice
+from slipangle.identify.physics.advise import Advice
+from slipangle.identify.search.search import SearchResult
 from slipangle.models.model import FitInfo, Model, Trajectory
 from slipangle.optimal.lap.driven import DrivenLap, LapDelta
 from slipangle.optimal.lap.lap import Lap
+from slipangle.optimal.solution import Plan
 from slipangle.paths.path import Path
-from slipangle.report.diagnostics import forest
-from slipangle.report.drives import Signal, signals
-from slipangle.report.lap import delta_figure, lap_map, sector_table
-from slipangle.report.maps import Body, path_map
+from slipangle.report.lap import sector_table
+from slipangle.report.meanings import meaning, summary
 from slipangle.report.parameters import parameter_table
-from slipangle.report.plots import trajectories
+from slipangle.report.robust import worst_cars
+from slipangle.report.search import search_table
 from slipangle.report.style import pretty_unit
 from slipangle.report.tables import Heading, Row, ScoreRow, Table, score_table
+from slipangle.shown import Brief, said
+from slipangle.simulate.robust import Trials
 from slipangle.simulate.run import Run
 from slipangle.units import read_in
 
-_UNITS = {"r": "rad/s", "a_y": "m/s2", "a_x": "m/s2", "beta": "rad", "psi": "rad", "delta": "rad", "X": "m", "Y": "m"}
-_UNITS |= {"v_x": "m/s", "v_y": "m/s", "e_y": "m", "e_psi": "rad", "e_course": "rad", "e_v": "m/s", "s": "m"}
+UNITS = {"r": "rad/s", "a_y": "m/s2", "a_x": "m/s2", "beta": "rad", "psi": "rad", "delta": "rad", "X": "m", "Y": "m"}
+UNITS |= {"v_x": "m/s", "v_y": "m/s", "e_y": "m", "e_psi": "rad", "e_course": "rad", "e_v": "m/s", "s": "m"}
 
 
-def _one_of(names: Sequence[str], known: Sequence[str], what: str) -> None:
-    """Raise a ParameterError if a name is not known."""
-    for name in names:
-        if name not in known:
-            raise ParameterError(f"there is no {what} '{name}'; {nearest(name, known)}")
+def _sentences(*said: str) -> str:
+    """Each with a capital and a full stop."""
+    return " ".join(f"{s[:1].upper()}{s[1:].rstrip('.')}." for s in said if s)
 
 
 def _facts(title: str, rows: Sequence[tuple[str, Any, str]], caption: str = "") -> Table:
@@ -46,9 +50,6 @@ def _facts(title: str, rows: Sequence[tuple[str, Any, str]], caption: str = "") 
     return Table(
         title=title, columns=columns, rows=tuple(Row((n, v, pretty_unit(u))) for n, v, u in rows), caption=caption
     )
-
-
-# ---- tables --------------------------------------------------------------------------------------------------------
 
 
 @singledispatch
@@ -71,8 +72,22 @@ def _(result: Dataset) -> Table:
         title=f"{result.name}: {result._words()}",
         columns=(*columns, *numbers, Heading("unit", words=True)),
         rows=tuple(rows),
-        caption=" ".join(f"{note[:1].upper()}{note[1:]}." for note in result.notes),
+        caption=_sentences(*result.notes),
     )
+
+
+@table.register
+def _(result: Brief) -> Table:
+    about = type(result)
+    units = {n: (si.unit, f"{si.doc[0].upper()}{si.doc[1:]}.") for n, si in getattr(about, "metadata", dict)().items()}
+    rows = []
+    for name, value, _ in result._entries():
+        explained = filter(None, (meaning(home, name) for home in (about, *result._explained_by)))
+        unit, doc = units.get(name) or ("", next(explained, ""))
+        rows.append(Row((name, said(value), pretty_unit(unit), doc)))
+    columns = Heading("", words=True), Heading("value", words=True), Heading("unit", words=True)
+    columns = *columns, Heading("meaning", words=True)
+    return Table(title=about.__name__, columns=columns, rows=tuple(rows), caption=summary(about).replace("`", ""))
 
 
 @table.register
@@ -102,7 +117,7 @@ def _(result: Trajectory) -> Table:
 @table.register
 def _(result: Validation) -> Table:
     rows = [
-        ScoreRow(model=result.name, channel=n, unit=_UNITS.get(n, "-"), kind=kind, tone=_tone(result, n), **vars(s[n]))
+        ScoreRow(model=result.name, channel=n, unit=UNITS.get(n, "-"), kind=kind, tone=_tone(result, n), **vars(s[n]))
         for n in result.model.outputs
         for kind, s in (("free run", result.free_run_scores), ("one-step-ahead", result.one_step_scores))
     ]
@@ -117,7 +132,7 @@ def _tone(result: Validation, name: str) -> Any:
 @table.register
 def _(result: Comparison) -> Table:
     rows = [
-        ScoreRow(model=e.name, channel=n, unit=_UNITS.get(n, "-"), kind="free run", **vars(e.scores[n]))
+        ScoreRow(model=e.name, channel=n, unit=UNITS.get(n, "-"), kind="free run", **vars(e.scores[n]))
         for e in result.entries
         if not e.failure
         for n in result.outputs
@@ -128,7 +143,7 @@ def _(result: Comparison) -> Table:
 
 @table.register
 def _(result: IdentifiedCar) -> Table:
-    said = " ".join(f"{s[:1].upper()}{s[1:].rstrip('.')}." for s in result.sentences)
+    said = _sentences(*result.sentences)
     found = parameter_table(result.model.fit_info, title="The identified car")
     return Table(title=found.title, columns=found.columns, rows=found.rows, caption=said)
 
@@ -144,7 +159,82 @@ def _(result: Run) -> Table:
     if len(result.plans):
         late = 1000 * float(np.percentile(result.seconds, 99))
         rows += [("solver, 99th percentile", late, "ms"), ("commands of an older plan", result.fallbacks, "")]
-    return _facts("Closed loop", rows, f"{result.end.value[:1].upper()}{result.end.value[1:]}.")
+    return _facts("Closed loop", rows, _sentences(result.end.value))
+
+
+@table.register
+def _(result: Plan) -> Table:
+    columns = Heading("from", "s", words=True), *(Heading(n) for n in result.controls)
+    times = np.arange(len(result.u)) if result.times is None else result.times[:-1]
+    if result.times is None:
+        columns = Heading("stage", words=True), *columns[1:]
+    rows = (Row((f"{t:.4g}", *map(float, u))) for t, u in zip(times, result.u, strict=True))
+    caption = f"{result.status.name}: {result.status.value}. {1000 * result.seconds:.3g} ms, cost {result.cost:.6g}."
+    return Table(title="Plan", columns=columns, rows=tuple(rows), caption=caption)
+
+
+@table.register
+def _(result: CrossValidation) -> Table:
+    rows = [
+        ScoreRow(model=f"without {spans(fold)}", channel=n, unit=UNITS.get(n, "-"), kind="free run", **vars(score))
+        for fold in result.folds
+        for n, score in fold.scores.items()
+    ]
+    failed = " ".join(f"Fold {k + 1} failed: {fold.failure}." for k, fold in enumerate(result.folds) if fold.failure)
+    return score_table(rows, title=f"Cross-validation, {len(result.folds)} folds", caption=failed)
+
+
+def spans(fold: Fold) -> str:
+    """The experiments that a fold leaves out, by their times."""
+    return ", ".join(f"{a:.4g} to {b:.4g} s" for a, b in fold.spans)
+
+
+@table.register
+def _(result: OrderChoice) -> Table:
+    columns = Heading("order", words=True), Heading("error on held-out data", "-")
+    rows = (
+        Row((f"{n}", float(e)), tone="good" if n == result.order else None)
+        for n, e in zip(result.orders, result.errors, strict=True)
+    )
+    caption = _sentences(result.said, *result.failures)
+    return Table(title="Choice of the order", columns=columns, rows=tuple(rows), caption=caption)
+
+
+@table.register
+def _(result: Advice) -> Table:
+    columns = Heading("parameter", words=True), Heading("standard deviation now"), Heading("with it")
+    rows = (Row((n, float(a), float(b))) for n, a, b in zip(result.names, result.present, result.std, strict=True))
+    return Table(
+        title="Advice",
+        columns=columns,
+        rows=tuple(rows),
+        caption=_sentences(result.sentence),
+    )
+
+
+@table.register
+def _(result: DataReport) -> Table:
+    rows = [Row((getattr(f, "channel", ""), f.sentence)) for f in result.findings if f.sentence]
+    columns = Heading("channel", words=True), Heading("what was seen", words=True)
+    caption = _sentences(result.clock_sentence, *result.notes)
+    return Table(title=f"What is in {result.name}", columns=columns, rows=tuple(rows), caption=caption)
+
+
+@table.register
+def _(result: Recording) -> Table:
+    rows = [Row((h.name, topic, pretty_unit(h.unit or ""))) for topic, t in result.tables.items() for h in t.headers]
+    columns = Heading("channel", words=True), Heading("clock", words=True), Heading("unit", words=True)
+    return Table(title=result.name, columns=columns, rows=tuple(rows), caption=_sentences(*result.notes))
+
+
+@table.register
+def _(result: SearchResult) -> Table:
+    return search_table(result, rows=20)
+
+
+@table.register
+def _(result: Trials) -> Table:
+    return worst_cars(result)
 
 
 def _speeds(v_x: np.ndarray) -> list[tuple[str, Any, str]]:
@@ -186,112 +276,3 @@ def _(result: Path) -> Table:
     if result.v_x is not None:
         rows += _speeds(result.v_x)
     return _facts(f"Path {result.name}", rows)
-
-
-# ---- figures -------------------------------------------------------------------------------------------------------
-
-
-@singledispatch
-def figure(result: Any, names: Sequence[str]) -> go.Figure:
-    """The figure of a result."""
-    raise ParameterError(f"a {type(result).__name__} has no figure; expected a result of the toolbox")
-
-
-def _signal(name: str, unit: str, values: np.ndarray) -> Signal:
-    factor, shown = read_in(name, unit)
-    return Signal(channel=Channel(name, shown), values=factor * values)
-
-
-@figure.register
-def _(result: Dataset, names: Sequence[str]) -> go.Figure:
-    _one_of(names, result.names, "channel")
-    chosen = names or (*result.inputs, *result.outputs) or result.names
-    rows = [_signal(n, result.unit(n), result[n]) for n in chosen]
-    return signals(result.t, rows, starts=result.starts)
-
-
-@figure.register
-def _(result: FitInfo, names: Sequence[str]) -> go.Figure:
-    _one_of(names, (), "channel of a fit: leave names out,")
-    return forest(result)
-
-
-def _runs(runs: dict[str, Trajectory], outputs: Sequence[str], names: Sequence[str]) -> go.Figure:
-    """Free runs beside the measured output, the first one unless another is named."""
-    if len(names) > 1:
-        raise ParameterError(f"{len(names)} outputs for one figure; expected one of {', '.join(outputs)}")
-    _one_of(names, outputs, "output")
-    name = (*names, *outputs)[0]
-    factor, unit = read_in(name, _UNITS.get(name, "-"))
-    scaled = {
-        label: Trajectory(**{**vars(t), "y": factor * t.y, "measured": factor * t.measured})
-        for label, t in runs.items()
-    }
-    return trajectories(scaled, Channel(name, unit))
-
-
-@figure.register
-def _(result: Trajectory, names: Sequence[str]) -> go.Figure:
-    return _runs({result.kind: result}, result.outputs, names)
-
-
-@figure.register
-def _(result: Validation, names: Sequence[str]) -> go.Figure:
-    return _runs({result.name: result.free_run}, result.free_run.outputs, names)
-
-
-@figure.register
-def _(result: Comparison, names: Sequence[str]) -> go.Figure:
-    return _runs(result.trajectories, result.outputs, names)
-
-
-@figure.register
-def _(result: IdentifiedCar, names: Sequence[str]) -> go.Figure:
-    return figure(result.model.fit_info, names)
-
-
-@figure.register
-def _(result: Run, names: Sequence[str]) -> go.Figure:
-    if names:
-        return signals(result.t, [_signal(n, _UNITS.get(n, "-"), result[n]) for n in names])
-    right, left = result.path.boundaries()
-    line = np.column_stack([result.path.X, result.path.Y])
-    body = Body(width=result.width or 1.8)
-    return path_map(result["X"], result["Y"], result["psi"], reference=line, left=left, right=right, body=body)
-
-
-@figure.register
-def _(result: Lap, names: Sequence[str]) -> go.Figure:
-    units = {"v_x": "m/s", "v_y": "m/s", "r": "rad/s", "delta": "rad", "F_x": "N", "a_x": "m/s2", "a_y": "m/s2"}
-    units |= {"n": "m", "chi": "rad", "grip_f": "-", "grip_r": "-"}
-    _one_of(names, tuple(units), "channel of a lap")
-    if not names:
-        return lap_map(result)
-    drawn = signals(result.s, [_signal(n, units[n], getattr(result, n)) for n in names])
-    return drawn.update_layout(xaxis={"title": {"text": "arc length s [m]"}})
-
-
-@figure.register
-def _(result: DrivenLap, names: Sequence[str]) -> go.Figure:
-    units = {"v_x": "m/s", "n": "m"}
-    _one_of(names, tuple(units), "channel of a driven lap")
-    drawn = signals(result.s, [_signal(n, units[n], getattr(result, n)) for n in names or tuple(units)])
-    return drawn.update_layout(xaxis={"title": {"text": "arc length s [m]"}})
-
-
-@figure.register
-def _(result: LapDelta, names: Sequence[str]) -> go.Figure:
-    _one_of(names, (), "channel of a lap's delta")
-    return delta_figure(result)
-
-
-@figure.register
-def _(result: Path, names: Sequence[str]) -> go.Figure:
-    known = ("curvature", "psi", *(("v_x",) if result.v_x is not None else ()))
-    _one_of(names, known, "channel of a path")
-    if names:
-        units = {"curvature": "1/m", "psi": "rad", "v_x": "m/s"}
-        drawn = signals(result.s, [_signal(n, units[n], getattr(result, n)) for n in names])
-        return drawn.update_layout(xaxis={"title": {"text": "arc length s [m]"}})
-    right, left = result.boundaries()
-    return path_map(result.X, result.Y, result.psi, left=left, right=right)

@@ -11,13 +11,14 @@ from typing import Any
 from slipangle import units
 from slipangle.errors import FormatError, ParameterError, SimulationError, nearest, shown
 from slipangle.extras import extra
+from slipangle.shown import Brief
 from slipangle.simulate.foreign import KNOWN, Channels, require_plant
 
 REAL = ("Real", "Float64")
 CLOSE = 1e-6  # m, rad, m/s by which a start may differ from what was asked, over 1 + its size
 
 
-class PlantFMU:
+class PlantFMU(Brief):
     """A `PlantProtocol` in an FMU for co-simulation.
 
     Channels keep the toolbox's names; a mapping says which variable of the FMU each one is. A variable whose unit the
@@ -51,6 +52,8 @@ class PlantFMU:
     SimulationError
         If the FMU refuses a call, ends, or starts elsewhere than it was asked to, each in `reset` and `step` too.
     """
+
+    _lists = ("path", "inputs", "outputs", "dt")
 
     def __init__(
         self,
@@ -94,9 +97,6 @@ class PlantFMU:
         self._factors = {n: self._factor(n) for n in (*self._in.values(), *self._out.values(), *self._start.values())}
         self._time = 0.0
         self._load()
-
-    def __repr__(self) -> str:
-        return f"PlantFMU('{self.path.name}', inputs={self.inputs}, outputs={self.outputs}, dt={self.dt:g})"
 
     # ---- the protocol -------------------------------------------------------------------------------------------
 

@@ -10,6 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from slipangle.errors import NotFiniteError, ParameterError, SimulationError, shown
+from slipangle.shown import Brief
 
 Channels = Mapping[str, float]
 KNOWN = ("X", "Y", "psi", "v_x")  # what `reset` is told
@@ -45,7 +46,7 @@ class PlantProtocol(Protocol):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlantFunctions:
+class PlantFunctions(Brief):
     """A `PlantProtocol` of plain functions.
 
     Parameters

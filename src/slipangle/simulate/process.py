@@ -26,6 +26,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from slipangle.errors import ConfigError, FormatError, ParameterError, SimulationError, shown
+from slipangle.shown import Brief
 from slipangle.simulate.foreign import Channels, PlantProtocol, require_plant
 
 VERSION = 1
@@ -52,7 +53,7 @@ def local_address(text: str) -> tuple[str, int]:
     return host, int(port)
 
 
-class PlantProcess:
+class PlantProcess(Brief):
     """A `PlantProtocol` behind a local socket.
 
     Raises ConfigError if the address is not one of this machine or nobody answers there, FormatError if an answer is
@@ -66,6 +67,8 @@ class PlantProcess:
     patience : float
         How long to wait for an answer. [s]
     """
+
+    _lists = ("address", "inputs", "outputs", "dt")
 
     def __init__(self, address: str, *, patience: float = PATIENCE) -> None:
         if not 0 < patience < math.inf:

@@ -21,6 +21,7 @@ from slipangle.models.fast import bind, evaluate
 from slipangle.models.vehicles.parameters import BicycleParams
 from slipangle.optimal.terms import Values, require_names
 from slipangle.paths.path import Path
+from slipangle.shown import Shown
 from slipangle.simulate.compiled import Crew
 from slipangle.simulate.loop import FAR, Starts
 from slipangle.simulate.perturbed import Fleet, Spread
@@ -107,7 +108,7 @@ COLUMNS = ("inside", "margin", "e_y", "finished", "fallbacks")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Trials:
+class Trials(Shown):
     """Cars with their changes and what came of them; one row per car in all arrays.
 
     Parameters
@@ -125,6 +126,10 @@ class Trials:
     changes: np.ndarray
     results: np.ndarray
     seconds: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    def _words(self) -> str:
+        inside = int(self.column("inside").sum())
+        return f"{inside} of {len(self)} cars stay inside; they differ by {', '.join(self.names)}"
 
     def __len__(self) -> int:
         return len(self.results)

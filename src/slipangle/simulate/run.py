@@ -20,7 +20,7 @@ class End(Enum):
     NOT_FINITE = "the plant's state left the finite numbers"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Run(Shown):
     """A closed-loop drive, sampled at ``t`` [s], shape (n,).
 

@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Any
 
 from slipangle.errors import ConfigError, nearest
+from slipangle.report.meanings import meaning, summary
 from slipangle.workflow.drive import (
     CONTROLLERS,
     ESTIMATORS,
@@ -16,11 +17,10 @@ from slipangle.workflow.drive import (
     EstimatorSettings,
     PlantSettings,
 )
-from slipangle.workflow.entries import Entry, entries_of
+from slipangle.workflow.entries import Entry, Made, entries_of
 from slipangle.workflow.hints import bound, called, is_record, parts, words
 from slipangle.workflow.kinds import FITS, KINDS, FitSettings, PhysicsEntries, as_physics
 from slipangle.workflow.lap_settings import LapSettings
-from slipangle.workflow.meanings import meaning, summary
 from slipangle.workflow.settings import ColumnSettings, DataSettings, ModelSettings, PublishedSettings, Settings
 
 
@@ -98,8 +98,9 @@ def records_in(hint: Any) -> Iterator[type]:
 
 
 def _table(name: str, place: str, thing: Callable[..., Any], skip: int = 0, kind: str = "") -> Table:
-    keys = tuple(Key(entry=e, meaning=meaning(thing, n)) for n, e in entries_of(thing, skip).items())
-    return Table(name=name, place=place, about=summary(thing), keys=keys, kind=kind)
+    said = thing.of if isinstance(thing, Made) else thing
+    keys = tuple(Key(entry=e, meaning=meaning(said, n)) for n, e in entries_of(thing, skip).items())
+    return Table(name=name, place=place, about=summary(said), keys=keys, kind=kind)
 
 
 def _of_model(kind: str, thing: Any) -> Iterator[Table]:

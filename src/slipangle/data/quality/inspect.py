@@ -11,6 +11,7 @@ from slipangle.data.dataset import Dataset
 from slipangle.data.quality.delay import MOTION, STEERING, Delay, estimate_delay
 from slipangle.data.quality.events import Jump, Spike, despike, find_jumps, find_spikes, level_step
 from slipangle.errors import ExcitationError, TooShortError
+from slipangle.shown import Shown
 from slipangle.units import read_in
 
 _STRAIGHT, _STRAIGHT_BY = 0.05, ("r", "a_y")  # below this share of their largest values a car drives straight,
@@ -145,7 +146,7 @@ class Excitation(Seen):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DataReport:
+class DataReport(Shown):
     """What was found in a recording; `sentences` says it all in words."""
 
     name: str
@@ -162,6 +163,9 @@ class DataReport:
     resolutions: tuple[Resolution, ...]  # steps in which channels come
     excitations: tuple[Excitation, ...]  # how inputs move
     notes: tuple[str, ...]
+
+    def _words(self) -> str:
+        return f"{self.clock_sentence}; {len(self.findings)} findings"
 
     @property
     def clock_sentence(self) -> str:

@@ -8,10 +8,11 @@ import numpy as np
 
 from slipangle import units
 from slipangle.errors import ParameterError
+from slipangle.shown import Brief
 
 
 @dataclass(frozen=True)
-class Column:
+class Column(Brief):
     """One column of a log file, or what follows from several.
 
     A number x of the file becomes ``factor * sign / ratio * (scale * x + offset)``, the bracket being in ``unit`` and

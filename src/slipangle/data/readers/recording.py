@@ -22,6 +22,7 @@ from slipangle.errors import (
     nearest,
     shown,
 )
+from slipangle.shown import Shown
 
 _GAP = 2.5  # own sample times without a sample end a stretch
 _MOST = 100_000_000  # samples of a merged channel
@@ -44,7 +45,7 @@ class Signal:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recording:
+class Recording(Shown):
     """Channels at their own rates: a table for each clock, by topic; a log with one clock has one table.
 
     Parameters
@@ -69,6 +70,11 @@ class Recording:
     def __post_init__(self) -> None:
         if not self.tables:
             raise MissingColumnError(f"'{self.name}' holds no channel of numbers; expected some: record or export them")
+
+    def _words(self) -> str:
+        clocks = f" on {len(self.tables)} clocks" if len(self.tables) > 1 else ""
+        names = self.names
+        return f"{len(names)} channels{clocks} of {self.name}: {', '.join(names[:6])}{', ...' * (len(names) > 6)}"
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -52,7 +52,7 @@ _SHAPES = (1.1, 1.7)  # other tires, see `with_shape`
 _OWN = ("steering_offset", "bias_r", "bias_v_y", "delay_delta", "steering_gain", "lever_v_y", "mass")
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True)
 class IdentifiedCar(Shown):
     """What `identify_car` found: the model, how it came about, and what to know of it, in words."""
 

@@ -47,7 +47,7 @@ class Entry:
     warnings: tuple[str, ...] = ()  # what its fit and its free run give cause to say
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True)
 class Comparison(Shown):
     """Models ranked by free run, the best first."""
 
@@ -240,10 +240,15 @@ class Fold:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CrossValidation:
+class CrossValidation(Shown):
     """Every fold of a cross-validation."""
 
     folds: tuple[Fold, ...]  # in the order of the stretches that they leave out
+
+    def _words(self) -> str:
+        outputs = self.folds[0].model.outputs
+        means = ", ".join(f"{np.nanmean(self.fit(n)):.1f} % of {n}" for n in outputs)
+        return f"{len(self.folds)} folds, on average {means}"
 
     @property
     def error(self) -> float:

@@ -37,7 +37,7 @@ class Residuals:
     white_p: float  # p value of the Ljung-Box test that the one-step-ahead residual is white
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True)
 class Validation(Shown):
     """Verdict on one model; `free_run_scores` and the others are keyed by output name."""
 

@@ -20,12 +20,13 @@ from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import Candidate
 from slipangle.models.plausible import growth
 from slipangle.numerics.blas import one_blas_thread
+from slipangle.shown import Shown
 
 Order = Annotated[int, Within(1, 200)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class OrderChoice:
+class OrderChoice(Shown):
     """How an order was chosen."""
 
     orders: tuple[int, ...]  # candidates
@@ -38,6 +39,9 @@ class OrderChoice:
     failures: tuple[str, ...] = ()  # why an order could not be judged
     refined: tuple[int, ...] = ()  # orders whose errors are those of refined models
     candidates: tuple[Candidate, ...] = ()  # the same as a table, the chosen one first
+
+    def _words(self) -> str:
+        return self.said
 
     @property
     def said(self) -> str:

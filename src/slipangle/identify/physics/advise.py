@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -16,6 +16,7 @@ from slipangle.errors import ParameterError
 from slipangle.identify.physics.simulation_error import FreeRunProblem, Minimum
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.numerics import covariance as uncertainty
+from slipangle.shown import Shown
 
 _LATERAL = ("v_y", "r", "beta", "delta_w", "a_y")  # states that are zero when driving straight
 _SPEEDS = (0.6, 1.0, 1.4)  # of the log's median speed
@@ -30,7 +31,7 @@ Wave = Callable[[int, float], np.ndarray]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Advice:
+class Advice(Shown):
     """What one manoeuvre, added to the log, is expected to do."""
 
     parameter: str  # the parameter it is ranked by
@@ -41,7 +42,10 @@ class Advice:
     names: tuple[str, ...]  # all shared free parameters
     present: np.ndarray  # (n_names,), their standard deviations now and expected
     std: np.ndarray  # (n_names,), their standard deviations now and expected
-    data: Dataset = field(repr=False)  # the manoeuvre's inputs, and the outputs that the fitted model expects
+    data: Dataset  # the manoeuvre's inputs, and the outputs that the fitted model expects
+
+    def _words(self) -> str:
+        return self.sentence
 
     @property
     def helps(self) -> bool:

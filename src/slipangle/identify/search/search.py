@@ -19,6 +19,7 @@ from slipangle.extras import extra
 from slipangle.fields import Checked, Count
 from slipangle.identify.networks.training import Progress
 from slipangle.identify.search.pool import PRUNED, Cluster, Local, Objective, Task, Value
+from slipangle.shown import Shown
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,10 +70,14 @@ class TrialResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SearchResult:
+class SearchResult(Shown):
     """Every trial of a study, in the order of drawing."""
 
     trials: tuple[TrialResult, ...]
+
+    def _words(self) -> str:
+        broken = f", {len(self.failed)} failed" if self.failed else ""
+        return f"{len(self.trials)} trials, the best score {self.best.score:.4g}{broken}"
 
     @property
     def best(self) -> TrialResult:

@@ -22,6 +22,7 @@ from slipangle.fields import Checked
 from slipangle.models.model import FitInfo
 from slipangle.models.parameters import ParameterSet
 from slipangle.ops import Scalar, atan, clip, is_symbolic, maximum, sin, smooth_abs, speed_floor, sqrt
+from slipangle.shown import Brief
 from slipangle.units import SI
 
 
@@ -60,7 +61,7 @@ class Rolling(NamedTuple):
     rolling_resistance: float | None = None
 
 
-class Tire(abc.ABC):
+class Tire(Brief, abc.ABC):
     """What a vehicle model needs of a tire: forces from slip and load, on numbers and on symbols.
 
     The rest has defaults that suit a tire that is alike on both sides and valid everywhere.

@@ -20,7 +20,7 @@ _RISE = 3.0  # m/s, by which the speed rises before and after a place that ends 
 _STEP = 1.0  # m, between the places of a driven lap
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class DrivenLap(Shown):
     """A lap of a log on a track; arrays have shape (n,), one value a metre.
 
@@ -73,7 +73,7 @@ class Sector:
     lost: float
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LapDelta(Shown):
     """A driven lap against the fastest one.
 

@@ -16,7 +16,7 @@ from slipangle.paths.path import Path
 from slipangle.shown import Shown
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Lap(Shown):
     """A time-optimal lap; arrays have shape (n,), one value per point.
 

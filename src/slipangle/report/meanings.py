@@ -7,8 +7,6 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
-from slipangle.workflow.entries import Made
-
 _ENTRY = re.compile(r"^(\S.*?)(?: : .*)?$")
 _CITED = re.compile(r" \[\d\]_[^.,]*(?:, \[\d\]_[^.,]*)*(?:\.\d+[^.,]*)*\.?(?=$)")  # at the end of a sentence
 _SEE = re.compile(r"See `(\w+)`")
@@ -19,7 +17,6 @@ def meaning(thing: Callable[..., Any], name: str) -> str:
 
     A sentence "See `Other`" stands for that one's. Empty if nothing is said.
     """
-    thing = thing.of if isinstance(thing, Made) else thing
     for home in inspect.getmro(thing) if isinstance(thing, type) else (thing,):
         text = _described(home).get(name, "")
         see = _SEE.match(text)
@@ -33,7 +30,7 @@ def meaning(thing: Callable[..., Any], name: str) -> str:
 
 def summary(thing: Callable[..., Any]) -> str:
     """First paragraph of the docstring."""
-    text = inspect.getdoc(thing.of if isinstance(thing, Made) else thing) or ""
+    text = inspect.getdoc(thing) or ""
     return _CITED.sub("", " ".join(text.partition("\n\n")[0].split()))
 
 
