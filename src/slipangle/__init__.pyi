@@ -116,6 +116,7 @@ from slipangle.report.comparison import comparison_page as comparison_page
 from slipangle.report.figure_file import save_figure as save_figure
 from slipangle.report.limits import gg_diagram as gg_diagram
 from slipangle.report.limits import tire_use as tire_use
+from slipangle.report.paper import matplotlib_figure as matplotlib_figure
 from slipangle.simulate.drive import drive as drive
 from slipangle.simulate.fmu import PlantFMU as PlantFMU
 from slipangle.simulate.foreign import PlantFunctions as PlantFunctions

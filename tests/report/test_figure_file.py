@@ -37,6 +37,7 @@ def test_the_size_is_that_of_the_column_and_the_figure_stays():
         ("f.svg", {"columns": 3}, "columns is 3; expected 1 or 2"),
         ("f.svg", {"height": 2.0}, "height is 2 mm"),
         ("f.svg", {"font": 90.0}, "font 90 pt"),
+        ("f.svg", {"drawn_by": "hand"}, "drawn_by is 'hand'; expected 'matplotlib' or 'browser'"),
     ],
 )
 def test_bad_input_gets_a_sentence(tmp_path, name, given, said):
@@ -49,10 +50,10 @@ def test_without_a_browser_one_sentence_names_it(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("SLIPANGLE_BROWSER", raising=False)
     with pytest.raises(ConfigError, match="need Chromium or Chrome, which is not installed"):
-        sa.save_figure(drawn(), tmp_path / "f.pdf")
+        sa.save_figure(drawn(), tmp_path / "f.pdf", drawn_by="browser")
     monkeypatch.setenv("SLIPANGLE_BROWSER", "netscape")
     with pytest.raises(ConfigError, match="need the browser netscape"):
-        sa.save_figure(drawn(), tmp_path / "f.svg")
+        sa.save_figure(drawn(), tmp_path / "f.svg", drawn_by="browser")
 
 
 @pytest.mark.parametrize(("script", "said"), [("exit 1", "failed"), ("echo nothing", "drew no figure")])
@@ -62,7 +63,7 @@ def test_a_browser_that_fails_gets_a_sentence(tmp_path, monkeypatch, script, sai
     broken.chmod(broken.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("SLIPANGLE_BROWSER", str(broken))
     with pytest.raises(ConfigError, match=said):
-        sa.save_figure(drawn(), tmp_path / "f.svg")
+        sa.save_figure(drawn(), tmp_path / "f.svg", drawn_by="browser")
     assert not (tmp_path / "f.svg").exists()
 
 
@@ -75,11 +76,11 @@ def test_html_needs_no_browser(tmp_path, monkeypatch):
 @pytest.mark.slow
 @BROWSER
 def test_svg_and_pdf_have_text_as_text_and_the_size_that_was_asked_for(tmp_path):
-    svg = sa.save_figure(drawn(), tmp_path / "f.svg").read_text()
+    svg = sa.save_figure(drawn(), tmp_path / "f.svg", drawn_by="browser").read_text()
     assert re.search(r'width="333" height="222"', svg)
     assert "yaw rate r [deg/s]" in svg
     assert "<script" not in svg
-    pdf = sa.save_figure(drawn(), tmp_path / "new" / "f.pdf", columns=2, height=60.0).read_bytes()
+    pdf = sa.save_figure(drawn(), tmp_path / "new" / "f.pdf", columns=2, height=60.0, drawn_by="browser").read_bytes()
     assert pdf.startswith(b"%PDF")
     box = re.search(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", pdf)
     assert [float(v) / 72 * 25.4 for v in box.groups()] == pytest.approx([181.0, 60.0], abs=0.5)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import html
+import io
 import json
 import os
 import re
 import shutil
 import subprocess
 import tempfile
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
@@ -16,13 +18,15 @@ import plotly.graph_objects as go
 from plotly.utils import PlotlyJSONEncoder
 
 from slipangle.errors import ConfigError, ParameterError, WriteError
+from slipangle.extras import extra
 from slipangle.files import write_atomic
 from slipangle.report.bundle import bundle
+from slipangle.report.paper import matplotlib_figure, size_of
 
-WIDTHS = {1: 88.0, 2: 181.0}  # mm, of one and of two columns of a journal's page
 _PIXEL = 25.4 / 96  # mm, of CSS
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
 _SECONDS = 90.0
+_AS_TEXT = {"pdf.fonttype": 42, "svg.fonttype": "none", "svg.hashsalt": "slipangle"}  # text stays text
 
 
 def save_figure(
@@ -32,14 +36,15 @@ def save_figure(
     columns: Literal[1, 2] = 1,
     height: float | None = None,
     font: float = 8.0,
+    drawn_by: Literal["", "matplotlib", "browser"] = "",
 ) -> Path:
     """Write a figure as SVG, PDF or HTML, by the ending of the file, in a publication's size; returns where it is.
 
-    SVG and PDF are vector graphics with text as text. They are drawn by Chromium or Chrome, which must be installed;
-    the environment variable SLIPANGLE_BROWSER names another one.
+    SVG and PDF are vector graphics with text as text, drawn by matplotlib (extra ``plot``) where it is installed, else
+    by Chromium or Chrome; the environment variable SLIPANGLE_BROWSER names another one.
 
-    Raises ParameterError if the ending or the size is none of these, ConfigError if there is no browser or it fails,
-    and WriteError if the place cannot be written.
+    Raises ParameterError if the ending or the size is none of these, MissingExtraError or ConfigError if what is to
+    draw it is missing or fails, and WriteError if the place cannot be written.
 
     Parameters
     ----------
@@ -50,9 +55,11 @@ def save_figure(
     columns : 1 or 2
         Width of 88 or 181 mm.
     height : float, optional
-        By default two thirds of the width in one column, one half in two. [mm]
+        By default two thirds of the width in one column, one half in two, more for three panels and up. [mm]
     font : float
         Size of the text. [pt]
+    drawn_by : {"", "matplotlib", "browser"}
+        Who draws SVG and PDF; by default matplotlib where it is installed.
 
     For example ``sa.save_figure(linear.bode("r", "delta").plot(), "bode.pdf")``.
     """
@@ -60,14 +67,17 @@ def save_figure(
     kind = place.suffix.lower()
     if kind not in (".svg", ".pdf", ".html"):
         raise ParameterError(f"the file is '{place.name}'; expected a name that ends in .svg, .pdf or .html")
-    if columns not in WIDTHS:
-        raise ParameterError(f"columns is {columns}; expected 1 or 2")
-    wide = WIDTHS[columns]
-    tall = wide * (2 / 3 if columns == 1 else 1 / 2) if height is None else float(height)
-    if not 10 <= tall <= 1000 or not 3 <= font <= 40:
+    if drawn_by not in ("", "matplotlib", "browser"):
         raise ParameterError(
-            f"height is {tall:g} mm and font {font:g} pt; expected 10 to 1000 mm and 3 to 40 pt: check the units"
+            f"drawn_by is {drawn_by!r}; expected 'matplotlib' or 'browser', or nothing for what is there"
         )
+    wide, tall = size_of(figure, columns, height, font)
+    if kind != ".html" and (drawn_by == "matplotlib" or (not drawn_by and find_spec("matplotlib"))):
+        made = matplotlib_figure(figure, columns=columns, height=tall, font=font)
+        file = io.BytesIO()
+        with extra("matplotlib", "plot", "a figure by matplotlib").rc_context(_AS_TEXT):
+            made.savefig(file, format=kind[1:], metadata={"Date" if kind == ".svg" else "CreationDate": None})
+        return write_atomic(place, file.getvalue())
     printed = sized(figure, round(wide / _PIXEL), round(tall / _PIXEL), font)
     if kind == ".html":
         return write_atomic(place, printed.to_html(include_plotlyjs=True, full_html=True))
