@@ -60,6 +60,10 @@ KINDS = {
         scenarios=GAINS, free={"damping": (0.1, 1.0)}, solver=sa.RealTime(qp="riccati")
     ),
     "a corridor at two speeds": lambda: controller(**ROADS, scenarios=sa.Scenarios({"v_x": (18.0, 22.0)})),
+    "a Huber cost": lambda: spring(huber={"p": 0.1}),
+    "a Huber cost, scenarios and a parameter": lambda: spring(
+        huber={"p": 0.1, "v": 0.2}, scenarios=GAINS, free={"damping": (0.1, 1.0)}
+    ),
     "few iterations": lambda: spring(scenarios=GAINS, solver=sa.RealTime(iterations=0, max_iterations=2)),
 }
 
@@ -253,7 +257,7 @@ def test_what_has_no_c_is_said():
         project_of(spring(scenarios=GAINS, solver="ipopt"), "car", 3)
     whole = driver()
     whole._trusts = True
-    with pytest.raises(ParameterError, match="weighs scenarios or free parameters by its trust"):
+    with pytest.raises(ParameterError, match="weighs scenarios, free parameters or Huber costs"):
         project_of(whole, "car", 3)
 
 

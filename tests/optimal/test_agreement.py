@@ -69,11 +69,14 @@ KINDS = {
         "terms": {"e": lambda x, u, p: x[0] - p.q},
         "Q": Weights(b=0.5, c=2.0, e=3.0, q=0.2),
     },
+    "huber": {"huber": Weights(a=0.3, c=0.2), "limits": Limits(u=3.0, v=2.0, b=1.2), "slack_linear": Weights(b=5.0)},
     "duration": {"duration": (0.5, 3.0), "terminal": Weights(a=30.0, b=5.0, c=2.0, duration=1.0)},
 }
 MIXED = {
     "soft limits, rates, terms and a matrix": {**KINDS["soft"], **KINDS["rates"], **KINDS["matrix"]},
     "scenarios and a free parameter": {**KINDS["scenarios"], **KINDS["free"], "S": Weights(u=0.3)},
+    "Huber costs over long stages": {**KINDS["steps"], **KINDS["rates"], **KINDS["huber"]},
+    "Huber costs of scenarios": {**KINDS["scenarios"], "huber": Weights(a=0.3, b=0.2)},
     "a free duration and an end": {**KINDS["duration"], **KINDS["end"]},
 }
 

@@ -120,8 +120,8 @@ class Fallbacks(Checked, Led):
         backend = named[self.solver] if isinstance(self.solver, str) else self.solver
         if self.ocp.composed and not getattr(backend, "composes", False):
             raise ParameterError(
-                f"{shown(backend)} cannot know the problem's scenarios and free parameters; expected a problem "
-                "without, or a solver that says that it `composes` them, such as RealTime()"
+                f"{shown(backend)} cannot know the problem's scenarios, free parameters or Huber costs; expected a "
+                "problem without, or a solver that says that it `composes` them, such as RealTime()"
             )
         engine = backend.build(self.ocp, self.deadline)
         engine.expect(*self._judge.ranges)

@@ -164,8 +164,8 @@ def _require_known(driver: Driver) -> None:
             )
     if driver._trusts and driver.controller.ocp.composed:
         raise ParameterError(
-            "the driver weighs scenarios or free parameters by its trust in the model, which has no C; expected a "
-            "problem without: give Driver(controller=...) an MPC of its own, whose weights stay"
+            "the driver weighs scenarios, free parameters or Huber costs by its trust in the model, which has no C; "
+            "expected a problem without: give Driver(controller=...) an MPC of its own, whose weights stay"
         )
     if len(driver.controller.controls) != 1:
         raise ParameterError(

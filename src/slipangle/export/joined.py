@@ -1,9 +1,10 @@
-"""C of the solver of a problem with scenarios or free parameters: the one problem that it is, in a file of its own."""
+"""C of the solver of a problem of several parts, such as scenarios: the one problem that it is, in its own file."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from slipangle.errors import ParameterError
 from slipangle.export.controllers import Part, inner_solver, table
 from slipangle.export.mpc_tables import solver_tables
 from slipangle.export.project import template
@@ -14,7 +15,14 @@ from slipangle.optimal.realtime.program import source
 
 
 def joined_solver(ocp: OCP, settings: RealTime) -> Part:
-    """``car_joined.h`` and ``car_joined.c`` of a problem of several parts."""
+    """``car_joined.h`` and ``car_joined.c`` of a problem of several parts.
+
+    Raises ParameterError if it has stages of several steps.
+    """
+    if ocp.steps is not None:
+        raise ParameterError(
+            "a Huber cost over stages of several steps has no C; expected stages of one: leave out steps"
+        )
     joined = Joined(ocp)
     bounds = joined.limits_at_nodes.copy()
     bounds[~joined.limited_at] = -np.inf, np.inf

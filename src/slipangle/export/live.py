@@ -93,7 +93,7 @@ class Live:
         inputs, law = set(plant.inputs), set(self.driver.inputs(0.0))
         steering = self.mpc.controls[0]
         return {
-            "the problem has scenarios or free parameters": self.mpc.ocp.composed,
+            "the problem has scenarios, free parameters or Huber costs": self.mpc.ocp.composed,
             "the controller decides more than the steering": len(self.mpc.controls) > 1,
             "the plant has inputs that nobody sets here": not inputs <= {steering, *law} or steering not in inputs,
             "the plant does not measure the model's outputs as states": not {*model.outputs, *POSE, "v_x"}

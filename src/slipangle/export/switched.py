@@ -54,8 +54,8 @@ def _planner(controller: MPC | MultiARXMPC, name: str) -> Project:
     ocp = getattr(controller, "ocp", None)
     if ocp is not None and (ocp.composed or ocp.corridor is not None):
         raise ParameterError(
-            "a part of the switched controller has scenarios, free parameters or a corridor, which it cannot be "
-            "handed in C; expected one without: export that controller alone"
+            "a part of the switched controller has scenarios, free parameters, Huber costs or a corridor, which it "
+            "cannot be handed in C; expected one without: export that controller alone"
         )
     if isinstance(controller, MPC):
         return mpc_project(controller, name, NO_DRIVE)

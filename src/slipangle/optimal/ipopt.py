@@ -13,7 +13,8 @@ from slipangle.fields import Checked, Count, Positive
 from slipangle.models.ode import OdeModel
 from slipangle.numerics.integrate import RADAU_A, radau_equations
 from slipangle.optimal.engine import Engine, Start
-from slipangle.optimal.joined import Joined, JoinedEngine
+from slipangle.optimal.joined import Joined
+from slipangle.optimal.joined_engine import JoinedEngine
 from slipangle.optimal.ocp import OCP, Reference, at_nodes
 from slipangle.optimal.solution import Solution, Status, between, finite
 

@@ -5,6 +5,10 @@ where they are now, so that the horizon is as many times longer and no matrix is
 with the number of scenarios, not with its cube. Inputs that are common are kept in further states while the first
 scenario goes by, and are equations for the others. What is decided once is a state too, which a jump in front of
 everything sets to an input of its own.
+
+A Huber cost is the least over an excess ``o`` of ``w (e - o)^2 + 2 w d |o|``, with weight ``w`` and bend ``d``: the
+excess over the bend, ``o / d``, is one more input of each stage, and the second part a soft limit of zero width. The
+end of everything sees the last stage's inputs, so its excess is an input of its own.
 """
 
 from __future__ import annotations
@@ -17,12 +21,11 @@ import casadi as ca
 import numpy as np
 
 from slipangle.models.model import Model
-from slipangle.optimal.engine import Engine, Start
 from slipangle.optimal.extended import Extension, extended
 from slipangle.optimal.ocp import OCP, Reference, at_nodes, middle
-from slipangle.optimal.solution import Branch, Plan, Solution
 
 FLAT = 1e-3  # curvature by inputs without effect, which a jump has, per square of half their range
+LAST = "@last"  # 1 at the end of everything, where a Huber cost reads the excess of the end
 
 
 def own_parameters(ocp: OCP, names: Any) -> tuple[str, ...]:
@@ -40,7 +43,7 @@ def extended_model(ocp: OCP) -> Model:
         span=None if ocp.duration is None else ocp.horizon * ocp.dt,
         held=() if s is None else tuple((name, f"@{i}") for i in range(s.common) for name in ocp.controls),
     )
-    return extended(ocp.model, extension)
+    return extended(ocp.model, extension) if extension.states or extension.inputs else ocp.model
 
 
 class Joined(OCP):
@@ -79,6 +82,8 @@ class Joined(OCP):
         fixed = tuple(p for p in base.parameters if p not in base.free)
         front = ("@front",) if lead and many > 1 else ()
         resets = tuple(f"@{name}" for name in base.model.states) if many > 1 else ()
+        bends = (*(f"@bend of {name}" for name in base.huber), *((LAST,) if base.huber else ()))
+        excesses = tuple(f"excess of {name}" for name in base.huber)
         total, nu = lead + many * (n + 1) - 1, len(base.controls)
         starts = lead + (n + 1) * np.arange(many)
         stage, node = np.arange(total), np.arange(total + 1)
@@ -88,27 +93,36 @@ class Joined(OCP):
             base=base,
             model=model,
             horizon=total,
-            steps=None,
-            controls=(*base.controls, *once),
-            parameters=(*fixed, *resets, *front),
+            steps=base.steps,
+            controls=(*base.controls, *once, *excesses, *(f"last excess of {name}" for name in base.bent_at_end)),
+            parameters=(*fixed, *resets, *front, *bends),
             identity=uuid4().hex,
             scenarios=None,
             free={},
             duration=None,
+            huber={},
             jumps=jumps,
             starts=starts,
             common=0 if s is None else s.common,
             ends=starts + n,
             **{name: getattr(base, name) for name in ("Q", "R", "S", "terminal", "limits", "rates", "slack")},
             **{name: getattr(base, name) for name in ("slack_linear", "corridor", "terms", "terminal_limits")},
-            **{name: getattr(base, name) for name in ("tracked", "references", "soft", "slack_weights", "headings")},
+            **{name: getattr(base, name) for name in ("tracked", "references", "headings")},
+        )
+        self.__dict__["_counts"] = 1.0, 1.0, 1.0  # `spread` has counted them
+        self.__dict__["soft"] = (*base.soft, *excesses)
+        square, plain = base.slack_weights
+        self.__dict__["slack_weights"] = (
+            np.append(square, np.zeros(len(excesses))),
+            np.append(plain, np.ones(len(excesses))),
         )
         held = model.states[len(model.states) - self._n_held :] if self._n_held else ()
-        self.__dict__["limited"] = (*base.limited, *held)
-        self.__dict__["limited_along"] = np.append(base.limited_along, np.ones(len(held), dtype=bool))
+        self.__dict__["limited"] = (*base.limited, *excesses, *held)
+        self.__dict__["limited_along"] = np.append(base.limited_along, np.ones(len(excesses) + len(held), dtype=bool))
         which = np.clip(np.searchsorted(starts, node, side="right") - 1, 0, None)
         share = np.ones(1) if s is None else s.probabilities
-        self.__dict__["excess_counts"] = share[which] * (node >= lead)
+        each = base.excess_counts[np.where(node < lead, 0, node - starts[which])]
+        self.__dict__["excess_counts"] = share[which] * each * (node >= lead)
         self.__dict__.update(which=which, share=share)
         self.__dict__["limited_at"] = self._limited_at(len(held))
         later = node + (node >= lead) * ~np.isin(node, self.ends)
@@ -120,7 +134,7 @@ class Joined(OCP):
         bounds = [base.input_bounds, *([[low, high]] for low, high in self._ranges)]
         self.__dict__["input_bounds"] = np.concatenate([np.asarray(b, dtype=float).reshape(-1, 2) for b in bounds])
         tied = self._tied()
-        rates = np.full((total, nu + len(once), 2), [-np.inf, np.inf])
+        rates = np.full((total, len(self.controls), 2), [-np.inf, np.inf])
         for at in starts:
             rates[at : at + n, :nu] = base.step_bounds
         rates[starts[1:], :nu] = -np.inf, np.inf
@@ -146,17 +160,25 @@ class Joined(OCP):
 
     @property
     def _ranges(self) -> list[tuple[float, float]]:
-        """Limits of what is decided once."""
-        base = self.base
-        return [*base.free.values(), *([] if base.duration is None else [base.duration])]
+        """Limits of what is decided once, and of excesses, which have none."""
+        base, free = self.base, (-np.inf, np.inf)
+        once = [*base.free.values(), *([] if base.duration is None else [base.duration])]
+        return [*once, *(free for _ in self.controls[len(base.controls) + len(once) :])]
+
+    @property
+    def _bends(self) -> np.ndarray:
+        """Where the Huber costs are bent, shape (n_huber,)."""
+        return np.array(list(self.base.huber.values()), dtype=float)
 
     def _limited_at(self, held: int) -> np.ndarray:
         base, n = self.base, self.base.horizon
-        at = np.zeros((self.horizon + 1, len(base.limited) + held), dtype=bool)
+        own, first = len(base.limited), len(base.limited) + len(base.huber)
+        at = np.zeros((self.horizon + 1, first + held), dtype=bool)
         for k, start in enumerate(self.starts):
-            at[start : start + n + 1, : len(base.limited)] = base.limited_at
+            at[start : start + n + 1, :own] = base.limited_at
+            at[start : start + n + 1, own:first] = True
             for j in range(held if k else 0):
-                at[start + j // len(base.controls), len(base.limited) + j] = True
+                at[start + j // len(base.controls), first + j] = True
         return at
 
     def _tied(self) -> bool:
@@ -170,12 +192,13 @@ class Joined(OCP):
     def _spread(self, q: np.ndarray, r: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Weights of the scenarios' errors, inputs and changes by their probabilities, for all stages."""
         n, nu, once = self.base.horizon, len(self.base.controls), len(self.base.decided_once)
+        bent = nu + once + len(self.base.huber)
         low, high = self.input_bounds.T
         with np.errstate(invalid="ignore"):
             half = 0.5 * (high - low)
         flat = FLAT / np.where(np.isfinite(half) & (half > 0), half, 1.0) ** 2
         of_q = np.zeros((self.horizon + 1, q.shape[1]))
-        of_r, of_s = np.tile(flat, (self.horizon, 1)), np.zeros((self.horizon, nu + once))
+        of_r, of_s = np.tile(flat, (self.horizon, 1)), np.zeros((self.horizon, len(self.controls)))
         for at, share in zip(self.starts, self.share, strict=True):
             of_q[at : at + n + 1] = share * q
             of_r[at : at + n, :nu] = share * r
@@ -184,7 +207,11 @@ class Joined(OCP):
         of_s[starts, :nu] = 0.0
         of_s[starts[0], :nu] = s[0]  # the first input is common, and so is its change
         if once:
-            of_r[0, nu:] = 0.0
+            of_r[0, nu : nu + once] = 0.0
+        counts = of_q[:, [self.tracked.index(name) for name in self.base.huber]] > 0
+        of_r[:, nu + once : bent][counts[:-1]] = 0.0
+        ends = [list(self.base.huber).index(name) for name in self.base.bent_at_end]
+        of_r[-1, bent:][counts[-1, ends]] = 0.0
         if self.tied:
             gaps = [i for i in self.jumps if i >= starts[0]]
             of_r[gaps, :nu], of_s[gaps, :nu] = 0.0, flat[:nu]
@@ -198,27 +225,44 @@ class Joined(OCP):
         known = {name: w[self.exogenous.index(name)] for name in names}
         return {**known, **{name: x[self.model.states.index(name)] for name in self.base.decided_once}}
 
-    def _more(self, x: Any, u: Any) -> dict[str, Any]:
+    def _more(self, x: Any, u: Any, w: Any) -> dict[str, Any]:
         base, states = self.base, self.model.states
         known = {name: x[states.index(name)] for name in base.decided_once}
-        for j, name in enumerate(self.limited[len(base.limited) :]):
+        for j, name in enumerate(self.limited[len(base.limited) + len(base.huber) :]):
             known[name] = u[j % len(base.controls)] - x[states.index(name)]
-        return known
+        return known | {f"excess of {n}": self._price(n, w) * self._share(n, u, w) for n in base.huber}
+
+    def _price(self, name: str, w: Any) -> Any:
+        """What an excess as large as the bend costs."""
+        return w[self.exogenous.index(f"@bend of {name}")]
+
+    def _share(self, name: str, u: Any, w: Any) -> Any:
+        """The excess over the bend."""
+        here, last = u[self.controls.index(f"excess of {name}")], w[self.exogenous.index(LAST)]
+        if name not in self.base.bent_at_end:
+            return (1 - last) * here
+        return (1 - last) * here + last * u[self.controls.index(f"last excess of {name}")]
+
+    def _excess(self, name: str, u: Any, w: Any) -> Any:
+        huber = self.base.huber
+        return huber[name] * self._share(name, u, w) if name in huber else 0.0
 
     @cached_property
-    def jump(self) -> ca.Function:  # type: ignore[override]
+    def jump(self) -> ca.Function | None:  # type: ignore[override]
         """``(x, u, w) -> x`` after a stage that takes no time: in front of all, or between scenarios."""
         base = self.base
+        if not self.jumps:
+            return None
         x, u, w, _, _ = self.symbols(ca.SX)
         n, nu, once = base.model.n_states, len(base.controls), len(base.decided_once)
         back = ca.vertcat(*(w[self.exogenous.index(f"@{name}")] for name in base.model.states if self.ends.size > 1))
         if not once:
             later = ca.vertcat(back, x[n:])
         elif self.ends.size == 1:
-            later = ca.vertcat(x[:n], u[nu:])
+            later = ca.vertcat(x[:n], u[nu : nu + once])
         else:
             front = w[self.exogenous.index("@front")]
-            chosen = front * u[nu:] + (1 - front) * x[n : n + once]
+            chosen = front * u[nu : nu + once] + (1 - front) * x[n : n + once]
             later = ca.vertcat(front * x[:n] + (1 - front) * back, chosen, x[n + once :])
         return ca.Function("jump", [x, u, w], [ca.densify(later)])
 
@@ -269,6 +313,11 @@ class Joined(OCP):
             w[:, at("@front")] = node == 0
         limits[~self.limited_at] = -np.inf, np.inf
         q, r, c = self._spread(*base.weights_for(reference))
+        for name, bend in base.huber.items():
+            weight, counts = q[:, self.tracked.index(name)], self.excess_counts
+            w[:, at(f"@bend of {name}")] = 2 * bend**2 * weight / np.where(counts > 0, counts, 1.0)
+        if base.huber:
+            w[-1, at(LAST)] = 1.0
         lanes = corridor if base.corridor is not None else None
         return Reference(tracked=wanted, exogenous=w, inputs=inputs, corridor=lanes, limits=limits, Q=q, R=r, S=c)
 
@@ -293,81 +342,3 @@ class Joined(OCP):
                 model: Any = base.model
                 values.append(float(model.value(name)))
         return np.array(values)
-
-
-class JoinedEngine(Engine):
-    """Solves a problem with scenarios or free parameters as the one that it is, and takes the answer apart."""
-
-    def __init__(self, joined: Joined, inner: Engine) -> None:
-        self.joined, self.inner = joined, inner
-
-    def solve(self, start: Start) -> Solution:
-        """Solve from a state and a guess, the same for all scenarios."""
-        problem = self.joined
-        base, n = problem.base, problem.base.horizon
-        reference = problem.spread(start.x, start.applied, start.reference)
-        once = problem.guess(start.reference)
-        rest = np.concatenate([problem.resting(start.applied)[: len(base.controls)], once])
-        u, x = np.tile(rest, (problem.horizon, 1)), np.zeros((problem.horizon + 1, problem.model.n_states))
-        x[0] = problem.state(start.x)
-        for at in problem.starts:
-            u[at : at + n, : len(base.controls)] = start.guess_u
-            x[at : at + n + 1, : base.model.n_states] = start.guess_x
-        kept = np.concatenate([once, start.guess_u[: problem.common].ravel()])
-        x[1:, base.model.n_states :] = kept
-        inner = Start(
-            x=x[0],
-            applied=problem.resting(start.applied),
-            reference=reference,
-            guess_u=u,
-            guess_x=x,
-        )
-        return self._apart(self.inner.solve(inner))
-
-    def resume(
-        self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None
-    ) -> Solution | None:
-        """Solve from a state and the plan of the step before; without one, from nothing, if the solver does so."""
-        problem = self.joined
-        known = previous.start if previous is not None else None
-        if not (isinstance(known, Plan) and known.u.shape == (problem.horizon, len(problem.controls))):
-            return None
-        found = self.inner.resume(
-            problem.state(x), problem.resting(applied), problem.spread(x, applied, reference), known
-        )
-        return None if found is None else self._apart(found)
-
-    def allow(self, seconds: float) -> None:
-        """See `Engine`."""
-        self.inner.allow(seconds)
-
-    def _apart(self, found: Solution) -> Solution:
-        """The answer of the base problem, with a branch for each scenario."""
-        problem = self.joined
-        base, n, nu, nx = problem.base, problem.base.horizon, len(problem.base.controls), problem.base.model.n_states
-        u = [np.array(found.u[at : at + n, :nu]) for at in problem.starts]
-        x = [np.array(found.x[at : at + n + 1, :nx]) for at in problem.starts]
-        likely, decided = int(np.argmax(problem.share)), found.x[problem.starts[0], nx : nx + len(base.decided_once)]
-        kept = Plan(
-            u=found.u,
-            x=found.x,
-            status=found.status,
-            seconds=0.0,
-            cost=found.cost,
-            iterations=found.iterations,
-            controls=problem.controls,
-            memory=found.memory,
-        )
-        return Solution(
-            u=u[likely],
-            x=x[likely],
-            status=found.status,
-            cost=found.cost,
-            iterations=found.iterations,
-            violation=found.violation,
-            residual=found.residual,
-            memory=kept,
-            kept=found.kept,
-            branches=() if base.scenarios is None else tuple(map(Branch, u, x, problem.share.tolist())),
-            decided=dict(zip(base.decided_once, map(float, decided), strict=True)) if base.decided_once else None,
-        )

@@ -106,6 +106,7 @@ class ProblemSettings(TypedDict, total=False):
     scenarios: Scenarios | None
     free: Limits | Mapping[str, Any]
     duration: tuple[float, float] | None
+    huber: Weights | Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +174,9 @@ class OCP(Checked):
     duration : (float, float), optional
         Shortest and longest time that the horizon may take [s], which is then decided too: all stages grow alike. It is
         tracked, and read by terms, under the name ``duration``; of models made of equations.
+    huber : Weights
+        Bends of Huber costs by tracked name, in its unit: an error ``e`` beyond its bend ``d`` costs
+        ``d (2 |e| - d)`` instead of ``e^2``, times its weight in Q or terminal; a `TerminalCost` is not bent. [2]_
 
     Attributes
     ----------
@@ -189,6 +193,7 @@ class OCP(Checked):
     ----------
     .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023. There the sums run over i = 0..N-1 and S from i = 1; here the
        last state and the first change count too.
+    .. [2] P. J. Huber, Ann. Math. Statist. 35, 73-101, 1964.
     """
 
     model: Model
@@ -211,6 +216,7 @@ class OCP(Checked):
     scenarios: Scenarios | None = None
     free: Limits = field(default_factory=Limits)
     duration: tuple[float, float] | None = None
+    huber: Weights = field(default_factory=Weights)
     identity: str = field(init=False, repr=False, default_factory=lambda: uuid4().hex)
 
     def __post_init__(self) -> None:
@@ -218,7 +224,7 @@ class OCP(Checked):
         if regulated:
             object.__setattr__(self, "terminal", None)
         full = self.terminal is None or isinstance(self.terminal, TerminalCost)
-        coerce(self, Weights, "Q", "R", "S", "slack", "slack_linear", *(() if full else ("terminal",)))
+        coerce(self, Weights, "Q", "R", "S", "slack", "slack_linear", "huber", *(() if full else ("terminal",)))
         coerce(self, Limits, "limits", "rates", "terminal_limits", "free")
         model = self.model
         super().__post_init__()
@@ -271,6 +277,10 @@ class OCP(Checked):
             require_names(self.terminal.names, (*trackable, *self.controls), "terminal")
         else:
             require_names(self.terminal or {}, trackable, "terminal")
+        require_names(self.huber, self._bendable, "huber", "use a name with a weight in Q or terminal")
+        flat = [name for name, bend in self.huber.items() if not bend > 0]
+        if flat:
+            raise ParameterError(f"the bend of '{flat[0]}' in huber is 0; expected a positive one, in its unit")
         if not self.Q and (self.terminal is None or (isinstance(self.terminal, Weights) and not self.terminal)):
             raise ParameterError(f"nothing is tracked; expected weights on some of {trackable}: set Q")
         require_names(self.terminal_limits, trackable, "terminal_limits", "use a state or an output")
@@ -338,8 +348,13 @@ class OCP(Checked):
 
     @property
     def composed(self) -> bool:
-        """Whether the problem has scenarios or free parameters, so that solvers are given another one; see `joined`."""
-        return self.scenarios is not None or bool(self.decided_once)
+        """Whether solvers are given another problem, with scenarios, free parameters, Huber costs; see `joined`."""
+        return self.scenarios is not None or bool(self.decided_once) or bool(self.huber)
+
+    @property
+    def _bendable(self) -> tuple[str, ...]:
+        """Tracked names whose cost may be bent."""
+        return tuple(self.Q) if isinstance(self.terminal, TerminalCost) else self.tracked
 
     @cached_property
     def presumed(self) -> dict[str, float]:
@@ -411,7 +426,7 @@ class OCP(Checked):
             if self._coursed:
                 known = {**{n: full[i] for i, n in enumerate(self.model.inputs)}, **values}
                 values["e_course"] = values["e_psi"] + atan2(known["v_y"], maximum(known["v_x"], MOVING))
-        values.update(self._more(x, u))
+        values.update(self._more(x, u, w))
         params = getattr(self.model, "params", None)
         beside = self._beside(x, w)
         if beside:
@@ -424,9 +439,9 @@ class OCP(Checked):
         if isinstance(self.terminal, TerminalCost):
             each = [u[self.controls.index(n)] if n in self.controls else missed(n) for n in self.terminal.names]
             rows = [sum((float(f) * e for f, e in zip(row, each, strict=True) if f), 0.0) for row in self.terminal.rows]
-            error = [*map(missed, self.Q), *rows]
         else:
-            error = [missed(n) for n in self.tracked]
+            rows = []
+        error = [*(missed(n) - self._excess(n, u, w) for n in self._bendable), *rows]
         limited = [values[n] for n in self.limited]
         empty = type(x)(0, 1)
         results = [stack(error), stack(limited) if limited else empty]
@@ -440,10 +455,14 @@ class OCP(Checked):
             known["duration"] = 0 * x[0] + middle(*self.duration)
         return known
 
-    def _more(self, x: Any, u: Any) -> dict[str, Any]:
+    def _more(self, x: Any, u: Any, w: Any) -> dict[str, Any]:
         """Quantities that are neither states nor outputs, by name; of what is decided once, a guess."""
         bounds = {**self.free, **({} if self.duration is None else {"duration": self.duration})}
         return {name: 0 * x[0] + middle(low, high) for name, (low, high) in bounds.items()}
+
+    def _excess(self, name: str, u: Any, w: Any) -> Any:
+        """How far the error of a name is beyond its bend; see `joined`."""
+        return 0.0
 
     @property
     def _kind(self) -> Any:
@@ -692,6 +711,7 @@ class OCP(Checked):
                     changed[key] = checked
                 if key in ("limits", "Q", "R", "S"):
                     _require_sense(key, checked)
+        self._require_bent(reference)
         if self.corridor is not None and reference.corridor is None:
             raise ParameterError(
                 "the reference has no corridor; expected one for this problem: use mpc.reference(preview)"
@@ -701,6 +721,27 @@ class OCP(Checked):
             if not np.array_equal(np.asarray(reference.limits)[:, e_y], self.limits_at_nodes[:, e_y]):
                 raise ParameterError("reference.limits has limits of 'e_y' too; expected them in the corridor alone")
         return replace(reference, **changed) if changed else reference
+
+    @property
+    def bent_at_end(self) -> tuple[str, ...]:
+        """Names with a Huber cost that count at the end too."""
+        end = self.weights[1]
+        return tuple(name for name in self.huber if end[self.tracked.index(name)] > 0)
+
+    def _require_bent(self, reference: Reference) -> None:
+        """Raise where a reference counts a Huber cost at the end, and the problem does not.
+
+        Raises
+        ------
+        ParameterError
+            With the name.
+        """
+        for name in self.huber if reference.Q is not None else ():
+            if name not in self.bent_at_end and np.asarray(reference.Q)[-1, self.tracked.index(name)] > 0:
+                raise ParameterError(
+                    f"reference.Q counts '{name}' at the end, whose Huber cost ends before; expected 0 there, or a "
+                    "problem with a weight of it in terminal"
+                )
 
 
 def _require_sense(key: str, given: np.ndarray) -> None:
@@ -749,7 +790,7 @@ def require_parts(ocp: OCP) -> None:
     twice = sorted({*varied} & {*ocp.free})
     if twice:
         raise ParameterError(f"{twice} are both free and in scenarios; expected one of both")
-    if ocp.composed and ocp.steps is not None:
+    if (given is not None or ocp.decided_once) and ocp.steps is not None:
         raise ParameterError(
             "steps are given with scenarios or free parameters; expected stages of one step: leave out steps"
         )

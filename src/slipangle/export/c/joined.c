@@ -54,7 +54,10 @@ static void take_guess(Work *s, const car_joined_task *of)
     for (int i = 0; i <= N; i++) {
         int k = ROW(i), in = i >= LEAD && k < ONE_N;
         for (int j = 0; i < N && j < NU; j++)
-            s->u[i * NU + j] = j >= ONE_NU ? kept[j - ONE_NU] : in ? of->guess_u[k * ONE_NU + j] : s->applied[j];
+            s->u[i * NU + j] = j >= ONE_NU + N_ONCE ? REST[j]
+                               : j >= ONE_NU        ? kept[j - ONE_NU]
+                               : in                 ? of->guess_u[k * ONE_NU + j]
+                                                    : s->applied[j];
         if (i >= LEAD)
             memcpy(s->x + i * NX, of->guess_x + k * ONE_NX, sizeof(double) * ONE_NX);
         for (int a = ONE_NX; i > 0 && a < NX; a++)

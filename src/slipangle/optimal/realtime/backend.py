@@ -11,7 +11,8 @@ from slipangle.codegen.compiler import compiler, library, sentence
 from slipangle.errors import ModelWarning
 from slipangle.fields import Checked, Count, Whole, Within
 from slipangle.optimal.engine import Engine
-from slipangle.optimal.joined import Joined, JoinedEngine
+from slipangle.optimal.joined import Joined
+from slipangle.optimal.joined_engine import JoinedEngine
 from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.optimal.realtime.interpreted import InterpretedEngine
