@@ -33,10 +33,18 @@ def quick(monkeypatch):
     monkeypatch.setenv("SLIPANGLE_CFLAGS", "-O1 -march=native")
 
 
-def spring(**settings):
+def pushed(x, u, p):
+    return p.gain * u[0] - p.damping * x[1] - 0.3 * x[0] * x[0] * x[0]
+
+
+RATES = {"f": lambda x, u, p: [x[1], pushed(x, u, p)]}
+SOLVED = {"implicit": lambda d, x, u, p: [d[0] - x[1], d[1] + 0.2 * d[1] ** 3 - pushed(x, u, p)]}
+
+
+def spring(equations=RATES, **settings):
     """A mass on a hardening spring, whose drive is not known well."""
     model = Ode(
-        f=lambda x, u, p: [x[1], p.gain * u[0] - p.damping * x[1] - 0.3 * x[0] * x[0] * x[0]],
+        **equations,
         states=("p", "v"),
         inputs=("a",),
         outputs=(),
@@ -64,6 +72,7 @@ KINDS = {
     "a Huber cost, scenarios and a parameter": lambda: spring(
         huber={"p": 0.1, "v": 0.2}, scenarios=GAINS, free={"damping": (0.1, 1.0)}
     ),
+    "rates that solve equations": lambda: spring(SOLVED, scenarios=GAINS),
     "few iterations": lambda: spring(scenarios=GAINS, solver=sa.RealTime(iterations=0, max_iterations=2)),
 }
 

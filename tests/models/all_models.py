@@ -358,6 +358,28 @@ ALL_MODELS = {
         begin={"v": 0.1},
         dt=0.05,
     ).recorded(),
+    "a loop of equations": Ode(
+        f=lambda x, z, u, p: [x[1], (z[0] - p.stiffness * x[0]) / p.mass],
+        algebraic=lambda x, z, u, p: [z[0] + 0.1 * z[0] * z[0] * z[0] - u[0] + 0.3 * x[1]],
+        guess={"drive": lambda x, u, p: 0.5 * u[0]},
+        more=lambda x, z, u, p: {"power": z[0] * x[1]},
+        states=("z", "v"),
+        inputs=("F",),
+        outputs=("z", "drive", "power"),
+        params={"mass": (2.0, 0.1, 10.0), "stiffness": (30.0, 1.0, 1e3)},
+        dt=0.02,
+    ).recorded(),
+    "implicit rates": Ode(
+        implicit=lambda x_dot, x, u, p: [
+            x_dot[0] - x[1],
+            p.mass * x_dot[1] + 0.3 * x_dot[1] * x_dot[1] * x_dot[1] + p.stiffness * x[0] - u[0],
+        ],
+        states=("z", "v"),
+        inputs=("F",),
+        params={"mass": (2.0, 0.1, 10.0), "stiffness": (30.0, 1.0, 1e3)},
+        method="radau",
+        dt=0.02,
+    ).recorded(),
     "bicycle with late steering": Delayed(
         Bicycle(params=FERRARI_250LM, dt=0.05, outputs=("v_y", "r")), delays={"delta": 0.07}, longest=0.1
     ),

@@ -38,6 +38,22 @@ MODEL = Ode(
     params={},
     dt=0.1,
 )
+SOLVED = Ode(
+    implicit=lambda x_dot, x, z, u, p: [
+        x_dot[0] - x[1],
+        x_dot[1] + 0.1 * x_dot[1] ** 3 + u[2] * sin(x[0]) + 0.3 * x[1] - z[0],
+        x_dot[2] + u[4] * x[2] - tanh(u[1]) - 0.3 * x[0] * x[1],
+    ],
+    algebraic=lambda x, z, u, p: [z[0] + 0.2 * tanh(z[0] * x[2]) - u[0] - 0.2 * u[3] * u[1] * x[2]],
+    guess={"push": 0.0},
+    more=lambda x, z, u, p: {"y": x[0] + 0.5 * x[2] * x[1] + 0.1 * z[0]},
+    states=MODEL.states,
+    inputs=MODEL.inputs,
+    outputs=("y",),
+    params={},
+    dt=0.1,
+    substeps=2,
+)
 P = np.array([[4.0, 1.0, 0.2], [1.0, 2.0, 0.1], [0.2, 0.1, 0.5]])
 KINDS = {
     "inputs": {},
@@ -49,6 +65,12 @@ KINDS = {
     },
     "hard": {"limits": Limits(u=6.0, v=4.0, b=1.6)},
     "end": {"limits": Limits(u=4.0, v=3.0), "terminal_limits": Limits(a=(0.0, 0.0), b=0.2)},
+    "solved": {
+        "model": SOLVED,
+        "limits": Limits(u=3.0, v=2.0, b=1.0, y=1.2),
+        "slack": Weights(y=20.0),
+        "slack_linear": Weights(y=3.0, b=30.0),
+    },
     "matrix": {"terminal": TerminalCost(("a", "b", "u"), P)},
     "terms": {
         "parameters": ("q",),
@@ -95,7 +117,7 @@ def solvers(settings):
         RealTime(iterations=0, tolerance=1e-11, qp="riccati"),
         Ipopt(tolerance=1e-13, max_iterations=1000),
     )
-    return [MPC(MODEL, solver=engine, **{**usual, **settings}) for engine in engines]
+    return [MPC(solver=engine, **{"model": MODEL, **usual, **settings}) for engine in engines]
 
 
 def drawn(ocp, rng):

@@ -52,6 +52,7 @@ CHANGES = {
     "terminal_limits": {"terminal_limits": Limits(v=(0.4, 0.4))},
     "slack": {"slack": Weights(v=1000.0)},
     "slack_linear": {"slack_linear": Weights(v=100.0)},
+    "huber": {"huber": Weights(p=0.5)},
     "steps": {"steps": (1, 1, 1, 1, 2, 2, 3, 3)},
     "terms": {"terms": {"mixed": lambda x, u, p: x[1] + u[0]}, "Q": Weights({**BASE.ocp.Q, "mixed": 1.0})},
 }

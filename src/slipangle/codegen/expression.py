@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from slipangle.codegen.inline import inlined
 from slipangle.errors import ParameterError
 
 _SIMPLE = {
@@ -129,13 +130,20 @@ def differing_constants(functions: Sequence[ca.Function]) -> np.ndarray:
     return table[(table != table[:, :1]).any(axis=1)] if len(table) else table
 
 
+def scalars(function: ca.Function) -> ca.Function | None:
+    """The function as scalar expressions, to be differentiated; None if it holds something that has none."""
+    try:
+        return function if function.is_a("SXFunction") else function.expand()
+    except RuntimeError:
+        return None
+
+
 def scalar_code(function: ca.Function) -> ca.Function | None:
     """The function as scalar instructions, or None if it holds something that has none, such as a linear solve."""
-    if not function.is_a("SXFunction"):
-        try:
-            function = function.expand()
-        except RuntimeError:
-            return None
+    plain = scalars(function)
+    if plain is None:
+        return None
+    function = inlined(plain)
     known = {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_CONST, *_SIMPLE, *_COMPARE, *_CALL}
     used = {function.instruction_id(k) for k in range(function.n_instructions())}
     return function if used <= known else None
@@ -168,6 +176,7 @@ def fewer_divisions(function: ca.Function) -> ca.Function:
 
 
 def _by_reciprocals(function: ca.Function) -> ca.Function:
+    function = inlined(function)
     given = arguments(function)
     results = [[ca.SX(0)] * function.nnz_out(i) for i in range(function.n_out())]
     work: dict[int, ca.SX] = {}
@@ -208,6 +217,7 @@ def emit(function: ca.Function, name: str, kind: str = "double", *, lanes: Seque
     ParameterError
         If the function has an operation that has no C here.
     """
+    function = inlined(function)
     stream, prefix = _stream(function), {"double": "d_", "V": "v_"}.get(kind, f"{kind}_")
     others = [_stream(f).constants for f in lanes]
     places = [_by_row(function.sparsity_out(i)) for i in range(function.n_out())]

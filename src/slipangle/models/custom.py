@@ -4,6 +4,7 @@ import inspect
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any, Self
 
 import casadi as ca
@@ -12,13 +13,14 @@ import numpy as np
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, nearest
 from slipangle.models.equations import Recorded
+from slipangle.models.implicit import Guess, Unknowns
 from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import ParameterSet, require_in_range
 from slipangle.ops import Scalar, Vector, is_symbolic, is_traced, stack
 from slipangle.units import SI
 
-Equations = Callable[[Vector, Vector, Any], Any]  # (x, u, p) -> rates
-Signals = Callable[[Vector, Vector, Any], Mapping[str, Scalar]]  # (x, u, p) -> more outputs
+Equations = Callable[..., Any]  # (x, u, p) -> rates; more arguments where equations are solved
+Signals = Callable[..., Mapping[str, Scalar]]  # (x, u, p) -> more outputs
 
 
 @dataclass(frozen=True)
@@ -99,11 +101,12 @@ class NamedParams(ParameterSet):
 class Ode(OdeModel):
     """A model from equations of your own: simulated, fitted, controlled with and compiled like the built-in ones.
 
-    Raises ParameterError if ``f`` gives another number of rates, or cannot work on symbols.
+    Raises ParameterError if ``f`` gives another number of rates, or cannot work on symbols, or if equations
+    leave a rate open.
 
     Parameters
     ----------
-    f : callable
+    f : callable, optional
         ``f(x, u, p)``, the rates of the states as a list; ``x[0]`` is the first state, ``u[0]`` the first input,
         ``p.stiffness`` a parameter. Elementary functions come from `slipangle.ops`, so that the equations work on
         symbols too.
@@ -120,6 +123,17 @@ class Ode(OdeModel):
         ``more(x, u, p)``, further signals by name, such as ``{"a_y": ...}``.
     begin : mapping, optional
         Initial value of states that the data have no channel for, SI units; by default 0.
+    implicit : callable, optional
+        ``implicit(x_dot, x, u, p)`` in place of ``f``: residuals, one for each state, that are zero.
+    algebraic : callable, optional
+        ``algebraic(x, z, u, p)``: residuals that are zero, one for each algebraic variable z. The other functions then
+        take z behind x too: ``f(x, z, u, p)``, ``more(x, z, u, p)``, ``implicit(x_dot, x, z, u, p)``.
+    guess : mapping of str to float or callable
+        The algebraic variables by name, each with the value from which Newton's method begins, or a function
+        ``(x, u, p)`` of it. They may be outputs.
+    newton : int
+        Newton steps that solve these equations, at each evaluation of the rates; equations that are straight lines in
+        the unknowns are solved at once. Where the last step is no small one the rates are NaN.
     method, substeps
         As for every `OdeModel`; explicit steps are at most 10 ms long unless ``substeps`` says otherwise.
 
@@ -127,6 +141,8 @@ class Ode(OdeModel):
     -----
     A file cannot keep a function, but the operations that it makes: save ``model.recorded()``. Loaded again it gives
     the same numbers.
+
+    Algebraic equations must determine z (index 1), implicit ones x_dot: differentiate constraints by time until then.
 
     >>> tank = Ode(
     ...     f=lambda x, u, p: [(u[0] - p.leak * x[0]) / p.area],
@@ -136,11 +152,15 @@ class Ode(OdeModel):
     1.0
     """
 
-    f: Equations
+    f: Equations | None = None
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     more: Signals | None = None
     begin: Mapping[str, float] = field(default_factory=dict)
+    implicit: Equations | None = field(default=None, metadata={"may be missing in a file": True})
+    algebraic: Equations | None = field(default=None, metadata={"may be missing in a file": True})
+    guess: Mapping[str, Guess] = field(default_factory=dict, metadata={"may be missing in a file": True})
+    newton: int = field(default=8, metadata={"may be missing in a file": True})
 
     def __post_init__(self) -> None:
         for key in ("states", "inputs"):
@@ -152,37 +172,73 @@ class Ode(OdeModel):
         for name in self.begin:
             if name not in self.states:
                 raise ParameterError(f"begin names '{name}'; {nearest(name, self.states)}: expected a state")
-        for key in ("f", *(("more",) if self.more is not None else ())):
+        object.__setattr__(self, "guess", dict(self.guess))
+        if (self.f is None) == (self.implicit is None):
+            raise ParameterError(
+                f"{'both' if self.f is not None else 'neither'} of f and implicit are given; expected the rates "
+                "f(x, u, p), or equations of them: implicit(x_dot, x, u, p)"
+            )
+        if (self.algebraic is None) == bool(self.guess):
+            raise ParameterError(
+                f"algebraic is {self.algebraic!r} and guess {self.guess}; expected both: equations "
+                "algebraic(x, z, u, p), and for each z its name and a first value"
+            )
+        if not (isinstance(self.newton, int) and self.newton >= 1):
+            raise ParameterError(f"newton is {self.newton!r}; expected a whole number of steps of at least 1")
+        for key in self._given:
             if not callable(getattr(self, key)):
-                raise ParameterError(f"{key} is {getattr(self, key)!r}; expected a function {key}(x, u, p)")
+                raise ParameterError(
+                    f"{key} is {getattr(self, key)!r}; expected a function {key}({', '.join((*self._sizes(key), 'p'))})"
+                )
         params: Any = self.params
         if not any(is_symbolic(v) or is_traced(v) for v in (getattr(params, name) for name in params.metadata())):
             self._check_equations()
         super().__post_init__()
 
     def __hash__(self) -> int:
-        return hash((self.f, self.more, self.states, self.inputs, self.params, self.dt, self.outputs, self.method))
+        functions = self.f, self.more, self.implicit, self.algebraic, tuple(self.guess)
+        return hash((*functions, self.states, self.inputs, self.params, self.dt, self.outputs, self.method))
 
     def __getstate__(self) -> dict[str, Any]:
         """As of every model; functions that no other process could find by name are written down, see `recorded`."""
         kept = super().__getstate__()
-        for key in ("f", "more"):
+        for key in self._given:
             if "<" in getattr(kept[key], "__qualname__", ""):
-                kept[key] = Recorded.of(kept[key], self.n_states, self.n_inputs, self.params)
+                kept[key] = Recorded.of(kept[key], self.params, **self._sizes(key))
+        kept["guess"] = {n: self._kept_guess(g, "<" in getattr(g, "__qualname__", "")) for n, g in self.guess.items()}
         return kept
+
+    @property
+    def _given(self) -> tuple[str, ...]:
+        """Which functions there are."""
+        return tuple(key for key in ("f", "more", "implicit", "algebraic") if getattr(self, key) is not None)
+
+    def _sizes(self, key: str) -> dict[str, int]:
+        """Arguments of a function before the parameters, and their lengths."""
+        n = len(self.states)
+        sizes = {"x_dot": n, "x": n, "z": len(self.guess), "u": len(self.inputs)}
+        without = {*(() if key == "implicit" else ("x_dot",)), *(() if self.guess else ("z",))}
+        return {name: count for name, count in sizes.items() if name not in without}
+
+    def _kept_guess(self, guess: Any, written: bool) -> Any:
+        """A guess that a file keeps: a function written down."""
+        if not (written and callable(guess)):
+            return guess
+        return Recorded.of(lambda *given: [guess(*given)], self.params, x=self.n_states, u=self.n_inputs)
 
     def _check_equations(self) -> None:
         x, u = ca.SX.sym("x", self.n_states), ca.SX.sym("u", self.n_inputs)
         needs = (
             "expected x[i], u[i], p.name, arithmetic and functions of slipangle.ops, such as ops.sin and ops.where: "
-            f"see {_place(self.f)}"
+            f"see {_place(self.f or self.implicit)}"
         )
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
-                rates = self.f(x, u, self.params)
-                if self.more is not None:
-                    self.more(x, u, self.params)
+                rates = self._rates(x, u)
+                self.signals(x, u)
+        except ParameterError:
+            raise
         except Exception as error:
             said = str(error).strip().partition("\n")[0]
             raise ParameterError(f"the equations fail on symbols ({type(error).__name__}: {said}); {needs}") from error
@@ -203,21 +259,52 @@ class Ode(OdeModel):
 
         Raises ParameterError if they hold an operation that cannot be written down.
         """
-        sizes = self.n_states, self.n_inputs, self.params
-        more = None if self.more is None else Recorded.of(self.more, *sizes)
-        return replace(self, f=Recorded.of(self.f, *sizes), more=more)
+        written: dict[str, Any] = {
+            key: Recorded.of(getattr(self, key), self.params, **self._sizes(key)) for key in self._given
+        }
+        return replace(self, **written, guess={n: self._kept_guess(g, True) for n, g in self.guess.items()})
+
+    @cached_property
+    def _unknowns(self) -> Unknowns | None:
+        """What is solved for, None where nothing is."""
+        if self.implicit is None and self.algebraic is None:
+            return None
+        return Unknowns(
+            self.implicit,
+            self.algebraic,
+            n_states=self.n_states,
+            n_inputs=self.n_inputs,
+            guess={n: _first(g) if isinstance(g, Recorded) else g for n, g in self.guess.items()},
+            params=self.params,
+            newton=self.newton,
+        )
+
+    def _rates(self, x: Vector, u: Vector) -> Any:
+        """Rates, as the functions give them."""
+        if self._unknowns is None or (self.f is not None and not self.guess):
+            return self.f(x, u, self.params)  # type: ignore[misc]
+        rates, z = self._unknowns.solve(x, u, self.params)
+        return rates if self.f is None else self.f(x, z, u, self.params)
 
     def derivative(self, x: Vector, u: Vector) -> Vector:
-        """The rates that ``f`` gives."""
-        rates = self.f(x, u, self.params)
+        """The rates that ``f`` gives, or that solve the equations."""
+        rates = self._rates(x, u)
         return rates if is_symbolic(rates) or isinstance(rates, np.ndarray) else stack(list(rates))
 
     def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
-        """What ``more`` gives."""
-        return {} if self.more is None else dict(self.more(x, u, self.params))
+        """Algebraic variables, and what ``more`` gives."""
+        if not self.guess or self._unknowns is None:
+            return {} if self.more is None else dict(self.more(x, u, self.params))
+        z = self._unknowns.solve(x, u, self.params)[1]
+        known = {name: z[i] for i, name in enumerate(self.guess)}
+        return known if self.more is None else {**known, **self.more(x, z, u, self.params)}
 
     def _start(self, name: str, data: Dataset) -> float:
         return super()._start(name, data) if name in data else float(self.begin.get(name, 0.0))
+
+
+def _first(recorded: Recorded) -> Callable[[Vector, Vector, Any], Scalar]:
+    return lambda *given: recorded(*given)[0]
 
 
 def _place(f: Any) -> str:

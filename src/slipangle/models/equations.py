@@ -2,7 +2,7 @@
 
 import operator
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import casadi as ca
@@ -65,11 +65,14 @@ class Recorded:
         Lines whose values are the results.
     names : tuple of str
         Names of the results; empty for rates, which need none.
+    vectors : tuple of str
+        Names of the arguments before the parameters, in order; of implicit equations ``x_dot`` and ``z`` too.
     """
 
     lines: tuple[str, ...]
     results: tuple[int, ...]
     names: tuple[str, ...] = ()
+    vectors: tuple[str, ...] = field(default=("x", "u"), metadata={"may be missing in a file": True})
 
     def __post_init__(self) -> None:
         for k, line in enumerate(self.lines):
@@ -84,34 +87,37 @@ class Recorded:
         word, *rest = line.split()
         if word in _OPERATIONS:
             fine = len(rest) == _OPERATIONS[word][1] and all(r.isdigit() and int(r) < k for r in rest)
-        elif word in ("x", "u"):
+        elif word in self.vectors:
             fine = len(rest) == 1 and rest[0].isdigit()
         elif word == "p":
             fine = len(rest) == 1 and rest[0].isidentifier()
         else:
             fine = word == "number" and len(rest) == 1 and is_number(rest[0])
         if not fine:
+            known = (*_OPERATIONS, *self.vectors, "p", "number")
             raise ParameterError(
-                f"line {k} of the equations is {line!r}; {nearest(word, (*_OPERATIONS, 'x', 'u', 'p', 'number'))}: "
-                "expected an operation on earlier lines, x, u, p or number"
+                f"line {k} of the equations is {line!r}; {nearest(word, known)}: "
+                f"expected an operation on earlier lines, {', '.join(self.vectors)}, p or number"
             )
 
     @classmethod
-    def of(cls, f: Any, n_states: int, n_inputs: int, params: Any) -> Self:
-        """Record ``f(x, u, p)``, which gives a vector, or values by name.
+    def of(cls, f: Any, params: Any, **sizes: int) -> Self:
+        """Record ``f(x, u, p)``, or with other vectors of these ``sizes``, which gives a vector, or values by name.
 
         Raises ParameterError if it has an operation that cannot be recorded.
         """
         names = tuple(params.metadata())
-        x, u, p = ca.SX.sym("x", n_states), ca.SX.sym("u", n_inputs), ca.SX.sym("p", len(names))
-        value = f(x, u, params.with_values(**{n: p[i] for i, n in enumerate(names)}))
+        given, p = [ca.SX.sym(name, n) for name, n in sizes.items()], ca.SX.sym("p", len(names))
+        value = f(*given, params.with_values(**{n: p[i] for i, n in enumerate(names)}))
         labels = tuple(value) if isinstance(value, dict) else ()
         flat = list(value.values()) if isinstance(value, dict) else value
         vector = flat if isinstance(flat, ca.SX) else ca.vertcat(*flat)
-        return cls._from(ca.Function("f", [x, u, p], [ca.densify(vector)]), names, labels)
+        return cls._from(ca.Function("f", [*given, p], [ca.densify(vector)]), names, labels, tuple(sizes))
 
     @classmethod
-    def _from(cls, function: ca.Function, names: tuple[str, ...], labels: tuple[str, ...]) -> Self:
+    def _from(
+        cls, function: ca.Function, names: tuple[str, ...], labels: tuple[str, ...], vectors: tuple[str, ...]
+    ) -> Self:
         lines: list[str] = []
         place: dict[int, int] = {}  # where in CasADi's memory: line
         results = [0] * function.size1_out(0)
@@ -124,7 +130,8 @@ class Recorded:
             if code == ca.OP_CONST:
                 line = f"number {function.instruction_constant(k)!r}"
             elif code == ca.OP_INPUT:
-                line = f"p {names[inputs[1]]}" if inputs[0] == 2 else f"{'xu'[inputs[0]]} {inputs[1]}"
+                at, i = inputs[:2]
+                line = f"p {names[i]}" if at == len(vectors) else f"{vectors[at]} {i}"
             elif code in _NAME_OF:
                 line = " ".join([_NAME_OF[code], *(str(place[i]) for i in inputs[: _OPERATIONS[_NAME_OF[code]][1]])])
             else:
@@ -134,11 +141,13 @@ class Recorded:
                 )
             place[outputs[0]] = len(lines)
             lines.append(line)
-        return cls(lines=tuple(lines), results=tuple(results), names=labels)
+        return cls(lines=tuple(lines), results=tuple(results), names=labels, vectors=vectors)
 
-    def __call__(self, x: Vector, u: Vector, p: Any) -> Any:
-        """The results: a list, or a dictionary where they have names."""
+    def __call__(self, *given: Vector) -> Any:
+        """The results: a list, or a dictionary where they have names; of the vectors, then the parameters."""
         values: list[Any] = []
+        *vectors, p = given
+        known = dict(zip(self.vectors, vectors, strict=True))
         for line in self.lines:
             word, *rest = line.split()
             if word in _OPERATIONS:
@@ -148,6 +157,6 @@ class Recorded:
             elif word == "number":
                 values.append(np.float64(rest[0]))
             else:
-                values.append({"x": x, "u": u}[word][int(rest[0])])
+                values.append(known[word][int(rest[0])])
         results = [values[r] for r in self.results]
         return dict(zip(self.names, results, strict=True)) if self.names else results

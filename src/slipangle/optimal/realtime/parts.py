@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipangle.codegen.expression import scalar_code
+from slipangle.codegen.expression import scalars
 from slipangle.models.ode import OdeModel
 from slipangle.numerics.integrate import RADAU_A, RETRY
 from slipangle.ops import is_symbolic
@@ -106,7 +106,7 @@ def _core(pattern: np.ndarray) -> tuple[int, ...]:
 
 def stage_function(ocp: OCP) -> ca.Function:
     """``(x, u, w, p) -> error, limited`` and their derivatives by x and u."""
-    base = scalar_code(ocp.stage)
+    base = scalars(ocp.stage)
     x, u, w, _, p = ocp.symbols(ca.SX if base is not None else ca.MX)
     error, limited = (base or ocp.stage)(x, u, w, p)
     parts = [error, limited, *(ca.jacobian(v, z) for v in (error, limited) for z in (x, u))]
@@ -115,7 +115,7 @@ def stage_function(ocp: OCP) -> ca.Function:
 
 def dynamics_function(ocp: OCP) -> ca.Function:
     """``(x, u, w) -> next`` and its derivatives by x and u."""
-    base = scalar_code(ocp.dynamics)
+    base = scalars(ocp.dynamics)
     x, u, w, _, _ = ocp.symbols(ca.SX if base is not None else ca.MX)
     later = (base or ocp.dynamics)(x, u, w)
     return ca.Function("dynamics", [x, u, w], [later, ca.jacobian(later, x), ca.jacobian(later, u)])
