@@ -13,9 +13,9 @@ data -> models
     ``predict``.
 models -> identify
     ``sa.GreyBox(start=bicycle, free=("C_f", "C_r", "inertia_z")).fit(train)``, ``sa.ARX(na=2, nb=2).fit(train)``;
-    ``sa.Ode(f=...)`` takes equations of your own, ``sa.Delayed`` late inputs, ``sa.Collocation`` constraints, and
-    ``sa.advise`` says what to drive; ``sa.validate(model, test)`` is the verdict; ``sa.save(model, "car.json")`` writes
-    what ``sa.load`` opens.
+    ``sa.Ode(f=...)`` takes equations of your own, ``sa.LookupTable`` curves in them, ``sa.Delayed`` late inputs,
+    ``sa.Collocation`` constraints, and ``sa.advise`` says what to drive; ``sa.validate(model, test)`` is the verdict;
+    ``sa.save(model, "car.json")`` writes what ``sa.load`` opens.
 identify -> control
     ``sa.MPC(sa.OnGround(model), horizon=20, Q=sa.Weights(Y=1.0), S=sa.Weights(delta=50.0), ...)``, solved by
     ``sa.RealTime`` or, as the reference, ``sa.Ipopt``; ``sa.Stanley`` and others to compare with.

@@ -57,6 +57,7 @@ from slipangle.models.analysis.phase_plane import phase_plane as phase_plane
 from slipangle.models.black_box.arx import ARXModel as ARXModel
 from slipangle.models.black_box.narx import NARXModel as NARXModel
 from slipangle.models.custom import Ode as Ode
+from slipangle.models.lookup import LookupTable as LookupTable
 from slipangle.models.model import FitInfo as FitInfo
 from slipangle.models.model import Model as Model
 from slipangle.models.model import Trajectory as Trajectory

@@ -13,13 +13,14 @@ import casadi as ca
 
 
 def inlined(function: ca.Function) -> ca.Function:
-    """The function, of scalar instructions, without calls; the same one where it has none."""
+    """The function, of scalar instructions, without calls; the same where it has none, or some of no instructions."""
     if not any(function.instruction_id(k) == ca.OP_CALL for k in range(function.n_instructions())):
         return function
     given = function.sx_in()
     results, known = function.call(given, True, False), {}
     flat = [e for r in results for e in elements(r)]
-    _write_out(flat, known)
+    if not _write_out(flat, known):
+        return function
     new = iter([known[e.element_hash()] for e in flat])
     made = [
         ca.SX(r.sparsity(), ca.vertcat(*(next(new) for _ in range(r.nnz()))) if r.nnz() else r.nz[:]) for r in results
@@ -32,8 +33,8 @@ def elements(matrix: Any) -> list[Any]:
     return [matrix.nz[i] for i in range(matrix.nnz())]
 
 
-def _write_out(wanted: Sequence[Any], known: dict[int, Any]) -> None:
-    """Expressions by the hash of what they were, without calls; those that they depend on come first."""
+def _write_out(wanted: Sequence[Any], known: dict[int, Any]) -> bool:
+    """Expressions by the hash of what they were, without calls; whether all that is called can be written out."""
     waiting, called = [*reversed(wanted)], {}
     while waiting:
         e = waiting[-1]
@@ -53,12 +54,15 @@ def _write_out(wanted: Sequence[Any], known: dict[int, Any]) -> None:
         new = [known[d.element_hash()] for d in parts]
         if call.is_call():
             function = call.which_function()
+            if not function.is_a("SXFunction"):
+                return False
             same = (function.__hash__(), *(v.element_hash() for v in new))
             if same not in called:
                 called[same] = evaluated(function, new)
             known[key] = called[same][e.which_output() if e.is_output() else 0]
         else:
             known[key] = ca.SX.binary(e.op(), *new) if len(new) == 2 else ca.SX.unary(e.op(), *new)
+    return True
 
 
 def evaluated(function: ca.Function, given: Sequence[Any]) -> list[Any]:
