@@ -35,8 +35,8 @@ class RealTime(Checked):
 
     The quadratic program of a step is solved in one of two ways, which end at the same answer. "condensed" eliminates
     the states and goes from active set to active set ([2]_): fastest on short horizons. "riccati" keeps them and takes
-    time proportional to the horizon: a proximal method of multipliers that begins with the rows active in the plan
-    before ([3]_), an interior point where these lead nowhere; what it cannot solve is condensed. "auto" compares the
+    time proportional to the horizon: block pivoting ([3]_) from the rows active in the plan before, an interior point
+    where these lead nowhere; what it cannot solve is condensed. "auto" compares the
     times of both, from the horizon, the sizes and the number of rows that were active in the plan before. Without a
     compiler programs are condensed.
 
@@ -60,7 +60,7 @@ class RealTime(Checked):
     ----------
     .. [1] M. Diehl, H. G. Bock, J. P. Schloeder, SIAM J. Control Optim. 43, 1714-1736, 2005.
     .. [2] D. Goldfarb, A. Idnani, Math. Program. 27, 1-33, 1983.
-    .. [3] B. Hermans, A. Themelis, P. Patrinos, Math. Program. Comput. 14, 497-541, 2022.
+    .. [3] J. J. Judice, F. M. Pires, Comput. Oper. Res. 21, 587-596, 1994.
     """
 
     composes: ClassVar[bool] = True

@@ -1,9 +1,8 @@
-/* Interior point on the Riccati factor, for rows that the plan before does not tell, and the method as a whole.
+/* Interior point on the Riccati factor, for held rows that the plan before does not tell, and the method as a whole.
 
    Mehrotra, SIAM J. Optim. 2, 1992. */
 
-#define MOST_WARM 3      /* factors from the rows of the plan before; if they do not do, an interior point is faster */
-#define MOST_POLISH 8    /* after it */
+#define MOST_FACTORS 12 /* from the rows of the plan before; if they do not do, an interior point is faster */
 #define MOST_INTERIOR 40
 
 /* ---- interior point ------------------------------------------------------------------------------------------- */
@@ -156,9 +155,7 @@ static int by_interior(Work *s)
             return QP_NUMBER;
         for (int round = 0; round < 2; round++) {
             aim_sides(s, centre, round);
-            gradient_of_rows(s);
-            solve_stages(s, r->r, r->dv);
-            respond(s, r->dv, r->dx, r->e_by, r->value_by);
+            solve_stages(s);
             t = step_sides(s);
             double share = mean_product(s, smaller(t, 1)) / product;
             centre = product * share * share * share;
@@ -179,25 +176,39 @@ static int by_interior(Work *s)
 
 /* ---- method --------------------------------------------------------------------------------------------------- */
 
+/* What holds the rows, by their values and multipliers. */
+static void guess_modes(Work *s)
+{
+    Stages *r = &s->stages;
+    const Qp *q = &s->qp;
+    for (int k = 0; k < r->rows; k++) {
+        int i = r->row[k];
+        double up = r->price[i] + r->stiff[i] * (r->value[i] - q->hi[i]);
+        double down = r->price[i] + r->stiff[i] * (r->value[i] - q->lo[i]), over = up > 0 ? up : -down;
+        r->sign[i] = up > 0 ? 1 : down < 0 ? -1 : 0;
+        r->mode[i] = r->sign[i] == 0 ? FREE : over <= q->plain[i] ? KEPT : q->square[i] > 0 ? PAID : SPENT;
+    }
+}
+
 /* u and lambda of the quadratic program, as `qp_solve`; QP_NUMBER where it takes too many steps. */
 static int solve_long(Work *s, int warm)
 {
     Stages *r = &s->stages;
     Qp *q = &s->qp;
-    int forced = warm && r->expected > 0;
     begin_rows(s);
-    if (forced)
+    if (warm)
         expect_rows(s);
     memset(r->v, 0, sizeof r->v);
     memset(r->e, 0, sizeof r->e);
     q->iterations = 0, q->kkt = INFINITY;
-    int status = by_multipliers(s, forced, MOST_WARM);
-    if (status == QP_NUMBER)
+    int status = by_rows(s, MOST_FACTORS);
+    if (status == QP_NUMBER) {
         status = by_interior(s);
-    else if (status == QP_SOLVED)
-        forced = -1;
-    if (status == QP_SOLVED && forced >= 0)
-        status = by_multipliers(s, 0, MOST_POLISH);
+        if (status == QP_SOLVED) {
+            guess_modes(s);
+            status = by_rows(s, MOST_FACTORS);
+        }
+    }
     if (status != QP_SOLVED)
         return status;
     memset(q->lambda, 0, sizeof q->lambda);

@@ -130,7 +130,7 @@ def _stages(ocp: OCP, stage: ca.Function, qp: str) -> list[str]:
 
 
 def _files(ocp: OCP, stage: ca.Function, qp: str) -> Sequence[str]:
-    memory, method = ("riccati_work.c", "riccati.c multipliers.c interior.c") if by_stages(ocp, stage, qp) else ("", "")
+    memory, method = ("riccati_work.c", "riccati.c rows.c interior.c") if by_stages(ocp, stage, qp) else ("", "")
     return f"ranges.c qp.c {memory} work.c stages.c solver.c {method} fallback.c judge.c".split()
 
 

@@ -1,89 +1,117 @@
-/* The quadratic program of a step without condensing it: proximal method of multipliers, its inner problems by semismooth
-   Newton steps with an exact line search, each on a Riccati factor.
+/* The quadratic program of a step without condensing it: the rows that are held are known but for a few, and are found by
+   block pivoting on Riccati factors.
 
-   The same problem as in qp.c. Rows outside their limits, or held there, have a slope in the factor and a multiplier that
-   is brought up to date whenever their modes stay as they are; once the right rows are held, the factor stays and what
-   follows is iterative refinement of the exact answer.
+   The same problem as in qp.c. Held rows have a slope in the factor, so that they come close to their limits at once, and
+   a multiplier, by which they come there exactly (method of multipliers). All rows that are held wrongly, or not held
+   wrongly, change at once; where that makes no more of them right, one at a time.
 
-   Rockafellar, Math. Oper. Res. 1, 1976; Hermans, Themelis, Patrinos, Math. Program. Comput. 14, 2022 (QPALM). */
+   Rockafellar, Math. Oper. Res. 1, 1976; Judice, Pires, Comput. Oper. Res. 21, 1994. */
 
 #define STIFF (1 / 1e-6)  /* of a held row, relative to the largest curvature by an input */
 #define STIFFER 30.0      /* where a row does not come to its limit */
 #define STIFFEST (1 / 1e-11)
-#define MOST_SWEEPS 40
+#define MOST_SWEEPS 60
 #define EXACT 1e-12       /* residual, relative to the size of its terms, with which an answer is one at once */
 #define ENOUGH 1e-9       /* the same where refinement gains nothing any more */
+#define TOUCH 1e-12       /* of a multiplier at its bound, relative to that */
 
 /* ---- rows ----------------------------------------------------------------------------------------------------- */
 
-/* Multiplier of a row at this value, its slope, and what holds it; `forced` into the mode that it has. */
-INLINE double price_of(const Work *s, int i, double value, double *slope, int *mode, double *sign, int forced)
+/* Multipliers and slopes of all rows in their modes; whether the slopes are not those of the factor. */
+static int price_rows(Work *s)
 {
+    Stages *r = &s->stages;
     const Qp *q = &s->qp;
-    double stiff = s->stages.stiff[i], old = s->stages.price[i], plain = q->plain[i], square = q->square[i];
-    double up = old + stiff * (value - q->hi[i]), down = old + stiff * (value - q->lo[i]), over;
-    if (!forced) {
-        *sign = up > 0 ? 1 : down < 0 ? -1 : 0;
-        over = *sign > 0 ? up : -down;
-        *mode = *sign == 0 ? FREE : over <= plain ? KEPT : square > 0 ? PAID : SPENT;
-    } else
-        over = *sign > 0 ? up : -down;
-    switch (*mode) {
-    case KEPT:
-        *slope = stiff;
-        return *sign * over;
-    case PAID:
-        *slope = stiff * square / (stiff + square);
-        return *sign * (plain + square * (over - plain) / (stiff + square));
-    case SPENT:
-        *slope = 0;
-        return *sign * plain;
-    default:
-        *slope = 0;
-        return 0;
-    }
-}
-
-/* Multipliers, modes and slopes of all rows; how many slopes are not those of the factor. */
-static int price_rows(Work *s, int forced)
-{
     int changed = 0;
-    for (int k = 0; k < s->stages.rows; k++) {
-        int i = s->stages.row[k];
-        double slope;
-        s->stages.after[i] = price_of(s, i, s->stages.value[i], &slope, s->stages.mode + i, s->stages.sign + i, forced);
-        changed += slope != s->stages.slope[i];
-        s->stages.wanted[i] = slope;
+    for (int k = 0; k < r->rows; k++) {
+        int i = r->row[k];
+        double sign = r->sign[i], stiff = r->stiff[i], plain = q->plain[i], slope = 0, price = 0;
+        double over = sign * r->price[i] + stiff * (sign > 0 ? r->value[i] - q->hi[i] : q->lo[i] - r->value[i]);
+        if (r->mode[i] == KEPT)
+            slope = stiff, price = over;
+        else if (r->mode[i] == PAID) {
+            slope = stiff * q->square[i] / (stiff + q->square[i]);
+            price = plain + q->square[i] * (over - plain) / (stiff + q->square[i]);
+        } else if (r->mode[i] == SPENT)
+            price = plain;
+        r->after[i] = r->mode[i] == FREE ? 0 : sign * price;
+        changed |= slope != r->slope[i];
+        r->wanted[i] = slope;
     }
     return changed;
 }
 
-/* Where along the step the penalised cost is least: its derivative is linear in pieces, and rises. */
-static double line_search(const Work *s, double at_start, double bend)
+/* The mode that a row should have by its value and its multiplier; how far off it is, as a distance. */
+INLINE int better_mode(const Work *s, int i, double *off)
 {
-    const double *value = s->stages.value, *by = s->stages.value_by;
-    double low = 0, high = 1, t = 1, first = 0;
-    for (int n = -1; n < 40; n++) {
-        double sum = at_start + (n < 0 ? 0 : t) * bend, rise = bend;
-        for (int k = 0; k < s->stages.rows; k++) {
-            int i = s->stages.row[k], mode;
-            double slope, sign;
-            if (by[i] != 0) {
-                sum += by[i] * price_of(s, i, value[i] + (n < 0 ? 0 : t) * by[i], &slope, &mode, &sign, 0);
-                rise += slope * by[i] * by[i];
-            }
-        }
-        if (n < 0) {
-            first = sum;
-            continue;
-        }
-        if (fabs(sum) <= 1e-3 * fabs(first) || (n == 0 && sum <= 0))
-            return t;
-        *(sum > 0 ? &high : &low) = t;
-        double next = t - sum / rise;
-        t = next > low && next < high ? next : 0.5 * (low + high);
+    const Stages *r = &s->stages;
+    const Qp *q = &s->qp;
+    double plain = q->plain[i], price = r->sign[i] * r->after[i], limit = r->sign[i] > 0 ? q->hi[i] : -q->lo[i];
+    double over = r->value[i] - q->hi[i], under = q->lo[i] - r->value[i];
+    switch (r->mode[i]) {
+    case KEPT:
+        if (price < 0)
+            return *off = -price / r->stiff[i], FREE;
+        if (price > plain * (1 + TOUCH))
+            return *off = (price - plain) / r->stiff[i], q->square[i] > 0 ? PAID : SPENT;
+        return KEPT;
+    case PAID:
+        if (price < plain * (1 - TOUCH))
+            return *off = (plain - price) / r->stiff[i], plain > 0 ? KEPT : FREE;
+        return PAID;
+    case SPENT:
+        *off = limit - r->sign[i] * r->value[i];
+        return *off > CLOSE * (1 + fabs(limit)) ? KEPT : SPENT;
+    default:
+        *off = larger(over, under);
+        if (over > CLOSE * (1 + fabs(q->hi[i])) || under > CLOSE * (1 + fabs(q->lo[i])))
+            return plain > 0 ? KEPT : PAID;
+        return FREE;
     }
-    return t;
+}
+
+/* How many rows should have another mode; the one among those whose multiplier leaves its range, or else that breaks its
+   limit, by the most. */
+static int count_wrong(Work *s, int *worst)
+{
+    Stages *r = &s->stages;
+    double most = 0, dearest = 0;
+    int wrong = 0, broken = -1, dear = -1;
+    for (int k = 0; k < r->rows; k++) {
+        int i = r->row[k];
+        double off = 0;
+        r->better[i] = better_mode(s, i, &off);
+        if (r->better[i] == r->mode[i])
+            continue;
+        wrong++;
+        off *= sqrt(r->stiff[i]);
+        if (r->mode[i] == KEPT || r->mode[i] == PAID) {
+            if (dear < 0 || off > dearest)
+                dearest = off, dear = i;
+        } else if (broken < 0 || off > most)
+            most = off, broken = i;
+    }
+    *worst = dear >= 0 ? dear : broken;
+    return wrong;
+}
+
+/* All rows, or one of them, into the mode that they should have. */
+static void change_modes(Work *s, int only)
+{
+    Stages *r = &s->stages;
+    const Qp *q = &s->qp;
+    for (int k = 0; k < r->rows; k++) {
+        int i = r->row[k], to = r->better[i];
+        if (to == r->mode[i] || (only >= 0 && i != only))
+            continue;
+        if (r->mode[i] == FREE)
+            r->sign[i] = r->value[i] > q->hi[i] ? 1 : -1, r->price[i] = 0;
+        else if (to == FREE)
+            r->price[i] = 0;
+        else if (to == SPENT || r->mode[i] == SPENT)
+            r->price[i] = r->sign[i] * q->plain[i];
+        r->mode[i] = to;
+    }
 }
 
 /* ---- start ---------------------------------------------------------------------------------------------------- */
@@ -92,13 +120,13 @@ static double line_search(const Work *s, double at_start, double bend)
 static int prepare_stages(Work *s)
 {
     Stages *r = &s->stages;
-    join_steps(s);
     for (int i = 0, row = 0; i <= N; i++) {
         r->first[i] = row;
         while (row < N_LIMITS && LIMIT_STAGE[row] == i)
             row++;
         r->first[i + 1] = row;
     }
+    pack_stages(s);
     memset(r->slope, 0, sizeof r->slope);
     for (int a = 0; a < QN; a++)
         r->rate[a] = -1;
@@ -172,7 +200,7 @@ static int row_later(const Work *s, int i)
 }
 
 /* Rows that s->working names are expected to be held as it says, or, where the plan begins a step `later`, those of a
-   stage before; the last one stays. */
+   stage before; the last one stays where the one before it is held alike, as limits that are touched are passed. */
 static void expect(Work *s, int many, int later)
 {
     Stages *r = &s->stages;
@@ -186,13 +214,18 @@ static void expect(Work *s, int many, int later)
     if (!later)
         return;
     char held[QT] = {0};
-    int kept = 0;
+    int kept = 0, before[QT];
     for (int a = 0; a < r->expected; a++)
         held[r->coming[a]] = (char)r->how[a];
+    for (int i = 0; i < QT; i++)
+        before[i] = i;
     for (int i = 0; i < QT; i++) {
         int from = row_later(s, i);
-        if (held[from < 0 ? i : from])
-            r->coming[kept] = i, r->how[kept++] = held[from < 0 ? i : from];
+        char how = from >= 0 ? held[from] : held[before[i]] == held[i] ? held[i] : 0;
+        if (from >= 0)
+            before[from] = i;
+        if (how)
+            r->coming[kept] = i, r->how[kept++] = how;
     }
     r->expected = kept;
 }
@@ -227,12 +260,12 @@ static double gradient_of_rows(Work *s)
     Stages *r = &s->stages;
     const Qp *q = &s->qp;
     double size = 1e-300, worst = 0;
-    pull(s, r->v, r->e, r->after, r->bent, r->forces);
+    pull(s);
     for (int a = 0; a < QN; a++) {
-        r->r[a] = q->g[a] + r->bent[a] + r->forces[a];
+        double left = fabs(q->g[a] + r->bent[a] + r->forces[a]);
         size = larger(fabs(q->g[a]) + fabs(r->bent[a]) + fabs(r->forces[a]), size);
-        worst = larger(fabs(r->r[a]), worst);
-        if (!(fabs(r->r[a]) < INFINITY))
+        worst = larger(left, worst);
+        if (!(left < INFINITY))
             return INFINITY;
     }
     return worst / size;
@@ -247,57 +280,44 @@ static void move_rows(Work *s, double t)
     add(r->value, t, r->value_by, QT);
 }
 
-/* ---- method of multipliers ------------------------------------------------------------------------------------ */
+/* ---- method --------------------------------------------------------------------------------------------------- */
 
-/* From the inputs r->v and multipliers r->price on, or first a step with the rows held that are expected (`forced`): to
-   the exact answer, or QP_NUMBER after so many factors. */
-static int by_multipliers(Work *s, int forced, int factors)
+/* From the inputs r->v, multipliers r->price and modes on to the exact answer, or QP_NUMBER after so many factors. */
+static int by_rows(Work *s, int factors)
 {
     Stages *r = &s->stages;
     Qp *q = &s->qp;
-    int still = 0;
+    int still = 0, least = QT + 1;
     double last = INFINITY;
     for (int n = 0; n < MOST_SWEEPS; n++) {
-        int changed = price_rows(s, forced);
-        double worst = gradient_of_rows(s);
-        if (!(worst < INFINITY))
-            return QP_NUMBER;
-        if (!forced && (!changed || worst <= ENOUGH)) {
-            double gap = update_prices(s, still > 1);
-            gap = larger(worst, gap), q->kkt = gap;
-            if (gap <= EXACT || (gap <= ENOUGH && !(gap < 0.1 * last)))
-                return QP_SOLVED;
-            if (still > 3 && !(gap < 0.5 * last))
+        if (price_rows(s)) {
+            if (!(factors-- > 0))
                 return QP_NUMBER;
-            last = smaller(gap, last), still++;
-            changed = price_rows(s, 0);
-            gradient_of_rows(s);
-        }
-        if (changed && !(factors-- > 0))
-            return QP_NUMBER;
-        if (changed) {
-            memcpy(r->slope, r->wanted, sizeof r->slope);
             if (now(q) > q->until)
                 return QP_LATE;
+            memcpy(r->slope, r->wanted, sizeof r->slope);
             if (!factor_stages(s, 0))
                 return QP_NUMBER;
             q->iterations++;
         }
-        solve_stages(s, r->r, r->dv);
-        respond(s, r->dv, r->dx, r->e_by, r->value_by);
-        double t = 1, start = 0, bend = 0;
-        if (!forced) {
-            for (int a = 0; a < QN; a++) {
-                double step = r->dv[a] - (a < NU ? 0 : r->dv[a - NU]), c = SCALE[a % NU] * SCALE[a % NU];
-                start += (q->g[a] + r->bent[a]) * r->dv[a];
-                bend += c * (s->wr[a] * r->dv[a] * r->dv[a] + s->ws[a] * step * step);
-            }
-            for (int i = 0; i < (N + 1) * NE; i++)
-                bend += s->q[i] * r->e_by[i] * r->e_by[i];
-            t = line_search(s, start, bend);
+        solve_stages(s);
+        move_rows(s, 1);
+        price_rows(s);
+        int worst, wrong = count_wrong(s, &worst);
+        if (wrong) {
+            change_modes(s, wrong < least ? -1 : worst);
+            least = wrong < least ? wrong : least, still = 0, last = INFINITY;
+            continue;
         }
-        move_rows(s, t);
-        forced = 0;
+        double gap = update_prices(s, still > 1);
+        if (gap <= ENOUGH) {
+            gap = larger(gradient_of_rows(s), gap), q->kkt = gap;
+            if (gap <= EXACT || (gap <= ENOUGH && !(gap < 0.1 * last)))
+                return QP_SOLVED;
+        }
+        if (!(gap < INFINITY) || (still > 3 && !(gap < 0.5 * last)))
+            return QP_NUMBER;
+        last = smaller(gap, last), still++;
     }
     return QP_NUMBER;
 }
