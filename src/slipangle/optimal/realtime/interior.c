@@ -141,6 +141,8 @@ static int by_interior(Work *s)
 {
     Stages *r = &s->stages;
     Qp *q = &s->qp;
+    if (r->bends.count)
+        return QP_NUMBER;
     memset(r->v, 0, sizeof r->v);
     memset(r->e, 0, sizeof r->e);
     memset(r->value, 0, sizeof r->value);

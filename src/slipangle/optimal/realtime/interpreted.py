@@ -39,7 +39,7 @@ from slipangle.optimal.solution import (
     within,
 )
 
-PAIRS, CALM = 24, 5  # remembered steps; iterations without a short one before they count
+PAIRS, CALM = 24, 2  # remembered steps; iterations without a short one before they count
 FLAT = 1e-6  # largest change of an input in units of its range whose effect on the cost may be lost in rounding
 IDLE = 10  # such steps that are no smaller than the smallest before end the iterations
 PRICES = 1e4  # largest price of a hard limit that no step keeps, over the first

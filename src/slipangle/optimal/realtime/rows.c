@@ -128,6 +128,7 @@ static int prepare_stages(Work *s)
     }
     pack_stages(s);
     memset(r->slope, 0, sizeof r->slope);
+    r->bends.count = 0;
     for (int a = 0; a < QN; a++)
         r->rate[a] = -1;
     for (int k = 0; k < QR; k++)
@@ -287,7 +288,7 @@ static int by_rows(Work *s, int factors)
 {
     Stages *r = &s->stages;
     Qp *q = &s->qp;
-    int still = 0, least = QT + 1;
+    int still = 0, least = QT + 1, bent = 0;
     double last = INFINITY;
     for (int n = 0; n < MOST_SWEEPS; n++) {
         if (price_rows(s)) {
@@ -298,8 +299,11 @@ static int by_rows(Work *s, int factors)
             memcpy(r->slope, r->wanted, sizeof r->slope);
             if (!factor_stages(s, 0))
                 return QP_NUMBER;
-            q->iterations++;
+            q->iterations++, bent = 0;
         }
+        if (!bent && !factor_bends(s))
+            return QP_NUMBER;
+        bent = 1;
         solve_stages(s);
         move_rows(s, 1);
         price_rows(s);

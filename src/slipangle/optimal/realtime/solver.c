@@ -5,7 +5,8 @@
 
 #ifdef RICCATI
 static int by_stages_now(const Work *s), prepare_stages(Work *s), solve_long(Work *s, int warm);
-static void expect(Work *s, int many, int later);
+static void expect(Work *s, int many, int later), bend_stages(Work *s);
+static const double *force(Work *s);
 #endif
 
 /* ---- problem data of a row of the QP -------------------------------------------------------------------------- */
@@ -83,18 +84,23 @@ static int linearise(Work *s)
            moderate(s->A, NS * NX * NX);
 }
 
-/* Correct H along a step by the change of the gradient seen there (BFGS, damped after Powell). */
+/* What is kept of the curvature seen along a step where the old one is another (Powell); 0 where that is no curvature. */
+static int damped(double old, double seen, double *keep, double *mixed)
+{
+    *keep = seen < 0.2 * old ? 0.8 * old / (old - seen) : 1;
+    *mixed = *keep * seen + (1 - *keep) * old;
+    return old > 0 && *mixed > 0;
+}
+
+/* Correct H along a step by the change of the gradient seen there (BFGS). */
 static void secant(Work *s, double *H, const double *step, const double *change)
 {
-    double *z = s->product, old, seen, keep = 1;
+    double *z = s->product, keep, mixed;
     memset(z, 0, sizeof s->product);
     add_product(z, 1, H, step, N * NU);
-    old = dot(z, step, N * NU), seen = dot(change, step, N * NU);
-    if (!(old > 0))
+    double old = dot(z, step, N * NU);
+    if (!damped(old, dot(change, step, N * NU), &keep, &mixed))
         return;
-    if (seen < 0.2 * old)
-        keep = 0.8 * old / (old - seen);
-    double mixed = keep * seen + (1 - keep) * old;
     for (int a = 0; a < N * NU; a++) {
         double y = keep * change[a] + (1 - keep) * z[a], za = z[a];
         for (int b = a; b < N * NU; b++)
@@ -109,10 +115,7 @@ static void gradient(Work *s, double *into)
     memcpy(into, q->g, sizeof q->g);
 #ifdef RICCATI
     if (s->by_stages) {
-        add(into, 1, s->stages.forces, N * NU);
-        for (int i = 0; i < QN + QR; i++)
-            if (q->lambda[i] != 0)
-                row_add(q, i, -q->lambda[i], into);
+        add(into, 1, force(s), N * NU);
         return;
     }
 #endif
@@ -120,6 +123,8 @@ static void gradient(Work *s, double *into)
         if (q->lambda[QN + QR + row] != 0)
             add(into, q->lambda[QN + QR + row], (const double *)q->C + row * QL, N * NU);
 }
+
+static void feed(Work *s);
 
 /* Remember the last step and the change of the gradient over it. */
 static void remember(Work *s)
@@ -140,8 +145,9 @@ static void remember(Work *s)
     s->pairs += size > 0;
 }
 
-/* Hessian, its factor, and the dense rows: everything that does not depend on the state now. */
-static int condense(Work *s)
+/* Hessian, its factor, and the dense rows: everything that does not depend on the state now. If it is to `learn`, the last
+   step is remembered. */
+static int condense(Work *s, int learn)
 {
     Qp *q = &s->qp;
     double *H = (double *)q->H, *G = MAT(G), *old = G, *new = G + NX * QL, *row = MAT(R);
@@ -201,6 +207,8 @@ static int condense(Work *s)
             old = new, new = swap;
         }
     }
+    if (learn)
+        feed(s), remember(s);
     for (int k = 0; k < s->pairs; k++)
         secant(s, H, s->pair_s + k * QL, s->pair_y + k * QL);
     double top = 0;
@@ -568,15 +576,20 @@ static void ends(Work *s, int part)
         s->took[part] = s->took[part] > 0 ? smaller(took, 2 * s->took[part]) : took;
 }
 
-/* The quadratic program at the iterate, without what depends on the state now: condensed or, if that may be, by stages. */
-static int pose(Work *s, int by_stages)
+/* The quadratic program at the iterate, without what depends on the state now: condensed or, if that may be, by stages.
+   If it is to `learn`, the last step is remembered. */
+static int pose(Work *s, int by_stages, int learn)
 {
 #ifdef RICCATI
-    s->by_stages = by_stages && by_stages_now(s);
+    s->by_stages = by_stages && s->pairs + learn <= FEW && by_stages_now(s);
     if (s->by_stages) {
         if (!begins(s, BY_STAGES))
             return TIME_OUT;
         s->by_stages = prepare_stages(s);
+        if (s->by_stages && learn)
+            feed(s), remember(s), learn = 0;
+        if (s->by_stages)
+            bend_stages(s);
         ends(s, BY_STAGES);
         if (s->by_stages)
             return SOLVED;
@@ -585,7 +598,7 @@ static int pose(Work *s, int by_stages)
     (void)by_stages;
     if (!begins(s, CONDENSE))
         return TIME_OUT;
-    int good = condense(s);
+    int good = condense(s, learn);
     ends(s, CONDENSE);
     return good ? SOLVED : FAILED;
 }
@@ -639,7 +652,7 @@ static int prepare(Work *s)
             ends(s, LINEARISE);
     }
     if (status == SOLVED)
-        status = pose(s, 1);
+        status = pose(s, 1, 0);
     if (status == FAILED)
         status = NOT_FINITE;
     s->seconds_prepare = now(&s->qp) - begin;
@@ -708,7 +721,7 @@ static int solve_qp(Work *s, int warm)
         status = solve_long(s, warm);
         s->qp_iterations += s->qp.iterations;
         if (status == QP_NUMBER) { /* the other one says why, or solves it */
-            int posed = pose(s, 0);
+            int posed = pose(s, 0, 0);
             if (posed != SOLVED)
                 return posed;
             s->qp.k = 0;
@@ -832,15 +845,9 @@ static int converge(Work *s, int64_t most, int loose)
         return NOT_FINITE;
     ends(s, LINEARISE);
     for (int64_t n = 0; n < most;) {
-        int posed = pose(s, calm < CALM && s->pairs == 0 && s->damp == 0);
+        int posed = pose(s, s->damp == 0, calm >= CALM); /* Gauss-Newton steps alone are slow where errors remain large */
         if (posed != SOLVED)
             return posed;
-        if (calm >= CALM) { /* Gauss-Newton steps alone are slow where errors remain large */
-            feed(s);
-            remember(s);
-            if (!condense(s))
-                return FAILED;
-        }
         int done = solve_qp(s, n > 0 || !s->fresh);
         if ((done == INFEASIBLE || done == FAILED) && N_LIMITS > 0) { /* here: limits at a price may lead elsewhere */
             if (price == 0) {

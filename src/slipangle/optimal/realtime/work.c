@@ -27,7 +27,7 @@ enum { CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME };
 enum { LINEARISE, CONDENSE, BY_STAGES, PARTS };
 
 #define PAIRS 24 /* remembered steps and changes of the gradient */
-#define CALM 5   /* iterations without a short step before remembered ones count; short: a quarter of one beyond FAR */
+#define CALM 2   /* iterations without a short step before remembered ones count; short: a quarter of one beyond FAR */
 #define FLAT 1e-6 /* largest change of an input in units of its range whose effect on the cost may be lost in rounding */
 #define IDLE 10  /* such steps that are no smaller than the smallest before end the iterations */
 #define PRICES 1e4 /* largest price of a hard limit that no step keeps, over the first */
