@@ -81,6 +81,16 @@ def test_inspect_names_channels_that_contradict_each_other(folder, capsys):
     assert "delta is logged in degrees" in text.splitlines()[0]
 
 
+def test_degrees_called_radians_are_not_explained_by_the_ratio_that_was_guessed(folder, capsys):
+    rows = np.loadtxt(folder / "log.csv", delimiter=",", skiprows=1)
+    rows[:, 2:] *= [1 / 3.6, np.pi / 180]
+    head = "time,delta [rad],v_x [m/s],r [rad/s]"
+    np.savetxt(folder / "other.csv", rows, delimiter=",", header=head, comments="", fmt="%.6f")
+    words = said(capsys, "inspect", folder / "other.csv", "--wheelbase", PARAMS.wheelbase, code=1)
+    assert "ratio = 15" in words
+    assert "of delta: delta is logged in degrees: declare its unit as deg" in words
+
+
 def test_advise_takes_a_job_or_a_saved_model(folder, capsys):
     text = said(capsys, "advise", folder / "job.toml", "--best", "3")
     assert len(text.splitlines()) == 3

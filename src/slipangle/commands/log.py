@@ -78,6 +78,9 @@ def _inspect(options: argparse.Namespace) -> Answer:
         )
     if wheelbase is not None and not missing:
         said = doubts(data, wheelbase=wheelbase)
+        ratio = next((g.column.ratio for g in seen.guesses if g.channel == "delta"), 1.0) if seen else 1.0
+        if said and ratio != 1:  # a guess that may be what is wrong: what the log itself says
+            said = doubts(data.with_channel("delta", ratio * data["delta"], "rad"), wheelbase=wheelbase)
     unchecked = (
         () if wheelbase is not None or missing else ("signs and units of the channels are checked with --wheelbase",)
     )

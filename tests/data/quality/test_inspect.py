@@ -6,6 +6,7 @@ from scipy import signal
 
 from slipangle import errors
 from slipangle.data.dataset import Channel, Dataset, join
+from slipangle.data.quality.delay import Delay
 from slipangle.data.quality.inspect import (
     despike,
     estimate_delay,
@@ -364,3 +365,10 @@ def test_tiny_recordings_do_not_break_the_report(n):
     report = inspect(drive().rows(0, n))
     assert report.samples == n
     assert all(isinstance(s, str) and s for s in report.sentences)
+
+
+def test_a_lag_that_could_not_be_split_is_told_without_parts():
+    found = Delay(input="delta", output="r", seconds=0.05, agreement=0.9, coherent=0.1, chance=0.001)
+    assert found.sentence.startswith("r follows delta by 50 ms: delay, actuator and the car's own lag together; ")
+    early = Delay(input="delta", output="a_y", seconds=-0.09, agreement=0.9, coherent=0.1, chance=0.001)
+    assert early.sentence.endswith("clocks that disagree, or slow driving, where a_y is ahead")

@@ -63,6 +63,9 @@ PLANTED = {
     "late": (changed("r", late), "behind a_y"),
     "stuck": (changed("r", stuck), "r is stuck"),
     "swapped": (swapped(), "swapped"),
+    "sign of v_y": (changed("v_y", np.negative), "v_y moves against r at low speed"),
+    "v_y in km/h": (changed("v_y", lambda v: 3.6 * v), "logged in km/h or another unit"),
+    "steering stuck": (changed("delta", stuck), "delta is stuck at one value for 6 s while the car turns"),
     "milliseconds": (replace(clean(), dt=20.0, start_times=(0.0, 1e5, 2e5, 3e5)), "ms"),
 }
 
@@ -87,6 +90,63 @@ def test_one_speed_alone_raises_no_doubt_and_shows_degrees(speed):
     assert doubts(without_a_y(data), wheelbase=LENGTH) == ()
     turned = data.with_channel("delta", np.rad2deg(data["delta"]), "rad")
     assert "degrees" in doubts(without_a_y(turned), wheelbase=LENGTH)[0]
+
+
+def test_an_acceleration_called_v_y_is_named_without_another_one():
+    data = swapped()
+    alone = Dataset.from_arrays({n: data[n] for n in ("delta", "v_x")}, {n: data[n] for n in ("r", "v_y")}, data.dt)
+    (said,) = doubts(replace(alone, starts=data.starts, start_times=data.start_times), wheelbase=LENGTH)
+    assert "it is a lateral acceleration" in said
+
+
+def test_a_yaw_rate_against_steering_and_v_y_is_the_one_that_is_wrong():
+    data = clean()
+    r, v_y = -data["r"], data["v_y"]
+    alone = Dataset.from_arrays({n: data[n] for n in ("delta", "v_x")}, {"r": r, "v_y": v_y}, data.dt)
+    (said,) = doubts(replace(alone, starts=data.starts, start_times=data.start_times), wheelbase=LENGTH)
+    assert said.endswith("set sign = -1 for r")
+
+
+def test_a_stuck_sensor_makes_up_no_other_mistake():
+    """Most of one drive's yaw rate at one value: what is left agrees with the steering."""
+    data = clean()
+    r = data["r"].copy()
+    for a in data.starts:
+        r[a + 300 : a + 1300] = r[a + 300]
+    (said,) = doubts(data.with_channel("r", r, "rad/s"), wheelbase=LENGTH)
+    assert said.startswith("r is stuck at one value for 20 s")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_of_noise_no_sensor_is_called_late(seed):
+    rng, data = np.random.default_rng(seed), clean()
+    for name, size in (("r", 0.1), ("v_y", 0.3), ("a_y", 1.0)):
+        data = data.with_channel(name, size * rng.standard_normal(len(data)), "-")
+    assert doubts(data, wheelbase=LENGTH) == ()
+
+
+def test_a_long_car_is_not_called_late():
+    """By kinematics a_y is ahead of r by the time in which the car moves on by its rear length: 0.4 s here."""
+    t, dt = 0.02 * np.arange(3000), 0.02
+    v = np.full(3000, 9.0) + 2.0 * np.sin(0.05 * t)
+    delta = 0.1 * np.sin(2 * np.pi * (0.05 + 0.004 * t) * t)
+    r = v * delta / 7.0
+    a_y = v * r + 3.6 * np.gradient(r, dt)
+    noise = np.random.default_rng(0).standard_normal((2, 3000))
+    outputs = {"r": r + 0.003 * noise[0], "a_y": a_y + 0.05 * noise[1]}
+    data = Dataset.from_arrays({"delta": delta, "v_x": v}, outputs, dt)
+    assert doubts(data, wheelbase=7.0) == ()
+    late = data.with_channel("r", np.concatenate([np.zeros(15), data["r"][:-15]]), "rad/s")
+    assert "behind a_y" in doubts(late, wheelbase=7.0)[0]
+
+
+def test_a_speed_that_agrees_with_a_y_is_not_called_km_h():
+    less = changed("delta", lambda delta: 4.5 * delta)
+    (said,) = doubts(less, wheelbase=LENGTH)
+    assert "delta is a command" in said
+    assert "km/h" not in said
+    (said,) = doubts(without_a_y(less), wheelbase=LENGTH)
+    assert "v_x is logged in km/h: declare its unit as km/h, or delta is a command" in said
 
 
 def test_a_sound_log_raises_no_doubt():

@@ -1,5 +1,6 @@
 """A car from a log of it: the truth is known, the log is simulated by equations of its own."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from slipangle.errors import (
     TooShortError,
 )
 from slipangle.identify.car.identify_car import identify_car
-from slipangle.identify.car.sentences import changes
+from slipangle.identify.car.sentences import changes, impossible
 from slipangle.identify.car.stretches import stretches
 from slipangle.identify.car.structures import STIFF, Stage, first_guess, fit
 from slipangle.models.storage import load, save
@@ -142,6 +143,54 @@ def test_a_mass_in_tonnes_is_doubted_and_one_that_cannot_be_checked_is_said(car)
     )
     assert not any("mass" in said for said in car.doubts)
     assert any("in proportion to the mass that was given, 1300 kg" in said for said in car.sentences)
+
+
+def test_a_centre_of_gravity_that_a_sensor_elsewhere_explains_is_said_with_what_it_does():
+    """30 cm too far behind: the place of the v_y sensor takes it all, and the stiffness is a third off."""
+    wrong = KNOWN["l_f"] + 0.3
+    found = identify_car(drives(), **KNOWN | {"l_f": wrong})
+    assert found.model.value("lever_v_y") == pytest.approx(0.3, abs=0.03)
+    (said,) = (s for s in found.model.fit_info.warnings if s.startswith("v_y reads as if measured +0."))
+    found = re.search(r"l_f is (.+) m in .* about (.+) and C_r (.+) N", said)
+    l_f, C_f, C_r = (float(x.replace(" ", "")) for x in found.groups())
+    assert l_f == pytest.approx(KNOWN["l_f"], abs=0.03)
+    assert C_f == pytest.approx(TRUE["C_f"], rel=0.06)
+    assert C_r == pytest.approx(TRUE["C_r"], rel=0.06)
+
+
+def test_channels_that_have_nothing_to_do_with_each_other_are_said_to():
+    data, rng = drives(), np.random.default_rng(0)
+    for name, size in (("v_y", 0.3), ("r", 0.1)):
+        data = data.with_channel(name, size * rng.standard_normal(len(data)), data.unit(name))
+    found = identify_car(data, **KNOWN)
+    assert any(re.match("steering and speed explain [0-3] % of v_y and r", s) for s in found.doubts)
+    assert not any("measure v_y" in s for s in found.sentences)  # it is
+
+
+def test_a_yaw_rate_in_degrees_is_named_whatever_friction_it_asks_for():
+    data = drives()
+    found = identify_car(data.with_channel("r", np.rad2deg(data["r"]), "rad/s"), **KNOWN)
+    assert any("r is logged in deg/s" in s for s in found.doubts)
+
+
+def test_values_that_no_car_has_are_doubted_only_where_their_whole_interval_is_such(car):
+    guess = first_guess(**KNOWN, dt=DT, outputs=("v_y", "r"), gain=1.0, banked=False)
+    final = fit(guess.with_values(mu_f=0.3, mu_r=0.9), (*STIFF, "mu_f", "mu_r"), drives(), prior={})
+    at = dict(zip(final.names, range(5), strict=True))
+    limits = np.array([[0.9, 1.1]]) * np.array([[final.values[n]] for n in final.names])
+    assert impossible(final.names, final, limits) == []
+    load = 9.81 * KNOWN["mass"] / KNOWN["wheelbase"] * (KNOWN["wheelbase"] - KNOWN["l_f"])
+    limits[at["C_f"]] = 0.1 * load, 2.9 * load
+    limits[at["inertia_z"]] = 2.6 * KNOWN["mass"] * 1.2 * 1.4, 1e5
+    said = impossible(final.names, final, limits)
+    assert [s.split(" is ")[0] for s in said] == ["C_f", "inertia_z"]
+    limits[at["C_f"], 1] = 3.1 * load
+    limits[at["inertia_z"], 0] = 1.0
+    assert impossible(final.names, final, limits) == []
+
+
+def test_the_mass_that_all_is_in_proportion_to_stands_on_the_page(car):
+    assert car.model.fit_info.method.endswith("in proportion to the given mass of 1300 kg")
 
 
 def test_the_car_is_saved_and_read_again(car, tmp_path):

@@ -63,24 +63,23 @@ class Delay:
         if not self.clear:
             return f"{pair}: they move together, but their frequencies agree on no one lag"
         if self.seconds < 0:
+            slow = ", or slow driving, where a_y is ahead" if self.output == "a_y" else ""
             return (
                 f"{self.output} comes {-1000 * self.seconds:.0f} ms before {self.input}: swapped roles, feedback, or "
-                "clocks that disagree"
+                f"clocks that disagree{slow}"
             )
         return f"{self.output} follows {self.input} by {1000 * self.seconds:.0f} ms: {self._parts()}"
 
     def _parts(self) -> str:
-        pure, lag = (f"{round(1000 * v)} (±{np.ceil(1960 * s):.0f}) ms" for v, s in self._split())
-        split = f"pure delay {pure} and a first-order lag of {lag}"
+        split = ""
+        if self.apart:  # else they may be no numbers
+            times = (self.pure, self.pure_std), (self.lag, self.lag_std)
+            pure, lag = (f"{round(1000 * v)} (±{np.ceil(1960 * s):.0f}) ms" for v, s in times)
+            split = f"pure delay {pure} and a first-order lag of {lag}"
         if self.input in STEERING and self.output in MOTION:
-            alike = f", in sum like {split}" if self.apart else ""
+            alike = f", in sum like {split}" if split else ""
             return f"delay, actuator and the car's own lag together{alike}; identify_car separates them with a model"
-        if self.apart:
-            return split
-        return "how much of it is pure delay and how much lag, these data do not tell"
-
-    def _split(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        return (self.pure, self.pure_std), (self.lag, self.lag_std)
+        return split or "how much of it is pure delay and how much lag, these data do not tell"
 
 
 @dataclass(frozen=True, kw_only=True)

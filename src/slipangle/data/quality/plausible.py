@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import signal
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, join
 from slipangle.data.quality.inspect import resting
 
 _SLOW = 0.7  # Hz, below which a car nearly follows its steering
@@ -14,16 +14,16 @@ _SLOW = 0.7  # Hz, below which a car nearly follows its steering
 _SHARES = (
     (0.0, 0.024, "delta is logged in degrees: declare its unit as deg"),
     (0.024, 0.115, "delta is the angle of the hand wheel: give the steering ratio, about {ratio:.0f}"),
-    (
-        0.115,
-        0.36,
-        "v_x is logged in km/h: declare its unit as km/h, or delta is a command: give steering_gain, about {gain:.2g}",
-    ),
+    (0.115, 0.36, "{speed}delta is a command: give steering_gain, about {gain:.2g}"),
     (15.0, 120.0, "r is logged in deg/s: declare its unit as deg/s"),
 )
+_SPEED = "v_x is logged in km/h: declare its unit as km/h, or "  # where no a_y says that it is right
 _SPEEDS = 0.2  # range of speeds over their mean, from which understeer and offsets show
 _MOVING = 0.3  # share of the steering's variance inside drives, from which they tell the gain by themselves
 _STUCK, _LATE = 1.0, 0.15  # s
+_LEADS, _TIED = 0.5, 0.5  # wheelbases that a_y is ahead of r, and agreement from which their lag is told
+_OUTSIDE = 1.35  # wheelbases ahead of the rear axle, where no v_y is measured
+_SHORT = 0.25  # s, wheelbase over speed up to which v_y is far smaller than v_x r
 _ZERO, _BLOCKS = 0.09, 12  # offset of r [rad/s] that a fit hardly reaches, and blocks of a drive
 LONGEST_STEP = 0.5  # s, between samples of a car that is steered
 
@@ -40,22 +40,42 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
             f"samples are {data.dt:.3g} s apart; expected less than {LONGEST_STEP:g} s of a car that is steered: if "
             "time is logged in milliseconds (ms), declare its unit as ms",
         )
-    said = [*_stuck(data)]
-    fast = [part for part in data.experiments if part.n_samples * part.dt > 4.0]
+    stuck = _stuck(data)
+    said = [
+        f"{name} is stuck at one value for {max(b - a - 1 for a, b in rows) * data.dt:.2g} s while the car "
+        f"{'turns' if name == 'delta' else 'is steered'}: cut that out, or mend the sensor"
+        for name, rows in stuck.items()
+    ]
+    fast = [part for part in _without(data, stuck) if part.n_samples * part.dt > 4.0]
     if not fast:
         return tuple(said)
-    smooth = {n: np.concatenate([_low_pass(p[n], p.dt) for p in fast]) for n in data.names if _numeric(data, n)}
-    turn = smooth["v_x"] * smooth["r"]
-    cornering, about_r = _cornering(data, fast, smooth, turn)
+    data = join(*fast)
+    smooth = {n: np.concatenate([_low_pass(p[n], p.dt) for p in fast]) for n in data.names if n in _CHANNELS}
+    cornering, about_r = _cornering(fast, smooth, wheelbase)
     said += cornering
     if not about_r:
         drives = np.repeat(np.arange(len(fast)), [part.n_samples for part in fast])
-        said += _steering(smooth, wheelbase, drives) or _zero(smooth, drives)
+        speed = "" if _speed_agrees(smooth) else _SPEED
+        about = (_steering(smooth, wheelbase, drives, speed), _sideways(smooth, wheelbase, drives))
+        if all("wrong sign" in said for each in about for said in each or ("",)):
+            return (*said, "r moves against delta and against v_y: it has the wrong sign; set sign = -1 for r")
+        said += (about[0] or _zero(smooth, drives)) + about[1]
     return tuple(said)
 
 
-def _numeric(data: Dataset, name: str) -> bool:
-    return name in ("delta", "v_x", "r", "v_y", "a_y")
+_CHANNELS = ("delta", "v_x", "r", "v_y", "a_y")
+
+
+def _without(data: Dataset, stuck: dict[str, list[tuple[int, int]]]) -> list[Dataset]:
+    """The experiments cut where a sensor is stuck."""
+    bad = np.zeros(data.n_samples, dtype=bool)
+    for a, b in (rows for each in stuck.values() for rows in each):
+        bad[a:b] = True
+    parts = []
+    for part, first, last in zip(data.experiments, data.starts, data.stops, strict=True):
+        edges = np.flatnonzero(np.diff([1, *bad[first:last], 1]))
+        parts += [part.rows(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+    return parts
 
 
 def _low_pass(x: np.ndarray, dt: float) -> np.ndarray:
@@ -71,21 +91,23 @@ def _slope(x: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     return float(x @ y) / power, float(x @ y / np.sqrt(power * (y @ y)))
 
 
-def _cornering(
-    data: Dataset, fast: list[Dataset], smooth: dict[str, np.ndarray], turn: np.ndarray
-) -> tuple[list[str], bool]:
-    """Sentences on a_y beside v_x r, and whether one says that v_x, r or their units are wrong."""
-    if "a_y" not in data:
+def _cornering(fast: list[Dataset], smooth: dict[str, np.ndarray], wheelbase: float) -> tuple[list[str], bool]:
+    """Sentences on a_y, or v_y, beside v_x r, and whether one says that v_x, r or their units are wrong."""
+    turn = smooth["v_x"] * smooth["r"]
+    other, agree_y = _slope(turn, smooth["v_y"]) if "v_y" in smooth else (0.0, 0.0)
+    like_a_y = agree_y > 0.9 and 0.5 < other < 2
+    if "a_y" not in smooth:
+        if like_a_y and wheelbase < _SHORT * float(np.mean(smooth["v_x"])):
+            return ["v_y moves as a_y should, as v_x r does: it is a lateral acceleration, name it a_y"], False
         return [], False
     slope, agree = _slope(turn, smooth["a_y"])
-    if "v_y" in data and abs(agree) < 0.7:
-        other, agree_y = _slope(turn, smooth["v_y"])
-        if agree_y > 0.9 and 0.5 < other < 2:
-            return ["v_y moves as a_y should, as v_x r does, and a_y does not: v_y and a_y are swapped"], False
+    if like_a_y and abs(agree) < 0.7:
+        return ["v_y moves as a_y should, as v_x r does, and a_y does not: v_y and a_y are swapped"], False
     if agree < -0.7:
         return ["a_y moves against v_x r: r or a_y has the wrong sign; expected axes of ISO 8855, y left"], False
-    late = _late(fast)
-    if late > _LATE:
+    late, tied = _late(fast)
+    ahead = _LEADS * wheelbase * float(np.sum(turn**2) / max(np.sum(turn**2 * smooth["v_x"]), 1e-300))
+    if late > _LATE + ahead and tied > _TIED:
         return [f"r comes {late:.2f} s behind a_y: it is logged late; shift it, or take another sensor"], True
     if agree < 0.7:
         return [], False
@@ -98,8 +120,14 @@ def _cornering(
     return [], False
 
 
-def _late(fast: list[Dataset]) -> float:
-    """How long v_x r comes after a_y. [s]"""
+def _speed_agrees(smooth: dict[str, np.ndarray]) -> bool:
+    """Whether a_y is about v_x r, so that no unit of v_x is wrong."""
+    slope, agree = _slope(smooth["v_x"] * smooth["r"], smooth["a_y"]) if "a_y" in smooth else (0.0, 0.0)
+    return agree > 0.7 and 0.6 < slope < 1.7
+
+
+def _late(fast: list[Dataset]) -> tuple[float, float]:
+    """How long v_x r comes after a_y [s], and how far they agree then, 0 to 1."""
     dt, most = fast[0].dt, round(0.6 / fast[0].dt)
     total = np.zeros(2 * most + 1)
     for part in fast:
@@ -107,12 +135,14 @@ def _late(fast: list[Dataset]) -> float:
         full = signal.correlate(y, x, mode="full")
         middle = len(x) - 1
         total += full[middle - most : middle + most + 1] / (np.linalg.norm(x) * np.linalg.norm(y) + 1e-300)
-    return float((int(np.argmax(total)) - most) * dt)
+    best = int(np.argmax(total))
+    return float((best - most) * dt), float(total[best]) / len(fast)
 
 
-def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) -> list[str]:
+def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray, speed: str) -> list[str]:
     """Sentences on delta beside r wheelbase / v_x; ``drives`` numbers the experiment of each sample.
 
+    ``speed`` is what may be wrong with the speed, where that may be.
     Each drive has an offset of its own, as its steering sensor may, where the steering moves enough inside drives.
     """
     v, r, delta = smooth["v_x"], smooth["r"], smooth["delta"]
@@ -137,9 +167,10 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
     scale = np.maximum(np.abs(table).max(axis=0), 1e-300)
     gain = float(np.linalg.lstsq(table / scale, _inside(asked, drives), rcond=None)[0][0] / scale[0])
     return [
-        f"r wheelbase / v_x is about {gain:.2g} of delta: {words.format(ratio=0.8 / gain, gain=gain / 0.8)}"
+        f"r wheelbase / v_x is about {gain:.2g} of delta: "
+        f"{words.format(ratio=0.8 / gain, gain=gain / 0.8, speed=speed)}"
         for low, high, words in _SHARES
-        if low < gain <= high and (speeds or "km/h" not in words)
+        if low < gain <= high and (speeds or "command" not in words)
     ]
 
 
@@ -176,21 +207,54 @@ def _zero(smooth: dict[str, np.ndarray], drives: np.ndarray) -> list[str]:
     return [f"r reads {value:.2g} rad/s on a straight: its sensor has an offset; subtract it"]
 
 
-def _stuck(data: Dataset) -> list[str]:
-    """Sensors that stay at one value while the car is steered."""
-    said, steers, fastest = [], 0.2 * np.std(data["delta"]), 0.3 * np.max(data["v_x"])
+def _sideways(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) -> list[str]:
+    """A sentence on sign or unit of v_y: in steady cornering it is r (l_r - K v_x^2), with K > 0 for any tires."""
+    v, r = smooth["v_x"], smooth["r"]
+    if "v_y" not in smooth or np.ptp(v) < _SPEEDS * v.mean():
+        return []
+    table = np.column_stack([_inside(column, drives) for column in (r, -r * v * v)])
+    size = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    v_y = _inside(smooth["v_y"], drives)
+    found = np.linalg.lstsq(table / size, v_y, rcond=None)[0]
+    told = 1 - np.sum((v_y - table / size @ found) ** 2) / max(float(v_y @ v_y), 1e-300)
+    if told < _TIED:
+        return []
+    if (found < 0).all():
+        return ["v_y moves against r at low speed and with it at high speed: it has the wrong sign; left is positive"]
+    arm = float(found[0] / size[0])
+    if (found > 0).all() and arm > _OUTSIDE * wheelbase:
+        return [
+            f"v_y is that of a place {arm:.2g} m ahead of the rear axle, at a wheelbase of {wheelbase:g} m: it is "
+            "logged in km/h or another unit; declare it"
+        ]
+    return []
+
+
+def _stuck(data: Dataset) -> dict[str, list[tuple[int, int]]]:
+    """Rows (start, stop) over which a sensor stays at one value while the car is steered, by channel."""
+    found, steers, fastest = {}, 0.2 * np.std(data["delta"]), 0.3 * np.max(data["v_x"])
     experiments = set(zip(data.starts, data.stops, strict=True))
+    swings = 1.5 * np.std(data["r"] / np.maximum(data["v_x"], fastest))
+    held = [(a, b) for a, b in resting(data, "delta") if _swings(data, a, b, fastest) > swings > 0]
+    found |= {"delta": held} if held else {}
     for name in ("r", "v_y", "a_y", "v_x"):
         if name not in data or np.ptp(data[name]) == 0:
             continue
-        longest = 0.0
-        for a, b in resting(data, name):
-            whole = name == "v_x" and (a, b) in experiments  # driven, or simulated, at one speed
-            if not whole and np.ptp(data["delta"][a:b]) > steers and np.max(data["v_x"][a:b]) > fastest:
-                longest = max(longest, (b - a - 1) * data.dt)
-        if longest > _STUCK:
-            said.append(
-                f"{name} is stuck at one value for {longest:.2g} s while the car is steered: cut that out, or mend the "
-                "sensor"
-            )
-    return said
+        rows = [
+            (a, b)
+            for a, b in resting(data, name)
+            if (b - a - 1) * data.dt > _STUCK
+            and not (name == "v_x" and (a, b) in experiments)  # driven, or simulated, at one speed
+            and np.ptp(data["delta"][a:b]) > steers
+            and np.max(data["v_x"][a:b]) > fastest
+        ]
+        found |= {name: rows} if rows else {}
+    return found
+
+
+def _swings(data: Dataset, a: int, b: int, slowest: float) -> float:
+    """By how much r / v_x moves while the steering stays, once it has been answered; fast noise left out. [1/m]"""
+    a += round(_STUCK / data.dt)
+    if (b - a) * data.dt < _STUCK or np.min(data["v_x"][a:b]) < slowest:
+        return 0.0
+    return float(np.ptp(_low_pass(data["r"][a:b] / data["v_x"][a:b], data.dt)))

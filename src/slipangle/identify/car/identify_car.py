@@ -179,11 +179,12 @@ class WholeCar(Checked):
         lowest, highest = final.problem.ranges
         limits = np.clip(limits, lowest[:, None], highest[:, None])
         separated = sentences.separated(names, final, limits)
-        wrong = (*suspect, *self._weight(), *sentences.sensors(final, spread, self.steering_gain))
+        told = sentences.sensors(final, spread, self.steering_gain)
+        wrong = (*suspect, *self._weight(), *told, *sentences.impossible(names, final, limits))
         changed = sentences.changes(stages)
         unknown = (
             *sentences.ridges(names, final, spread, limits, separated),
-            *sentences.elsewhere(final, others),
+            *sentences.elsewhere(final, others, limits),
             *sentences.between(final),
             *sentences.bounds(final),
         )
@@ -195,7 +196,8 @@ class WholeCar(Checked):
             n_samples=len(final.error),
             units=tuple(final.model.si(n).unit for n in final.problem.base_names),
             seconds=time.perf_counter() - began,
-            method=f"free-run error, structure by held-out stretches; {how}, and {len(others)} structures as good",
+            method=f"free-run error, structure by held-out stretches; {how}, and {len(others)} structures as good; "
+            f"C_f, C_r and inertia_z in proportion to the given mass of {self.mass:g} kg",
             warnings=(*wrong, *unknown),
             corrections=tuple(changed),
             limits=limits,

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from slipangle.identify.car.structures import STIFF, Fitted, Stage, friction_used
+from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Stage, friction_used
+from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import Scalar
 
 _HALF = 0.5  # share from which a structure is told of
@@ -17,6 +18,10 @@ _GAIN = (0.75, 1.33)  # of the steering, found over given, that needs no word
 _BEYOND = 1.2  # friction found over friction used, from which a limit is extrapolated
 _SHOWN = 6  # values of single recordings that a sentence lists
 _LATE = 0.25  # s, of delay and lag together, that no steering has
+_STIFFEST = (3.0, 60.0)  # cornering stiffness over the axle's load, of any tire [1/rad]
+_HEAVIEST = (0.25, 2.5)  # yaw inertia over mass l_f l_r, of any car [-]
+_BELOW = 0.8  # friction found over friction used, up to which the car could not have driven so
+_DEAF = 0.1  # share of the outputs' variance up to which nothing is explained
 
 
 def separated(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> dict[str, bool]:
@@ -47,11 +52,12 @@ def ridges(
     """Parameters that the log cannot tell, and ratios of them that it can; ``spread`` is their covariance."""
     said = []
     poor = [name for name, fine in separated.items() if not fine]
+    more = "drive faster steering" if "v_y" in final.model.outputs else "measure v_y, or drive faster steering"
     for name in poor:
         (low, high), si = limits[names.index(name)], final.model.si(name)
         said.append(
             f"{name} cannot be separated: {short(max(low, 0.0))} to {short(high)} {si.unit} explain "
-            "the log alike; expected less than a quarter either way: measure v_y, or drive faster steering"
+            f"the log alike; expected less than a quarter either way: {more}"
         )
     for i, a in enumerate(poor):
         for b in poor[i + 1 :]:
@@ -95,6 +101,39 @@ def sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
     return said
 
 
+def impossible(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> list[str]:
+    """Values that no car has, wherever in their intervals, shape (n_names, 2), they lie; a log that tells nothing."""
+    p, said = final.model.ode.params, []
+    load = GRAVITY * p.mass / p.wheelbase
+    for name, unit, words, (least, most) in (
+        ("C_f", load * p.l_r, "the front axle's load per radian", _STIFFEST),
+        ("C_r", load * p.l_f, "the rear axle's load per radian", _STIFFEST),
+        ("inertia_z", p.mass * p.l_f * p.l_r, "mass l_f l_r", _HEAVIEST),
+    ):
+        low, high = limits[names.index(name)] / unit
+        if high < least or low > most:
+            said.append(
+                f"{name} is {final.values[name] / unit:.2g} times {words}; expected {least:g} to {most:g}: check l_f, "
+                "and the signs and units of all channels"
+            )
+    used = friction_used(final.problem.data)
+    for name in (n for n in ("mu_f", "mu_r") if n in names):
+        if final.values[name] < _BELOW * used and limits[names.index(name)][1] < used:
+            said.append(
+                f"{name} is {final.values[name]:.2g}, and v_x r reaches {used:.2g} g; expected at least as much: check "
+                "v_x and r, and do not drive near the limit by this model"
+            )
+    told = 1 - (final.sigma / np.maximum(np.std(final.problem.data.y, axis=0), 1e-300)) ** 2
+    if (told < _DEAF).all():
+        outputs = " and ".join(final.model.outputs)
+        said.append(
+            f"steering and speed explain {100 * max(told.max(), 0.0):.0f} % of {outputs}, on the log of the fit "
+            "itself; expected most of it: check that the columns are the right ones, of one drive and one clock, and "
+            "that the car is steered"
+        )
+    return said
+
+
 def between(final: Fitted) -> list[str]:
     """What differs between the recordings, and what that means for another one."""
     said = []
@@ -109,14 +148,24 @@ def between(final: Fitted) -> list[str]:
     return said
 
 
-def elsewhere(final: Fitted, others: list[tuple[Fitted, float]]) -> list[str]:
-    """A centre of gravity that explains the log as well as the place of the v_y sensor does."""
+def elsewhere(final: Fitted, others: list[tuple[Fitted, float]], limits: np.ndarray) -> list[str]:
+    """A v_y sensor away from the centre of gravity, and a centre of gravity elsewhere that does the same."""
+    if "lever_v_y" not in final.free:
+        return []
+    p, lever, at = final.model.ode.params, final.values["lever_v_y"], limits[final.names.index("lever_v_y")]
+    for other in (other for other, share in others if "l_f" in other.free and share > _HALF):
+        return [
+            f"a v_y sensor {lever:+.2g} m from the centre of gravity explains the log, and so does "
+            f"l_f = {other.values['l_f']:.3g} m in place of {p.l_f:.3g} m: check both; the intervals hold for either"
+        ]
+    l_f = p.l_f - lever  # where the centre of gravity is if the sensor sits there
+    if abs(lever) < ELSEWHERE * p.wheelbase or at[0] * at[1] <= 0 or not 0 < l_f < p.wheelbase:
+        return []
+    C_f, C_r = (final.values[n] * share for n, share in (("C_f", (p.wheelbase - l_f) / p.l_r), ("C_r", l_f / p.l_f)))
     return [
-        f"a v_y sensor {final.values['lever_v_y']:+.2g} m from the centre of gravity explains the log, and so does "
-        f"l_f = {other.values['l_f']:.3g} m in place of {final.model.value('l_f'):.3g} m: check both; the intervals "
-        "hold for either"
-        for other, share in others
-        if "l_f" in other.free and share > _HALF
+        f"v_y reads as if measured {lever:+.2g} m from the centre of gravity: if its sensor sits there, l_f is "
+        f"{l_f:.3g} m in place of {p.l_f:.3g} m, C_f about {short(C_f)} and C_r {short(C_r)} N/rad, and the intervals "
+        "do not hold: check both places"
     ]
 
 

@@ -61,7 +61,9 @@ def corrections(data: Dataset, wheelbase: float, own: tuple[str, ...] | None) ->
     """
     biases = tuple(f"bias_{name}" for name in data.outputs)
     used = friction_used(data)
-    frictions = tuple({"mu_f": share * used, "mu_r": share * used} for share in _SHARES)
+    mu = SaturatingBicycleParams.metadata()["mu_f"]  # wrong units may go beyond any friction
+    starts = (float(np.clip(share * used, mu.lower, mu.upper)) for share in _SHARES)
+    frictions = tuple({"mu_f": start, "mu_r": start} for start in starts)
     length = 0.1 * wheelbase
     listed = [
         Correction("the steering's delay and lag are free", ("delay_delta", "steering_lag"), steered=True),
