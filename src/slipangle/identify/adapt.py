@@ -9,10 +9,12 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
+from scipy.special import stdtrit
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooShortError
 from slipangle.fields import Checked, Count, Positive, Whole, Within
+from slipangle.identify.averaging import SCALES, Average, averaged
 from slipangle.identify.judge.intervals import effective_samples
 from slipangle.models.model import FitInfo, Model
 from slipangle.models.provenance import provenance
@@ -27,11 +29,13 @@ _UNITS = {"gain": "-", "lag": "s"}
 class Adapt(Checked):
     """Offset, gain and lag of inputs and biases of outputs, from the first seconds of a session, near the model's own.
 
-    The most probable values given normal errors of the free run, as coloured as they are, and a normal prior around
-    what the model was fitted with: so a short or poor session cannot pull it far. Whether they help is decided on those
-    seconds too: they have to explain more than chance gives (Akaike's criterion), and, cut into ``folds`` blocks of
-    which each is predicted with the values that the others give, to lower the squared error by ``worth`` and by more
-    than it scatters from block to block. Otherwise the model comes back unchanged.
+    The mean over hypotheses of which of these kinds changed, each as much as it is likely given normal errors of the
+    free run, as coloured as they are, and priors with heavy tails around what the model was fitted with: a short or
+    poor session pulls little, a clear one as far as it shows. Before the data, that nothing changed is as likely as
+    that something did. The model comes back unchanged if that nothing changed is still likelier after them, or if the
+    corrections do not prove themselves: the seconds are cut into ``folds`` blocks of which each is predicted with the
+    values that the others give, and the squared error has to fall by ``worth``, and beyond chance by a t-test of the
+    blocks at ``level``.
 
     Parameters
     ----------
@@ -42,13 +46,16 @@ class Adapt(Checked):
     seconds : float
         How much of the session is used. [s]
     offset_prior, bias_prior : float
-        Standard deviation of the prior over that of the input or output in these seconds. [-]
+        Standard deviation of the prior over that of the input or output in these seconds; as likely is one thrice as
+        wide, of gains and lags too. [-]
     gain_prior : float
         Standard deviation of the prior of a gain around 1. [-]
     lag_prior : float
         Standard deviation of the prior of a lag around 0. [s]
     folds : int
         Blocks of the test whether it helps; 0 trusts it.
+    level : float
+        Chance that the test passes where corrections neither help nor harm, blocks being independent. [-]
     worth : float
         Smallest relative reduction of the squared error over all blocks. [-]
     max_iterations : int
@@ -64,7 +71,8 @@ class Adapt(Checked):
     bias_prior: Positive = 0.02
     gain_prior: Positive = 0.05
     lag_prior: Positive = 0.02
-    folds: Whole = 10
+    folds: Whole = 8
+    level: Annotated[float, Within(0, 0.5, open="low", example="0.05")] = 0.05
     worth: Annotated[float, Within(0, 1, open="high", example="0.05")] = 0.05
     max_iterations: Count = 10
 
@@ -92,53 +100,53 @@ class Adapt(Checked):
             )
         session = _Session(self, model, data.rows(0, n))
         optimum = session.fit()
-        theta, covariance = optimum.theta, np.linalg.inv(optimum.hessian)
-        notes = self._doubts(session, optimum)
+        found = optimum.average()
+        theta = np.maximum(found.mean, session.least)
+        notes = self._doubts(session, optimum, found)
         for said in notes:
             warnings.warn(said, ModelWarning, stacklevel=2)
         info = FitInfo(
             names=session.names,
             values=theta,
-            covariance=covariance,
-            noise_std=np.std(optimum.error, axis=0),
+            covariance=found.covariance,
+            noise_std=np.std(optimum.at(theta), axis=0),
             n_samples=session.n,
             units=session.units,
             seconds=time.perf_counter() - began,
-            method=f"free-run error over {self.seconds:g} s of another session, Gauss-Newton, normal priors; "
-            "covariance for coloured residuals, given the priors",
+            method=f"free-run error over {self.seconds:g} s of another session, Gauss-Newton, then the mean over which "
+            "kinds of corrections there are; covariance for coloured residuals, given the priors",
             warnings=notes,
             **provenance(session.data, model.outputs),
         )
         kept = np.zeros_like(theta) if notes else theta
         away = theta - kept
-        return replace(session.sensors(kept), scatter=covariance + np.outer(away, away), fit_info=info)
+        scatter = found.covariance + np.outer(away, away)
+        return replace(session.sensors(kept), scatter=scatter, fit_info=info)
 
-    def _doubts(self, session: _Session, optimum: _Optimum) -> tuple[str, ...]:
+    def _doubts(self, session: _Session, optimum: _Optimum, average: Average) -> tuple[str, ...]:
         """Why the corrections are not believed; empty if they are."""
-        theta = optimum.theta
         if not self.folds:
             return ()
-        before = session.error(np.zeros_like(theta))
-        found = ", ".join(f"{n} {v:.3g} {u}" for n, v, u in zip(session.names, theta, session.units, strict=True))
-        gained, needed = (
-            optimum.cost(0 * theta, before) - optimum.cost(theta, optimum.error),
-            2 * max(1.0, optimum.freedom),
-        )
-        if gained < needed:
+        each = zip(session.names, average.mean, session.units, strict=True)
+        found = ", ".join(f"{n} {v:.3g} {u}" for n, v, u in each)
+        if average.nothing > 0.5:
             return (
-                f"the model is left as it is: the corrections ({found}) raise twice the log-likelihood of "
-                f"'{session.data.name}' by {gained:.2g}; expected at least {needed:.2g}, as much as chance gives",
+                f"the model is left as it is: given '{session.data.name}' the probability that no sensor reads "
+                f"differently is {average.nothing:.2g} (else {found}, by the mean of all cases); expected at most 0.5",
             )
         blocks = np.array_split(np.arange(session.n), self.folds)
+        before = optimum.at(np.zeros_like(optimum.theta))
         without = np.array([np.sum((before[block] / session.size) ** 2) for block in blocks])
         fall = without - [np.sum((optimum.without(block) / session.size) ** 2) for block in blocks]
         error = float(np.std(fall, ddof=1)) * np.sqrt(self.folds)  # standard error of the sum over the blocks
-        if fall.sum() >= max(self.worth * without.sum(), error):
+        beyond = float(stdtrit(self.folds - 1, 1.0 - self.level))
+        if fall.sum() >= max(self.worth * without.sum(), beyond * error):
             return ()
         return (
             f"the model is left as it is: on {self.folds} blocks of '{session.data.name}' that they were not read from "
             f"the corrections ({found}) changed the squared error by {-100 * fall.sum() / without.sum():+.1f} % +- "
-            f"{100 * error / without.sum():.1f} %; expected a fall by {100 * self.worth:g} % and more than the scatter",
+            f"{100 * error / without.sum():.1f} %; expected a fall by {100 * self.worth:g} % and by {beyond:.3g} times "
+            "the scatter",
         )
 
 
@@ -150,37 +158,39 @@ class _Optimum:
     error: np.ndarray  # (n, n_outputs)
     jacobian: np.ndarray  # (n_corrections, n, n_outputs)
     weight: np.ndarray  # (n_outputs,), of a squared error
-    precision: np.ndarray  # (n_corrections,), of the prior
+    width: np.ndarray  # (n_corrections,), of the prior
+    kinds: tuple[str, ...]  # of each correction
+
+    def at(self, theta: np.ndarray) -> np.ndarray:
+        """Errors at other corrections, to first order."""
+        return self.error + np.einsum("anm,a->nm", self.jacobian, theta - self.theta)
 
     def cost(self, theta: np.ndarray, error: np.ndarray) -> float:
-        """Twice the negative logarithm of the posterior, but for a constant."""
-        return float(np.sum(self.weight * error**2) + np.sum(self.precision * theta**2))
+        """Twice the negative logarithm of the posterior with the widest priors, but for a constant."""
+        return float(np.sum(self.weight * error**2) + np.sum((theta / self._widest) ** 2))
 
     @property
-    def hessian(self) -> np.ndarray:
-        """Inverse covariance of the corrections."""
-        return self._hessian(np.ones(len(self.error), dtype=bool))
+    def _widest(self) -> np.ndarray:
+        return max(SCALES) * self.width
 
-    def _hessian(self, seen: np.ndarray) -> np.ndarray:
-        j = self.jacobian[:, seen]
-        return np.einsum("anm,bnm,m->ab", j, j, self.weight) + np.diag(self.precision)
+    def move(self) -> np.ndarray:
+        """Gauss-Newton step of the cost."""
+        j, precision = self.jacobian, self._widest**-2.0
+        hessian = np.einsum("anm,bnm,m->ab", j, j, self.weight) + np.diag(precision)
+        gradient = np.einsum("anm,nm,m->a", j, self.error, self.weight) + precision * self.theta
+        return -np.linalg.solve(hessian, gradient)
 
-    @property
-    def freedom(self) -> float:
-        """Corrections that the data, not the prior, determine."""
-        everywhere = self.hessian
-        return float(np.trace(np.linalg.solve(everywhere, everywhere - np.diag(self.precision))))
-
-    def move(self, seen: np.ndarray) -> np.ndarray:
-        """Gauss-Newton step by the rows ``seen``."""
-        gradient = np.einsum("anm,nm,m->a", self.jacobian[:, seen], self.error[seen], self.weight)
-        return np.linalg.solve(self._hessian(seen), -gradient - self.precision * self.theta)
+    def average(self, seen: np.ndarray | slice = slice(None)) -> Average:
+        """Corrections by the rows ``seen``."""
+        j, error = self.jacobian[:, seen], self.at(np.zeros_like(self.theta))[seen]
+        information = np.einsum("anm,bnm,m->ab", j, j, self.weight)
+        return averaged(information, -np.einsum("anm,nm,m->a", j, error, self.weight), self.width, self.kinds)
 
     def without(self, rows: np.ndarray) -> np.ndarray:
-        """Errors at the rows with the corrections that all other rows give, to first order."""
+        """Errors at the rows with the corrections that all other rows give, if there are some."""
         seen = np.ones(len(self.error), dtype=bool)
         seen[rows] = False
-        return self.error[rows] + np.einsum("anm,a->nm", self.jacobian[:, rows], self.move(seen))
+        return self.at(self.average(seen).given_some)[rows]
 
 
 class _Session:
@@ -232,12 +242,12 @@ class _Session:
                 return np.full((self.n, self.model.n_outputs), np.inf)
 
     def fit(self) -> _Optimum:
-        """Most probable corrections given all rows."""
+        """Most probable corrections given all rows, whatever kinds they are of."""
         theta = np.zeros(len(self.names))
         error = self.error(theta)
         for _ in range(self.settings.max_iterations):
             optimum = self.at(theta, error)
-            move = optimum.move(np.ones(self.n, dtype=bool))
+            move = optimum.move()
             before = optimum.cost(theta, error)
             for halving in range(_HALVINGS):
                 trial = np.maximum(theta + 0.5**halving * move, self.least)
@@ -256,9 +266,9 @@ class _Session:
         """The problem, linear around some corrections."""
         step = 0.02 * self.width
         jacobian = np.stack([(self.error(theta + d) - error) / s for d, s in zip(np.diag(step), step, strict=True)])
-        return _Optimum(
-            theta=theta, error=error, jacobian=jacobian, weight=self._weights(error), precision=self.width**-2.0
-        )
+        kinds = tuple(kind for kind, channels in self.kinds for _ in channels)
+        weight = self._weights(error)
+        return _Optimum(theta=theta, error=error, jacobian=jacobian, weight=weight, width=self.width, kinds=kinds)
 
     def _weights(self, error: np.ndarray) -> np.ndarray:
         """Information of a sample, per output: over its variance, and as far as it is independent of those before."""
