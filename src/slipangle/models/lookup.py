@@ -11,12 +11,13 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from slipangle.errors import ParameterError, nearest
 from slipangle.ops import Scalar, is_symbolic, where
+from slipangle.shown import Brief
 
 KINDS = ("linear", "cubic", "monotone")
 
 
 @dataclass(frozen=True, eq=False)
-class LookupTable:
+class LookupTable(Brief):
     """Values on a grid of one or two axes, with what is between them: for equations, terms and measured curves.
 
     It works on numbers, arrays and symbols. Segments are picked by comparisons that are multiplied, so that C has no
