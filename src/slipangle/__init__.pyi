@@ -8,6 +8,8 @@ from slipangle.control.followers.followers import Stanley as Stanley
 from slipangle.control.followers.preview_lqr import PreviewLQR as PreviewLQR
 from slipangle.control.marx.mpc import MultiARXMPC as MultiARXMPC
 from slipangle.control.mpc import MPC as MPC
+from slipangle.control.phases import PhasedPlan as PhasedPlan
+from slipangle.control.phases import Phases as Phases
 from slipangle.control.speed.driver import SpeedDriver as SpeedDriver
 from slipangle.data.dataset import Channel as Channel
 from slipangle.data.dataset import Dataset as Dataset

@@ -1,0 +1,249 @@
+"""`Phases`: several problems one behind the other, planned as one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.mpc import MPC
+from slipangle.errors import ParameterError
+from slipangle.models.model import without_caches
+from slipangle.numerics.per_thread import built
+from slipangle.optimal.arrays import applied_input, short, vector
+from slipangle.optimal.engine import Backend, Engine, Start
+from slipangle.optimal.ipopt import Ipopt
+from slipangle.optimal.linked import Linked
+from slipangle.optimal.ocp import OCP, Reference
+from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.setpoints import setpoint
+from slipangle.optimal.solution import Plan, Solution, Status, finite
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PhasePlan:
+    """What a plan does in one phase.
+
+    Parameters
+    ----------
+    u : array, shape (horizon, n_controls)
+        Decided inputs.
+    x : array, shape (horizon + 1, n_states)
+        Predicted states, the last one before the link to the next phase.
+    times : array, shape (horizon + 1,)
+        Their instants from now on. [s]
+    controls, states : tuple of str
+        Names of the columns.
+    decided : dict of str to float
+        What is decided once in the phase, its duration too; SI units.
+    """
+
+    u: np.ndarray
+    x: np.ndarray
+    times: np.ndarray
+    controls: tuple[str, ...]
+    states: tuple[str, ...]
+    decided: dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PhasedPlan:
+    """Inputs and states of all phases.
+
+    Parameters
+    ----------
+    phases : tuple of PhasePlan
+        One behind the other.
+    status : Status
+        How the solver ended.
+    cost : float
+        Sum of the phases' costs, in the units of their weights.
+    iterations : int
+        Of the solver.
+    seconds : float
+        Wall time of the call.
+    violation, residual : float
+        See `Plan`.
+    """
+
+    phases: tuple[PhasePlan, ...]
+    status: Status
+    cost: float
+    iterations: int
+    seconds: float
+    violation: float
+    residual: float
+    start: Plan = field(repr=False)
+
+    @property
+    def command(self) -> np.ndarray:
+        """The first input, shape (n_controls,) of the first phase."""
+        return self.phases[0].u[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Phases:
+    """Several optimal control problems one behind the other, of different models too, solved as one.
+
+    Each phase has its own model, horizon, weights, limits, Huber costs, free parameters and duration; the cost is the
+    sum of theirs, in which the end of each counts by its ``terminal``. The state in which a phase begins is what a link
+    makes of the last one before. Inputs of one name and one range go on from phase to phase: the first one of a phase
+    counts by S and keeps the rates from the last one before.
+
+    Parameters
+    ----------
+    problems : sequence of MPC or OCP
+        The phases, two or more; of controllers only the problem counts. No phase has scenarios, or stages of several
+        steps.
+    links : sequence of callable, optional
+        ``link(x)`` for each junction: the state of the phase before, to that of the next, as a list; written with
+        `slipangle.ops`. By default the next phase begins in the same state, which must then have the same names.
+    solver : {"realtime", "ipopt"} or Backend
+        The solver, or its settings.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than two phases, or not a link for each junction, or a phase has what it must not.
+    """
+
+    problems: Sequence[MPC | OCP]
+    links: Sequence[Callable[[Any], Any]] | None = None
+    solver: Any = "realtime"
+
+    def __post_init__(self) -> None:
+        given = list(self.problems) if isinstance(self.problems, Sequence) else []
+        phases = tuple(p.ocp if isinstance(p, MPC) else p for p in given)
+        if len(phases) < 2 or not all(isinstance(p, OCP) for p in phases):
+            raise ParameterError(f"the phases are {short(self.problems)}; expected two or more MPC or OCP")
+        for k, phase in enumerate(phases):
+            if phase.scenarios is not None or phase.steps is not None:
+                what = "scenarios" if phase.scenarios is not None else "stages of several steps"
+                raise ParameterError(f"phase {k} has {what}; expected a problem without")
+        for a, b in pairwise(phases):
+            if self.links is None and a.model.states != b.model.states:
+                raise ParameterError(
+                    f"a phase ends with the states {list(a.model.states)} and the next begins with "
+                    f"{list(b.model.states)}; expected links=[lambda x: [...]] from the first to the second"
+                )
+        links = [_same] * (len(phases) - 1) if self.links is None else list(self.links)
+        if len(links) != len(phases) - 1 or not all(callable(link) for link in links):
+            raise ParameterError(
+                f"there are {len(links)} links; expected {len(phases) - 1} functions, one per junction"
+            )
+        object.__setattr__(self, "problems", phases)
+        object.__setattr__(self, "links", tuple(links))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy needs, in this process or another: its settings, nothing compiled."""
+        return without_caches(self)
+
+    @built
+    def _parts(self) -> tuple[Linked, Engine]:
+        named: dict[str, Backend] = {"ipopt": Ipopt(), "realtime": RealTime()}
+        linked: Any = Linked(self.problems, self.links)  # type: ignore[arg-type]
+        backend = named[self.solver] if isinstance(self.solver, str) else self.solver
+        return linked, backend.build(linked, None)
+
+    def plan(
+        self,
+        x: np.ndarray,
+        wanted: Sequence[Reference | Mapping[str, Any]],
+        previous: PhasedPlan | None = None,
+        *,
+        applied: np.ndarray | None = None,
+    ) -> PhasedPlan:
+        """Plan all phases.
+
+        Parameters
+        ----------
+        x : array, shape (n_states,)
+            State of the first phase now, SI units.
+        wanted : sequence of Reference or mapping
+            Of each phase, what is wanted; by name as in `MPC.plan`.
+        previous : PhasedPlan, optional
+            A plan of the same phases to start from.
+        applied : array, shape (n_controls,), optional
+            Inputs of the first phase before; zero by default.
+
+        Raises
+        ------
+        ParameterError
+            If an argument has another shape, or a phase lacks its wanted values.
+        """
+        begin = perf_counter()
+        phases: Any = self.problems
+        first = phases[0]
+        x = vector(x, first.model.states, "the state")
+        zero = np.clip(np.zeros(len(first.controls)), *first.input_bounds.T)
+        before = zero if applied is None else applied_input(applied, first.controls)
+        if len(wanted) != len(phases):
+            raise ParameterError(f"wanted has {len(wanted)} entries; expected one for each of {len(phases)} phases")
+        references = [
+            p.check_reference(r) if isinstance(r, Reference) else setpoint(p, r)
+            for p, r in zip(phases, wanted, strict=True)
+        ]
+        linked, engine = self._parts
+        u0 = linked.resting(before, references)
+        reference = linked.spread(u0, references)
+        state = np.zeros(linked.model.n_states)
+        state[: len(x)] = x
+        found = None
+        if previous is not None:
+            found = engine.resume(state, u0, reference, previous.start)
+        if found is None:
+            u = np.tile(u0, (linked.horizon, 1))
+            states = linked.roll_out(x, u, reference.exogenous)
+            states = states if np.isfinite(states).all() else np.tile(state, (linked.horizon + 1, 1))
+            found = engine.solve(Start(x=state, applied=u0, reference=reference, guess_u=u, guess_x=states))
+        return _taken_apart(linked, found, begin)
+
+
+def _same(x: Any) -> Any:
+    return x
+
+
+def _taken_apart(linked: Linked, found: Solution, begin: float) -> PhasedPlan:
+    status = found.status if finite(found.u, found.x) or not found.status.solved else Status.NOT_FINITE
+    phases, now = [], 0.0
+    for base, part, start, own in zip(linked.bases, linked.parts, linked.starts, linked.slots, strict=True):
+        at = int(start) + part.horizon - base.horizon
+        rows = slice(at, at + base.horizon)
+        n, once = base.model.n_states, base.decided_once
+        decided = dict(zip(once, map(float, found.x[at, n : n + len(once)]), strict=True))
+        times = base.times * (decided["duration"] / base.times[-1] if "duration" in decided else 1.0)
+        phases.append(
+            PhasePlan(
+                u=np.array(found.u[rows][:, own[: len(base.controls)]]),
+                x=np.array(found.x[at : at + base.horizon + 1, :n]),
+                times=now + times,
+                controls=base.controls,
+                states=base.model.states,
+                decided=decided,
+            )
+        )
+        now += float(times[-1])
+    kept = Plan(
+        u=found.u,
+        x=found.x,
+        status=found.status,
+        seconds=0.0,
+        cost=found.cost,
+        iterations=found.iterations,
+        controls=linked.controls,
+        memory=found.memory,
+    )
+    return PhasedPlan(
+        phases=tuple(phases),
+        status=status,
+        cost=found.cost,
+        iterations=found.iterations,
+        seconds=perf_counter() - begin,
+        violation=found.violation,
+        residual=found.residual,
+        start=kept,
+    )
