@@ -162,19 +162,20 @@ def test_bicycles_below_their_lowest_speed():
 
 
 SATURATING = CHASSIS | dict(C_f=83e3, C_r=127e3, mu_f=0.93, mu_r=1.12, shape=1.36)
-SENSORS = dict(bias_r=0.013, bias_v_y=-0.11, bias_a_y=0.23, lever_v_y=-0.31)
+SENSORS = dict(bias_r=0.013, bias_v_y=-0.11, bias_a_y=0.23, lever_v_y=-0.31, lever_a_y=0.43, gain_a_y=1.07)
 
 
 def test_saturating_bicycle():
-    params = SaturatingBicycleParams(**SATURATING, **STEERED, **SENSORS, relaxation_f=0.4, relaxation_r=0.6)
-    assert len(SATURATING | STEERED | SENSORS) + 2 == len(fields(params))
+    unused = dict(relaxation_f=0.4, relaxation_r=0.6)
+    params = SaturatingBicycleParams(**SATURATING, **STEERED, **SENSORS, **unused, cross_slope=0.06)
+    assert len(SATURATING | STEERED | SENSORS | unused) + 1 == len(fields(params))
     model = SaturatingBicycle(params=params, dt=0.01, outputs=("v_y", "r", "a_y"))
 
     def oracle(v_y, r, delta, v_x):
         slip = vehicles.small_slip(CHASSIS, v_y, r, vehicles.road_wheel(STEERED, delta), v_x)
         found = vehicles.saturating_bicycle(SATURATING, v_y, r, *slip, v_x)
-        read = [v_y - 0.11 - 0.31 * r, r + 0.013, found[2] + 0.23]
-        return [*found[:2], *read]
+        read = [v_y - 0.11 - 0.31 * r, r + 0.013, 1.07 * (found[2] + 0.43 * found[1]) + 0.23]
+        return [found[0] - vehicles.G * np.sin(0.06), found[1], *read]  # an accelerometer feels no gravity
 
     def ours(*z):
         seen = model.output(z[:2], z[2:])

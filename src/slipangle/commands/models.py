@@ -114,10 +114,12 @@ def _estimates(info: FitInfo | None) -> list[str]:
 def _fits(model: Model, logs: Logs, settings: Settings) -> dict[str, str]:
     """How the free run over the test part fits, by output; a model that runs away there says so."""
     from slipangle.identify.judge.validate import validate
+    from slipangle.workflow.log import as_of_the_day
 
     with warnings.catch_warnings(action="ignore", category=ModelWarning):
         try:
-            seen = validate(model, logs.test, train=logs.train, start=settings.data.start)
+            today = as_of_the_day(model, logs.opening)
+            seen = validate(today, logs.test, train=logs.train, start=settings.data.start)
         except SlipangleError as error:
             return {"": f"on the test part: {error}"}
     scores = seen.free_run_scores.items()
@@ -128,10 +130,10 @@ def _validate(options: argparse.Namespace) -> Answer:
     from slipangle.identify.judge.validate import validate
     from slipangle.workflow.job import plain
 
-    models = load_models(options.models)
-    name, model = next(iter(models.items()))
+    name, file = Path(options.models[0]).stem, options.models
     with warnings.catch_warnings(action="ignore", category=ModelWarning):  # printed below
-        (train, test), start = _parts(options)
+        (train, opening, test), start = _parts(options)
+        (model,), read = _of_the_day(load_models(file), opening)
         verdict = validate(model, test, train=train, name=name, start=start)
     free, one_step = verdict.free_run_scores, verdict.one_step_scores
     stands = {output: s.sentence for output, s in verdict.standing.items()}
@@ -142,7 +144,7 @@ def _validate(options: argparse.Namespace) -> Answer:
         for output, s in scores.items()
     ]
     numbers = {"free_run": plain(free), "one_step_ahead": plain(one_step), "residuals": said, "standing": stands}
-    return Answer(numbers, "\n".join([*words, *stands.values(), *said]))
+    return Answer(numbers | ({"opening": read} if read else {}), "\n".join([*read, *words, *stands.values(), *said]))
 
 
 def _compare(options: argparse.Namespace) -> Answer:
@@ -151,9 +153,12 @@ def _compare(options: argparse.Namespace) -> Answer:
 
     if options.out:
         check_output(options.out)
-    (_, test), start = _parts(options)
+    (_, opening, test), start = _parts(options)
     with warnings.catch_warnings(action="ignore", category=ModelWarning):  # printed below
-        result = compare(load_models(options.models), test, start="first samples" if start is None else start)
+        loaded = load_models(options.models)
+        models, read = _of_the_day(loaded, opening)
+        today = dict(zip(loaded, models, strict=True))
+        result = compare(today, test, start="first samples" if start is None else start)
         page, before = None, ""
         if options.out:
             target = Path(options.out) / "index.html"
@@ -167,7 +172,7 @@ def _compare(options: argparse.Namespace) -> Answer:
         | ({"warnings": list(e.warnings)} if e.warnings else {})
         for e in result.entries
     ]
-    words = [f"free run on {result.n_samples} samples of {result.data_name}, the best first"]
+    words = [*read, f"free run on {result.n_samples} samples of {result.data_name}, the best first"]
     for entry in result.entries:
         scores = "   ".join(f"{o}: fit {s.fit:.2f} %, VAF {s.vaf:.2f} %" for o, s in entry.scores.items())
         words += [f"{entry.name:28} {scores or entry.failure}", *(f"  {sentence}" for sentence in entry.warnings)]
@@ -183,10 +188,29 @@ def read_job(file: str) -> tuple[Settings, Logs]:
     return settings, read_logs(settings)
 
 
-def _parts(options: argparse.Namespace) -> tuple[tuple[Dataset | None, Dataset], int | None]:
-    """Training part, where the data are to be parted, what to judge on, and from how many samples it starts."""
+_Parts = tuple["Dataset | None", "Dataset | None", "Dataset"]
+
+
+def _parts(options: argparse.Namespace) -> tuple[_Parts, int | None]:
+    """Training part, where the data are to be parted, opening and what to judge on, and from how many samples."""
+    from slipangle.workflow.log import opened
+
     settings, logs = read_job(options.data)
-    return ((None, logs.data) if options.whole else (logs.train, logs.test)), settings.data.start
+    parts = (None, *opened(logs.data, settings)) if options.whole else (logs.train, logs.opening, logs.test)
+    return parts, settings.data.start
+
+
+def _of_the_day(models: dict[str, Model], opening: Dataset | None) -> tuple[list[Model], list[str]]:
+    """The models as they are in a recording with that opening, and what they read from it, in sentences."""
+    from slipangle.workflow.log import as_of_the_day
+
+    own = [as_of_the_day(model, opening) for model in models.values()]
+    read = [
+        f"{name}: {today.fit_info.corrections[-1]}"
+        for (name, model), today in zip(models.items(), own, strict=True)
+        if today is not model and today.fit_info is not None
+    ]
+    return own, read
 
 
 def load_models(files: list[str]) -> dict[str, Model]:

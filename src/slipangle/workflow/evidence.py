@@ -218,13 +218,15 @@ def _data_section(outcome: Outcome, command: str) -> Iterator[report.Section]:
     if data.notes:
         blocks.append(report.Findings.of("Done to the data", data.notes))
     rows = [_signal(n, data.unit(n), data[n]) for n in (*data.inputs, *data.outputs)]
-    edge = float(outcome.test.t[0])
-    spans = (
-        report.Span(start=float(data.t[0]), end=edge, label="training"),
-        report.Span(start=edge, end=float(data.t[-1]), label="test"),
-    )
-    figure = report.signals(data.t, rows, spans=spans, starts=data.starts)
+    edge, first = float(outcome.test.t[0]), outcome.opening
+    fitted = edge if first is None else float(first.t[0])
+    spans = [report.Span(start=float(data.t[0]), end=fitted, label="training")]
+    spans += [] if first is None else [report.Span(start=fitted, end=edge, label="opening")]
+    spans += [report.Span(start=edge, end=float(data.t[-1]), label="test")]
+    figure = report.signals(data.t, rows, spans=tuple(spans), starts=data.starts)
     caption = "Models are fitted to the training part and judged on the test part."
+    if first is not None:
+        caption += " From the opening they read what is that day's own, such as offsets; no score counts it."
     blocks.append(report.Figure(title="The log as identified from", figure=figure, caption=caption))
     yield report.Section(title="Data", blocks=tuple(blocks))
 

@@ -23,7 +23,7 @@ from slipangle.identify.judge.standing import Standing
 from slipangle.report.tables import number
 from slipangle.workflow.drive import drive
 from slipangle.workflow.kinds import KINDS, fitted, needed
-from slipangle.workflow.log import read_logs
+from slipangle.workflow.log import Logs, as_of_the_day, read_logs
 from slipangle.workflow.robustness import Tried, tried
 from slipangle.workflow.settings import ModelSettings, Settings
 
@@ -36,10 +36,10 @@ _NUMERICAL = (np.linalg.LinAlgError, FloatingPointError, OverflowError, ZeroDivi
 class Outcome:
     """Everything a job found.
 
-    ``data`` is the log as identified from, ``train`` and ``test`` its parts; ``quality`` is what was seen in the log
-    before anything was changed. There is one validation per model, on the test part and on the training part;
-    ``delay_check`` says what the steering delay does to the parameters, ``failures`` why the other models could not be
-    fitted, or not be driven. ``tried`` is the controller on cars that differ from its model.
+    ``data`` is the log as identified from, ``train``, ``opening`` and ``test`` its parts; ``quality`` is what was seen
+    in the log before anything was changed. There is one validation per model on the test part, one on the training
+    part; ``delay_check`` says what the steering delay does to the parameters, ``failures`` why the other models could
+    not be fitted, or not be driven. ``tried`` is the controller on cars that differ from its model.
     """
 
     settings: Settings
@@ -52,6 +52,7 @@ class Outcome:
     delay_check: tuple[str, ...]
     run: Run | None
     plant: str
+    opening: Dataset | None = None
     controller: Controller | None = None
     tried: Tried | None = None
     failures: dict[str, str] = field(default_factory=dict)
@@ -72,7 +73,8 @@ class Outcome:
         record: dict[str, Any] = {
             "title": self.settings.title,
             "data": {"name": self.data.name, "dt": self.data.dt}
-            | {"n_train": self.train.n_samples, "n_test": self.test.n_samples},
+            | {"n_train": self.train.n_samples, "n_test": self.test.n_samples}
+            | ({} if self.opening is None else {"n_opening": self.opening.n_samples}),
             "model": first.name,
             "free_run": plain(first.free_run_scores),
             "models": models,
@@ -111,7 +113,7 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
     progress(0.0, "reading the log")
     logs = read_logs(settings)
     quality, train, test = inspect(logs.raw), logs.train, logs.test
-    judged, failures = _judged(settings, train, test, progress)
+    judged, failures = _judged(settings, logs, progress)
     progress(0.5, "checking the steering delay")
     said = delay_check(settings, quality, train)
     run, plant_name, controller, cars = None, "", None, None
@@ -140,6 +142,7 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
         data=logs.data,
         train=train,
         test=test,
+        opening=logs.opening,
         quality=quality,
         validations=tuple(test for test, _ in judged.values()),
         training=tuple(training for _, training in judged.values()),
@@ -153,17 +156,18 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
 
 
 def _judged(
-    settings: Settings, train: Dataset, test: Dataset, progress: Progress
+    settings: Settings, logs: Logs, progress: Progress
 ) -> tuple[dict[str, tuple[Validation, Validation]], dict[str, str]]:
     """Verdicts on the test and the training part of each model that could be fitted, and why the others could not."""
     models: dict[str, Model] = {}
 
     def judge(i: int, wanted: ModelSettings) -> tuple[Validation, Validation]:
         progress(0.1 + 0.4 * i / len(settings.model), f"identifying {wanted.name}")
-        model = models[wanted.name] = identify(wanted, train, models)
+        model = models[wanted.name] = identify(wanted, logs.train, models)
         with warnings.catch_warnings(action="ignore", category=ModelWarning):  # shown on the page
-            seen = validate(model, train, name=wanted.name, on_training_data=True)
-            return validate(model, test, train=train, name=wanted.name, start=settings.data.start), seen
+            seen = validate(model, logs.train, name=wanted.name, on_training_data=True)
+            today = as_of_the_day(model, logs.opening)
+            return validate(today, logs.test, train=logs.train, name=wanted.name, start=settings.data.start), seen
 
     return each_model(settings, judge)
 

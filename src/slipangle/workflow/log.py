@@ -12,26 +12,33 @@ from slipangle import Dataset, public, read
 from slipangle.data.dataset import join
 from slipangle.data.quality.events import despike
 from slipangle.errors import ConfigError, MissingFileError, ParameterError, shown
+from slipangle.identify.car.recordings import settled
+from slipangle.models.model import Model
+from slipangle.models.ode import Parametrised
 from slipangle.models.vehicles.nonlinear_bicycle import with_speed_derivative
+from slipangle.report.tables import number
 from slipangle.workflow.settings import Settings
 
 _FEWEST, _CELLS = 20, 5e8  # samples of the longest record after resampling, and numbers of all
 _APART = 1.0  # s between files on the time axis that they share
 _LONGEST_NAME = 80
+_CAR = {"mass", "wheelbase", "l_f"}  # parameters of those models of which it is known what is ordinary
 
 
 @dataclass(frozen=True, kw_only=True)
 class Logs:
     """What a job identifies from and judges on.
 
-    ``raw`` is all of it as it is in the files, in SI units; ``data`` the same as identified from, ``train`` and
-    ``test`` its parts. Several files are experiments on one time axis, one file after another.
+    ``raw`` is all of it as it is in the files, in SI units; ``data`` the same as identified from, ``train``,
+    ``opening`` and ``test`` its parts. Several files are experiments on one time axis, one file after another. From the
+    opening models read what is that day's own.
     """
 
     raw: Dataset
     data: Dataset
     train: Dataset
     test: Dataset
+    opening: Dataset | None = None
 
 
 def read_logs(settings: Settings) -> Logs:
@@ -43,10 +50,47 @@ def read_logs(settings: Settings) -> Logs:
     if second is None:
         data = condition(first, settings)
         train, test = data.split(settings.data.train)
-        return Logs(raw=first, data=data, train=train, test=test)
+        opening, test = opened(test, settings)
+        return Logs(raw=first, data=data, train=train, test=test, opening=opening)
     train, test = condition(first, settings), condition(second, settings)
     name = _together((first, second))
-    return Logs(raw=join(first, second, name=name), data=join(train, test, name=name), train=train, test=test)
+    raw, data = join(first, second, name=name), join(train, test, name=name)
+    opening, test = opened(test, settings)
+    return Logs(raw=raw, data=data, train=train, test=test, opening=opening)
+
+
+def opened(test: Dataset, settings: Settings) -> tuple[Dataset | None, Dataset]:
+    """The opening of a test record and the rest, which is judged on; none where the job asks for none.
+
+    Raises ConfigError if nothing is left.
+    """
+    wanted = settings.data.opening
+    if wanted is None:
+        return None, test
+    n = round(wanted / test.dt)
+    if not 1 < n < test.n_samples - _FEWEST:
+        raise ConfigError(
+            f"[data] opening is {wanted:g} s of a test record of {test.duration:.4g} s; expected two samples or more, "
+            "and some of the record left to judge on: give fewer seconds"
+        )
+    return test.rows(0, n), test.rows(n, test.n_samples)
+
+
+def as_of_the_day(model: Model, opening: Dataset | None) -> Model:
+    """The model with what differs between recordings as it is in this one, read from its opening.
+
+    What it read stands in its ``fit_info.corrections``; a model without such parameters comes back as it is.
+    """
+    info = model.fit_info
+    if opening is None or not isinstance(model, Parametrised) or info is None:
+        return model
+    names = tuple(dict.fromkeys(n.partition("[")[0] for n in info.names if n.endswith("]")))
+    if not names or not _CAR <= set(model.parameter_names):
+        return model
+    own = settled(model, opening, opening.duration)
+    read = ", ".join(f"{n} {number(model.value(n))} -> {number(own.value(n))} {model.si(n).unit}" for n in names)
+    said = f"read from the first {opening.duration:.3g} s of '{opening.name}', which no score counts: {read}"
+    return replace(own, fit_info=replace(info, corrections=(*info.corrections, said)))
 
 
 def load_data(settings: Settings) -> Dataset:
@@ -62,6 +106,11 @@ def _files(settings: Settings) -> tuple[Dataset, Dataset | None]:
         data = public(wanted.set)
         return data.select(inputs=wanted.inputs or data.inputs, outputs=wanted.outputs or data.outputs), None
     apart = _found(wanted.test, settings)
+    if wanted.opening is not None and len(apart) > 1:
+        raise ConfigError(
+            f"[data] has an opening and {len(apart)} test files; expected one, as each day has offsets of its own: "
+            "give each a job"
+        )
     own = [file for file in _found(wanted.file, settings) if file not in apart]
     if not own:
         raise ConfigError("[data] names no file that is not a test file; expected some to identify from: add one")

@@ -108,6 +108,9 @@ class DataSettings:
     start : int
         Samples of each test record whose measured outputs tell the model's initial state; they do not count in its
         scores.
+    opening : float
+        First part of the test record, from which models with ``per_experiment`` parameters read those of that day; no
+        model is judged on it. [s]
     """
 
     file: tuple[str, ...] = ()
@@ -127,6 +130,7 @@ class DataSettings:
     filter: str = ""
     train: Annotated[float, Within(0.01, 0.99)] = 0.7
     start: Annotated[int, Within(1, 1_000_000, "samples")] | None = None
+    opening: Annotated[float, Within(0.1, 1e5, "s")] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -44,8 +44,9 @@ def _model_verdict(
     outcome: Outcome, v: Validation, name: str, published: PublishedSettings | None, command: str
 ) -> Verdict:
     score, stands = v.free_run_scores[name], v.standing[name]
+    after = "" if outcome.opening is None else f", after an opening of {outcome.opening.duration:.3g} s"
     sentence = (
-        f"Over {outcome.test.duration:.0f} s that it was not fitted to, “{v.name}” fits, from inputs alone, "
+        f"Over {outcome.test.duration:.0f} s that it was not fitted to{after}, “{v.name}” fits, from inputs alone, "
         f"{stands.beside(spoken(name))}. {stands.reason[0].upper()}{stands.reason[1:]}."
     )
     warned = len(v.model.fit_info.warnings) if v.model.fit_info else 0

@@ -27,10 +27,14 @@ TRUE = dict(mass=1300.0, inertia_z=1900.0, wheelbase=2.6, l_f=1.2, C_f=9e4, C_r=
 KNOWN = {n: TRUE[n] for n in ("mass", "wheelbase", "l_f")}
 STEERING = dict(delay=0.04, lag=0.06, gain=0.93, offset=0.01)
 DT, FINE = 0.02, 10
+OUTPUTS = ("v_y", "r")
 
 
-def log(speed, seed, *, amplitude=0.08, seconds=16.0, noise=1.0, scale=1.0, outputs=("v_y", "r"), steering=STEERING):
-    """A drive of the true car with multisine steering, by the oracle's equations at 2 ms; lengths times ``scale``."""
+def log(speed, seed, *, amplitude=0.08, seconds=16.0, noise=1.0, scale=1.0, outputs=OUTPUTS, steering=STEERING, bank=0):
+    """A drive of the true car with multisine steering, by the oracle's equations at 2 ms; lengths times ``scale``.
+
+    The road's left edge is higher by an angle of ``bank``; a_y is that of the tires, as an accelerometer reads it.
+    """
     rng = np.random.default_rng(seed)
     h = DT / FINE
     t = np.arange(round(seconds / h)) * h
@@ -40,17 +44,18 @@ def log(speed, seed, *, amplitude=0.08, seconds=16.0, noise=1.0, scale=1.0, outp
     late = np.interp(t - steering["delay"], t, logged)
     wheel, v_y, r, rows = logged[0] - steering["offset"], 0.0, 0.0, []
     for k in range(len(t)):
-        if k % FINE == 0:
-            rows.append((v_y, r))
         target = steering["gain"] * (late[k] - steering["offset"])
         wheel += (target - wheel) * -np.expm1(-h / steering["lag"])
         slip = vehicles.small_slip(TRUE, v_y, r, wheel, speed)
-        v_y_dot, r_dot, _ = vehicles.saturating_bicycle(TRUE, v_y, r, *slip, speed)
-        v_y, r = v_y + h * v_y_dot, r + h * r_dot
-    v_y, r = np.array(rows).T
+        v_y_dot, r_dot, a_y = vehicles.saturating_bicycle(TRUE, v_y, r, *slip, speed)
+        if k % FINE == 0:
+            rows.append((v_y, r, a_y, r_dot))
+        v_y, r = v_y + h * (v_y_dot - vehicles.G * np.sin(bank)), r + h * r_dot
+    v_y, r, a_y, r_dot = np.array(rows).T
     seen = {
         "v_y": scale * (v_y + noise * 0.02 * rng.standard_normal(len(r))),
         "r": r + noise * 0.003 * rng.standard_normal(len(r)),
+        "a_y": 1.08 * (a_y + 0.4 * r_dot) + noise * 0.05 * rng.standard_normal(len(r)),  # 0.4 m ahead, with the roll
     }
     inputs = {"delta": logged[::FINE], "v_x": np.full(len(r), scale * speed)}
     return Dataset.from_arrays(inputs, {n: seen[n] for n in outputs}, DT)
@@ -187,6 +192,18 @@ def test_values_that_no_car_has_are_doubted_only_where_their_whole_interval_is_s
     limits[at["C_f"], 1] = 3.1 * load
     limits[at["inertia_z"], 0] = 1.0
     assert impossible(final.names, final, limits) == []
+
+
+def test_an_accelerometer_tells_stiffness_and_inertia_apart_and_where_it_sits():
+    found = identify_car(drives(outputs=("r", "a_y")), **KNOWN)
+    assert found.model.outputs == ("r", "a_y")
+    for name in STIFF:
+        low, high = found.interval(name)
+        assert low <= TRUE[name] <= high
+        assert found.model.value(name) == pytest.approx(TRUE[name], rel=0.06)
+    assert found.model.value("gain_a_y") == pytest.approx(1.08, abs=0.02)
+    assert found.model.value("lever_a_y") == pytest.approx(0.4, abs=0.1)
+    assert found.model.value("steering_gain") == pytest.approx(STEERING["gain"], rel=0.02)
 
 
 def test_the_mass_that_all_is_in_proportion_to_stands_on_the_page(car):

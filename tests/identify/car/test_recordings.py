@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slipangle.data.dataset import join
+from slipangle.data.dataset import Dataset, join
 from slipangle.errors import MissingColumnError, ParameterError, TooShortError
 from slipangle.identify.car.identify_car import WholeCar, identify_car
 from slipangle.identify.car.recordings import between
@@ -21,20 +21,24 @@ from tests.identify.car.test_identify_car import DT, KNOWN, STEERING, TRUE, driv
 DAYS = ((0.010, 0.020, 0.05), (-0.015, -0.010, -0.08), (0.004, 0.005, 0.0))
 SPEEDS = ((10.0, 16.0, 22.0, 28.0), (12.0, 18.0, 24.0, 14.0), (13.0, 21.0, 26.0))
 OWN = ("steering_offset", "bias_r", "bias_v_y")
+ALL = ("v_y", "r", "a_y")
+SLOPES = (0.03, -0.035, 0.015)  # of the road of each day [rad]
+BIASES = (0.15, -0.2, 0.1)  # of a_y [m/s2]
 
 
-def day(k):
+def day(k, **how):
     """Drives of one day, with the zeros that its sensors had."""
     offset, bias_r, bias_v_y = DAYS[k]
     steering = STEERING | {"offset": offset}
-    data = join(*(log(v, 10 * k + i, steering=steering) for i, v in enumerate(SPEEDS[k])), name=f"day {k}").hold_mean()
+    drives = (log(v, 10 * k + i, steering=steering, **how) for i, v in enumerate(SPEEDS[k]))
+    data = join(*drives, name=f"day {k}").hold_mean()
     return data.with_channel("r", data["r"] + bias_r, "rad/s").with_channel("v_y", data["v_y"] + bias_v_y, "m/s")
 
 
-def prompt(speed, seed, offset=0.0):
+def prompt(speed, seed, offset=0.0, **how):
     """A drive without noise, delay or lag, of little amplitude."""
     steering = dict(delay=0.0, lag=1e-9, gain=1.0, offset=offset)
-    return log(speed, seed, noise=0.0, amplitude=0.01, steering=steering).hold_mean()
+    return log(speed, seed, noise=0.0, amplitude=0.01, steering=steering, **how).hold_mean()
 
 
 def quiet(offsets, biases=(0.0, 0.0)):
@@ -76,6 +80,36 @@ def test_what_differs_is_found_for_each_and_the_rest_together():
         assert found.values[name] == pytest.approx(TRUE[name], rel=0.02)
     assert found.model.value("bias_r") == pytest.approx(np.mean(biases), abs=1e-3)
     assert found.model_of(7) is found.model
+
+
+def test_slopes_of_the_road_and_biases_of_a_y_are_found_for_each():
+    """By the accelerometer's reading alone a slope is a bias; what v_y does at several speeds tells them apart."""
+    slopes, biases, parts = (0.03, -0.04), (0.2, -0.1), []
+    for k in range(2):
+        drives = (prompt(v, 2 * k + i, bank=slopes[k], outputs=ALL) for i, v in enumerate((11.0 + k, 25.0 - k)))
+        part = join(*drives)
+        numbered = part.with_channel(RECORDING, np.full(len(part), float(k)))
+        parts.append(numbered.with_channel("a_y", part["a_y"] + biases[k], "m/s2"))
+    start = first_guess(**KNOWN, dt=DT, outputs=ALL, gain=1.0, banked=False).with_values(gain_a_y=1.08, lever_a_y=0.4)
+    found = fit(start, STIFF, join(*parts), own=("cross_slope", "bias_a_y"))
+    for k in range(2):
+        assert found.values[f"cross_slope[{k}]"] == pytest.approx(slopes[k], abs=2e-3)
+        assert found.values[f"bias_a_y[{k}]"] == pytest.approx(biases[k], abs=0.02)
+    for name in STIFF:
+        assert found.values[name] == pytest.approx(TRUE[name], rel=0.02)
+
+
+def test_a_channel_that_only_one_log_has_is_asked_for():
+    with pytest.raises(MissingColumnError, match=r"has an output a_y and .* has none; expected all logs to have it"):
+        identify_car([log(14.0, 0, outputs=ALL), log(18.0, 1)], **KNOWN)
+    level = log(14.0, 0)
+    sloped = Dataset.from_arrays(
+        {n: level[n] for n in ("delta", "v_x")} | {"bank": 0.01 * np.ones(len(level))},
+        {n: level[n] for n in ("v_y", "r")},
+        DT,
+    )
+    with pytest.raises(MissingColumnError, match=r"has an input bank and .* none: add it, 0 on a level road"):
+        identify_car([level, sloped], **KNOWN)
 
 
 def test_masses_are_found_beside_the_first_which_was_given(monkeypatch):
@@ -185,3 +219,29 @@ def test_a_third_day_is_read_from_its_first_seconds(car, tmp_path):
         car.for_recording(test.with_channel("v_x", 0.1 * np.ones(len(test)), "m/s"))
     with pytest.raises(ParameterError, match="seconds is 0 s"):
         car.for_recording(test, seconds=0.0)
+
+
+def sloped(k):
+    """A day on a road of a slope of its own, with an accelerometer."""
+    data = day(k, bank=SLOPES[k], outputs=ALL)
+    return data.with_channel("a_y", data["a_y"] + BIASES[k], "m/s2")
+
+
+@pytest.mark.slow
+def test_days_on_roads_of_other_slopes():
+    own = ("cross_slope", "steering_offset", "bias_r", "bias_v_y", "bias_a_y")
+    car = identify_car([sloped(0), sloped(1)], **KNOWN, per_experiment=own)
+    for k in (0, 1):
+        low, high = car.interval(f"cross_slope[{k}]")
+        assert low <= SLOPES[k] <= high
+        assert high - low < 0.02
+        low, high = car.interval(f"bias_a_y[{k}]")
+        assert low <= BIASES[k] <= high
+    for name in STIFF:
+        low, high = car.interval(name)
+        assert low <= TRUE[name] <= high
+    third = sloped(2)
+    today = car.for_recording(third, seconds=30.0)
+    assert today.value("cross_slope") == pytest.approx(SLOPES[2], abs=0.008)
+    rest = third.rows(1600, third.n_samples)
+    assert (fits(today, rest) > [70, 90, 85]).all()

@@ -20,6 +20,7 @@ from slipangle.identify.car.stretches import stretches
 from slipangle.identify.car.structures import (
     ELSEWHERE,
     RECORDING,
+    SLOWEST,
     STIFF,
     Correction,
     Fitted,
@@ -41,7 +42,6 @@ from slipangle.numerics.blas import one_blas_thread
 from slipangle.shown import Shown
 
 _ROUNDS = 4  # over the corrections that did not help
-_SLOWEST = 1.0  # wheelbases a second: slower, steering and speed sensors say little
 _AS_GOOD = 0.02  # of the held-out error by which another structure may be worse and still be believed by half
 _NONE = 1.5  # of that share, from which it is not believed at all; of `ELSEWHERE`, up to which a lever is one
 # What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
@@ -49,7 +49,10 @@ _NONE = 1.5  # of that share, from which it is not believed at all; of `ELSEWHER
 _FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
 _DENSITIES = 15.0, 1500.0  # kg/m3, mass over the wheelbase cubed: cars about 75, an open-wheeler 30, a full truck 700
 _SHAPES = (1.1, 1.7)  # other tires, see `with_shape`
-_OWN = ("steering_offset", "bias_r", "bias_v_y", "delay_delta", "steering_gain", "lever_v_y", "mass")
+_OWN = (
+    *("steering_offset", "bias_r", "bias_v_y", "bias_a_y", "cross_slope"),
+    *("delay_delta", "steering_gain", "lever_v_y", "mass"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +96,7 @@ class IdentifiedCar(Shown):
         Raises TooShortError if the car moves for less than a tenth of that, SampleTimeError, MissingColumnError or
         ExcitationError if the recording is of another kind, or does not steer.
         """
-        return settled(self.model, data, seconds, _SLOWEST)
+        return settled(self.model, data, seconds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,9 +114,9 @@ class WholeCar(Checked):
     steering_gain : float
         A first guess of the road-wheel angle per logged angle [-], such as 1/15 for a hand wheel; negative turns it.
     per_experiment : tuple of str or "chosen"
-        Parameters with a value for each recording: of steering_offset, bias_r, bias_v_y, delay_delta, steering_gain,
-        lever_v_y and mass (the given one is that of the first). By default offset and biases are tried where there are
-        several recordings of 40 s or more at the mean.
+        Parameters with a value for each recording: of steering_offset, bias_r, bias_v_y, bias_a_y, cross_slope (of the
+        road), delay_delta, steering_gain, lever_v_y and mass (the given one is that of the first). By default offset
+        and biases are tried where there are several recordings of 40 s or more at the mean.
     """
 
     mass: Annotated[float, Within(0.05, 1e6, "kg")]
@@ -158,10 +161,10 @@ class WholeCar(Checked):
         suspect = doubts(turned, wheelbase=self.wheelbase)
         if data.dt > LONGEST_STEP:
             raise SampleTimeError(suspect[0])
-        outputs = ("v_y", "r") if "v_y" in data.outputs else ("r",)
+        outputs = tuple(n for n in ("v_y", "r", "a_y") if n == "r" or n in data.outputs)
         banked = "bank" in data.inputs
         inputs = ("delta", "v_x", "bank") if banked else ("delta", "v_x")
-        whole = stretches(data.select(inputs=inputs, outputs=outputs), _SLOWEST * self.wheelbase)
+        whole = stretches(data.select(inputs=inputs, outputs=outputs), SLOWEST * self.wheelbase)
         known = {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
         start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, banked=banked)
         with one_blas_thread():
@@ -220,10 +223,12 @@ class WholeCar(Checked):
                     f"'{data.name}' has no channel '{name}'; expected delta, v_x and r at least: name the columns so "
                     "when reading the log"
                 )
-        for name in (n for n in self._own or () if n.endswith("v_y") and "v_y" not in data.outputs):
-            raise MissingColumnError(
-                f"per_experiment names '{name}', and '{data.name}' has no output v_y; expected one"
-            )
+        for name in self._own or ():
+            channel = name.removeprefix("bias_").removeprefix("lever_")
+            if channel in ("v_y", "a_y") and channel not in data.outputs:
+                raise MissingColumnError(
+                    f"per_experiment names '{name}', and '{data.name}' has no output {channel}; expected one"
+                )
 
     def _weight(self) -> list[str]:
         """A sentence where no vehicle of this length weighs so little or so much."""
@@ -263,10 +268,11 @@ def identify_car(
     ----------
     data : Dataset or sequence of Dataset
         One log, or several of one car, each a recording with offsets of its own; the experiments of a single one count
-        as recordings. With channels delta [rad] (as logged), v_x [m/s], r [rad/s]; axes of ISO 8855. Where v_y [m/s] is
-        among the outputs it is fitted too, and tells stiffness and inertia apart as the yaw rate alone can hardly do.
-        An input bank [rad], positive with the left edge higher, is the road's cross slope. Where the steering moves
-        between the samples, `Dataset.hold_mean` first, here as for every later simulation.
+        as recordings. With channels delta [rad] (as logged), v_x [m/s], r [rad/s]; axes of ISO 8855. Where v_y [m/s] or
+        a_y [m/s2] (as an accelerometer reads it) are among the outputs they are fitted too, and tell stiffness and
+        inertia apart as the yaw rate alone can hardly do. An input bank [rad], positive with the left edge higher, is
+        the road's cross slope. Where the steering moves between the samples, `Dataset.hold_mean` first, here as for
+        every later simulation.
     mass, wheelbase, l_f, steering_gain, per_experiment
         See `WholeCar`.
 
@@ -287,6 +293,13 @@ def _together(data: Dataset | Sequence[Dataset]) -> Dataset:
     """Several logs as one whose samples know of which they are."""
     if isinstance(data, Dataset):
         return data
+    for name, kind in (("bank", "input"), ("v_y", "output"), ("a_y", "output")):
+        has = [name in (part.inputs if kind == "input" else part.outputs) for part in data]
+        if any(has) and not all(has):
+            raise MissingColumnError(
+                f"'{data[has.index(True)].name}' has an {kind} {name} and '{data[has.index(False)].name}' has none; "
+                f"expected all logs to have it, or none: add it{', 0 on a level road' if name == 'bank' else ''}"
+            )
     numbered = [part.with_channel(RECORDING, np.full(part.n_samples, float(k))) for k, part in enumerate(data)]
     return join(*numbered, name=", ".join(dict.fromkeys(part.name for part in data)))
 

@@ -10,28 +10,27 @@ import numpy as np
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, TooShortError
 from slipangle.identify.car.stretches import driven
-from slipangle.identify.car.structures import Prior, fit, ordinary
-from slipangle.models.wrappers.delayed import Delayed
+from slipangle.identify.car.structures import SLOWEST, Prior, fit, ordinary
 from slipangle.numerics.blas import one_blas_thread
 
 _LEAST = 0.1  # share of the seconds that a car has to move
 _GUESSED = 1.0  # recordings that what is ordinary counts for in the scatter between recordings
 
 
-def settled(model: Delayed, data: Dataset, seconds: float, slowest: float) -> Delayed:
-    """See `IdentifiedCar.for_recording`; ``slowest`` counts as moving. [wheelbases/s]"""
+def settled(model: Any, data: Dataset, seconds: float) -> Any:
+    """See `IdentifiedCar.for_recording`; of any car of named parameters that was fitted ``per_experiment``."""
     if not seconds > 0:
         raise ParameterError(f"seconds is {seconds:g} s; expected a positive time")
     prior = between(model)
     if not prior:
         return model
-    begun = _first(data.select(inputs=model.inputs, outputs=model.outputs), seconds, slowest * model.value("wheelbase"))
+    begun = _first(data.select(inputs=model.inputs, outputs=model.outputs), seconds, SLOWEST * model.value("wheelbase"))
     with one_blas_thread():
         found = fit(replace(model, fit_info=None), tuple(prior), begun, prior=prior)
     return replace(model.with_values(**found.values), fit_info=model.fit_info)
 
 
-def between(model: Delayed) -> Prior:
+def between(model: Any) -> Prior:
     """Mean over the recordings that a model was fitted to, and scatter of another one, of what differs between them.
 
     That scatter is the recordings' own, with what is ordinary for a car as one recording more [1]_; few say little.

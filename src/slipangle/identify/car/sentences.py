@@ -143,7 +143,8 @@ def between(final: Fitted) -> list[str]:
         first = "that of the first" if name == "mass" else "their mean"
         said.append(
             f"{name} differs between the recordings: {each}{more} {final.model.si(name).unit}; the model has {first}, "
-            "another recording has one of its own: read it from its first seconds by identified.for_recording(log)"
+            "another recording has one of its own: read it from its first seconds, by identified.for_recording(log) or "
+            "a job's opening"
         )
     return said
 

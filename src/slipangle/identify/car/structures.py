@@ -19,6 +19,7 @@ from slipangle.models.vehicles.steering import Steered
 from slipangle.models.wrappers.delayed import Delayed
 
 RECORDING = "recording"  # channel that numbers the recording that a sample is of
+SLOWEST = 1.0  # wheelbases a second: slower, steering and speed sensors say little
 ELSEWHERE = 0.05  # wheelbases, standard deviation of the centre of gravity about where it was said to be
 STIFF = ("C_f", "C_r", "inertia_z")
 _LINEAR = 8.0  # peak friction at which an axle is as good as linear
@@ -79,6 +80,8 @@ def corrections(data: Dataset, wheelbase: float, own: tuple[str, ...] | None) ->
     ]
     if "v_y" in data.outputs:
         listed.insert(-1, Correction("the place of the v_y sensor is free", ("lever_v_y",)))
+    if "a_y" in data.outputs:
+        listed.insert(-1, Correction("place and scale of the a_y sensor are free", ("lever_a_y", "gain_a_y")))
     if own is None and _sessions(data):
         differ = (("the steering's offset differs", ("steering_offset",)), ("the sensors' biases differ", biases))
         listed += [Correction(f"{what} between recordings", names, own=names) for what, names in differ]
@@ -256,10 +259,14 @@ def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
         "relaxation_f": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "relaxation_r": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "lever_v_y": (0.0, 0.1 * p.wheelbase, False),
+        "lever_a_y": (0.0, 0.1 * p.wheelbase, False),
+        "gain_a_y": (1.0, 0.1, False),
         "l_f": (p.l_f, ELSEWHERE * p.wheelbase, False),
         "delay_delta": (0.0, 0.1, False),
         "steering_lag": (0.0, 0.1, False),
         "bias_r": (0.0, 0.03, False),
+        "bias_a_y": (0.0, 0.3, False),
+        "cross_slope": (0.0, 0.02, False),
         "steering_offset": (0.0, 0.02, False),
         "mass": (p.mass, 0.2, True),
     }

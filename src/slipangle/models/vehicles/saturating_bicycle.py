@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -15,11 +15,12 @@ from slipangle.ops import Scalar, Vector, atan, maximum, sin, sqrt, stack
 from slipangle.units import SI
 
 _QUICKEST = 0.005  # s, the shortest time in which a tire's force builds up
+_NEW: Any = {"may be missing in a file": True}
 
 
 @dataclass(frozen=True, kw_only=True)
 class SaturatingBicycleParams(BicycleParams):
-    """The linear bicycle's parameters, per axle peak friction and relaxation length, and where v_y is measured."""
+    """The linear bicycle's, per axle peak friction and relaxation length, where sensors are, and the road's slope."""
 
     mu_f: Annotated[float, SI("-", "front peak friction", 0.05, 10.0)] = 1.0
     mu_r: Annotated[float, SI("-", "rear peak friction", 0.05, 10.0)] = 1.0
@@ -28,6 +29,15 @@ class SaturatingBicycleParams(BicycleParams):
     relaxation_r: Annotated[float, SI("m", "rear relaxation length", 0.0, 10.0)] = 0.0
     lever_v_y: Annotated[float, SI("m", "place where v_y is measured, ahead of the centre of gravity", -10.0, 10.0)] = (
         0.0
+    )
+    lever_a_y: Annotated[float, SI("m", "place where a_y is measured, ahead of the centre of gravity", -10.0, 10.0)] = (
+        field(default=0.0, metadata=_NEW)
+    )
+    gain_a_y: Annotated[float, SI("-", "measured over true lateral acceleration, such as by body roll", 0.5, 2.0)] = (
+        field(default=1.0, metadata=_NEW)
+    )
+    cross_slope: Annotated[float, SI("rad", "cross slope of the road, positive: left edge higher", -0.3, 0.3)] = field(
+        default=0.0, metadata=_NEW
     )
 
 
@@ -46,7 +56,8 @@ class SaturatingBicycle(OdeModel):
 
     States v_y [m/s], r [rad/s]; inputs delta [rad], v_x [m/s]; outputs r by default, v_y and a_y [m/s2] on request. The
     relaxation lengths are without effect here, see `RelaxingBicycle`. Steering lag comes as ``Steered(car,
-    steering_lag=...)``, delay as ``Delayed(...)``. A v_y that was not measured starts at that of steady cornering.
+    steering_lag=...)``, delay as ``Delayed(...)``. A v_y that was not measured starts at that of steady cornering. A
+    ``cross_slope`` is the same everywhere and comes on top of that of `Banked`, an input.
     """
 
     states = ("v_y", "r")
@@ -67,12 +78,23 @@ class SaturatingBicycle(OdeModel):
     def output(self, x: Vector, u: Vector) -> Vector:
         """The chosen outputs as their sensors read them."""
         y = super().output(x, u)
-        return stack([y[i] + self._lever(name) * x[1] for i, name in enumerate(self.outputs)])
+        return stack([y[i] + self._elsewhere(name, x, u) for i, name in enumerate(self.outputs)])
+
+    def _elsewhere(self, name: str, x: Vector, u: Vector) -> Scalar:
+        """What a sensor reads more than one without a bias at the centre of gravity."""
+        p = self.params
+        if name == "v_y":
+            return p.lever_v_y * x[1]
+        if name != "a_y":
+            return 0.0
+        F_yf, F_yr = self._forces(self._acting(x, u))
+        r_dot = (p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z
+        return (p.gain_a_y - 1) * (F_yf + F_yr) / p.mass + p.gain_a_y * p.lever_a_y * r_dot
 
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
         """States that are outputs take their measured values at the centre of gravity, without biases."""
         x = super().correct(x, u, y)
-        lever = self._lever("v_y") if "v_y" in self.outputs else 0.0
+        lever = self.params.lever_v_y if "v_y" in self.outputs else 0.0
         return stack([x[0] - lever * x[1], *(x[i] for i in range(1, self.n_states))])
 
     def initial_state(self, data: Dataset) -> np.ndarray:
@@ -102,10 +124,8 @@ class SaturatingBicycle(OdeModel):
 
     def _rates(self, x: Vector, u: Vector, alpha: tuple[Scalar, Scalar]) -> list[Scalar]:
         p, (F_yf, F_yr) = self.params, self._forces(alpha)
-        return [(F_yf + F_yr) / p.mass - self._speed(u[1]) * x[1], (p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z]
-
-    def _lever(self, name: str) -> Scalar:
-        return self.params.lever_v_y if name == "v_y" else 0.0
+        across = (F_yf + F_yr) / p.mass - self._speed(u[1]) * x[1] - GRAVITY * sin(p.cross_slope)
+        return [across, (p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z]
 
 
 @dataclass(frozen=True, kw_only=True)
