@@ -14,19 +14,26 @@ MUTANTS = [
                 "np.concatenate([total - self.gram, total[None]])",
                 "np.concatenate([total + 0 * self.gram, total[None]])",
             ),
-            ("orders: free run with its lags turned round", "ny, ny)[:, :, :, ::-1]", "ny, ny)"),
             (
                 "orders: a model that blows up may win",
-                "stable=not growth(self._poles(own), self.longest)",
+                "stable=not growth(poles[c], self.longest)",
                 "stable=True",
             ),
             (
                 "orders: of models alike the largest wins",
-                "c.n_parameters if o in alike else 0",
-                "-c.n_parameters if o in alike else 0",
+                "c.n_parameters if a else 0",
+                "-c.n_parameters if a else 0",
             ),
             ("orders: delays are not tried", "for k in range(1, most + 1)", "for k in range(1, 2)"),
             ("orders: v_x is an input at one speed", 'n != "v_x" or not speeds', 'n != "v_x" or len(speeds) < 2'),
+        ],
+    ),
+    *mistakes(
+        "identify/linear/candidate_runs.py",
+        ORDERS,
+        [
+            ("orders: free run with its lags turned round", "ny, ny)[:, :, :, ::-1]", "ny, ny)"),
+            ("orders: free run in C with its lags turned round", "(na - 1 - i) * ny", "i * ny"),
         ],
     ),
     *mistakes(

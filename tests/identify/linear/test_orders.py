@@ -111,6 +111,61 @@ def test_the_judged_free_run_is_the_models_own():
     assert choice.candidates[0].error == pytest.approx(np.sqrt(squares / count) / np.std(np.vstack(measured)), rel=1e-4)
 
 
+def drive_at_speeds(n, seed=0):
+    """Two outputs by a model whose coefficients go with the speed, which wanders from 4 to 16 m/s."""
+    rng = np.random.default_rng(seed)
+    u, v_x = rng.standard_normal(n), 10 + 6 * np.sin(np.arange(n) / 57.0)
+    y = np.zeros((n, 2))
+    for k in range(2, n):
+        gain = v_x[k - 1] / 10
+        y[k, 0] = 1.2 * y[k - 1, 0] - 0.5 * y[k - 2, 0] + 0.1 * y[k - 1, 1] + gain * u[k - 1]
+        y[k, 1] = 0.7 * y[k - 1, 1] + 0.3 * gain * u[k - 2]
+    y += 0.1 * rng.standard_normal(y.shape)
+    return Dataset.from_arrays({"u": u, "v_x": v_x}, {"y": y[:, 0], "z": y[:, 1]}, 0.1, name="at speeds")
+
+
+@pytest.mark.parametrize("speeds", [(), (5.0, 9.0, 15.0)])
+def test_candidates_run_alike_in_c_and_side_by_side(speeds, monkeypatch):
+    """Stretches of unequal length, two outputs, one candidate that blows up."""
+    data = drive_at_speeds(700)
+    several = [Orders(2, (2,), (1,)), Orders(4, (1,), (2,)), Orders(1, (3,), (3,))]
+    if not speeds:
+        several = [replace(o, nb=(*o.nb, 1), nk=(*o.nk, 1)) for o in several]
+    data = join(data.rows(0, 331), data.rows(331, 700))
+    trials = _Trials(data, replace(several[1], nb=several[2].nb, nk=several[2].nk), True, speeds)
+    picks = [trials._pick(orders) for orders in several]
+    theta = trials._solved(picks)[0][:, :-1]
+    theta = theta.reshape(3, trials.folds, len(trials.speeds), trials.n_columns, 2)
+    theta[2, 1, :, 0] = 1e3
+    in_c = trials.stretches.squares(theta, picks)
+    monkeypatch.setenv("SLIPANGLE_CC", "none")
+    side_by_side = trials.stretches.squares(theta, picks)
+    assert np.isfinite(in_c[:2]).all()
+    assert not np.isfinite(in_c[2, 0]) or in_c[2, 0] > 1e100
+    assert in_c[:2] == pytest.approx(side_by_side[:2], rel=1e-9)
+
+
+@pytest.mark.parametrize("offset", [False, True])
+def test_normal_equations_of_speeds_are_those_of_the_blended_regression(offset):
+    """Beside least squares on regressors written down one by one, three speeds, two outputs, two experiments."""
+    data, speeds = drive_at_speeds(600), (5.0, 9.0, 15.0)
+    data = join(data.rows(0, 250), data.rows(250, 600))
+    model = MultiARX(na=2, nb=2, nk=1, speeds=speeds, offset=offset).fit(data)
+    rows, targets = [], []
+    for a, b in zip(data.starts, data.stops, strict=True):
+        y, u, v_x = data.y[a:b], data["u"][a:b], data["v_x"][a:b]
+        for k in range(2, b - a):
+            one = [*y[k - 1], *y[k - 2], u[k - 1], u[k - 2], *([1.0] if offset else [])]
+            w = [np.interp(v_x[k - 1], speeds, np.eye(3)[j]) for j in range(3)]
+            rows.append(np.kron(w, one))
+            targets.append(y[k])
+    theta = np.linalg.lstsq(np.array(rows), np.array(targets), rcond=None)[0].reshape(3, -1, 2)
+    for own, part in zip(theta, model.models, strict=True):
+        assert -np.vstack([part.A[0].T, part.A[1].T]) == pytest.approx(own[:4], rel=1e-6, abs=1e-9)
+        assert part.B[:, :, 0] == pytest.approx(own[4:6], rel=1e-6, abs=1e-9)
+        assert not offset or part.c == pytest.approx(own[6], rel=1e-6, abs=1e-9)
+
+
 def test_criteria_are_those_of_the_literature():
     data = made(n=500)
     (candidate,) = choose(data, na=2, nb=2, nk=3, offset=False).candidates

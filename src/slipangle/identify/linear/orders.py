@@ -1,7 +1,7 @@
 """Orders of ARX models, chosen by free runs over stretches that the fits have not seen.
 
 One pass over the data makes the Gram matrix of the largest regressor, held-out group by held-out group; every smaller
-candidate and every fold is a block of it. The free runs of all candidates go through the stretches side by side.
+candidate and every fold is a block of it.
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import TooShortError
+from slipangle.identify.linear.candidate_runs import Stretches
 from slipangle.identify.linear.estimator import criteria
-from slipangle.identify.linear.lags import PerInput, Windows
+from slipangle.identify.linear.lags import CHUNK, PerInput, Windows
 from slipangle.identify.linear.neighbours import Chosen, Orders, each_input, near, with_input
 from slipangle.models.model import Candidate
 from slipangle.models.plausible import growth
@@ -23,7 +24,7 @@ from slipangle.models.wrappers.multi_arx import speed_weights
 
 LEVELS = (1, 2, 4, 7, 10)  # lags of the first candidates: every number is one of them, or next to one
 FOLDS, BLOCKS = 5, 20  # groups held out in turn; stretches that they are made of where a record is one
-LENGTH = 2000  # samples of a stretch that free runs are judged on, from its beginning
+LENGTH = 1000  # samples of a stretch that free runs are judged on, from its beginning
 _SHORT = {2, 4}  # lags of an input whose delay is sought, beside those that did best
 _ROUNDS = 3  # from the best to what is near it
 _TIE, _EXACT = 1.01, 1e-6  # errors apart by less, or below, are alike: the fewest coefficients win
@@ -179,7 +180,8 @@ class _Trials:
             self.gram[group] += gram
             self.count[group] += count
         if judged:
-            self._stretches(parts)
+            self.stretches = self._stretches(parts)
+            self.spread = np.maximum(np.std(self.stretches.wanted[self.stretches.known], axis=0), 1e-300)
         self.longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
         self.done: dict[Orders, Candidate] = {}
 
@@ -216,39 +218,56 @@ class _Trials:
                 p = len(self.place)
                 gram = np.insert(np.insert(gram, p, at, axis=0), p, np.insert(at, p, windows.count), axis=1)
             return gram, windows.count
-        p, gram = self.n_columns, np.zeros((len(self.speeds) * self.n_columns + self.ny,) * 2)
-        weights, done = np.stack(speed_weights(part["v_x"][m - 1 : -1], self.speeds), axis=1), 0
-        for rows in windows.rows(4096):
-            full = np.ones((len(rows), p + self.ny))
-            full[:, [*range(len(self.place)), *range(p, p + self.ny)]] = (rows / scale)[:, pick]
-            here = weights[done : done + len(rows)]
-            done += len(rows)
-            wide = np.hstack([(here[:, :, None] * full[:, None, :p]).reshape(len(rows), -1), full[:, p:]])
-            gram += wide.T @ wide
-        return gram, windows.count
+        return self._gram_of_speeds(part), windows.count
 
-    def _stretches(self, parts: Sequence[Dataset]) -> None:
-        """What free runs start from, are driven by and compared with, shapes (n_stretches, n_steps, ...)."""
-        m, nc = self.reach, self.ny + self.nu
+    def _gram_of_speeds(self, part: Dataset) -> np.ndarray:
+        """Block by block; between two neighbouring speeds only the models at these have weights."""
+        m, p, ny = self.reach, self.n_columns, self.ny
+        signals = np.stack(
+            [(part[n] - at) / size for n, at, size in zip(self.names, self.shift, self.size, strict=True)]
+        )
+        lower = np.clip(np.searchsorted(self.speeds, part["v_x"], side="right") - 1, 0, len(self.speeds) - 2)
+        weights, lags = (
+            np.stack(speed_weights(part["v_x"], self.speeds)),
+            [divmod(place, ny + self.nu) for place in self.place],
+        )
+        gram = np.zeros((len(self.speeds) * p + ny,) * 2)
+        targets = len(self.speeds) * p + np.arange(ny)
+        for first in range(m, part.n_samples, CHUNK):
+            n = min(CHUNK, part.n_samples - first)
+            full = np.ones((p + ny, n))
+            for row, (lag, channel) in enumerate(lags):
+                full[row] = signals[channel, first - m + lag :][:n]
+            full[p:] = signals[:ny, first : first + n]
+            below = lower[first - 1 : first - 1 + n]
+            for j in np.flatnonzero(np.bincount(below)):
+                here = np.flatnonzero(below == j)
+                seen, wide = full[:, here], np.empty((2 * p + ny, len(here)))
+                for k in (0, 1):
+                    np.multiply(seen[:p], weights[j + k, first - 1 + here], out=wide[k * p : (k + 1) * p])
+                wide[2 * p :] = seen[p:]
+                at = np.concatenate([np.arange(j * p, (j + 2) * p), targets])
+                gram[np.ix_(at, at)] += wide @ wide.T
+        return gram
+
+    def _stretches(self, parts: Sequence[Dataset]) -> Stretches:
+        m, nc, first = self.reach, self.ny + self.nu, self.na * self.ny
         steps = min(LENGTH, max(part.n_samples for part in parts)) - m
         shape = (len(parts), steps)
-        self.drive = np.zeros((*shape, (m + 1) * self.nu + self.offset))
-        self.wanted, self.known = np.zeros((*shape, self.ny)), np.zeros(shape, dtype=bool)
-        self.weights = np.ones((*shape, len(self.speeds)))
-        self.past = np.zeros((len(parts), self.na * self.ny))
+        drive, wanted = np.zeros((*shape, (m + 1) * self.nu + self.offset)), np.zeros((*shape, self.ny))
+        weights, past = np.ones((*shape, len(self.speeds))), np.zeros((len(parts), first))
+        lengths, scale = np.zeros(len(parts), dtype=int), np.tile(self.size, m + 1)
         for s, part in enumerate(parts):
-            rows = next(self._windows(part.head(min(part.n_samples, LENGTH))).rows(LENGTH))
-            rows = rows / np.tile(self.size, m + 1)
-            n, first = len(rows), self.na * self.ny
+            rows = next(self._windows(part.head(min(part.n_samples, LENGTH))).rows(LENGTH)) / scale
+            n = lengths[s] = len(rows)
             if self.offset:
-                self.drive[s, :, -1] = 1.0
-            self.drive[s, :n, : (m + 1) * self.nu] = rows[:, self.place[first:]]
-            self.wanted[s, :n], self.known[s, :n] = rows[:, m * nc : m * nc + self.ny], True
-            self.past[s] = rows[0, self.place[:first]]
+                drive[s, :, -1] = 1.0
+            drive[s, :n, : (m + 1) * self.nu] = rows[:, self.place[first:]]
+            wanted[s, :n] = rows[:, m * nc : m * nc + self.ny]
+            past[s] = rows[0, self.place[:first]]
             if len(self.speeds) > 1:
-                self.weights[s, :n] = np.stack(speed_weights(part["v_x"][m - 1 : m - 1 + n], self.speeds), axis=1)
-        measured = self.wanted[self.known]
-        self.spread = np.maximum(np.std(measured, axis=0), 1e-300)
+                weights[s, :n] = np.stack(speed_weights(part["v_x"][m - 1 : m - 1 + n], self.speeds), axis=1)
+        return Stretches(drive=drive, wanted=wanted, weights=weights, lengths=lengths, past=past, group=self.groups)
 
     # ---- candidates --------------------------------------------------------------------------------------------------
 
@@ -257,7 +276,7 @@ class _Trials:
         room = (self.count.sum() - self.count.max()) / 3
         fresh = [o for o in dict.fromkeys(orders) if o not in self.done and o.reach <= self.reach and o.na <= self.na]
         fresh = [o for o in fresh if o.coefficients(self.ny, self.offset) * len(self.speeds) <= room]
-        each = max(1, int(2e7 // max(1, self.wanted.size)))
+        each = max(1, int(2e7 // max(1, self.stretches.wanted.size)))
         for a in range(0, len(fresh), each):
             self._judge(fresh[a : a + each])
         if not self.done:
@@ -267,83 +286,91 @@ class _Trials:
             )
 
     def _judge(self, several: Sequence[Orders]) -> None:
-        J, p, n = len(self.speeds), self.n_columns, self.count.sum()
-        total, theta = self.gram.sum(axis=0), np.zeros((len(several), self.folds + 1, J * p, self.ny))
+        J, ny, n = len(self.speeds), self.ny, self.count.sum()
+        picks = [self._pick(orders) for orders in several]
+        theta, left, unseen = self._solved(picks)
+        shape = (len(several), self.folds, J, self.n_columns, ny)
+        free = self._free_run(theta[:, :-1].reshape(shape), picks)
+        one_step = np.mean(np.sqrt(np.maximum(unseen / n, 0.0)) / self.spread, axis=1)
+        log_det = np.linalg.slogdet(left / n)[1]
+        poles = self._poles(theta[:, -1], [orders.na for orders in several])
         for c, orders in enumerate(several):
-            pick = (np.arange(J)[:, None] * p + self._pick(orders)).ravel()
-            theta[c][:, pick] = self._solved(np.concatenate([total - self.gram, total[None]]), pick)
-        free = self._free_run(theta[:, :-1])
-        for c, orders in enumerate(several):
-            own = theta[c, -1]
-            left = _unexplained(total, own) / n
-            unseen = sum(np.diag(_unexplained(g, t)) for g, t in zip(self.gram, theta[c, :-1], strict=True)) / n
-            d, log_det = orders.coefficients(self.ny, self.offset) * J * self.ny, float(np.linalg.slogdet(left)[1])
+            d = orders.coefficients(ny, self.offset) * J * ny
             self.done[orders] = Candidate(
                 orders=orders.said,
                 n_parameters=d,
                 error=float(free[c]) if np.isfinite(free[c]) else np.inf,
-                one_step_error=float(np.mean(np.sqrt(np.maximum(unseen, 0.0)) / self.spread)),
-                **criteria(log_det, d, n),
-                stable=not growth(self._poles(own), self.longest),
+                one_step_error=float(one_step[c]),
+                **criteria(float(log_det[c]), d, n),
+                stable=not growth(poles[c], self.longest),
             )
 
-    def _solved(self, grams: np.ndarray, pick: np.ndarray) -> np.ndarray:
-        """Coefficients for each Gram matrix, shape (n, n_picked, n_outputs)."""
-        left, right = grams[:, pick[:, None], pick], grams[:, pick, -self.ny :]
-        scale = np.sqrt(np.diagonal(left, axis1=1, axis2=2))
-        scale = np.where(scale > 0, scale, 1.0)
-        left = left / (scale[:, :, None] * scale[:, None]) + _RIDGE * len(pick) * np.eye(len(pick))
-        return np.linalg.solve(left, right / scale[:, :, None]) / scale[:, :, None]
-
-    def _poles(self, theta: np.ndarray) -> np.ndarray:
-        """Of the models at every speed."""
-        found, k = [], self.na * self.ny
-        for own in theta.reshape(len(self.speeds), -1, self.ny):
-            companion = np.eye(k, k=-self.ny)
-            companion[: self.ny] = own[:k].T
-            found.append(np.linalg.eigvals(companion))
-        return np.concatenate(found)
-
-    def _free_run(self, theta: np.ndarray) -> np.ndarray:
+    def _free_run(self, theta: np.ndarray, picks: Sequence[np.ndarray]) -> np.ndarray:
         """RMSE over standard deviation, mean over outputs, of each candidate's runs, shape (n_candidates,).
 
-        Coefficients of every fold have shape (n_candidates, n_folds, n_columns, n_outputs).
+        Coefficients of every fold have shape (n_candidates, n_folds, n_speeds, n_columns, n_outputs).
         """
-        C, S, J, ny, na = len(theta), len(self.groups), len(self.speeds), self.ny, self.na
-        own = theta.reshape(C, self.folds, J, self.n_columns, ny)[:, self.groups]  # of each stretch
-        back = own[:, :, :, : na * ny].reshape(C, S, J, na, ny, ny)[:, :, :, ::-1]  # oldest lag first
-        back = np.ascontiguousarray(back.transpose(3, 4, 2, 5, 0, 1)).reshape(na * ny, J * ny, C * S)
-        ahead = own[:, :, :, na * ny :].transpose(2, 1, 3, 0, 4).reshape(J, S, -1, C * ny)
-        pushed = np.zeros((*self.wanted.shape[:2], C * ny))
-        for j in range(J):
-            pushed += self.weights[:, :, j, None] * np.matmul(self.drive, ahead[j])
-        y = np.empty((na + self.wanted.shape[1], ny, C, S))  # runs side by side in memory
-        y[:na] = self.past.reshape(S, na, ny)[:, ::-1].transpose(1, 2, 0)[:, :, None]
-        y[na:] = pushed.reshape(S, -1, C, ny).transpose(1, 3, 2, 0)
-        lags, weights = y.reshape(-1, ny, C * S), self.weights.transpose(1, 2, 0)[:, :, None, None]
+        squares = self.stretches.squares(theta, picks)
         with np.errstate(over="ignore", invalid="ignore"):
-            for t in range(len(y) - na):
-                newest = np.einsum("kmn,kn->mn", back, lags[t : t + na].reshape(na * ny, C * S)).reshape(J, ny, C, S)
-                y[na + t] += (newest * weights[t]).sum(axis=0) if J > 1 else newest[0]
-            off = y[na:]
-            off -= self.wanted.transpose(1, 2, 0)[:, :, None]
-            off *= self.known.T[:, None, None]
-            squares = np.einsum("tics,tics->ci", off, off)
-            return np.mean(np.sqrt(squares / self.known.sum()) / self.spread, axis=1)
+            return np.mean(np.sqrt(squares / self.stretches.lengths.sum()) / self.spread, axis=1)
+
+    def _solved(self, picks: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of each candidate: coefficients fitted without each group, then to all; residual products; squares unseen.
+
+        Shapes (n, n_folds + 1, n_speeds * n_columns, n_outputs), (n, n_outputs, n_outputs), (n, n_outputs).
+        """
+        J, p, ny = len(self.speeds), self.n_columns, self.ny
+        total = self.gram.sum(axis=0)
+        grams, tested = np.concatenate([total - self.gram, total[None]]), np.concatenate([self.gram, total[None]])
+        theta = np.zeros((len(picks), self.folds + 1, J * p, ny))
+        left, unseen = np.zeros((len(picks), ny, ny)), np.zeros((len(picks), ny))
+        for size in {len(pick) for pick in picks}:
+            alike = [c for c, pick in enumerate(picks) if len(pick) == size]
+            at = np.stack([(np.arange(J)[:, None] * p + picks[c]).ravel() for c in alike])
+            rows, columns = at[:, :, None], at[:, None]
+            own, products = (
+                [g[:, rows, columns].swapaxes(0, 1), g[:, at, -ny:].swapaxes(0, 1)] for g in (grams, tested)
+            )
+            scale = np.sqrt(np.diagonal(own[0], axis1=2, axis2=3))
+            scale = np.where(scale > 0, scale, 1.0)[..., None]
+            ridge = _RIDGE * J * size * np.eye(J * size)
+            found = np.linalg.solve(own[0] / (scale * scale.swapaxes(2, 3)) + ridge, own[1] / scale) / scale
+            turned = found.swapaxes(2, 3)
+            cross = turned @ products[1]
+            residual = tested[:, -ny:, -ny:] - cross - cross.swapaxes(2, 3) + turned @ (products[0] @ found)
+            for i, c in enumerate(alike):
+                theta[c][:, at[i]] = found[i]
+            left[alike] = (residual[:, -1] + residual[:, -1].swapaxes(1, 2)) / 2
+            unseen[alike] = np.diagonal(residual[:, :-1], axis1=2, axis2=3).sum(axis=1)
+        return theta, left, unseen
+
+    def _poles(self, theta: np.ndarray, na: Sequence[int]) -> list[np.ndarray]:
+        """Of each candidate, those of the models at every speed."""
+        found: list[np.ndarray] = [np.empty(0)] * len(na)
+        for lags in set(na):
+            alike, k = [c for c, n in enumerate(na) if n == lags], lags * self.ny
+            own = theta[alike].reshape(len(alike), len(self.speeds), -1, self.ny)
+            companions = np.tile(np.eye(k, k=-self.ny), (*own.shape[:2], 1, 1))
+            companions[:, :, : self.ny] = own[:, :, :k].swapaxes(2, 3)
+            for c, values in zip(alike, np.linalg.eigvals(companions), strict=True):
+                found[c] = values.ravel()
+        return found
 
     # ---- the winner --------------------------------------------------------------------------------------------------
 
     def _ranked(self) -> list[Orders]:
         """The best first; those that would blow up last."""
-        for_sure = [o for o, c in self.done.items() if c.stable and np.isfinite(c.error)] or list(self.done)
-        least = min(self.done[o].error for o in for_sure)
-        alike = {o for o in for_sure if self.done[o].error <= _TIE * max(least, _EXACT)}
-
-        def place(o: Orders) -> tuple:
-            c = self.done[o]
-            return (o not in alike, o not in for_sure, c.n_parameters if o in alike else 0, c.error, o)
-
-        return sorted(self.done, key=place)
+        judged = list(self.done.items())
+        sure = [c.stable and np.isfinite(c.error) for _, c in judged]
+        if not any(sure):
+            sure = [True] * len(judged)
+        least = min(c.error for (_, c), holds in zip(judged, sure, strict=True) if holds)
+        alike = [holds and c.error <= _TIE * max(least, _EXACT) for (_, c), holds in zip(judged, sure, strict=True)]
+        place = [
+            (not a, not holds, c.n_parameters if a else 0, c.error, o.na, o.nb, o.nk)
+            for (o, c), holds, a in zip(judged, sure, alike, strict=True)
+        ]
+        return [judged[i][0] for i in sorted(range(len(judged)), key=place.__getitem__)]
 
     @property
     def best(self) -> Orders:
@@ -354,11 +381,3 @@ class _Trials:
         """The outcome."""
         ranked = self._ranked()
         return Choice(tuple((o, self.done[o]) for o in ranked))
-
-
-def _unexplained(gram: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """Products of the residuals that coefficients leave."""
-    p = len(theta)
-    cross = theta.T @ gram[:p, p:]
-    left = gram[p:, p:] - cross - cross.T + theta.T @ gram[:p, :p] @ theta
-    return (left + left.T) / 2
