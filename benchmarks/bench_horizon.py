@@ -27,9 +27,10 @@ from slipangle.reproduce import Progress, Reproduction
 ROUNDS, STEPS = 5, 120
 WAYS = ("condensed", "riccati", "auto")
 MASSES = 6
-BOUNDS = {"chain, N = 200": 2000.0}  # microseconds
-MASSES = 6
-BOUNDS = {"chain, N = 200": 2000.0}  # microseconds
+BOUNDS = {  # microseconds: median, and p99
+    "chain, N = 200": (2000.0, None),
+    "race car, N = 50": (400.0, 1000.0),
+}
 ACADOS = {  # microseconds in C, HPIPM with its best block size, on another machine
     "chain, N = 20": 182,
     "chain, N = 50": 372,
@@ -162,17 +163,19 @@ def _problem(name: str, mpc: MPC, drive: Callable[[MPC, Callable[[Plan | None, f
         least = 1e6 * np.min(spent[qp], axis=0)
         many = np.mean([p.iterations for p in plans[qp]])
         far = max(float(np.abs(a.u - b.u).max()) for a, b in zip(plans[qp], plans["condensed"], strict=True))
-        median, bound = float(np.median(least)), BOUNDS.get(name) if qp == "auto" else None
-        note = f"p99 {np.percentile(least, 99):.0f}; {many:.2f} iterations a plan; inputs as condensed to {far:.0e}"
-        found.append(
-            Record(
-                row=f"{name}, {qp}",
-                quantity="through Python [us], median",
-                thesis=None,
-                here=median,
-                bound="" if bound is None else f"<= {bound:g}",
-                holds=None if bound is None else median <= bound,
-                note=note,
+        times = float(np.median(least)), float(np.percentile(least, 99))
+        bounds = BOUNDS.get(name, (None, None)) if qp == "auto" else (None, None)
+        note = f"{many:.2f} iterations a plan; inputs as condensed to {far:.0e}"
+        for what, value, bound in zip(("median", "p99"), times, bounds, strict=True):
+            found.append(
+                Record(
+                    row=f"{name}, {qp}",
+                    quantity=f"through Python [us], {what}",
+                    thesis=None,
+                    here=value,
+                    bound="" if bound is None else f"<= {bound:g}",
+                    holds=None if bound is None else value <= bound,
+                    note=note if what == "median" else "",
+                )
             )
-        )
     return found

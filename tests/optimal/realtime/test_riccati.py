@@ -183,10 +183,10 @@ def test_a_solve_ends_at_its_deadline():
 def test_only_long_horizons_have_both_ways():
     mpc = problem("box", "auto")
     for qp, horizon, expected in (
-        ("auto", 8, False),
+        ("auto", 3, False),
         ("auto", 200, True),
         ("condensed", 200, False),
-        ("riccati", 8, True),
+        ("riccati", 3, True),
     ):
         ocp = replace(mpc, horizon=horizon).ocp
         assert ("#define RICCATI 1" in source(ocp, qp=qp)) is expected

@@ -95,17 +95,17 @@ def by_stages(ocp: OCP, stage: ca.Function, qp: str) -> bool:
     if qp != "auto":
         return qp == "riccati"
     condense, factor = _nanoseconds(ocp, stage)
-    return condense > 2 * factor
+    return condense > 1.5 * factor  # less is not worth twice the code
 
 
 def _nanoseconds(ocp: OCP, stage: ca.Function) -> tuple[float, float]:
     """About how long condensing takes, and one factor by stages with its sweeps; see benchmarks/bench_horizon.py."""
     n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
     rows = stage.nnz_out(2) + stage.nnz_out(4)
-    wide = 8 * -(-(nx + _changing(ocp, stage)) // 8)
     states = 0.5 * n * int(ocp.nodes[-1]) * nu * (nx * nx + rows)
-    condense = states + (len(ocp.tracked) * nu * nu + nu**3) * n**3 / 6
-    return 0.1 * condense, n * (350 + 0.15 * wide * nx * (nx + nu))
+    cubes = (len(ocp.tracked) * nu * nu + nu**3) * n**3 / 6
+    products = 8 * -(-(nx + nu) // 8) * (nx + _changing(ocp, stage)) * (nx + nu)
+    return 0.13 * (states + cubes) + 30 * n * nx + 1.2 * (n * nu) ** 2, n * (110 + 0.13 * products)
 
 
 def _changing(ocp: OCP, stage: ca.Function) -> int:
@@ -130,7 +130,9 @@ def _stages(ocp: OCP, stage: ca.Function, qp: str) -> list[str]:
 
 
 def _files(ocp: OCP, stage: ca.Function, qp: str) -> Sequence[str]:
-    memory, method = ("riccati_work.c", "riccati.c rows.c interior.c") if by_stages(ocp, stage, qp) else ("", "")
+    memory, method = "", ""
+    if by_stages(ocp, stage, qp):
+        memory, method = "riccati_work.c", "riccati.c bends.c rows.c interior.c"
     return f"ranges.c qp.c {memory} work.c stages.c solver.c {method} fallback.c judge.c".split()
 
 

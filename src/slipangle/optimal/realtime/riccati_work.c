@@ -1,4 +1,4 @@
-/* Memory of riccati.c, rows.c and interior.c. */
+/* Memory of riccati.c, bends.c, rows.c and interior.c. */
 
 #define FEW 6 /* remembered steps; with more the program is condensed */
 #define RZ (NX + NV)

@@ -149,7 +149,7 @@ static void begin_rows(Work *s)
         units(s->l, N + 1, NL, unit);
     r->rows = 0;
     for (int i = 0; i < QT; i++) {
-        r->price[i] = r->after[i] = r->value[i] = r->value_by[i] = 0, r->mode[i] = FREE, r->sign[i] = 0;
+        r->price[i] = r->after[i] = r->wanted[i] = r->value[i] = r->value_by[i] = 0, r->mode[i] = FREE, r->sign[i] = 0;
         if ((q->plain[i] <= 0 && q->square[i] <= 0) || !(q->hi[i] < INFINITY || q->lo[i] > -INFINITY))
             continue;
         double per = 1;
@@ -247,12 +247,11 @@ static void expect_rows(Work *s)
 }
 
 /* Whether the next quadratic program had better be solved by stages, by times [ns] that benchmarks/bench_horizon.py
-   measures: condensing, and each working row, against few factors where few rows are expected, else an interior point.
-*/
+   measures: condensing and each working row, against the factor of no row and those that put the expected ones right. */
 static int by_stages_now(const Work *s)
 {
-    double rows = (double)s->stages.expected, share = smaller(4 * rows / QN, 1);
-    return TO_CONDENSE + 0.25 * rows * rows * QN > TO_FACTOR * (2 + 13 * share);
+    double rows = (double)s->stages.expected;
+    return TO_CONDENSE + rows * QN * (10 + 0.15 * rows) > TO_FACTOR * (rows > 0 ? 2.5 : 1.2);
 }
 
 /* The gradient by the inputs with the multipliers of now; how large it is, relative to its terms. */
