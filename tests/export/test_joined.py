@@ -72,6 +72,14 @@ KINDS = {
     "a Huber cost, scenarios and a parameter": lambda: spring(
         huber={"p": 0.1, "v": 0.2}, scenarios=GAINS, free={"damping": (0.1, 1.0)}
     ),
+    "an exact Hessian": lambda: spring(
+        terms={"heat": lambda x, u, p: 0.1 * u[0] ** 4 + x[1] * u[0]},
+        limits=sa.Limits(a=2.0, heat=(-np.inf, 0.0)),
+        slack={},
+        slack_linear={"heat": 1.0},
+        free={"damping": (0.1, 1.0)},
+        solver=sa.RealTime(iterations=0, hessian="exact"),
+    ),
     "rates that solve equations": lambda: spring(SOLVED, scenarios=GAINS),
     "few iterations": lambda: spring(scenarios=GAINS, solver=sa.RealTime(iterations=0, max_iterations=2)),
 }
@@ -266,7 +274,7 @@ def test_what_has_no_c_is_said():
         project_of(spring(scenarios=GAINS, solver="ipopt"), "car", 3)
     whole = driver()
     whole._trusts = True
-    with pytest.raises(ParameterError, match="weighs scenarios, free parameters or Huber costs"):
+    with pytest.raises(ParameterError, match="weighs scenarios, free parameters, Huber costs"):
         project_of(whole, "car", 3)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from slipangle.control.mpc import MPC
 from slipangle.models.custom import Ode
-from slipangle.ops import sin, tanh
+from slipangle.ops import exp, sin, tanh
 from slipangle.optimal.end import TerminalCost
 from slipangle.optimal.engine import Start
 from slipangle.optimal.ipopt import Ipopt
@@ -91,12 +91,28 @@ KINDS = {
         "terms": {"e": lambda x, u, p: x[0] - p.q},
         "Q": Weights(b=0.5, c=2.0, e=3.0, q=0.2),
     },
+    "exact": {
+        "hessian": "exact",
+        "Q": Weights(a=0.5),
+        "R": Weights(),
+        "terms": {
+            "heat": lambda x, u, p: 0.1 * u[0] ** 4 + 0.05 * u[1] ** 2 + 0.1 * exp(x[2] * x[0]),
+            "drawn": lambda x, u, p: u[0] * x[1],
+        },
+        "limits": Limits(u=3.0, v=2.0, heat=(-np.inf, 0.0), drawn=(-np.inf, 0.0), b=1.5),
+        "slack_linear": Weights(heat=1.0, drawn=0.3, b=20.0),
+    },
     "huber": {"huber": Weights(a=0.3, c=0.2), "limits": Limits(u=3.0, v=2.0, b=1.2), "slack_linear": Weights(b=5.0)},
     "duration": {"duration": (0.5, 3.0), "terminal": Weights(a=30.0, b=5.0, c=2.0, duration=1.0)},
 }
 MIXED = {
     "soft limits, rates, terms and a matrix": {**KINDS["soft"], **KINDS["rates"], **KINDS["matrix"]},
     "scenarios and a free parameter": {**KINDS["scenarios"], **KINDS["free"], "S": Weights(u=0.3)},
+    "an exact Hessian and a free duration": {
+        **KINDS["exact"],
+        "duration": (0.5, 2.0),
+        "terminal": Weights(a=30.0, b=5.0, c=2.0, duration=1.0),
+    },
     "Huber costs over long stages": {**KINDS["steps"], **KINDS["rates"], **KINDS["huber"]},
     "Huber costs of scenarios": {**KINDS["scenarios"], "huber": Weights(a=0.3, b=0.2)},
     "a free duration and an end": {**KINDS["duration"], **KINDS["end"]},
@@ -112,9 +128,11 @@ def solvers(settings):
         "R": Weights(u=0.1, v=0.2),
         "limits": Limits(u=3.0, v=2.0),
     }
+    own = {"iterations": 0, "tolerance": 1e-11, "hessian": settings.get("hessian", "gauss-newton")}
+    settings = {name: value for name, value in settings.items() if name != "hessian"}
     engines = (
-        RealTime(iterations=0, tolerance=1e-11, qp="condensed"),
-        RealTime(iterations=0, tolerance=1e-11, qp="riccati"),
+        RealTime(**own, qp="condensed"),
+        RealTime(**own, qp="riccati"),
         Ipopt(tolerance=1e-13, max_iterations=1000),
     )
     return [MPC(solver=engine, **{"model": MODEL, **usual, **settings}) for engine in engines]

@@ -24,6 +24,7 @@ from slipangle.estimate.moving_horizon import MHE
 from slipangle.export.controllers import LANES, limits_of, number, table
 from slipangle.export.drives import NO_DRIVE, Drive
 from slipangle.export.estimators import filter_source
+from slipangle.export.joined import has_parts
 from slipangle.export.memory import size_of
 from slipangle.export.models import meaning
 from slipangle.export.mpc import mpc_project
@@ -162,10 +163,11 @@ def _require_known(driver: Driver) -> None:
                 f"a {type(part).__name__} in the driver has no C; expected a plain {kind.__name__}: write the parts "
                 "that have C by their own export"
             )
-    if driver._trusts and driver.controller.ocp.composed:
+    if driver._trusts and has_parts(driver.controller):
         raise ParameterError(
-            "the driver weighs scenarios, free parameters or Huber costs by its trust in the model, which has no C; "
-            "expected a problem without: give Driver(controller=...) an MPC of its own, whose weights stay"
+            "the driver weighs scenarios, free parameters, Huber costs or an exact Hessian by its trust in the model, "
+            "which has no C; expected a problem without: give Driver(controller=...) an MPC of its own, whose weights "
+            "stay"
         )
     if len(driver.controller.controls) != 1:
         raise ParameterError(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from slipangle.errors import ParameterError
@@ -11,19 +13,28 @@ from slipangle.export.project import template
 from slipangle.optimal.joined import Joined
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.realtime.curvature import require_curvature
 from slipangle.optimal.realtime.program import source
+
+
+def has_parts(mpc: Any) -> bool:
+    """Whether the solver of a controller is given another problem than the controller's."""
+    return mpc.ocp.composed or getattr(mpc.solver, "hessian", "") == "exact"
 
 
 def joined_solver(ocp: OCP, settings: RealTime) -> Part:
     """``car_joined.h`` and ``car_joined.c`` of a problem of several parts.
 
-    Raises ParameterError if it has stages of several steps.
+    Raises ParameterError if it has stages of several steps, or no exact Hessian where that is asked for.
     """
     if ocp.steps is not None:
         raise ParameterError(
             "a Huber cost over stages of several steps has no C; expected stages of one: leave out steps"
         )
-    joined = Joined(ocp)
+    exact = settings.hessian == "exact"
+    if exact:
+        require_curvature(ocp)
+    joined = Joined(ocp, curved=exact)
     bounds = joined.limits_at_nodes.copy()
     bounds[~joined.limited_at] = -np.inf, np.inf
     text = [source(joined, caller=True, qp=settings.qp), solver_tables(joined, settings, bounds), *_tables(joined)]

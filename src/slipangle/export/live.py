@@ -27,6 +27,7 @@ from slipangle.errors import ParameterError
 from slipangle.export.controllers import table
 from slipangle.export.drivers import path_source, path_tables
 from slipangle.export.drives import NO_DRIVE
+from slipangle.export.joined import has_parts
 from slipangle.export.models import sourced
 from slipangle.export.mpc import mpc_project
 from slipangle.export.project import template
@@ -93,7 +94,7 @@ class Live:
         inputs, law = set(plant.inputs), set(self.driver.inputs(0.0))
         steering = self.mpc.controls[0]
         return {
-            "the problem has scenarios, free parameters or Huber costs": self.mpc.ocp.composed,
+            "the problem has scenarios, free parameters, Huber costs or an exact Hessian": has_parts(self.mpc),
             "the controller decides more than the steering": len(self.mpc.controls) > 1,
             "the plant has inputs that nobody sets here": not inputs <= {steering, *law} or steering not in inputs,
             "the plant does not measure the model's outputs as states": not {*model.outputs, *POSE, "v_x"}

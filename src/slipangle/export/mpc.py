@@ -7,7 +7,7 @@ import re
 from slipangle.control.mpc import MPC
 from slipangle.export.controllers import around, number, project, table
 from slipangle.export.drives import Drive
-from slipangle.export.joined import joined_solver
+from slipangle.export.joined import has_parts, joined_solver
 from slipangle.export.mpc_tables import real_time, solver_tables
 from slipangle.export.project import Project, template
 from slipangle.optimal.realtime import RealTime
@@ -21,7 +21,7 @@ def mpc_project(mpc: MPC, name: str, drive: Drive) -> Project:
     Raises ParameterError if another solver solves it.
     """
     settings = real_time(mpc.solver)
-    joined = joined_solver(mpc.ocp, settings) if mpc.ocp.composed else None
+    joined = joined_solver(mpc.ocp, settings) if has_parts(mpc) else None
     solve = template("mpc_joined.c" if joined else "mpc_solve.c")
     decision = [template("begin_solver.c"), template("mpc.c").replace("@SOLVE@", solve)]
     text = "\n".join([source(mpc.ocp, caller=True, qp=settings.qp), _constants(mpc, settings), around(*decision)])

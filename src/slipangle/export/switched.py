@@ -8,6 +8,7 @@ from slipangle.control.switched import SwitchedMPC
 from slipangle.errors import ParameterError
 from slipangle.export.controllers import Part, around, number, project
 from slipangle.export.drives import NO_DRIVE, Drive
+from slipangle.export.joined import has_parts
 from slipangle.export.marx import marx_project
 from slipangle.export.mpc import mpc_project
 from slipangle.export.names import with_prefix
@@ -52,10 +53,10 @@ def _planner(controller: MPC | MultiARXMPC, name: str) -> Project:
     if type(controller).plan not in (MPC.plan, MultiARXMPC.plan):
         raise ParameterError(f"a {type(controller).__name__} has no C as a part; expected an MPC or a MultiARXMPC")
     ocp = getattr(controller, "ocp", None)
-    if ocp is not None and (ocp.composed or ocp.corridor is not None):
+    if ocp is not None and (has_parts(controller) or ocp.corridor is not None):
         raise ParameterError(
-            "a part of the switched controller has scenarios, free parameters, Huber costs or a corridor, which it "
-            "cannot be handed in C; expected one without: export that controller alone"
+            "a part of the switched controller has scenarios, free parameters, Huber costs, an exact Hessian or a "
+            "corridor, which it cannot be handed in C; expected one without: export that controller alone"
         )
     if isinstance(controller, MPC):
         return mpc_project(controller, name, NO_DRIVE)

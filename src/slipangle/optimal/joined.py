@@ -9,6 +9,9 @@ everything sets to an input of its own.
 A Huber cost is the least over an excess ``o`` of ``w (e - o)^2 + 2 w d |o|``, with weight ``w`` and bend ``d``: the
 excess over the bend, ``o / d``, is one more input of each stage, and the second part a soft limit of zero width. The
 end of everything sees the last stage's inputs, so its excess is an input of its own.
+
+For a solver that knows the curvature of the Lagrangian there are errors more, one for each state and input, which are
+zero: what it writes in their derivatives adds to the curvature by states and inputs of that node, and to nothing else.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ from slipangle.optimal.extended import Extension, extended
 from slipangle.optimal.ocp import OCP, Reference, at_nodes, middle
 
 FLAT = 1e-3  # curvature by inputs without effect, which a jump has, per square of half their range
+ZERO = "@zero"  # what errors that are zero are multiplied with
 LAST = "@last"  # 1 at the end of everything, where a Huber cost reads the excess of the end
 
 
@@ -65,6 +69,8 @@ class Joined(OCP):
         Whether something at the end of a scenario depends on its last input, which is then that of the jump too.
     common : int
         How many of the first inputs are common.
+    curved : int or None
+        The first of the errors that are zero, None where there are none.
     """
 
     base: OCP
@@ -73,8 +79,9 @@ class Joined(OCP):
     which: np.ndarray
     tied: bool
     common: int
+    curved: int | None
 
-    def __init__(self, base: OCP) -> None:
+    def __init__(self, base: OCP, *, curved: bool = False) -> None:
         # Long: what the solvers read, once each.
         n, s, once = base.horizon, base.scenarios, base.decided_once
         many, lead = 1 if s is None else len(s), int(bool(once))
@@ -95,7 +102,8 @@ class Joined(OCP):
             horizon=total,
             steps=base.steps,
             controls=(*base.controls, *once, *excesses, *(f"last excess of {name}" for name in base.bent_at_end)),
-            parameters=(*fixed, *resets, *front, *bends),
+            parameters=(*fixed, *resets, *front, *bends, *((ZERO,) if curved else ())),
+            curved=len(base.tracked) if curved else None,
             identity=uuid4().hex,
             scenarios=None,
             free={},
@@ -107,8 +115,10 @@ class Joined(OCP):
             ends=starts + n,
             **{name: getattr(base, name) for name in ("Q", "R", "S", "terminal", "limits", "rates", "slack")},
             **{name: getattr(base, name) for name in ("slack_linear", "corridor", "terms", "terminal_limits")},
-            **{name: getattr(base, name) for name in ("tracked", "references", "headings")},
+            **{name: getattr(base, name) for name in ("references", "headings")},
         )
+        width = model.n_states + len(self.controls) if curved else 0
+        self.__dict__["tracked"] = (*base.tracked, *(f"curvature {i}" for i in range(width)))
         self.__dict__["_counts"] = 1.0, 1.0, 1.0  # `spread` has counted them
         self.__dict__["soft"] = (*base.soft, *excesses)
         square, plain = base.slack_weights
@@ -197,10 +207,11 @@ class Joined(OCP):
         with np.errstate(invalid="ignore"):
             half = 0.5 * (high - low)
         flat = FLAT / np.where(np.isfinite(half) & (half > 0), half, 1.0) ** 2
-        of_q = np.zeros((self.horizon + 1, q.shape[1]))
+        of_q = np.zeros((self.horizon + 1, len(self.tracked)))
+        of_q[:, q.shape[1] :] = 1.0
         of_r, of_s = np.tile(flat, (self.horizon, 1)), np.zeros((self.horizon, len(self.controls)))
         for at, share in zip(self.starts, self.share, strict=True):
-            of_q[at : at + n + 1] = share * q
+            of_q[at : at + n + 1, : q.shape[1]] = share * q
             of_r[at : at + n, :nu] = share * r
             of_s[at : at + n, :nu] = share * s
         starts = self.starts
@@ -231,6 +242,16 @@ class Joined(OCP):
         for j, name in enumerate(self.limited[len(base.limited) + len(base.huber) :]):
             known[name] = u[j % len(base.controls)] - x[states.index(name)]
         return known | {f"excess of {n}": self._price(n, w) * self._share(n, u, w) for n in base.huber}
+
+    @property
+    def _bendable(self) -> tuple[str, ...]:
+        return self.base._bendable
+
+    def _curved(self, x: Any, u: Any, w: Any) -> list[Any]:
+        if self.curved is None:
+            return []
+        zero = w[self.exogenous.index(ZERO)]
+        return [zero * (ca.sum1(x) + ca.sum1(u))] * (len(self.tracked) - self.curved)
 
     def _price(self, name: str, w: Any) -> Any:
         """What an excess as large as the bend costs."""

@@ -441,7 +441,7 @@ class OCP(Checked):
             rows = [sum((float(f) * e for f, e in zip(row, each, strict=True) if f), 0.0) for row in self.terminal.rows]
         else:
             rows = []
-        error = [*(missed(n) - self._excess(n, u, w) for n in self._bendable), *rows]
+        error = [*(missed(n) - self._excess(n, u, w) for n in self._bendable), *rows, *self._curved(x, u, w)]
         limited = [values[n] for n in self.limited]
         empty = type(x)(0, 1)
         results = [stack(error), stack(limited) if limited else empty]
@@ -463,6 +463,10 @@ class OCP(Checked):
     def _excess(self, name: str, u: Any, w: Any) -> Any:
         """How far the error of a name is beyond its bend; see `joined`."""
         return 0.0
+
+    def _curved(self, x: Any, u: Any, w: Any) -> list[Any]:
+        """Errors that are zero, whose derivatives are a solver's; see `joined`."""
+        return []
 
     @property
     def _kind(self) -> Any:

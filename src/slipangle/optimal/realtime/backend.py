@@ -8,12 +8,13 @@ from functools import cache
 from typing import Annotated, ClassVar, Literal
 
 from slipangle.codegen.compiler import compiler, library, sentence
-from slipangle.errors import ModelWarning
+from slipangle.errors import ModelWarning, ParameterError
 from slipangle.fields import Checked, Count, Whole, Within
 from slipangle.optimal.engine import Engine
 from slipangle.optimal.joined import Joined
 from slipangle.optimal.joined_engine import JoinedEngine
 from slipangle.optimal.ocp import OCP
+from slipangle.optimal.realtime.curvature import require_curvature
 from slipangle.optimal.realtime.engine import CompiledEngine
 from slipangle.optimal.realtime.interpreted import InterpretedEngine
 from slipangle.optimal.realtime.program import source
@@ -55,6 +56,11 @@ class RealTime(Checked):
         Largest residual of real-time iterations that are a plan; see `Plan.residual`. [-]
     qp : {"auto", "condensed", "riccati"}
         How quadratic programs are solved; "auto" takes what is faster at each of them.
+    hessian : {"gauss-newton", "exact"}
+        Curvature of a step: squares of errors alone, or with the second derivatives of dynamics, limits and errors by
+        the multipliers of the step before, made positive semidefinite node by node by leaving out negative eigenvalues
+        of what they add. "exact" is for costs that are no squares, goes with ``iterations=0``, explicit integrators and
+        a compiler.
 
     References
     ----------
@@ -71,6 +77,15 @@ class RealTime(Checked):
     newton: Annotated[float, Within(0, open="low", example="1e-7")] = 1e-7
     accept: Annotated[float, Within(0, open="low", example="1e-2")] = 1e-2
     qp: Literal["auto", "condensed", "riccati"] = "auto"
+    hessian: Literal["gauss-newton", "exact"] = "gauss-newton"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.hessian == "exact" and self.iterations > 0:
+            raise ParameterError(
+                "the exact Hessian needs the multipliers of a step before, which real-time iterations do not have; "
+                "expected plans to convergence: say RealTime(hessian='exact', iterations=0)"
+            )
 
     def build(self, ocp: OCP, deadline: float | None = None) -> Engine:
         """Compile the problem, or take it from the cache.
@@ -80,12 +95,20 @@ class RealTime(Checked):
         ModelWarning
             Once, without a C compiler: the same algorithm then runs on CasADi's virtual machine, slower.
         """
-        if ocp.composed:
-            joined = Joined(ocp)
+        exact = self.hessian == "exact"
+        if exact and not (isinstance(ocp, Joined) and ocp.curved is not None):
+            require_curvature(ocp)
+        if (ocp.composed or exact) and not isinstance(ocp, Joined):
+            joined = Joined(ocp, curved=exact)
             return JoinedEngine(joined, self.build(joined, deadline))
         loaded = library(source(ocp, qp=self.qp), name="mpc", flags=FLAGS) if compiler() else None
         if loaded is not None:
             return CompiledEngine(ocp, loaded, self, deadline)
+        if exact:
+            raise ParameterError(
+                "the compiler failed, and the exact Hessian has compiled code alone; expected one that works, or "
+                "Gauss-Newton: RealTime()"
+            )
         if not compiler():  # a compiler that failed has been named already
             _say_once(sentence())
         return InterpretedEngine(ocp, self, deadline)

@@ -15,6 +15,7 @@ from slipangle.codegen.struct import accessors, clock
 from slipangle.numerics.integrate import RADAU_A, RETRY
 from slipangle.optimal.checks import ANY
 from slipangle.optimal.ocp import OCP
+from slipangle.optimal.realtime.curvature import curvature_function
 from slipangle.optimal.realtime.parts import (
     Implicit,
     dynamics_function,
@@ -69,6 +70,8 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
         called += [_by_row(stage, "called_stage"), _by_row(only(stage, [0, 1]), "called_stage_values")]
     if ocp.jumps:
         code.append(_columns(jump_function(ocp), "jump"))
+    if curved(ocp) is not None:
+        code.append(_columns(curvature_function(ocp), "curvature"))
     kinds = ["RADAU" if parts else "EXPLICIT" if plain is not None else "CALLED"]
     kinds.append("EXPLICIT" if stage_lanes is not None else "CALLED")
     head = [f"#define LANES {lanes}"] if lanes else []
@@ -133,7 +136,13 @@ def _files(ocp: OCP, stage: ca.Function, qp: str) -> Sequence[str]:
     memory, method = "", ""
     if by_stages(ocp, stage, qp):
         memory, method = "riccati_work.c", "riccati.c bends.c rows.c interior.c"
-    return f"ranges.c qp.c {memory} work.c stages.c solver.c {method} fallback.c judge.c".split()
+    curve = "" if curved(ocp) is None else "curvature.c"
+    return f"ranges.c qp.c {memory} work.c stages.c {curve} solver.c {method} fallback.c judge.c".split()
+
+
+def curved(ocp: OCP) -> int | None:
+    """The first error whose derivatives curvature.c writes, if there are any."""
+    return getattr(ocp, "curved", None)
 
 
 def _columns(function: ca.Function, name: str) -> str:
@@ -227,6 +236,8 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
         )
         lines += [f"#define EDGES {at}", f"#define HALF_WIDTH {0.5 * ocp.corridor!r}"]
         lines += [f"#define EDGE_LOW {low}", f"#define EDGE_HIGH {high}"]
+    if curved(ocp) is not None:
+        lines.append(f"#define CURVED {curved(ocp)}")
     lines.append("#define GROUPS ((NS + LANES - 1) / LANES)")
     lines += [
         _array("double", "SCALE", input_scale(ocp)),

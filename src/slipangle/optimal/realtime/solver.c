@@ -80,6 +80,9 @@ static int linearise(Work *s)
     s->open_end = 0;
     for (int i = 0; i <= N; i += LANES)
         evaluate_stage(s, i);
+#ifdef CURVED
+    curve(s);
+#endif
     return moderate(s->next, NS * NX) && moderate(s->e, (N + 1) * NE) && moderate(s->l, (N + 1) * NL) &&
            moderate(s->A, NS * NX * NX);
 }
@@ -837,6 +840,7 @@ static int converge(Work *s, int64_t most, int loose)
     int status = ITERATION_LIMIT, idle = 0;
     double price = 0, dearest = 0, miss = 0;
     memset(s->penalty, 0, sizeof s->penalty);
+    s->curved = 0;
     s->hard_penalty = 0, s->pairs = 0, s->damp = 0;
     int calm = 0;
     if (!begins(s, LINEARISE))
@@ -865,6 +869,7 @@ static int converge(Work *s, int64_t most, int loose)
             return INFEASIBLE;
         if (done != SOLVED)
             return done;
+        s->curved = 1;
         miss = N_LIMITS > 0 && price > 0 ? largest_excess(s, s->l_after) : 0;
         n++, s->iterations++, calm++;
         gradient(s, s->g_from);
