@@ -10,6 +10,8 @@ from slipangle.control.marx.mpc import MultiARXMPC as MultiARXMPC
 from slipangle.control.mpc import MPC as MPC
 from slipangle.control.phases import PhasedPlan as PhasedPlan
 from slipangle.control.phases import Phases as Phases
+from slipangle.control.racing.pedals import Pedals as Pedals
+from slipangle.control.racing.racer import Racer as Racer
 from slipangle.control.speed.driver import SpeedDriver as SpeedDriver
 from slipangle.data.dataset import Channel as Channel
 from slipangle.data.dataset import Dataset as Dataset

@@ -1,0 +1,71 @@
+"""`RacingCar`: the lap's car over time, with which a filter learns how much the road holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from slipangle.models.ode import OdeModel
+from slipangle.ops import Scalar, Vector, cos, maximum, sin, stack
+from slipangle.optimal.lap.car import LapCar, rates
+from slipangle.units import SI
+
+SLOWEST = 3.0  # m/s, below which the equations take this speed
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnRoad(LapCar):
+    """The lap's car on a road whose friction differs from what was expected."""
+
+    grip: Annotated[float, SI("-", "friction of the tires over that of the lap's car", 0.2, 2.0)] = 1.0
+
+    @classmethod
+    def of(cls, car: LapCar) -> OnRoad:
+        """The car on the road it is known on."""
+        return cls(**{name: getattr(car, name) for name in LapCar.metadata()})
+
+    @property
+    def here(self) -> OnRoad:
+        """The car with its friction on this road."""
+        return self.with_values(mu_f=self.grip * self.mu_f, mu_r=self.grip * self.mu_r)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RacingCar(OdeModel):
+    """The lap's car over time, its steering and longitudinal force given, and accelerations that they do not explain.
+
+    States are X, Y, psi [m, m, rad], v_x, v_y [m/s], r [rad/s], ``d_v_x`` [m/s2] and ``d_r`` [rad/s2]; inputs the
+    road-wheel angle and the force of the tires along the car [rad, N]; signals a_x and a_y as an accelerometer shows
+    them. [m/s2]
+    """
+
+    states = ("X", "Y", "psi", "v_x", "v_y", "r", "d_v_x", "d_r")
+    inputs = ("delta", "F_x")
+    params: OnRoad
+    outputs: tuple[str, ...] = ("X", "Y", "psi", "v_x", "r", "a_x", "a_y")
+
+    def derivative(self, x: Vector, u: Vector) -> Vector:
+        """Planar motion."""
+        psi, v_y, r = x[2], x[4], x[5]
+        v_x = maximum(x[3], SLOWEST)
+        motion = rates(v_x, v_y, r, u[0], u[1], self.params.here)
+        c, s = cos(psi), sin(psi)
+        return stack(
+            [
+                v_x * c - v_y * s,
+                v_x * s + v_y * c,
+                r,
+                motion.v_x + x[6],
+                motion.v_y,
+                motion.r + x[7],
+                0.0 * r,
+                0.0 * r,
+            ]
+        )
+
+    def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
+        """Accelerations."""
+        v_y, r = x[4], x[5]
+        v_x = maximum(x[3], SLOWEST)
+        motion = rates(v_x, v_y, r, u[0], u[1], self.params.here)
+        return {"a_x": motion.v_x - v_y * r + x[6], "a_y": motion.v_y + v_x * r}

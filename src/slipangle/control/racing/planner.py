@@ -1,0 +1,196 @@
+"""`Planner`: the next seconds of a lap at the limit, from where the car is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.mpc import MPC
+from slipangle.control.racing.along_track import AlongTrack
+from slipangle.ops import Scalar, Vector
+from slipangle.optimal.lap.car import LapCar, forces, slip
+from slipangle.optimal.lap.lap import Lap
+from slipangle.optimal.lap.program import saturation, without_peak
+from slipangle.optimal.ocp import Reference
+from slipangle.optimal.realtime.backend import RealTime
+from slipangle.optimal.solution import Plan, Status
+from slipangle.optimal.terms import Limits, Weights
+from slipangle.paths.path import Path
+
+STATES = AlongTrack.states
+SUBSTEPS = 2  # of a stage: lateral motion at walking pace is quick
+# Weights of distances from the lap, per m2, rad2, (m/s)2, (rad/s)2, and of forces over half the weight.
+FROM_LAP = {"n": 2.0, "chi": 20.0, "v_x": 10.0, "v_y": 0.2, "r": 2.0, "delta": 20.0, "F_x": 1.0}
+RATES = {"delta_rate": 10.0, "F_rate": 0.3}  # per (rad/s)2, of force rates over half the weight
+# Squared and plain price of leaving limits: edges [m], drive, slip over that at the peak, use of the axles' force.
+PRICES = {"n": (50.0, 2.0), "F_x": (5.0, 5.0), "slip_f": (200.0, 20.0), "slip_r": (400.0, 30.0)}
+PRICES |= {"use_f": (50.0, 8.0), "use_r": (50.0, 8.0)}
+SLIP, USE = 0.92, 0.90  # up to which slip angles and longitudinal forces go, over their largest
+FORGOTTEN = 1.0  # s, after which an acceleration that was not explained is gone
+SLOWEST = 3.0  # m/s along the track
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """What the car is like now.
+
+    Parameters
+    ----------
+    grip : float
+        Friction of the tires over that of the lap's car. [-]
+    d_v_x, d_r : float
+        Accelerations that its equations leave out. [m/s2, rad/s2]
+    """
+
+    grip: float = 1.0
+    d_v_x: float = 0.0
+    d_r: float = 0.0
+
+
+class Planner:
+    """Follows a lap of a car by an `MPC` over arc length, at the limits of its tires, its drive and the edges.
+
+    Decided are the rates of steering and longitudinal force. Stages last ``dt`` at the speeds of the lap; the last
+    one ends on the lap, at its speed, from which there is a way on. Limits of tires, drive and edges are soft, so that
+    a car that is beyond them is brought back.
+
+    Parameters
+    ----------
+    car : LapCar
+        As believed; friction and drive are told with every plan.
+    track : Path
+        Closed, with its edges.
+    dt : float
+        Of a stage, and between plans. [s]
+    horizon : int
+        Stages.
+    """
+
+    def __init__(self, car: LapCar, track: Path, *, dt: float, horizon: int) -> None:
+        self.car, self.track, self.dt, self.horizon = car, track, dt, horizon
+        force = 0.5 * car.weight
+        prices = {**PRICES, "F_x": (PRICES["F_x"][0] / force**2, PRICES["F_x"][1] / force)}
+        self.mpc = MPC(
+            AlongTrack(params=car, dt=dt, substeps=SUBSTEPS),
+            horizon=horizon,
+            controls=("delta_rate", "F_rate"),
+            Q=Weights({**FROM_LAP, "F_x": FROM_LAP["F_x"] / force**2}),
+            R=Weights(delta_rate=RATES["delta_rate"], F_rate=RATES["F_rate"] / force**2),
+            terms=_limited(car),
+            limits=Limits(
+                delta_rate=car.delta_rate,
+                F_rate=car.force_rate * car.weight,
+                **dict(n=np.inf, F_x=np.inf, slip_f=SLIP, slip_r=SLIP, use_f=USE, use_r=USE),
+            ),
+            slack=Weights({name: price[0] for name, price in prices.items()}),
+            slack_linear=Weights({name: price[1] for name, price in prices.items()}),
+            solver=RealTime(iterations=2, accept=1e6, max_iterations=30),
+        )
+
+    def follow(self, lap: Lap, room: float) -> None:
+        """The lap to drive, and the room between the car's centre and an edge. [m]"""
+        length, turns = lap.track.length, (-1, 0, 1)
+        states = np.column_stack([lap.n, lap.chi, lap.v_x, lap.v_y, lap.r, lap.delta, lap.F_x])
+        self._s = np.concatenate([lap.s + k * length for k in turns])
+        self._states = np.vstack([states] * 3)
+        self._rate = 1.0 / np.gradient(np.concatenate([lap.t + k * lap.time for k in turns]), self._s)
+        self._room = room
+
+    def at(self, s: np.ndarray) -> np.ndarray:
+        """States of the lap at arc lengths [m], shape (n, 7)."""
+        place = np.asarray(s) % self.track.length
+        return np.column_stack([np.interp(place, self._s, column) for column in self._states.T])
+
+    def plan(
+        self,
+        x: np.ndarray,
+        s: float,
+        known: Known,
+        most: Callable[[np.ndarray, np.ndarray], np.ndarray],
+        previous: Plan | None,
+    ) -> Plan:
+        """Plan from a state of `AlongTrack`, shape (7,), at an arc length. [m]
+
+        Parameters
+        ----------
+        x, s, known
+            Where the car is, and what it is like.
+        most : callable
+            Force at full throttle [N] at arc lengths [m] and speeds. [m/s]
+        previous : Plan, optional
+            The plan before. Where that leads nowhere, the lap itself is the first guess.
+        """
+        nodes = self._nodes(s, float(x[2]))
+        wanted = self.at(nodes)
+        reference = self._reference(nodes, wanted, known, most)
+        plan = self.mpc.plan(x, reference, previous)
+        return plan if plan.age == 0 else self.mpc.plan(x, reference, self._as_before(wanted, plan))
+
+    def _nodes(self, s: float, v_x: float) -> np.ndarray:
+        """Arc lengths of the stages: at the lap's speeds, as much faster or slower as the car is now. [m]"""
+        length, nodes = self.track.length, [s]
+        off = v_x - float(np.interp(s % length, self._s, self._states[:, 2]))
+        for _ in range(self.horizon):
+            rate = float(np.interp(nodes[-1] % length, self._s, self._rate)) + off
+            nodes.append(nodes[-1] + self.dt * max(rate, SLOWEST))
+        return np.array(nodes)
+
+    def _reference(
+        self,
+        nodes: np.ndarray,
+        wanted: np.ndarray,
+        known: Known,
+        most: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    ) -> Reference:
+        ocp, car, here = self.mpc.ocp, self.car, self.track.at(nodes)
+        stage = np.diff(nodes)
+        bend = np.diff(np.unwrap(here.psi)) / stage
+        left = np.exp(-self.dt / FORGOTTEN * np.arange(len(nodes)))
+        same = np.ones(len(nodes))
+        given = {
+            "curvature": np.append(bend, here.curvature[-1]),
+            "stage": np.append(stage, stage[-1]),
+            **{name: known.grip * getattr(car, name) * same for name in ("mu_f", "mu_r")},
+            "d_v_x": known.d_v_x * left,
+            "d_r": known.d_r * left,
+        }
+        limits = ocp.limits_at_nodes.copy()
+        n, F = ocp.limited.index("n"), ocp.limited.index("F_x")
+        limits[:, n] = np.column_stack([self._room - here.right, here.left - self._room])
+        limits[:, n].sort(axis=1)
+        limits[:, F] = np.column_stack([-car.brake_force * same, most(nodes, wanted[:, 2])])
+        return Reference(
+            tracked=wanted[:, [STATES.index(name) for name in ocp.references]],
+            exogenous=np.column_stack([given[name] for name in ocp.exogenous]),
+            limits=limits,
+        )
+
+    def _as_before(self, wanted: np.ndarray, failed: Plan) -> Plan:
+        """The lap as if it had been planned a step before."""
+        bounds, later = self.mpc.ocp.input_bounds, np.diff(wanted[:, 5:], axis=0) / self.dt
+        u = np.clip(np.vstack([later[:1], later[:-1]]), bounds[:, 0], bounds[:, 1])
+        x = np.vstack([wanted[:1], wanted[:-1]])
+        return replace(failed, u=u, x=x, status=Status.SOLVED, age=0, stopping=False, memory=None, unfinished=None)
+
+
+def _limited(car: LapCar) -> dict[str, Callable[[Vector, Vector, Any], Scalar]]:
+    """Slip angles over those of the largest force, and longitudinal forces over what the axles hold, by name."""
+    flags = without_peak(car)
+
+    def slips(x: Vector, u: Vector) -> tuple[Scalar, Scalar]:
+        here = AlongTrack.on(car, u)
+        return saturation(*slip(x[2], x[3], x[4], x[5], here), here, flags)
+
+    def used(x: Vector, u: Vector) -> tuple[Scalar, Scalar]:
+        acting = forces(0.0, 0.0, x[6], x[2] * x[4], x[2], AlongTrack.on(car, u))
+        return acting.front.use, acting.rear.use
+
+    return {
+        "slip_f": lambda x, u, p: slips(x, u)[0],
+        "slip_r": lambda x, u, p: slips(x, u)[1],
+        "use_f": lambda x, u, p: used(x, u)[0],
+        "use_r": lambda x, u, p: used(x, u)[1],
+    }

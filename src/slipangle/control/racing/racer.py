@@ -1,0 +1,255 @@
+"""`Racer`: drives a car round a track as fast as its tires allow, and faster as it learns what they hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from slipangle.control.commands import HINDERED, STAY, Commands
+from slipangle.control.racing.learning import Learned
+from slipangle.control.racing.on_road import OnRoad, RacingCar
+from slipangle.control.racing.pedals import Pedals
+from slipangle.control.racing.planner import Known, Planner
+from slipangle.errors import ParameterError, SimulationError, SolverError
+from slipangle.estimate.ekf import EKF
+from slipangle.optimal.lap.car import LapCar
+from slipangle.optimal.lap.fastest_lap import fastest_lap
+from slipangle.optimal.lap.lap import Lap
+from slipangle.optimal.solution import Plan
+from slipangle.paths.path import Path
+
+NOISE = {"X": 0.05, "Y": 0.05, "psi": 0.005, "v_x": 0.05, "r": 0.005, "a_x": 0.2, "a_y": 0.2}
+WANDER = {"X": 0.01, "Y": 0.01, "psi": 0.001, "v_x": 0.1, "v_y": 0.2, "r": 0.1, "d_v_x": 2.0, "d_r": 1.0}
+START = {"X": 0.1, "Y": 0.1, "psi": 0.01, "v_x": 0.1, "v_y": 0.1, "r": 0.02, "d_v_x": 0.5, "d_r": 0.2}
+GRIP_WANDER = 0.002  # relative, per root of a second
+ALONG = 0.95  # of the longitudinal friction that a lap is planned with: no wheel locks for a wrong brake
+CHANGED = 0.003  # of grip, from which a new lap is planned
+STOP = 0.3  # of the weight, with which a car brakes that has no plan any more
+_POSE = ("X", "Y", "psi", "v_x")
+
+
+class Racer:
+    """Drives a fastest lap at the limit from noisy sensors, and plans a faster one after every lap.
+
+    Inside, at every ``dt``, a model predictive controller over arc length (`slipangle.control.racing.planner.Planner`)
+    decides steering and longitudinal force by the equations and limits of the lap's own car: slip angles, friction
+    ellipses, drive and edges. A filter estimates the state, what the equations leave out, and the road's friction;
+    what full throttle gives is learned by place. Where the car crosses the start line, the next lap is planned for the
+    grip that is sure by then (`slipangle.control.racing.learning.Learned`), so that margins shrink as the laps go by.
+    That takes as long as a `fastest_lap`, a second or more; with ``between=False`` it is left to calls of `learn`.
+
+    It is a driver for `slipangle.simulate.drive.drive`, from a rolling start on the track.
+
+    Parameters
+    ----------
+    car : LapCar
+        As believed, such as ``sa.lap_car(model)``; the friction may be wrong by about ``grip_std``.
+    track : Path
+        Closed, with its edges.
+    pedals : Pedals
+        What throttle and brake do, such as ``Pedals.of(params)`` of a dual track.
+    lap : Lap, optional
+        The first lap to drive; by default the fastest for the grip that is sure.
+    share : float
+        Of the grip that is sure, which laps are planned with. [-]
+    grip_std : float
+        Standard deviation of the tires' friction over the believed one, at the start. [-]
+    margin : float
+        Kept free between the car's side and the edges by plans. [m]
+    noise : mapping of str to float
+        Standard deviation of X, Y, psi, v_x, r, a_x, a_y as measured, SI units; where not given 0.05 m, 0.005 rad,
+        0.05 m/s, 0.005 rad/s, 0.2 m/s2.
+    sample, dt : float
+        Between calls of `step`, and between plans, a multiple of it. [s]
+    horizon : int
+        Plans ahead, each ``dt`` long.
+    between : bool
+        Whether the next lap is planned at the start line.
+
+    Attributes
+    ----------
+    first, lap : Lap
+        What the drive begins with, and what is driven now.
+    learned : Learned
+        What is known by now.
+
+    Raises
+    ------
+    ParameterError
+        If the track is open or has no edges, or a number is out of range.
+    SolverError
+        If there is no first lap.
+    """
+
+    controls = ("delta", "throttle", "brake")
+
+    def __init__(
+        self,
+        car: LapCar,
+        track: Path,
+        pedals: Pedals,
+        *,
+        lap: Lap | None = None,
+        share: float = 0.92,
+        grip_std: float = 0.05,
+        margin: float = 0.15,
+        noise: Mapping[str, float] | None = None,
+        sample: float = 0.01,
+        dt: float = 0.05,
+        horizon: int = 40,
+        between: bool = True,
+    ) -> None:
+        if not track.closed:
+            raise ParameterError(f"'{track.name}' is open; expected a closed track to race on")
+        for name, value, low, high in (("share", share, 0.3, 1.0), ("grip_std", grip_std, 0.0, 0.5)):
+            if not low <= value <= high:
+                raise ParameterError(f"{name} is {value:g}; expected {low:g} to {high:g}")
+        self._every = round(dt / sample)
+        if self._every < 1 or not math.isclose(self._every * sample, dt, rel_tol=1e-6):
+            raise ParameterError(f"dt is {dt:g} s, the sample time {sample:g} s; expected a whole multiple")
+        self.car, self.track, self.pedals = car, track, pedals
+        self.share, self.grip_std, self.margin, self.sample, self.between = share, grip_std, margin, sample, between
+        self._planner = Planner(car, track, dt=dt, horizon=horizon)
+        self._filter = EKF(
+            start=RacingCar(params=OnRoad.of(car), dt=sample),
+            free=("grip",),
+            noise_std={**NOISE, **(noise or {})},
+            process_std=WANDER,
+            state_std=START,
+            prior_std={"grip": max(grip_std, 1e-4)},
+            walk_std={"grip": GRIP_WANDER},
+        )
+        self.learned = Learned(pedals, track.length, grip_std)
+        if lap is None:
+            lap = fastest_lap(self._sure(), track, margin=margin)
+        self.first = lap
+        self.reset()
+
+    @property
+    def path(self) -> Path:
+        """The track with the lap's speeds."""
+        lap, length = self.lap, self.track.length
+        return self.track.with_speed(np.interp(self.track.s, lap.s, lap.v_x, period=length))
+
+    def reset(self) -> None:
+        """Forget the drive so far, and what was learned; the next call of `step` begins another."""
+        self.learned = Learned(self.pedals, self.track.length, self.grip_std)
+        self.lap = self.first
+        self._planner.follow(self.lap, 0.5 * self.car.width + self.margin)
+        self._tracker: Any = None
+        self._plan: Plan | None = None
+        self._tick, self._turns, self._s, self._begun = -1, 0, math.nan, math.nan
+        self._delta, self._F, self._acting = 0.0, 0.0, 0.0
+        self._restarts = 0
+
+    def learn(self) -> None:
+        """Plan the next lap for what is known by now, like the one before; where there is none, that is driven on."""
+        self.learned.end_lap()
+        car, now = self._sure(), self.lap.car
+        if abs(car.mu_f / now.mu_f - 1.0) > CHANGED:
+            with suppress(SolverError):
+                self.lap = fastest_lap(car, self.track, margin=self.margin, like=self.lap)
+                self._planner.follow(self.lap, 0.5 * self.car.width + self.margin)
+        self.learned.begin_lap()
+
+    def _sure(self) -> LapCar:
+        """The car for a lap."""
+        sure = self.learned.car(self.car, self.share)
+        return replace(sure, mu_x=ALONG * sure.mu_x)
+
+    # ---- one step ----------------------------------------------------------------------------------------------
+
+    def step(self, measurements: Mapping[str, float], t: float) -> Commands:
+        """Take in what was measured and say what to do.
+
+        Parameters
+        ----------
+        measurements : mapping of str to float
+            X, Y, psi, v_x, r, a_x, a_y, SI units; missing ones and NaN are not measured now.
+        t : float
+            Time of the call, ``sample`` after the one before. [s]
+
+        Returns
+        -------
+        Commands
+            Steering angle of the road wheels [rad], throttle and brake. [0 to 1]
+        """
+        self._tick += 1
+        if not self._observe(measurements):
+            return self._waiting()
+        x, grip = self._tracker.state, float(self._tracker.parameters[0])
+        s, e_y, heading = self.track.project(float(x[0]), float(x[1]), None if math.isnan(self._s) else self._s)
+        self._s = s
+        self._count_laps(s)
+        if self._plan is None or self._tick % self._every == 0:
+            chi = math.remainder(float(x[2]) - heading, 2 * math.pi)
+            state = np.array([e_y, chi, x[3], x[4], x[5], self._delta, self._F])
+            known = Known(grip=grip, d_v_x=float(x[6]), d_r=float(x[7]))
+            self._plan = self._planner.plan(state, s, known, self.learned.most, self._plan)
+        values = self._act(self._plan, float(x[3]), float(x[6]), grip)
+        return Commands(
+            values=values,
+            wanted_v_x=0.0 if self._plan.stopping else float(self._planner.at(np.array([s]))[0, 2]),
+            plan=self._plan,
+            message=self._plan.message,
+            s=s,
+            e_y=e_y,
+            state=x,
+            state_std=self._tracker.state_std,
+            restarts=self._restarts,
+        )
+
+    def _observe(self, measurements: Mapping[str, float]) -> bool:
+        """Bring the estimate to now; whether there is one."""
+        given = {**measurements, "delta": self._delta, "F_x": self._acting}
+        if self._tracker is None:
+            if not all(math.isfinite(measurements.get(name, math.nan)) for name in _POSE):
+                return False
+            self._tracker = self._filter.begin(given)
+        try:
+            self._tracker.take(given)
+        except SimulationError:
+            self._tracker, self._plan = None, None
+            self._restarts += 1
+            return False
+        return True
+
+    def _count_laps(self, s: float) -> None:
+        length = self.track.length
+        if math.isnan(self._begun):
+            self._begun, self._turns = s, math.floor(s / length)
+        turns = math.floor(s / length)
+        if turns > self._turns and s - self._begun > 0.5 * length and self.between:
+            self.learn()
+        self._turns = max(turns, self._turns)
+
+    def _act(self, plan: Plan, v_x: float, unexplained: float, grip: float) -> dict[str, float]:
+        """Commands of a sample, and what the car does with them."""
+        car, dt = self.car, self.sample
+        turn, rise = (float(v) for v in plan.command)
+        if plan.stopping:
+            turn, rise = 0.0, min(max((-STOP * car.weight - self._F) / dt, -car.force_rate * car.weight), 0.0)
+        self._delta = min(max(self._delta + dt * turn, -car.delta_max), car.delta_max)
+        most = float(self.learned.most(self._s, v_x))
+        self._F = min(max(self._F + dt * rise, -car.brake_force), most)
+        throttle, brake = self.pedals.pressed(self._F, v_x, most)
+        settled = self.pedals.force(throttle, brake, v_x, most)
+        lag = self.pedals.lag if brake == 0.0 else 0.0
+        self._acting += (settled - self._acting) * (min(dt / lag, 1.0) if lag > 0 else 1.0)
+        spread = float(self._tracker.parameters_std[0])
+        force = self._acting + car.mass * unexplained
+        self.learned.see(self._s, force, throttle, (grip, spread), dt)
+        return {"delta": self._delta, "throttle": throttle, "brake": brake}
+
+    def _waiting(self) -> Commands:
+        """Before the first pose."""
+        nothing = np.zeros(self._filter.model.n_states)
+        values = {"delta": self._delta, "throttle": 0.0, "brake": 0.0}
+        message = f"{HINDERED[3]}, {STAY}"
+        more: dict[str, Any] = {"state": nothing, "state_std": np.full_like(nothing, np.inf)}
+        return Commands(values=values, wanted_v_x=0.0, message=message, restarts=self._restarts, **more)

@@ -1,0 +1,160 @@
+"""A racer in the loop with a dual track on a small circuit, whose road holds less than it believes."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import slipangle as sa
+from slipangle.control.racing.learning import Learned
+from slipangle.control.racing.planner import Known, Planner
+from slipangle.control.racing.racer import NOISE
+from slipangle.errors import ParameterError
+from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
+from slipangle.models.vehicles.dual_track.dual_track import DualTrack
+from slipangle.models.vehicles.road import Road
+from slipangle.simulate.drive import drive
+from tests.optimal.lap.cars import circuit, straight
+
+SEEN = ("X", "Y", "psi", "v_x", "r", "a_x", "a_y")
+OUTPUTS = ("v_x", "v_y", "r", "X", "Y", "psi", "a_x", "a_y")
+PEDALS = sa.Pedals.of(BMW_320I)
+FRICTION, MARGIN = 0.95, 0.4
+
+
+def car_on(friction):
+    road = Road(friction=(friction,) * 4)
+    return DualTrack(
+        params=BMW_320I, tire_f=PASSENGER_TIRE, tire_r=PASSENGER_TIRE, dt=0.001, outputs=OUTPUTS, road=road
+    )
+
+
+@cache
+def believed():
+    """The car as its model says, with a drive as its gears give it in the mean, and a little less grip: see limits."""
+    car = sa.lap_car(car_on(1.0), power=7e4, drive_force=3200.0)
+    return replace(car, C_f=0.88 * car.C_f, mu_f=0.96 * car.mu_f, mu_r=0.98 * car.mu_r)
+
+
+@cache
+def first_lap():
+    car = believed()
+    sure = replace(car, mu_f=0.86 * car.mu_f, mu_r=0.86 * car.mu_r, mu_x=0.95)
+    return sa.fastest_lap(sure, circuit(), points=80, margin=MARGIN)
+
+
+def raced(racer, laps, friction=FRICTION, seed=1):
+    noise = sa.Values(**{name: NOISE[name] for name in SEEN})
+    plant = sa.Plant(car_on(friction), noise=noise, seed=seed)
+    lap = racer.lap
+    X, Y, psi, v = (column[-2] for column in (lap.X, lap.Y, lap.psi, lap.v_x))
+    x0 = plant.straight(v, X=X, Y=Y, psi=psi)
+    run = drive(plant, racer, duration=laps * lap.time, channels=SEEN, x0=x0, width=racer.car.width)
+    places = np.column_stack([run["X"], run["Y"], run["v_x"]])
+    channels = [sa.Channel("X", "m"), sa.Channel("Y", "m"), sa.Channel("v_x", "m/s")]
+    log = sa.Dataset(values=places, channels=channels, dt=0.01)
+    return run, [driven.time for driven in sa.driven_laps(log, racer.track)]
+
+
+@cache
+def three_laps():
+    racer = sa.Racer(believed(), circuit(), PEDALS, lap=first_lap(), margin=MARGIN)
+    run, times = raced(racer, 3.4)
+    return racer, run, times
+
+
+def test_it_drives_near_the_optimum_and_stays_on_the_track():
+    racer, run, times = three_laps()
+    car = believed()
+    known = replace(car, mu_f=FRICTION * car.mu_f, mu_r=FRICTION * car.mu_r)
+    fastest = sa.fastest_lap(known, circuit(), points=80).time
+    assert run.inside
+    assert run.fallbacks < 0.01 * len(run.plans)
+    assert len(times) == 3
+    assert max(times) < 1.07 * fastest  # 3 % of it are the margin of 0.4 m and the first lap's careful grip
+    assert racer.lap.time < 1.04 * fastest
+
+
+def test_laps_are_planned_faster_as_it_learns():
+    racer, _, times = three_laps()
+    assert racer.learned.grip == pytest.approx(FRICTION, abs=0.06)
+    assert racer.lap.time < racer.first.time
+    assert min(times[1:]) < times[0]
+    assert racer.learned.grip_std < 0.02
+
+
+def test_it_learns_how_much_the_road_holds():
+    slippery = sa.Racer(believed(), circuit(), PEDALS, lap=first_lap(), margin=MARGIN, between=False)
+    raced(slippery, 1.2, friction=0.88)
+    slippery.learned.end_lap()
+    grippy = sa.Racer(believed(), circuit(), PEDALS, lap=first_lap(), margin=MARGIN, between=False)
+    raced(grippy, 1.2, friction=1.0)
+    grippy.learned.end_lap()
+    assert grippy.learned.grip - slippery.learned.grip > 0.06
+    assert slippery.learned.grip < 0.97 < grippy.learned.grip
+
+
+def test_what_full_throttle_gives_is_learned_by_place():
+    learned = Learned(PEDALS, 500.0, 0.05)
+    for _ in range(100):
+        learned.see(203.0, 1800.0, 1.0, (0.95, 0.01), 0.01)
+    assert learned.most(507.0 + 200.0, 20.0) == pytest.approx(1800.0)
+    assert learned.most(230.0, 20.0) == pytest.approx(float(PEDALS.most(20.0)))
+    learned.end_lap()
+    assert (learned.grip, learned.grip_std) == pytest.approx((0.95, 0.01))
+    car = learned.car(believed(), 0.96)
+    assert car.mu_f / believed().mu_f == pytest.approx(0.96 * 0.94)
+
+
+def test_a_plan_from_beyond_the_edge_leads_back_between_them():
+    car, track, lap = believed(), circuit(), first_lap()
+    planner = Planner(car, track, dt=0.05, horizon=40)
+    planner.follow(lap, 0.5 * car.width + 0.15)
+    x = planner.at(np.array([100.0]))[0]
+    x[0] = 5.0 - 0.5 * car.width + 0.6  # m to the left of the lap's line: 0.6 m out
+    plan = planner.plan(x, 100.0, Known(), lambda s, v: PEDALS.most(v), None)
+    assert plan.status.solved
+    assert plan.x[-1, 0] < 5.0 - 0.5 * car.width - 0.1
+    assert np.abs(plan.u[:, 0]).max() <= car.delta_rate + 1e-9
+
+
+def test_a_plan_keeps_to_the_limits_of_the_tires_on_a_slippery_road():
+    car, lap = believed(), first_lap()
+    planner = Planner(car, circuit(), dt=0.05, horizon=40)
+    planner.follow(lap, 0.5 * car.width + 0.15)
+    start = planner.at(np.array([470.0]))[0]  # before a corner
+    plans = [planner.plan(start, 470.0, Known(grip=grip), lambda s, v: PEDALS.most(v), None) for grip in (1.0, 0.6)]
+    assert all(plan.status.solved for plan in plans)
+    used = [planner.mpc.ocp.stage(p.x[20], p.u[20], reference_row(planner, 0.6), p.x[20])[1] for p in plans]
+    slip = planner.mpc.ocp.limited.index("slip_f")
+    assert abs(float(used[1][slip])) < abs(float(used[0][slip]))
+
+
+def reference_row(planner, grip):
+    """What a stage of the planner is given on a straight."""
+    car, given = planner.car, dict.fromkeys(planner.mpc.ocp.exogenous, 0.0)
+    given |= {"stage": 1.0, "mu_f": grip * car.mu_f, "mu_r": grip * car.mu_r}
+    return [given[name] for name in planner.mpc.ocp.exogenous]
+
+
+def test_before_the_first_pose_it_waits():
+    racer = sa.Racer(believed(), circuit(), PEDALS, lap=first_lap(), margin=MARGIN)
+    said = racer.step({"v_x": 10.0}, 0.0)
+    assert said.plan is None
+    assert "not known" in said.message
+    assert said["throttle"] == said["brake"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"track": straight()}, "closed track"),
+        ({"share": 0.0}, "share is 0"),
+        ({"dt": 0.033}, "whole multiple"),
+    ],
+)
+def test_a_race_that_cannot_be_driven_is_refused(changed, words):
+    given = {"car": believed(), "track": circuit(), "pedals": PEDALS, "lap": first_lap(), **changed}
+    with pytest.raises(ParameterError, match=words):
+        sa.Racer(given.pop("car"), given.pop("track"), given.pop("pedals"), **given)
