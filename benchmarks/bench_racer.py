@@ -18,7 +18,7 @@ import sys
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import brentq, least_squares
 
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.racer import NOISE, Racer
@@ -138,18 +138,19 @@ def bend(v: float) -> np.ndarray:
 
 
 def with_drive(car: LapCar, track: Path) -> LapCar:
-    """The car with the power and largest force that fit what full throttle gave on a lap on friction 1."""
+    """The car that does the same work at full throttle as the plant did on a lap on friction 1.
+
+    Its largest force is that of nine tenths of the lap's, its power follows.
+    """
     racer = Racer(car, track, Pedals.of(BMW_320I), lap=first(car, track, 0.9), margin=MARGIN, between=False)
     run, _ = raced(racer, 1.0, 1, None)
     held = np.convolve(run["throttle"] > 0.99, np.ones(40), "full")[: len(run.t)] > 39.5  # for 0.4 s
     pull = np.gradient(run.v_x, run.t) - run["v_y"] * run["r"]
     force = car.mass * pull + car.drag * run.v_x**2 + car.rolling_resistance * car.weight
     v, force = run.v_x[held], force[held]
-    most = np.linspace(0.5, 1.2, 71)[:, None, None] * GUESS["drive_force"]
-    power = np.linspace(0.7, 1.3, 61)[None, :, None] * GUESS["power"]
-    miss = ((np.minimum(most, power / v) - force) ** 2).sum(axis=2)
-    i, j = np.unravel_index(int(np.argmin(miss)), miss.shape)
-    return replace(car, drive_force=float(most[i, 0, 0]), power=float(power[0, j, 0]))
+    most = float(np.quantile(force, 0.9))
+    power = brentq(lambda P: float(np.sum(np.minimum(most * v, P) - force * v)), 1e4, 1e6)
+    return replace(car, drive_force=most, power=float(power))
 
 
 def raced(racer: Racer, friction: float, laps: int, seed: int | None) -> tuple[Run, list[float]]:
