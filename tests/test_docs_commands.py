@@ -12,6 +12,7 @@ import slipangle as sa
 from slipangle.cli import _joined, _parser, main
 from slipangle.reproduce import find, find_benchmark
 from slipangle.workflow.demo import prepare_demo
+from tests.docs_things import write_run
 from tests.rig import TIRE, channels, write_dat
 
 ROOT = Path(__file__).parents[1]
@@ -102,17 +103,7 @@ def test_scripts_that_are_named_are_there():
 def folder(tmp_path, monkeypatch):
     """The files that the commands speak of."""
     monkeypatch.chdir(tmp_path)
-    rng = np.random.default_rng(0)
-    n = 2400
-    delta = 0.03 * np.convolve(np.repeat(rng.standard_normal(n // 20), 20), np.ones(8) / 8, "same")
-    v_x = 15 + 4 * np.sin(0.01 * np.arange(n))
-    params = sa.BicycleParams(mass=1200, inertia_z=1600, wheelbase=2.6, l_f=1.2, C_f=8e4, C_r=9e4)
-    car = sa.Bicycle(params=params, dt=0.05, outputs=("r",))
-    drive = sa.Dataset.from_arrays({"delta": delta, "v_x": v_x}, {"r": np.zeros(n)}, 0.05)
-    r = car.simulate(drive).y[:, 0] + 0.003 * rng.standard_normal(n)
-    table = np.column_stack([0.05 * np.arange(n), np.rad2deg(delta), 3.6 * v_x, np.rad2deg(r)])
-    head = "t [s],steer [deg],speed [km/h],yaw rate [deg/s]"
-    np.savetxt("run.csv", table, delimiter=",", header=head, comments="")
+    write_run(tmp_path / "run.csv")
     for name in ("run.toml", "job.toml", "my_car.toml"):
         Path(name).write_text(f'title = "{name}"\nout = "out-{name}"\n{JOB}')
     return tmp_path
