@@ -72,7 +72,7 @@ class Adapt(Checked):
     gain_prior: Positive = 0.05
     lag_prior: Positive = 0.02
     folds: Whole = 8
-    level: Annotated[float, Within(0, 0.5, open="low", example="0.05")] = 0.05
+    level: Annotated[float, Within(0, 0.5, open="low", example="0.025")] = 0.025
     worth: Annotated[float, Within(0, 1, open="high", example="0.05")] = 0.05
     max_iterations: Count = 10
 
