@@ -174,6 +174,34 @@ def test_a_drive_is_the_condensed_solvers_and_hangs_on_no_work_area():
         assert (a.u == b.u).all()
 
 
+def test_a_limit_that_is_taken_away_leaves_nothing_behind():
+    """Its slope stayed in the factor, so that every program after it went by an interior point and was condensed."""
+    mpc = problem("both", "riccati")
+    with_limits = draw(mpc.ocp, np.random.default_rng([2, 5]))
+    assert mpc.engine.solve(with_limits).status is Status.SOLVED
+    none = np.full_like(mpc.ocp.limits_at_nodes, [-np.inf, np.inf])
+    without = replace(with_limits, reference=replace(with_limits.reference, limits=none))
+    free = mpc.engine.solve(without)
+    counts = mpc.engine.counts
+    assert counts["by_stages"]
+    fresh = problem("both", "riccati").engine
+    assert (fresh.solve(without).u == free.u).all()
+    assert fresh.counts == counts
+
+
+def test_few_factors_put_the_rows_of_the_plan_before_right():
+    """An interior point alone takes a dozen."""
+    counts, previous, rng = [], None, np.random.default_rng(3)
+    mpc = replace(problem("both", "riccati"), solver=RealTime(qp="riccati"))
+    x, goal = np.array([1.0, -0.5, 0.5, 0.2, 0.8]), Reference(tracked=np.zeros((19, 3)), exogenous=np.zeros((19, 1)))
+    for _ in range(25):
+        previous = mpc.plan(x, goal, previous)
+        x = previous.x[1] + 0.02 * rng.standard_normal(5)
+        counts.append(mpc.engine.counts)
+    assert all(c["by_stages"] for c in counts)
+    assert np.mean([c["qp_iterations"] / c["iterations"] for c in counts[1:]]) <= 5
+
+
 def test_a_solve_ends_at_its_deadline():
     start = problem("both", "riccati")
     late = replace(start, deadline=1e-9).engine.solve(draw(start.ocp, np.random.default_rng(0)))

@@ -10,6 +10,8 @@
 #define STIFF (1 / 1e-6)  /* of a held row, relative to the largest curvature by an input */
 #define STIFFER 30.0      /* where a row does not come to its limit */
 #define STIFFEST (1 / 1e-11)
+#define FEW_FACTORS 5     /* after which so many wrong rows say that others are to be held than were expected */
+#define MOST_WRONG 10
 #define MOST_SWEEPS 60
 #define EXACT 1e-12       /* residual, relative to the size of its terms, with which an answer is one at once */
 #define ENOUGH 1e-9       /* the same where refinement gains nothing any more */
@@ -287,11 +289,11 @@ static int by_rows(Work *s, int factors)
 {
     Stages *r = &s->stages;
     Qp *q = &s->qp;
-    int still = 0, least = QT + 1, bent = 0;
+    int still = 0, least = QT + 1, bent = 0, used = 0;
     double last = INFINITY;
     for (int n = 0; n < MOST_SWEEPS; n++) {
         if (price_rows(s)) {
-            if (!(factors-- > 0))
+            if (used++ == factors)
                 return QP_NUMBER;
             if (now(q) > q->until)
                 return QP_LATE;
@@ -307,6 +309,8 @@ static int by_rows(Work *s, int factors)
         move_rows(s, 1);
         price_rows(s);
         int worst, wrong = count_wrong(s, &worst);
+        if (wrong > MOST_WRONG && used >= FEW_FACTORS)
+            return QP_NUMBER;
         if (wrong) {
             change_modes(s, wrong < least ? -1 : worst);
             least = wrong < least ? wrong : least, still = 0, last = INFINITY;
