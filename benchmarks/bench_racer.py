@@ -140,7 +140,7 @@ def bend(v: float) -> np.ndarray:
 def with_drive(car: LapCar, track: Path) -> LapCar:
     """The car that does the same work at full throttle as the plant did on a lap on friction 1.
 
-    Its largest force is that of nine tenths of the lap's, its power follows.
+    Its largest force is what the plant reached for a fiftieth of that time, its power follows.
     """
     racer = Racer(car, track, Pedals.of(BMW_320I), lap=first(car, track, 0.9), margin=MARGIN, between=False)
     run, _ = raced(racer, 1.0, 1, None)
@@ -148,7 +148,7 @@ def with_drive(car: LapCar, track: Path) -> LapCar:
     pull = np.gradient(run.v_x, run.t) - run["v_y"] * run["r"]
     force = car.mass * pull + car.drag * run.v_x**2 + car.rolling_resistance * car.weight
     v, force = run.v_x[held], force[held]
-    most = float(np.quantile(force, 0.9))
+    most = float(np.quantile(force, 0.98))
     power = brentq(lambda P: float(np.sum(np.minimum(most * v, P) - force * v)), 1e4, 1e6)
     return replace(car, drive_force=most, power=float(power))
 
