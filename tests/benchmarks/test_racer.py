@@ -16,7 +16,7 @@ def test_ten_laps_stay_on_the_track(real_data):
     found = {record.quantity: record for record in records}
     assert found["laps"].holds
     assert found["least room between car and edges, m"].holds
-    assert found["mean of the laps over the optimum, %"].here < 2.5
+    assert found["mean of the laps over the optimum, %"].here < 2.5  # 1.7
 
 
 def test_the_fitted_car_is_that_of_the_plant_s_bends():
