@@ -149,6 +149,12 @@ def test_a_speed_that_agrees_with_a_y_is_not_called_km_h():
     assert "v_x is logged in km/h: declare its unit as km/h, or delta is a command" in said
 
 
+@pytest.mark.parametrize("share", [-1.0, 0.0])
+def test_a_car_that_does_not_drive_forward_is_said_not_to(share):
+    (said,) = doubts(changed("v_x", lambda v: share * v), wheelbase=LENGTH)
+    assert said.startswith("v_x is hardly ever above zero")
+
+
 def test_a_sound_log_raises_no_doubt():
     assert doubts(clean(), wheelbase=LENGTH) == ()
     assert doubts(without_a_y(clean()), wheelbase=LENGTH) == ()

@@ -66,6 +66,12 @@ def drives(**how):
     return join(*parts).hold_mean()
 
 
+def driven(share):
+    """The drives at a share of their speed."""
+    data = drives()
+    return data.with_channel("v_x", share * data["v_x"], "m/s")
+
+
 @pytest.fixture(scope="module")
 def car():
     return identify_car(drives(), **KNOWN)
@@ -221,7 +227,9 @@ def test_the_car_is_saved_and_read_again(car, tmp_path):
     [
         (dict(l_f=9.0), ParameterError, "between the axles"),
         (dict(mass=-1.0), ParameterError, "mass is -1"),
-        (dict(wheelbase=40.0, l_f=1.0), TooShortError, "m/s"),
+        (dict(steering_gain=0.0), ParameterError, "steering_gain is 0; expected at least 0.0001 either way"),
+        (dict(data=driven(-1.0)), TooShortError, "v_x is negative most of the time, turn its sign"),
+        (dict(data=driven(0.05)), TooShortError, "above 2.6 m/s"),
     ],
 )
 def test_bad_input_gets_a_sentence(change, error, said):
@@ -265,6 +273,11 @@ def test_a_cross_slope_that_is_logged_is_no_offset(car):
         assert model.value(name) == pytest.approx(car.model.value(name), rel=1e-6)
     sloped = replace(model, fit_info=None).simulate(flat.with_channel("bank", bank, "rad"))
     assert np.abs(sloped.channel("v_y") - model.simulate(flat).channel("v_y")).max() > 0.05
+
+
+def test_beside_v_y_an_accelerometer_is_not_fitted():
+    found = identify_car(drives(outputs=("v_y", "r", "a_y")), **KNOWN)
+    assert found.model.outputs == ("v_y", "r")
 
 
 def test_v_y_that_is_no_output_is_not_fitted():

@@ -40,6 +40,10 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
             f"samples are {data.dt:.3g} s apart; expected less than {LONGEST_STEP:g} s of a car that is steered: if "
             "time is logged in milliseconds (ms), declare its unit as ms",
         )
+    if np.quantile(data["v_x"], 0.9) <= 0:
+        return (
+            "v_x is hardly ever above zero: it has the wrong sign, or the car stands or reverses; forward is positive",
+        )
     stuck = _stuck(data)
     said = [
         f"{name} is stuck at one value for {max(b - a - 1 for a, b in rows) * data.dt:.2g} s while the car "

@@ -47,6 +47,7 @@ _NONE = 1.5  # of that share, from which it is not believed at all; of `ELSEWHER
 # What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
 # transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
 _FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
+_LEAST_GAIN = 1e-4  # of the steering; 1/57 where degrees were logged behind a ratio of 60
 _DENSITIES = 15.0, 1500.0  # kg/m3, mass over the wheelbase cubed: cars about 75, an open-wheeler 30, a full truck 700
 _SHAPES = (1.1, 1.7)  # other tires, see `with_shape`
 _OWN = (
@@ -119,9 +120,9 @@ class WholeCar(Checked):
         and biases are tried where there are several recordings of 40 s or more at the mean.
     """
 
-    mass: Annotated[float, Within(0.05, 1e6, "kg")]
-    wheelbase: Annotated[float, Within(0.02, 50.0, "m")]
-    l_f: Annotated[float, Within(0.0, 50.0, "m", open="low")]
+    mass: Annotated[float, Within(1.0, 1e5, "kg")]
+    wheelbase: Annotated[float, Within(0.1, 20.0, "m")]
+    l_f: Annotated[float, Within(0.01, 15.0, "m")]
     steering_gain: Annotated[float, Within(-20.0, 20.0)] = 1.0
     per_experiment: tuple[str, ...] | Literal["chosen"] = "chosen"
 
@@ -131,6 +132,11 @@ class WholeCar(Checked):
             raise ParameterError(
                 f"l_f is {self.l_f:g} m and the wheelbase {self.wheelbase:g} m; expected the centre of gravity between "
                 "the axles: check both, and their units"
+            )
+        if abs(self.steering_gain) < _LEAST_GAIN:
+            raise ParameterError(
+                f"steering_gain is {self.steering_gain:g}; expected at least {_LEAST_GAIN:g} either way, such as 1/15 "
+                "for a hand wheel: with none the steering would turn no wheel"
             )
         unknown = [n for n in self._own or () if n not in _OWN]
         if unknown or len(set(self._own or ())) < len(self._own or ()):
@@ -161,7 +167,7 @@ class WholeCar(Checked):
         suspect = doubts(turned, wheelbase=self.wheelbase)
         if data.dt > LONGEST_STEP:
             raise SampleTimeError(suspect[0])
-        outputs = tuple(n for n in ("v_y", "r", "a_y") if n == "r" or n in data.outputs)
+        outputs = self._outputs(data)
         banked = "bank" in data.inputs
         inputs = ("delta", "v_x", "bank") if banked else ("delta", "v_x")
         whole = stretches(data.select(inputs=inputs, outputs=outputs), SLOWEST * self.wheelbase)
@@ -230,6 +236,12 @@ class WholeCar(Checked):
                     f"per_experiment names '{name}', and '{data.name}' has no output {channel}; expected one"
                 )
 
+    def _outputs(self, data: Dataset) -> tuple[str, ...]:
+        """The yaw rate, v_y where measured; a_y where v_y is not or its bias is asked for, see `identify_car`."""
+        without_a_y = "v_y" in data.outputs and "bias_a_y" not in (self._own or ())
+        measured = {"r", *data.outputs} - ({"a_y"} if without_a_y else set())
+        return tuple(n for n in ("v_y", "r", "a_y") if n in measured)
+
     def _weight(self) -> list[str]:
         """A sentence where no vehicle of this length weighs so little or so much."""
         lightest, heaviest = (density * self.wheelbase**3 for density in _DENSITIES)
@@ -268,11 +280,12 @@ def identify_car(
     ----------
     data : Dataset or sequence of Dataset
         One log, or several of one car, each a recording with offsets of its own; the experiments of a single one count
-        as recordings. With channels delta [rad] (as logged), v_x [m/s], r [rad/s]; axes of ISO 8855. Where v_y [m/s] or
-        a_y [m/s2] (as an accelerometer reads it) are among the outputs they are fitted too, and tell stiffness and
-        inertia apart as the yaw rate alone can hardly do. An input bank [rad], positive with the left edge higher, is
-        the road's cross slope. Where the steering moves between the samples, `Dataset.hold_mean` first, here as for
-        every later simulation.
+        as recordings. With channels delta [rad] (as logged), v_x [m/s], r [rad/s]; axes of ISO 8855. Where v_y [m/s],
+        or else a_y [m/s2] (as an accelerometer reads it), is among the outputs it is fitted too, and tells stiffness
+        and inertia apart as the yaw rate alone can hardly do. Beside v_y, a_y is fitted where ``per_experiment`` names
+        its bias only: the body's roll, which a single track lacks, is in it. An input bank [rad], positive with the
+        left edge higher, is the road's cross slope. Where the steering moves between the samples, `Dataset.hold_mean`
+        first, here as for every later simulation.
     mass, wheelbase, l_f, steering_gain, per_experiment
         See `WholeCar`.
 

@@ -48,9 +48,11 @@ def stretches(data: Dataset, slowest: float) -> Stretches:
     length = max(least, total // _WANTED) if len(moving) < _ENOUGH else total
     pieces = [piece for run in moving for piece in _cut(run, max(1, round(run.n_samples / length)))]
     if len(pieces) < 2:
+        backwards = np.mean(data["v_x"] < -slowest) > np.mean(data["v_x"] > slowest)
+        fix = "v_x is negative most of the time, turn its sign" if backwards else "record a longer drive"
         raise TooShortError(
             f"'{data.name}' has {len(pieces)} stretch{'es' * (len(pieces) != 1)} of at least {_SHORTEST:g} s above "
-            f"{slowest:.2g} m/s; expected two or more, one to fit and one to check: record a longer drive"
+            f"{slowest:.2g} m/s; expected two or more, one to fit and one to check: {fix}"
         )
     order = np.argsort([float(piece["v_x"].mean()) for piece in pieces], kind="stable")
     every = min(_HELD, len(pieces))
