@@ -24,7 +24,7 @@ CAR = NonlinearBicycleParams(mass=982.0, inertia_z=900.0, wheelbase=2.4, l_f=1.3
 
 def model(kind: type[NeuralBicycle]) -> NeuralBicycle:
     """A car with random weights."""
-    n, _ = kind.network_outputs()
+    n, _ = kind.network_outputs
     network = MLP.random(
         (6, 24, n),
         activation="tanh",

@@ -417,7 +417,7 @@ def do_mpc() -> tuple[float, float]:
 
 def _augmented() -> tuple[ca.Function, ca.Function]:
     """``(z, u, p) -> z`` and its residual terms, z the eight states and the input before, one Radau step each."""
-    step = CAR.controller(CAR.model(SOUSA_TABLE_6_2), 10, RealTime()).dynamics
+    step = CAR.controller(CAR.model(SOUSA_TABLE_6_2), 10, RealTime()).ocp.dynamics
     z, u, p = ca.MX.sym("z", 10), ca.MX.sym("u", 2), ca.MX.sym("p", 2)
     later = ca.vertcat(step(z[:8], u, ca.DM([0.0])), u)
     q, s = (np.sqrt(list(weights.values())) for weights in (Q, S))

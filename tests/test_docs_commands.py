@@ -93,10 +93,33 @@ def test_make_targets_are_there():
     assert {"demo", "test", "docs"} <= named <= targets
 
 
-def test_scripts_that_are_named_are_there():
-    named = {s for page in PAGES for s in re.findall(r"python ((?:examples|benchmarks)/\S+\.py)", page.read_text())}
-    assert named
-    assert [s for s in named if not (ROOT / s).exists()] == []
+def scripts() -> list[str]:
+    """What README and docs start with Python: files of the checkout, and modules of it by -m."""
+    said = r"python ((?:-m [\w.]+|(?:examples|benchmarks)/[\w/]+\.py)[^\n`#<]*)"
+    return sorted({command.strip() for page in PAGES for command in re.findall(said, page.read_text(encoding="utf-8"))})
+
+
+@pytest.mark.parametrize("command", scripts())
+def test_a_script_is_there_and_knows_its_options(command):
+    given = shlex.split(command)
+    if given[0] == "-m":
+        spec = importlib.util.find_spec(given[1])
+        assert spec is not None
+        if spec.submodule_search_locations is not None:
+            spec = importlib.util.find_spec(f"{given[1]}.__main__")
+        assert spec is not None
+        assert spec.origin is not None
+        place = Path(spec.origin)
+    else:
+        place = ROOT / given[0]
+    text = place.read_text(encoding="utf-8")
+    assert place.parent.name == "examples" or '"__main__"' in text or place.name == "__main__.py"
+    assert [option for option in given if option.startswith("--") and f'"{option}"' not in text] == []
+
+
+def test_scripts_are_found():
+    assert len(scripts()) > 7
+    assert any(command.startswith("-m tests.fuzz --seconds") for command in scripts())
 
 
 @pytest.fixture
@@ -136,7 +159,7 @@ set = { power = 1e5 }
 SHORT = {"--cars": "20"}  # what a page asks for, in a test's time
 ELSEWHERE = {  # commands that tests of their own run, or that need more than a folder
     "slipangle reproduce": "tests/reproduce, and docs/gallery has what they printed",
-    "slipangle bench": "side by side and for minutes; benchmarks/",
+    "slipangle bench": "tests/benchmarks/test_small.py, in little",
     "slipangle run examples/": "tests/test_examples.py",
     "slipangle data": "tests/data",
     "slipangle completion": "tests/commands/test_completion.py",

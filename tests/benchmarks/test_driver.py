@@ -3,10 +3,11 @@
 import pytest
 from benchmarks.bench_driver import BOUNDS, Car, beside_the_law
 from benchmarks.bench_driver_fleet import FleetCar
-from benchmarks.bench_driver_lap import CARS, MOST, TrackCar
+from benchmarks.bench_driver_lap import BRAKE, CARS, DRIVE, MOST, TrackCar
 
 from slipangle.codegen.compiler import compiler, sentence
 from slipangle.paths.path import Path
+from slipangle.simulate.run import End
 
 
 @pytest.mark.slow
@@ -35,4 +36,8 @@ def test_a_lane_change_of_a_car_of_another_size(name):
 def test_a_lap_of_the_norisring(real_data):
     """One seed of the benchmark, the late pose."""
     track = Path.from_csv(real_data("tracks/tum/Norisring.csv"))
-    assert TrackCar("sports car").lap(track, CARS["sports car"], "late pose", 0) < MOST
+    car = TrackCar("sports car")
+    path = track.with_speed_limits(v_max=car.fastest, a_y=CARS["sports car"], a_x=DRIVE, a_brake=BRAKE)
+    run = car.along(path, "late pose", 0)
+    assert run.end is End.FINISHED
+    assert 100.0 * run.rmse("y") < MOST

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from time import perf_counter
 from typing import Any
@@ -22,6 +22,7 @@ from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.setpoints import setpoint
 from slipangle.optimal.solution import Plan, Solution, Status, finite
+from slipangle.shown import Shown
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,7 +52,7 @@ class PhasePlan:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PhasedPlan:
+class PhasedPlan(Shown):
     """Inputs and states of all phases.
 
     Parameters
@@ -77,7 +78,11 @@ class PhasedPlan:
     seconds: float
     violation: float
     residual: float
-    start: Plan = field(repr=False)
+    start: Plan
+
+    def _words(self) -> str:
+        end = self.phases[-1].times[-1]
+        return f"{len(self.phases)} phases, {end:.4g} s ahead; {self.status.name} in {1e3 * self.seconds:.3g} ms"
 
     @property
     def command(self) -> np.ndarray:

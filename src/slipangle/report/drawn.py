@@ -11,6 +11,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from slipangle.control.phases import PhasedPlan
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.data.quality.events import Event, Jump, Spike
 from slipangle.data.quality.inspect import DataReport, Seen, Stretch
@@ -35,7 +36,7 @@ from slipangle.report.plots import trajectories
 from slipangle.report.robust import breaking_map
 from slipangle.report.search import parallel_coordinates
 from slipangle.report.shown import UNITS, spans
-from slipangle.report.style import new_figure, template, thin, unit_title
+from slipangle.report.style import BLUE, new_figure, template, thin, unit_title
 from slipangle.simulate.robust import Trials
 from slipangle.simulate.run import Run
 from slipangle.units import read_in
@@ -210,17 +211,40 @@ def _(result: DataReport, names: Sequence[str]) -> go.Figure:
 
 
 @figure.register
+def _(result: PhasedPlan, names: Sequence[str]) -> go.Figure:
+    known = tuple(dict.fromkeys(name for phase in result.phases for name in phase.controls))
+    _one_of(names, known, "decided input")
+    chosen = names or known
+    drawn = _panels(chosen)
+    for row, name in enumerate(chosen, 1):
+        factor, unit = read_in(name, UNITS.get(name, "-"))
+        for phase in result.phases:
+            if name in phase.controls:
+                u = factor * phase.u[:, phase.controls.index(name)]
+                style = {"mode": "lines", "line": {"shape": "hv", "color": BLUE.light}, "name": name}
+                drawn.add_scatter(x=phase.times, y=np.append(u, u[-1]), row=row, col=1, **style)
+        drawn.update_yaxes(title_text=unit_title(name, unit), row=row, col=1)
+    return drawn
+
+
+def _panels(names: Sequence[str]) -> go.Figure:
+    """Empty panels above each other on one time axis."""
+    drawn = make_subplots(rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.12 / len(names))
+    drawn.update_layout(template=template(), height=120 * len(names) + 60, showlegend=False)
+    return drawn.update_xaxes(title_text="time [s]", row=len(names), col=1)
+
+
+@figure.register
 def _(result: Recording, names: Sequence[str]) -> go.Figure:
     _one_of(names, result.names, "channel")
     chosen = names or result.names[:6]
-    drawn = make_subplots(rows=len(chosen), cols=1, shared_xaxes=True, vertical_spacing=0.12 / len(chosen))
-    drawn.update_layout(template=template(), height=120 * len(chosen) + 60, showlegend=False)
+    drawn = _panels(chosen)
     for row, name in enumerate(chosen, 1):
         one = result.signal(name)
         kept = thin(one.values, 4000)
         drawn.add_scatter(x=one.t[kept], y=one.values[kept], mode="lines", name=name, row=row, col=1)
         drawn.update_yaxes(title_text=unit_title(name, one.unit or "-"), row=row, col=1)
-    return drawn.update_xaxes(title_text="time [s]", row=len(chosen), col=1)
+    return drawn
 
 
 @figure.register

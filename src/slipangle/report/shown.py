@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from slipangle.control.phases import PhasedPlan
 from slipangle.data.dataset import Dataset
 from slipangle.data.quality.inspect import DataReport
 from slipangle.data.readers.recording import Recording
@@ -171,6 +172,18 @@ def _(result: Plan) -> Table:
     rows = (Row((f"{t:.4g}", *map(float, u))) for t, u in zip(times, result.u, strict=True))
     caption = f"{result.status.name}: {result.status.value}. {1000 * result.seconds:.3g} ms, cost {result.cost:.6g}."
     return Table(title="Plan", columns=columns, rows=tuple(rows), caption=caption)
+
+
+@table.register
+def _(result: PhasedPlan) -> Table:
+    columns = Heading("phase", words=True), Heading("from", "s"), Heading("to", "s"), Heading("stages")
+    columns = *columns, Heading("inputs", words=True), Heading("states", words=True)
+    rows = (
+        Row((f"{k}", float(p.times[0]), float(p.times[-1]), len(p.u), ", ".join(p.controls), ", ".join(p.states)))
+        for k, p in enumerate(result.phases, 1)
+    )
+    caption = f"{result.status.name}: {result.status.value}. {1000 * result.seconds:.3g} ms, cost {result.cost:.6g}."
+    return Table(title="Plan of several phases", columns=columns, rows=tuple(rows), caption=caption)
 
 
 @table.register
