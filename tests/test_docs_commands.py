@@ -160,7 +160,7 @@ SHORT = {"--cars": "20"}  # what a page asks for, in a test's time
 ELSEWHERE = {  # commands that tests of their own run, or that need more than a folder
     "slipangle reproduce": "tests/reproduce, and docs/gallery has what they printed",
     "slipangle bench": "tests/benchmarks/test_small.py, in little",
-    "slipangle run examples/": "tests/test_examples.py",
+    "slipangle run examples/": "tests/workflow/test_cli.py",
     "slipangle data": "tests/data",
     "slipangle completion": "tests/commands/test_completion.py",
     "slipangle inspect drive.mcap": "tests/data/readers",

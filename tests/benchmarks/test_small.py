@@ -1,5 +1,6 @@
 """Every benchmark, each that README or docs name among them, runs to its end in little: numbers, no speeds."""
 
+import itertools
 import re
 import warnings
 from pathlib import Path
@@ -20,6 +21,7 @@ ROOT = Path(__file__).parents[2]
 ONE = {"ROUNDS": 1}
 # What makes a benchmark small: constants of its module, and arguments of its `bench`.
 SMALL: dict[str, dict[str, Any]] = {
+    "adapt": {"SECONDS": (30.0,)},
     "arx": ONE | {"SAMPLES": 20_000, "FEWER": 5_000},
     "compile": ONE | {"PLANS": 3, "STATES": 12, "STATE_ROUNDS": 1},
     "coverage": {"SETS": 2, "JUDGED": 2, "N": 300},
@@ -44,16 +46,20 @@ SMALL: dict[str, dict[str, Any]] = {
     "n4sid": ONE | {"SAMPLES": 5_000, "FEWER": 2_000, "FEWEST": 1_000},
     "narx": ONE | {"SAMPLES": 20_000, "EPOCHS": 2},
     "plant": ONE | {"STEPS": 4_000, "CARS": 2},
+    "racer": {"seeds": (0,), "laps": 1, "BENDS": (15.0, 25.0), "POINTS": 200},
     "real-cars": {},
     "rls": ONE | {"UPDATES": 500},
     "side-slip": {"PROCESS": (0.1,), "SENSOR": (1.5,), "LEARNED": (1.0,)},
 }
-PUBLIC = ("lap", "real-cars", "side-slip")  # on published data
-COMPILED = ("compile", "driver", "driver-fleet", "driver-lap", "horizon", "hybrid-mpc", "loop", "marx", "mpc")
+PUBLIC = ("adapt", "lap", "racer", "real-cars", "side-slip")  # on published data
+COMPILED = ("compile", "driver", "driver-fleet", "driver-lap", "horizon", "hybrid-mpc", "loop", "marx", "mpc", "racer")
 
 
 def smaller(name: str, module: Any, patch: pytest.MonkeyPatch) -> None:
     """What constants do not reach: fewer cars, planted mistakes, sizes of a problem, rows of a log."""
+    if name == "adapt":
+        cases = module.cases
+        module.cases = lambda seconds: itertools.islice(cases(seconds), 2)
     if name == "driver":
         module.multi_body = SimpleNamespace(installed=lambda: False)  # the dual track alone
     if name == "driver-lap":  # a ring of 80 m in place of a race track

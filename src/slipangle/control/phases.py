@@ -22,7 +22,7 @@ from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.setpoints import setpoint
 from slipangle.optimal.solution import Plan, Solution, Status, finite
-from slipangle.shown import Shown
+from slipangle.shown import Brief, Shown
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,7 +91,7 @@ class PhasedPlan(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Phases:
+class Phases(Brief):
     """Several optimal control problems one behind the other, of different models too, solved as one.
 
     Each phase has its own model, horizon, weights, limits, Huber costs, free parameters and duration; the cost is the

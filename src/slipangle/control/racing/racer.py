@@ -22,6 +22,7 @@ from slipangle.optimal.lap.fastest_lap import fastest_lap
 from slipangle.optimal.lap.lap import Lap
 from slipangle.optimal.solution import Plan
 from slipangle.paths.path import Path
+from slipangle.shown import Brief
 
 NOISE = {"X": 0.05, "Y": 0.05, "psi": 0.005, "v_x": 0.05, "r": 0.005, "a_x": 0.2, "a_y": 0.2}
 WANDER = {"X": 0.01, "Y": 0.01, "psi": 0.001, "v_x": 0.1, "v_y": 0.2, "r": 0.1, "d_v_x": 2.0, "d_r": 1.0}
@@ -33,7 +34,7 @@ STOP = 0.3  # of the weight, with which a car brakes that has no plan any more
 _POSE = ("X", "Y", "psi", "v_x")
 
 
-class Racer:
+class Racer(Brief):
     """Drives a fastest lap at the limit from noisy sensors, and plans a faster one after every lap.
 
     Inside, at every ``dt``, a model predictive controller over arc length (`slipangle.control.racing.planner.Planner`)
@@ -87,6 +88,7 @@ class Racer:
     """
 
     controls = ("delta", "throttle", "brake")
+    _lists = ("car", "track", "pedals", "share", "grip_std", "margin", "sample", "between")
 
     def __init__(
         self,
