@@ -232,16 +232,6 @@ def _taken_apart(linked: Linked, found: Solution, begin: float) -> PhasedPlan:
             )
         )
         now += float(times[-1])
-    kept = Plan(
-        u=found.u,
-        x=found.x,
-        status=found.status,
-        seconds=0.0,
-        cost=found.cost,
-        iterations=found.iterations,
-        controls=linked.controls,
-        memory=found.memory,
-    )
     return PhasedPlan(
         phases=tuple(phases),
         status=status,
@@ -250,5 +240,5 @@ def _taken_apart(linked: Linked, found: Solution, begin: float) -> PhasedPlan:
         seconds=perf_counter() - begin,
         violation=found.violation,
         residual=found.residual,
-        start=kept,
+        start=found.as_start(linked.controls),
     )

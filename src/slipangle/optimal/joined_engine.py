@@ -64,16 +64,6 @@ class JoinedEngine(Engine):
         u = [np.array(found.u[at : at + n, :nu]) for at in problem.starts]
         x = [np.array(found.x[at : at + n + 1, :nx]) for at in problem.starts]
         likely, decided = int(np.argmax(problem.share)), found.x[problem.starts[0], nx : nx + len(base.decided_once)]
-        kept = Plan(
-            u=found.u,
-            x=found.x,
-            status=found.status,
-            seconds=0.0,
-            cost=found.cost,
-            iterations=found.iterations,
-            controls=problem.controls,
-            memory=found.memory,
-        )
         return Solution(
             u=u[likely],
             x=x[likely],
@@ -82,7 +72,7 @@ class JoinedEngine(Engine):
             iterations=found.iterations,
             violation=found.violation,
             residual=found.residual,
-            memory=kept,
+            memory=found.as_start(problem.controls),
             kept=found.kept,
             branches=() if base.scenarios is None else tuple(map(Branch, u, x, problem.share.tolist())),
             decided=dict(zip(base.decided_once, map(float, decided), strict=True)) if base.decided_once else None,

@@ -213,6 +213,11 @@ class Solution:
     branches: tuple[Branch, ...] = ()
     decided: Mapping[str, float] | None = None
 
+    def as_start(self, controls: tuple[str, ...]) -> Plan:
+        """The plan from which the next solve of the same, longer problem starts."""
+        said = {n: getattr(self, n) for n in ("u", "x", "status", "cost", "iterations", "memory")}
+        return Plan(seconds=0.0, controls=controls, **said)
+
 
 def quick(kind: type[P], values: dict[str, Any]) -> P:
     """A frozen dataclass without its constructor, which takes microseconds; what is not given has its default."""
