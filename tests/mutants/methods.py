@@ -313,12 +313,24 @@ MUTANTS = [
     *mistakes(
         "optimal/realtime/riccati.c",
         "optimal/realtime/test_riccati.py::test_the_answer_is_the_condensed_solvers",
-        [("QP by stages: changes of input pull together", "H[(NX + j) * RZL + NX + j] += change;", "H[0] += 0;")],
+        [
+            (
+                "QP by stages: changes of input pull together",
+                "- (NV ? change[j] * unit[AT(j) + b] : v_all(0.0));",
+                "+ (NV ? change[j] * unit[AT(j) + b] : v_all(0.0));",
+            )
+        ],
     ),
     *mistakes(
-        "optimal/realtime/multipliers.c",
+        "optimal/realtime/rows.c",
         "optimal/realtime/test_riccati.py::test_the_answer_is_the_condensed_solvers",
-        [("QP by stages: price of an excess in its slope", "stiff * square / (stiff + square)", "stiff")],
+        [
+            (
+                "QP by stages: price of an excess without its own slope",
+                "price = plain + q->square[i] * (over - plain) / (stiff + q->square[i]);",
+                "price = plain + q->square[i] * over / (stiff + q->square[i]);",
+            )
+        ],
     ),
     *mistakes(
         "optimal/realtime/interior.c",

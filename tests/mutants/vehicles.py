@@ -142,8 +142,8 @@ MUTANTS = [
             ("saturating bicycle: peak without the load", "peak = mu * load", "peak = mu"),
             (
                 "saturating bicycle: lever of the sensor",
-                "y[i] + self._lever(name) * x[1]",
-                "y[i] - self._lever(name) * x[1]",
+                "return p.lever_v_y * x[1]",
+                "return -p.lever_v_y * x[1]",
             ),
             ("relaxing bicycle: time for length", "(length / v) ** 2", "(length * v) ** 2"),
             ("relaxing bicycle: slip runs away", "(now[i] - x[2 + i]) / tau[i]", "(x[2 + i] - now[i]) / tau[i]"),

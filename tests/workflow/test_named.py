@@ -73,6 +73,11 @@ NEVER = {  # no setting, or nothing that a file can say
     sa.Lap: "a result",
     sa.DrivenLap: "a result",
     sa.LapDelta: "a result",
+    sa.PhasedPlan: "a result",
+    sa.Phases: "problems in Python, one behind the other",
+    sa.LookupTable: "a part of equations in Python",
+    sa.Racer: "races in Python, on a lap",
+    sa.Pedals: "a part of that",
 }  # fmt: skip
 
 

@@ -66,9 +66,11 @@ class PhasedPlan(Shown):
     iterations : int
         Of the solver.
     seconds : float
-        Wall time of the call.
-    violation, residual : float
-        See `Plan`.
+        Wall time of the call. [s]
+    violation : float
+        Largest excess over any constraint, see `Plan`. [SI]
+    residual : float
+        Of the optimality conditions, see `Plan`. [-]
     """
 
     phases: tuple[PhasePlan, ...]

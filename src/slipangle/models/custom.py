@@ -129,7 +129,7 @@ class Ode(OdeModel):
         ``algebraic(x, z, u, p)``: residuals that are zero, one for each algebraic variable z. The other functions then
         take z behind x too: ``f(x, z, u, p)``, ``more(x, z, u, p)``, ``implicit(x_dot, x, z, u, p)``.
     guess : mapping of str to float or callable
-        The algebraic variables by name, each with the value from which Newton's method begins, or a function
+        The algebraic variables by name, each with the value [SI] from which Newton's method begins, or a function
         ``(x, u, p)`` of it. They may be outputs.
     newton : int
         Newton steps that solve these equations, at each evaluation of the rates; equations that are straight lines in

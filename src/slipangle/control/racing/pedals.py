@@ -60,6 +60,7 @@ class Pedals(Checked):
         """Of a dual track's engine, gears and brakes, each speed in the lowest gear that the engine can turn.
 
         What turns with the wheels takes its share of the force, so that forces divided by the mass are accelerations.
+        ``car`` has the parameters of a dual track.
         """
         share = np.array([car.mass / moving_mass(car, v) for v in _SPEEDS])
         return cls(
@@ -75,7 +76,7 @@ class Pedals(Checked):
         return np.asarray(np.interp(v_x, self.speeds, self.full))
 
     def pressed(self, F_x: float, v_x: float, most: float) -> tuple[float, float]:
-        """Throttle and brake, 0 to 1, for a force [N] at a speed [m/s] at which full throttle gives ``most``. [N]
+        """Throttle and brake, 0 to 1, for a force ``F_x`` [N] at a speed [m/s] where full throttle gives ``most`` [N].
 
         While braking the throttle stays where the engine neither drives nor drags, so that the brakes alone share the
         force between the axles.
@@ -87,7 +88,10 @@ class Pedals(Checked):
         return min(max(throttle, 0.0), 1.0), min(brake, 1.0)
 
     def force(self, throttle: float, brake: float, v_x: float, most: float) -> float:
-        """Force of the tires along the car that pedals settle to. [N]"""
+        """Force of the tires along the car that ``throttle`` and ``brake``, 0 to 1, settle to. [N]
+
+        Full throttle gives ``most`` [N] at that speed ``v_x`` [m/s].
+        """
         closed = float(np.interp(v_x, self.speeds, self.closed))
         return throttle * (most - closed) + closed - brake * float(np.interp(v_x, self.speeds, self.brake))
 

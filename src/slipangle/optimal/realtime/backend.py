@@ -90,6 +90,11 @@ class RealTime(Checked):
     def build(self, ocp: OCP, deadline: float | None = None) -> Engine:
         """Compile the problem, or take it from the cache.
 
+        Raises
+        ------
+        ParameterError
+            If the Hessian is to be exact and the problem has none.
+
         Warns
         -----
         ModelWarning
