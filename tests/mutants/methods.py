@@ -334,8 +334,14 @@ MUTANTS = [
     ),
     *mistakes(
         "optimal/realtime/interior.c",
-        "optimal/realtime/test_riccati.py::test_the_answer_is_the_condensed_solvers",
-        [("QP by stages: centre of the sides", "centre = product * share * share * share", "centre = product")],
+        "optimal/realtime/test_riccati.py",
+        [
+            (
+                "QP by stages: which side holds a row",
+                "r->sign[i] = up > 0 ? 1 : down < 0 ? -1 : 0;",
+                "r->sign[i] = up > 0 ? -1 : down < 0 ? 1 : 0;",
+            )
+        ],
     ),
     *mistakes(
         "optimal/realtime/solver.c",

@@ -202,6 +202,17 @@ def test_few_factors_put_the_rows_of_the_plan_before_right():
     assert np.mean([c["qp_iterations"] / c["iterations"] for c in counts[1:]]) <= 5
 
 
+def test_where_no_rows_are_known_an_interior_point_finds_them():
+    """Few factors put right what it leaves, none of which is condensed."""
+    engine, ocp, factors = problem("both", "riccati").engine, problem("both", "riccati").ocp, []
+    for k in range(30):
+        engine.solve(draw(ocp, np.random.default_rng([7, k])))
+        assert engine.counts["by_stages"]
+        factors.append(engine.counts["qp_iterations"] / engine.counts["iterations"])
+    assert max(factors) > 12  # beyond what is tried from the rows of the plan before
+    assert np.mean(factors) < 14
+
+
 def test_a_solve_ends_at_its_deadline():
     start = problem("both", "riccati")
     late = replace(start, deadline=1e-9).engine.solve(draw(start.ocp, np.random.default_rng(0)))
