@@ -18,6 +18,8 @@ from slipangle.optimal.scenarios import Scenarios
 from slipangle.optimal.solution import Status
 from slipangle.optimal.terms import Limits, Weights
 
+pytestmark = pytest.mark.filterwarnings("ignore:no C compiler was found")
+
 
 @pytest.fixture(params=["condensed", "riccati", "interpreted", "ipopt"])
 def solver(request, monkeypatch):

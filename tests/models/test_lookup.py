@@ -15,6 +15,8 @@ from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.program import source
 from slipangle.optimal.terms import Limits, Weights
 
+pytestmark = pytest.mark.filterwarnings("ignore:no C compiler was found")
+
 GRID = np.array([-2.0, -1.3, -0.2, 0.1, 0.9, 1.5, 3.0])
 VALUES = np.array([1.0, -0.5, 0.2, 0.3, 2.0, 1.8, -1.0])
 SECOND = np.array([0.0, 0.5, 0.7, 1.6, 2.0])

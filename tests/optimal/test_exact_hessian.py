@@ -4,6 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from slipangle.codegen import compiler as compiled
 from slipangle.control.mpc import MPC
 from slipangle.control.phases import Phases
 from slipangle.errors import ParameterError
@@ -14,6 +15,8 @@ from slipangle.optimal.joined import Joined
 from slipangle.optimal.realtime import RealTime, backend
 from slipangle.optimal.realtime.curvature import curvature_function
 from slipangle.optimal.terms import Limits, Weights
+
+pytestmark = pytest.mark.skipif(compiled.compiler() is None, reason=compiled.sentence())
 
 N, DT = 12, 0.1
 

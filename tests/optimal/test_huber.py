@@ -12,6 +12,8 @@ from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.scenarios import Scenarios
 from slipangle.optimal.terms import Limits, Weights
 
+pytestmark = pytest.mark.filterwarnings("ignore:no C compiler was found")
+
 N, DT = 15, 0.1
 
 

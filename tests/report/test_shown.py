@@ -16,6 +16,7 @@ from slipangle.simulate.run import End, Run
 from tests.models.all_models import ALL_MODELS
 from tests.report.example import fit_info
 
+pytestmark = pytest.mark.filterwarnings("ignore:no C compiler was found")
 PARAMS = sa.BicycleParams(mass=1500, inertia_z=2500, wheelbase=2.7, l_f=1.2, C_f=9e4, C_r=1.1e5)
 CAR = sa.Bicycle(params=PARAMS, dt=0.02)
 
