@@ -13,6 +13,8 @@ os.environ.setdefault("SLIPANGLE_LIVE", "none")  # pages without what a compiler
 import pytest  # noqa: E402
 
 from slipangle.data.public import registry  # noqa: E402
+from slipangle.optimal.ipopt import Ipopt  # noqa: E402
+from slipangle.optimal.realtime import RealTime, backend  # noqa: E402
 
 
 class PublicData:
@@ -64,3 +66,15 @@ def real_data():
         patch.setenv("SLIPANGLE_DATA", folder)
         patch.setattr(registry, "_fetch_file", local)
         yield data
+
+
+@pytest.fixture(params=["condensed", "riccati", "interpreted", "ipopt"])
+def solver(request, monkeypatch):
+    """Every solver of optimal control, iterated to convergence."""
+    if request.param == "interpreted":
+        monkeypatch.setenv("SLIPANGLE_CC", "none")
+        monkeypatch.setattr(backend, "_say_once", lambda words: None)
+    if request.param == "ipopt":
+        return Ipopt(tolerance=1e-13)
+    qp = request.param if request.param != "interpreted" else "auto"
+    return RealTime(iterations=0, tolerance=1e-11, qp=qp, newton=1e-11)

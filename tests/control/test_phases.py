@@ -13,24 +13,12 @@ from slipangle.export import export
 from slipangle.models.custom import Ode
 from slipangle.ops import cos, log, sin, sqrt
 from slipangle.optimal.ipopt import Ipopt
-from slipangle.optimal.realtime import RealTime, backend
+from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.scenarios import Scenarios
 from slipangle.optimal.solution import Status
 from slipangle.optimal.terms import Limits, Weights
 
 pytestmark = pytest.mark.filterwarnings("ignore:no C compiler was found")
-
-
-@pytest.fixture(params=["condensed", "riccati", "interpreted", "ipopt"])
-def solver(request, monkeypatch):
-    """Every solver, iterated to convergence."""
-    if request.param == "interpreted":
-        monkeypatch.setenv("SLIPANGLE_CC", "none")
-        monkeypatch.setattr(backend, "_say_once", lambda words: None)
-    if request.param == "ipopt":
-        return Ipopt(tolerance=1e-13)
-    qp = request.param if request.param != "interpreted" else "auto"
-    return RealTime(iterations=0, tolerance=1e-11, qp=qp, newton=1e-11)
 
 
 def rolling(x, u):

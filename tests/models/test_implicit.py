@@ -18,7 +18,6 @@ from slipangle.models.custom import Ode
 from slipangle.models.storage import load, save
 from slipangle.ops import sqrt, tanh
 from slipangle.optimal.ipopt import Ipopt
-from slipangle.optimal.realtime import RealTime, backend
 from slipangle.optimal.realtime.program import source
 from slipangle.optimal.scenarios import Scenarios
 from slipangle.optimal.terms import Limits, Weights
@@ -264,17 +263,6 @@ def test_parameters_of_solved_equations_are_found():
     fitted = GreyBox(start=start, free=("mu", "I")).fit(data)
     assert fitted.value("mu") == pytest.approx(0.75, rel=1e-6)
     assert fitted.value("I") == pytest.approx(2200.0, rel=1e-6)
-
-
-@pytest.fixture(params=["condensed", "riccati", "interpreted", "ipopt"])
-def solver(request, monkeypatch):
-    if request.param == "interpreted":
-        monkeypatch.setenv("SLIPANGLE_CC", "none")
-        monkeypatch.setattr(backend, "_say_once", lambda words: None)
-    if request.param == "ipopt":
-        return Ipopt(tolerance=1e-12)
-    qp = request.param if request.param != "interpreted" else "auto"
-    return RealTime(iterations=0, tolerance=1e-11, qp=qp, newton=1e-10)
 
 
 def plain(x0, wanted, bound, n, model):

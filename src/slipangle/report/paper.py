@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import textwrap
 from typing import Any, Literal
 
@@ -70,12 +71,11 @@ def matplotlib_figure(
     layout = figure.layout
     places = _places(figure)
     axes = {pair: _new_axes(drawn, layout, pair, font) for pair in places}
-    cycle = list(layout.template.layout.colorway or layout.colorway or [INK.light])
+    cycle = itertools.cycle(layout.template.layout.colorway or layout.colorway or [INK.light])
     handles: dict[str, tuple[Any, str]] = {}
-    automatic = [t for t in figure.data if not _own_colour(t)]
     for trace in figure.data:
         pair = trace.xaxis or "x", trace.yaxis or "y"
-        spare = cycle[automatic.index(trace) % len(cycle)] if trace in automatic else INK.light
+        spare = INK.light if _own_colour(trace) else next(cycle)
         made = draw_trace(axes[pair], trace, figure, spare, drawn)
         named = trace.showlegend is not False and trace.name and made is not None
         if named and (trace.showlegend or layout.showlegend or len(tuple(figure.data)) > 1):

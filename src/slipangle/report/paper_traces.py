@@ -174,7 +174,7 @@ def _bar(own: Any, trace: Any, figure: Any, spare: str) -> Any:
     width = 0.8 * gap if trace.width is None else np.asarray(trace.width, dtype=float)
     if len(beside) > 1 and figure.layout.barmode in (None, "group"):
         width = width / len(beside)
-        spots = spots + (beside.index(trace) - (len(beside) - 1) / 2) * width
+        spots = spots + ([t is trace for t in beside].index(True) - (len(beside) - 1) / 2) * width
     shade = _rgba(trace.marker.color if isinstance(trace.marker.color, str) else None, spare, trace.opacity)
     style = {"color": [shade], "linewidth": 0.0}
     base = 0.0 if trace.base is None else np.asarray(trace.base, dtype=float)
