@@ -51,7 +51,7 @@ def test_a_first_guess_scales_with_the_car():
         ({}, "neither .* nor mass, wheelbase, l_f are given; expected a model"),
         ({"mass": 982.0, "wheelbase": 2.4}, "nor l_f is given"),
         ({"mass": 982.0, "wheelbase": 2.4, "l_f": 2.6}, "l_f is 2.6 m and the wheelbase 2.4 m"),
-        ({"mass": 0.1, "wheelbase": 2.4, "l_f": 1.3}, "mass is 0.1; expected a number from 1"),
+        ({"mass": 0.1, "wheelbase": 2.4, "l_f": 1.3}, "mass is 0.1 kg at a wheelbase of 2.4 m"),
     ],
 )
 def test_a_car_that_is_not_known_gets_a_sentence(estimator, given, said):
@@ -98,7 +98,8 @@ def test_a_job_names_them_and_their_defaults_are_those_of_table_8_2():
     ("kind", "entries", "said"),
     [
         ("joint", {"mass": 982.0, "wheelbase": 2.4}, "neither start nor l_f is given"),
-        ("hybrid", {**KNOWN, "mass": 0.2}, "mass is 0.2 kg; expected 1 to 100000 kg"),
+        ("hybrid", {**KNOWN, "mass": 2e-4}, "mass is 0.0002 kg; expected 0.001 to 100000 kg"),
+        ("hybrid", {**KNOWN, "mass": 0.982}, "mass is 0.982 kg at a wheelbase of .*0.982 t are 982 kg"),
         ("joint", {**KNOWN, "epochs": 3}, "has no entry 'epochs'"),
     ],
 )

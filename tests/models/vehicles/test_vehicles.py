@@ -1,13 +1,14 @@
 """Vehicle equations against limit cases that are known in closed form."""
 
 import dataclasses
+import warnings
 
 import casadi as ca
 import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import MissingColumnError, ParameterError
+from slipangle.errors import MissingColumnError, ModelWarning, ParameterError
 from slipangle.models.tires.simple import LinearTire, MagicCurve, SimpleMagicFormula, slip_ratio
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import FERRARI_250LM, SOUSA_TABLE_6_1, SOUSA_TABLE_6_2, SOUSA_TABLE_7_2
@@ -274,8 +275,28 @@ def test_standstill_and_reverse_are_finite(model):
         assert np.isfinite(x).all()
 
 
+@pytest.mark.parametrize(
+    ("mass", "wheelbase"), [(0.04, 0.062), (1.5, 0.257), (165.0, 1.05), (1500.0, 2.7), (40000.0, 6.6)]
+)
+def test_every_size_of_car_is_one_and_a_mass_in_grams_or_tonnes_is_named(mass, wheelbase):
+    """From a 1:43 model to a full truck; nobody who reads the sentence has to guess the unit."""
+    arm, load = 0.5 * wheelbase, 9.81 * mass
+    own = dict(wheelbase=wheelbase, l_f=arm, inertia_z=mass * arm * arm, C_f=5 * load, C_r=6 * load)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        BicycleParams(mass=mass, **own)
+    for factor, unit in ((1e-3, "t"), (1e3, "g")):
+        wrong = factor * mass
+        if 1e-3 <= wrong <= 1e5:
+            with pytest.warns(ModelWarning, match=f"mass is .* kg at a wheelbase of .* {unit} are {mass:.5g} kg"):
+                BicycleParams(mass=wrong, **own)
+        else:
+            with pytest.raises(ParameterError, match=r"\(vehicle mass\) is .* check the value and its unit"):
+                BicycleParams(mass=wrong, **own)
+
+
 def test_parameters_out_of_range_say_so():
-    with pytest.raises(ParameterError, match=r"BicycleParams.mass \(vehicle mass\) is -1 kg; expected 1 to 100000 kg"):
+    with pytest.raises(ParameterError, match=r"mass \(vehicle mass\) is -1 kg; expected 0.001 to 100000 kg"):
         FERRARI_250LM.with_values(mass=-1.0)
     with pytest.raises(ParameterError, match="no parameter 'C_F'; nearest are 'C_f'"):
         FERRARI_250LM.with_values(C_F=1.0)

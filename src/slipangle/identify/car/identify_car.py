@@ -6,14 +6,20 @@ import time
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.data.quality.plausible import LONGEST_STEP, doubts
-from slipangle.errors import IdentifiabilityWarning, MissingColumnError, ParameterError, SampleTimeError
-from slipangle.fields import Checked, Within
+from slipangle.errors import (
+    IdentifiabilityWarning,
+    MissingColumnError,
+    ModelWarning,
+    ParameterError,
+    SampleTimeError,
+)
+from slipangle.fields import Checked
 from slipangle.identify.car import sentences
 from slipangle.identify.car.recordings import settled
 from slipangle.identify.car.stretches import stretches
@@ -35,8 +41,10 @@ from slipangle.identify.car.structures import (
     with_shape,
 )
 from slipangle.identify.car.uncertainty import hull
+from slipangle.identify.physics.at_the_limit import Gain, Mass, ToFrontAxle, Wheelbase
 from slipangle.models.model import ProfileInfo
 from slipangle.models.provenance import provenance
+from slipangle.models.vehicles.parameters import weight_doubt
 from slipangle.models.wrappers.delayed import Delayed
 from slipangle.numerics.blas import one_blas_thread
 from slipangle.shown import Shown
@@ -48,7 +56,6 @@ _NONE = 1.5  # of that share, from which it is not believed at all; of `ELSEWHER
 # transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
 _FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
 _LEAST_GAIN = 1e-4  # of the steering; 1/57 where degrees were logged behind a ratio of 60
-_DENSITIES = 15.0, 1500.0  # kg/m3, mass over the wheelbase cubed: cars about 75, an open-wheeler 30, a full truck 700
 _SHAPES = (1.1, 1.7)  # other tires, see `with_shape`
 _OWN = (
     *("steering_offset", "bias_r", "bias_v_y", "bias_a_y", "cross_slope"),
@@ -120,10 +127,10 @@ class WholeCar(Checked):
         and biases are tried where there are several recordings of 40 s or more at the mean.
     """
 
-    mass: Annotated[float, Within(1.0, 1e5, "kg")]
-    wheelbase: Annotated[float, Within(0.1, 20.0, "m")]
-    l_f: Annotated[float, Within(0.01, 15.0, "m")]
-    steering_gain: Annotated[float, Within(-20.0, 20.0)] = 1.0
+    mass: Mass
+    wheelbase: Wheelbase
+    l_f: ToFrontAxle
+    steering_gain: Gain = 1.0
     per_experiment: tuple[str, ...] | Literal["chosen"] = "chosen"
 
     def __post_init__(self) -> None:
@@ -172,8 +179,11 @@ class WholeCar(Checked):
         inputs = ("delta", "v_x", "bank") if banked else ("delta", "v_x")
         whole = stretches(data.select(inputs=inputs, outputs=outputs), SLOWEST * self.wheelbase)
         known = {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
-        start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, banked=banked)
-        with one_blas_thread():
+        weight = weight_doubt(self.mass, self.wheelbase)
+        with one_blas_thread(), warnings.catch_warnings():
+            if weight:
+                warnings.simplefilter("ignore", ModelWarning)  # it is said once, below
+            start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, banked=banked)
             shared = tuple(n for n in (*STIFF, "steering_offset") if n not in (own or ()))
             first = fit(start, shared, whole.train, own=own or ())
             tried = corrections(whole.train, self.wheelbase, own)
@@ -181,15 +191,10 @@ class WholeCar(Checked):
             final = fit(best.model, best.free, whole.all, best, own=best.own)
             others = _others(final, dropped, whole.all)
         names = final.names
-        spread, limits, how = hull(names, final, others)
-        floors = dict.fromkeys(STIFF, _FLOOR if "v_y" in outputs else _FLOOR_ALONE) | {"steering_gain": _FLOOR_GAIN}
-        for i, name in enumerate(names):
-            limits[i] += np.array([-1.0, 1.0]) * floors.get(name, 0.0) * abs(final.values[name])
-        lowest, highest = final.problem.ranges
-        limits = np.clip(limits, lowest[:, None], highest[:, None])
+        spread, limits, how = _limits(final, others)
         separated = sentences.separated(names, final, limits)
         told = sentences.sensors(final, spread, self.steering_gain)
-        wrong = (*suspect, *self._weight(), *told, *sentences.impossible(names, final, limits))
+        wrong = (*suspect, *filter(None, [weight]), *told, *sentences.impossible(names, final, limits))
         changed = sentences.changes(stages)
         unknown = (
             *sentences.ridges(names, final, spread, limits, separated),
@@ -241,16 +246,6 @@ class WholeCar(Checked):
         without_a_y = "v_y" in data.outputs and "bias_a_y" not in (self._own or ())
         measured = {"r", *data.outputs} - ({"a_y"} if without_a_y else set())
         return tuple(n for n in ("v_y", "r", "a_y") if n in measured)
-
-    def _weight(self) -> list[str]:
-        """A sentence where no vehicle of this length weighs so little or so much."""
-        lightest, heaviest = (density * self.wheelbase**3 for density in _DENSITIES)
-        if lightest < self.mass < heaviest:
-            return []
-        return [
-            f"mass is {self.mass:g} kg at a wheelbase of {self.wheelbase:g} m; expected {sentences.short(lightest)} to "
-            f"{sentences.short(heaviest)} kg: check both, and their units"
-        ]
 
     def _of_the_mass(self) -> str:
         return (
@@ -342,6 +337,17 @@ def _climb(
                 failed_on[correction.said] = best
                 dropped.append(correction)
     return best, stages, dropped
+
+
+def _limits(final: Fitted, others: list[tuple[Fitted, float]]) -> tuple[np.ndarray, np.ndarray, str]:
+    """Covariance, 95 % limits no narrower than what a single track leaves out, and how they were found."""
+    spread, limits, how = hull(final.names, final, others)
+    stiff = _FLOOR if "v_y" in final.model.outputs else _FLOOR_ALONE
+    floors = dict.fromkeys(STIFF, stiff) | {"steering_gain": _FLOOR_GAIN}
+    for i, name in enumerate(final.names):
+        limits[i] += np.array([-1.0, 1.0]) * floors.get(name, 0.0) * abs(final.values[name])
+    lowest, highest = final.problem.ranges
+    return spread, np.clip(limits, lowest[:, None], highest[:, None]), how
 
 
 def _stage(said: str, kept: bool, fitted: Fitted, squares: np.ndarray, moved: float) -> Stage:

@@ -356,4 +356,5 @@ class _Fit:
 def _unit(params: Any, name: str) -> float:
     """Scale of a parameter: its value, or a share of its range where that is nearly zero."""
     meta, value = params.si(name), abs(float(getattr(params, name)))
-    return value if value > 1e-2 * (meta.upper - meta.lower) or value > 0.1 else 0.05 * (meta.upper - meta.lower)
+    own = meta.lower > 0 or value > 1e-2 * (meta.upper - meta.lower) or value > 0.1
+    return value if own else 0.05 * (meta.upper - meta.lower)

@@ -12,7 +12,7 @@ from slipangle.errors import IdentifiabilityWarning, MissingColumnError, Paramet
 from slipangle.fields import Checked, Within
 from slipangle.identify.physics.grey_box import GreyBox
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams
-from slipangle.models.vehicles.parameters import GRAVITY
+from slipangle.models.vehicles.parameters import GRAVITY, IMPOSSIBLE, weight_doubt
 
 FREE = (
     *("C_f", "C_r", "inertia_z", "mu_f", "mu_r", "steering_lag", "steering_offset", "bias_r"),
@@ -21,9 +21,9 @@ FREE = (
 _STEP = 0.017  # longest step of the integrator that follows an ordinary steering lag [s]
 _STIFF_F, _STIFF_R = 10.0, 12.0  # cornering stiffness over the axle's load, of ordinary tires [1/rad]
 
-Mass = Annotated[float, Within(1.0, 1e5, "kg")]
-Wheelbase = Annotated[float, Within(0.1, 20.0, "m")]
-ToFrontAxle = Annotated[float, Within(0.01, 15.0, "m")]
+Mass = Annotated[float, Within(1e-3, 1e5, "kg")]
+Wheelbase = Annotated[float, Within(0.01, 20.0, "m")]
+ToFrontAxle = Annotated[float, Within(1e-3, 15.0, "m")]
 Gain = Annotated[float, Within(-20.0, 20.0)]
 
 
@@ -65,6 +65,10 @@ class KnownCar(Checked):
                 f"l_f is {self.l_f:g} m and the wheelbase {self.wheelbase:g} m; expected the centre of gravity between "
                 "the axles: check both, and their units"
             )
+        if self.wheelbase is not None and self.mass is not None:
+            said = weight_doubt(self.mass, self.wheelbase, beyond=IMPOSSIBLE)
+            if said:
+                raise ParameterError(said)
 
     def bicycle(self, data: Dataset) -> NonlinearBicycle:
         """The nonlinear bicycle of the yaw rate, twelve free parameters fitted from many starts by `GreyBox`.

@@ -111,7 +111,8 @@ class FreeRunProblem:
         wide = np.full(len(free_x0), np.inf)
         self.lower = np.concatenate([lower, -wide]) / self.scale
         self.upper = np.concatenate([upper, wide]) / self.scale
-        inside = 1e-9 * np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, 0.0)
+        width = self.upper - self.lower  # in units of the start, which a wide range of small cars must not move
+        inside = 1e-9 * np.where(np.isfinite(width), np.minimum(width, 100.0), 0.0)
         self.start = np.clip(np.concatenate([values, free_x0]) / self.scale, self.lower + inside, self.upper - inside)
         self.fixed_x0 = x0
         self.moving = [] if self.n_x0 else self._parameters_of_the_start(start)

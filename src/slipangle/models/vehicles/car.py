@@ -23,14 +23,14 @@ class DualTrackParams(ChassisParams):
     """
 
     height: Annotated[float, SI("m", "centre of gravity above ground", 0.0, 5.0)]
-    track_f: Annotated[float, SI("m", "front track width", 0.1, 5.0)]
-    track_r: Annotated[float, SI("m", "rear track width", 0.1, 5.0)]
-    radius: Annotated[float, SI("m", "rolling radius", 0.01, 2.0)]
-    inertia_wheel_f: Annotated[float, SI("kg m2", "spin inertia of the front axle", 1e-6, 1e3)]
-    inertia_wheel_r: Annotated[float, SI("kg m2", "spin inertia of the rear axle", 1e-6, 1e3)]
+    track_f: Annotated[float, SI("m", "front track width", 0.01, 5.0)]
+    track_r: Annotated[float, SI("m", "rear track width", 0.01, 5.0)]
+    radius: Annotated[float, SI("m", "rolling radius", 1e-3, 2.0)]
+    inertia_wheel_f: Annotated[float, SI("kg m2", "spin inertia of the front axle", 1e-11, 1e3)]
+    inertia_wheel_r: Annotated[float, SI("kg m2", "spin inertia of the rear axle", 1e-11, 1e3)]
     # tires
-    relaxation_x: Annotated[float, SI("m", "longitudinal relaxation length", 0.01, 5.0)] = 0.25
-    relaxation_y: Annotated[float, SI("m", "lateral relaxation length", 0.01, 5.0)] = 0.5
+    relaxation_x: Annotated[float, SI("m", "longitudinal relaxation length", 1e-4, 5.0)] = 0.25
+    relaxation_y: Annotated[float, SI("m", "lateral relaxation length", 1e-4, 5.0)] = 0.5
     rolling_resistance: Annotated[float, SI("-", "rolling resistance over load", 0.0, 0.5)] = 0.0
     camber_f: Annotated[float, SI("rad", "static camber in front, negative: tops inward", -0.3, 0.3)] = 0.0
     camber_r: Annotated[float, SI("rad", "static camber behind, negative: tops inward", -0.3, 0.3)] = 0.0
@@ -39,15 +39,15 @@ class DualTrackParams(ChassisParams):
     # body
     mass_unsprung_f: Annotated[float, SI("kg", "unsprung mass of the front axle", 0.0, 1e4)] = 0.0
     mass_unsprung_r: Annotated[float, SI("kg", "unsprung mass of the rear axle", 0.0, 1e4)] = 0.0
-    inertia_x: Annotated[float, SI("kg m2", "roll inertia of the body about its centre", 1e-3, 1e6)] = 500.0
-    inertia_y: Annotated[float, SI("kg m2", "pitch inertia of the body", 1e-3, 1e6)] = 2500.0
+    inertia_x: Annotated[float, SI("kg m2", "roll inertia of the body about its centre", 1e-9, 1e6)] = 500.0
+    inertia_y: Annotated[float, SI("kg m2", "pitch inertia of the body", 1e-9, 1e6)] = 2500.0
     roll_centre_f: Annotated[float, SI("m", "front roll centre above ground", -1.0, 2.0)] = 0.0
     roll_centre_r: Annotated[float, SI("m", "rear roll centre above ground", -1.0, 2.0)] = 0.0
-    roll_stiffness_f: Annotated[float, SI("N m/rad", "front roll stiffness", 10.0, 1e7)] = 40e3
-    roll_stiffness_r: Annotated[float, SI("N m/rad", "rear roll stiffness", 10.0, 1e7)] = 40e3
+    roll_stiffness_f: Annotated[float, SI("N m/rad", "front roll stiffness", 1e-4, 1e7)] = 40e3
+    roll_stiffness_r: Annotated[float, SI("N m/rad", "rear roll stiffness", 1e-4, 1e7)] = 40e3
     roll_damping_f: Annotated[float, SI("N m s/rad", "front roll damping", 0.0, 1e6)] = 3e3
     roll_damping_r: Annotated[float, SI("N m s/rad", "rear roll damping", 0.0, 1e6)] = 3e3
-    pitch_stiffness: Annotated[float, SI("N m/rad", "pitch stiffness", 10.0, 1e7)] = 120e3
+    pitch_stiffness: Annotated[float, SI("N m/rad", "pitch stiffness", 1e-4, 1e7)] = 120e3
     pitch_damping: Annotated[float, SI("N m s/rad", "pitch damping", 0.0, 1e6)] = 10e3
     load_lag: Annotated[float, SI("s", "time constant of load through links and unsprung masses", 1e-3, 1.0)] = 0.02
     # air

@@ -18,7 +18,7 @@ from slipangle.units import SI
 class LongitudinalParams(ParameterSet):
     """Speed from pedals."""
 
-    mass: Annotated[float, SI("kg", "vehicle mass", 1.0, 1e5)]
+    mass: Annotated[float, SI("kg", "vehicle mass", 1e-3, 1e5)]
     k_e: Annotated[float, SI("N", "force at full pedal", 0.0, 1e6)]
     k_d: Annotated[float, SI("N s/m", "linear drag", -1e4, 1e4)]
     k_r: Annotated[float, SI("-", "rolling resistance coefficient", -2.0, 2.0)]
@@ -50,10 +50,10 @@ class Longitudinal(OdeModel):
 class DrivelineParams(ParameterSet):
     """Forces along the car; everything beyond ``k_e`` and ``k_b`` may stay at zero or without effect."""
 
-    mass: Annotated[float, SI("kg", "vehicle mass", 1.0, 1e5)]
+    mass: Annotated[float, SI("kg", "vehicle mass", 1e-3, 1e5)]
     k_e: Annotated[float, SI("N", "driving force at full throttle, low speed", 0.0, 1e6)]
     k_b: Annotated[float, SI("N/Pa", "braking force per brake pressure", 0.0, 1.0)]
-    power: Annotated[float, SI("W", "engine power at full throttle", 1e2, 1e7)] = 3e5
+    power: Annotated[float, SI("W", "engine power at full throttle", 1e-2, 1e7)] = 3e5
     drag: Annotated[float, SI("kg/m", "drag force per speed squared", 0.0, 10.0)] = 0.8
     k_d: Annotated[float, SI("N s/m", "drag force per speed", -1e3, 1e3)] = 0.0
     k_r: Annotated[float, SI("-", "rolling resistance coefficient", -0.5, 0.5)] = 0.015

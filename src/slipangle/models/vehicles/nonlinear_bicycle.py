@@ -19,8 +19,8 @@ from slipangle.units import SI
 class NonlinearBicycleParams(ChassisParams):
     """The linear bicycle's parameters and what matters when tires saturate; per axle unless said otherwise."""
 
-    C_f: Annotated[float, SI("N/rad", "front cornering stiffness at static load, per axle", 1.0, 1e7)]
-    C_r: Annotated[float, SI("N/rad", "rear cornering stiffness at static load, per axle", 1.0, 1e7)]
+    C_f: Annotated[float, SI("N/rad", "front cornering stiffness at static load, per axle", 1e-3, 1e7)]
+    C_r: Annotated[float, SI("N/rad", "rear cornering stiffness at static load, per axle", 1e-3, 1e7)]
     mu_f: Annotated[float, SI("-", "front peak friction at static load", 0.1, 4.0)] = 1.1
     mu_r: Annotated[float, SI("-", "rear peak friction at static load", 0.1, 4.0)] = 1.2
     shape: Annotated[float, SI("-", "Magic Formula shape factor C", 0.8, 2.0)] = 1.3
