@@ -127,6 +127,19 @@ def test_what_lowers_the_error_elsewhere_too_little_is_not_believed(other):
     assert adapted.gains == {"delta": 1.0}
 
 
+def test_what_bends_to_one_side_say_of_the_other_has_to_hold_there():
+    """A car that turns in more sharply to the left, which no sensor does: blocks cannot tell, halves can."""
+    data = drive(800, seed=30)
+    lopsided = with_noise(data.with_channel("r", data["r"] * np.where(data["r"] > 0, 1.3, 1.0), "rad/s"), 0.01)
+    with pytest.warns(
+        ModelWarning, match="where delta of 'session 30' is above its median changed .* where it is below"
+    ):
+        adapted = Adapt().fit(CAR, lopsided)
+    assert adapted.gains == {"delta": 1.0}
+    even = with_noise(data.with_channel("r", 1.15 * data["r"], "rad/s"), 0.01)
+    assert Adapt().fit(CAR, even).gains["delta"] > 1.1
+
+
 def test_a_poor_session_pulls_nowhere():
     """Ten seconds nearly straight ahead, noise as large as the yaw rate: the prior's widths bound what is believed."""
     poor = with_noise(drive(400, seed=3, size=0.004), 0.02)

@@ -35,7 +35,8 @@ class Adapt(Checked):
     that something did. The model comes back unchanged if that nothing changed is still likelier after them, or if the
     corrections do not prove themselves: the seconds are cut into ``folds`` blocks of which each is predicted with the
     values that the others give, and the squared error has to fall by ``worth``, and beyond chance by a t-test of the
-    blocks at ``level``.
+    blocks at ``level``; and what is read where an input is above its median, as in bends to the left, may not make the
+    run worse where it is below, nor the other way round: a sensor reads alike in both, what a model lacks does not.
 
     Parameters
     ----------
@@ -135,19 +136,34 @@ class Adapt(Checked):
                 f"differently is {average.nothing:.2g} (else {found}, by the mean of all cases); expected at most 0.5",
             )
         blocks = np.array_split(np.arange(session.n), self.folds)
-        before = optimum.at(np.zeros_like(optimum.theta))
-        without = np.array([np.sum((before[block] / session.size) ** 2) for block in blocks])
-        fall = without - [np.sum((optimum.without(block) / session.size) ** 2) for block in blocks]
+        without, fall = self._predicted(session, optimum, blocks)
         error = float(np.std(fall, ddof=1)) * np.sqrt(self.folds)  # standard error of the sum over the blocks
         beyond = float(stdtrit(self.folds - 1, 1.0 - self.level))
-        if fall.sum() >= max(self.worth * without.sum(), beyond * error):
-            return ()
-        return (
-            f"the model is left as it is: on {self.folds} blocks of '{session.data.name}' that they were not read from "
-            f"the corrections ({found}) changed the squared error by {-100 * fall.sum() / without.sum():+.1f} % +- "
-            f"{100 * error / without.sum():.1f} %; expected a fall by {100 * self.worth:g} % and by {beyond:.3g} times "
-            "the scatter",
-        )
+        if fall.sum() < max(self.worth * without.sum(), beyond * error):
+            return (
+                f"the model is left as it is: on {self.folds} blocks of '{session.data.name}' that they were not read "
+                f"from the corrections ({found}) changed the squared error by "
+                f"{-100 * fall.sum() / without.sum():+.1f} % +- {100 * error / without.sum():.1f} %; expected a fall "
+                f"by {100 * self.worth:g} % and by {beyond:.3g} times the scatter",
+            )
+        for name in dict.fromkeys((*self.inputs, *self.gains)):
+            without, fall = self._predicted(session, optimum, session.halves(name))
+            if np.any(fall < 0):
+                rise = -100 * fall / np.maximum(without, np.finfo(float).tiny)
+                here, there = ("below", "above") if rise[0] > rise[1] else ("above", "below")
+                return (
+                    f"the model is left as it is: corrections read where {name} of '{session.data.name}' is {there} "
+                    f"its median changed the squared error by {max(rise):+.1f} % where it is {here}; "
+                    f"expected none that is worse (all together {found}): give a session that turns both ways",
+                )
+        return ()
+
+    @staticmethod
+    def _predicted(session: _Session, optimum: _Optimum, parts: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Squared error of each part of the rows as it is, and what corrections read from all others take off."""
+        before = optimum.at(np.zeros_like(optimum.theta))
+        without = np.array([np.sum((before[rows] / session.size) ** 2) for rows in parts])
+        return without, without - [np.sum((optimum.without(rows) / session.size) ** 2) for rows in parts]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,6 +234,10 @@ class _Session:
         self.least = np.array([-model.dt / 3 if n.startswith("lag_") else -np.inf for n in self.names])
         self.predicted = model.simulate(self.data).predicted
         self.n = int(self.predicted.sum())
+
+    def halves(self, name: str) -> list[np.ndarray]:
+        """Predicted rows where an input is in the lower half of its samples, and where in the upper."""
+        return np.array_split(np.argsort(self.data[name][self.predicted], kind="stable"), 2)
 
     def sensors(self, theta: np.ndarray) -> OffsetModel:
         """The model behind these corrections; gains are relative to 1."""
