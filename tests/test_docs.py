@@ -236,6 +236,7 @@ WARNS = {
         ),
     ),
     "models/tires/magic_formula/tire.py": (1, ("the tire is extrapolated",)),
+    "models/vehicles/parameters.py": (1, ("kg at a wheelbase of",)),
     "optimal/realtime/backend.py": (1, ("no C compiler was found",)),
     "registry.py": (1, ("of an installed package cannot be used",)),
     "reproduce/plants/friction.py": (1, ("the fit stopped at its limit of",)),
