@@ -5,11 +5,14 @@ brakes without anti-lock, relaxing tires and rolling body. The racer sees X, Y, 
 0.05 m, 0.05 m, 0.005 rad, 0.05 m/s, 0.005 rad/s and 0.2 m/s2, and knows nothing else.
 
 The optimum it is measured by is the fastest lap, with `smoothness=1` and no margins, of the `LapCar` that fits this
-plant best, at the true friction. Its grip and front stiffness are fitted to bends of slowly rising angle at seven
-speeds on friction 1; its power and largest force to what full throttle gave on a lap of calibration, since the
-gearbox shifts down late and leaves the car in too high a gear behind slow corners, which no constant power knows.
-Beside it stands the lap of `sa.lap_car(plant)` as it is, with 90 kW in every gear. Never off the track means that the
-car's width stays between the edges. All times are of the true motion, cut at the start line.
+plant best, at the true friction and with the force that the engine has in the gear that its gearbox is in. Grip and
+front stiffness are fitted to bends of slowly rising angle at seven speeds on friction 1, the friction along the tires
+is that of their files. The gearbox shifts down late and leaves the car in too high a gear behind slow corners, so gears
+follow from the speeds of the lap and the lap from its gears, until they agree; where it pays, the lap is slow enough
+to shift down. The racer's own car has one power and one force instead, those of a lap of calibration. Beside it stands
+the lap of that car, whose power does not know the gears, and that of `sa.lap_car(plant)` as it is, with 90 kW and no
+more friction along the tires than across. Never off the track means that the car's width stays between the edges. All
+times are of the true motion, cut at the start line.
 """
 
 from __future__ import annotations
@@ -20,12 +23,14 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import brentq, least_squares
 
+from slipangle.control.racing.gearbox import Gearbox
 from slipangle.control.racing.pedals import Pedals
-from slipangle.control.racing.racer import NOISE, Racer
+from slipangle.control.racing.racer import ALONG, NOISE, Racer
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.data.public.registry import fetch
 from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
+from slipangle.models.vehicles.on_tires import peak_friction
 from slipangle.models.vehicles.road import Road
 from slipangle.optimal.lap.car import LapCar, rates
 from slipangle.optimal.lap.cars import lap_car
@@ -54,15 +59,16 @@ def bench(progress: Progress, seeds: tuple[int, ...] = SEEDS, laps: int = LAPS) 
     track = Path.from_csv(fetch("tracks", "Norisring.csv")["Norisring.csv"])
     progress(0.0, "the lap car that fits the plant best")
     car = with_drive(fitted(lap_car(plant(1.0), **GUESS)), track)
-    fastest = optimum(car, track)
-    raw = optimum(lap_car(plant(1.0)), track)
-    note = f"{car.power / 1e3:.1f} kW, at most {car.drive_force:.0f} N; lap_car(plant) as it is: {raw:.3f} s"
+    without_gears, raw = optimum(car, track), optimum(lap_car(plant(1.0)), track)
+    fastest = with_gears(without_gears).time
+    note = (
+        f"with {car.power / 1e3:.1f} kW, at most {car.drive_force:.0f} N, in every gear: {without_gears.time:.3f} s; "
+        f"lap_car(plant) as it is: {raw.time:.3f} s"
+    )
     records = [Record.judged("optimum", "s, best fitting car, true friction", None, fastest, note=note)]
     for i, seed in enumerate(seeds):
         progress((1 + i) / (1 + len(seeds)), f"{laps} laps, seed {seed}")
-        racer = Racer(
-            car, track, Pedals.of(BMW_320I), share=SHARE, grip_std=GRIP_STD, margin=MARGIN, lap=first(car, track)
-        )
+        racer = Racer(car, track, Pedals.of(BMW_320I), share=SHARE, grip_std=GRIP_STD, margin=MARGIN)
         run, times = raced(racer, FRICTION, laps, seed)
         note = (
             ", ".join(f"{t:.2f}" for t in times) + f" s; first plan {racer.first.time:.2f} s, {run.fallbacks} fallbacks"
@@ -86,20 +92,43 @@ def plant(friction: float) -> DualTrack:
     )
 
 
-def optimum(car: LapCar, track: Path) -> float:
-    """Time of the fastest lap at the true friction. [s]"""
-    known = replace(car, mu_f=FRICTION * car.mu_f, mu_r=FRICTION * car.mu_r)
-    return fastest_lap(known, track, points=POINTS).time
+def optimum(car: LapCar, track: Path) -> Lap:
+    """The fastest lap at the true friction."""
+    return fastest_lap(replace(car, mu_f=FRICTION * car.mu_f, mu_r=FRICTION * car.mu_r), track, points=POINTS)
 
 
-def first(car: LapCar, track: Path, share: float = SHARE * (1.0 - GRIP_STD)) -> Lap:
-    """The lap that a racer begins with."""
-    sure = replace(car, mu_f=share * car.mu_f, mu_r=share * car.mu_r, mu_x=0.95 * car.mu_x)
+def with_gears(lap: Lap) -> Lap:
+    """The fastest lap like one of a single power, with the force of the engine in the gears of its own speeds."""
+    box, free = Gearbox.of(BMW_320I), replace(lap.car, power=1e6, drive_force=1e5)
+    for _ in range(8):
+        slow = box.slow_enough(lap.v_x)
+        gears = box.gears(np.minimum(lap.v_x, slow))
+        most = np.array([engine_force(*at) for at in zip(gears, lap.v_x, strict=True)])
+        lap = fastest_lap(free, lap.track, points=POINTS, like=lap, allowed=lambda s, of=(most, slow): of)
+        if np.mean(box.gears(lap.v_x) != gears) < 0.01:
+            return lap
+    raise SystemExit("no lap was found that fits its own gears; expected one within eight")
+
+
+def engine_force(gear: int, v_x: float) -> float:
+    """Force of the tires at full throttle in a gear at a speed [m/s], less what the turning masses take. [N]"""
+    car, line = BMW_320I, BMW_320I.driveline
+    ratio = line.ratios[gear - 1] * line.final / car.radius
+    turning = (car.inertia_wheel_f + car.inertia_wheel_r) / car.radius**2 + line.engine.inertia * ratio**2
+    return float(line.engine.torque(1.0, v_x * ratio)) * ratio * car.mass / (car.mass + turning)
+
+
+def first(car: LapCar, track: Path, share: float) -> Lap:
+    """A lap for a share of the grip."""
+    sure = replace(car, mu_f=share * car.mu_f, mu_r=share * car.mu_r, mu_x=ALONG * car.mu_x)
     return fastest_lap(sure, track, points=POINTS, margin=MARGIN)
 
 
 def fitted(car: LapCar) -> LapCar:
-    """The car with stiffness and friction that explain slow bends up to the limit, in the sense of least squares."""
+    """The car with stiffness and friction that explain slow bends up to the limit, in the sense of least squares.
+
+    Friction along its tires over that across is that of the tire at the mean static load.
+    """
     rows = np.vstack([bend(v) for v in BENDS])
     angle, v_x, v_y, r, a_x, _, v_y_dot, r_dot = rows.T
     force = np.clip(car.mass * a_x + car.drag * v_x**2, -5e3, 5e3)
@@ -111,7 +140,10 @@ def fitted(car: LapCar) -> LapCar:
         return np.concatenate([motion.v_y - v_y_dot, 1.3 * (motion.r - r_dot)])  # 1.3 m: half the wheelbase
 
     found = least_squares(missed, np.ones(4), bounds=(0.3, 2.0)).x
-    return car.with_values(**{n: float(v) for n, v in zip(names, found * start, strict=True)})
+    load = 0.25 * car.weight
+    along = -min(float(PASSENGER_TIRE.forces(-slip, 0.0, load).F_x) for slip in np.linspace(0.01, 0.4, 100))
+    values = {n: float(v) for n, v in zip(names, found * start, strict=True)}
+    return car.with_values(**values, mu_x=along / load / peak_friction(PASSENGER_TIRE, load))
 
 
 def bend(v: float) -> np.ndarray:

@@ -8,6 +8,7 @@ import pytest
 
 import slipangle as sa
 from slipangle.codegen.compiler import compiler, sentence
+from slipangle.control.racing.gearbox import Gearbox
 from slipangle.control.racing.learning import Learned
 from slipangle.control.racing.planner import Known, Planner
 from slipangle.control.racing.racer import NOISE
@@ -107,6 +108,30 @@ def test_what_full_throttle_gives_is_learned_by_place():
     assert (learned.grip, learned.grip_std) == pytest.approx((0.95, 0.01))
     car = learned.car(believed(), 0.96)
     assert car.mu_f / believed().mu_f == pytest.approx(0.96 * 0.94)
+
+
+def test_far_from_the_limit_no_more_grip_is_believed_than_near_it():
+    learned = Learned(PEDALS, 500.0, 0.05)
+    assert learned.here(1.1) == 1.0
+    for _ in range(300):
+        learned.see(203.0, 1800.0, 0.5, (0.95, 0.004), 0.01)
+    assert learned.here(1.0) == pytest.approx(0.95, abs=0.002)
+    assert learned.here(0.8) == 0.8  # what the filter reads now, where that is less
+    for _ in range(300):
+        learned.see(203.0, 1800.0, 0.5, (1.0, 0.02), 0.01)
+    assert learned.here(1.0) < 0.96
+
+
+def test_a_lap_is_slow_enough_for_the_gearbox():
+    lap, car = first_lap(), believed()
+    slowest = float(lap.v_x.min())
+    box = Gearbox(up=(0.9 * lap.v_x.max(),), down=(0.97 * slowest,))
+    racer = sa.Racer(car, circuit(), replace(PEDALS, gearbox=box), lap=lap, margin=MARGIN, share=0.9)
+    assert racer.lap.v_x.min() == slowest  # the first lap was given
+    racer.learned.grip = 1.02
+    racer.learn()
+    assert racer.lap.car.mu_f > lap.car.mu_f
+    assert racer.lap.v_x.min() < 0.97 * slowest
 
 
 def test_a_plan_from_beyond_the_edge_leads_back_between_them():

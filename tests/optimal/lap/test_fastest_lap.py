@@ -199,3 +199,19 @@ def test_a_lap_shows_itself():
     assert len(lap.plot("v_x", "delta").data) == 2
     with pytest.raises(ParameterError, match="no channel of a lap 'speed'"):
         lap.plot("speed")
+
+
+def test_what_is_allowed_at_a_place_holds_there_and_costs_time():
+    free = sa.fastest_lap(RACER, circuit(), points=80)
+    slow = np.where(np.arange(80) == int(np.argmin(free.v_x)), 0.95 * free.v_x, np.inf)
+    weak = np.where(free.s < 150.0, 1500.0, np.inf)
+    bound = sa.fastest_lap(RACER, circuit(), like=free, allowed=lambda s: (weak, slow))
+    assert np.all(bound.v_x <= slow + 1e-6)
+    assert np.all(bound.F_x <= weak + 1e-3)
+    assert free.F_x[free.s < 150.0].max() > 2000.0
+    assert bound.time > free.time
+
+
+def test_what_cannot_be_allowed_is_refused():
+    with pytest.raises(ParameterError, match="forces above zero"):
+        sa.fastest_lap(RACER, circuit(), points=80, allowed=lambda s: (0.0 * s, 30.0 + s))

@@ -12,6 +12,8 @@ from slipangle.optimal.lap.car import LapCar
 PLACE = 10.0  # m of track that share what full throttle gives
 SETTLED = 0.3  # s of full throttle before its force is believed
 GAIN = 0.1  # of new values of a place, each hundredth of a second
+MEMORY = 20.0  # s, of what is known of the grip while driving
+BELIEVED = 5.0  # s of samples as sure as the believed grip, that this counts for
 
 
 class Learned:
@@ -32,6 +34,8 @@ class Learned:
         self.grip, self.grip_std = 1.0, grip_std
         self._places = np.full(max(1, round(length / PLACE)), np.nan)
         self._pressed = 0.0
+        self._known = BELIEVED / max(grip_std, 1e-4) ** 2
+        self._mean = 1.0
         self.begin_lap()
 
     def begin_lap(self) -> None:
@@ -43,6 +47,13 @@ class Learned:
         seen = self._places[self._place(s)]
         return np.where(np.isfinite(seen), seen, self.pedals.most(v_x))
 
+    def here(self, grip: float) -> float:
+        """Grip to plan with where the filter reads ``grip``: no more than it read where it was sure, near the limit.
+
+        Far from it a filter takes for grip what its tires' curve lacks.
+        """
+        return min(grip, self._mean)
+
     def _place(self, s: float | np.ndarray) -> np.ndarray:
         count = len(self._places)
         return (np.asarray(s) % self.length / self.length * count).astype(int) % count
@@ -50,6 +61,9 @@ class Learned:
     def see(self, s: float, force: float, throttle: float, grip: tuple[float, float], dt: float) -> None:
         """A sample of the drive: place [m], force [N], throttle, grip and its deviation, sample time. [s]"""
         self._grips.append(grip)
+        sure = dt / max(grip[1], 1e-4) ** 2
+        self._known = self._known * (1.0 - dt / MEMORY) + sure
+        self._mean += sure / self._known * (grip[0] - self._mean)
         self._pressed = self._pressed + dt if throttle > 0.99 else 0.0
         if self._pressed < SETTLED:
             return
@@ -58,11 +72,13 @@ class Learned:
         self._places[at] = force if np.isnan(known) else known + GAIN * (force - known)
 
     def end_lap(self) -> None:
-        """Take the mean grip of the lap; its deviation is that of the filter or of the laps' own wandering."""
+        """Take the lap's mean grip, each sample by how sure it is; how far it wandered, at least the filter's own."""
         if self._grips:
-            grips = np.array(self._grips)
-            self.grip = float(grips[:, 0].mean())
-            self.grip_std = float(np.sqrt(np.mean(grips[:, 1] ** 2)))
+            grip, std = np.array(self._grips).T
+            known = 1.0 / np.maximum(std, 1e-4) ** 2
+            self.grip = float(np.average(grip, weights=known))
+            wandering = float(np.sqrt(np.average((grip - self.grip) ** 2, weights=known)))
+            self.grip_std = max(wandering, float(np.mean(known) ** -0.5))
 
     def car(self, car: LapCar, share: float) -> LapCar:
         """The car for the next lap: ``share`` of the grip that is sure."""

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
+from slipangle.control.racing.gearbox import Gearbox
 from slipangle.control.speed.pedals import drive_force, moving_mass
 from slipangle.errors import ParameterError
 from slipangle.fields import Checked, Within
@@ -29,6 +30,8 @@ class Pedals(Checked):
         Force of the tires at full brake pedal, positive. [N]
     lag : float
         Time constant of the engine. [s]
+    gearbox : Gearbox, optional
+        Where the gears change by themselves, as in `slipangle.control.racing.gearbox`.
 
     Raises
     ------
@@ -41,6 +44,7 @@ class Pedals(Checked):
     closed: np.ndarray
     brake: np.ndarray
     lag: Annotated[float, Within(0, unit="s", open="high")] = 0.0
+    gearbox: Gearbox | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,6 +73,7 @@ class Pedals(Checked):
             closed=np.array([min(_closed(car, v), 0.0) for v in _SPEEDS]) * share,
             brake=float(car.brakes.torque / car.radius) * share,
             lag=float(car.driveline.engine.lag),
+            gearbox=Gearbox.of(car),
         )
 
     def most(self, v_x: float | np.ndarray) -> np.ndarray:

@@ -28,7 +28,7 @@ RATES = {"delta_rate": 10.0, "F_rate": 0.3}  # per (rad/s)2, of force rates over
 # Squared and plain price of leaving limits: edges [m], drive, slip over that at the peak, use of the axles' force.
 PRICES = {"n": (50.0, 2.0), "F_x": (5.0, 5.0), "slip_f": (200.0, 20.0), "slip_r": (400.0, 30.0)}
 PRICES |= {"use_f": (50.0, 8.0), "use_r": (50.0, 8.0)}
-SLIP, USE = 0.92, 0.90  # up to which slip angles and longitudinal forces go, over their largest
+SLIP, USE = 0.92, 0.93  # up to which slip angles and longitudinal forces go, over their largest
 FORGOTTEN = 1.0  # s, after which an acceleration that was not explained is gone
 SLOWEST = 3.0  # m/s along the track
 

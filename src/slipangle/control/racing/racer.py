@@ -28,7 +28,7 @@ NOISE = {"X": 0.05, "Y": 0.05, "psi": 0.005, "v_x": 0.05, "r": 0.005, "a_x": 0.2
 WANDER = {"X": 0.01, "Y": 0.01, "psi": 0.001, "v_x": 0.1, "v_y": 0.2, "r": 0.1, "d_v_x": 2.0, "d_r": 1.0}
 START = {"X": 0.1, "Y": 0.1, "psi": 0.01, "v_x": 0.1, "v_y": 0.1, "r": 0.02, "d_v_x": 0.5, "d_r": 0.2}
 GRIP_WANDER = 0.002  # relative, per root of a second
-ALONG = 0.95  # of the longitudinal friction that a lap is planned with: no wheel locks for a wrong brake
+ALONG = 0.98  # of the longitudinal friction that a lap is planned with: no wheel locks for a wrong brake
 CHANGED = 0.003  # of grip, from which a new lap is planned
 STOP = 0.3  # of the weight, with which a car brakes that has no plan any more
 _POSE = ("X", "Y", "psi", "v_x")
@@ -128,7 +128,7 @@ class Racer(Brief):
         )
         self.learned = Learned(pedals, track.length, grip_std)
         if lap is None:
-            lap = fastest_lap(self._sure(), track, margin=margin)
+            lap = self._plan_lap(self._sure(), None)
         self.first = lap
         self.reset()
 
@@ -155,9 +155,19 @@ class Racer(Brief):
         car, now = self._sure(), self.lap.car
         if abs(car.mu_f / now.mu_f - 1.0) > CHANGED:
             with suppress(SolverError):
-                self.lap = fastest_lap(car, self.track, margin=self.margin, like=self.lap)
+                self.lap = self._plan_lap(car, self.lap)
                 self._planner.follow(self.lap, 0.5 * self.car.width + self.margin)
         self.learned.begin_lap()
+
+    def _plan_lap(self, car: LapCar, before: Lap | None) -> Lap:
+        """The fastest lap of a car, slow enough where the gearbox has to shift down."""
+        lap = before or fastest_lap(car, self.track, margin=self.margin)
+        box = self.pedals.gearbox
+        slow = np.full(len(lap.s), np.inf) if box is None else box.slow_enough(lap.v_x)
+        if before is None and np.all(lap.v_x <= slow):
+            return lap
+        any_force = np.full(len(lap.s), np.inf)
+        return fastest_lap(car, self.track, margin=self.margin, like=lap, allowed=lambda s: (any_force, slow))
 
     def _sure(self) -> LapCar:
         """The car for a lap."""
@@ -191,7 +201,7 @@ class Racer(Brief):
         if self._plan is None or self._tick % self._every == 0:
             chi = math.remainder(float(x[2]) - heading, 2 * math.pi)
             state = np.array([e_y, chi, x[3], x[4], x[5], self._delta, self._F])
-            known = Known(grip=grip, d_v_x=float(x[6]), d_r=float(x[7]))
+            known = Known(grip=self.learned.here(grip), d_v_x=float(x[6]), d_r=float(x[7]))
             self._plan = self._planner.plan(state, s, known, self.learned.most, self._plan)
         values = self._act(self._plan, float(x[3]), float(x[6]), grip)
         return Commands(

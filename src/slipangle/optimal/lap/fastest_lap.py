@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
@@ -39,6 +40,7 @@ def fastest_lap(
     v_max: float = 120.0,
     v_start: float | None = None,
     like: Lap | None = None,
+    allowed: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None,
     tolerance: float = 1e-6,
     iterations: int = 500,
 ) -> Lap:
@@ -73,6 +75,9 @@ def fastest_lap(
     like : Lap, optional
         A lap of this track whose points, weights of smoothness and drive to start from, so that the two differ by the
         car alone; ``points`` and ``smoothness`` are then its own.
+    allowed : callable, optional
+        Of arc lengths of the track's line, shape (n,) [m]: the largest driving force and the largest speed there, both
+        positive and of shape (n,) [N, m/s], within the car's power and force and ``v_max``. So a gearbox has its say.
     tolerance, iterations
         Of the solver: of its optimality conditions, scaled [-], and how often it may try.
 
@@ -101,7 +106,9 @@ def fastest_lap(
     guess = _guess(vehicle, along, line_of, bend, _CALM * v) if like is None else like.columns
     weights = _weights(vehicle, smoothness) if like is None else like.weights
     ready = time.perf_counter()
-    problem = Problem(car=vehicle, along=along, weights=weights, bounds=_bounds(vehicle, along, v_max, v_start))
+    problem = Problem(
+        car=vehicle, along=along, weights=weights, bounds=_bounds(vehicle, along, v_max, v_start, allowed)
+    )
     solved = solve(problem, guess, iterations=iterations, tolerance=tolerance)
     if not solved.status.solved:
         raise SolverError(
@@ -219,14 +226,29 @@ def _guess(
     return np.column_stack([n, chi - beta, v, v * beta, v * bend, delta, F_x, nothing, nothing])
 
 
-def _bounds(car: LapCar, along: Course, v_max: float, v_start: float | None) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(
+    car: LapCar,
+    along: Course,
+    v_max: float,
+    v_start: float | None,
+    allowed: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None,
+) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of the variables, scaled."""
     size, n = scales(car), len(along.s)
+    lowest = 0.02 * size[2]
     upper = np.full((n, N_STATES + 2), np.inf)
     upper[:, 1], upper[:, 2], upper[:, 5] = 1.3, v_max, car.delta_max
     upper[:, 7], upper[:, 8] = car.delta_rate, car.force_rate * car.weight
     lower = -upper
-    lower[:, 0], upper[:, 0], lower[:, 2] = along.low, along.high, 0.02 * size[2]
+    lower[:, 0], upper[:, 0], lower[:, 2] = along.low, along.high, lowest
+    if allowed is not None:
+        force, speed = (np.asarray(v, dtype=float) for v in allowed(along.s))
+        if force.shape != (n,) or speed.shape != (n,) or not (np.all(force > 0) and np.all(speed > 2.0 * lowest)):
+            raise ParameterError(
+                f"allowed gives forces of shape {force.shape} and speeds of shape {speed.shape}; expected ({n},) both, "
+                f"forces above zero and speeds above {2.0 * lowest:.2g} m/s"
+            )
+        upper[:, 6], upper[:, 2] = force, np.minimum(speed, v_max)
     lower, upper = lower / size, upper / size
     if along.closed:
         return lower.ravel(), upper.ravel()
