@@ -16,7 +16,7 @@ def test_ten_laps_stay_on_the_track(real_data):
     found = {record.quantity: record for record in records}
     assert found["laps"].holds
     assert found["least room between car and edges, m"].holds
-    assert found["mean of the laps over the optimum, %"].here < 2.5  # 1.7
+    assert found["slowest lap over the optimum, %"].holds
 
 
 def test_the_fitted_car_is_that_of_the_plant_s_bends():
@@ -24,3 +24,4 @@ def test_the_fitted_car_is_that_of_the_plant_s_bends():
     raw = sa.lap_car(plant(1.0), power=7e4)
     assert 0.8 < car.C_f / raw.C_f < 0.95  # camber by roll and the flatter curve of the outer tire
     assert np.isclose(car.mu_r / raw.mu_r, 0.98, atol=0.02)
+    assert 1.1 < car.mu_x < 1.15
