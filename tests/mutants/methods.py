@@ -373,6 +373,17 @@ MUTANTS = [
     ),
     *mistakes(
         "optimal/realtime/solver.c",
+        "control/test_begun_anew.py::test_thrown_far_off_and_back_it_plans_at_once",
+        [
+            (
+                "solver in C: no second start where the first leads beyond all numbers",
+                "int nowhere = status == NOT_FINITE ||",
+                "int nowhere =",
+            )
+        ],
+    ),
+    *mistakes(
+        "optimal/realtime/solver.c",
         "control/test_usual_call.py::test_a_fallback_in_one_piece_is_the_one_put_together",
         [
             (

@@ -15,14 +15,23 @@ from slipangle.control.call import given
 from slipangle.control.controller import Ahead
 from slipangle.control.fallback import Call, Fallbacks
 from slipangle.errors import ParameterError
-from slipangle.optimal.checks import health_of, is_numbers, require_plan
+from slipangle.optimal.checks import health_of, is_numbers, require_plan, stuck
 from slipangle.optimal.engine import Start
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.setpoints import setpoint, vary
-from slipangle.optimal.solution import Health, Plan, Solution, Status, finite, inputs_later, quick, states_later, within
+from slipangle.optimal.solution import (
+    FEASIBLE,
+    Health,
+    Plan,
+    Solution,
+    Status,
+    finite,
+    inputs_later,
+    quick,
+    states_later,
+    within,
+)
 from slipangle.paths.preview import Preview
-
-FEASIBLE = 1e-6  # an unfinished answer with no larger constraint violation is still a plan
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -32,8 +41,8 @@ class MPC(Fallbacks):
     When a solve fails, runs out of time, or the state is no number or far outside what it can be, the plan is the
     previous one shifted by a step, at most `fallback` times in a row; after that, or with no previous plan, the safe
     stop law: every input relaxes to its `safe` value within about half a second. Whatever its source, a command is
-    finite and within limits and rates, and a failed solve leaves no trace in the next one's start. `Plan.health` counts
-    what went wrong.
+    finite and within limits and rates, and a failed solve leaves no trace in the next one's start: one that led nowhere
+    from the plan before begins anew, as `Plan.detail` then says. `Plan.health` counts what went wrong.
 
     Parameters
     ----------
@@ -225,7 +234,7 @@ class MPC(Fallbacks):
         begun = status.unfinished and solution.iterations > 0 and solution.violation <= FEASIBLE
         if not (status.solved or begun):
             left = solution.memory if status.resumes else None
-            return self._fallback(call, status, solution.iterations, unfinished=left)
+            return self._fallback(call, status, solution.iterations, solution.detail, left)
         if not finite(solution.u, solution.x):
             return self._fallback(call, Status.NOT_FINITE if status.solved else status, solution.iterations)
         seconds = perf_counter() - call.begin
@@ -241,6 +250,7 @@ class MPC(Fallbacks):
             "residual": solution.residual,
             "violation": solution.violation,
             "memory": solution.memory,
+            "detail": solution.detail,
             "times": self.times,
             "health": health_of(previous).after(False, self.deadline is not None and seconds > self.deadline),
             "seconds": seconds,
@@ -269,7 +279,7 @@ class MPC(Fallbacks):
         resumed = engine.resume(x, before, wanted, previous)
         if resumed is not None:
             return resumed
-        if previous is None:
+        if previous is None or stuck(previous):
             u = np.tile(before, (self.horizon, 1))
             states = self._roll_out(x, u, wanted)
         else:

@@ -20,9 +20,9 @@ from slipangle.models.model import Model, derived
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.wrappers.on_ground import POSE
 from slipangle.ops import Vector, concatenate
-from slipangle.optimal.checks import counted, is_numbers
+from slipangle.optimal.checks import counted, is_numbers, stuck
 from slipangle.optimal.ocp import Reference
-from slipangle.optimal.solution import Plan
+from slipangle.optimal.solution import Plan, Status
 
 
 @dataclass(frozen=True)
@@ -240,6 +240,8 @@ class SwitchedMPC(Led):
         before = previous
         if last is not None and last.active == active and isinstance(last.planned, Plan):  # with all that is its own
             before = replace(last.planned, **{f.name: getattr(last, f.name) for f in fields(Plan)})
+        elif previous is not None and stuck(previous):  # what led the other one nowhere may lead this one somewhere
+            before = replace(previous, status=Status.NOT_FINITE)
         planned = chosen.plan(part, wanted, before, applied=applied)
         values = {f.name: getattr(planned, f.name) for f in fields(Plan)}
         values["seconds"] = perf_counter() - begin

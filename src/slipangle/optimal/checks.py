@@ -11,12 +11,14 @@ import numpy as np
 from slipangle.data.channels import STANDARD
 from slipangle.errors import ParameterError
 from slipangle.optimal.arrays import short
-from slipangle.optimal.solution import NEW, Health, Plan, Status
+from slipangle.optimal.solution import FEASIBLE, NEW, Health, Plan, Status
 
 MARGIN = 2.0  # a quantity may be this many times its largest plausible size before it is taken for a fault
 LARGEST = {"m": 1e7, "rad": 1e5}  # of quantities that the table of channels gives no size: positions, headings
 ANY = 1e12  # of a quantity that the table does not know
 MOST = 2**62  # of a count
+_NOWHERE = Status.NOT_FINITE, Status.FAILED
+_STUCK = Status.STALLED, Status.INFEASIBLE, Status.FAILED
 NUMBER = 1e150  # the square of anything larger is infinite
 
 
@@ -172,6 +174,20 @@ def is_numbers(given: Any, shape: tuple[int, ...]) -> TypeGuard[np.ndarray]:
 def health_of(previous: Plan | None) -> Health:
     """Counters up to a plan, whatever a plan from outside says."""
     return previous.health if previous is not None and isinstance(previous.health, Health) else NEW
+
+
+def led_nowhere(status: Status, violation: float) -> bool:
+    """Whether a solve that ended so, with such a violation, had better begin anew, not from a plan before."""
+    return status in _NOWHERE or (status is Status.STALLED and not violation <= FEASIBLE)
+
+
+def stuck(previous: Plan) -> bool:
+    """Whether the next solve had better begin from nothing than from a plan: every other fallback in a row.
+
+    A solve that was not to be had from the plan before, shifted, may be had from nothing, or from another state.
+    """
+    age = counted(previous.age)
+    return isinstance(previous.status, Status) and previous.status in _STUCK and age > 0 and age % 2 == 0
 
 
 def counted(age: object) -> int:

@@ -74,6 +74,7 @@ class JoinedEngine(Engine):
             residual=found.residual,
             memory=found.as_start(problem.controls),
             kept=found.kept,
+            detail=found.detail,
             branches=() if base.scenarios is None else tuple(map(Branch, u, x, problem.share.tolist())),
             decided=dict(zip(base.decided_once, map(float, decided), strict=True)) if base.decided_once else None,
         )

@@ -46,6 +46,8 @@ class Status(Enum):
         return self in _RESUMED
 
 
+FEASIBLE = 1e-6  # an unfinished answer with no larger violation of a constraint is still a plan
+ANEW = "begun anew, as what was planned before led nowhere"  # of a plan that did not start from the one before
 MOST_ATTEMPTS = 50  # solves in a row that go on from an unfinished one; then another start is better
 _ANSWERS = Status.SOLVED, Status.ACCEPTABLE, Status.REAL_TIME
 _UNFINISHED = Status.ITERATION_LIMIT, Status.STALLED, Status.TIME_OUT
@@ -115,7 +117,7 @@ class Plan(Shown):
     stopping : bool
         Whether u is the safe stop law, because no recent plan is left; the speed should go to zero.
     detail : str
-        What a solver that stopped said.
+        What a solver that stopped said, or that it began anew because the plan before led nowhere.
     residual : float
         Of the optimality conditions at the end of the solve, as far as the solver knows it. [-] After real-time
         iterations
@@ -178,7 +180,7 @@ class Plan(Shown):
     def message(self) -> str:
         """One sentence on where the command comes from."""
         if self.age == 0:
-            return self.status.value
+            return f"{self.status.value} ({self.detail})" if self.detail else self.status.value
         source = "the safe stop law" if self.stopping else "the last good plan, shifted"
         said = f" ({self.detail})" if self.detail else ""
         return f"{self.status.value}{said}; the command is {source} (fallback {self.age} in a row)"
@@ -198,7 +200,7 @@ class Solution:
     """What a solver returns.
 
     ``violation`` is the largest excess over any constraint, ``residual`` of optimality; ``kept`` says that u is within
-    limits and rates to the last bit.
+    limits and rates to the last bit; ``detail`` what there is to say about it.
     """
 
     u: np.ndarray
@@ -212,6 +214,7 @@ class Solution:
     kept: bool = False
     branches: tuple[Branch, ...] = ()
     decided: Mapping[str, float] | None = None
+    detail: str = ""
 
     def as_start(self, controls: tuple[str, ...]) -> Plan:
         """The plan from which the next solve of the same, longer problem starts."""

@@ -2,7 +2,6 @@
    is no solution that plan is shifted or the stop law takes over. The same decisions as those of `MPC.plan`. */
 
 #define MOST_ATTEMPTS 50 /* solves in a row that go on from an unfinished one; then another start is better */
-#define FEASIBLE 1e-6    /* an unfinished answer with no larger constraint violation is still a plan */
 #define WHOLE_TURN 6.283185307179586
 
 typedef struct {
@@ -11,7 +10,7 @@ typedef struct {
     Around around;
     double pace; /* what a fallback has needed lately [s] */
     int64_t attempts;
-    int plans, age, stopping, found, kept, kept_age;
+    int plans, age, stopping, found, kept, kept_age, stuck; /* stuck: see `stuck` */
 } Controller;
 
 #define ALIGNED sizeof(V)
@@ -103,6 +102,12 @@ static void applied_before(const Controller *c, const car_input *in, double *to)
         double u = said ? in->applied[j] : c->plans ? c->u[j] : 0.0;
         to[j] = smaller(larger(u, INPUT_LOW[j]), INPUT_HIGH[j]);
     }
+}
+
+/* Whether the next solve had better leave a fallback after such an outcome alone: every other one in a row. */
+static int stuck(int status, int age)
+{
+    return age > 0 && age % 2 == 0 && (status == STALLED || status == INFEASIBLE || status == FAILED);
 }
 
 @SOLVE@
@@ -213,6 +218,7 @@ static int decide(Controller *c, const car_input *in, car_output *out)
             memcpy(c->x + i * NX, s->x + NODE(i) * NX, sizeof s->x0);
         c->age = c->kept = c->stopping = 0;
     }
+    c->stuck = stuck(status, c->age);
     memcpy(out->x, c->x, sizeof c->x);
 #if CAR_DECIDED > 0
     for (int i = 0; i < CAR_DECIDED; i++)

@@ -5,14 +5,15 @@
 static void guess(Controller *c)
 {
     Work *s = &c->work;
+    int planned = c->plans && !c->stuck;
     s->qp.until = INFINITY;
-    if (c->plans)
+    if (planned)
         inputs_after(c->u, 1, s->u);
-    for (int i = 0; !c->plans && i < N; i++)
+    for (int i = 0; !planned && i < N; i++)
         memcpy(s->u + i * NU, s->applied, sizeof s->applied);
-    if (c->plans)
+    if (planned)
         keep_inputs(s);
-    if (c->plans && N > 1) {
+    if (planned && N > 1) {
         memset(s->k, 0, sizeof s->k);
         memcpy(s->x + (N - 1) * NX, c->x + N * NX, sizeof s->x0);
         evaluate_dynamics(s, N - 1, 1);

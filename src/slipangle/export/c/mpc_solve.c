@@ -6,7 +6,7 @@ static int solve(Controller *c)
                 moderate(s->k, (NS + 1) * NK) && moderate(s->working, 1 + 2 * QT);
     if (whole)
         s->fresh = c->attempts ? RESUME : CONTINUE;
-    else if (c->plans) {
+    else if (c->plans && !c->stuck) {
         inputs_after(c->u, 1, s->u);
         s->fresh = GIVEN_INPUTS;
     } else

@@ -14,11 +14,12 @@ import numpy as np
 
 from slipangle.codegen.struct import Struct
 from slipangle.optimal.arrays import DOUBLE
+from slipangle.optimal.checks import stuck
 from slipangle.optimal.engine import Engine, EngineOfThreads, Followed, Start
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.parts import implicit, limit_rows, slack_of_rows
 from slipangle.optimal.realtime.program import COUNTS, FIELDS
-from slipangle.optimal.solution import MOST_ATTEMPTS, Plan, Solution, Status, between, finite, inputs_later
+from slipangle.optimal.solution import ANEW, MOST_ATTEMPTS, Plan, Solution, Status, between, finite, inputs_later
 
 OUTCOMES = [
     Status[name] for name in "SOLVED REAL_TIME ITERATION_LIMIT STALLED TIME_OUT INFEASIBLE NOT_FINITE FAILED".split()
@@ -105,7 +106,7 @@ class WorkArea(Engine):
         view = self._view
         self._x0, self._applied, self._w, self._p, self._r = (view[n] for n in ("x0", "applied", "w", "p", "r"))
         self._u, self._x, self._corridor = (view[n] for n in ("u", "x", "corridor"))
-        self._iterations, self._fresh = view["iterations"], view["fresh"]
+        self._iterations, self._anew, self._fresh = view["iterations"], view["anew"], view["fresh"]
         self._way_u, self._way_x = view["way_u"], view["way_x"]
         self._way = _block(self._way_u, self._way_x)
         self._found = _block(view["u"], view["residual"])  # all of it starts a later solve
@@ -155,7 +156,7 @@ class WorkArea(Engine):
             self._recall(memory)
             self._fresh[0] = RESUME if memory.unfinished else CONTINUE
             return self._run(attempts=memory.unfinished)
-        elif previous is not None and previous.u.shape == self._u.shape:
+        elif previous is not None and previous.u.shape == self._u.shape and not stuck(previous):
             self._u[:] = inputs_later(previous.u, self.ocp.lengths)
             self._fresh[0] = GIVEN_INPUTS
         else:
@@ -347,6 +348,7 @@ class WorkArea(Engine):
             "residual": residual,
             "memory": Memory(serial, self._owner, plan, self._area, attempts + 1 if status.resumes else 0),
             "kept": True,
+            "detail": ANEW if self._anew.item() else "",
         }
 
 

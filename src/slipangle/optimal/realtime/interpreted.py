@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TypeGuard
 import numpy as np
 
 from slipangle.codegen.expression import only
+from slipangle.optimal.checks import led_nowhere, stuck
 from slipangle.optimal.engine import Engine, EngineOfThreads, Start
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.interpreted_model import bind, columns, dense, inputs_of, newton_columns, newton_node
@@ -28,6 +29,7 @@ from slipangle.optimal.realtime.parts import (
     stage_function,
 )
 from slipangle.optimal.solution import (
+    ANEW,
     MOST_ATTEMPTS,
     Plan,
     Solution,
@@ -183,7 +185,7 @@ class WorkArea(Engine):
             states[0] = x
             u = within(u, applied, ocp.input_bounds, ocp.step_bounds)
             return self._run(np.array(u), states, bool(self._settings.iterations), memory.unfinished)
-        known = previous is not None and previous.u.shape == (n, nu)
+        known = previous is not None and previous.u.shape == (n, nu) and not stuck(previous)
         guesses = (
             [inputs_later(previous.u, ocp.lengths)]
             if known and previous is not None
@@ -249,7 +251,7 @@ class WorkArea(Engine):
         n = len(step.u) - 2
         self._k[:] = step.before
         if status not in (Status.REAL_TIME, Status.TIME_OUT) or not count:
-            return self._solution(step.u[1:-1].copy(), step.x[1:].copy(), Iterate(status, count))
+            return self._ended(step.u[1:-1].copy(), step.x[1:].copy(), Iterate(status, count))
         u, x, good = step.u[:n].copy(), step.x[:-1].copy(), step.truth[2] <= self._settings.accept
         solution = self._finish(u, x, status, count, step.truth, step.k.copy() if good else None)
         if good:
@@ -259,7 +261,26 @@ class WorkArea(Engine):
     def _run(self, u: np.ndarray, states: np.ndarray, warm: bool, unfinished: int = 0) -> Solution:
         if warm and not unfinished:
             return self._iterate(u, states)
-        return self._solution(*self._converge(u, states, self._settings.max_iterations), unfinished)
+        return self._ended(*self._converge(u, states, self._settings.max_iterations), unfinished)
+
+    def _ended(self, u: np.ndarray, x: np.ndarray, iterate: Iterate, unfinished: int = 0) -> Solution:
+        """The solution; what led nowhere begins anew: the inputs held, and states that need not follow from them."""
+        left = self._settings.max_iterations - iterate.iterations
+        if not led_nowhere(iterate.status, iterate.violation) or left < 1:
+            return self._solution(u, x, iterate, unfinished)
+        bounds, n = (self.ocp.input_bounds, self.ocp.step_bounds), len(u)
+        held = within(np.tile(self._applied, (n, 1)), self._applied, *bounds)
+        self._k[:] = 0.0
+        found = self._converge(held, self._staying(held), left, before=iterate.iterations)
+        return replace(self._solution(*found, unfinished), detail=ANEW)
+
+    def _staying(self, u: np.ndarray) -> np.ndarray:
+        """States that stay where the vehicle is now, but for jumps."""
+        jump: Any = self.ocp.jump
+        states = np.tile(self._x0, (self._steps + 1, 1)).astype(float)
+        for m in self.ocp.jumps:
+            states[m + 1 :] = np.asarray(jump(states[m], u[m], self._reference.exogenous[m])).ravel()
+        return states
 
     def _finish(
         self, u: np.ndarray, x: np.ndarray, status: Status, count: int, truth: Truth, k: np.ndarray | None = None
@@ -270,7 +291,7 @@ class WorkArea(Engine):
             return self._solution(u, x, iterate, k=k)
         if status is Status.TIME_OUT or perf_counter() > self._until:
             return self._solution(u, x, replace(iterate, status=Status.TIME_OUT))
-        return self._solution(*self._converge(u, x, min(MORE, self._settings.max_iterations), loose=True, before=count))
+        return self._ended(*self._converge(u, x, min(MORE, self._settings.max_iterations), loose=True, before=count))
 
     def _true(self, u: np.ndarray, x: np.ndarray, promise: Promise) -> Truth:
         """`_judge` of a full step, by the values there."""
@@ -422,11 +443,11 @@ class WorkArea(Engine):
                 return self._finish(u, x, Status.TIME_OUT, count - 1, self._true(u, x, promise))
             m = self._linearise(u, x, exact=False)
             if not m.finite:
-                return self._solution(u, x, Iterate(Status.NOT_FINITE, count - 1))
+                return self._ended(u, x, Iterate(Status.NOT_FINITE, count - 1))
             H, g, G, L = self._condense(m, x, u)
             status, step, multipliers = self._qp.solve(H, g, L, u, self._applied, self._bounds)
             if status is not Status.SOLVED:
-                return self._solution(u, x, Iterate(status, count - 1))
+                return self._ended(u, x, Iterate(status, count - 1))
             du, dx, _, promise = self._expand(m, x, G, L, step, multipliers)
             u, x = u + du, x + dx
             took = perf_counter() - begin

@@ -643,6 +643,18 @@ static void roll_out(Work *s)
     }
 }
 
+/* States that stay where the vehicle is now, but for jumps. */
+static void stay(Work *s)
+{
+    memcpy(s->x, s->x0, sizeof s->x0);
+    memset(s->k, 0, sizeof s->k);
+    for (int m = 0; m < NS; m++) {
+        memcpy(s->next + m * NX, s->x + m * NX, sizeof s->x0);
+        take_jumps(s, m, 1, 0);
+        memcpy(s->x + (m + 1) * NX, s->next + m * NX, sizeof s->x0);
+    }
+}
+
 static int prepare(Work *s)
 {
     double begin = now(&s->qp);
@@ -929,6 +941,24 @@ static int converge(Work *s, int64_t most, int loose)
     return accepted(s) ? ITERATED : ITERATION_LIMIT;
 }
 
+/* A solve that led nowhere, such as from states that a plan before or inputs held lead to beyond all numbers, begins anew:
+   the inputs held, and states that need not follow from them yet. */
+static int begin_anew(Work *s, int status)
+{
+    int nowhere = status == NOT_FINITE || status == FAILED || (status == STALLED && !(s->violation <= FEASIBLE));
+    if (!nowhere || s->iterations >= s->max_iterations)
+        return status;
+    for (int i = 0; i < N; i++)
+        memcpy(s->u + i * NU, s->applied, sizeof s->applied);
+    keep_inputs(s);
+    stay(s);
+    forget_rows(s);
+    price_limits(s, 0);
+    s->fresh = FROM_NOTHING, s->anew = 1, s->open_end = s->ahead = 0;
+    s->cost = NAN, s->violation = s->residual = INFINITY;
+    return converge(s, s->max_iterations - s->iterations, 0);
+}
+
 /* Half the cost of constant inputs, from their roll-out. */
 static double try_inputs(Work *s, const double *u)
 {
@@ -1002,7 +1032,7 @@ static void start(Work *s)
         s->qp.plain[QN + QR + row] = s->plain[row];
         s->qp.square[QN + QR + row] = s->square[row];
     }
-    s->iterations = s->qp_iterations = s->pairs = 0, s->damp = 0;
+    s->iterations = s->qp_iterations = s->pairs = s->anew = 0, s->damp = 0;
     s->cost = NAN, s->violation = s->residual = INFINITY;
     if (s->fresh == CONTINUE)
         recall_rows(s);
@@ -1056,6 +1086,7 @@ static int finish(Work *s, int status)
         return status;
     if (status == ITERATED)
         status = converge(s, s->max_iterations < MORE ? s->max_iterations : MORE, 1);
+    status = begin_anew(s, status);
     keep_inputs(s);
     return status;
 }
@@ -1077,7 +1108,7 @@ int rt_solve(Work *s)
     start(s);
     int status = NOT_FINITE;
     if (s->fresh || s->fixed == 0) {
-        status = converge(s, s->max_iterations, 0);
+        status = begin_anew(s, converge(s, s->max_iterations, 0));
         keep_inputs(s);
     } else {
         for (int64_t i = 0; i < s->fixed; i++) {

@@ -35,6 +35,7 @@ enum { LINEARISE, CONDENSE, BY_STAGES, PARTS };
 #define FROM 0.3 /* `from` where stage slopes have been moved to where the step begins: a correction of 2e-4 is the last one */
 #define FAR_ALONG 3e-2 /* in units of the state: derivatives of stage slopes lead them no further well enough */
 #define NEARBY 0.02 /* largest difference of the state from the one predicted, in `units`, with which derivatives stay */
+#define FEASIBLE 1e-6 /* an unfinished answer with no larger violation of a constraint is still a plan */
 #define MORE 10  /* iterations with a line search where full steps were not enough */
 
 typedef struct {
@@ -51,6 +52,7 @@ typedef struct {
     double u[N * NU], x[(NS + 1) * NX], k[M1((NS + 1) * NK)], working[1 + 2 * QT], cost, violation, residual;
     double step, seconds, seconds_prepare, seconds_feedback;
     int64_t iterations, qp_iterations, by_stages; /* by_stages: how the last quadratic program was solved */
+    int64_t anew; /* whether the solve led nowhere at first, and began anew */
     /* linearisation */
     double A[NS * NX * NX], B[NS * NX * NU], E[M1((N + 1) * NE * NX)], D[M1((N + 1) * NE * NU)];
     double LX[M1((N + 1) * NL * NX)], LU[M1((N + 1) * NL * NU)];
