@@ -117,9 +117,12 @@ def test_stages_of_several_steps_count_as_often(qp):
     assert plan.u == pytest.approx(best[:, None], abs=1e-8)
 
 
-@pytest.mark.parametrize("qp", ["condensed", "riccati"])
-def test_scenarios_have_huber_costs_of_their_own(qp):
+@pytest.mark.parametrize("qp", ["condensed", "riccati", "interpreted"])
+def test_scenarios_have_huber_costs_of_their_own(qp, monkeypatch):
     """Three inputs in common, then two branches; and a bend that a full matrix at the end does not have."""
+    if qp == "interpreted":
+        monkeypatch.setenv("SLIPANGLE_CC", "none")
+        qp = "auto"
     x, values, share, common = np.array([1.0, 0.5]), (0.1, 2.0), (0.3, 0.7), 3
     mpc = posed(qp, scenarios=Scenarios({"stiffness": values}, probabilities=share, common=common))
     plan = mpc.plan(x, p=-0.2, v=0.0)

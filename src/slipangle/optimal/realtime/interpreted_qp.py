@@ -9,6 +9,8 @@ from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime.parts import input_scale, slack_of_rows
 from slipangle.optimal.solution import Status
 
+BENT = 1e-9  # curvature lent to slacks, which may have none of their own
+
 
 class LimitedStep:
     """Best step of the scaled inputs within all limits, by DAQP; one slack per soft limit.
@@ -68,12 +70,15 @@ class LimitedStep:
             A = np.vstack([top, np.hstack([L[soft, :-1], -one]), np.hstack([L[soft, :-1], one])])
             lower = np.concatenate([low, np.zeros(many), step_low, below[hard], -inf, below[soft]])
             upper = np.concatenate([high, inf, step_high, above[hard], above[soft], inf])
-            H = np.block([[H, np.zeros((size, many))], [np.zeros((many, size)), np.diag(self.square[soft] + 1e-9)]])
+            own = np.diag(self.square[soft] + BENT)
+            H = np.block([[H, np.zeros((size, many))], [np.zeros((many, size)), own]])
             g = np.concatenate([g, self.plain[soft]])
         given = np.ascontiguousarray(H), g, np.ascontiguousarray(A), np.minimum(upper, 1e30), np.maximum(lower, -1e30)
-        z, _, flag, info = daqp.solve(*given, primal_tol=1e-9, dual_tol=1e-10)
-        if flag not in (1, -1):  # it may go in circles among slacks of plain weight, whose own curvature is tiny
-            z, _, flag, info = daqp.solve(*given, primal_tol=1e-9, dual_tol=1e-10, eps_prox=1e-6)
+        z, flag, info = _solved(given)
+        paid = np.asarray(z)[size:] if flag == 1 else np.zeros(0)
+        if paid.any():  # once more with that curvature about what is paid, where it changes nothing
+            again = _solved((given[0], np.concatenate([g[:size], g[size:] - BENT * paid]), *given[2:]))
+            z, flag, info = again if again[1] == 1 else (z, flag, info)
         multipliers = np.zeros(limits)
         if flag != 1:
             return (Status.INFEASIBLE if flag == -1 else Status.FAILED), np.zeros(size), multipliers
@@ -82,6 +87,14 @@ class LimitedStep:
             multipliers[hard] = lam[: len(hard)]
             multipliers[soft] = lam[len(hard) : len(hard) + many] + lam[len(hard) + many :]
         return Status.SOLVED, np.asarray(z)[:size], multipliers
+
+
+def _solved(given: tuple[np.ndarray, ...]) -> tuple[np.ndarray, int, dict]:
+    """Solution, flag and what else DAQP says."""
+    z, _, flag, info = daqp.solve(*given, primal_tol=1e-9, dual_tol=1e-10)
+    if flag not in (1, -1):  # it may go in circles among slacks of plain weight, whose own curvature is tiny
+        z, _, flag, info = daqp.solve(*given, primal_tol=1e-9, dual_tol=1e-10, eps_prox=1e-6)
+    return z, flag, info
 
 
 def secant(H: np.ndarray, step: np.ndarray, change: np.ndarray) -> np.ndarray:
