@@ -7,6 +7,7 @@ import pytest
 
 from slipangle.control.mpc import MPC
 from slipangle.models.custom import Ode
+from slipangle.models.lookup import LookupTable
 from slipangle.ops import exp, sin, tanh
 from slipangle.optimal.end import TerminalCost
 from slipangle.optimal.engine import Start
@@ -54,6 +55,23 @@ SOLVED = Ode(
     dt=0.1,
     substeps=2,
 )
+GRID = np.linspace(-4.0, 4.0, 9)
+CURVE = LookupTable(GRID, np.sin(GRID) + 0.05 * GRID**2, kind="cubic", outside="line")
+SIDE = np.linspace(-3.0, 3.0, 5)
+MAP = LookupTable((SIDE, SIDE), np.tanh(SIDE)[:, None] * (1.0 + 0.1 * np.cos(SIDE)), kind="cubic", outside="line")
+TABLES = Ode(
+    f=lambda x, u, p: [
+        x[1],
+        -u[2] * CURVE(x[0]) - 0.3 * x[1] + u[0] + 0.2 * u[3] * u[1] * x[2],
+        -u[4] * x[2] + MAP(u[1], x[0]) + 0.3 * x[0] * x[1],
+    ],
+    more=lambda x, u, p: {"y": CURVE(x[0]) + 0.5 * x[2] * x[1] + 0.1 * u[0]},
+    **dict(states=MODEL.states, inputs=MODEL.inputs, outputs=("y",), params={}, dt=0.1),
+)
+STIFF = Ode(
+    f=rates,
+    **dict(states=MODEL.states, inputs=MODEL.inputs, outputs=(), params={}, dt=0.1, method="radau"),
+)
 P = np.array([[4.0, 1.0, 0.2], [1.0, 2.0, 0.1], [0.2, 0.1, 0.5]])
 KINDS = {
     "inputs": {},
@@ -70,6 +88,22 @@ KINDS = {
         "limits": Limits(u=3.0, v=2.0, b=1.0, y=1.2),
         "slack": Weights(y=20.0),
         "slack_linear": Weights(y=3.0, b=30.0),
+    },
+    "exact penalty": {"limits": Limits(u=6.0, v=4.0, b=1.6), "slack_linear": Weights(b=300.0)},
+    "tables": {
+        "model": TABLES,
+        "limits": Limits(u=3.0, v=2.0, b=1.0, y=1.2),
+        "slack": Weights(y=20.0),
+        "slack_linear": Weights(y=3.0, b=30.0),
+    },
+    "stiff": {"model": STIFF, "limits": Limits(u=3.0, v=2.0, b=1.0), "slack_linear": Weights(b=30.0)},
+    "stages": {
+        "parameters": ("q",),
+        "terms": {"e": lambda x, u, p: sin(x[0]) - p.q * x[2] + 0.1 * u[0]},
+        "Q": Weights(a=4.0, b=0.5, c=2.0, e=3.0),
+        "limits": Limits(u=3.0, v=2.0, b=np.inf),
+        "slack_linear": Weights(b=5.0),
+        "S": Weights(u=0.5, v=0.1),
     },
     "matrix": {"terminal": TerminalCost(("a", "b", "u"), P)},
     "terms": {
@@ -120,7 +154,7 @@ MIXED = {
 
 
 def solvers(settings):
-    """The problem for each solver, all converged."""
+    """The problem for each solver, all converged; of "stages" values, limits and weights change over the horizon."""
     usual = {
         "horizon": 10,
         "controls": ("u", "v"),
@@ -128,7 +162,7 @@ def solvers(settings):
         "R": Weights(u=0.1, v=0.2),
         "limits": Limits(u=3.0, v=2.0),
     }
-    own = {"iterations": 0, "tolerance": 1e-11, "hessian": settings.get("hessian", "gauss-newton")}
+    own = {"iterations": 0, "tolerance": 1e-11, "newton": 1e-11, "hessian": settings.get("hessian", "gauss-newton")}
     settings = {name: value for name, value in settings.items() if name != "hessian"}
     engines = (
         RealTime(**own, qp="condensed"),
@@ -145,6 +179,12 @@ def drawn(ocp, rng):
         said["scenarios"] = {"weight": tuple(rng.uniform(0.3, 2.0, len(ocp.scenarios)))}
     said |= {name: rng.uniform(-0.5, 0.5) for name in ("q",) if name in ocp.exogenous}
     said |= {name: rng.uniform(-1.2, 1.2) for name in ("a", "b", "c") if name in ocp.references}
+    if "b" in ocp.limits and np.isinf(ocp.limits["b"]).all():  # what comes with every plan
+        nodes = ocp.horizon + 1
+        said = {name: value + 0.3 * rng.uniform(-1.0, 1.0, nodes) for name, value in said.items()}
+        said["limits"] = {"b": (-rng.uniform(0.8, 1.5, nodes), rng.uniform(0.8, 1.5, nodes))}
+        said |= {"Q": {"a": rng.uniform(1.0, 5.0, nodes)}, "R": {"u": rng.uniform(0.05, 0.3, nodes - 1)}}
+        said["S"] = {"v": rng.uniform(0.0, 0.5, nodes - 1)}
     return rng.uniform(-1.0, 1.0, 3) * (1.5, 1.2, 1.0), said
 
 
