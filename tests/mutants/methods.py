@@ -373,6 +373,11 @@ MUTANTS = [
     ),
     *mistakes(
         "optimal/realtime/solver.c",
+        "optimal/test_joined.py::test_the_shortest_time_between_two_rests_is_known",
+        [("solver in C: stalled where rounding ends", "near && whole <= ROUNDED && back(s, whole) ? SOLVED :", "")],
+    ),
+    *mistakes(
+        "optimal/realtime/solver.c",
         "control/test_begun_anew.py::test_thrown_far_off_and_back_it_plans_at_once",
         [
             (

@@ -101,6 +101,8 @@ class Phases(Brief):
     makes of the last one before. Inputs of one name and one range go on from phase to phase: the first one of a phase
     counts by S and keeps the rates from the last one before.
 
+    There is no fallback: where ``plan.status.solved`` is false, neither its inputs nor its states are an answer.
+
     Parameters
     ----------
     problems : sequence of MPC or OCP

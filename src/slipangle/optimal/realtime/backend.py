@@ -47,7 +47,8 @@ class RealTime(Checked):
         Gauss-Newton steps per plan; 0 iterates to convergence every time.
     tolerance : float
         Of converged solutions: largest change of an input in the last step, relative to half its range [-]; where
-        rounding makes the cost the same, steps are taken until they no longer shrink.
+        rounding makes the cost the same, steps are taken until they no longer shrink. Where it keeps a step that
+        follows one of at most 1e-8 from doing any good, the plan is solved too; `Plan.residual` is then that step.
     max_iterations : int
         Most steps to convergence.
     newton : float

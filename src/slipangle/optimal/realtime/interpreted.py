@@ -44,6 +44,7 @@ from slipangle.optimal.solution import (
 PAIRS, CALM = 24, 2  # remembered steps; iterations without a short one before they count
 FLAT = 1e-6  # largest change of an input in units of its range whose effect on the cost may be lost in rounding
 IDLE = 10  # such steps that are no smaller than the smallest before end the iterations
+ROUNDED = 1e-8  # largest change of an input by a whole step, before one that rounding makes useless
 PRICES = 1e4  # largest price of a hard limit that no step keeps, over the first
 FAR = 0.05  # largest change of an input in units of its range; below, remembered steps are what helps
 Truth = tuple[float, float, float]  # cost, largest violation and residual of a plan
@@ -513,7 +514,7 @@ class WorkArea(Engine):
         pairs: list[tuple[np.ndarray, np.ndarray]] = []
         old: tuple[np.ndarray, np.ndarray] | None = None
         damp, calm, idle, least_step = 0.0, 0, 0, np.inf
-        price, dearest, missed = 0.0, 0.0, 0.0
+        price, dearest, missed, whole = 0.0, 0.0, 0.0, np.inf  # whole: size of the last step, if near and taken so
         multipliers, iterate, took = np.zeros(len(self._plain)), Iterate(Status.ITERATION_LIMIT, before), 0.0
         accept, tolerance = self._settings.accept, self._settings.tolerance
         m = self._linearise(u, x, exact=True)
@@ -575,6 +576,11 @@ class WorkArea(Engine):
             self._qp.price(0.0)
             if not np.isfinite(there):
                 return u, x, replace(iterate, status=Status.NOT_FINITE)
+            if near and t < 1e-6 and whole <= ROUNDED and missed <= 1e-8:  # back to where this step began
+                self._k[:] = k
+                m = self._linearise(u, x, exact=True)
+                _, half, violation = self._merit(m, u, x, penalty, hard_penalty)
+                return u, x, Iterate(Status.SOLVED, before + count, 2 * half, violation, whole)
             u, x, took = trial_u, trial_x, perf_counter() - begin
             residual = size if last else self._judge(m.next, m.e, m.limited, u, x, promise)[2] if t == 1.0 else np.inf
             if price:
@@ -592,6 +598,7 @@ class WorkArea(Engine):
             if late:
                 return u, x, replace(iterate, status=Status.TIME_OUT)
             calm += 1
+            whole = size if near and t == 1.0 else np.inf
             if t == 1.0:
                 damp = 0.2 * damp if damp > 1e-4 else 0.0
             elif t <= 0.25 and size > FAR:  # where the model of the step does not hold, nor remembered steps

@@ -844,13 +844,27 @@ static double largest_excess(const Work *s, const double *values)
     return worst;
 }
 
+/* Back to where the last, useless step began, after one that was no larger than rounding; whether that is an answer. */
+static int back(Work *s, double whole)
+{
+    double cost, violation;
+    memcpy(s->u, s->u_from, sizeof s->u);
+    memcpy(s->x, s->x_from, sizeof s->x);
+    memcpy(s->k, s->k_from, sizeof s->k);
+    if (!linearise(s))
+        return 0;
+    merit(s, &cost, &violation);
+    s->cost = 2 * cost, s->violation = larger(violation, largest_excess(s, NULL)), s->residual = whole;
+    return 1;
+}
+
 /* Iterate to convergence with a line search on an exact penalty function (weights per state, three steps of memory),
    damped after short steps; or, if `loose`, until the iterate is accepted. An unfinished iterate stays where it is. */
 static int converge(Work *s, int64_t most, int loose)
 {
     double past[3] = {INFINITY, INFINITY, INFINITY}, cost, violation, least = INFINITY;
     int status = ITERATION_LIMIT, idle = 0;
-    double price = 0, dearest = 0, miss = 0;
+    double price = 0, dearest = 0, miss = 0, whole = INFINITY; /* whole: size of the last step, if near and taken so */
     memset(s->penalty, 0, sizeof s->penalty);
     s->curved = 0;
     s->hard_penalty = 0, s->pairs = 0, s->damp = 0;
@@ -888,10 +902,10 @@ static int converge(Work *s, int64_t most, int loose)
         raise_penalties(s);
         double here = merit(s, &cost, &violation), t = 1, there = here, predicted = fmax(here - promised(s), 0);
         /* where the cost no longer tells steps apart they are taken whole, for as long as they shrink */
-        int flat = violation <= 1e-6 && s->damp <= 1e-8 && s->step <= FLAT && predicted <= 1e-12 * fabs(here);
+        int near = violation <= 1e-6 && s->damp <= 1e-8, flat = near && s->step <= FLAT && predicted <= 1e-12 * fabs(here);
         idle += flat && s->step > 0.9 * least;
         least = flat ? fmin(least, s->step) : least;
-        int last = violation <= 1e-6 && s->damp <= 1e-8 && (s->step <= s->tolerance || idle >= IDLE);
+        int last = near && (s->step <= s->tolerance || idle >= IDLE);
         past[(int)(n % 3)] = here;
         double allowed = fmax(fmax(past[0] < INFINITY ? past[0] : here, past[1] < INFINITY ? past[1] : here),
                               past[2] < INFINITY ? past[2] : here);
@@ -930,7 +944,8 @@ static int converge(Work *s, int64_t most, int loose)
         if (loose && accepted(s))
             return ITERATED;
         if (t < 1e-6)
-            return STALLED;
+            return near && whole <= ROUNDED && back(s, whole) ? SOLVED : STALLED;
+        whole = near && t == 1 ? s->step : INFINITY;
         if (t == 1)
             s->damp = s->damp > 1e-4 ? 0.2 * s->damp : 0;
         else if (t <= 0.25 && s->step > FAR) { /* where the model of the step does not hold, nor remembered steps */
