@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slipangle.codegen.compiler import compiler, library, sentence
-from slipangle.codegen.elimination import elimination_code, stages_code
+from slipangle.codegen.elimination import elimination_code, increments_code, increments_pattern
 from slipangle.codegen.expression import preamble
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason=sentence())
@@ -41,7 +41,7 @@ def test_elimination_solves_sparse_systems():
     rng = np.random.default_rng(1)
     n = 7
     mask = rng.random((n, n)) < 0.4
-    pattern = [set(np.flatnonzero(row).tolist()) for row in mask]
+    pattern = _columns(mask)
     np.fill_diagonal(mask, True)
     code = elimination_code(pattern, "e") + (
         f"static void f(const V *i, V *o) {{ V m[{n * n}]; for (int a = 0; a < {n * n}; a++) m[a] = i[a];"
@@ -55,32 +55,38 @@ def test_elimination_solves_sparse_systems():
 
 def test_several_right_hand_sides_at_once():
     rng = np.random.default_rng(2)
-    n, sides = 6, 3
+    n, sides = 6, 4
     mask = rng.random((n, n)) < 0.4
     np.fill_diagonal(mask, True)
-    code = elimination_code([set(np.flatnonzero(row).tolist()) for row in mask], "e", sides="3") + (
+    given = np.array([[1, 1, 1, 1, 1, 1], [0, 0, 0, 0, 0, 1], [1, 0, 0, 1, 0, 0], [0, 0, 1, 0, 0, 0]], dtype=bool).T
+    code = elimination_code(_columns(mask), "e", sides=_columns(given.T)) + (
         f"static void f(const V *i, V *o) {{ V m[{n * n}]; for (int a = 0; a < {n * n}; a++) m[a] = i[a]; e_factor(m);"
         f" for (int a = 0; a < {n * sides}; a++) o[a] = i[{n * n} + a]; e_solve_sides(m, o); }}"
     )
     A = np.where(mask, rng.standard_normal((n, n)), 0) + 4 * np.eye(n)
-    B = rng.standard_normal((n, sides))
+    B = np.where(given, rng.standard_normal((n, sides)), 0)
     found = run(code, np.tile(np.r_[A.ravel(), B.ravel()][:, None], 8), n * sides)[:, 0]
     assert found.reshape(n, sides) == pytest.approx(np.linalg.solve(A, B), rel=1e-12)
 
 
-def test_the_matrix_of_the_stages_is_the_identity_less_the_derivatives():
+def test_the_matrix_of_the_increments_is_the_inverse_of_radaus_less_the_derivatives():
     rng = np.random.default_rng(3)
     n = 3
     coupled = np.array([[0, 1, 0], [1, 1, 1], [0, 0, 0]], dtype=bool)
-    shown = coupled | np.eye(n, dtype=bool)
-    H, J = rng.standard_normal((3, 3)), rng.standard_normal((3, n, n)) * shown
-    code = stages_code(coupled, "e") + (
-        "static void f(const V *i, V *o) { double h[9]; for (int a = 0; a < 9; a++) h[a] = v_lane(i[a], 0);"
-        " e_matrix(i + 9, h, o); }"
+    G, J = rng.standard_normal((3, 3)), rng.standard_normal((3, n, n)) * coupled
+    code = increments_code(coupled, "e") + (
+        "static void f(const V *i, V *o) { double g[9]; for (int a = 0; a < 9; a++) g[a] = v_lane(i[a], 0);"
+        " e_matrix(i + 9, g, o); }"
     )
-    found = run(code, np.tile(np.r_[H.ravel(), J.ravel()][:, None], 8), 9 * n * n)[:, 0].reshape(3 * n, 3 * n)
-    wanted = np.eye(3 * n)
+    found = run(code, np.tile(np.r_[G.ravel(), J.ravel()][:, None], 8), 9 * n * n)[:, 0].reshape(3 * n, 3 * n)
+    wanted = np.kron(np.eye(n), G)
     for a in range(n):
         for b in range(n):
-            wanted[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] -= H * J[:, a, b][:, None]
+            wanted[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] -= np.diag(J[:, a, b])
     assert found == pytest.approx(wanted, rel=1e-14)
+    assert _columns(found != 0) == increments_pattern(coupled)
+
+
+def _columns(mask):
+    """Of the nonzeros of each row."""
+    return [set(np.flatnonzero(row).tolist()) for row in mask]

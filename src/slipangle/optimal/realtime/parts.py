@@ -66,15 +66,15 @@ def implicit(ocp: OCP) -> Implicit | None:
 def _quadrature(
     name: str, derivative: ca.Function, core: tuple[int, ...], rest: Sequence[int], h: float
 ) -> ca.Function:
-    """``(k, x, u, w) -> rest`` after a step of length ``h`` with stage slopes k of the core, and its derivatives."""
+    """``(z, x, u, w) -> rest`` after a step of length ``h`` on which the core moves by z to its stages; derivatives."""
     x, u, w = (ca.SX.sym(n, derivative.size1_in(i)) for i, n in enumerate("xuw"))
-    k = ca.SX.sym("k", 3, len(core))  # one column per core state
+    z = ca.SX.sym("z", 3, len(core))  # one column per core state
     places = [ca.SX(x) for _ in range(3)]
     for c, a in enumerate(core):
         for j in range(3):
-            places[j][a] = x[a] + h * ca.mtimes(ca.DM(RADAU_A[j]).T, k[:, c])
+            places[j][a] = x[a] + z[j, c]
     q = rest_after(derivative, rest, h, x, u, w, places)
-    flat = ca.vec(k)
+    flat = ca.vec(z)
     return ca.Function(name, [flat, x, u, w], [q, *(ca.jacobian(q, v) for v in (flat, x, u))])
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from slipangle.codegen.elimination import elimination_code, nonzeros, stages_code, stages_pattern
+from slipangle.codegen.elimination import elimination_code, increments_code, increments_pattern, nonzeros
 from slipangle.codegen.expression import emit, fewer_divisions, only, preamble, scalar_code
 from slipangle.codegen.struct import accessors, clock
 from slipangle.numerics.integrate import RADAU_A, RETRY
@@ -27,6 +27,7 @@ from slipangle.optimal.realtime.parts import (
 )
 
 LONG = 1_500_000  # characters of straight-line code; beyond, it is compiled with less effort
+MOST_TERMS = 200  # of a product that is written out term by term
 MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
 FIELDS = (  # of the C struct, as seen from Python
     "x0 applied w p r corridor bounds q wr ws plain square lowest highest safe relaxing way_u way_x tolerance "
@@ -153,8 +154,10 @@ def _columns(function: ca.Function, name: str) -> str:
 def _implicit_code(parts: Implicit) -> list[str]:
     code = [_columns(parts.slopes, "core"), _columns(only(parts.slopes, [0]), "core_values")]
     coupled = _core_pattern(parts)
-    code.append(stages_code(coupled, "newton"))
-    code.append(elimination_code(stages_pattern(coupled), "newton", sides="(NC + NU)"))
+    by_input = np.array(ca.DM(parts.slopes.sparsity_out(2), 1).full()) != 0
+    sides = [{3 * a + j for a in np.flatnonzero(by) for j in range(3)} for by in np.hstack([coupled, by_input]).T]
+    code.append(increments_code(coupled, "newton"))
+    code.append(elimination_code(increments_pattern(coupled), "newton", sides=sides))
     if parts.rest:
         code.append(_columns(parts.quadrature, "quadrature"))
         code.append(_columns(only(parts.quadrature, [0]), "quadrature_values"))
@@ -261,15 +264,47 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
             f"#define STEP {ocp.dt!r}",
             f"#define SHORT {RETRY}",
             _array("double", "SHORT_H", (ocp.dt / RETRY * RADAU_A).ravel()),
+            _array("double", "SHORT_G", np.linalg.inv(ocp.dt / RETRY * RADAU_A).ravel()),
             _array("int", "CORE", parts.core),
             _array("int", "REST", parts.rest),
             _array("double", "RADAU_H", (ocp.dt * RADAU_A).ravel()),
+            _array("double", "RADAU_G", np.linalg.inv(ocp.dt * RADAU_A).ravel()),
             _array("double", "RADAU_REST", np.linalg.solve(ocp.dt * RADAU_A, np.ones(3))),
             *_patterns("Q", parts.quadrature.sparsity_out(1)),
         ]
     pattern = _step_pattern(parts, nx) if parts else dynamics_function(ocp).sparsity_out(1)
-    lines += _patterns("A", pattern + jump_function(ocp).sparsity_out(1) if ocp.jumps else pattern)
+    if ocp.jumps:
+        pattern = pattern + jump_function(ocp).sparsity_out(1)
+    lines += _patterns("A", pattern)
+    lines += [_chained(nonzeros(pattern)), _follow_on(nonzeros(pattern))]
     return "\n".join(lines) + "\n"
+
+
+def _chained(rows: list[list[int]]) -> str:
+    """C of ``chained(A, from, to, stride)``: A, of these nonzeros by row, times as many rows of vectors.
+
+    Written out row by row while that is short: loops over so few terms take longer than these.
+    """
+    n = len(rows)
+    lines = ["static void chained(const double *restrict A, const V *restrict from, V *restrict to, int stride)", "{"]
+    if sum(map(len, rows)) > MOST_TERMS:
+        return "\n".join(
+            [
+                *lines,
+                f"    for (int a = 0; a < {n}; a++) {{",
+                "        V sum = {0};",
+                "        for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)",
+                f"            sum += A[a * {n} + A_AT[c]] * from[A_AT[c] * stride];",
+                "        to[a * stride] = sum;",
+                "    }",
+                "}",
+            ]
+        )
+    lines += [f"    const V r{c} = from[{c} * stride];" for c in sorted({c for row in rows for c in row})]
+    for a, row in enumerate(rows):
+        terms = " + ".join(f"A[{a * n + c}] * r{c}" for c in row)
+        lines.append(f"    to[{a} * stride] = {terms or 'v_all(0.0)'};")
+    return "\n".join([*lines, "}"])
 
 
 def _step_pattern(parts: Implicit, nx: int) -> ca.Sparsity:
@@ -295,16 +330,42 @@ def _scratch(called: Sequence[ca.Function], is_implicit: bool) -> str:
     lines.append("    V x[NX], u[NU], w[M1(NW)], p[M1(NP)], next[NX], A[NX * NX], B[NX * NU], e[M1(NE)], l[M1(NL)];")
     lines.append("    V E[M1(NE * NX)], D[M1(NE * NU)], LX[M1(NL * NX)], LU[M1(NL * NU)];")
     if is_implicit:
-        lines.append("    V k[NK], d[NK], kept[NK], way[NK], *m, *s, dx[NX], du[NU], shift[NU];")
+        lines.append("    V k[NK], z[NK], d[NK], kept[NK], way[NK], *m, *s, dx[NX], du[NU], shift[NU];")
         lines.append(
             "    V factors[(GROUPS + 1) * NK * NK], by[(GROUPS + 1) * (NC + NU) * NK]; /* m and s of all columns */"
         )
         lines.append("    I spoilt[GROUPS + 1]; /* whose they are not, as those took short steps */")
         lines.append("    V f[3 * NC], fx[3 * NC * NC], fu[3 * NC * NU];")
-        lines.append("    V q[M1(NQ)], qk[M1(NQ * NK)], qx[M1(NQ * NX)], qu[M1(NQ * NU)];")
+        lines.append("    V q[M1(NQ)], qz[M1(NQ * NK)], qx[M1(NQ * NX)], qu[M1(NQ * NU)];")
     if called:
         lines.append(f"    const double *in[{max(f.sz_arg() for f in called)}];")
         lines.append(f"    double *out[{max(f.sz_res() for f in called)}];")
         lines.append(f"    double work[{1 + max(f.sz_w() for f in called)}];")
         lines.append(f"    long long int iw[{1 + max(f.sz_iw() for f in called)}];")
     return "\n".join([*lines, "} Scratch;\n"])
+
+
+def _follow_on(rows: list[list[int]]) -> str:
+    """C of ``follow_on(A, from, v, to)``: v plus A, of these nonzeros by row, times what the step comes from."""
+    n = len(rows)
+    lines = [
+        "static void follow_on(const double *restrict A, const double *restrict from, const double *restrict v,",
+        "                      double *restrict to)",
+        "{",
+    ]
+    if sum(map(len, rows)) > MOST_TERMS:
+        return "\n".join(
+            [
+                *lines,
+                f"    for (int a = 0; a < {n}; a++) {{",
+                "        double sum = v[a];",
+                "        for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)",
+                f"            sum += A[a * {n} + A_AT[c]] * from[A_AT[c]];",
+                "        to[a] = sum;",
+                "    }",
+                "}",
+            ]
+        )
+    lines += [f"    const double r{c} = from[{c}];" for c in sorted({c for row in rows for c in row})]
+    lines += [f"    to[{a}] = v[{a}]{''.join(f' + A[{a * n + c}] * r{c}' for c in row)};" for a, row in enumerate(rows)]
+    return "\n".join([*lines, "}"])

@@ -18,7 +18,8 @@ enum { QP_SOLVED, QP_INFEASIBLE, QP_LIMIT, QP_LATE, QP_NUMBER };
 
 typedef struct {
     V H[QN * QL / LANES];  /* upper triangle by row; below it anything */
-    V U[QN * QL / LANES];  /* factor, H = U'U, likewise */
+    V U[QN * QL / LANES];  /* factor, H = U'U, without its diagonal, and by column: nothing else is in their rows */
+    V L[QN * QL / LANES];
     V Y[QT * QL / LANES];  /* rows times the inverse of U, where `have` says so */
     V C[(QD + 1) * QL / LANES];
     double g[QL], u[QL], start[QL], xi[QL], cancel[QL], inverse[QN];
@@ -102,41 +103,55 @@ static void add_product(double *z, double sign, const double *H, const double *x
     }
 }
 
-/* U'y = c in place, c zero before `first`; U x = y in place. */
+/* U'y = c in place, c zero before `first`; U x = y in place. What is found stands beside until the end, as a vector that
+   was stored in parts must be waited for before it can be read as one. */
 static void forward(const Qp *q, double *c, int first)
 {
     const double *U = (const double *)q->U;
+    double found[QL];
     for (int j = first; j < Q_N; j++) {
-        c[j] *= q->inverse[j];
-        add(c + j + 1, -c[j], U + j * QL + j + 1, Q_N - j - 1);
+        found[j] = c[j] * q->inverse[j];
+        add_rows(c, -found[j], U + j * QL, j + 1, Q_N);
     }
+    for (int j = first; j < Q_N; j++)
+        c[j] = found[j];
 }
 static void backward(const Qp *q, double *y)
 {
-    const double *U = (const double *)q->U;
-    for (int j = Q_N - 1; j >= 0; j--)
-        y[j] = (y[j] - dot(U + j * QL + j + 1, y + j + 1, Q_N - j - 1)) * q->inverse[j];
+    const double *L = (const double *)q->L;
+    double found[QL];
+    for (int j = Q_N - 1; j >= 0; j--) {
+        found[j] = y[j] * q->inverse[j];
+        add_rows(y, -found[j], L + j * QL, 0, j);
+    }
+    for (int j = 0; j < Q_N; j++)
+        y[j] = found[j];
 }
 
-/* Factor of H; a diagonal too small for its column is raised, which keeps such an input where it is. */
+/* Factor of H, whose pivots wait for no square root; 0 where one is too small for its column. */
 static int qp_factor(Qp *q)
 {
     const double *H = (const double *)q->H;
-    double *U = (double *)q->U;
+    double *U = (double *)q->U, *L = (double *)q->L, *part = q->cancel;
     memcpy(U, H, sizeof(double) * (size_t)(Q_N * QL));
     double top = 0;
     for (int j = 0; j < Q_N; j++)
         top = fmax(top, H[j * QL + j]);
     for (int j = 0; j < Q_N; j++) {
-        double d = U[j * QL + j];
+        double *row = U + j * QL, d = row[j], inverse = 1 / d;
         if (!(d > 1e-13 * H[j * QL + j] && d > 1e-30 * top))
             return 0;
-        d = sqrt(d);
-        q->inverse[j] = 1 / d;
-        for (int b = j; b < Q_N; b++)
-            U[j * QL + b] *= q->inverse[j];
-        for (int a = j + 1; a < Q_N; a++)
-            add_rows(U + a * QL, -U[j * QL + a], U + j * QL, a, Q_N);
+        for (int b = j / LANES; b * LANES < Q_N; b++) {
+            V here = ((V *)row)[b];
+            ((V *)part)[b] = here * inverse;
+            for (int a = j + 1; a < Q_N && a < (b + 1) * LANES; a++)
+                ((V *)(U + a * QL))[b] -= part[a] * here;
+        }
+        q->inverse[j] = sqrt(inverse);
+        for (int b = j / LANES * LANES; b <= j; b++)
+            row[b] = 0;
+        for (int b = j + 1; b < Q_N; b++)
+            L[b * QL + j] = row[b] *= q->inverse[j];
     }
     memset(q->have, 0, sizeof q->have);
     return 1;

@@ -148,14 +148,45 @@ static void remember(Work *s)
     s->pairs += size > 0;
 }
 
-/* Hessian, its factor, and the dense rows: everything that does not depend on the state now. If it is to `learn`, the last
-   step is remembered. */
-static int condense(Work *s, int learn)
+/* Column `at` of the identity, from the lane of `first` on. */
+INLINE V unit_lanes(int at, int first)
 {
-    Qp *q = &s->qp;
-    double *H = (double *)q->H, *G = MAT(G), *old = G, *new = G + NX * QL, *row = MAT(R);
-    memset(H, 0, sizeof q->H);
-    memset(G, 0, sizeof s->G);
+    static const double one[2 * LANES] = {[LANES] = 1};
+    V lanes = {0};
+    if (at >= first && at < first + LANES)
+        memcpy(&lanes, one + LANES - (at - first), sizeof lanes);
+    return lanes;
+}
+
+/* A quantity by the inputs before the first one of a stage, which is `width`, from its derivatives x by the states there,
+   G, and u by the inputs of that stage, if these count; zero behind. */
+INLINE void by_inputs(double *to, const double *x, const int *at, int count, const double *G, const double *u, int width)
+{
+    for (int b = 0; b < QL; b += LANES) {
+        V sum = {0};
+        for (int c = 0; b < width && c < count; c++)
+            sum += x[at[c]] * *(const V *)(G + at[c] * QL + b);
+        for (int j = 0; u && b < width + NU && j < NU; j++)
+            sum += SCALE[j] * u[j] * unit_lanes(width + j, b);
+        *(V *)(to + b) = sum;
+    }
+}
+
+/* Products of rows, and of their weights, into the Hessian. */
+INLINE void add_squares(double *H, const double *rows, const double *weighted, int wide)
+{
+    for (int a = 0; a < wide; a++)
+        for (int b = a / LANES * LANES; b < wide; b += LANES) {
+            V sum = *(V *)(H + a * QL + b);
+            for (int k = 0; k < NE; k++)
+                sum += weighted[k * QL + a] * *(const V *)(rows + k * QL + b);
+            *(V *)(H + a * QL + b) = sum;
+        }
+}
+
+/* What the inputs themselves cost, into the Hessian. */
+static void add_inputs(const Work *s, double *H)
+{
     for (int i = 0; i < N; i++)
         for (int j = 0; j < NU; j++) {
             int a = i * NU + j;
@@ -164,52 +195,61 @@ static int condense(Work *s, int learn)
             if (i + 1 < N)
                 H[a * QL + a + NU] -= c * s->ws[a + NU];
         }
+}
+
+/* Hessian and dense rows: everything that does not depend on the state now. */
+static void eliminate_states(Work *s)
+{
+    Qp *q = &s->qp;
+    double *H = (double *)q->H, *G = MAT(G), *old = G, *new = G + NX * QL, *rows = MAT(R), *weighted = rows + M1(NE) * QL;
+    memset(H, 0, sizeof q->H);
+    memset(G, 0, sizeof s->G);
     int limit = 0;
     for (int i = 0; i <= N; i++) {
-        int at = i < N ? i : N - 1, width = i * NU;
-        const double *weight = s->q + i * NE;
+        int own = (i < N ? i : N - 1) * NU, width = i * NU, wide = width;
         for (int k = 0; k < NE; k++) {
-            const double *ex = s->E + i * NE * NX + k * NX, *eu = s->D + i * NE * NU + k * NU;
-            int wide = width;
-            if (!(weight[k] > 0))
-                continue;
-            memset(row, 0, sizeof s->R);
-            for (int c = E_FIRST[k]; c < E_FIRST[k + 1]; c++)
-                add_rows(row, ex[E_AT[c]], old + E_AT[c] * QL, 0, width);
-            if (E_INPUT[k]) {
-                for (int j = 0; j < NU; j++)
-                    row[at * NU + j] += SCALE[j] * eu[j];
-                wide = (at + 1) * NU > wide ? (at + 1) * NU : wide;
-            }
-            for (int a = 0; a < wide; a++)
-                add_rows(H + a * QL, weight[k] * row[a], row, a, wide);
+            const double *x = s->E + (i * NE + k) * NX, *u = E_INPUT[k] ? s->D + (i * NE + k) * NU : NULL;
+            double *row = rows + k * QL, weight = s->q[i * NE + k];
+            int counts = weight > 0;
+            by_inputs(row, x, E_AT + E_FIRST[k], counts ? E_FIRST[k + 1] - E_FIRST[k] : 0, old, counts && i < N ? u : NULL, width);
+            for (int j = 0; counts && i == N && u && j < NU; j++)
+                row[own + j] += SCALE[j] * u[j];
+            for (int b = 0; b < QL; b += LANES)
+                *(V *)(weighted + k * QL + b) = weight * *(V *)(row + b);
+            wide = counts && u ? own + NU : wide;
         }
+        add_squares(H, rows, weighted, wide);
         for (; limit < N_LIMITS && LIMIT_STAGE[limit] == i; limit++) {
             int k = LIMIT_WHICH[limit];
-            double *c = (double *)q->C + limit * QL;
-            const double *lx = s->LX + i * NL * NX + k * NX, *lu = s->LU + i * NL * NU + k * NU;
-            memset(c, 0, sizeof(double) * QL);
-            for (int b = L_FIRST[k]; b < L_FIRST[k + 1]; b++)
-                add_rows(c, lx[L_AT[b]], old + L_AT[b] * QL, 0, width);
-            for (int j = 0; j < NU; j++)
-                c[at * NU + j] += SCALE[j] * lu[j];
+            double *row = (double *)q->C + limit * QL;
+            const double *x = s->LX + (i * NL + k) * NX, *u = s->LU + (i * NL + k) * NU;
+            by_inputs(row, x, L_AT + L_FIRST[k], L_FIRST[k + 1] - L_FIRST[k], old, i < N ? u : NULL, width);
+            for (int j = 0; i == N && j < NU; j++)
+                row[own + j] += SCALE[j] * u[j];
         }
-        if (i == N)
-            break;
-        for (int m = NODE(i); m < NODE(i + 1); m++) {
+        for (int m = i < N ? NODE(i) : NS; i < N && m < NODE(i + 1); m++) {
             const double *A = s->A + m * NX * NX, *B = s->B + m * NX * NU;
-            for (int a = 0; a < NX; a++) {
-                double *to = new + a * QL;
-                memset(to, 0, sizeof(double) * QL);
-                for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
-                    add_rows(to, A[a * NX + A_AT[c]], old + A_AT[c] * QL, 0, m > NODE(i) ? width + NU : width);
-                for (int j = 0; j < NU; j++)
-                    to[width + j] += SCALE[j] * B[a * NU + j];
+            for (int b = 0; b < width + NU; b += LANES) {
+                chained(A, (const V *)(old + b), (V *)(new + b), QL / LANES);
+                for (int j = 0; b + LANES > width && j < NU; j++) {
+                    V unit = unit_lanes(width + j, b);
+                    for (int a = 0; a < NX; a++)
+                        *(V *)(new + a * QL + b) += SCALE[j] * B[a * NU + j] * unit;
+                }
             }
             double *swap = old;
             old = new, new = swap;
         }
     }
+    add_inputs(s, H);
+}
+
+/* The Hessian with its factor. If it is to `learn`, the last step is remembered. */
+static int condense(Work *s, int learn)
+{
+    Qp *q = &s->qp;
+    double *H = (double *)q->H;
+    eliminate_states(s);
     if (learn)
         feed(s), remember(s);
     for (int k = 0; k < s->pairs; k++)
@@ -232,17 +272,20 @@ static int condense(Work *s, int learn)
 }
 
 /* Multipliers of the dynamics carried from the end of a step of the model to its beginning, added to those there: whole
-   rows of A, as what is stored by element must be waited for before it can be read again. */
+   rows of A, as what is stored by element must be waited for before it can be read again, in two sums. */
 INLINE void carry_back(const double *restrict A, const double *restrict after, double *restrict before)
 {
     double sum[NX] __attribute__((aligned(32))); /* or GCC 12 stores 16 bytes at a time where the stack is not so aligned */
+    double other[NX] __attribute__((aligned(32)));
     for (int c = 0; c < NX; c++)
-        sum[c] = before[c];
-    for (int a = 0; a < NX; a++)
-        for (int c = 0; c < NX; c++)
+        sum[c] = before[c], other[c] = 0;
+    for (int a = 0; a + 1 < NX; a += 2)
+        for (int c = 0; c < NX; c++) {
             sum[c] += A[a * NX + c] * after[a];
+            other[c] += A[(a + 1) * NX + c] * after[a + 1];
+        }
     for (int c = 0; c < NX; c++)
-        before[c] = sum[c];
+        before[c] = sum[c] + other[c] + (NX % 2 ? A[(NX - 1) * NX + c] * after[NX - 1] : 0);
 }
 
 /* Where the states move in the linear model from s->x0 on: gaps closed, the inputs moved by du or, without `inputs`, not. */
@@ -251,16 +294,14 @@ INLINE void move_states(Work *s, int inputs)
     for (int a = 0; a < NX; a++)
         s->dx[a] = s->x0[a] - s->x[a];
     for (int m = 0; m < NS; m++) {
-        const double *A = s->A + m * NX * NX, *B = s->B + m * NX * NU, *du = s->du + STAGE_OF(m) * NU;
-        const double *dx = s->dx + m * NX;
+        const double *B = s->B + m * NX * NU, *du = s->du + STAGE_OF(m) * NU;
+        double v[NX];
         for (int a = 0; a < NX; a++) {
-            double v = s->next[m * NX + a] - s->x[(m + 1) * NX + a];
-            for (int c = A_FIRST[a]; c < A_FIRST[a + 1]; c++)
-                v += A[a * NX + A_AT[c]] * dx[A_AT[c]];
+            v[a] = s->next[m * NX + a] - s->x[(m + 1) * NX + a];
             for (int j = 0; inputs && j < NU; j++)
-                v += B[a * NU + j] * du[j];
-            s->dx[(m + 1) * NX + a] = v;
+                v[a] += B[a * NU + j] * du[j];
         }
+        follow_on(s->A + m * NX * NX, s->dx + m * NX, v, s->dx + (m + 1) * NX);
     }
 }
 

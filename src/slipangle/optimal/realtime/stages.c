@@ -40,21 +40,28 @@ static void scatter(const V *from, double *to, int width, int first, int count, 
 
 #if DYNAMICS == RADAU
 
-/* Place of the derivative of a stage slope by a core state or an input. One number at a time, those of a slope lie side by
-   side and are solved for together, as each solution alone waits for its own sums. */
-#if LANES == 1
-#define SLOPE(i, by) ((i) * (NC + NU) + (by))
-#else
-#define SLOPE(i, by) ((by) * NK + (i))
-#endif
+/* Newton's matrix is that of the increments z = H k of the states from the beginning of the step to its stages, H its
+   coefficients times its length, as between two states it has only diagonals there; G is the inverse of H.
+
+   Place of the derivative of an increment by a core state or an input: those of one lie side by side and are solved for
+   together, as each solution alone waits for its own sums. */
+#define MOVED(i, by) ((i) * (NC + NU) + (by))
+
+/* Sums of H or G with the numbers of each state's stages. */
+INLINE void times_stages(const double *H, const V *from, V *to)
+{
+    for (int a = 0; a < 3 * NC; a += 3) {
+        V k0 = from[a], k1 = from[a + 1], k2 = from[a + 2];
+        for (int j = 0; j < 3; j++)
+            to[a + j] = H[3 * j] * k0 + H[3 * j + 1] * k1 + H[3 * j + 2] * k2;
+    }
+}
 
 /* Core states at the stage j of a step; the last stage is its end. */
-INLINE void stage_states(const Scratch *c, const double *H, int j, V *to)
+INLINE void stage_states(const Scratch *c, int j, V *to)
 {
-    for (int a = 0; a < NC; a++) {
-        const V *k = c->k + 3 * a;
-        to[CORE[a]] = c->x[CORE[a]] + (H[3 * j] * k[0] + H[3 * j + 1] * k[1] + H[3 * j + 2] * k[2]);
-    }
+    for (int a = 0; a < NC; a++)
+        to[CORE[a]] = c->x[CORE[a]] + c->z[3 * a + j];
 }
 
 /* Stage slopes that carry the fast states to where they settle: short, growing, linearly implicit Euler steps. */
@@ -90,10 +97,11 @@ static void settle_fast_states(Scratch *c, I which)
     }
 }
 
-/* Stage slopes k of one step of Radau IIA by exact Newton steps, H its coefficients times its length; columns that
+/* Stage slopes k of one step of Radau IIA by exact Newton steps; columns that
    find none stay marked in `moving`. A step is the last one where it, or what its shrinking promises of the next, is
    within the tolerance; the first counts as shrunk from `from`, zero if nothing is known of where k is. */
-INLINE void find_stages(Scratch *c, const double *H, double step, double tolerance, double from, int settle, I *moving)
+INLINE void find_stages(Scratch *c, const double *H, const double *G, double step, double tolerance, double from, int settle,
+                        I *moving)
 {
     V at[NX], unit[NC], before = v_all(INFINITY), last = v_all(from), t = v_all(1.0);
     for (int a = 0; a < NX; a++)
@@ -101,11 +109,12 @@ INLINE void find_stages(Scratch *c, const double *H, double step, double toleran
     for (int a = 0; a < NC; a++)
         unit[a] = step / (1.0 + v_fabs(c->x[CORE[a]]));
     for (int round = 0;; round++) {
+        times_stages(H, c->k, c->z);
         for (int j = 0; j < 3; j++) {
-            stage_states(c, H, j, at);
+            stage_states(c, j, at);
             core(at, c->u, c->w, c->f + j * NC, c->fx + j * NC * NC, c->fu + j * NC * NU);
         }
-        newton_matrix(c->fx, H, c->m);
+        newton_matrix(c->fx, G, c->m);
         for (int a = 0; a < NC; a++)
             for (int j = 0; j < 3; j++)
                 c->d[3 * a + j] = c->k[3 * a + j] - c->f[j * NC + a];
@@ -119,6 +128,7 @@ INLINE void find_stages(Scratch *c, const double *H, double step, double toleran
         V of_size = before, of_step = last, of_t = t;
         newton_factor(c->m);
         newton_solve(c->m, c->d);
+        times_stages(G, c->d, c->d);
         for (int i = 0; i < NK; i++)
             most += v_fabs(unit[i / 3] * c->d[i]);
         *moving = worse | v_unless((most <= tolerance) | (most * most <= tolerance * (last - most)));
@@ -150,31 +160,26 @@ INLINE void end_step(Scratch *c, const double *H, int whole)
     for (int a = 0; a < NC; a++)
         for (int j = 0; j < 3; j++) {
             for (int b = 0; b < NC; b++)
-                c->s[SLOPE(3 * a + j, b)] = c->fx[(j * NC + a) * NC + b];
+                c->s[MOVED(3 * a + j, b)] = c->fx[(j * NC + a) * NC + b];
             for (int b = 0; b < NU; b++)
-                c->s[SLOPE(3 * a + j, NC + b)] = c->fu[(j * NC + a) * NU + b];
+                c->s[MOVED(3 * a + j, NC + b)] = c->fu[(j * NC + a) * NU + b];
         }
-#if LANES == 1
     newton_solve_sides(c->m, c->s);
-#else
-    for (int b = 0; b < NC + NU; b++)
-        newton_solve(c->m, c->s + b * NK);
-#endif
-    stage_states(c, H, 2, c->next);
+    times_stages(H, c->k, c->z);
+    stage_states(c, 2, c->next);
     for (int a = 0; a < NC; a++)
         for (int b = 0; b < NC + NU; b++) {
-            const V *s = c->s;
-            V slope = H[6] * s[SLOPE(3 * a, b)] + H[7] * s[SLOPE(3 * a + 1, b)] + H[8] * s[SLOPE(3 * a + 2, b)];
+            V end = c->s[MOVED(3 * a + 2, b)];
             if (b < NC)
-                c->A[CORE[a] * NX + CORE[b]] = slope + (a == b ? 1.0 : 0.0);
+                c->A[CORE[a] * NX + CORE[b]] = end + (a == b ? 1.0 : 0.0);
             else
-                c->B[CORE[a] * NU + b - NC] = slope;
+                c->B[CORE[a] * NU + b - NC] = end;
         }
 #if NQ > 0
     if (whole)
-        quadrature(c->k, c->x, c->u, c->w, c->q, c->qk, c->qx, c->qu);
+        quadrature(c->z, c->x, c->u, c->w, c->q, c->qz, c->qx, c->qu);
     else
-        short_quadrature(c->k, c->x, c->u, c->w, c->q, c->qk, c->qx, c->qu);
+        short_quadrature(c->z, c->x, c->u, c->w, c->q, c->qz, c->qx, c->qu);
     for (int a = 0; a < NQ; a++) {
         int row = REST[a];
         c->next[row] = c->q[a];
@@ -182,15 +187,15 @@ INLINE void end_step(Scratch *c, const double *H, int whole)
             c->A[row * NX + b] = c->qx[a * NX + b];
         for (int b = 0; b < NU; b++)
             c->B[row * NU + b] = c->qu[a * NU + b];
-        for (int b = 0; b < NC + NU; b++) {
-            V sum = {0};
-            for (int i = Q_FIRST[a]; i < Q_FIRST[a + 1]; i++)
-                sum += c->qk[a * NK + Q_AT[i]] * c->s[SLOPE(Q_AT[i], b)];
-            if (b < NC)
-                c->A[row * NX + CORE[b]] += sum;
-            else
-                c->B[row * NU + b - NC] += sum;
-        }
+        V sum[NC + NU];
+        memset(sum, 0, sizeof sum);
+        for (int i = Q_FIRST[a]; i < Q_FIRST[a + 1]; i++)
+            for (int b = 0; b < NC + NU; b++)
+                sum[b] += c->qz[a * NK + Q_AT[i]] * c->s[MOVED(Q_AT[i], b)];
+        for (int b = 0; b < NC; b++)
+            c->A[row * NX + CORE[b]] += sum[b];
+        for (int b = 0; b < NU; b++)
+            c->B[row * NU + b] += sum[NC + b];
     }
 #endif
 }
@@ -211,7 +216,7 @@ static __attribute__((noinline, cold)) void short_steps(Scratch *c, double toler
     for (int n = 0; n < SHORT; n++) {
         I moving;
         memset(c->k, 0, sizeof k);
-        find_stages(c, SHORT_H, STEP / SHORT, tolerance, 0, 0, &moving);
+        find_stages(c, SHORT_H, SHORT_G, STEP / SHORT, tolerance, 0, 0, &moving);
         failed |= moving;
         end_step(c, SHORT_H, 0);
         memcpy(c->x, c->next, sizeof from);
@@ -251,9 +256,10 @@ static __attribute__((noinline, cold)) void short_steps(Scratch *c, double toler
 /* End of the step from the stages, without derivatives. */
 INLINE void end_alone(Scratch *c)
 {
-    stage_states(c, RADAU_H, 2, c->next);
+    times_stages(RADAU_H, c->k, c->z);
+    stage_states(c, 2, c->next);
 #if NQ > 0
-    quadrature_values(c->k, c->x, c->u, c->w, c->q);
+    quadrature_values(c->z, c->x, c->u, c->w, c->q);
     for (int a = 0; a < NQ; a++)
         c->next[REST[a]] = c->q[a];
 #endif
@@ -264,7 +270,7 @@ INLINE void end_alone(Scratch *c)
 static I integrate(Scratch *c, double tolerance, double from, int derivatives)
 {
     I moving;
-    find_stages(c, RADAU_H, STEP, tolerance, from, 1, &moving);
+    find_stages(c, RADAU_H, RADAU_G, STEP, tolerance, from, 1, &moving);
     if (derivatives)
         end_step(c, RADAU_H, 1);
     else
@@ -274,16 +280,28 @@ static I integrate(Scratch *c, double tolerance, double from, int derivatives)
     return moving;
 }
 
+/* Stage slopes along the derivatives by the state and the inputs from `first` on, after these have moved by `by`. */
+INLINE void move_slopes_by(Scratch *c, const V *by, int first)
+{
+    V way[NK];
+    for (int i = 0; i < NK; i++) {
+        way[i] = c->s[MOVED(i, first)] * by[first];
+        for (int b = first + 1; b < NC + NU; b++)
+            way[i] += c->s[MOVED(i, b)] * by[b];
+    }
+    times_stages(RADAU_G, way, way);
+    for (int i = 0; i < NK; i++)
+        c->k[i] += way[i];
+}
+
 /* Stage slopes along their derivatives after the state and the inputs have moved by dx and du; how far. */
 INLINE V move_along(Scratch *c)
 {
-    V far = {0};
+    V far = {0}, by[NC + NU];
     memcpy(c->kept, c->k, sizeof c->k);
-    for (int b = 0; b < NC + NU; b++) {
-        V by = b < NC ? c->dx[CORE[b]] : c->du[b - NC];
-        for (int i = 0; i < NK; i++)
-            c->k[i] += c->s[SLOPE(i, b)] * by;
-    }
+    for (int b = 0; b < NC + NU; b++)
+        by[b] = b < NC ? c->dx[CORE[b]] : c->du[b - NC];
+    move_slopes_by(c, by, 0);
     for (int i = 0; i < NK; i++)
         far += v_fabs(STEP / (1.0 + v_fabs(c->x[CORE[i / 3]])) * (c->k[i] - c->kept[i]));
     return far;
@@ -295,14 +313,16 @@ INLINE V correct(Scratch *c)
     V at[NX], off = {0};
     for (int a = 0; a < NX; a++)
         at[a] = c->x[a];
+    times_stages(RADAU_H, c->k, c->z);
     for (int j = 0; j < 3; j++) {
-        stage_states(c, RADAU_H, j, at);
+        stage_states(c, j, at);
         core_values(at, c->u, c->w, c->f + j * NC);
     }
     for (int a = 0; a < NC; a++)
         for (int j = 0; j < 3; j++)
             c->d[3 * a + j] = c->k[3 * a + j] - c->f[j * NC + a];
     newton_solve(c->m, c->d);
+    times_stages(RADAU_G, c->d, c->d);
     for (int i = 0; i < NK; i++) {
         c->k[i] -= c->d[i];
         off += v_fabs(STEP / (1.0 + v_fabs(c->x[CORE[i / 3]])) * c->d[i]);
@@ -320,9 +340,10 @@ INLINE void follow(Scratch *c)
     for (int i = 0; i < NK; i++) /* a better start for the next step, unless they were far off */
         c->k[i] = v_pick(off <= 1e-2, c->k[i], c->kept[i]);
 #if NS > N
+    V by[NC + NU];
     for (int b = 0; b < NU; b++)
-        for (int i = 0; i < NK; i++)
-            c->k[i] += c->s[SLOPE(i, NC + b)] * c->shift[b];
+        by[NC + b] = c->shift[b];
+    move_slopes_by(c, by, NC);
 #endif
 }
 

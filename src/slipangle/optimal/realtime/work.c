@@ -67,7 +67,7 @@ typedef struct {
     /* what next, A and B belong to after `look_ahead`, and the stage slopes that were found there */
     double ahead_x[NS * NX], ahead_u[N * NU], ahead_w[M1(N * NW)], ahead_k[M1(NS * NK)], ahead_slopes[M1(NS * NK)];
     int64_t ahead, spared; /* whether that is so; groups of columns that the last linearisation took from there */
-    V G[2 * NX * QL / LANES], R[QL / LANES];
+    V G[2 * NX * QL / LANES], R[2 * M1(NE) * QL / LANES];
     int64_t curved; /* whether there are multipliers for the curvature beyond squares of errors */
     double damp; /* of inputs, relative to the curvature */
     double from; /* size of the step before the first of the integrator's, as far as is known */
