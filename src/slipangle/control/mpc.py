@@ -219,10 +219,10 @@ class MPC(Fallbacks):
         answer = self._engine.again(x, reference, previous, applied, left)
         if answer is None:
             return None
-        if not answer["status"].solved:
+        status = answer["status"]
+        if not (status is Status.REAL_TIME or status.solved):  # the usual one without a call
             call = Call(x=x, wanted=reference, previous=previous, before=self._before(previous, applied), begin=begin)
-            return self._ended(call, Solution(**answer))
-        del answer["kept"]
+            return self._ended(call, Solution(**answer, kept=True))
         answer["controls"], answer["times"] = self.controls, self.times
         answer["seconds"] = seconds = perf_counter() - begin
         answer["health"] = health.after(False, self.deadline is not None and seconds > self.deadline)

@@ -105,9 +105,15 @@ class Engine:
 class EngineOfThreads(OfThreads, Engine):
     """An engine with a work area, an engine of its own, for each thread that calls."""
 
-    solve, resume, again, prepare, allow, lost, rescue, follow = map(
-        of_thread, ("solve", "resume", "again", "prepare", "allow", "lost", "rescue", "follow")
+    solve, resume, prepare, allow, lost, rescue, follow = map(
+        of_thread, ("solve", "resume", "prepare", "allow", "lost", "rescue", "follow")
     )
+
+    def again(
+        self, x: np.ndarray, reference: Reference, previous: Plan, applied: np.ndarray | None, seconds: float | None
+    ) -> dict[str, Any] | None:
+        """See `Engine`; in as few steps as possible."""
+        return self._areas.mine.again(x, reference, previous, applied, seconds)
 
     def expect(self, lowest: np.ndarray, highest: np.ndarray) -> None:
         """See `Engine`; of all threads."""

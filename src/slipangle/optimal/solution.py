@@ -223,9 +223,12 @@ class Solution:
 
 
 def quick(kind: type[P], values: dict[str, Any]) -> P:
-    """A frozen dataclass without its constructor, which takes microseconds; what is not given has its default."""
+    """A dataclass without its constructor, which takes microseconds; what is not given has its default.
+
+    The dictionary becomes its own.
+    """
     made = object.__new__(kind)
-    made.__dict__.update(values)
+    object.__setattr__(made, "__dict__", values)
     return made
 
 

@@ -19,11 +19,22 @@ from slipangle.optimal.engine import Engine, EngineOfThreads, Followed, Start
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.parts import implicit, limit_rows, slack_of_rows
 from slipangle.optimal.realtime.program import COUNTS, FIELDS
-from slipangle.optimal.solution import ANEW, MOST_ATTEMPTS, Plan, Solution, Status, between, finite, inputs_later
+from slipangle.optimal.solution import (
+    ANEW,
+    MOST_ATTEMPTS,
+    Plan,
+    Solution,
+    Status,
+    between,
+    finite,
+    inputs_later,
+    quick,
+)
 
 OUTCOMES = [
     Status[name] for name in "SOLVED REAL_TIME ITERATION_LIMIT STALLED TIME_OUT INFEASIBLE NOT_FINITE FAILED".split()
 ]
+RESUMED = {i for i, status in enumerate(OUTCOMES) if status.resumes}
 DOUBTFUL = len(OUTCOMES)
 CONTINUE, FROM_NOTHING, GIVEN, GIVEN_INPUTS, RESUME = range(5)
 
@@ -113,11 +124,11 @@ class WorkArea(Engine):
         at = (view["cost"].ctypes.data - view["u"].ctypes.data) // 8
         self._result = slice(at, at + 3)  # cost, violation, residual
         self._numbers = self._found[self._result]
-        self._controls, self._sizes = ocp.controls, (self._x0.shape, self._p.shape, self._w.shape, self._applied.shape)
+        self._controls = ocp.controls
+        self._shape_x0, self._shape_p, self._shape_w = self._x0.shape, self._p.shape, self._w.shape
         self._lanes, self._edges, self._owner = ocp.corridor is not None, self._corridor.shape, ocp.identity
         self._shape_u, self._shape_x = self._u.shape, self._x.shape
-        self._head, self._split = slice(self._u.size), slice(self._u.size, self._u.size + self._x.size)
-        self._rest, self._shape_way = slice(self._u.size, None), self._way_x.shape
+        self._head, self._rest, self._shape_way = slice(self._u.size), slice(self._u.size, None), self._way_x.shape
         view["q"][:], view["wr"][:], view["ws"][:] = ocp.stage_weights
         view["plain"][:], view["square"][:] = slack_of_rows(ocp)
         for name in ("tolerance", "newton", "accept", "max_iterations"):
@@ -128,7 +139,8 @@ class WorkArea(Engine):
         self._time[0] = self._limit
         if ocp.limited:
             view["bounds"][:] = ocp.limits_at_nodes  # a corridor narrows them in C
-        self._varied = False
+        self._varied = self._drawn = self._timed = False  # whether weights, inputs and time are other than usual
+        self._given: np.ndarray | None = None  # the inputs of the last answer
         self._nodes = ocp.nodes if steps > n else None  # of the states, those at which stages begin and end
         self._most = int(ocp.nodes[-1])
         self._serial, self._area = 0, next(_areas)
@@ -178,7 +190,7 @@ class WorkArea(Engine):
         attempts = memory.unfinished
         if type(u) is not np.ndarray or u.shape != self._shape_u or attempts > MOST_ATTEMPTS:
             return None
-        if left is None and (attempts or u.base is not memory.found):
+        if left is None and (attempts or u is not self._given):
             return None
         given = u[0] if applied is None else applied
         if not (previous.controls is self._controls and self._usual(x, reference, given)):
@@ -186,11 +198,15 @@ class WorkArea(Engine):
         if self._lanes:
             self._corridor[...] = reference.corridor
         self._x0[...], self._p[...], self._w[...], self._applied[...] = x, p, w, given
-        self._r.fill(0.0)
+        if self._drawn:
+            self._r.fill(0.0)
+            self._drawn = False
         self._fresh[0] = RESUME if attempts else CONTINUE
-        self._time[0] = self._limit if seconds is None else max(seconds, 0.0)
+        if self._timed or seconds is not None:
+            self._time[0] = self._limit if seconds is None else max(seconds, 0.0)
+            self._timed = seconds is not None
         outcome = self._call_again(self._pointer)
-        return None if outcome == DOUBTFUL else self._answer(OUTCOMES[outcome], attempts)
+        return None if outcome == DOUBTFUL else self._answer(outcome, attempts)
 
     def allow(self, seconds: float) -> None:
         """Longest time from now to the end of the next solve. [s]"""
@@ -201,13 +217,15 @@ class WorkArea(Engine):
         p, w, edges = reference.tracked, reference.exogenous, reference.corridor
         if self._lanes and not (type(edges) is np.ndarray and edges.dtype is DOUBLE and edges.shape == self._edges):
             return False
-        if self._varied or reference.varied:
+        if self._varied or reference.inputs is not None or reference.varied:
             return False
         return (
             type(x) is type(p) is type(w) is type(given) is np.ndarray
             and x.dtype is p.dtype is w.dtype is given.dtype is DOUBLE
-            and reference.inputs is None
-            and (x.shape, p.shape, w.shape, given.shape) == self._sizes
+            and p.shape == self._shape_p
+            and w.shape == self._shape_w
+            and x.shape == self._shape_x0
+            and given.shape == self._applied.shape
         )
 
     def lost(self, x: Any, reference: Reference, u: Any, applied: Any) -> np.ndarray | None:
@@ -310,10 +328,8 @@ class WorkArea(Engine):
         w = reference.exogenous  # with or without a row for the end
         self._w[:-1], self._w[-1] = w[: len(self._r)], w[-1]
         self._p[:] = reference.tracked
-        if reference.inputs is None:
-            self._r.fill(0.0)
-        else:
-            self._r[:] = reference.inputs
+        self._drawn = reference.inputs is not None
+        self._r[:] = 0.0 if reference.inputs is None else reference.inputs
         if self._lanes:
             self._corridor[:] = reference.corridor
         if self._varied or reference.varied:
@@ -325,29 +341,29 @@ class WorkArea(Engine):
     def _hurry(self) -> None:
         """Give the next call into C what is left of the time allowed."""
         self._time[0] = self._limit if self._until is None else max(self._until - perf_counter(), 0.0)
-        self._until = None
+        self._timed, self._until = self._until is not None, None
 
     def _run(self, call: Any = None, attempts: int = 0) -> Solution:
         self._hurry()
-        status = OUTCOMES[(call or self._call)(self._pointer)]
-        return Solution(**self._answer(status, attempts))
+        return Solution(**self._answer((call or self._call)(self._pointer), attempts), kept=True)
 
-    def _answer(self, status: Status, attempts: int) -> dict[str, Any]:
-        """A `Solution` as a dictionary."""
+    def _answer(self, outcome: int, attempts: int) -> dict[str, Any]:
+        """A `Solution`, but that its inputs are kept within limits, as a dictionary."""
         self._serial = serial = self._serial + 1
-        plan = self._found.copy()
-        states = plan[self._split].reshape(self._shape_x)
+        status, resumes = OUTCOMES[outcome], outcome in RESUMED
+        self._given = u = self._u.copy()
         cost, violation, residual = self._numbers.tolist()
+        memory = {"serial": serial, "owner": self._owner, "found": self._found.copy(), "area": self._area}
+        memory["unfinished"] = attempts + 1 if resumes else 0
         return {
-            "u": plan[self._head].reshape(self._shape_u),
-            "x": states if self._nodes is None else states[self._nodes],
+            "u": u,
+            "x": self._x.copy() if self._nodes is None else self._x[self._nodes],
             "status": status,
             "cost": cost,
             "iterations": self._iterations.item(),
             "violation": violation,
             "residual": residual,
-            "memory": Memory(serial, self._owner, plan, self._area, attempts + 1 if status.resumes else 0),
-            "kept": True,
+            "memory": quick(Memory, memory),
             "detail": ANEW if self._anew.item() else "",
         }
 
