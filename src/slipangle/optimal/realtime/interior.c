@@ -4,6 +4,7 @@
 
 #define MOST_FACTORS 12 /* from the rows of the plan before; if they do not do, an interior point is faster */
 #define MOST_INTERIOR 40
+#define TO_INTERIOR 20 /* factors that an interior point takes the time of; where condensing takes less, it is next */
 
 /* ---- interior point ------------------------------------------------------------------------------------------- */
 
@@ -204,7 +205,7 @@ static int solve_long(Work *s, int warm)
     memset(r->e, 0, sizeof r->e);
     q->iterations = 0, q->kkt = INFINITY;
     int status = by_rows(s, MOST_FACTORS);
-    if (status == QP_NUMBER) {
+    if (status == QP_NUMBER && to_condense(s) > TO_INTERIOR * TO_FACTOR) {
         status = by_interior(s);
         if (status == QP_SOLVED) {
             guess_modes(s);

@@ -99,7 +99,7 @@ def by_stages(ocp: OCP, stage: ca.Function, qp: str) -> bool:
     if qp != "auto":
         return qp == "riccati"
     condense, factor = _nanoseconds(ocp, stage)
-    return condense > 1.5 * factor  # less is not worth twice the code
+    return condense > 1.3 * factor  # less is not worth twice the code
 
 
 def _nanoseconds(ocp: OCP, stage: ca.Function) -> tuple[float, float]:
@@ -109,7 +109,7 @@ def _nanoseconds(ocp: OCP, stage: ca.Function) -> tuple[float, float]:
     states = 0.5 * n * int(ocp.nodes[-1]) * nu * (nx * nx + rows)
     cubes = (len(ocp.tracked) * nu * nu + nu**3) * n**3 / 6
     products = 8 * -(-(nx + nu) // 8) * (nx + _changing(ocp, stage)) * (nx + nu)
-    return 0.13 * (states + cubes) + 30 * n * nx + 1.2 * (n * nu) ** 2, n * (110 + 0.13 * products)
+    return 0.053 * (states + cubes) + 23 * n * nx + 1.5 * (n * nu) ** 2, n * (110 + 0.13 * products)
 
 
 def _changing(ocp: OCP, stage: ca.Function) -> int:

@@ -248,13 +248,16 @@ static void expect_rows(Work *s)
     }
 }
 
-/* Whether the next quadratic program had better be solved by stages, by times [ns] that benchmarks/bench_horizon.py
-   measures: condensing and each working row, against the factor of no row and those that put the expected ones right. */
-static int by_stages_now(const Work *s)
+/* About how long condensing takes, and the working rows that are expected [ns], as benchmarks/bench_horizon.py measures. */
+static double to_condense(const Work *s)
 {
     double rows = (double)s->stages.expected;
-    return TO_CONDENSE + rows * QN * (10 + 0.15 * rows) > TO_FACTOR * (rows > 0 ? 2.5 : 1.2);
+    return TO_CONDENSE + rows * QN * (10 + 0.15 * rows);
 }
+
+/* Whether the next quadratic program had better be solved by stages: the factor of no row, or those that put the expected
+   ones right, against condensing. */
+static int by_stages_now(const Work *s) { return to_condense(s) > TO_FACTOR * (s->stages.expected > 0 ? 2.5 : 1.2); }
 
 /* The gradient by the inputs with the multipliers of now; how large it is, relative to its terms. */
 static double gradient_of_rows(Work *s)

@@ -776,11 +776,10 @@ static int solve_qp(Work *s, int warm)
     if (s->by_stages) {
         status = solve_long(s, warm);
         s->qp_iterations += s->qp.iterations;
-        if (status == QP_NUMBER) { /* the other one says why, or solves it */
+        if (status == QP_NUMBER) { /* the other one says why, or solves it, from the rows of the plan before */
             int posed = pose(s, 0, 0);
             if (posed != SOLVED)
                 return posed;
-            s->qp.k = 0;
         }
     }
     if (!s->by_stages)
