@@ -65,7 +65,7 @@ static inline __attribute__((unused)) double d_if(double condition, double a) { 
 """
 _NATIVE = """\
 #ifndef LANES
-#ifdef __AVX512F__
+#if defined __AVX512F__ && !(defined HALF_IDLE && (defined __znver3__ || defined __znver4__)) /* two halves */
 #define LANES 8
 #elif defined __AVX__
 #define LANES 4

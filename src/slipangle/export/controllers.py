@@ -36,7 +36,7 @@ def inner_solver(name: str, text: str) -> Part:
     sizes = {n: size_of(text, "Work", n) for n in LANES}
     prefix = f"CAR_{name.upper()}"
     head = f'#include "car_{name}.h"\n#define LANES {prefix}_LANES\n#define CALLERS_CLOCK\n{text}'
-    header = template(f"{name}.h").replace("@LANES@\n", lanes(prefix, sizes))
+    header = template(f"{name}.h").replace("@LANES@\n", lanes(prefix, sizes, text))
     return Part(name, {f"car_{name}.h": header, f"car_{name}.c": head}, sizes, f"car_{name}")
 
 
@@ -83,7 +83,7 @@ def project(
         kind=kind,
         sentence=f"A {comment(title)}.",
         files={
-            "car.h": header(controller, own, title, parts),
+            "car.h": header(controller, own, title, parts, source),
             "car.hpp": template("car.hpp"),
             "car.c": c,
             **inner,
@@ -117,8 +117,10 @@ def _interface(controller: Controller, sizes: Mapping[int, int]) -> dict[str, An
     return {"interface": names, "sizes": {**counts_of(controller), "BYTES": most}, "bytes": dict(sizes)}
 
 
-def header(controller: Controller, sizes: Mapping[int, int], title: str, parts: Sequence[Part] = ()) -> str:
-    """The text of ``car.h``; the sizes are without the parts' own."""
+def header(
+    controller: Controller, sizes: Mapping[int, int], title: str, parts: Sequence[Part] = (), source: str = ""
+) -> str:
+    """The text of ``car.h`` for a ``source``; the sizes are without the parts' own."""
     places = {"@STATES@": ("X", controller.model.states), "@CONTROLS@": ("U", controller.controls)}
     places |= {"@REFERENCES@": ("P", controller.references), "@EXOGENOUS@": ("W", controller.exogenous)}
     low, high = (controller if isinstance(controller, SwitchedMPC) else base_of(controller))._judge.ranges
@@ -130,7 +132,7 @@ def header(controller: Controller, sizes: Mapping[int, int], title: str, parts: 
         )
     )
     bounds = limits_of(base_of(controller))
-    text = template("car.h").replace("@TITLE@", comment(title)).replace("@LANES@\n", lanes("CAR", sizes))
+    text = template("car.h").replace("@TITLE@", comment(title)).replace("@LANES@\n", lanes("CAR", sizes, source))
     text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in counts_of(controller).items()))
     text = text.replace("@DT@", repr(float(controller.dt))).replace("@DECIDED@\n", _decided(controller))
     text = text.replace("@INCLUDED@", "".join(f'#include "car_{part.name}.h"\n' for part in parts))
@@ -162,12 +164,16 @@ def _decided(controller: Controller) -> str:
     return "\n".join(["/* What is decided once for the whole horizon, with its limits. */", *lines, ""])
 
 
-def lanes(prefix: str, sizes: Mapping[int, int]) -> str:
-    """C of ``PREFIX_LANES`` and ``PREFIX_BYTES``, of bytes of memory by the numbers per vector."""
+def lanes(prefix: str, sizes: Mapping[int, int], source: str) -> str:
+    """C of ``PREFIX_LANES`` and ``PREFIX_BYTES``, of bytes of memory by the numbers per vector.
+
+    They are those that the source would have in Python, see `slipangle.codegen.expression.preamble`.
+    """
+    where = " && !defined __znver3__ && !defined __znver4__" if "#define HALF_IDLE" in source else ""
     bytes_ = "\n".join(
         f"{'#if' if n == LANES[0] else '#elif'} CAR_LANES == {n}\n#define CAR_BYTES {sizes[n]}" for n in LANES
     )
-    return template("lanes.h").replace("@BYTES@", bytes_).replace("CAR_", f"{prefix}_") + "\n"
+    return template("lanes.h").replace("@WHERE@", where).replace("@BYTES@", bytes_).replace("CAR_", f"{prefix}_") + "\n"
 
 
 def counts_of(controller: Controller) -> dict[str, int]:

@@ -1,5 +1,5 @@
 #ifndef CAR_LANES
-#if defined __AVX512F__
+#if defined __AVX512F__@WHERE@
 #define CAR_LANES 8
 #elif defined __AVX__
 #define CAR_LANES 4

@@ -76,6 +76,7 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
     kinds = ["RADAU" if parts else "EXPLICIT" if plain is not None else "CALLED"]
     kinds.append("EXPLICIT" if stage_lanes is not None else "CALLED")
     head = [f"#define LANES {lanes}"] if lanes else []
+    head += ["#define HALF_IDLE"] if parts and _idle(ocp) else []
     return "\n".join(
         [
             "/* Generated from one optimal control problem. */",
@@ -92,6 +93,11 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
             "" if caller else accessors("rt", [*FIELDS, *COUNTS]),
         ]
     )
+
+
+def _idle(ocp: OCP) -> bool:
+    """Whether of vectors of eight, with all steps and the one after the last, half of one is idle."""
+    return 1 <= (int(ocp.nodes[-1]) + 1) % 8 <= 4
 
 
 def by_stages(ocp: OCP, stage: ca.Function, qp: str) -> bool:
@@ -155,7 +161,8 @@ def _implicit_code(parts: Implicit) -> list[str]:
     code = [_columns(parts.slopes, "core"), _columns(only(parts.slopes, [0]), "core_values")]
     coupled = _core_pattern(parts)
     by_input = np.array(ca.DM(parts.slopes.sparsity_out(2), 1).full()) != 0
-    sides = [{3 * a + j for a in np.flatnonzero(by) for j in range(3)} for by in np.hstack([coupled, by_input]).T]
+    by = np.hstack([coupled, by_input]).T.tolist()
+    sides = [{3 * a + j for a, counts in enumerate(side) if counts for j in range(3)} for side in by]
     code.append(increments_code(coupled, "newton"))
     code.append(elimination_code(increments_pattern(coupled), "newton", sides=sides))
     if parts.rest:
