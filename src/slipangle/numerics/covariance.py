@@ -6,27 +6,44 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from slipangle.numerics.critical import NORMAL, critical_values, spectral_factor
 from slipangle.units import SI
 
 TOO_WIDE = 0.5  # half of a 95 % interval over the value, above which a parameter counts as not determined
 CONDITION = 300.0  # of the Jacobian with columns of one length, above which parameters cannot be told apart
 
 
-def covariance(error: np.ndarray, jacobian: np.ndarray, n_outputs: int) -> tuple[np.ndarray, str]:
+def covariance(
+    error: np.ndarray, jacobian: np.ndarray, n_outputs: int, *, lengths: Sequence[int] = ()
+) -> tuple[np.ndarray, str]:
     """Covariance of the unknowns, allowing for coloured residuals when they are; and a few words on how.
 
     Residuals, shape (n_rows * n_outputs,), are of about the same size for every output; the Jacobian has their
-    derivatives, shape (n_rows * n_outputs, n).
+    derivatives, shape (n_rows * n_outputs, n). ``lengths`` are the rows of each experiment, by default all of one.
+
+    Where residuals are coloured, standard deviations are so wide that 1.96 of them hold the truth at 95 % for noise of
+    their autoregression: see `slipangle.numerics.critical`.
     """
     dof = max(1, len(error) - jacobian.shape[1])
-    lengths = np.linalg.norm(jacobian, axis=0)
-    lengths = np.where(lengths > 0, lengths, 1.0)
-    even = jacobian / lengths
-    inverse = np.linalg.pinv(even.T @ even, rcond=1e-14, hermitian=True) / np.outer(lengths, lengths)
-    middle, lags = middle_of_sandwich(error, jacobian, n_outputs)
+    norms = np.linalg.norm(jacobian, axis=0)
+    norms = np.where(norms > 0, norms, 1.0)
+    even = jacobian / norms
+    inverse = np.linalg.pinv(even.T @ even, rcond=1e-14, hermitian=True) / np.outer(norms, norms)
+    residuals = error.reshape(-1, n_outputs)
+    lags = bandwidth(residuals)
     if not lags:
         return inverse * float(error @ error) / dof, "covariance for white residuals"
-    return inverse @ middle @ inverse * len(error) / dof, coloured(lags)
+    ends = np.cumsum([n for n in lengths if n][:-1]).astype(int)
+    pieces = np.split(residuals, ends)
+    slopes = np.split(jacobian.reshape(*residuals.shape, -1), ends)
+    scores = [np.einsum("kyi,ky->ki", j, e) for j, e in zip(slopes, pieces, strict=True)]
+    sandwich = inverse @ sum(long_run(s, min(lags, len(s) - 1)) for s in scores) @ inverse * len(error) / dof
+    coefficients, driving = autoregression(pieces)
+    middle = sum(middle_of_autoregression(j, coefficients, driving) for j in slopes)
+    critical = critical_values(slopes, coefficients, driving, inverse, np.diag(inverse @ middle @ inverse), lags)
+    wide = critical / NORMAL
+    said = f"{coloured(lags)}, widened to hold 95 % for their autoregression of order {len(coefficients)}"
+    return sandwich * np.outer(wide, wide), said
 
 
 def middle_of_sandwich(error: np.ndarray, jacobian: np.ndarray, n_outputs: int) -> tuple[np.ndarray, int]:
@@ -102,14 +119,9 @@ def middle_of_autoregression(jacobian: np.ndarray, coefficients: np.ndarray, dri
     n_samples, ny, n = jacobian.shape
     size = 1 << int(np.ceil(np.log2(2 * n_samples)))
     spectrum = np.fft.rfft(jacobian, size, axis=0)
-    z = np.exp(-2j * np.pi * np.arange(len(spectrum)) / size)
-    through = np.eye(ny) - sum(
-        (c * z[:, None, None] ** (i + 1) for i, c in enumerate(coefficients)), np.zeros((len(z), ny, ny))
-    )
-    value, vector = np.linalg.eigh(driving)
-    root = np.linalg.solve(through, (vector * np.sqrt(np.maximum(value, 0.0))).astype(complex))  # spectral factor
+    root = spectral_factor(coefficients, driving, size)
     seen = np.einsum("fyw,fyi->fwi", root.conj(), spectrum).reshape(-1, n)
-    weight = np.full(len(z), 2.0 / size)
+    weight = np.full(len(spectrum), 2.0 / size)
     weight[[0, -1]] /= 2
     return np.real((seen.conj() * np.repeat(weight, ny)[:, None]).T @ seen)
 

@@ -159,7 +159,8 @@ class HeldResponse(abc.ABC):
         """The model of a point of the search, with intervals of `names`."""
         values = self.natural(z)
         jacobian, error = self.slopes(values)
-        spread, said = covariance(error, jacobian, 1)
+        rows = [b - a for a, b in zip(self.data.starts, self.data.stops, strict=True)]
+        spread, said = covariance(error, jacobian, 1, lengths=rows)
         count = len(values)
         dof = max(1, len(error) - jacobian.shape[1])
         info = described(

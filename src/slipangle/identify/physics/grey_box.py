@@ -119,7 +119,8 @@ def finish(
     n_p, scale = problem.n_p, problem.scale[: problem.n_p]
     jacobian = found.jacobian if kept is None else found.jacobian @ kept
     try:
-        spread, colour = uncertainty.covariance(found.error, jacobian, problem.model.n_outputs)
+        rows = [len(y) - 1 for y in problem.measured]
+        spread, colour = uncertainty.covariance(found.error, jacobian, problem.model.n_outputs, lengths=rows)
     except (np.linalg.LinAlgError, ArithmeticError):
         spread, colour = np.full((jacobian.shape[1],) * 2, np.inf), "no covariance, as the derivatives overflow"
     if kept is not None:
