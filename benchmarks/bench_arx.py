@@ -22,10 +22,11 @@ from slipangle.identify.linear.arx import ARX
 from slipangle.models.black_box.arx import ARXModel
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
-from slipangle.reproduce._peers import absent, in_turn, installed, median_record
+from slipangle.reproduce._peers import absent, choice_over_fit, in_turn, installed, median_record
 
 SAMPLES, FEWER, ROUNDS = 10_000_000, 100_000, 7
 SECONDS, MEGABYTES, RATE = 1.0, 200.0, 1e8
+CHOICES, FITS = (1_000, 10_000, 50_000), 5.0  # samples of which orders are chosen, and what that may cost
 PEERS = ("sysidentpy", "sippy_unipi", "pysindy")
 
 
@@ -35,6 +36,7 @@ def bench(progress: Progress) -> Reproduction:
     data = record(SAMPLES)
     records = fits(data, lambda share, what: progress(0.6 * share, what))
     records += free_runs(data, lambda share, what: progress(0.6 + 0.4 * share, what))
+    records += [order_choice(data.head(n)) for n in CHOICES]
     return Reproduction(
         title="ARX(10, 10), ten million samples",
         records=(*records, *absent(PEERS, "ARX")),
@@ -94,6 +96,13 @@ def fits(data: Dataset, progress: Progress) -> list[Record]:
     bound = f"<= {MEGABYTES:g}"
     records.append(median_record("fit, slipangle", "MB beyond the data", [peak], bound=bound, most=True))
     return records
+
+
+def order_choice(data: Dataset) -> Record:
+    """Fits of the chosen orders that a fit costs which chooses them."""
+    ratios = choice_over_fit(lambda: ARX().fit(data), lambda m: ARX(na=m.na, nb=m.nb, nk=m.nk).fit(data), rounds=ROUNDS)
+    name = f"order choice over one fit, {data.n_samples} samples"
+    return median_record(name, "fits", ratios, bound=f"<= {FITS:g}", most=True)
 
 
 def coefficients(model: ARXModel) -> np.ndarray:

@@ -17,14 +17,16 @@ import numpy as np
 from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset
+from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.linear.subspace import Subspace
 from slipangle.numerics.blas import one_blas_thread
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
-from slipangle.reproduce._peers import absent, in_turn, installed, median_record
+from slipangle.reproduce._peers import absent, choice_over_fit, in_turn, installed, median_record
 
 SAMPLES, FEWER, FEWEST, ROWS, ORDER, ROUNDS = 1_000_000, 20_000, 5_000, 20, 4, 7
 SECONDS, MEGABYTES = 0.5, 200.0
+CHOICES, FITS = (1_000, 10_000, 50_000), 5.0  # samples of which orders are chosen, and what that may cost
 PEERS = ("ctrlsys", "sippy_unipi", "nfoursid")
 POLES = np.array([0.95 * np.exp(0.2j), 0.95 * np.exp(-0.2j), 0.8, 0.5])
 
@@ -54,6 +56,7 @@ def bench(progress: Progress) -> Reproduction:
         note = f"poles off by {distance(poles[name]):.1g}"
         records.append(median_record(name, quantity, [amount / r for r in rate], bound=bound, most=True, note=note))
     records.append(memory(data))
+    records += [order_choice(data.head(n)) for n in CHOICES]
     return Reproduction(
         title="N4SID, a million samples, 20 block rows",
         records=(*records, *absent(PEERS, "N4SID")),
@@ -81,6 +84,15 @@ def distance(poles: np.ndarray) -> float:
 def ours(data: Dataset) -> np.ndarray:
     """Poles by N4SID, with B, D, K and the initial state found along."""
     return Subspace(order=ORDER, algorithm="n4sid", block_rows=ROWS).fit(data).poles
+
+
+def order_choice(data: Dataset) -> Record:
+    """Fits of the chosen order that a fit of `StateSpace` costs which chooses it."""
+    ratios = choice_over_fit(
+        lambda: StateSpace().fit(data), lambda m: StateSpace(order=m.order).fit(data), rounds=ROUNDS
+    )
+    name = f"order choice over one fit, {data.n_samples} samples"
+    return median_record(name, "fits", ratios, bound=f"<= {FITS:g}", most=True)
 
 
 def memory(data: Dataset) -> Record:

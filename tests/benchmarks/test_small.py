@@ -22,7 +22,7 @@ ONE = {"ROUNDS": 1}
 # What makes a benchmark small: constants of its module, and arguments of its `bench`.
 SMALL: dict[str, dict[str, Any]] = {
     "adapt": {"SECONDS": (30.0,)},
-    "arx": ONE | {"SAMPLES": 20_000, "FEWER": 5_000},
+    "arx": ONE | {"SAMPLES": 20_000, "FEWER": 5_000, "CHOICES": (500,)},
     "compile": ONE | {"PLANS": 3, "STATES": 12, "STATE_ROUNDS": 1},
     "coverage": {"SETS": 2, "JUDGED": 2, "N": 300},
     "csv": {"megabytes": 1.0},
@@ -43,7 +43,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "magic-formula": ONE | {"BATCH": 1_000},
     "marx": ONE | {"MOMENTS": 6},
     "mpc": ONE | {"STEPS": 4},
-    "n4sid": ONE | {"SAMPLES": 5_000, "FEWER": 2_000, "FEWEST": 1_000},
+    "n4sid": ONE | {"SAMPLES": 5_000, "FEWER": 2_000, "FEWEST": 1_000, "CHOICES": (500,)},
     "narx": ONE | {"SAMPLES": 20_000, "EPOCHS": 2},
     "plant": ONE | {"STEPS": 4_000, "CARS": 2},
     "racer": {"seeds": (0,), "laps": 1, "BENDS": (15.0, 25.0), "POINTS": 200},

@@ -36,6 +36,22 @@ def in_turn(
     return rates, results
 
 
+def choice_over_fit(choose: Callable[[], Any], fit: Callable[[Any], Any], *, rounds: int) -> list[float]:
+    """How many fits of the orders that were chosen a fit costs that chooses them, round by round, one after the other.
+
+    ``fit`` takes the model that ``choose`` gave; seconds are those of this thread.
+    """
+    model, ratios = choose(), []
+    fit(model)
+    for _ in range(rounds):
+        began = time.thread_time()
+        choose()
+        between = time.thread_time()
+        fit(model)
+        ratios.append((between - began) / max(time.thread_time() - between, 1e-9))
+    return ratios
+
+
 def median_record(
     row: str, quantity: str, values: Sequence[float], *, bound: str = "", most: bool = False, note: str = ""
 ) -> Record:

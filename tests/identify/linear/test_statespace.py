@@ -350,12 +350,12 @@ def test_stability_limit_holds():
 
 @pytest.mark.parametrize("order", [1, 2, 4])
 def test_order_by_cross_validation_refines_few(order, monkeypatch):
-    """The right order, and what it costs: one factorisation, and the order's neighbours refined."""
-    counted = {"project": 0, "refined": 0}
-    for owner, name, key in ((subspace, "project", "project"), (PEM, "_fit", "refined")):
+    """The right order, and what it costs: one factorisation, the order's neighbours refined roughly, it to the end."""
+    counted = {"project": 0, "refined": 0, "finished": 0, "_fit": 0}
+    for owner, name in ((subspace, "project"), (PEM, "refined"), (PEM, "finished"), (PEM, "_fit")):
         own = getattr(owner, name)
 
-        def counting(*args, own=own, key=key, **kwargs):
+        def counting(*args, own=own, key=name, **kwargs):
             counted[key] += 1
             return own(*args, **kwargs)
 
@@ -365,6 +365,7 @@ def test_order_by_cross_validation_refines_few(order, monkeypatch):
     assert choice.order == order
     assert counted["project"] == 1
     assert counted["refined"] == len(choice.refined) <= 5
+    assert (counted["finished"], counted["_fit"]) == (1, 0)
 
 
 def test_order_by_cross_validation():

@@ -11,9 +11,9 @@ import numpy as np
 
 from slipangle.codegen.compiler import library
 
-_LANES = 4  # stretches side by side in C
+_LANES = 20  # stretches side by side in C: a record is cut into as many, and sums that do not wait for each other
 _SOURCE = """
-#define LANES 4
+#define LANES 20
 #define EACH for (int l = 0; l < LANES; l++)
 
 /* Sums of squared errors of the free runs of C candidates over S times LANES stretches of T steps, shape (C, ny).

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -47,8 +48,9 @@ class Windows:
     names: tuple[str, ...]
     lags: int
     shift: np.ndarray | None = None  # (n_channels,), subtracted from every sample; by default zero
+    stretches: tuple[tuple[int, int], ...] | None = None  # first and last-but-one rows; by default the experiments
 
-    @property
+    @cached_property
     def _columns(self) -> list[int] | slice:
         indices = [self.data.index(n) for n in self.names]
         if indices == list(range(indices[0], indices[0] + len(indices))):
@@ -56,8 +58,10 @@ class Windows:
         return indices
 
     def spans(self) -> tuple[tuple[int, int], ...]:
-        """First and last-but-one row of every experiment that holds a window."""
-        pairs = zip(self.data.starts, self.data.stops, strict=True)
+        """First and last-but-one row of every experiment, or stretch, that holds a window."""
+        pairs = self.stretches
+        if pairs is None:
+            pairs = tuple(zip(self.data.starts, self.data.stops, strict=True))
         return tuple((a, b) for a, b in pairs if b - a >= self.lags)
 
     @property

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -18,6 +19,7 @@ from slipangle.identify.linear.candidate_runs import Stretches
 from slipangle.identify.linear.estimator import criteria
 from slipangle.identify.linear.lags import CHUNK, PerInput, Windows
 from slipangle.identify.linear.neighbours import Chosen, Orders, each_input, near, with_input
+from slipangle.identify.linear.speed_blocks import SpeedBlocks
 from slipangle.models.model import Candidate
 from slipangle.models.plausible import growth
 from slipangle.models.wrappers.multi_arx import speed_weights
@@ -172,18 +174,16 @@ class _Trials:
         self.folds = min(FOLDS, len(blocks))
         self.groups = np.arange(len(blocks)) % self.folds
         self.place = self._places()
-        parts = [data.rows(a, b) for a, b in blocks]
         width = len(self.speeds) * self.n_columns + self.ny
         self.gram, self.count = np.zeros((self.folds, width, width)), np.zeros(self.folds)
-        for part, group in zip(parts, self.groups, strict=True):
-            gram, count = self._gram(part)
-            self.gram[group] += gram
-            self.count[group] += count
+        for group in range(self.folds):
+            self.gram[group], self.count[group] = self._gram(tuple(blocks[group :: self.folds]))
         if judged:
-            self.stretches = self._stretches(parts)
+            self.stretches = self._stretches(blocks)
             self.spread = np.maximum(np.std(self.stretches.wanted[self.stretches.known], axis=0), 1e-300)
         self.longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
         self.done: dict[Orders, Candidate] = {}
+        self._order: list[Orders] = []  # `_ranked`, until more are judged
 
     def _places(self) -> list[int]:
         """Entry of a window that each regressor is: past outputs, inputs from the present on, newest first."""
@@ -203,12 +203,12 @@ class _Trials:
         own = [*range(orders.na * self.ny), *(first + lag * self.nu + i for lag, i in sorted(lags))]
         return np.array(own + [self.n_columns - 1] * self.offset)
 
-    def _windows(self, part: Dataset) -> Windows:
-        return Windows(data=part, names=self.names, lags=self.reach + 1, shift=self.shift)
+    def _windows(self, blocks: tuple[tuple[int, int], ...]) -> Windows:
+        return Windows(data=self.data, names=self.names, lags=self.reach + 1, shift=self.shift, stretches=blocks)
 
-    def _gram(self, part: Dataset) -> tuple[np.ndarray, int]:
+    def _gram(self, blocks: tuple[tuple[int, int], ...]) -> tuple[np.ndarray, int]:
         """Of the regressors, at every speed, then of the targets."""
-        windows, m, nc = self._windows(part), self.reach, self.ny + self.nu
+        windows, m, nc = self._windows(blocks), self.reach, self.ny + self.nu
         targets = [m * nc + c for c in range(self.ny)]
         pick, scale = [*self.place, *targets], np.tile(self.size, m + 1)
         if len(self.speeds) == 1:
@@ -218,23 +218,21 @@ class _Trials:
                 p = len(self.place)
                 gram = np.insert(np.insert(gram, p, at, axis=0), p, np.insert(at, p, windows.count), axis=1)
             return gram, windows.count
-        return self._gram_of_speeds(part), windows.count
+        return sum((self._gram_of_speeds(a, b) for a, b in blocks), np.zeros(self.gram.shape[1:])), windows.count
 
-    def _gram_of_speeds(self, part: Dataset) -> np.ndarray:
+    def _gram_of_speeds(self, start: int, stop: int) -> np.ndarray:
         """Block by block; between two neighbouring speeds only the models at these have weights."""
         m, p, ny = self.reach, self.n_columns, self.ny
-        signals = np.stack(
-            [(part[n] - at) / size for n, at, size in zip(self.names, self.shift, self.size, strict=True)]
-        )
-        lower = np.clip(np.searchsorted(self.speeds, part["v_x"], side="right") - 1, 0, len(self.speeds) - 2)
-        weights, lags = (
-            np.stack(speed_weights(part["v_x"], self.speeds)),
-            [divmod(place, ny + self.nu) for place in self.place],
-        )
+        scaled = zip(self.names, self.shift, self.size, strict=True)
+        signals = np.stack([(self.data[n][start:stop] - at) / size for n, at, size in scaled])
+        v_x = self.data["v_x"][start:stop]
+        lower = np.clip(np.searchsorted(self.speeds, v_x, side="right") - 1, 0, len(self.speeds) - 2)
+        weights = np.stack(speed_weights(v_x, self.speeds))
+        lags = [divmod(place, ny + self.nu) for place in self.place]
         gram = np.zeros((len(self.speeds) * p + ny,) * 2)
         targets = len(self.speeds) * p + np.arange(ny)
-        for first in range(m, part.n_samples, CHUNK):
-            n = min(CHUNK, part.n_samples - first)
+        for first in range(m, stop - start, CHUNK):
+            n = min(CHUNK, stop - start - first)
             full = np.ones((p + ny, n))
             for row, (lag, channel) in enumerate(lags):
                 full[row] = signals[channel, first - m + lag :][:n]
@@ -250,15 +248,15 @@ class _Trials:
                 gram[np.ix_(at, at)] += wide @ wide.T
         return gram
 
-    def _stretches(self, parts: Sequence[Dataset]) -> Stretches:
+    def _stretches(self, blocks: Sequence[tuple[int, int]]) -> Stretches:
         m, nc, first = self.reach, self.ny + self.nu, self.na * self.ny
-        steps = min(LENGTH, max(part.n_samples for part in parts)) - m
-        shape = (len(parts), steps)
+        steps = min(LENGTH, max(b - a for a, b in blocks)) - m
+        shape = (len(blocks), steps)
         drive, wanted = np.zeros((*shape, (m + 1) * self.nu + self.offset)), np.zeros((*shape, self.ny))
-        weights, past = np.ones((*shape, len(self.speeds))), np.zeros((len(parts), first))
-        lengths, scale = np.zeros(len(parts), dtype=int), np.tile(self.size, m + 1)
-        for s, part in enumerate(parts):
-            rows = next(self._windows(part.head(min(part.n_samples, LENGTH))).rows(LENGTH)) / scale
+        weights, past = np.ones((*shape, len(self.speeds))), np.zeros((len(blocks), first))
+        lengths, scale = np.zeros(len(blocks), dtype=int), np.tile(self.size, m + 1)
+        for s, (a, b) in enumerate(blocks):
+            rows = next(self._windows(((a, min(b, a + LENGTH)),)).rows(LENGTH)) / scale
             n = lengths[s] = len(rows)
             if self.offset:
                 drive[s, :, -1] = 1.0
@@ -266,7 +264,9 @@ class _Trials:
             wanted[s, :n] = rows[:, m * nc : m * nc + self.ny]
             past[s] = rows[0, self.place[:first]]
             if len(self.speeds) > 1:
-                weights[s, :n] = np.stack(speed_weights(part["v_x"][m - 1 : m - 1 + n], self.speeds), axis=1)
+                weights[s, :n] = np.stack(
+                    speed_weights(self.data["v_x"][a + m - 1 : a + m - 1 + n], self.speeds), axis=1
+                )
         return Stretches(drive=drive, wanted=wanted, weights=weights, lengths=lengths, past=past, group=self.groups)
 
     # ---- candidates --------------------------------------------------------------------------------------------------
@@ -276,6 +276,7 @@ class _Trials:
         room = (self.count.sum() - self.count.max()) / 3
         fresh = [o for o in dict.fromkeys(orders) if o not in self.done and o.reach <= self.reach and o.na <= self.na]
         fresh = [o for o in fresh if o.coefficients(self.ny, self.offset) * len(self.speeds) <= room]
+        self._order = [] if fresh else self._order
         each = max(1, int(2e7 // max(1, self.stretches.wanted.size)))
         for a in range(0, len(fresh), each):
             self._judge(fresh[a : a + each])
@@ -314,35 +315,33 @@ class _Trials:
         with np.errstate(over="ignore", invalid="ignore"):
             return np.mean(np.sqrt(squares / self.stretches.lengths.sum()) / self.spread, axis=1)
 
+    @cached_property
+    def _blocks(self) -> tuple[SpeedBlocks, SpeedBlocks, np.ndarray]:
+        """Gram matrices without each group, then of all; of each group, then of all; the latter's of the targets."""
+        J, p, ny, total = len(self.speeds), self.n_columns, self.ny, self.gram.sum(axis=0)
+        known, tested = np.concatenate([total - self.gram, total[None]]), np.concatenate([self.gram, total[None]])
+        return SpeedBlocks.of(known, J, p), SpeedBlocks.of(tested, J, p), tested[:, -ny:, -ny:]
+
     def _solved(self, picks: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Of each candidate: coefficients fitted without each group, then to all; residual products; squares unseen.
 
         Shapes (n, n_folds + 1, n_speeds * n_columns, n_outputs), (n, n_outputs, n_outputs), (n, n_outputs).
         """
         J, p, ny = len(self.speeds), self.n_columns, self.ny
-        total = self.gram.sum(axis=0)
-        grams, tested = np.concatenate([total - self.gram, total[None]]), np.concatenate([self.gram, total[None]])
-        theta = np.zeros((len(picks), self.folds + 1, J * p, ny))
+        known, unknown, targets = self._blocks
+        theta = np.zeros((len(picks), self.folds + 1, J, p, ny))
         left, unseen = np.zeros((len(picks), ny, ny)), np.zeros((len(picks), ny))
         for size in {len(pick) for pick in picks}:
             alike = [c for c, pick in enumerate(picks) if len(pick) == size]
-            at = np.stack([(np.arange(J)[:, None] * p + picks[c]).ravel() for c in alike])
-            rows, columns = at[:, :, None], at[:, None]
-            own, products = (
-                [g[:, rows, columns].swapaxes(0, 1), g[:, at, -ny:].swapaxes(0, 1)] for g in (grams, tested)
-            )
-            scale = np.sqrt(np.diagonal(own[0], axis1=2, axis2=3))
-            scale = np.where(scale > 0, scale, 1.0)[..., None]
-            ridge = _RIDGE * J * size * np.eye(J * size)
-            found = np.linalg.solve(own[0] / (scale * scale.swapaxes(2, 3)) + ridge, own[1] / scale) / scale
-            turned = found.swapaxes(2, 3)
-            cross = turned @ products[1]
-            residual = tested[:, -ny:, -ny:] - cross - cross.swapaxes(2, 3) + turned @ (products[0] @ found)
+            at = np.stack([picks[c] for c in alike])
+            own, products = known.picked(at), unknown.picked(at)
+            found = own.solved(_RIDGE)
+            residual = targets + products.rise(found)
             for i, c in enumerate(alike):
-                theta[c][:, at[i]] = found[i]
+                theta[c][:, :, at[i]] = found[i]
             left[alike] = (residual[:, -1] + residual[:, -1].swapaxes(1, 2)) / 2
             unseen[alike] = np.diagonal(residual[:, :-1], axis1=2, axis2=3).sum(axis=1)
-        return theta, left, unseen
+        return theta.reshape(len(picks), self.folds + 1, J * p, ny), left, unseen
 
     def _poles(self, theta: np.ndarray, na: Sequence[int]) -> list[np.ndarray]:
         """Of each candidate, those of the models at every speed."""
@@ -360,6 +359,8 @@ class _Trials:
 
     def _ranked(self) -> list[Orders]:
         """The best first; those that would blow up last."""
+        if self._order:
+            return self._order
         judged = list(self.done.items())
         sure = [c.stable and np.isfinite(c.error) for _, c in judged]
         if not any(sure):
@@ -370,7 +371,8 @@ class _Trials:
             (not a, not holds, c.n_parameters if a else 0, c.error, o.na, o.nb, o.nk)
             for (o, c), holds, a in zip(judged, sure, alike, strict=True)
         ]
-        return [judged[i][0] for i in sorted(range(len(judged)), key=place.__getitem__)]
+        self._order = [judged[i][0] for i in sorted(range(len(judged)), key=place.__getitem__)]
+        return self._order
 
     @property
     def best(self) -> Orders:

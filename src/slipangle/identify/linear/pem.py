@@ -10,13 +10,14 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.fields import Positive, Radius, Whole
 from slipangle.identify.linear.estimator import LinearEstimator, described
-from slipangle.identify.linear.prediction import PredictionCriterion
+from slipangle.identify.linear.prediction import Point, PredictionCriterion
 from slipangle.identify.linear.prediction_covariance import covariance
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.numerics.blas import one_blas_thread
 
 Focus = Literal["prediction", "simulation"]
 Offsets = Literal["none", "output", "input", "both"]
+_NEAR = 1e-6  # damping of the first step where the start is all but the minimum
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,6 +90,20 @@ class PEM(LinearEstimator[StateSpaceModel]):
             f"{said}, zero along changes of the state's basis",
             warnings=notes,
         )
+        return replace(self._of(point), fit_info=info)
+
+    @one_blas_thread()
+    def refined(self, data: Dataset, tolerance: float) -> StateSpaceModel:
+        """The model of `fit` so far that a step would lower the squared error by less than a share; no intervals."""
+        point, _ = PredictionCriterion(self, data).solve(self.max_iterations, tolerance)
+        return replace(self._of(point), fit_info=None)
+
+    @one_blas_thread()
+    def finished(self, data: Dataset) -> StateSpaceModel:
+        """The model of `fit` from a start that is all but there; no intervals."""
+        point, _ = PredictionCriterion(self, data).solve(self.max_iterations, damping=_NEAR)
+        return replace(self._of(point), fit_info=None)
+
+    def _of(self, point: Point) -> StateSpaceModel:
         parts = {key: getattr(point, key) for key in ("C", "D", "K", "u_offset", "y_offset", "x0")}
-        A, B = point.F + point.K @ point.C, point.G + point.K @ point.D
-        return replace(self.start, A=A, B=B, **parts, fit_info=info)
+        return replace(self.start, A=point.F + point.K @ point.C, B=point.G + point.K @ point.D, **parts)

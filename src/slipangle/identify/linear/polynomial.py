@@ -261,18 +261,20 @@ class _Structured(PredictionCriterion):
     def as_named(self, point: Point, moves: np.ndarray) -> np.ndarray:
         return np.eye(moves.shape[1])
 
-    def _descend(self, point: Point, max_iterations: int) -> tuple[Point, tuple[str, ...]]:
+    def _descend(
+        self, point: Point, max_iterations: int, tolerance: float, damping: float
+    ) -> tuple[Point, tuple[str, ...]]:
         """Where the model has several parts, their initial states have the output's variance as their prior.
 
         Without one, where two parts have nearly the same pole, their initial states grow against each other to explain
         the first samples, and the search gets stuck there.
         """
         if self.layout.nd == 0 and not any(self.layout.nf):
-            return super()._descend(point, max_iterations)
+            return super()._descend(point, max_iterations, tolerance, damping)
         rest = self.moments(self._with_initial_states(point))
         noise = np.sqrt(float(np.trace(self.root @ rest @ self.root.T)) / self.n_rows)
         self.x0_weight = np.full(self.n, noise / float(self.size[0]))
-        return super()._descend(point, max_iterations)
+        return super()._descend(point, max_iterations, tolerance, damping)
 
     def moved(self, point: Point, theta: np.ndarray, x0: np.ndarray) -> Point:
         """The point after a step; infinite cost where the predictor is unstable or the poles leave the limit."""

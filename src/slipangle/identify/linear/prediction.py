@@ -262,12 +262,17 @@ class PredictionCriterion:
 
     # ---- solving -----------------------------------------------------------------------------------------------
 
-    def solve(self, max_iterations: int) -> tuple[Point, tuple[str, ...]]:
-        """Rounds of Levenberg-Marquardt, the outputs' weights renewed in between."""
+    def solve(
+        self, max_iterations: int, tolerance: float = 1e-10, damping: float = 1e-3
+    ) -> tuple[Point, tuple[str, ...]]:
+        """Rounds of Levenberg-Marquardt, the outputs' weights renewed in between.
+
+        A step that lowers the cost by less than ``tolerance`` of it is the last; ``damping`` is that of the first.
+        """
         point, notes = self.point, ()
         reweigh = self.settings.weights == "residual" and (self.ny > 1)
         for round_ in range(4 if reweigh else 1):
-            point, notes = self._descend(point, max_iterations)
+            point, notes = self._descend(point, max_iterations, tolerance, damping)
             if not reweigh:
                 break
             before = self.root
@@ -284,7 +289,9 @@ class PredictionCriterion:
         noise = noise + np.diag(1e-10 * np.diag(noise) + (1e-10 * self.size) ** 2)  # outputs may repeat each other
         return np.linalg.inv(np.linalg.cholesky(noise))
 
-    def _descend(self, point: Point, max_iterations: int) -> tuple[Point, tuple[str, ...]]:
+    def _descend(
+        self, point: Point, max_iterations: int, tolerance: float, damping: float
+    ) -> tuple[Point, tuple[str, ...]]:
         point = self._with_initial_states(point)
         self.level_weight = 0.0
         self.level_weight = 0.1 * np.sqrt(self.cost(point) / self.n_rows)
@@ -299,8 +306,8 @@ class PredictionCriterion:
             trial = self.moved(point, moves @ eta, work.solve_locals(eta))
             return self.projected(trial)
 
-        search = LevenbergMarquardt(cost=self.cost, linearise=linearise, move=move)
-        result = search.minimise(point, max_iterations=max_iterations)
+        search = LevenbergMarquardt(cost=self.cost, linearise=linearise, move=move, damping=damping)
+        result = search.minimise(point, max_iterations=max_iterations, tolerance=tolerance)
         if result.converged:
             return result.point, ()
         note = f"the fit stopped at its limit of {max_iterations} steps; expected convergence: raise max_iterations"

@@ -151,7 +151,7 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
                     for (train, test), found in zip(folds, starts, strict=True):
                         if order not in found:
                             return np.inf
-                        model = self._refined(found[order], train, _STEPS) if refine else found[order]
+                        model = self._pem(found[order], _STEPS).refined(train, _ROUGH) if refine else found[order]
                         squares.append(self._error(model, test))
                         models.append((model, train, test))
             except SlipangleError as reason:
@@ -164,6 +164,8 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         if not np.isfinite(errors).any():
             raise ParameterError(f"no order among {list(orders)} could be fitted; {next(iter(failures.values()))}")
         best = next(o for o, e in zip(orders, errors, strict=True) if e <= 1.01 * max(errors.min(), _EXACT))
+        if best in {orders[i] for i in refined}:
+            judged[best] = [(self._finished(m, train), train, test) for m, train, test in judged[best]]
         start = Subspace(order=max(orders), algorithm=self.algorithm, block_rows=self.block_rows)
         shown = project(data, algorithm=self.algorithm, block_rows=start.rows(data), offset=self.offsets != "none")
         return OrderChoice(
@@ -193,10 +195,12 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
     def _candidate(self, order: int, fits: Sequence[tuple[StateSpaceModel, Dataset, Dataset]]) -> Candidate:
         free, ahead, left = [], [], []
         for model, train, test in fits:
-            size = np.std(test.y, axis=0)
-            for run, errors in ((model._simulate(test), free), (model._predict(test), ahead)):
-                errors.append(np.mean((run.error[run.predicted] / size) ** 2, axis=0))
-            run = model._predict(train)
+            size, run = np.std(test.y, axis=0), model._simulate(test)
+            free.append(np.mean((run.error[run.predicted] / size) ** 2, axis=0))
+            predict = model._predict if np.any(model.K) else model._simulate  # without K they are the same
+            run = predict(test) if np.any(model.K) else run
+            ahead.append(np.mean((run.error[run.predicted] / size) ** 2, axis=0))
+            run = predict(train)
             left.append(run.error[run.predicted] / np.std(train.y, axis=0))
         model, longest = fits[0][0], max(b - a for _, t, _ in fits for a, b in zip(t.starts, t.stops, strict=True))
         n, ny, nu = float(np.mean([len(e) for e in left])), model.n_outputs, model.n_inputs
@@ -244,7 +248,7 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
 
     def _of_order(self, data: Dataset, order: int) -> StateSpaceModel:
         start = self._subspace(order)._fit(data)
-        refined = self._refined(start, data, self.max_iterations)
+        refined = self._pem(start, self.max_iterations)._fit(data)
         info = refined.fit_info
         if info is not None and start.fit_info is not None:
             info = replace(info, method=f"{info.method}; start: {start.fit_info.method}")
@@ -254,9 +258,17 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         given: Any = {name: getattr(self, name) for name in ("algorithm", "block_rows", "direct")}
         return Subspace(order=order, offset=self.offsets != "none", disturbance=self.focus == "prediction", **given)
 
-    def _refined(self, start: StateSpaceModel, data: Dataset, steps: int) -> StateSpaceModel:
+    def _finished(self, rough: StateSpaceModel, data: Dataset) -> StateSpaceModel:
+        """The model refined to the end, or as it was where that fails."""
+        try:
+            with breakdown_said("the state space", data):
+                return self._pem(rough, _STEPS).finished(data)
+        except SlipangleError:
+            return rough
+
+    def _pem(self, start: StateSpaceModel, steps: int) -> PEM:
         shared: Any = {name: getattr(self, name) for name in ("focus", "offsets", "direct", "weights", "max_radius")}
-        return PEM(start=start, max_iterations=min(steps, self.max_iterations), **shared)._fit(data)
+        return PEM(start=start, max_iterations=min(steps, self.max_iterations), **shared)
 
 
 def _searched(judge: Callable[[int, bool], float], count: int) -> tuple[np.ndarray, list[int]]:
@@ -284,6 +296,7 @@ def _searched(judge: Callable[[int, bool], float], count: int) -> tuple[np.ndarr
 
 
 _STEPS = 20  # of a refinement that is only to tell orders apart
+_ROUGH = 1e-4  # share of the squared error by which its last step lowers it; orders apart by 1 % of the error are alike
 _EXACT = 1e-6  # error in standard deviations of the outputs, below which orders differ by rounding
 _ASTRAY = (
     "the free-run fit ended at a pole of modulus {size:.6g}, and from the first samples of its own training data that "
