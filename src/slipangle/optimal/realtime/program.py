@@ -194,20 +194,24 @@ def _text(name: str) -> str:
     return (files("slipangle.optimal.realtime") / name).read_text(encoding="utf-8")
 
 
-def _array(kind: str, name: str, values: Sequence[Any] | np.ndarray) -> str:
+def _array(kind: str, name: str, values: Sequence[Any] | np.ndarray, more: str = "") -> str:
     def write(v: Any) -> str:
         if kind == "int":
             return str(int(v))
         return "INFINITY" if v == np.inf else "-INFINITY" if v == -np.inf else float.hex(float(v))
 
     listed = ", ".join(write(v) for v in values) or "0"
-    return f"static const {kind} {name}[] = {{{listed}}};"
+    return f"static const {kind} {name}[]{more} = {{{listed}}};"
 
 
 def _patterns(name: str, sparsity: ca.Sparsity) -> list[str]:
     rows = nonzeros(sparsity)
     first = np.concatenate([[0], np.cumsum([len(r) for r in rows])])
-    return [_array("int", f"{name}_FIRST", first), _array("int", f"{name}_AT", [c for r in rows for c in r])]
+    more = " __attribute__((unused))"  # where products of few terms are written out
+    return [
+        _array("int", f"{name}_FIRST", first, more),
+        _array("int", f"{name}_AT", [c for r in rows for c in r], more),
+    ]
 
 
 def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str]) -> str:
