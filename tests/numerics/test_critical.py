@@ -50,3 +50,11 @@ def test_the_same_record_in_experiments_gives_about_the_same():
     j = np.column_stack([np.ones(4000), np.sin(0.05 * np.arange(4000))])
     whole, cut = (np.sqrt(np.diag(covariance(e, j, 1, lengths=n)[0])) for n in ((4000,), (1000,) * 4))
     assert cut == pytest.approx(whole, rel=0.15)
+
+
+def test_the_factor_of_white_noise_is_the_symmetric_root():
+    """Not one by eigenvectors, whose signs are those of the processor's LAPACK."""
+    driving = np.array([[1.0, 0.3], [0.3, 2.0]])
+    root = spectral_factor(np.zeros((0, 2, 2)), driving, 4)[0].real
+    assert root == pytest.approx(root.T, abs=1e-15)
+    assert root @ root == pytest.approx(driving, rel=1e-12)

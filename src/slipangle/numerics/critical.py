@@ -73,7 +73,8 @@ def spectral_factor(coefficients: np.ndarray, driving: np.ndarray, size: int) ->
         (c * z[:, None, None] ** (i + 1) for i, c in enumerate(coefficients)), np.zeros((len(z), *driving.shape))
     )
     value, vector = np.linalg.eigh(driving)
-    return np.linalg.solve(through, (vector * np.sqrt(np.maximum(value, 0.0))).astype(complex))
+    root = vector * np.sqrt(np.maximum(value, 0.0)) @ vector.T  # the symmetric one, whatever the vectors' signs
+    return np.linalg.solve(through, root.astype(complex))
 
 
 def squared_sums(scores: np.ndarray, lags: int) -> np.ndarray:
