@@ -514,7 +514,8 @@ class WorkArea(Engine):
         pairs: list[tuple[np.ndarray, np.ndarray]] = []
         old: tuple[np.ndarray, np.ndarray] | None = None
         damp, calm, idle, least_step = 0.0, 0, 0, np.inf
-        price, dearest, missed, whole = 0.0, 0.0, 0.0, np.inf  # whole: size of the last step, if near and taken so
+        price, dearest, missed, paid = 0.0, 0.0, 0.0, 0.0  # paid: price at which limits were missed by so much
+        whole = np.inf  # size of the last step, if near and taken so
         multipliers, iterate, took = np.zeros(len(self._plain)), Iterate(Status.ITERATION_LIMIT, before), 0.0
         accept, tolerance = self._settings.accept, self._settings.tolerance
         m = self._linearise(u, x, exact=True)
@@ -547,7 +548,7 @@ class WorkArea(Engine):
             old = (u.ravel().copy(), g + multipliers @ L[:, :-1])
             du, dx, e_after, promise = self._expand(m, x, G, L, step, multipliers)
             least = 1.5 * np.abs(promise.pi)
-            missed = self._qp.missed(promise.limited, self._bounds) if price else 0.0
+            missed, paid = self._qp.missed(promise.limited, self._bounds) if price else 0.0, price
             penalty = np.maximum(least, 0.8 * penalty + 0.2 * least)  # early, wild steps are slowly forgotten
             if (~self._soft).any():
                 hard_penalty = max(hard_penalty, 1.5 * float(np.abs(multipliers[~self._soft]).max()))
@@ -603,6 +604,8 @@ class WorkArea(Engine):
                 damp = 0.2 * damp if damp > 1e-4 else 0.0
             elif t <= 0.25 and size > FAR:  # where the model of the step does not hold, nor remembered steps
                 damp, calm, pairs = max(4 * damp, 1e-3), 0, []
+        if missed > 1e-6 and paid >= dearest:  # the highest price is paid, though not yet for the last time
+            iterate = replace(iterate, status=Status.INFEASIBLE)
         return u, x, iterate
 
     def _merit(

@@ -904,7 +904,8 @@ static int converge(Work *s, int64_t most, int loose)
 {
     double past[3] = {INFINITY, INFINITY, INFINITY}, cost, violation, least = INFINITY;
     int status = ITERATION_LIMIT, idle = 0;
-    double price = 0, dearest = 0, miss = 0, whole = INFINITY; /* whole: size of the last step, if near and taken so */
+    double price = 0, dearest = 0, miss = 0, paid = 0; /* paid: price at which limits were missed by so much */
+    double whole = INFINITY;                           /* size of the last step, if near and taken so */
     memset(s->penalty, 0, sizeof s->penalty);
     s->curved = 0;
     s->hard_penalty = 0, s->pairs = 0, s->damp = 0;
@@ -936,7 +937,7 @@ static int converge(Work *s, int64_t most, int loose)
         if (done != SOLVED)
             return done;
         s->curved = 1;
-        miss = N_LIMITS > 0 && price > 0 ? largest_excess(s, s->l_after) : 0;
+        miss = N_LIMITS > 0 && price > 0 ? largest_excess(s, s->l_after) : 0, paid = price;
         n++, s->iterations++, calm++;
         gradient(s, s->g_from);
         raise_penalties(s);
@@ -993,6 +994,8 @@ static int converge(Work *s, int64_t most, int loose)
             s->pairs = 0, calm = 0;
         }
     }
+    if (miss > 1e-6 && paid >= dearest) /* the highest price is paid, though not yet for the last time */
+        return INFEASIBLE;
     return accepted(s) ? ITERATED : ITERATION_LIMIT;
 }
 
