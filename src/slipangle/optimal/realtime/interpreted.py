@@ -251,6 +251,8 @@ class WorkArea(Engine):
         status, count = step.run(self._settings.iterations, self._until)
         n = len(step.u) - 2
         self._k[:] = step.before
+        if status is Status.TIME_OUT and not count:
+            return self._solution(step.u[1:-1].copy(), step.x[1:].copy(), Iterate(status, count))
         if status not in (Status.REAL_TIME, Status.TIME_OUT) or not count:
             return self._ended(step.u[1:-1].copy(), step.x[1:].copy(), Iterate(status, count))
         u, x, good = step.u[:n].copy(), step.x[:-1].copy(), step.truth[2] <= self._settings.accept
@@ -440,6 +442,8 @@ class WorkArea(Engine):
         promise, took, count = None, 0.0, 0
         for count in range(1, self._settings.iterations + 1):
             begin = perf_counter()
+            if promise is None and begin > self._until:
+                return self._solution(u, x, Iterate(Status.TIME_OUT, 0))
             if promise is not None and begin + took > self._until:
                 return self._finish(u, x, Status.TIME_OUT, count - 1, self._true(u, x, promise))
             m = self._linearise(u, x, exact=False)
