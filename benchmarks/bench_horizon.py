@@ -9,7 +9,7 @@ each situation the least process time of the thread over the rounds counts, the 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -60,16 +60,20 @@ def chain(horizon: int) -> MPC:
     )
 
 
-def push(mpc: MPC, each: Callable[[Plan | None, float], None]) -> None:
-    """One run of the chain; every plan and its time are handed on."""
+Planned = tuple[np.ndarray, Reference, Plan | None, Plan, float]  # state, reference, plan before, plan, its time [s]
+
+
+def push(mpc: MPC) -> Iterator[Planned]:
+    """One run of the chain."""
     rng, n, plan = np.random.default_rng(0), mpc.horizon, None
     x = np.concatenate([rng.standard_normal(MASSES), np.zeros(MASSES)])
     goal = Reference(tracked=np.zeros((n + 1, 2 * MASSES)), exogenous=np.zeros((n, 0)))
     for k in range(STEPS):
-        began = time.thread_time()
+        before, began = plan, time.thread_time()
         plan = mpc.plan(x, goal, plan)
-        each(plan, time.thread_time() - began)
+        yield x, goal, before, plan, time.thread_time() - began
         x = np.asarray(mpc.ocp.dynamics(x, plan.command, [])).ravel()
+        x = x.copy()
         x[MASSES:] += (0.3 if k % 20 == 19 else 0.002) * rng.standard_normal(MASSES)
 
 
@@ -116,8 +120,8 @@ def curvature(s: np.ndarray) -> np.ndarray:
     return sum((0.5 * k * (np.tanh(6 * (s - a)) - np.tanh(6 * (s - b))) for a, b, k in corners), np.zeros_like(s))
 
 
-def race(mpc: MPC, each: Callable[[Plan | None, float], None]) -> None:
-    """One drive of the car; every plan and its time are handed on."""
+def race(mpc: MPC) -> Iterator[Planned]:
+    """One drive of the car."""
     n, plan = mpc.horizon, None
     x, tracked = np.array([-2.0, 0, 0, 0.5, 0, 0]), np.zeros((n + 1, 6))
     for _ in range(2 * STEPS):
@@ -126,9 +130,10 @@ def race(mpc: MPC, each: Callable[[Plan | None, float], None]) -> None:
         )
         tracked[:, 0] = x[0] + 3.0 * np.arange(n + 1) / n
         kappa = curvature(places)[:, None]
-        began = time.thread_time()
-        plan = mpc.plan(x, Reference(tracked=tracked, exogenous=kappa), plan)
-        each(plan, time.thread_time() - began)
+        goal = Reference(tracked=tracked.copy(), exogenous=kappa)
+        before, began = plan, time.thread_time()
+        plan = mpc.plan(x, goal, plan)
+        yield x, goal, before, plan, time.thread_time() - began
         x = np.asarray(mpc.ocp.dynamics(x, plan.command, kappa[0])).ravel()
 
 
@@ -147,17 +152,15 @@ def bench(progress: Progress) -> Reproduction:
     )
 
 
-def _problem(name: str, mpc: MPC, drive: Callable[[MPC, Callable[[Plan | None, float], None]], None]) -> list[Record]:
+def _problem(name: str, mpc: MPC, drive: Callable[[MPC], Iterator[Planned]]) -> list[Record]:
     ways = {qp: replace(mpc, solver=RealTime(qp=qp)) for qp in WAYS}
     spent: dict[str, list[list[float]]] = {qp: [] for qp in WAYS}
     plans: dict[str, list[Plan]] = {}
     for _ in range(ROUNDS):
         for qp, way in ways.items():
-            times: list[float] = []
-            said: list[Plan] = []
-            drive(way, lambda plan, t, a=said, b=times: (a.append(plan), b.append(t)))  # type: ignore[misc]
-            spent[qp].append(times[2:])
-            plans[qp] = said
+            *_, said, times = zip(*drive(way), strict=True)
+            spent[qp].append(list(times[2:]))
+            plans[qp] = list(said)
     found = []
     for qp in WAYS:
         least = 1e6 * np.min(spent[qp], axis=0)

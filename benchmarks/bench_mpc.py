@@ -1,23 +1,37 @@
 """Predictive control of the thesis' front-drive car on a double lane change: time of one plan.
 
 Same problem (tables 6.1 to 6.3, eq. 6-3, steps of 0.1 s), same drive, one thread, warm, every candidate in turn.
-Inside C: monotonic clock around the whole solve. Through Python: process and wall time of ``MPC.plan``. Peers are
-skipped when not installed: do-mpc, crocoddyl, fatrop (as CasADi ships it).
+Inside C: monotonic clock around the whole solve. Through Python: process and wall time of ``MPC.plan``.
+
+Beside ours, where they are installed (``pip install --group bench``): do-mpc, crocoddyl and fatrop (as CasADi ships it)
+on the whole problem, converged to 1e-8 against our plans converged to 1e-8, and one iteration against one. And on the
+quadratic programs of our real-time iterations, taken from our solver: OSQP, PIQP, Clarabel, DAQP, ProxQP, and HPIPM as
+CasADi ships it, in the forms that suit them, those of two longer problems of the benchmark ``horizon`` too. Each is set
+up once, has a tolerance of 1e-8, absolute and relative, and starts warm where it can; counted is the call that hands it
+new matrices and vectors and solves; the least of the rounds for each program. A time counts only if the answer is ours:
+the first input to 1e-4 of half its range, the cost to 1e-5.
 """
 
 from __future__ import annotations
 
-import contextlib
-import importlib
-import io
 import os
+import sys
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
+from pathlib import Path
 
-import casadi as ca
 import numpy as np
+
+sys.path.append(str(Path(__file__).parents[1]))  # a benchmark is found by its file, its peers by their name
+
+from benchmarks.bench_horizon import chain, push, race, race_car
+from benchmarks.peers.compare import compared
+from benchmarks.peers.controllers import Outcome, crocoddyl, do_mpc, fatrop, problems
+from benchmarks.peers.programs import Drive, Driven
+from benchmarks.thesis_car import CAR, PATH, drive
 
 from slipangle.control.mpc import MPC
 from slipangle.errors import ModelWarning
@@ -25,23 +39,19 @@ from slipangle.models.tires.neural import NeuralTire
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
 from slipangle.models.vehicles.quasi_steady import QuasiSteadySingleTrack
 from slipangle.optimal.ipopt import Ipopt
-from slipangle.optimal.ocp import Reference
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.realtime.engine import CompiledEngine
-from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import Limits, Weights
-from slipangle.paths.lane_change import double_lane_change
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
-from slipangle.reproduce._chapter_6 import FRONT_DRIVE, thesis_way
+from slipangle.reproduce._chapter_6 import thesis_way
 from slipangle.reproduce._tires_6 import simulated_tires
 from slipangle.reproduce.table_6_4 import data, settings
 
-PATH = double_lane_change(20.0, blend=12.0)
-CAR = FRONT_DRIVE
-Q, S, LIMITS = (dict(CAR.settings[name]) for name in ("Q", "S", "limits"))
-SCALE = np.array([high for _, high in LIMITS.values()])
 ROUNDS, STEPS = 10, 60  # 600 plans of each
+PEERS = (("do-mpc", do_mpc, 100), ("fatrop", fatrop, None), ("crocoddyl", crocoddyl, None))
+
+Candidate = tuple[str, MPC, Callable[[np.ndarray], np.ndarray]]
 
 
 class Times:
@@ -82,7 +92,7 @@ def situations(mpc: MPC, choose: Callable[[np.ndarray], np.ndarray], times: Time
         x = np.asarray(plant(x, [*plan.command, 0.0])).ravel()
 
 
-def candidates() -> Iterator[tuple[str, MPC, Callable[[np.ndarray], np.ndarray]]]:
+def candidates() -> Iterator[Candidate]:
     """Name, controller, and which of the eight states it knows."""
 
     def whole(x: np.ndarray) -> np.ndarray:
@@ -178,20 +188,50 @@ def bench(progress: Progress) -> Reproduction:
     t = Times()
     situations(reference, lambda x: x, t, 12)
     found.append(_ratio("Ipopt on one Radau step per interval, warm", t.median("process"), ours, None))
-    for name, peer, least in (("do-mpc", do_mpc, 100), ("fatrop", fatrop, None), ("crocoddyl", crocoddyl, None)):
-        progress(0.7, name)
-        try:
-            spent, far = peer()
-        except ImportError as missing:
-            found.append(Record(row=name, quantity="time of a plan [us]", thesis=None, here="-", note=f"{missing}"))
-            continue
-        record = _ratio(name, spent, ours, least)
-        found.append(replace(record, note=f"{record.note}; first command differs by {far:.1e} of its range"))
+    for name, peer, least in PEERS:
+        progress(0.6, name)
+        found += _peer(name, peer, least)
+    for i, (name, mpc, way) in enumerate(programs(runs)):
+        progress(0.7 + 0.07 * i, f"quadratic programs of {name}")
+        found += compared(name, mpc, way, min(ROUNDS, 3))
     return Reproduction(
         title="Predictive control, time of one plan",
         records=tuple(found),
         protocol=" ".join((__doc__ or "").split()) + f" {ROUNDS * (STEPS - 2)} plans of each of ours.",
     )
+
+
+def programs(runs: Sequence[Candidate]) -> list[tuple[str, MPC, Drive]]:
+    """Problems whose quadratic programs others are given, and how to drive them."""
+
+    def on_the_lane_change(mpc: MPC) -> Iterator[Driven]:
+        return drive(mpc, STEPS)
+
+    def pushed(mpc: MPC) -> Iterator[Driven]:
+        return (driven[:4] for driven in islice(push(mpc), 2 * STEPS))
+
+    def racing(mpc: MPC) -> Iterator[Driven]:
+        return (driven[:4] for driven in islice(race(mpc), 4 * STEPS))
+
+    thesis = ("8 states, N = 10", f"8 states, N = 20, {SOFT}")
+    found: list[tuple[str, MPC, Drive]] = [(name, mpc, on_the_lane_change) for name, mpc, _ in runs if name in thesis]
+    return [*found, ("race car, N = 50", race_car(50), racing), ("chain, N = 200", chain(200), pushed)]
+
+
+def _peer(name: str, peer: Callable[[], Iterator[Outcome]], least: float | None) -> list[Record]:
+    """Converged against converged, one iteration against one iteration, in the same situations."""
+    _, *ours = problems()
+    by_way = {outcome.way: outcome for outcome in ours}
+    found = []
+    try:
+        for theirs in peer():
+            own = by_way[theirs.way]
+            record = _ratio(f"{name}, {theirs.way}", theirs.seconds, own.seconds, least)
+            note = f"{record.note}; as our converged command to {theirs.far:.0e} of its range, ours {own.far:.0e}"
+            found.append(replace(record, note=note))
+    except ImportError as missing:
+        found.append(Record(row=name, quantity="time of a plan [us]", thesis=None, here="-", note=f"{missing}"))
+    return found
 
 
 def _ratio(name: str, theirs: float, ours: float, least: float | None) -> Record:
@@ -257,24 +297,12 @@ def _stages(times: dict[str, Times], few: str, long: str) -> list[Record]:
     ]
 
 
-def _drive(mpc: MPC, steps: int) -> Iterator[tuple[np.ndarray, Reference, Plan | None, Plan]]:
-    """State, reference, plan before and plan along one drive on the full model."""
-    plant = CAR.model(SOUSA_TABLE_6_2).functions[0]
-    x, plan, s = CAR.model(SOUSA_TABLE_6_2).straight(19.0, X=PATH.start[0]), None, 0.0
-    for _ in range(steps):
-        s = PATH.project(x[5], x[6], s).s
-        reference = mpc.reference(PATH.ahead(s, mpc.times), T_r=0.0)
-        before, plan = plan, mpc.plan(x, reference, plan)
-        yield x, reference, before, plan
-        x = np.asarray(plant(x, [*plan.command, 0.0])).ravel()
-
-
 def fallbacks(name: str, mpc: MPC) -> list[Record]:
     """Calls that end in a fallback for want of a state, beside those that end in a plan, in the same situations."""
     late = {"shifted plan": mpc, "stop law": replace(mpc, fallback=0)}
     spent: dict[str, list[float]] = {what: [] for what in ("plan", *late)}
     for _ in range(ROUNDS):
-        for x, reference, before, plan in _drive(mpc, STEPS):
+        for x, reference, before, plan in drive(mpc, STEPS):
             if before is None:
                 continue
             spent["plan"].append(plan.seconds)
@@ -300,7 +328,7 @@ def deadlines(name: str, mpc: MPC, deadline: float = 150e-6) -> list[Record]:
     """Time of whole calls beyond a deadline."""
     hurried, over, health = replace(mpc, deadline=deadline), [], None
     for _ in range(ROUNDS):
-        for *_, plan in _drive(hurried, STEPS):
+        for *_, plan in drive(hurried, STEPS):
             over.append(plan.seconds - deadline)
             health = plan.health
     late = np.maximum(over, 0.0)
@@ -345,185 +373,3 @@ def _no_compiler() -> list[Record]:
         note=f"p99 {1e6 * t.p99('process'):.0f}",
     )
     return [plan, *fallbacks(row, mpc)]
-
-
-# ---- peers ---------------------------------------------------------------------------------------------------------
-
-
-def first_problems(count: int) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """State, input before, X, Y wanted and the converged command along a drive, N = 10."""
-    mpc = CAR.controller(CAR.model(SOUSA_TABLE_6_2), 10, RealTime(iterations=0))
-    x, plan, s, found = mpc.model.functions[0], None, 0.0, []
-    state = CAR.model(SOUSA_TABLE_6_2).straight(19.0, X=PATH.start[0])
-    for _ in range(count):
-        s = PATH.project(state[5], state[6], s).s
-        look = PATH.ahead(s, 10, 0.1)
-        before = np.zeros(2) if plan is None else plan.command
-        plan = mpc.plan(state, mpc.reference(look, T_r=0.0), plan)
-        found.append((state, before, np.column_stack([look.X, look.Y]), plan.command))
-        state = np.asarray(x(state, [*plan.command, 0.0])).ravel()
-    return found
-
-
-def _distance(command: np.ndarray, ours: np.ndarray) -> float:
-    return float(np.abs((command - ours) / SCALE).max())
-
-
-def do_mpc() -> tuple[float, float]:
-    """do-mpc: Radau collocation of degree 3, Ipopt, warm."""
-    lib = importlib.import_module("do_mpc")
-    car = CAR.model(SOUSA_TABLE_6_2)
-    model = lib.model.Model("continuous")
-    x = ca.vertcat(*[model.set_variable("_x", n) for n in car.states])
-    delta, torque = model.set_variable("_u", "delta"), model.set_variable("_u", "T_f")
-    for n in ("X_ref", "Y_ref"):
-        model.set_variable("_tvp", n)
-    rate = car.derivative(x, ca.vertcat(delta, torque, 0))
-    for i, n in enumerate(car.states):
-        model.set_rhs(n, rate[i])
-    model.setup()
-    mpc = lib.controller.MPC(model)
-    mpc.settings.n_horizon, mpc.settings.t_step, mpc.settings.n_robust = 10, 0.1, 0
-    mpc.settings.collocation_type, mpc.settings.collocation_deg, mpc.settings.collocation_ni = "radau", 3, 1
-    mpc.settings.store_full_solution = False
-    mpc.settings.nlpsol_opts = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": 0, "ipopt.tol": 1e-8}
-    missed = model.x["v_x"] - 20, model.x["X"] - model.tvp["X_ref"], model.x["Y"] - model.tvp["Y_ref"]
-    cost = sum(w * e**2 for w, e in zip(Q.values(), missed, strict=True))
-    mpc.set_objective(mterm=cost, lterm=cost)
-    mpc.set_rterm(**S)
-    for n, bounds in LIMITS.items():
-        mpc.bounds["lower", "_u", n], mpc.bounds["upper", "_u", n] = bounds
-    template = mpc.get_tvp_template()
-    mpc.set_tvp_fun(lambda _: template)
-    with contextlib.redirect_stdout(io.StringIO()):
-        mpc.setup()
-    spent, far = [], 0.0
-    for k, (state, before, goal, command) in enumerate(first_problems(25)):
-        for i in range(11):
-            template["_tvp", i] = goal[i]
-        if k == 0:
-            mpc.x0 = state
-            mpc.u0 = before
-            mpc.set_initial_guess()
-        mpc.u0 = before
-        began = time.process_time()
-        with contextlib.redirect_stdout(io.StringIO()):
-            u = np.asarray(mpc.make_step(state)).ravel()
-        spent.append(time.process_time() - began)
-        far = max(far, _distance(u, command))
-        mpc.u0 = command
-    return float(np.median(spent[2:])), far
-
-
-def _augmented() -> tuple[ca.Function, ca.Function]:
-    """``(z, u, p) -> z`` and its residual terms, z the eight states and the input before, one Radau step each."""
-    step = CAR.controller(CAR.model(SOUSA_TABLE_6_2), 10, RealTime()).ocp.dynamics
-    z, u, p = ca.MX.sym("z", 10), ca.MX.sym("u", 2), ca.MX.sym("p", 2)
-    later = ca.vertcat(step(z[:8], u, ca.DM([0.0])), u)
-    q, s = (np.sqrt(list(weights.values())) for weights in (Q, S))
-    error = ca.vertcat(q[0] * (z[0] - 20), q[1] * (z[5] - p[0]), q[2] * (z[6] - p[1]), s * (u - z[8:]))
-    return ca.Function("later", [z, u, p], [later]), ca.Function("error", [z, u, p], [error])
-
-
-def fatrop() -> tuple[float, float]:
-    """Fatrop on multiple shooting, exact Hessian, warm in inputs and states."""
-    if not ca.has_nlpsol("fatrop"):
-        raise ImportError("CasADi has no fatrop here")
-    step, error = _augmented()
-    scale = SCALE
-    v, g, lower, upper, equal, cost = [], [], [], [], [], ca.MX(0)
-    z0, goal = ca.MX.sym("z0", 10), ca.MX.sym("goal", 2, 11)
-    z = ca.MX.sym("z_0", 10)
-    v.append(z)
-    g.append(z - z0)
-    equal += [True] * 10
-    for i in range(10):
-        u = ca.MX.sym(f"u_{i}", 2)
-        later = ca.MX.sym(f"z_{i + 1}", 10)
-        cost += ca.sumsqr(error(z, u * scale, goal[:, i]))
-        g = [*g[:-1], later - step(z, u * scale, goal[:, i]), g[-1]] if i == 0 else [*g, later - step(z, u * scale, 0)]
-        v += [u, later]
-        z = later
-    cost += ca.sumsqr(error(z, z[8:], goal[:, 10])[:3])
-    nlp = {"x": ca.vertcat(*v), "f": cost, "g": ca.vertcat(*g), "p": ca.vertcat(z0, ca.vec(goal))}
-    size = nlp["x"].shape[0]
-    lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
-    for i in range(10):
-        lower[10 + 12 * i : 12 + 12 * i], upper[10 + 12 * i : 12 + 12 * i] = -1.0, 1.0
-    options = {
-        "structure_detection": "auto",
-        "equality": [True] * nlp["g"].shape[0],
-        "fatrop.print_level": 0,
-        "print_time": False,
-        "fatrop.tol": 1e-8,
-    }
-    try:
-        solver = ca.nlpsol("fatrop", "fatrop", nlp, options)
-    except RuntimeError as refused:
-        raise ImportError(f"fatrop refuses this problem: {str(refused).splitlines()[-1][:80]}") from refused
-    spent, far, guess = [], 0.0, None
-    for state, before, goal_now, command in first_problems(12):
-        z_now = np.concatenate([state, before])
-        if guess is None:
-            guess = np.concatenate([z_now, np.tile(np.concatenate([before / scale, z_now]), 10)])
-        p = np.concatenate([z_now, goal_now.ravel()])
-        began = time.process_time()
-        found = np.asarray(solver(x0=guess, p=p, lbx=lower, ubx=upper, lbg=0, ubg=0)["x"]).ravel()
-        spent.append(time.process_time() - began)
-        if not np.isfinite(found).all():
-            raise ImportError("fatrop returns NaN on this problem")
-        far = max(far, _distance(found[10:12] * scale, command))
-        guess = np.concatenate([found[12:22], found[22:], found[-12:]])
-    return float(np.median(spent[2:])), far
-
-
-def crocoddyl() -> tuple[float, float]:
-    """Crocoddyl: box-constrained FDDP on action models written in Python over CasADi's derivatives."""
-    lib = importlib.import_module("crocoddyl")
-    step, error = _augmented()
-    z, u, p = ca.MX.sym("z", 10), ca.MX.sym("u", 2), ca.MX.sym("p", 2)
-    scale = SCALE
-    later, terms = step(z, u * scale, p), error(z, u * scale, p)
-    value = ca.Function("value", [z, u, p], [later, terms])
-    slope = ca.Function(
-        "slope", [z, u, p], [ca.densify(ca.jacobian(a, b)) for a, b in ((later, z), (later, u), (terms, z), (terms, u))]
-    )
-
-    class Action(lib.ActionModelAbstract):  # type: ignore[misc, name-defined]
-        def __init__(self, last: bool) -> None:
-            super().__init__(lib.StateVector(10), 2, 5)
-            self.goal, self.last = np.zeros(2), last
-            self.u_lb, self.u_ub = -np.ones(2), np.ones(2)
-
-        def _rows(self) -> int:
-            return 3 if self.last else 5
-
-        def calc(self, data, x, u=None):
-            later, terms = value(x, np.zeros(2) if u is None else u, self.goal)
-            e = np.asarray(terms).ravel()[: self._rows()]
-            data.xnext, data.cost = np.asarray(later).ravel(), float(e @ e)
-
-        def calcDiff(self, data, x, u=None):
-            u = np.zeros(2) if u is None else u
-            e = np.asarray(value(x, u, self.goal)[1]).ravel()[: self._rows()]
-            a, b, ex, eu = (np.asarray(m) for m in slope(x, u, self.goal))
-            ex, eu = ex[: self._rows()], eu[: self._rows()] * (0.0 if self.last else 1.0)
-            data.Fx, data.Fu = a, b
-            data.Lx, data.Lu = 2 * ex.T @ e, 2 * eu.T @ e
-            data.Lxx, data.Luu, data.Lxu = 2 * ex.T @ ex, 2 * eu.T @ eu, 2 * ex.T @ eu
-
-    running, last = [Action(False) for _ in range(10)], Action(True)
-    spent, far, guess = [], 0.0, None
-    for state, before, goal, command in first_problems(12):
-        now = np.concatenate([state, before])
-        for model, place in zip([*running, last], goal, strict=True):
-            model.goal = place
-        solver = lib.SolverBoxFDDP(lib.ShootingProblem(now, running, last))
-        solver.th_stop = 1e-12
-        us = [before / scale] * 10 if guess is None else guess
-        began = time.process_time()
-        solver.solve(solver.problem.rollout(us), us, 50, True)
-        spent.append(time.process_time() - began)
-        far = max(far, _distance(np.asarray(solver.us[0]) * scale, command))
-        guess = [*list(solver.us)[1:], solver.us[-1]]
-    return float(np.median(spent[2:])), far
