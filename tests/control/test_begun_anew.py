@@ -69,18 +69,21 @@ def test_a_first_plan_is_found_though_held_inputs_lead_beyond_all_numbers(solver
 def test_thrown_far_off_and_back_it_plans_at_once(solver):
     """Where no plan is, a fallback; a step later, from a state that has one, that plan, as good as from nothing."""
     mpc = ball(solver)
-    wanted, plan = mpc.setpoint(a=0.0, b=0.0), None
+    wanted, plan, anew = mpc.setpoint(a=0.0, b=0.0), None, 0
     fresh = mpc.plan(FAR, wanted)
     for k, x in enumerate([FAR, FAR, [3.0, 3.0], FAR, [np.nan, 0.0], FAR, [3.0, -1.0], [3.0, 3.0], FAR, FAR]):
         x = np.asarray(x, dtype=float)
         plan = mpc.plan(x, wanted, plan)
+        anew += plan.detail == ANEW
         assert plan.status.solved is bool(x[0] == FAR[0]), k
+        assert plan.health.begun_anew == anew
         assert np.isfinite(plan.u).all()
         assert np.isfinite(plan.x).all()
         if plan.status.solved:
             assert plan.cost <= 1.02 * fresh.cost
             assert plan.age == plan.health.fallbacks_in_a_row == 0
     assert plan.health.fallbacks == 4
+    assert anew > 0
 
 
 @pytest.mark.parametrize("spoilt", ["u", "x", "memory"])
@@ -150,6 +153,8 @@ def test_the_exported_one_does_the_same(parts, tmp_path, monkeypatch):
         out = exported.plan(x, wanted, None)
         assert STATUSES[out.status] is plan.status, (k, plan.message)
         assert (out.age, bool(out.stopping)) == (plan.age, plan.stopping)
+        assert bool(out.begun_anew) is (plan.detail == ANEW), k
+        assert out.health.begun_anew == plan.health.begun_anew
         assert np.array(out.u) == pytest.approx(plan.u, abs=1e-8), k
         seen.add((plan.status.name, plan.age > 1, plan.detail == ANEW))
     assert {("NOT_FINITE", False, False), ("SOLVED", False, True)} <= seen

@@ -33,7 +33,9 @@ def array(*lengths, kind=ctypes.c_double):
 
 
 of_kind = array
-HEALTH = [(k, ctypes.c_int64) for k in ("plans", "fallbacks", "in_a_row", "overruns", "overruns_in_a_row")]
+HEALTH = [
+    (k, ctypes.c_int64) for k in ("plans", "fallbacks", "in_a_row", "overruns", "overruns_in_a_row", "begun_anew")
+]
 Health = type("Health", (ctypes.Structure,), {"_fields_": HEALTH})
 
 
@@ -56,7 +58,7 @@ def given_and_made(n, kind=ctypes.c_double):
     if n.get("DECIDED"):
         made.append(("decided", array(n["DECIDED"])))
     made += [(k, kind) for k in ("cost", "residual", "violation", "seconds")]
-    made += [(k, ctypes.c_int) for k in ("status", "age", "stopping", "iterations")]
+    made += [(k, ctypes.c_int) for k in ("status", "age", "stopping", "iterations", "begun_anew")]
     if n.get("SWITCHES"):
         made += [("demand", kind), ("active", ctypes.c_int)]
     if n.get("LEARNS"):

@@ -23,6 +23,7 @@ from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.ocp import OCP, ProblemSettings, Reference
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.solution import (
+    ANEW,
     Health,
     Kept,
     Plan,
@@ -250,7 +251,7 @@ class Fallbacks(Checked, Led):
             "memory": kept,
             "unfinished": unfinished,
             "times": self.times,
-            "health": health.after(True, self.deadline is not None and seconds > self.deadline),
+            "health": health.after(True, self.deadline is not None and seconds > self.deadline, detail == ANEW),
         }
         return quick(Plan, values)
 

@@ -20,6 +20,7 @@ from slipangle.optimal.engine import Start
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.setpoints import setpoint, vary
 from slipangle.optimal.solution import (
+    ANEW,
     FEASIBLE,
     Health,
     Plan,
@@ -225,7 +226,8 @@ class MPC(Fallbacks):
             return self._ended(call, Solution(**answer, kept=True))
         answer["controls"], answer["times"] = self.controls, self.times
         answer["seconds"] = seconds = perf_counter() - begin
-        answer["health"] = health.after(False, self.deadline is not None and seconds > self.deadline)
+        late = self.deadline is not None and seconds > self.deadline
+        answer["health"] = health.after(False, late, answer.get("detail") == ANEW)
         return quick(Plan, answer)
 
     def _ended(self, call: Call, solution: Solution) -> Plan:
@@ -236,7 +238,8 @@ class MPC(Fallbacks):
             left = solution.memory if status.resumes else None
             return self._fallback(call, status, solution.iterations, solution.detail, left)
         if not finite(solution.u, solution.x):
-            return self._fallback(call, Status.NOT_FINITE if status.solved else status, solution.iterations)
+            wrong = Status.NOT_FINITE if status.solved else status
+            return self._fallback(call, wrong, solution.iterations, solution.detail)
         seconds = perf_counter() - call.begin
         values = {
             "u": solution.u
@@ -252,7 +255,9 @@ class MPC(Fallbacks):
             "memory": solution.memory,
             "detail": solution.detail,
             "times": self.times,
-            "health": health_of(previous).after(False, self.deadline is not None and seconds > self.deadline),
+            "health": health_of(previous).after(
+                False, self.deadline is not None and seconds > self.deadline, solution.detail == ANEW
+            ),
             "seconds": seconds,
         }
         if solution.branches or solution.decided is not None:

@@ -19,7 +19,7 @@ from slipangle.models.model import Model
 from slipangle.models.storage import load as load_record
 from slipangle.optimal.arrays import applied_input, array, vector
 from slipangle.optimal.ocp import Reference, at_nodes, require_reference
-from slipangle.optimal.solution import Health, Plan, Status
+from slipangle.optimal.solution import ANEW, Health, Plan, Status
 from slipangle.paths.preview import Preview
 
 STATUSES = [
@@ -186,7 +186,7 @@ def output_of(n: dict[str, int]) -> type[ctypes.Structure]:
     shapes |= {"decided": (n.get("DECIDED", 0),)}
     fields = [(k, numbers(*s)) for k, s in shapes.items() if all(s) or k != "decided"]
     fields += [(k, ctypes.c_double) for k in ("cost", "residual", "violation", "seconds")]
-    fields += [(k, ctypes.c_int) for k in ("status", "age", "stopping", "iterations")]
+    fields += [(k, ctypes.c_int) for k in ("status", "age", "stopping", "iterations", "begun_anew")]
     fields += [("demand", ctypes.c_double), ("active", ctypes.c_int)] if n.get("SWITCHES") else []
     fields += [("lesson", ctypes.c_int), ("samples", ctypes.c_int64)] if n.get("LEARNS") else []
     return type("Output", (ctypes.Structure,), {"_fields_": [*fields, ("health", Counters)]})
@@ -219,6 +219,7 @@ def plan_of(
         memory=memory_,
         decided=once,
         times=times,
+        detail=ANEW if out.begun_anew else "",
         health=health_of(out.health),
     )
 

@@ -65,6 +65,8 @@ class Health(NamedTuple):
         How many of them were no solution, and how many of those since the last solution.
     overruns, overruns_in_a_row : int
         How many took longer than the deadline, the whole call counted, and how many of those up to now.
+    begun_anew : int
+        How many began anew, because what was planned before led nowhere.
     """
 
     plans: int = 0
@@ -72,11 +74,12 @@ class Health(NamedTuple):
     fallbacks_in_a_row: int = 0
     overruns: int = 0
     overruns_in_a_row: int = 0
+    begun_anew: int = 0
 
-    def after(self, fallback: bool, late: bool) -> Health:
-        """One plan later: whether it was a ``fallback``, and whether it came ``late``."""
-        a, b, c, d, e = self
-        later = (a + 1, b + fallback, c + 1 if fallback else 0, d + late, e + 1 if late else 0)
+    def after(self, fallback: bool, late: bool, anew: bool = False) -> Health:
+        """One plan later: whether it was a ``fallback``, came ``late``, and whether its solve began ``anew``."""
+        a, b, c, d, e, f = self
+        later = (a + 1, b + fallback, c + 1 if fallback else 0, d + late, e + 1 if late else 0, f + anew)
         return tuple.__new__(Health, later)  # half the time of its constructor
 
 

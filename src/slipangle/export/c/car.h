@@ -74,9 +74,9 @@ enum {
 #endif
 
 /* Since car_start: plans asked for; those that were no solution, and how many in a row up to now; those that took longer
-   than the deadline, and how many in a row up to now. */
+   than the deadline, and how many in a row up to now; those that began anew. */
 typedef struct {
-    int64_t plans, fallbacks, fallbacks_in_a_row, overruns, overruns_in_a_row;
+    int64_t plans, fallbacks, fallbacks_in_a_row, overruns, overruns_in_a_row, begun_anew;
 } car_health;
 
 typedef struct {
@@ -92,6 +92,7 @@ typedef struct {
     int age;                                  /* 0: a solution; k: a fallback, the k-th in a row */
     int stopping;                             /* the stop law, as no recent plan is left: the speed should go to zero */
     int iterations;
+    int begun_anew;                           /* what was planned before led nowhere: the solve began from inputs held */
 #if CAR_SWITCHES
     double demand; /* share of grip that is needed */
     int active;    /* 0: the calm controller planned, 1: the one for the limit; states of the other one are NaN */

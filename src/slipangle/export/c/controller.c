@@ -5,7 +5,7 @@ typedef struct {
     car_seconds begun; /* when the plan began */
     car_seconds (*clock)(void *);
     void *clock_of;
-    int64_t health[5]; /* as car_health */
+    int64_t health[6]; /* as car_health */
 } Around;
 
 static double elapsed(void *controller);
@@ -48,7 +48,7 @@ void car_deadline(car_controller *memory, int iterations, car_seconds seconds, c
     set_bound(c, iterations);
 }
 
-static void count(Around *a, int fell, double took)
+static void count(Around *a, int fell, int anew, double took)
 {
     int late = took > a->seconds;
     a->health[0]++;
@@ -56,21 +56,24 @@ static void count(Around *a, int fell, double took)
     a->health[2] = fell ? a->health[2] + 1 : 0;
     a->health[3] += late;
     a->health[4] = late ? a->health[4] + 1 : 0;
+    a->health[5] += anew;
 }
 
 int car_plan(car_controller *memory, const car_input *in, car_output *out)
 {
     Controller *c = own(memory);
     c->around.begun = clock_of(&c->around);
+    out->begun_anew = 0;
     int status = decide(c, in, out);
     c->plans = 1;
     double took = elapsed(c);
-    count(&c->around, c->age > 0, took);
+    count(&c->around, c->age > 0, out->begun_anew, took);
     memcpy(out->command, c->u, sizeof out->command);
     memcpy(out->u, c->u, sizeof c->u);
     out->status = status, out->age = c->age, out->stopping = c->stopping, out->seconds = took;
     out->health.plans = c->around.health[0];
     out->health.fallbacks = c->around.health[1], out->health.fallbacks_in_a_row = c->around.health[2];
     out->health.overruns = c->around.health[3], out->health.overruns_in_a_row = c->around.health[4];
+    out->health.begun_anew = c->around.health[5];
     return status;
 }

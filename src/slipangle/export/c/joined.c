@@ -88,6 +88,7 @@ int car_joined_solve(car_joined *memory, const car_joined_task *of, car_joined_a
     for (int i = 0; i < ONE_N; i++)
         memcpy(s->way_u + i * ONE_NU, s->u + (first + i) * NU, sizeof(double) * ONE_NU);
     answer->u = s->way_u, answer->x = s->way_x, answer->iterations = s->iterations;
+    answer->begun_anew = s->anew;
     answer->cost = s->cost, answer->residual = s->residual, answer->violation = s->violation;
     int whole = moderate(s->u, N * NU) && moderate(s->x, (N + 1) * NX);
     return (status == SOLVED || status == ITERATED) && !whole ? NOT_FINITE : status;

@@ -33,7 +33,7 @@ typedef struct {
 typedef struct {
     const double *u, *x;
     double cost, residual, violation;
-    int64_t iterations;
+    int64_t iterations, begun_anew;
 } car_joined_answer;
 
 enum { CAR_JOINED_OK, CAR_JOINED_TOO_SMALL, CAR_JOINED_MISALIGNED };

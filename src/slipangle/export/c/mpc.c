@@ -198,7 +198,7 @@ static int decide(Controller *c, const car_input *in, car_output *out)
         unwind(s);
         s->time_limit = larger(limit - now(&s->qp) - c->pace, 0);
         status = solve(c);
-        out->iterations = (int)s->iterations;
+        out->iterations = (int)s->iterations, out->begun_anew = s->anew != 0;
         int started = (status == ITERATION_LIMIT || status == STALLED || status == TIME_OUT) && s->iterations > 0 &&
                       s->violation <= FEASIBLE && moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX);
         c->found = status == SOLVED || status == ITERATED || started || status == ITERATION_LIMIT || status == TIME_OUT;

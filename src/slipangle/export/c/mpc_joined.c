@@ -42,7 +42,7 @@ static int solve(Controller *c)
     int status = car_joined_solve(joined_of(c), &task, &found);
     memcpy(s->u, found.u, sizeof s->u);
     memcpy(s->x, found.x, sizeof s->x);
-    s->iterations = found.iterations;
+    s->iterations = found.iterations, s->anew = found.begun_anew;
     s->cost = found.cost, s->residual = found.residual, s->violation = found.violation;
     c->attempts = status == TIME_OUT || status == ITERATION_LIMIT ? c->attempts + 1 : 0;
     return status;

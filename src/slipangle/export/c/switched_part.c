@@ -19,6 +19,6 @@ static int ask_part(Controller *c, const car_input *in, car_output *out)
         c->heading[i] = said.x[i][CAR_PART_STATES - 1];
     }
     out->cost = said.cost, out->residual = said.residual, out->violation = said.violation;
-    out->iterations = said.iterations, c->age = said.age, c->stopping = said.stopping;
+    out->iterations = said.iterations, out->begun_anew = said.begun_anew, c->age = said.age, c->stopping = said.stopping;
     return said.status;
 }
