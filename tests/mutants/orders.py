@@ -11,12 +11,12 @@ MUTANTS = [
         [
             (
                 "orders: judged by a model that saw the stretch",
-                "np.concatenate([total - self.gram, total[None]])",
-                "np.concatenate([total + 0 * self.gram, total[None]])",
+                "Fits(tested.others(), tested)",
+                "Fits(tested.over(np.ones_like(lengths)), tested)",
             ),
             (
                 "orders: a model that blows up may win",
-                "stable=not growth(poles[c], self.longest)",
+                "stable=bool(lasting[c])",
                 "stable=True",
             ),
             (
@@ -33,13 +33,13 @@ MUTANTS = [
         ORDERS,
         [
             ("orders: free run with its lags turned round", "ny, ny)[:, :, :, ::-1]", "ny, ny)"),
-            ("orders: free run in C with its lags turned round", "(na - 1 - i) * ny", "i * ny"),
+            ("orders: free run in C with its lags turned round", "((na - i) * ny", "((na - 1 - lags[c] + i) * ny"),
         ],
     ),
     *mistakes(
         "identify/linear/estimator.py",
         ORDERS,
-        [("orders: BIC with the penalty of AIC", "d * float(np.log(n))", "2 * d")],
+        [("orders: BIC with the penalty of AIC", "d * math.log(n)", "2 * d")],
     ),
     *mistakes(
         "identify/linear/multi_arx.py",

@@ -139,10 +139,41 @@ def test_candidates_run_alike_in_c_and_side_by_side(speeds, monkeypatch):
     theta[2, 1, :, 0] = 1e3
     in_c = trials.stretches.squares(theta, picks)
     monkeypatch.setenv("SLIPANGLE_CC", "none")
-    side_by_side = trials.stretches.squares(theta, picks)
+    side_by_side = replace(trials.stretches).squares(theta, picks)
     assert np.isfinite(in_c[:2]).all()
     assert not np.isfinite(in_c[2, 0]) or in_c[2, 0] > 1e100
     assert in_c[:2] == pytest.approx(side_by_side[:2], rel=1e-9)
+
+
+@pytest.mark.parametrize("speeds", [(), (5.0, 9.0, 15.0)])
+def test_candidates_are_fitted_alike_in_c_and_side_by_side(speeds, monkeypatch):
+    """Two outputs, candidates of several sizes, so that columns which are not theirs stay zero."""
+    data, inputs = drive_at_speeds(700), 1 if speeds else 2
+    several = [Orders(a, (b,) * inputs, (k,) * inputs) for a, b, k in ((2, 2, 1), (4, 1, 2), (1, 1, 3))]
+    trials = _Trials(data, Orders(4, (3,) * inputs, (3,) * inputs), True, speeds)
+    picks = [trials._pick(orders) for orders in several]
+    fits, *_ = trials._fits
+    in_c = fits.of(picks)
+    monkeypatch.setenv("SLIPANGLE_CC", "none")
+    theta, rise = replace(fits).of(picks)
+    assert in_c[0] == pytest.approx(theta, abs=1e-6 * np.abs(theta).max())
+    assert in_c[1] == pytest.approx(rise, rel=1e-9)
+    unseen = np.setdiff1d(np.arange(trials.n_columns), picks[1])
+    assert not np.any(in_c[0][1][:, :, unseen])
+
+
+@pytest.mark.parametrize("lags", [1, 3])
+def test_models_that_last_are_those_whose_poles_are_inside(lags):
+    """Reflection coefficients beside the roots of the polynomials, of which some are outside."""
+    data = made(n=400)
+    trials = _Trials(data, Orders(4, (1,), (1,)), False, ())
+    rng = np.random.default_rng(lags)
+    theta = np.zeros((200, 1, trials.n_columns, 1))
+    theta[:, 0, :lags, 0] = rng.uniform(-1.3, 1.3, (200, lags))
+    edge = 10.0 ** (1.0 / trials.longest)
+    inside = [bool(np.all(np.abs(np.roots([1.0, *-a])) < edge)) for a in theta[:, 0, :lags, 0]]
+    assert 20 < sum(inside) < 180
+    assert trials._lasting(theta).tolist() == inside
 
 
 @pytest.mark.parametrize("offset", [False, True])

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import abc
+import math
 import time
 from typing import Any, ClassVar, Generic, TypeVar
-
-import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.fields import Checked
@@ -62,5 +61,5 @@ def channels(data: Dataset) -> Any:
 
 def criteria(log_det: float, d: int, n: float) -> dict[str, float]:
     """AIC, BIC and FPE of d parameters and n residuals, from the logarithm of the determinant of their covariance."""
-    fpe = float(np.exp(min(log_det, 700.0))) * (1 + d / n) / max(1 - d / n, 1e-12)
-    return {"aic": n * log_det + 2 * d, "bic": n * log_det + d * float(np.log(n)), "fpe": fpe}
+    fpe = math.exp(min(log_det, 700.0)) * (1 + d / n) / max(1 - d / n, 1e-12)
+    return {"aic": n * log_det + 2 * d, "bic": n * log_det + d * math.log(n), "fpe": fpe}

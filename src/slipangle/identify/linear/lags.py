@@ -19,6 +19,7 @@ from slipangle.errors import ParameterError
 PerInput = int | tuple[int, ...]
 """Lags or delays: one number for all inputs, or one for each."""
 CHUNK = 1 << 15  # samples whose copy stays in the cache
+_SHORT = 8  # lags in an experiment, below which its windows are written down
 
 
 def same_for_all(settings: Any, *names: str) -> None:
@@ -79,7 +80,14 @@ class Windows:
         nc, lags = len(self.names), self.lags
         products = np.zeros((lags, nc, lags, nc))
         sums = np.zeros((lags, nc))
+        full = np.zeros((lags * nc, lags * nc))
         for start, stop in self.spans():
+            if stop - start < _SHORT * lags:
+                z = self.block(start, stop)
+                rows = np.ascontiguousarray(np.lib.stride_tricks.sliding_window_view(z.ravel(), lags * nc)[::nc])
+                full += rows.T @ rows
+                sums += rows.sum(axis=0).reshape(lags, nc)
+                continue
             lagged, total = self._lag_products(start, stop)
             first, last = self.block(start, start + lags - 1), self.block(stop - lags + 1, stop)
             part = np.zeros_like(products)
@@ -91,7 +99,7 @@ class Windows:
                 ends = last[i][:, None, None] * last[i:] - first[i][:, None, None] * first[i:]
                 part[i + 1, :, i + 1 :] = part[i, :, i:-1] + ends
             products += part
-        full = products.reshape(lags * nc, lags * nc)
+        full += products.reshape(lags * nc, lags * nc)
         upper = np.triu(full)
         return upper + np.triu(full, 1).T, sums.ravel()
 

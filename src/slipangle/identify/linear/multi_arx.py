@@ -195,7 +195,7 @@ def chosen_speeds(v_x: np.ndarray) -> tuple[float, ...]:
         if not held.any():
             break
         means = (sums[edges[1:]] - sums[edges[:-1]])[held] / np.diff(edges)[held]
-        done = len(means) == len(centres) and np.allclose(means, centres, rtol=1e-6)
+        done = len(means) == len(centres) and bool(np.all(np.abs(means - centres) <= 1e-6 * np.abs(centres)))
         centres = means
         if done:
             break

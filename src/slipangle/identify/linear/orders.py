@@ -10,18 +10,19 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import TooShortError
+from slipangle.identify.linear.candidate_fits import Fits
 from slipangle.identify.linear.candidate_runs import Stretches
 from slipangle.identify.linear.estimator import criteria
-from slipangle.identify.linear.lags import CHUNK, PerInput, Windows
+from slipangle.identify.linear.lags import PerInput, Windows
 from slipangle.identify.linear.neighbours import Chosen, Orders, each_input, near, with_input
-from slipangle.identify.linear.speed_blocks import SpeedBlocks
+from slipangle.identify.linear.speed_blocks import SpeedBlocks, gram_of_speeds
 from slipangle.models.model import Candidate
-from slipangle.models.plausible import growth
 from slipangle.models.wrappers.multi_arx import speed_weights
 
 LEVELS = (1, 2, 4, 7, 10)  # lags of the first candidates: every number is one of them, or next to one
@@ -30,7 +31,6 @@ LENGTH = 1000  # samples of a stretch that free runs are judged on, from its beg
 _SHORT = {2, 4}  # lags of an input whose delay is sought, beside those that did best
 _ROUNDS = 3  # from the best to what is near it
 _TIE, _EXACT = 1.01, 1e-6  # errors apart by less, or below, are alike: the fewest coefficients win
-_RIDGE = 1e-13  # of columns of one length: regressors that depend on each other share the effect
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class _Trials:
             )
         self.folds = min(FOLDS, len(blocks))
         self.groups = np.arange(len(blocks)) % self.folds
-        self.place = self._places()
+        self.columns = self._columns()
         width = len(self.speeds) * self.n_columns + self.ny
         self.gram, self.count = np.zeros((self.folds, width, width)), np.zeros(self.folds)
         for group in range(self.folds):
@@ -185,11 +185,10 @@ class _Trials:
         self.done: dict[Orders, Candidate] = {}
         self._order: list[Orders] = []  # `_ranked`, until more are judged
 
-    def _places(self) -> list[int]:
-        """Entry of a window that each regressor is: past outputs, inputs from the present on, newest first."""
-        nc, m = self.ny + self.nu, self.reach
-        past = [(m - i) * nc + c for i in range(1, self.na + 1) for c in range(self.ny)]
-        return past + [(m - j) * nc + self.ny + i for j in range(m + 1) for i in range(self.nu)]
+    def _columns(self) -> list[tuple[int, int]]:
+        """Samples back and signal of each regressor: past outputs, inputs from the present on, newest first."""
+        past = [(i, c) for i in range(1, self.na + 1) for c in range(self.ny)]
+        return past + [(j, self.ny + i) for j in range(self.reach + 1) for i in range(self.nu)]
 
     @property
     def n_columns(self) -> int:
@@ -199,75 +198,45 @@ class _Trials:
     def _pick(self, orders: Orders) -> np.ndarray:
         """Columns of a candidate at one speed."""
         first = self.na * self.ny
-        lags = [(k + j, i) for i, (b, k) in enumerate(zip(orders.nb, orders.nk, strict=True)) for j in range(b)]
-        own = [*range(orders.na * self.ny), *(first + lag * self.nu + i for lag, i in sorted(lags))]
-        return np.array(own + [self.n_columns - 1] * self.offset)
-
-    def _windows(self, blocks: tuple[tuple[int, int], ...]) -> Windows:
-        return Windows(data=self.data, names=self.names, lags=self.reach + 1, shift=self.shift, stretches=blocks)
+        each = enumerate(zip(orders.nb, orders.nk, strict=True))
+        inputs = sorted(first + (k + j) * self.nu + i for i, (b, k) in each for j in range(b))
+        return np.array([*range(orders.na * self.ny), *inputs] + [self.n_columns - 1] * self.offset)
 
     def _gram(self, blocks: tuple[tuple[int, int], ...]) -> tuple[np.ndarray, int]:
         """Of the regressors, at every speed, then of the targets."""
-        windows, m, nc = self._windows(blocks), self.reach, self.ny + self.nu
-        targets = [m * nc + c for c in range(self.ny)]
-        pick, scale = [*self.place, *targets], np.tile(self.size, m + 1)
-        if len(self.speeds) == 1:
-            products, sums = windows.gram()
-            gram, at = (products / np.outer(scale, scale))[np.ix_(pick, pick)], (sums / scale)[pick]
-            if self.offset:
-                p = len(self.place)
-                gram = np.insert(np.insert(gram, p, at, axis=0), p, np.insert(at, p, windows.count), axis=1)
-            return gram, windows.count
-        return sum((self._gram_of_speeds(a, b) for a, b in blocks), np.zeros(self.gram.shape[1:])), windows.count
-
-    def _gram_of_speeds(self, start: int, stop: int) -> np.ndarray:
-        """Block by block; between two neighbouring speeds only the models at these have weights."""
-        m, p, ny = self.reach, self.n_columns, self.ny
-        scaled = zip(self.names, self.shift, self.size, strict=True)
-        signals = np.stack([(self.data[n][start:stop] - at) / size for n, at, size in scaled])
-        v_x = self.data["v_x"][start:stop]
-        lower = np.clip(np.searchsorted(self.speeds, v_x, side="right") - 1, 0, len(self.speeds) - 2)
-        weights = np.stack(speed_weights(v_x, self.speeds))
-        lags = [divmod(place, ny + self.nu) for place in self.place]
-        gram = np.zeros((len(self.speeds) * p + ny,) * 2)
-        targets = len(self.speeds) * p + np.arange(ny)
-        for first in range(m, stop - start, CHUNK):
-            n = min(CHUNK, stop - start - first)
-            full = np.ones((p + ny, n))
-            for row, (lag, channel) in enumerate(lags):
-                full[row] = signals[channel, first - m + lag :][:n]
-            full[p:] = signals[:ny, first : first + n]
-            below = lower[first - 1 : first - 1 + n]
-            for j in np.flatnonzero(np.bincount(below)):
-                here = np.flatnonzero(below == j)
-                seen, wide = full[:, here], np.empty((2 * p + ny, len(here)))
-                for k in (0, 1):
-                    np.multiply(seen[:p], weights[j + k, first - 1 + here], out=wide[k * p : (k + 1) * p])
-                wide[2 * p :] = seen[p:]
-                at = np.concatenate([np.arange(j * p, (j + 2) * p), targets])
-                gram[np.ix_(at, at)] += wide @ wide.T
-        return gram
+        windows = Windows(data=self.data, names=self.names, lags=self.reach + 1, shift=self.shift, stretches=blocks)
+        if len(self.speeds) > 1:
+            shared: Any = (windows, self.columns, self.ny, self.speeds, self.size)
+            return gram_of_speeds(*shared, constant=self.offset), windows.count
+        m, nc, p = self.reach, self.ny + self.nu, len(self.columns)
+        pick = [(m - lag) * nc + c for lag, c in self.columns] + [m * nc + c for c in range(self.ny)]
+        scale = np.tile(self.size, m + 1)
+        products, sums = windows.gram()
+        gram, at = (products / np.outer(scale, scale))[np.ix_(pick, pick)], (sums / scale)[pick]
+        if self.offset:
+            gram = np.insert(np.insert(gram, p, at, axis=0), p, np.insert(at, p, windows.count), axis=1)
+        return gram, windows.count
 
     def _stretches(self, blocks: Sequence[tuple[int, int]]) -> Stretches:
-        m, nc, first = self.reach, self.ny + self.nu, self.na * self.ny
-        steps = min(LENGTH, max(b - a for a, b in blocks)) - m
-        shape = (len(blocks), steps)
-        drive, wanted = np.zeros((*shape, (m + 1) * self.nu + self.offset)), np.zeros((*shape, self.ny))
-        weights, past = np.ones((*shape, len(self.speeds))), np.zeros((len(blocks), first))
-        lengths, scale = np.zeros(len(blocks), dtype=int), np.tile(self.size, m + 1)
-        for s, (a, b) in enumerate(blocks):
-            rows = next(self._windows(((a, min(b, a + LENGTH)),)).rows(LENGTH)) / scale
-            n = lengths[s] = len(rows)
-            if self.offset:
-                drive[s, :, -1] = 1.0
-            drive[s, :n, : (m + 1) * self.nu] = rows[:, self.place[first:]]
-            wanted[s, :n] = rows[:, m * nc : m * nc + self.ny]
-            past[s] = rows[0, self.place[:first]]
+        m, several = self.reach, [(a, min(b, a + LENGTH)) for a, b in blocks]
+        lengths = np.array([b - a - m for a, b in several])
+        signals = np.zeros((len(blocks), m + lengths.max(), self.ny + self.nu + 1))
+        v_x = np.zeros((len(blocks), lengths.max()))
+        for s, (a, b) in enumerate(several):
+            for c, name in enumerate(self.names):
+                signals[s, : b - a, c] = (self.data[name][a:b] - self.shift[c]) / self.size[c]
             if len(self.speeds) > 1:
-                weights[s, :n] = np.stack(
-                    speed_weights(self.data["v_x"][a + m - 1 : a + m - 1 + n], self.speeds), axis=1
-                )
-        return Stretches(drive=drive, wanted=wanted, weights=weights, lengths=lengths, past=past, group=self.groups)
+                v_x[s, : lengths[s]] = self.data["v_x"][a + m - 1 : b - 1]
+        signals[:, :, -1] = 1.0
+        return Stretches(
+            signals=signals,
+            weights=np.stack(speed_weights(v_x, self.speeds), axis=2),
+            lengths=lengths,
+            group=self.groups,
+            columns=np.array([*self.columns, *[(0, self.ny + self.nu)] * self.offset]),
+            lags=self.na,
+            n_outputs=self.ny,
+        )
 
     # ---- candidates --------------------------------------------------------------------------------------------------
 
@@ -290,11 +259,10 @@ class _Trials:
         J, ny, n = len(self.speeds), self.ny, self.count.sum()
         picks = [self._pick(orders) for orders in several]
         theta, left, unseen = self._solved(picks)
-        shape = (len(several), self.folds, J, self.n_columns, ny)
-        free = self._free_run(theta[:, :-1].reshape(shape), picks)
+        free = self._free_run(theta[:, :-1], picks)
         one_step = np.mean(np.sqrt(np.maximum(unseen / n, 0.0)) / self.spread, axis=1)
         log_det = np.linalg.slogdet(left / n)[1]
-        poles = self._poles(theta[:, -1], [orders.na for orders in several])
+        lasting = self._lasting(theta[:, -1])
         for c, orders in enumerate(several):
             d = orders.coefficients(ny, self.offset) * J * ny
             self.done[orders] = Candidate(
@@ -303,7 +271,7 @@ class _Trials:
                 error=float(free[c]) if np.isfinite(free[c]) else np.inf,
                 one_step_error=float(one_step[c]),
                 **criteria(float(log_det[c]), d, n),
-                stable=not growth(poles[c], self.longest),
+                stable=bool(lasting[c]),
             )
 
     def _free_run(self, theta: np.ndarray, picks: Sequence[np.ndarray]) -> np.ndarray:
@@ -316,44 +284,40 @@ class _Trials:
             return np.mean(np.sqrt(squares / self.stretches.lengths.sum()) / self.spread, axis=1)
 
     @cached_property
-    def _blocks(self) -> tuple[SpeedBlocks, SpeedBlocks, np.ndarray]:
-        """Gram matrices without each group, then of all; of each group, then of all; the latter's of the targets."""
-        J, p, ny, total = len(self.speeds), self.n_columns, self.ny, self.gram.sum(axis=0)
-        known, tested = np.concatenate([total - self.gram, total[None]]), np.concatenate([self.gram, total[None]])
-        return SpeedBlocks.of(known, J, p), SpeedBlocks.of(tested, J, p), tested[:, -ny:, -ny:]
+    def _fits(self) -> tuple[Fits, np.ndarray, np.ndarray]:
+        """Without each group, then of all, tested on each, then all; lengths of columns; the targets' products."""
+        each = np.concatenate([self.gram, self.gram.sum(axis=0, keepdims=True)])
+        blocks = SpeedBlocks.of(each, len(self.speeds), self.n_columns)
+        lengths = blocks.lengths
+        tested = blocks.over(lengths)
+        return Fits(tested.others(), tested), lengths, each[:, -self.ny :, -self.ny :]
 
     def _solved(self, picks: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Of each candidate: coefficients fitted without each group, then to all; residual products; squares unseen.
 
-        Shapes (n, n_folds + 1, n_speeds * n_columns, n_outputs), (n, n_outputs, n_outputs), (n, n_outputs).
+        Shapes (n, n_folds + 1, n_speeds, n_columns, n_outputs), (n, n_outputs, n_outputs), (n, n_outputs).
         """
-        J, p, ny = len(self.speeds), self.n_columns, self.ny
-        known, unknown, targets = self._blocks
-        theta = np.zeros((len(picks), self.folds + 1, J, p, ny))
-        left, unseen = np.zeros((len(picks), ny, ny)), np.zeros((len(picks), ny))
-        for size in {len(pick) for pick in picks}:
-            alike = [c for c, pick in enumerate(picks) if len(pick) == size]
-            at = np.stack([picks[c] for c in alike])
-            own, products = known.picked(at), unknown.picked(at)
-            found = own.solved(_RIDGE)
-            residual = targets + products.rise(found)
-            for i, c in enumerate(alike):
-                theta[c][:, :, at[i]] = found[i]
-            left[alike] = (residual[:, -1] + residual[:, -1].swapaxes(1, 2)) / 2
-            unseen[alike] = np.diagonal(residual[:, :-1], axis1=2, axis2=3).sum(axis=1)
-        return theta.reshape(len(picks), self.folds + 1, J * p, ny), left, unseen
+        fits, lengths, targets = self._fits
+        theta, rise = fits.of(picks)
+        residual = targets + rise
+        left = (residual[:, -1] + residual[:, -1].swapaxes(1, 2)) / 2
+        return theta / lengths[:, :, None], left, np.diagonal(residual[:, :-1], axis1=2, axis2=3).sum(axis=1)
 
-    def _poles(self, theta: np.ndarray, na: Sequence[int]) -> list[np.ndarray]:
-        """Of each candidate, those of the models at every speed."""
-        found: list[np.ndarray] = [np.empty(0)] * len(na)
-        for lags in set(na):
-            alike, k = [c for c, n in enumerate(na) if n == lags], lags * self.ny
-            own = theta[alike].reshape(len(alike), len(self.speeds), -1, self.ny)
-            companions = np.tile(np.eye(k, k=-self.ny), (*own.shape[:2], 1, 1))
-            companions[:, :, : self.ny] = own[:, :, :k].swapaxes(2, 3)
-            for c, values in zip(alike, np.linalg.eigvals(companions), strict=True):
-                found[c] = values.ravel()
-        return found
+    def _lasting(self, theta: np.ndarray) -> np.ndarray:
+        """Whether no model of a candidate, at any speed, grows tenfold over the longest experiment; (n_candidates,)."""
+        ny, na, edge = self.ny, self.na, 10.0 ** (1.0 / self.longest)
+        own = theta[:, :, : na * ny]
+        if ny > 1:
+            companions = np.tile(np.eye(na * ny, k=-ny), (*own.shape[:2], 1, 1))
+            companions[:, :, :ny] = own.swapaxes(2, 3)
+            return np.all(np.abs(np.linalg.eigvals(companions)) < edge, axis=(1, 2))
+        left, inside = -own[..., 0] / edge ** np.arange(1.0, na + 1), np.ones(len(theta), dtype=bool)
+        with np.errstate(all="ignore"):
+            for _ in range(na):  # Schur and Cohn: all poles are inside if all reflection coefficients are
+                last, rest = left[..., -1:], left[..., :-1]
+                inside &= np.all(np.abs(last) < 1, axis=(1, 2))
+                left = (rest - last * rest[..., ::-1]) / (1 - last**2)
+        return inside
 
     # ---- the winner --------------------------------------------------------------------------------------------------
 
