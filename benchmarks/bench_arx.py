@@ -19,7 +19,9 @@ from scipy.signal import lfilter
 from slipangle.codegen import compiler as compiled
 from slipangle.data.dataset import Dataset
 from slipangle.identify.linear.arx import ARX
+from slipangle.identify.linear.multi_arx import MultiARX
 from slipangle.models.black_box.arx import ARXModel
+from slipangle.models.wrappers.multi_arx import MultiARXModel
 from slipangle.report.records import Record
 from slipangle.reproduce import Progress, Reproduction
 from slipangle.reproduce._peers import absent, choice_over_fit, in_turn, installed, median_record
@@ -37,6 +39,7 @@ def bench(progress: Progress) -> Reproduction:
     records = fits(data, lambda share, what: progress(0.6 * share, what))
     records += free_runs(data, lambda share, what: progress(0.6 + 0.4 * share, what))
     records += [order_choice(data.head(n)) for n in CHOICES]
+    records += [order_choice_by_speed(at_speeds(n)) for n in CHOICES]
     return Reproduction(
         title="ARX(10, 10), ten million samples",
         records=(*records, *absent(PEERS, "ARX")),
@@ -102,6 +105,29 @@ def order_choice(data: Dataset) -> Record:
     """Fits of the chosen orders that a fit costs which chooses them."""
     ratios = choice_over_fit(lambda: ARX().fit(data), lambda m: ARX(na=m.na, nb=m.nb, nk=m.nk).fit(data), rounds=ROUNDS)
     name = f"order choice over one fit, {data.n_samples} samples"
+    return median_record(name, "fits", ratios, bound=f"<= {FITS:g}", most=True)
+
+
+def at_speeds(n: int) -> Dataset:
+    """Output of a model whose coefficients go with the speed, which wanders from 4 to 16 m/s, and noise."""
+    rng = np.random.default_rng(0)
+    u, v_x, y = rng.standard_normal(n), 10 + 6 * np.sin(np.arange(n) / 57.0), np.zeros((n, 2))
+    for k in range(2, n):
+        gain = v_x[k - 1] / 10
+        y[k, 0] = 1.2 * y[k - 1, 0] - 0.5 * y[k - 2, 0] + 0.1 * y[k - 1, 1] + gain * u[k - 1]
+        y[k, 1] = 0.7 * y[k - 1, 1] + 0.3 * gain * u[k - 2]
+    return Dataset.from_arrays({"u": u, "v_x": v_x}, {"y": y[:, 0] + 0.1 * rng.standard_normal(n)}, 0.1)
+
+
+def order_choice_by_speed(data: Dataset) -> Record:
+    """The same of ARX models that are blended by speed, the speeds chosen too."""
+
+    def again(model: MultiARXModel) -> MultiARXModel:
+        one = model.models[0]
+        return MultiARX(na=one.na, nb=one.nb, nk=one.nk, speeds=model.speeds).fit(data)
+
+    ratios = choice_over_fit(lambda: MultiARX().fit(data), again, rounds=ROUNDS)
+    name = f"order choice over one fit, by speed, {data.n_samples} samples"
     return median_record(name, "fits", ratios, bound=f"<= {FITS:g}", most=True)
 
 
