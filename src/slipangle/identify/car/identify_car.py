@@ -195,7 +195,7 @@ class WholeCar(Checked):
         separated = sentences.separated(names, final, limits)
         told = sentences.sensors(final, spread, self.steering_gain)
         wrong = (*suspect, *filter(None, [weight]), *told, *sentences.impossible(names, final, limits))
-        changed = sentences.changes(stages)
+        changed = [*sentences.changes(stages), *sentences.steering(names, final, spread, limits)]
         unknown = (
             *sentences.ridges(names, final, spread, limits, separated),
             *sentences.elsewhere(final, others, limits),
@@ -346,8 +346,25 @@ def _limits(final: Fitted, others: list[tuple[Fitted, float]]) -> tuple[np.ndarr
     floors = dict.fromkeys(STIFF, stiff) | {"steering_gain": _FLOOR_GAIN}
     for i, name in enumerate(final.names):
         limits[i] += np.array([-1.0, 1.0]) * floors.get(name, 0.0) * abs(final.values[name])
+    _hold(final, limits)
     lowest, highest = final.problem.ranges
     return spread, np.clip(limits, lowest[:, None], highest[:, None]), how
+
+
+def _hold(final: Fitted, limits: np.ndarray) -> None:
+    """Widen the limits, shape (n_names, 2), of steering lag and delay by what the hold between samples may have taken.
+
+    A moving angle that is held at its mean for a sample of h is smoothed as by a lag of h / sqrt(3): to second order in
+    frequency both amplitudes fall alike. So far may the lag be larger, and the delay smaller, than they were found.
+    """
+    if "steering_lag" not in final.names:
+        return
+    lag, held = final.names.index("steering_lag"), final.model.dt**2 / 3
+    limits[lag, 1] = np.sqrt(limits[lag, 1] ** 2 + held)
+    found = final.values["steering_lag"]
+    early = np.sqrt(found**2 + held) - found
+    for i, name in enumerate(final.problem.base_names):
+        limits[i, 0] -= early if name == "delay_delta" else 0.0
 
 
 def _stage(said: str, kept: bool, fitted: Fitted, squares: np.ndarray, moved: float) -> Stage:

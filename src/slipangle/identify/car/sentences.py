@@ -11,6 +11,8 @@ from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import Scalar
 
 _HALF = 0.5  # share from which a structure is told of
+_NOTHING = 1e-3  # of the upper limit, up to which the lower one is none
+_APART = 0.015, 0.25  # half width of delay and lag from which they are not told apart: s, and share of their sum
 _WIDE = 0.25  # half of an interval over the value, from which a parameter counts as not separated
 _MOVED = 0.05  # change of a parameter that is worth a sentence
 _OFFSET = 0.2  # of a sensor, over the standard deviation of its channel, from which it is told
@@ -46,6 +48,30 @@ def changes(stages: list[Stage]) -> list[str]:
     return said
 
 
+def steering(names: tuple[str, ...], final: Fitted, spread: np.ndarray, limits: np.ndarray) -> list[str]:
+    """How late the road wheels are, and how much of it is pure delay and how much lag."""
+    pair = "delay_delta", "steering_lag"
+    if "delay_delta" in final.own:
+        return []
+    if not {*pair} <= {*names}:
+        return ["no delay and no lag of the steering shows: the log is explained as well without"]
+    at = [names.index(name) for name in pair]
+    late = 1000 * sum(final.values[name] for name in pair)
+    within = 1960 * float(np.sqrt(max(spread[np.ix_(at, at)].sum(), 0.0)))
+    delay, lag = (
+        f"{1000 * final.values[n]:.0f} ({1000 * limits[i, 0]:.0f} to {1000 * limits[i, 1]:.0f}) ms"
+        for n, i in zip(pair, at, strict=True)
+    )
+    least, share = _APART
+    whole = f"the road wheels are {late:.0f} (±{np.ceil(within):.0f}) ms late"
+    if np.ptp(limits[at], axis=1).max() / 2 < max(least, share * late / 1000):
+        return [f"{whole}: pure delay {delay}, first-order lag {lag}"]
+    return [
+        f"{whole}; how much of it is pure delay, {delay}, and how much lag, {lag}, cannot be separated: steer faster, "
+        f"log at more than {1 / final.model.dt:.3g} Hz"
+    ]
+
+
 def ridges(
     names: tuple[str, ...], final: Fitted, spread: np.ndarray, limits: np.ndarray, separated: Mapping[str, bool]
 ) -> list[str]:
@@ -55,9 +81,10 @@ def ridges(
     more = "drive faster steering" if "v_y" in final.model.outputs else "measure v_y, or drive faster steering"
     for name in poor:
         (low, high), si = limits[names.index(name)], final.model.si(name)
+        span = f"{short(low)} to {short(high)} {si.unit} explain" if low > _NOTHING * high else ""
+        span = span or f"anything up to {short(high)} {si.unit} explains"
         said.append(
-            f"{name} cannot be separated: {short(max(low, 0.0))} to {short(high)} {si.unit} explain "
-            f"the log alike; expected less than a quarter either way: {more}"
+            f"{name} cannot be separated: {span} the log alike; expected less than a quarter either way: {more}"
         )
     for i, a in enumerate(poor):
         for b in poor[i + 1 :]:
