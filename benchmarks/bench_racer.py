@@ -48,9 +48,9 @@ from slipangle.simulate.run import Run
 SEEN = tuple(NOISE)
 OUTPUTS = ("v_x", "v_y", "r", "X", "Y", "psi", "a_x", "a_y")
 FRICTION, SEEDS, LAPS, MOST = 0.95, (0, 1), 10, 1.5  # -, -, -, %
-POINTS, MARGIN = 400, 0.15  # of laps; m between car and edges in plans
+POINTS, MARGIN = 800, 0.25  # of laps; m between car and edges in plans
 GUESS = {"power": 8.5e4, "drive_force": 4e3}  # W, N of the lap of calibration: more than there is
-SHARE, GRIP_STD = 0.95, 0.03
+SHARE, GRIP_STD = 0.96, 0.03
 BENDS = (12.0, 15.0, 18.0, 21.0, 25.0, 30.0, 38.0)  # m/s
 
 

@@ -80,7 +80,12 @@ class Learned:
             wandering = float(np.sqrt(np.average((grip - self.grip) ** 2, weights=known)))
             self.grip_std = max(wandering, float(np.mean(known) ** -0.5))
 
+    @property
+    def sure(self) -> float:
+        """Grip less its deviation. [-]"""
+        return self.grip - self.grip_std
+
     def car(self, car: LapCar, share: float) -> LapCar:
         """The car for the next lap: ``share`` of the grip that is sure."""
-        grip = share * (self.grip - self.grip_std)
+        grip = share * self.sure
         return replace(car, mu_f=grip * car.mu_f, mu_r=grip * car.mu_r)

@@ -10,6 +10,7 @@ import numpy as np
 
 from slipangle.control.mpc import MPC
 from slipangle.control.racing.along_track import AlongTrack
+from slipangle.control.racing.sectors import Sectors
 from slipangle.ops import Scalar, Vector
 from slipangle.optimal.lap.car import LapCar, forces, slip
 from slipangle.optimal.lap.lap import Lap
@@ -31,6 +32,7 @@ PRICES |= {"use_f": (50.0, 8.0), "use_r": (50.0, 8.0)}
 SLIP, USE = 0.92, 0.93  # up to which slip angles and longitudinal forces go, over their largest
 FORGOTTEN = 1.0  # s, after which an acceleration that was not explained is gone
 SLOWEST = 3.0  # m/s along the track
+SPEED_IN = (0, 0, 1, 1, 1, 0, 2)  # power of the speed that each state goes with, on the same line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,19 +92,21 @@ class Planner:
             solver=RealTime(iterations=2, accept=1e6, max_iterations=30),
         )
 
-    def follow(self, lap: Lap, room: float) -> None:
-        """The lap to drive, and the room between the car's centre and an edge. [m]"""
+    def follow(self, lap: Lap, room: float, sectors: Sectors | None = None) -> None:
+        """The lap to drive, the room between the car's centre and an edge [m], and how its corners differ by now."""
         length, turns = lap.track.length, (-1, 0, 1)
         states = np.column_stack([lap.n, lap.chi, lap.v_x, lap.v_y, lap.r, lap.delta, lap.F_x])
         self._s = np.concatenate([lap.s + k * length for k in turns])
         self._states = np.vstack([states] * 3)
         self._rate = 1.0 / np.gradient(np.concatenate([lap.t + k * lap.time for k in turns]), self._s)
-        self._room = room
+        self._room, self._sectors = room, sectors or Sectors(lap, 0.0)
 
     def at(self, s: np.ndarray) -> np.ndarray:
-        """States of the lap at arc lengths [m], shape (n, 7)."""
+        """States of the lap at arc lengths [m], shape (n, 7): as fast as its sectors say, forces in proportion."""
         place = np.asarray(s) % self.track.length
-        return np.column_stack([np.interp(place, self._s, column) for column in self._states.T])
+        states = np.column_stack([np.interp(place, self._s, column) for column in self._states.T])
+        faster = self._sectors.speed(place)
+        return states * np.column_stack([faster**power for power in SPEED_IN])
 
     def plan(
         self,
@@ -132,9 +136,10 @@ class Planner:
     def _nodes(self, s: float, v_x: float) -> np.ndarray:
         """Arc lengths of the stages: at the lap's speeds, as much faster or slower as the car is now. [m]"""
         length, nodes = self.track.length, [s]
-        off = v_x - float(np.interp(s % length, self._s, self._states[:, 2]))
+        off = v_x - float(self.at(np.array([s]))[0, 2])
+        faster = float(self._sectors.speed(s % length))
         for _ in range(self.horizon):
-            rate = float(np.interp(nodes[-1] % length, self._s, self._rate)) + off
+            rate = faster * float(np.interp(nodes[-1] % length, self._s, self._rate)) + off
             nodes.append(nodes[-1] + self.dt * max(rate, SLOWEST))
         return np.array(nodes)
 
@@ -159,8 +164,10 @@ class Planner:
         }
         limits = ocp.limits_at_nodes.copy()
         n, F = ocp.limited.index("n"), ocp.limited.index("F_x")
-        limits[:, n] = np.column_stack([self._room - here.right, here.left - self._room])
+        room = self._room + self._sectors.spare(nodes)
+        limits[:, n] = np.column_stack([room - here.right, here.left - room])
         limits[:, n].sort(axis=1)
+        wanted[:, 0] = np.clip(wanted[:, 0], *limits[:, n].T)
         limits[:, F] = np.column_stack([-car.brake_force * same, most(nodes, wanted[:, 2])])
         return Reference(
             tracked=wanted[:, [STATES.index(name) for name in ocp.references]],

@@ -15,6 +15,7 @@ from slipangle.control.racing.learning import Learned
 from slipangle.control.racing.on_road import OnRoad, RacingCar
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.planner import Known, Planner
+from slipangle.control.racing.sectors import Sectors
 from slipangle.errors import ParameterError, SimulationError, SolverError
 from slipangle.estimate.ekf import EKF
 from slipangle.optimal.lap.car import LapCar
@@ -29,7 +30,8 @@ WANDER = {"X": 0.01, "Y": 0.01, "psi": 0.001, "v_x": 0.1, "v_y": 0.2, "r": 0.1, 
 START = {"X": 0.1, "Y": 0.1, "psi": 0.01, "v_x": 0.1, "v_y": 0.1, "r": 0.02, "d_v_x": 0.5, "d_r": 0.2}
 GRIP_WANDER = 0.002  # relative, per root of a second
 ALONG = 0.98  # of the longitudinal friction that a lap is planned with: no wheel locks for a wrong brake
-CHANGED = 0.003  # of grip, from which a new lap is planned
+CHANGED = 0.02  # of grip, from which a new lap is planned; less than that is left to its sectors
+BOLD = 0.985  # of the grip that is sure, which no corner is tried beyond
 STOP = 0.3  # of the weight, with which a car brakes that has no plan any more
 _POSE = ("X", "Y", "psi", "v_x")
 
@@ -40,9 +42,11 @@ class Racer(Brief):
     Inside, at every ``dt``, a model predictive controller over arc length (`slipangle.control.racing.planner.Planner`)
     decides steering and longitudinal force by the equations and limits of the lap's own car: slip angles, friction
     ellipses, drive and edges. A filter estimates the state, what the equations leave out, and the road's friction;
-    what full throttle gives is learned by place. Where the car crosses the start line, the next lap is planned for the
-    grip that is sure by then (`slipangle.control.racing.learning.Learned`), so that margins shrink as the laps go by.
-    That takes as long as a `fastest_lap`, a second or more; with ``between=False`` it is left to calls of `learn`.
+    what full throttle gives is learned by place. Where the car crosses the start line, every corner is tried a little
+    faster within the grip that is sure by then (`slipangle.control.racing.learning.Learned`), and goes back to what was
+    quickest or, where the car came near an edge, slower and further from it (`slipangle.control.racing.sectors`).
+    Where the grip differs by more than 2 % from that of the lap, a new one is planned, which takes as long as a
+    `fastest_lap`, a second or more; with ``between=False`` all of that is left to calls of `learn`.
 
     It is a driver for `slipangle.simulate.drive.drive`, from a rolling start on the track.
 
@@ -78,6 +82,8 @@ class Racer(Brief):
         What the drive begins with, and what is driven now.
     learned : Learned
         What is known by now.
+    sectors : Sectors
+        How fast each corner is taken by now.
 
     Raises
     ------
@@ -141,8 +147,7 @@ class Racer(Brief):
     def reset(self) -> None:
         """Forget the drive so far, and what was learned; the next call of `step` begins another."""
         self.learned = Learned(self.pedals, self.track.length, self.grip_std)
-        self.lap = self.first
-        self._planner.follow(self.lap, 0.5 * self.car.width + self.margin)
+        self._follow(self.first)
         self._tracker: Any = None
         self._plan: Plan | None = None
         self._tick, self._turns, self._s, self._begun = -1, 0, math.nan, math.nan
@@ -150,14 +155,23 @@ class Racer(Brief):
         self._restarts = 0
 
     def learn(self) -> None:
-        """Plan the next lap for what is known by now, like the one before; where there is none, that is driven on."""
+        """Say how the next lap is driven by what is known by now.
+
+        Corners are tried faster or slower one by one; where the grip differs too much for that, a new lap is planned
+        like the one before. If there is none, that is driven on.
+        """
         self.learned.end_lap()
         car, now = self._sure(), self.lap.car
+        asked = BOLD * self.learned.sure * self.car.mu_f / now.mu_f
+        self.sectors.end_lap(0.5 * (asked - 1.0))
         if abs(car.mu_f / now.mu_f - 1.0) > CHANGED:
             with suppress(SolverError):
-                self.lap = self._plan_lap(car, self.lap)
-                self._planner.follow(self.lap, 0.5 * self.car.width + self.margin)
+                self._follow(self._plan_lap(car, self.lap))
         self.learned.begin_lap()
+
+    def _follow(self, lap: Lap) -> None:
+        self.lap, self.sectors = lap, Sectors(lap, self.margin)
+        self._planner.follow(lap, 0.5 * self.car.width + self.margin, self.sectors)
 
     def _plan_lap(self, car: LapCar, before: Lap | None) -> Lap:
         """The fastest lap of a car, slow enough where the gearbox has to shift down."""
@@ -197,6 +211,7 @@ class Racer(Brief):
         x, grip = self._tracker.state, float(self._tracker.parameters[0])
         s, e_y, heading = self.track.project(float(x[0]), float(x[1]), None if math.isnan(self._s) else self._s)
         self._s = s
+        self.sectors.see(s, t, self._beside(s, e_y))
         self._count_laps(s)
         if self._plan is None or self._tick % self._every == 0:
             chi = math.remainder(float(x[2]) - heading, 2 * math.pi)
@@ -239,6 +254,11 @@ class Racer(Brief):
         if turns > self._turns and s - self._begun > 0.5 * length and self.between:
             self.learn()
         self._turns = max(turns, self._turns)
+
+    def _beside(self, s: float, e_y: float) -> float:
+        """Room between the car's side and the nearer edge. [m]"""
+        lane = self.track.at(np.array([s]))
+        return float(min(lane.left[0] - e_y, lane.right[0] + e_y)) - 0.5 * self.car.width
 
     def _act(self, plan: Plan, v_x: float, unexplained: float, grip: float) -> dict[str, float]:
         """Commands of a sample, and what the car does with them."""

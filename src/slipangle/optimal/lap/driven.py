@@ -195,7 +195,7 @@ def lap_delta(lap: Lap, driven: DrivenLap) -> LapDelta:
     fastest = np.interp(driven.s, np.append(0.0, lap.s), np.append(0.0, lap.t))
     delta = driven.t - fastest
     v = np.interp(driven.s, lap.s, lap.v_x, period=lap.track.length)
-    ends = _between_corners(v)
+    ends = between_corners(v)
     places = np.concatenate([[0], ends, [len(v) - 1]])
     sectors = []
     for a, b in pairwise(places):
@@ -205,10 +205,13 @@ def lap_delta(lap: Lap, driven: DrivenLap) -> LapDelta:
     return LapDelta(lap=lap, driven=driven, s=driven.s, delta=delta, sectors=tuple(sectors))
 
 
-def _between_corners(v: np.ndarray) -> np.ndarray:
-    """Rows of the fastest places between two corners, by a rise of the speed before and after each."""
+def between_corners(v: np.ndarray, rise: float = _RISE) -> np.ndarray:
+    """Rows of the fastest places between two corners, by a rise of the speed before and after each.
+
+    ``v`` are the speeds of a closed lap at even places, the first again at the end, shape (n,); ``rise`` is in m/s.
+    """
     count = len(v) - 1
     around = np.concatenate([v[:-1], v[:-1], v[:-1]])
-    peaks, _ = signal.find_peaks(around, prominence=_RISE)
+    peaks, _ = signal.find_peaks(around, prominence=rise)
     inside = peaks[(peaks >= count) & (peaks < 2 * count)] - count
     return inside[(inside > 0) & (inside < count)]
