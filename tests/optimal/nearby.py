@@ -1,0 +1,47 @@
+"""Whether a plan is a local optimum, by Ipopt: held to inputs nearby, it finds none that is better."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slipangle.optimal.engine import Start
+from slipangle.optimal.ipopt import IpoptEngine
+from slipangle.optimal.joined_engine import JoinedEngine
+
+REACH = (
+    1e-3  # of inputs: free to go further, an interior point method leaves the optimum that it starts from for another
+)
+
+
+class Held:
+    """A solver that is held to inputs nearby those that it starts from."""
+
+    def __init__(self, solver, columns):
+        self.solver, self.columns, self.stats = solver, columns, solver.stats
+
+    def __call__(self, *, x0, lbx, ubx, **others):
+        lbx[self.columns] = np.maximum(lbx[self.columns], x0[self.columns] - REACH)
+        ubx[self.columns] = np.minimum(ubx[self.columns], x0[self.columns] + REACH)
+        return self.solver(x0=x0, lbx=lbx, ubx=ubx, **others)
+
+
+def is_local_optimum(engine, start, plan, close):
+    """Whether Ipopt, held nearby, ends at the inputs of the plan that it starts from; where joined, at all of them."""
+    if isinstance(engine, JoinedEngine):
+        joined, engine, plan = engine.joined, engine.inner, plan.start
+        start = Start(
+            x=joined.state(start.x),
+            applied=joined.resting(start.applied),
+            reference=joined.spread(start.x, start.applied, start.reference),
+            guess_u=start.guess_u,
+            guess_x=start.guess_x,
+        )
+    assert isinstance(engine, IpoptEngine)
+    usual = engine._cold
+    engine._cold = Held(usual, engine._layout.u)
+    try:
+        found = engine.solve(replace(start, guess_u=plan.u, guess_x=plan.x, memory=None))
+    finally:
+        engine._cold = usual
+    return found.status.solved and found.u == pytest.approx(plan.u, abs=close)
