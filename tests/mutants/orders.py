@@ -59,6 +59,17 @@ MUTANTS = [
         [("linear start: sign of the past outputs", "*(-best.A)", "*best.A")],
     ),
     *mistakes(
+        "identify/networks/training.py",
+        "identify/networks/test_training.py",
+        [
+            (
+                "linear start: a network that goes astray where it was trained may win",
+                "self._own(params) > self.most",
+                "False",
+            ),
+        ],
+    ),
+    *mistakes(
         "identify/networks/neural_statespace.py",
         "identify/networks/test_neural_statespace.py::test_training_starts_as_the_linear_state_space_of_the_same_order",
         [("linear start: the state instead of its change", "model.A - np.eye(self._n)", "model.A")],

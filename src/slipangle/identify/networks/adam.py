@@ -40,6 +40,12 @@ def score(problem: TrainingProblem, params: Any, arrays: Any) -> jax.Array:
     return problem.score(params, arrays)
 
 
+@partial(jax.jit, static_argnums=0)
+def own(problem: TrainingProblem, params: Any, arrays: Any) -> jax.Array:
+    """`Problem.own`, compiled."""
+    return problem.own(params, arrays)
+
+
 class AdamSteps:
     """Parameters on their way through one stage."""
 

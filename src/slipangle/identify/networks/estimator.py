@@ -25,8 +25,8 @@ from slipangle.models.provenance import provenance
 
 M = TypeVar("M", bound=NetworkModel)
 LINEAR = (
-    "no network beat the linear model that training started from by its free run over the held-out part, so the model "
-    "is that linear one"
+    "no network beat the linear model that training started from by its free run over the held-out part without losing "
+    "to it over the rest, so the model is that linear one"
 )
 Again = Callable[[TrainingProblem, Any, tuple[Stage, ...]], Any]
 """Trains something beside what is found already: problem, start and stages to its parameters."""
@@ -60,8 +60,9 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         One training run each; ``fit_info.trials`` keeps every result.
     linear_start : bool
         Give the network a linear path beside its hidden layers, and start as the linear model of the same lags or
-        states, fitted to what is not held out. Where no network beats it by its free run over the held-out part, the
-        model returned is that linear one, and a warning says so. Otherwise training starts from random weights.
+        states, fitted to what is not held out. Where no network beats it by its free run over the held-out part and is
+        no worse over the rest, the model returned is that linear one, and a warning says so. Otherwise training starts
+        from random weights.
     precision : {"single", "double"}
         Of the training. Single is faster and as good unless the free-run error falls below 1e-4 of the output.
     """
@@ -145,7 +146,8 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         both = (in_units(part, scaling_u, scaling_y) for part in (inner, held))
         linear, without = self._started(*both) if self.linear_start else (None, "")
         settings: Any = {"stages": self.stages, "seeds": self.seeds, "precision": self.precision}
-        settings |= {"idle": LINEAR if linear is not None else IDLE, "progress": progress}
+        guarded = linear is not None
+        settings |= {"guarded": guarded, "idle": LINEAR if guarded else IDLE, "progress": progress}
         trained = train(problem, lambda seed: self._initial(seed, ny, nu, linear), arrays, starts, **settings)
         if without:
             trained = replace(trained, warnings=(without, *trained.warnings))

@@ -47,8 +47,8 @@ class Stage(Checked):
 class TrainingProblem(Protocol):
     """What can be trained: hashable, equal when its functions are, so that they are compiled once.
 
-    Parameters are any nest of tuples of arrays, in scaled coordinates. ``arrays`` is handed through to `loss` and
-    `score`.
+    Parameters are any nest of tuples of arrays, in scaled coordinates. ``arrays`` is handed through to `loss`,
+    `score` and `own`.
     """
 
     def loss(self, params: Any, arrays: Any, starts: Any, horizon: int) -> Any:
@@ -57,4 +57,8 @@ class TrainingProblem(Protocol):
 
     def score(self, params: Any, arrays: Any) -> Any:
         """Free-run error on the held-out part. JAX function."""
+        ...
+
+    def own(self, params: Any, arrays: Any) -> Any:
+        """Free-run error on the training data. JAX function."""
         ...

@@ -54,14 +54,16 @@ def train(
     stages: Sequence[Stage],
     seeds: Sequence[int],
     precision: Precision = "single",
+    guarded: bool = False,
     idle: str = IDLE,
     progress: Progress | None = None,
 ) -> Trained:
     """Train from every seed; keep the parameters with the smallest free-run error on the held-out part.
 
     ``initial`` gives the start parameters of a seed, ``starts`` the rows at which windows of a horizon may begin. Each
-    stage goes on from the best parameters so far. JAX's global precision stays as it is. ``idle`` says that nothing
-    improved.
+    stage goes on from the best parameters so far. Where it is ``guarded``, a seed's start is only left for parameters
+    whose free run over the training data is no worse than its own. JAX's global precision stays as it is. ``idle`` says
+    that nothing improved.
 
     Raises ParameterError if there is no stage or no seed, and TooShortError if no experiment is long enough for a
     window.
@@ -80,7 +82,7 @@ def train(
     trained: list[tuple[Trial, Any]] = []
     with adam.precision(precision):
         for i, seed in enumerate(seeds):
-            run = _Run(problem, initial(seed), arrays, seed)
+            run = _Run(problem, initial(seed), arrays, seed, guarded=guarded)
             for j, (stage, rows) in enumerate(zip(stages, windows, strict=True)):
                 run.stage(stage, rows, lambda share, i=i, j=j: _tell(progress, (i, j, share), len(seeds), len(stages)))
             trained.append((run.trial(idle), adam.to_numpy(run.best)))
@@ -99,7 +101,7 @@ def _tell(progress: Progress | None, at: tuple[int, int, float], seeds: int, sta
 class _Run:
     """One training run: knows the best parameters so far and how it got there."""
 
-    def __init__(self, problem: TrainingProblem, start: Any, arrays: Any, seed: int) -> None:
+    def __init__(self, problem: TrainingProblem, start: Any, arrays: Any, seed: int, *, guarded: bool) -> None:
         from slipangle.identify.networks import adam
 
         self.adam, self.problem, self.seed = adam, problem, seed
@@ -107,6 +109,7 @@ class _Run:
         self.arrays = adam.to_device(arrays)
         self.best = adam.to_device(start)
         self.score = self._score(self.best)
+        self.most = self._own(self.best) if guarded else None
         self.epoch = self.best_epoch = 0
         self.curve = [(0, self.score)]
         self.notes: list[str] = []
@@ -114,6 +117,14 @@ class _Run:
     def _score(self, params: Any) -> float:
         value = float(self.adam.score(self.problem, params, self.arrays))
         return value if np.isfinite(value) else np.inf
+
+    def _own(self, params: Any) -> float:
+        value = float(self.adam.own(self.problem, params, self.arrays))
+        return value if np.isfinite(value) else np.inf
+
+    def _astray(self, params: Any) -> bool:
+        """Whether a free run over what it was trained on is worse than the start's: then luck made its score."""
+        return self.most is not None and self._own(params) > self.most
 
     def stage(self, stage: Stage, rows: np.ndarray, told: Callable[[float], None]) -> None:
         """Train until the stage is over, nothing improves any more, or the loss is no number."""
@@ -125,6 +136,8 @@ class _Run:
             loss = steps.advance(count)
             self.epoch += count
             score = self._score(steps.params) if np.isfinite(loss) else np.inf
+            if score < self.score and self._astray(steps.params):
+                score = np.inf
             self.curve.append((self.epoch, score))
             if score < self.score:
                 self.best, self.score = steps.snapshot(), score

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import abc
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, join
 from slipangle.models.black_box.networks import MLP, Activation, Scaling, mlp_pass
+
+LENGTH = 1000  # samples of a stretch of training data that free runs are judged on, at most
 
 
 class Segments(NamedTuple):
-    """Experiments of the held-out part side by side, the shorter ones filled up."""
+    """Experiments side by side, the shorter ones filled up."""
 
     u: np.ndarray  # (n_longest, n_inputs, n_segments)
     y: np.ndarray  # (n_longest, n_outputs, n_segments)
@@ -21,18 +24,31 @@ class Segments(NamedTuple):
 
 
 class Arrays(NamedTuple):
-    """Scaled training data one experiment after another, and the held-out part."""
+    """Scaled training data, one experiment after another and as stretches side by side, and the held-out part."""
 
     u: np.ndarray  # (n_samples, n_inputs)
     y: np.ndarray  # (n_samples, n_outputs)
+    own: Segments
     held: Segments
 
 
 def scaled(data: Dataset, scaling_u: Scaling, scaling_y: Scaling, held: Dataset) -> Arrays:
     """Training data and held-out part in scaled coordinates."""
     return Arrays(
-        u=scaling_u.apply(data.u.T).T, y=scaling_y.apply(data.y.T).T, held=segments(held, scaling_u, scaling_y)
+        u=scaling_u.apply(data.u.T).T,
+        y=scaling_y.apply(data.y.T).T,
+        own=segments(stretches(data), scaling_u, scaling_y),
+        held=segments(held, scaling_u, scaling_y),
     )
+
+
+def stretches(data: Dataset) -> Dataset:
+    """The data with experiments of more than `LENGTH` samples cut into equal parts that are not longer."""
+    parts = []
+    for part in data.experiments:
+        edges = np.linspace(0, part.n_samples, -(-part.n_samples // LENGTH) + 1).astype(int)
+        parts += [part.rows(a, b) for a, b in pairwise(edges.tolist())]
+    return join(*parts, name=data.name)
 
 
 def window_starts(data: Dataset, memory: int, horizon: int) -> np.ndarray:
@@ -144,13 +160,20 @@ class Recurrence(abc.ABC):
 
     def score(self, params: Any, arrays: Any) -> Any:
         """RMSE over the held-out part; 1 is the standard deviation of the training outputs."""
+        return self._free_run(params, arrays.held)
+
+    def own(self, params: Any, arrays: Any) -> Any:
+        """The same over the training data."""
+        return self._free_run(params, arrays.own)
+
+    def _free_run(self, params: Any, data: Segments) -> Any:
         import jax.numpy as jnp
 
-        u, y, weight = arrays.held
+        u, y, weight = data
         m = self.memory
 
         def weighed(e: Any, k: Any) -> Any:
-            return jnp.sum(weight[m + k] * jnp.mean(e**2, axis=0))
+            return jnp.sum(jnp.where(weight[m + k] > 0, jnp.mean(e**2, axis=0), 0.0))  # fillings may overflow
 
         total = jnp.sum(self._roll(params, lambda k: u[m + k], lambda k: y[m + k], weighed, len(u) - m))
         return jnp.sqrt(total / jnp.sum(weight[m:]))
