@@ -146,8 +146,8 @@ class NetworkEstimator(Checked, abc.ABC, Generic[M]):
         both = (in_units(part, scaling_u, scaling_y) for part in (inner, held))
         linear, without = self._started(*both) if self.linear_start else (None, "")
         settings: Any = {"stages": self.stages, "seeds": self.seeds, "precision": self.precision}
-        guarded = linear is not None
-        settings |= {"guarded": guarded, "idle": LINEAR if guarded else IDLE, "progress": progress}
+        settings |= {"guarded": linear is not None and self.holdout > 0}  # else the score is of the training data
+        settings |= {"idle": LINEAR if linear is not None else IDLE, "progress": progress}
         trained = train(problem, lambda seed: self._initial(seed, ny, nu, linear), arrays, starts, **settings)
         if without:
             trained = replace(trained, warnings=(without, *trained.warnings))
