@@ -251,8 +251,6 @@ class WorkArea(Engine):
         status, count = step.run(self._settings.iterations, self._until)
         n = len(step.u) - 2
         self._k[:] = step.before
-        if status is Status.TIME_OUT and not count:
-            return self._solution(step.u[1:-1].copy(), step.x[1:].copy(), Iterate(status, count))
         if status not in (Status.REAL_TIME, Status.TIME_OUT) or not count:
             return self._ended(step.u[1:-1].copy(), step.x[1:].copy(), Iterate(status, count))
         u, x, good = step.u[:n].copy(), step.x[:-1].copy(), step.truth[2] <= self._settings.accept
@@ -296,8 +294,10 @@ class WorkArea(Engine):
             return self._solution(u, x, replace(iterate, status=Status.TIME_OUT))
         return self._ended(*self._converge(u, x, min(MORE, self._settings.max_iterations), loose=True, before=count))
 
-    def _true(self, u: np.ndarray, x: np.ndarray, promise: Promise) -> Truth:
-        """`_judge` of a full step, by the values there."""
+    def _true(self, u: np.ndarray, x: np.ndarray, promise: Promise | None) -> Truth:
+        """`_judge` of a full step, by the values there; unknown before the first."""
+        if promise is None:
+            return UNKNOWN
         self._set(u, x)
         if self._parts:  # once more, as the slopes at hand belong to the iterate before
             self._newton(*self._node_values)
@@ -442,9 +442,7 @@ class WorkArea(Engine):
         promise, took, count = None, 0.0, 0
         for count in range(1, self._settings.iterations + 1):
             begin = perf_counter()
-            if promise is None and begin > self._until:
-                return self._solution(u, x, Iterate(Status.TIME_OUT, 0))
-            if promise is not None and begin + took > self._until:
+            if begin + took > self._until:
                 return self._finish(u, x, Status.TIME_OUT, count - 1, self._true(u, x, promise))
             m = self._linearise(u, x, exact=False)
             if not m.finite:
@@ -457,7 +455,7 @@ class WorkArea(Engine):
             u, x = u + du, x + dx
             took = perf_counter() - begin
         status = Status.TIME_OUT if perf_counter() > self._until else Status.REAL_TIME
-        return self._finish(u, x, status, count, UNKNOWN if promise is None else self._true(u, x, promise))
+        return self._finish(u, x, status, count, self._true(u, x, promise))
 
     def _expand(
         self, m: Linear, x: np.ndarray, G: np.ndarray, L: np.ndarray, step: np.ndarray, multipliers: np.ndarray

@@ -163,7 +163,7 @@ class InputStep:
         rows, took = self._rows, 0.0
         for count in range(iterations):
             begin = perf_counter()
-            if begin > until or (begin + took > until and count):
+            if begin + took > until:
                 return Status.TIME_OUT, count
             if count:
                 self._stay()
