@@ -48,6 +48,7 @@ class Case(NamedTuple):
     real: bool
     planted: bool
     model: Model
+    train: Dataset
     session: Dataset
 
 
@@ -97,7 +98,7 @@ def cases(seconds: float) -> Iterator[Case]:
                 part = session.rows(a, min(a + most, session.n_samples))
                 rng = np.random.default_rng([zlib.crc32(name.encode()), a])
                 for k in range(3):
-                    yield Case(name in CARS, k > 0, model, planted(part, rng) if k else part)
+                    yield Case(name in CARS, k > 0, model, train, planted(part, rng) if k else part)
 
 
 def bench(progress: Progress) -> Reproduction:
@@ -124,6 +125,6 @@ def changed(case: Case, seconds: float) -> tuple[float, bool]:
     """Change of fit over what follows, and whether anything was adopted."""
     n = round(seconds / case.session.dt)
     rest = case.session.rows(n, case.session.n_samples)
-    adapted = Adapt(seconds=seconds).fit(case.model, case.session)
+    adapted = Adapt(seconds=seconds).fit(case.model, case.session, case.train)
     before, after = (score(model.simulate(rest), "r").fit for model in (case.model, adapted))
     return after - before, not (adapted.fit_info and adapted.fit_info.warnings)

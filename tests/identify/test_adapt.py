@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import MissingColumnError, ModelWarning, ParameterError, TooShortError
+from slipangle.errors import MissingColumnError, ModelWarning, ParameterError, SampleTimeError, TooShortError
 from slipangle.identify.adapt import Adapt
 from slipangle.identify.judge.intervals import calibrate
 from slipangle.identify.judge.validate import score, validate
@@ -138,6 +138,38 @@ def test_what_bends_to_one_side_say_of_the_other_has_to_hold_there():
     assert adapted.gains == {"delta": 1.0}
     even = with_noise(data.with_channel("r", 1.15 * data["r"], "rad/s"), 0.01)
     assert Adapt().fit(CAR, even).gains["delta"] > 1.1
+
+
+def test_what_is_small_beside_the_errors_over_the_training_data_is_no_offset():
+    """Half a minute that scatters little around a steady error, of a model that errs five times as much elsewhere."""
+    train = drifting(drive(3000, seed=40), 0, size=0.05)
+    steady = with_noise(drive(800, seed=41), 0.003)
+    steady = steady.with_channel("r", steady["r"] + 0.02, "rad/s")
+    assert Adapt(bias_prior=0.2).fit(CAR, steady).outputs_at_zero["r"] > 0.01
+    with pytest.warns(ModelWarning, match="if its errors are as large and last as long as over what it was fitted to"):
+        adapted = Adapt(bias_prior=0.2).fit(CAR, steady, train)
+    assert np.array_equal(adapted.simulate(steady).y, CAR.simulate(steady).y)
+    assert adapted.spread(steady)[10:].min() > 0
+
+
+@pytest.mark.parametrize(("name", "value"), [("offset_delta", np.radians(2)), ("gain_delta", 0.2), ("lag_delta", 0.1)])
+def test_what_is_large_beside_them_is_still_found(name, value):
+    train, same = drifting(drive(3000, seed=42), 1, size=0.01), drive(800, seed=43)
+    sensors = OffsetModel(
+        model=CAR,
+        inputs_at_zero={"delta": value * (name == "offset_delta")},
+        gains={"delta": 1 + value * (name == "gain_delta")},
+        lags={"delta": value * (name == "lag_delta")},
+    )
+    other = drifting(same.with_channel("r", sensors.simulate(same).channel("r"), "rad/s"), 2, size=0.01)
+    adapted = Adapt().fit(CAR, other, train)
+    assert adapted.fit_info.warnings == ()
+    assert values(adapted)[name] == pytest.approx(value, rel=0.25)
+
+
+def test_training_data_of_another_sample_time_are_refused(other):
+    with pytest.raises(SampleTimeError):
+        Adapt().fit(CAR, other, drive().resample(0.1))
 
 
 def test_a_poor_session_pulls_nowhere():

@@ -38,6 +38,10 @@ class Adapt(Checked):
     blocks at ``level``; and what is read where an input is above its median, as in bends to the left, may not make the
     run worse where it is below, nor the other way round: a sensor reads alike in both, what a model lacks does not.
 
+    Given the training data too, that something changed has to be likelier also if the errors are as large, and last as
+    long, as over those: half a minute at one speed may leave a steady error that is small for the model, and yet looks
+    like an offset beside what little scatters around it.
+
     Parameters
     ----------
     inputs, gains, lags : tuple of str
@@ -82,13 +86,15 @@ class Adapt(Checked):
         if self.folds == 1:
             raise ParameterError("folds is 1; expected 0, or at least 2: one block leaves nothing to adapt to")
 
-    def fit(self, model: Model, data: Dataset) -> OffsetModel:
+    def fit(self, model: Model, data: Dataset, train: Dataset | None = None) -> OffsetModel:
         """The model behind the sensors that explain the first ``seconds`` of the data best, or unchanged.
 
-        Its ``fit_info`` has the corrections that were estimated, with their covariance; `OffsetModel.spread` what they
-        and the doubt about them leave open, so intervals are wider than in the session of the training data.
+        ``train`` is what the model was fitted to: give it where there is, corrections then do harm less often. The
+        model's ``fit_info`` has the corrections that were estimated, with their covariance; `OffsetModel.spread` what
+        they and the doubt about them leave open, so intervals are wider than in the session of the training data.
 
-        Raises TooShortError if the data are shorter, and MissingColumnError if the model has no such channel.
+        Raises TooShortError if the data are shorter, MissingColumnError if the model has no such channel or the
+        training data lack one, and SampleTimeError if their sample time is not the model's.
 
         Warns with ModelWarning if the corrections do not help: then all of them are zero.
         """
@@ -103,7 +109,8 @@ class Adapt(Checked):
         optimum = session.fit()
         found = optimum.average()
         theta = np.maximum(found.mean, session.least)
-        notes = self._doubts(session, optimum, found)
+        usual = None if train is None else _Session(self, model, train).usual_weights()
+        notes = self._doubts(session, optimum, found, usual)
         for said in notes:
             warnings.warn(said, ModelWarning, stacklevel=2)
         info = FitInfo(
@@ -124,8 +131,10 @@ class Adapt(Checked):
         scatter = found.covariance + np.outer(away, away)
         return replace(session.sensors(kept), scatter=scatter, fit_info=info)
 
-    def _doubts(self, session: _Session, optimum: _Optimum, average: Average) -> tuple[str, ...]:
-        """Why the corrections are not believed; empty if they are."""
+    def _doubts(
+        self, session: _Session, optimum: _Optimum, average: Average, usual: np.ndarray | None
+    ) -> tuple[str, ...]:
+        """Why the corrections are not believed, given what errors weigh in the training data; empty if they are."""
         if not self.folds:
             return ()
         each = zip(session.names, average.mean, session.units, strict=True)
@@ -136,6 +145,14 @@ class Adapt(Checked):
                 f"differently is {average.nothing:.2g} (else {found}, by the mean of all cases); expected at most 0.5",
             )
         blocks = np.array_split(np.arange(session.n), self.folds)
+        if usual is not None:
+            nothing = replace(optimum, weight=np.minimum(optimum.weight, usual)).average().nothing
+            if nothing > 0.5:
+                return (
+                    "the model is left as it is: if its errors are as large and last as long as over what it was "
+                    f"fitted to, the probability that no sensor of '{session.data.name}' reads differently is "
+                    f"{nothing:.2g} (else {found}, by the mean of all cases); expected at most 0.5",
+                )
         without, fall = self._predicted(session, optimum, blocks)
         error = float(np.std(fall, ddof=1)) * np.sqrt(self.folds)  # standard error of the sum over the blocks
         beyond = float(stdtrit(self.folds - 1, 1.0 - self.level))
@@ -260,6 +277,10 @@ class _Session:
                 return self.model.simulate(self.sensors(theta).behind(self.data)).error[self.predicted]
             except SimulationError:
                 return np.full((self.n, self.model.n_outputs), np.inf)
+
+    def usual_weights(self) -> np.ndarray:
+        """Information of a sample by the errors of the model as it is, shape (n_outputs,)."""
+        return self._weights(self.error(np.zeros(len(self.names))))
 
     def fit(self) -> _Optimum:
         """Most probable corrections given all rows, whatever kinds they are of."""
