@@ -21,10 +21,13 @@ _ABOUT = """\
 Identify a model as JOB.toml says, and find the fastest lap of that car on a track: its line between the edges, its
 speeds, and what each parameter of the car is worth. The folder then holds a page (index.html) and the lap (lap.csv).
 
+Where the job has a table [race], a racer then drives laps on a plant that is another model, and is judged by the edges.
+
 What the model does not know of the car is set by name, its power always: --set power=2e5 --set drag=0.4.
 """
 _MORE = """\
-With --json: time, quasi_steady, iterations and sensitivities (s per unit); with --driven also its time and sectors.
+With --json: time, quasi_steady, iterations and sensitivities (s per unit); with --driven also its time and sectors,
+with [race] race.laps, off_track, room, corners. Exit code 1 where the racer left the track or did not finish its laps.
 See docs/fastest-lap.md.
 """
 _COLUMNS = ("s", "t", "X", "Y", "psi", "n", "v_x", "v_y", "r", "delta", "F_x", "a_x", "a_y", "grip_f", "grip_r")
@@ -49,6 +52,7 @@ def _lap(options: argparse.Namespace) -> Answer:
     from slipangle.optimal.lap.fastest_lap import fastest_lap
     from slipangle.paths.path import Path as Track
     from slipangle.report.lap import lap_page
+    from slipangle.workflow import race
     from slipangle.workflow.lap import identified_car
     from slipangle.workflow.settings import read_settings
 
@@ -63,16 +67,21 @@ def _lap(options: argparse.Namespace) -> Answer:
     folder = Path(options.out)
     with Bar(quiet=options.json or options.quiet) as bar:
         bar(0.0, "identifying the car")
-        car = identified_car(settings, wanted.model or None, values)
-        bar(0.5, "finding the lap")
+        model, car = identified_car(settings, wanted.model or None, values)
+        bar(0.2 if settings.race else 0.5, "finding the lap")
         how = ("line", "points", "margin", "smoothness", "v_max", "v_start", "tolerance", "iterations")
         lap = fastest_lap(car, track, **{key: getattr(wanted, key) for key in how})
         delta = None if wanted.driven is None else _driven(wanted.driven, lap)
+        drive = settings.race
+        raced = drive and race.raced(
+            drive, settings.plant, model, car, track, wanted.points, lambda s, what: bar(0.3 + 0.6 * s, what)
+        )
         bar(0.95, "writing the page")
         folder.mkdir(parents=True, exist_ok=True)
         before = replaced(folder / "index.html")
         command = f"slipangle lap {options.file}{f' {options.track}' if options.track else ''}"
-        page = lap_page(lap, settings.title, command, delta).write(folder / "index.html")
+        more = (race.section(raced, command),) if raced else ()
+        page = lap_page(lap, settings.title, command, delta, more).write(folder / "index.html")
         write_atomic(folder / "lap.csv", _csv(lap))
         bar(1.0, "done")
     found = {"time": lap.time, "quasi_steady": lap.quasi_steady, "iterations": lap.iterations}
@@ -81,7 +90,11 @@ def _lap(options: argparse.Namespace) -> Answer:
         sectors = [{"begin": s.begin, "end": s.end, "corner": s.corner, "lost": s.lost} for s in delta.sectors]
         found |= {"driven": {"lap": delta.driven.number, "time": delta.driven.time, "sectors": sectors}}
         words += "".join(f"\nyou lose {s.lost:.2f} s at {s.corner:.0f} m" for s in _worst(delta))
-    return Answer(found | {"sensitivities": lap.sensitivities}, f"{words}\n\nThe page: {page.resolve()}{before}")
+    if raced:
+        found |= {"race": race.metrics(raced)}
+        words += f"\nThe race: {race.word(raced)}. {race.sentence(raced)}"
+    code = 1 if raced and race.word(raced) == "poor" else 0
+    return Answer(found | {"sensitivities": lap.sensitivities}, f"{words}\n\nThe page: {page.resolve()}{before}", code)
 
 
 def _driven(file: str | Path, lap: Lap) -> LapDelta:

@@ -11,6 +11,7 @@ from slipangle.data.dataset import Channel
 from slipangle.optimal.lap.driven import DrivenLap, LapDelta
 from slipangle.optimal.lap.envelope import envelope
 from slipangle.optimal.lap.lap import Lap
+from slipangle.paths.path import Path
 from slipangle.report import style
 from slipangle.report.drawing import seen_from_above
 from slipangle.report.drives import Signal, signals
@@ -34,11 +35,16 @@ def lap_map(lap: Lap, by: Literal["v_x", "grip_f", "grip_r"] = "v_x") -> go.Figu
     label, kept, unit = _COLOURS[by]
     factor, unit = read_in(by, unit)
     drawn = track_map(lap.X, lap.Y, factor * kept * getattr(lap, by), channel=Channel(by, unit), label=label)
-    for edge in lap.track.boundaries():
+    draw_edges(drawn, lap.track)
+    return drawn
+
+
+def draw_edges(drawn: go.Figure, track: Path) -> None:
+    """Thin lines along the edges of a track, where they are known."""
+    for edge in track.boundaries():
         if np.isfinite(edge).all():
             rows = style.thin(edge[:, 0], 3000)
             style.line(drawn, style.compact(edge[rows, 0]), edge[rows, 1], SLATE, 1)
-    return drawn
 
 
 def lap_traces(lap: Lap) -> go.Figure:
@@ -152,10 +158,10 @@ def _at(t: np.ndarray, lap: Lap, values: np.ndarray, turned: float) -> np.ndarra
     return np.interp(t, np.append(0.0, lap.t), np.append(first, values))
 
 
-def lap_page(lap: Lap, title: str, command: str, delta: LapDelta | None = None) -> Page:
+def lap_page(lap: Lap, title: str, command: str, delta: LapDelta | None = None, more: tuple[Section, ...] = ()) -> Page:
     """Lap time, the line by speed and by grip, the g-g diagram, traces, and what each parameter is worth.
 
-    With a driven lap also where it loses time.
+    With a driven lap also where it loses time; ``more`` are sections behind.
     """
     factor, unit = read_in("v_x", "m/s")
     verdict = Verdict(
@@ -183,7 +189,7 @@ def lap_page(lap: Lap, title: str, command: str, delta: LapDelta | None = None) 
         caption = "Thin or dashed: the fastest lap. Behind: time since the start line, driven minus fastest."
         drawn = Figure(title="Driven and fastest", figure=delta_figure(delta), caption=caption)
         sections.append(Section(title="The driven lap", blocks=(sector_table(delta), drawn)))
-    return Page(title=f"{title}: fastest lap", sections=tuple(sections), command=command)
+    return Page(title=f"{title}: fastest lap", sections=(*sections, *more), command=command)
 
 
 def worth_table(lap: Lap) -> Table:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from slipangle.errors import ConfigError, nearest
+from slipangle.models.model import Model
 from slipangle.optimal.lap.car import LapCar
 from slipangle.optimal.lap.cars import known_limits, lap_car
 from slipangle.workflow.job import identify_named
@@ -12,8 +13,8 @@ from slipangle.workflow.log import read_logs
 from slipangle.workflow.settings import Settings
 
 
-def identified_car(settings: Settings, name: str | None, values: Mapping[str, float]) -> LapCar:
-    """The car of a model of the job, by default the first that knows what its tires can hold, with given values.
+def identified_car(settings: Settings, name: str | None, values: Mapping[str, float]) -> tuple[Model, LapCar]:
+    """A model of the job, by default the first that knows what its tires can hold, and its car with given values.
 
     Raises ConfigError if the job has no such model, and ParameterError as `lap_car`.
     """
@@ -24,7 +25,7 @@ def identified_car(settings: Settings, name: str | None, values: Mapping[str, fl
     for one in names if name is None else [name]:
         model = identify_named(settings, one, train)
         if name is not None or known_limits(model) or known_limits(getattr(model, "params", None)):
-            return lap_car(model, **values)
+            return model, lap_car(model, **values)
     raise ConfigError(
         f"none of the job's models ({', '.join(names)[:100]}) says how much its tires can hold; expected a nonlinear "
         "or saturating bicycle: add a [[model]] of that kind"

@@ -21,6 +21,7 @@ from slipangle.workflow.entries import Entry, Made, entries_of
 from slipangle.workflow.hints import bound, called, is_record, parts, words
 from slipangle.workflow.kinds import FITS, KINDS, FitSettings, PhysicsEntries, as_physics
 from slipangle.workflow.lap_settings import LapSettings
+from slipangle.workflow.race_settings import RaceSettings
 from slipangle.workflow.settings import ColumnSettings, DataSettings, ModelSettings, PublishedSettings, Settings
 
 
@@ -192,6 +193,7 @@ _PLACES = {
     EstimatorSettings: "[estimator], whatever its kind",
     PlantSettings: "[plant], whatever its kind",
     LapSettings: "[lap]",
+    RaceSettings: "[race]",
     FitSettings: "fit = { ... } of a physical model, whatever its kind",
 }
 _HEAD = """\

@@ -15,6 +15,7 @@ from slipangle.workflow.drive import ControllerSettings, EstimatorSettings, Plan
 from slipangle.workflow.entries import Within, common, record
 from slipangle.workflow.kinds import check_entries, needed
 from slipangle.workflow.lap_settings import LapSettings
+from slipangle.workflow.race_settings import RaceSettings
 from slipangle.workflow.tires import TIRES, located
 
 
@@ -211,6 +212,8 @@ class Settings:
         What tells the controller the state from measurements; without it the outputs of its model correct it.
     lap : table
         The fastest lap of one of the models' cars, for ``slipangle lap``.
+    race : table
+        Laps on that track by a racer on a plant, which ``slipangle lap`` then drives too; without it nothing races.
     out : str
         Folder for the results, below the one that the job is run in; only the command line may name another.
     folder : Path
@@ -225,6 +228,7 @@ class Settings:
     plant: PlantSettings = field(default_factory=PlantSettings)
     estimator: EstimatorSettings | None = None
     lap: LapSettings = field(default_factory=LapSettings)
+    race: RaceSettings | None = None
     out: str = "slipangle-out"
     folder: Path = field(default=Path(), repr=False, metadata={"in_jobs": False})
 

@@ -81,6 +81,11 @@ class Learned:
             self.grip_std = max(wandering, float(np.mean(known) ** -0.5))
 
     @property
+    def latest(self) -> tuple[float, float]:
+        """Grip as the filter read it last, and its deviation; as of the lap before where nothing was read yet. [-]"""
+        return self._grips[-1] if self._grips else (self.grip, self.grip_std)
+
+    @property
     def sure(self) -> float:
         """Grip less its deviation. [-]"""
         return self.grip - self.grip_std

@@ -69,6 +69,12 @@ def peak_friction(tire: Tire, load: float) -> float:
     return float(np.max(np.abs(np.asarray(tire.unlimited().forces(0.0, angles, load).F_y))) / load)
 
 
+def peak_friction_along(tire: Tire, load: float) -> float:
+    """Largest braking force of a tire over its load, up to a slip of 0.4. [-]"""
+    slips = np.linspace(-0.4, -0.01, 100)
+    return float(np.max(-np.asarray(tire.unlimited().forces(slips, 0.0, load).F_x))) / load
+
+
 def with_tires(params: P, tire_f: Tire, tire_r: Tire | None = None) -> P:
     """Parameters with the rolling radius, relaxation lengths and rolling resistance of tires at their static loads.
 
