@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, least_squares
@@ -154,8 +155,8 @@ def _with_drive(car: LapCar, plant: DualTrack, track: Path, margin: float, point
         return float(np.sum(np.minimum(most * v, power) - force * v))
 
     enough = most * float(v.max())
-    power = float(brentq(more, 0.01 * enough, enough)) if more(0.01 * enough) < 0.0 < more(enough) else enough
-    return replace(car, drive_force=most, power=power)
+    power: Any = brentq(more, 0.01 * enough, enough) if more(0.01 * enough) < 0.0 < more(enough) else enough
+    return replace(car, drive_force=most, power=float(power))
 
 
 def optimum(car: LapCar, track: Path, friction: float = 1.0, points: int | None = None) -> Lap:
