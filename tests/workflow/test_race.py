@@ -15,6 +15,7 @@ from slipangle.codegen.compiler import compiler
 from slipangle.codegen.compiler import sentence as no_compiler
 from slipangle.control.racing.racer import NOISE
 from slipangle.errors import ConfigError
+from slipangle.models.vehicles.catalogue import PASSENGER_TIRE
 from slipangle.models.vehicles.on_tires import peak_friction_along
 from slipangle.optimal.lap.cars import lap_car
 from slipangle.report.page import Page
@@ -147,6 +148,16 @@ def test_the_stand_in_is_the_car_as_a_lap_sees_it():
         assert getattr(back, name) == pytest.approx(getattr(RACER, name), rel=0.02), name
     load = 0.25 * RACER.weight
     assert peak_friction_along(plant.tire_f, load) == pytest.approx(RACER.mu_f * RACER.mu_x, rel=0.01)
+
+
+def test_tires_of_files_are_raced_with_the_car_s_own_power(tmp_path):
+    file = str(PASSENGER_TIRE.write_tir(tmp_path / "tire.tir"))
+    turned = replace(RACER, steering_gain=0.07)
+    plant, said = plant_of(RaceSettings(), PlantSettings(tire=file, friction=0.9), None, turned)
+    assert "tire.tir" in said
+    assert plant.params.steering_gain == 1.0
+    assert plant.road.friction == (0.9,) * 4
+    assert lap_car(plant).power == pytest.approx(RACER.power, rel=0.02)
 
 
 @NEEDS_C

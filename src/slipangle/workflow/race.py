@@ -37,7 +37,7 @@ from slipangle.simulate.plant import Plant
 from slipangle.simulate.race import Race, race
 from slipangle.simulate.race_car import on_road, optimum, race_car
 from slipangle.simulate.run import End
-from slipangle.workflow.drive import PlantSettings, plant_chassis
+from slipangle.workflow.drive import PlantSettings
 from slipangle.workflow.race_settings import RaceSettings
 from slipangle.workflow.tires import car_on, plant_tires
 
@@ -108,7 +108,8 @@ def plant_of(wanted: RaceSettings, settings: PlantSettings, model: Model, car: L
             'the race: add plant = "bmw-320i" to [race], or leave [plant] out'
         )
     if tires := plant_tires(settings, model):
-        dual, _, said = car_on(settings, plant_chassis(settings, model), tires)
+        steered = car.with_values(steering_gain=1.0, steering_offset=0.0)
+        dual, _, said = car_on(settings, steered, tires)
         line = dual.params.driveline
         return replace(dual, params=replace(dual.params, driveline=replace(line, engine=_engine(car, dual)))), said
     try:
