@@ -10,6 +10,17 @@ RACER = LapCar(
     **dict(power=1.2e5, drag=0.7, downforce_f=0.3, downforce_r=0.5, width=1.9, brake_rear=0.4),
 )
 
+SALOON = LapCar(
+    **dict(
+        mass=1093.3, inertia_z=1791.6, wheelbase=2.579, l_f=1.156, C_f=129000.0, C_r=124000.0, mu_f=0.979, mu_r=0.999
+    ),
+    **dict(shape=1.36, friction_load=0.033, stiffness_load=0.167, transfer_x=0.226, transfer_f=0.244, transfer_r=0.179),
+    **dict(
+        brake_rear=0.34, drag=0.39, power=77300.0, drive_force=3490.0, brake_force=12570.0, rolling_resistance=0.012
+    ),
+    **dict(mu_x=1.124, width=1.59, delta_max=0.7, even=1.0),
+)
+
 
 def point_like(mu, power=1e6, drag=0.0):
     """A car that is as near to a mass point as it gets: balanced, no load transfer, stiff tires, all wheels driven."""

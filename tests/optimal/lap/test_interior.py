@@ -6,9 +6,10 @@ import pytest
 import slipangle as sa
 from slipangle.optimal.lap import solve as solvers
 from slipangle.optimal.lap.collocated import Collocated, compiled
+from slipangle.optimal.lap.interior import InteriorPoint
 from slipangle.optimal.lap.program import STATES
 from slipangle.optimal.lap.recursion import Steps
-from tests.optimal.lap.cars import RACER, circuit, point_like, straight
+from tests.optimal.lap.cars import RACER, SALOON, circuit, point_like, straight
 
 pytestmark = pytest.mark.skipif(compiled() is None, reason="no compiler")
 
@@ -122,3 +123,26 @@ def test_a_hessian_that_bends_down_is_refused(monkeypatch):
     steps = Steps(program, np.zeros(0, dtype=bool))
     assert not steps.factor(down, np.full(program.size, 1e-3), 0.0)
     assert steps.factor(down, np.full(program.size, 1e-3), 2.0)
+
+
+def test_what_one_barrier_loses_another_finds(monkeypatch):
+    ours = sa.fastest_lap(RACER, circuit(), points=60)
+    run, barriers = InteriorPoint.run, []
+
+    def lost_at_first(self, start, mu):
+        barriers.append(mu)
+        return None if len(barriers) == 1 else run(self, start, mu)
+
+    monkeypatch.setattr(InteriorPoint, "run", lost_at_first)
+    monkeypatch.setattr(solvers, "by_ipopt", None)
+    assert sa.fastest_lap(RACER, circuit(), points=60).cost == pytest.approx(ours.cost, rel=1e-6)
+    assert len(set(barriers)) == 2
+
+
+@pytest.mark.parametrize("points", [500, 790, 800, 1000])
+def test_a_race_track_is_solved_on_meshes_that_hardly_differ(monkeypatch, real_data, points):
+    """A saloon whose hairpins at the limit need 200 iterations or Ipopt from a barrier that begins at 0.01."""
+    monkeypatch.setattr(solvers, "by_ipopt", None)
+    track = sa.Path.from_csv(real_data("tracks/tum/Norisring.csv"))
+    lap = sa.fastest_lap(SALOON, track, points=points)
+    assert lap.time == pytest.approx(73.64, rel=2e-3)

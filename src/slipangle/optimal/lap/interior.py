@@ -94,12 +94,16 @@ class _Filter:
 
 
 class InteriorPoint:
-    """The search; `run` gives the optimum, or None where it is lost and a solver with a restoration has to look."""
+    """The search; `run` gives the optimum, or None where it is lost: another start, or a restoration, has to help.
+
+    ``iterations`` counts those of all runs.
+    """
 
     def __init__(
         self, program: Collocated, low: np.ndarray, high: np.ndarray, tolerance: float, iterations: int
     ) -> None:
         self.program, self.tolerance, self.most = program, tolerance, iterations
+        self.iterations = 0
         first = program.cuts[2]
         fixed = np.zeros(program.size, dtype=bool)
         fixed[first] = high[first] - low[first] < 1e-12
@@ -116,7 +120,8 @@ class InteriorPoint:
 
     def _barrier(self, at: At, w: np.ndarray, mu: float) -> float:
         a, b = self._rooms(w)
-        return at.cost - mu * float(np.log(a[self.has_low]).sum() + np.log(b[self.has_high]).sum())
+        with np.errstate(divide="ignore"):  # on a bound, where no step ends
+            return at.cost - mu * float(np.log(a[self.has_low]).sum() + np.log(b[self.has_high]).sum())
 
     @staticmethod
     def _violation(at: At) -> float:
@@ -150,7 +155,7 @@ class InteriorPoint:
 
     # ---- the search --------------------------------------------------------------------------------------------
 
-    def run(self, start: np.ndarray, mu: float = 1e-2) -> Found | None:
+    def run(self, start: np.ndarray, mu: float) -> Found | None:
         """From a start, whose slacks are found here, with a first weight of the barrier."""
         now = self._begun(start)
         if now is None:
@@ -171,6 +176,7 @@ class InteriorPoint:
             if shift is None:
                 return None
             shifted = shift or shifted
+            self.iterations += 1
             moved = self._moved(now, slopes, mu, filtered)
             if moved is None:
                 return None

@@ -12,7 +12,16 @@ from slipangle.optimal.lap.car import LapCar
 from slipangle.optimal.lap.collocated import Collocated, Lapped, compiled
 from slipangle.optimal.lap.course import Course
 from slipangle.optimal.lap.interior import InteriorPoint
-from slipangle.optimal.lap.program import N_STATES, constraint_bounds, limits, program, scales, solver, without_peak
+from slipangle.optimal.lap.program import (
+    BARRIERS,
+    N_STATES,
+    constraint_bounds,
+    limits,
+    program,
+    scales,
+    solver,
+    without_peak,
+)
 from slipangle.optimal.solution import Status
 
 
@@ -48,7 +57,8 @@ class Solved(NamedTuple):
 def solve(problem: Problem, guess: np.ndarray, *, iterations: int, tolerance: float) -> Solved:
     """The program from a guess of its columns, shape (n, 9), in SI units.
 
-    Where the interior point along the track loses its way, and where there is no compiler, Ipopt starts from the guess.
+    Where the interior point along the track loses its way from each of `BARRIERS`, and where there is no compiler,
+    Ipopt starts from the guess.
     """
     along = problem.along
     scaled = guess / scales(problem.car)
@@ -60,7 +70,10 @@ def solve(problem: Problem, guess: np.ndarray, *, iterations: int, tolerance: fl
 
 
 def along_the_track(problem: Problem, start: np.ndarray, code: Any, iterations: int, tolerance: float) -> Solved | None:
-    """By `InteriorPoint`; None where it needs a restoration, which it does not have."""
+    """By `InteriorPoint`; None where no start ends within its share of the iterations.
+
+    A large barrier holds the car away from its limits, where the lap is ill-defined; a small one begins near them.
+    """
     felt, size, flags, weights, k, h = problem.parameters
     lapped = Lapped(
         rest=np.concatenate([felt, size, flags]),
@@ -77,8 +90,10 @@ def along_the_track(problem: Problem, start: np.ndarray, code: Any, iterations: 
         for side, bound in zip(problem.bounds, limits(), strict=True)
     )
     begin = np.concatenate([_by_interval(start, n), np.zeros(7 * n)])
-    found = InteriorPoint(collocated, low, high, tolerance, iterations).run(begin)
-    if found is None or not np.isfinite(found.w).all():
+    search = InteriorPoint(collocated, low, high, tolerance, max(1, iterations // len(BARRIERS)))
+    ends = (search.run(begin, barrier) for barrier in BARRIERS)
+    found = next((end for end in ends if end is not None and end.left <= tolerance), None)
+    if found is None:
         return None
     Z, R, first, _ = collocated.parts(found.w)
     bound_Z, bound_R, bound_first, _ = collocated.parts(found.bounds)
@@ -91,9 +106,8 @@ def along_the_track(problem: Problem, start: np.ndarray, code: Any, iterations: 
         "lam_g": np.concatenate([found.lam, np.zeros((N, 2)), mu], axis=1).ravel(),
         "p": np.concatenate(problem.parameters),
     }
-    status = Status.SOLVED if found.left <= tolerance else Status.ITERATION_LIMIT
     variables = np.append(columns.ravel(), first)
-    return Solved(variables, collocated(found.w).passed, duals, found.cost, status, found.iterations)
+    return Solved(variables, collocated(found.w).passed, duals, found.cost, Status.SOLVED, search.iterations)
 
 
 def _by_interval(values: np.ndarray, n: int) -> np.ndarray:
