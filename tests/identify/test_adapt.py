@@ -9,7 +9,14 @@ import pytest
 from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import MissingColumnError, ModelWarning, ParameterError, SampleTimeError, TooShortError
+from slipangle.errors import (
+    MissingColumnError,
+    ModelWarning,
+    ParameterError,
+    SampleTimeError,
+    SimulationError,
+    TooShortError,
+)
 from slipangle.identify.adapt import Adapt
 from slipangle.identify.judge.intervals import calibrate
 from slipangle.identify.judge.validate import score, validate
@@ -241,6 +248,14 @@ def test_files_written_before_gains_and_lags_are_read(adapted, tmp_path):
 def test_wrong_settings_get_a_sentence(settings, error, said, other):
     with pytest.raises(error, match=said), warnings.catch_warnings():
         Adapt(**settings).fit(CAR, other)
+
+
+def test_a_model_that_runs_away_in_the_session_gets_a_sentence(other):
+    """An oversteering car above its critical speed, whose run corrections of sensors cannot bring back."""
+    loose = Bicycle(params=replace(FERRARI_250LM, C_r=0.35 * FERRARI_250LM.C_r), dt=DT)
+    sentence = r"first 30 s of 'session 2' goes astray: r is off by .*; expected a run"
+    with pytest.warns(ModelWarning, match="goes astray"), pytest.raises(SimulationError, match=sentence):
+        Adapt().fit(loose, other)
 
 
 def test_a_lead_is_at_most_a_third_of_a_sample():

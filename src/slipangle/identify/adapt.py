@@ -22,6 +22,7 @@ from slipangle.models.wrappers.hybrid import OffsetModel
 
 _HALVINGS = 4  # of a step that does not lower the cost
 _CLOSE = 1e-2  # over the prior's width, of a step that ends the search
+_ASTRAY = 1e4  # over the scatter of an output, of errors that no sensor explains
 _UNITS = {"gain": "-", "lag": "s"}
 
 
@@ -94,7 +95,8 @@ class Adapt(Checked):
         they and the doubt about them leave open, so intervals are wider than in the session of the training data.
 
         Raises TooShortError if the data are shorter, MissingColumnError if the model has no such channel or the
-        training data lack one, and SampleTimeError if their sample time is not the model's.
+        training data lack one, SampleTimeError if their sample time is not the model's, and SimulationError if the
+        model's free run over the session goes astray.
 
         Warns with ModelWarning if the corrections do not help: then all of them are zero.
         """
@@ -286,6 +288,7 @@ class _Session:
         """Most probable corrections given all rows, whatever kinds they are of."""
         theta = np.zeros(len(self.names))
         error = self.error(theta)
+        self._check(error)
         for _ in range(self.settings.max_iterations):
             optimum = self.at(theta, error)
             move = optimum.move()
@@ -302,6 +305,18 @@ class _Session:
             if done:
                 break
         return self.at(theta, error)
+
+    def _check(self, error: np.ndarray) -> None:
+        """Nothing can be read from a run that goes astray."""
+        largest = np.max(np.abs(error), axis=0)
+        astray = ~(largest < np.where(self.size > 1e-9, _ASTRAY * self.size, np.inf))
+        if astray.any():
+            j = int(np.argmax(astray))
+            raise SimulationError(
+                f"the model's free run over the first {self.settings.seconds:g} s of '{self.data.name}' goes astray: "
+                f"{self.model.outputs[j]} is off by {largest[j]:.2g} where it scatters by {self.size[j]:.2g}; expected "
+                "a run that corrections can explain: adapt a model that is stable at these speeds"
+            )
 
     def at(self, theta: np.ndarray, error: np.ndarray) -> _Optimum:
         """The problem, linear around some corrections."""
