@@ -235,6 +235,22 @@ def test_values_that_no_car_has_are_doubted_only_where_their_whole_interval_is_s
     assert impossible(final.names, final, limits) == []
 
 
+def test_a_rear_that_holds_more_than_the_front_may_one_that_holds_less_is_drawn_up():
+    """By a log that tells nothing of friction; the front's is known, the rear's within 0.2."""
+    data = drives(amplitude=0.004)
+    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, banked=False)
+
+    def rear(front, back):
+        known = {"mu_f": (front, 0.01, False), "mu_r": (back, 0.2, False)}
+        start = guess.with_values(mu_f=front, mu_r=back)
+        return fit(start, (*STIFF, "mu_f", "mu_r"), data, prior=known)
+
+    above, below = rear(0.8, 1.3), rear(1.3, 0.8)
+    assert above.values["mu_r"] == pytest.approx(1.3, abs=0.05)
+    assert 1.0 < below.values["mu_r"] < 1.3
+    assert np.linalg.norm(above.pull[-1]) < 0.1 * np.linalg.norm(below.pull[-1])  # so do their intervals
+
+
 def test_an_accelerometer_tells_stiffness_and_inertia_apart_and_where_it_sits():
     found = identify_car(drives(outputs=("r", "a_y")), **KNOWN)
     assert found.model.outputs == ("r", "a_y")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -27,7 +27,7 @@ _LONGEST = 0.3  # s, of a steering delay
 _ITERATIONS, _FLAT = 60, 1e-7  # of a fit, and the relative gain of its last step
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
 _AS_GIVEN = 1e-4  # of the width for the mass, for the recording whose mass was given
-_ALIKE = 0.15  # standard deviation of the difference of both axles' friction
+_BELOW = 0.15  # standard deviation of how far the rear's friction may lie below the front's
 _WORTH = 0.05  # fall of the squared held-out error that is worth a correction by itself
 _HARM = 0.01  # rise of the squared held-out error that a correction may bring
 _SETTLES = 1.0  # s, until an initial state that was guessed is forgotten
@@ -37,6 +37,8 @@ _ROUNDS, _COLOUR = 4, 400  # of weighing outputs and prior; lags of the residual
 
 Prior = Mapping[str, tuple[float, float, bool]]
 """What is known of parameters by name: centre, standard deviation, and whether that is a share of the centre."""
+Pull = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""From scaled unknowns to residuals that draw these to what is known, shape (n,), and their derivatives."""
 
 
 @dataclass(frozen=True)
@@ -195,10 +197,10 @@ def fit(
     z = np.where([name in free for name in problem.names], problem.start, np.array(at) / problem.scale)
     z = np.clip(z, problem.lower, problem.upper)
     for _ in range(_ROUNDS):
-        pull, centre = _pull(prior, problem, thinning)
-        slope: Any = lambda z, a=pull: np.vstack([problem.evaluate(z)[1][rows], a])  # noqa: E731
+        pull = _pull(prior, problem, thinning)
+        slope: Any = lambda z, pull=pull: np.vstack([problem.evaluate(z)[1][rows], pull(z)[1]])  # noqa: E731
         solution = trust_region(
-            lambda z, a=pull, b=centre: np.concatenate([problem.evaluate(z)[0][rows], a @ z - b]),
+            lambda z, pull=pull: np.concatenate([problem.evaluate(z)[0][rows], pull(z)[0]]),
             z,
             jac=slope,
             bounds=(problem.lower, problem.upper),
@@ -226,7 +228,7 @@ def fit(
         stretch=stretch,
         sigma=problem.sigma,
         thinning=thinning,
-        pull=_pull(prior, problem, thinning)[0],
+        pull=_pull(prior, problem, thinning)(z)[1],
     )
 
 
@@ -273,24 +275,35 @@ def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
     return {name: known[name] for name in free if name in known}
 
 
-def _pull(prior: Prior, problem: FreeRunProblem, thinning: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rows, shape (n, n_free), and their centres that draw scaled unknowns to the prior, if samples are coloured.
+def _pull(prior: Prior, problem: FreeRunProblem, thinning: float) -> Pull:
+    """What draws scaled unknowns to the prior, if samples are coloured.
 
-    Both axles' frictions are drawn to each other: a car whose rear slides long before its front is not built. The mass
-    of the first recording is the one that was given: motion tells but the ratios of masses.
+    The rear's friction is held from falling below the front's, and free above: a car whose rear slides long before its
+    front is not built, one whose front slides first is the rule. The mass of the first recording is the one that was
+    given: motion tells but the ratios of masses.
     """
-    at, widths, centres = np.eye(problem.n_p), np.full(problem.n_p, np.inf), np.zeros(problem.n_p)
+    widths, centres, between = np.full(problem.n_p, np.inf), np.zeros(problem.n_p), np.zeros(problem.n_p)
     for i, name in enumerate(problem.base_names):
         if name in prior:
             centre, spread, relative = prior[name]
             widths[i], centres[i] = spread * centre if relative else spread, centre
     if "mass" in problem.own:
         widths[problem.base_names.index("mass")] *= _AS_GIVEN
-    if {"mu_f", "mu_r"} <= set(problem.free):
-        between = at[problem.free.index("mu_f")] - at[problem.free.index("mu_r")]
-        at, widths, centres = np.vstack([at, between]), np.append(widths, _ALIKE), np.append(centres, 0.0)
     weight = np.sqrt(thinning) / widths
-    return weight[:, None] * at * problem.scale, weight * centres
+    rows, aim = np.diag(weight * problem.scale), weight * centres
+    if not {"mu_f", "mu_r"} <= set(problem.free):
+        return lambda z: (rows @ z - aim, rows)
+    for name, sign in (("mu_f", 1.0), ("mu_r", -1.0)):
+        at = problem.free.index(name)
+        between[at] = sign * problem.scale[at] / _BELOW
+
+    def pull(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        below = float(between @ z)  # 0 far above, itself far below, and smooth in between as an interval's end must be
+        held, slope = 0.5 * (below + np.hypot(below, 1.0)), 0.5 * (1.0 + below / np.hypot(below, 1.0))
+        held, slope = np.sqrt(thinning) * held, np.sqrt(thinning) * slope
+        return np.append(rows @ z - aim, held), np.vstack([rows, slope * between])
+
+    return pull
 
 
 def _thinning(error: np.ndarray, stretch: np.ndarray) -> float:
