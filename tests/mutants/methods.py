@@ -389,6 +389,16 @@ MUTANTS = [
     ),
     *mistakes(
         "optimal/realtime/solver.c",
+        "optimal/test_agreement.py::test_limits_that_are_kept_only_elsewhere_are_kept",
+        [("solver in C: limits that are missed are not looked for elsewhere", "if (begin_at(s) == SOLVED)", "if (0)")],
+    ),
+    *mistakes(
+        "optimal/realtime/solver.c",
+        "optimal/test_agreement.py::test_a_problem_about_whose_limits_iterations_wander_is_named_infeasible",
+        [("solver in C: a price of limits is never raised", "n - priced >= PATIENCE", "n - priced < 0")],
+    ),
+    *mistakes(
+        "optimal/realtime/solver.c",
         "control/test_usual_call.py::test_a_fallback_in_one_piece_is_the_one_put_together",
         [
             (

@@ -92,7 +92,7 @@ typedef struct {
     int age;                                  /* 0: a solution; k: a fallback, the k-th in a row */
     int stopping;                             /* the stop law, as no recent plan is left: the speed should go to zero */
     int iterations;
-    int begun_anew;                           /* what was planned before led nowhere: the solve began from inputs held */
+    int begun_anew;                           /* what was planned before led nowhere: the solve began anew */
 #if CAR_SWITCHES
     double demand; /* share of grip that is needed */
     int active;    /* 0: the calm controller planned, 1: the one for the limit; states of the other one are NaN */

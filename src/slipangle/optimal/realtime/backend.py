@@ -50,7 +50,7 @@ class RealTime(Checked):
         rounding makes the cost the same, steps are taken until they no longer shrink. Where it keeps a step that
         follows one of at most 1e-8 from doing any good, the plan is solved too; `Plan.residual` is then that step.
     max_iterations : int
-        Most steps to convergence.
+        Most steps to convergence, of all starts together: where hard limits are missed, it begins anew elsewhere.
     newton : float
         Accuracy of the implicit integrator's stages, relative to 1 + |state|. [-]
     accept : float

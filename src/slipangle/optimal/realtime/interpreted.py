@@ -45,6 +45,7 @@ PAIRS, CALM = 24, 2  # remembered steps; iterations without a short one before t
 FLAT = 1e-6  # largest change of an input in units of its range whose effect on the cost may be lost in rounding
 IDLE = 10  # such steps that are no smaller than the smallest before end the iterations
 ROUNDED = 1e-8  # largest change of an input by a whole step, before one that rounding makes useless
+PATIENCE = 40  # iterations at one price, after which it is raised
 PRICES = 1e4  # largest price of a hard limit that no step keeps, over the first
 FAR = 0.05  # largest change of an input in units of its range; below, remembered steps are what helps
 Truth = tuple[float, float, float]  # cost, largest violation and residual of a plan
@@ -262,18 +263,39 @@ class WorkArea(Engine):
     def _run(self, u: np.ndarray, states: np.ndarray, warm: bool, unfinished: int = 0) -> Solution:
         if warm and not unfinished:
             return self._iterate(u, states)
-        return self._ended(*self._converge(u, states, self._settings.max_iterations), unfinished)
+        found = self._ended(*self._converge(u, states, self._settings.max_iterations), unfinished)
+        return self._elsewhere(found, unfinished) if found.status is Status.INFEASIBLE else found
 
     def _ended(self, u: np.ndarray, x: np.ndarray, iterate: Iterate, unfinished: int = 0) -> Solution:
         """The solution; what led nowhere begins anew: the inputs held, and states that need not follow from them."""
         left = self._settings.max_iterations - iterate.iterations
         if not led_nowhere(iterate.status, iterate.violation) or left < 1:
             return self._solution(u, x, iterate, unfinished)
-        bounds, n = (self.ocp.input_bounds, self.ocp.step_bounds), len(u)
-        held = within(np.tile(self._applied, (n, 1)), self._applied, *bounds)
+        return self._from(np.tile(self._applied, (len(u), 1)), iterate.iterations, unfinished)
+
+    def _from(self, u: np.ndarray, before: int, unfinished: int) -> Solution:
+        """Iterate from other inputs, and states that need not follow from them yet, after so many iterations."""
+        u = within(u, self._applied, self.ocp.input_bounds, self.ocp.step_bounds)
         self._k[:] = 0.0
-        found = self._converge(held, self._staying(held), left, before=iterate.iterations)
+        found = self._converge(u, self._staying(u), self._settings.max_iterations - before, before=before)
         return replace(self._solution(*found, unfinished), detail=ANEW)
+
+    def _elsewhere(self, missed: Solution, unfinished: int) -> Solution:
+        """Hard limits that are missed by least where a solve ended may be kept elsewhere.
+
+        It begins anew from the inputs there, those of one control after the other mirrored about the middle of range.
+        """
+        both, found = self.ocp.input_bounds.sum(axis=1), missed
+        for j in range(len(both) if len(self._plain) else 0):
+            if found.iterations >= self._settings.max_iterations:
+                break
+            u = missed.u.copy()
+            u[:, j] = (both[j] if np.isfinite(both[j]) else 0.0) - u[:, j]
+            found = self._from(u, found.iterations, unfinished)
+            if found.status is Status.SOLVED:
+                return found
+        memory: Any = found.memory
+        return replace(found, status=missed.status, detail=missed.detail, memory=replace(memory, unfinished=0))
 
     def _staying(self, u: np.ndarray) -> np.ndarray:
         """States that stay where the vehicle is now, but for jumps."""
@@ -516,6 +538,7 @@ class WorkArea(Engine):
         pairs: list[tuple[np.ndarray, np.ndarray]] = []
         old: tuple[np.ndarray, np.ndarray] | None = None
         damp, calm, idle, least_step = 0.0, 0, 0, np.inf
+        priced = 0  # iterations when that price was set
         price, dearest, missed, paid = 0.0, 0.0, 0.0, 0.0  # paid: price at which limits were missed by so much
         whole = np.inf  # size of the last step, if near and taken so
         multipliers, iterate, took = np.zeros(len(self._plain)), Iterate(Status.ITERATION_LIMIT, before), 0.0
@@ -537,8 +560,9 @@ class WorkArea(Engine):
             given = (H, g, L, u, self._applied, self._bounds)
             done, step, multipliers = self._qp.solve(*given)
             if done is not Status.SOLVED and len(self._plain):  # here: limits at a price may lead elsewhere
-                price = price or 10 * (1 + float(np.abs(g).max()))
-                dearest = dearest or PRICES * price
+                if price == 0.0:
+                    price, priced = 10 * (1 + float(np.abs(g).max())), count - 1
+                    dearest = PRICES * price
                 for part in (1.0, 0.1, 0.01):
                     self._qp.price(part * price)
                     done, step, multipliers = self._qp.solve(*given)
@@ -592,7 +616,7 @@ class WorkArea(Engine):
             if missed > 1e-8 and (last or t < 1e-6):  # as near as this price brings it
                 if price >= dearest:
                     return u, x, replace(iterate, status=Status.INFEASIBLE)
-                price, idle, least_step = 100 * price, 0, np.inf
+                price, priced, idle, least_step = 100 * price, count, 0, np.inf
                 continue
             if last or t < 1e-6:
                 return u, x, replace(iterate, status=Status.SOLVED if last else Status.STALLED)
@@ -600,6 +624,8 @@ class WorkArea(Engine):
                 return u, x, replace(iterate, status=Status.REAL_TIME)
             if late:
                 return u, x, replace(iterate, status=Status.TIME_OUT)
+            if missed > 1e-8 and price < dearest and count - priced >= PATIENCE:  # it wanders at this price
+                price, priced = 100 * price, count
             calm += 1
             whole = size if near and t == 1.0 else np.inf
             if t == 1.0:

@@ -910,6 +910,7 @@ static int converge(Work *s, int64_t most, int loose)
     s->curved = 0;
     s->hard_penalty = 0, s->pairs = 0, s->damp = 0;
     int calm = 0;
+    int64_t priced = 0; /* iterations when that price was set */
     if (!begins(s, LINEARISE))
         return TIME_OUT;
     if (!linearise(s))
@@ -924,7 +925,7 @@ static int converge(Work *s, int64_t most, int loose)
             if (price == 0) {
                 for (int a = 0; a < N * NU; a++)
                     price = larger(price, fabs(s->qp.g[a]));
-                price = 10 * (1 + price), dearest = PRICES * price;
+                price = 10 * (1 + price), dearest = PRICES * price, priced = n;
             }
             for (double part = 1; part > 1e-3 && (done == INFEASIBLE || done == FAILED); part *= 0.1) {
                 price_limits(s, part * price);
@@ -979,13 +980,15 @@ static int converge(Work *s, int64_t most, int loose)
         if (last || (miss > 1e-8 && t < 1e-6)) { /* as near as this price brings it */
             if (price >= dearest)
                 return INFEASIBLE;
-            price *= 100, idle = 0, least = INFINITY;
+            price *= 100, priced = n, idle = 0, least = INFINITY;
             continue;
         }
         if (loose && accepted(s))
             return ITERATED;
         if (t < 1e-6)
             return near && whole <= ROUNDED && back(s, whole) ? SOLVED : STALLED;
+        if (miss > 1e-8 && price < dearest && n - priced >= PATIENCE) /* it wanders at this price */
+            price *= 100, priced = n;
         whole = near && t == 1 ? s->step : INFINITY;
         if (t == 1)
             s->damp = s->damp > 1e-4 ? 0.2 * s->damp : 0;
@@ -999,6 +1002,18 @@ static int converge(Work *s, int64_t most, int loose)
     return accepted(s) ? ITERATED : ITERATION_LIMIT;
 }
 
+/* Iterate from other inputs, and states that need not follow from them yet. */
+static int begin_at(Work *s)
+{
+    keep_inputs(s);
+    stay(s);
+    forget_rows(s);
+    price_limits(s, 0);
+    s->fresh = FROM_NOTHING, s->anew = 1, s->open_end = s->ahead = 0;
+    s->cost = NAN, s->violation = s->residual = INFINITY;
+    return converge(s, s->max_iterations - s->iterations, 0);
+}
+
 /* A solve that led nowhere, such as from states that a plan before or inputs held lead to beyond all numbers, begins anew:
    the inputs held, and states that need not follow from them yet. */
 static int begin_anew(Work *s, int status)
@@ -1008,13 +1023,26 @@ static int begin_anew(Work *s, int status)
         return status;
     for (int i = 0; i < N; i++)
         memcpy(s->u + i * NU, s->applied, sizeof s->applied);
-    keep_inputs(s);
-    stay(s);
-    forget_rows(s);
-    price_limits(s, 0);
-    s->fresh = FROM_NOTHING, s->anew = 1, s->open_end = s->ahead = 0;
-    s->cost = NAN, s->violation = s->residual = INFINITY;
-    return converge(s, s->max_iterations - s->iterations, 0);
+    return begin_at(s);
+}
+
+/* Hard limits that are missed by least where a solve ended may be kept elsewhere: it begins anew from the inputs there,
+   those of one control after the other mirrored about the middle of their range. */
+static int look_elsewhere(Work *s, int status)
+{
+    double *missed = s->way_u;
+    int64_t anew = s->anew;
+    memcpy(missed, s->u, sizeof s->u);
+    for (int j = 0; j < NU && N_LIMITS > 0 && status == INFEASIBLE && s->iterations < s->max_iterations; j++) {
+        double both = INPUT_LOW[j] + INPUT_HIGH[j];
+        memcpy(s->u, missed, sizeof s->u);
+        for (int i = 0; i < N; i++)
+            s->u[i * NU + j] = (fabs(both) < INFINITY ? both : 0) - missed[i * NU + j];
+        if (begin_at(s) == SOLVED)
+            return SOLVED;
+    }
+    s->anew = anew;
+    return status;
 }
 
 /* Half the cost of constant inputs, from their roll-out. */
@@ -1166,7 +1194,7 @@ int rt_solve(Work *s)
     start(s);
     int status = NOT_FINITE;
     if (s->fresh || s->fixed == 0) {
-        status = begin_anew(s, converge(s, s->max_iterations, 0));
+        status = look_elsewhere(s, begin_anew(s, converge(s, s->max_iterations, 0)));
         keep_inputs(s);
     } else {
         for (int64_t i = 0; i < s->fixed; i++) {
