@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, join
 from slipangle.errors import IdentifiabilityWarning, ModelWarning, ParameterError, SimulationError, SlipangleError
 from slipangle.identify.judge.compare import compare
 from slipangle.identify.judge.validate import validate
@@ -149,6 +149,20 @@ def test_a_fit_that_only_its_initial_state_tames_is_made_again_with_its_poles_he
     with pytest.warns(ModelWarning, match="goes astray: "):
         model = StateSpace(order=2, focus="simulation", offsets="both").fit(data)
     assert any("expected data that a free run can follow" in s for s in model.fit_info.warnings)
+
+
+def test_a_pole_that_grows_more_slowly_than_the_training_data_show_is_said():
+    """Modes of 1.002 to 1.004 explain drifts over 100 samples; after 3000 they are 500 times the signal."""
+    rng, parts = np.random.default_rng([0, 100]), []
+    for _ in range(6):
+        u = rng.standard_normal(100)
+        drift = 0.3 * np.cumsum(rng.standard_normal(100)) / 10.0
+        y = lfilter([0.0, 0.3], [1.0, -0.7], u + 0.5) + drift + 0.05 * rng.standard_normal(100)
+        parts.append(Dataset.from_arrays({"u": u}, {"y": y}, 0.05))
+    with pytest.warns(ModelWarning, match=r"slightly unstable: it has a pole of modulus 1\.00\d+, .*max_radius=1"):
+        model = StateSpace(order=(1, 2, 3)).fit(join(*parts))
+    assert 1 < np.abs(model.poles).max() < 1.02
+    StateSpace(order=(1, 2, 3), max_radius=1.0).fit(join(*parts))  # says nothing
 
 
 @pytest.mark.parametrize(

@@ -99,6 +99,7 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
             return self._usable(data, self.order)
         began, choice = time.perf_counter(), self.choose_order(data)
         choice, model = self._lasting(data, choice)
+        model = noted(model, _later(model.poles, data)) if self.focus == "simulation" else model
         info: Any = model.fit_info
         found = {"candidates": choice.candidates, "method": f"{choice.said}; {info.method}"}
         return replace(model, fit_info=replace(info, **found, seconds=time.perf_counter() - began))
@@ -298,10 +299,24 @@ def _searched(judge: Callable[[int, bool], float], count: int) -> tuple[np.ndarr
 _STEPS = 20  # of a refinement that is only to tell orders apart
 _ROUGH = 1e-4  # share of the squared error by which its last step lowers it; orders apart by 1 % of the error are alike
 _EXACT = 1e-6  # error in standard deviations of the outputs, below which orders differ by rounding
+_SETTLED = 1 + 1e-5  # largest pole whose errors take 230 000 samples to grow tenfold
+_LATER = (
+    "the model is slightly unstable: it has a pole of modulus {size:.6g}, so an error of its free run grows tenfold "
+    "every {steps:.3g} samples, longer than the training data last; expected a stable model, unless the system is not: "
+    "drifts and offsets make such poles, so remove the means, or ask for offsets='both' or max_radius=1"
+)
 _ASTRAY = (
     "the free-run fit ended at a pole of modulus {size:.6g}, and from the first samples of its own training data that "
     "model goes astray: {what}; expected data that a free run can follow: use focus='prediction', or another order"
 )
+
+
+def _later(poles: np.ndarray, data: Dataset) -> str:
+    """Sentence about the largest pole where errors grow too slowly for the training data to show; else empty."""
+    size = float(np.abs(poles).max())
+    if size <= _SETTLED or growth(poles, max(b - a for a, b in zip(data.starts, data.stops, strict=True))):
+        return ""
+    return _LATER.format(size=size, steps=np.log(10) / np.log(size))
 
 
 def _follows(model: StateSpaceModel, data: Dataset) -> bool:
