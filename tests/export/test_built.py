@@ -18,6 +18,7 @@ from slipangle.errors import ConfigError, FormatError, HashError, MissingFileErr
 from slipangle.export import build, load
 from slipangle.models.vehicles.catalogue import PASSENGER_TIRE, SOUSA_CAR_7, SOUSA_TABLE_7_2
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
+from slipangle.optimal.realtime import backend
 from slipangle.optimal.terms import Values
 from slipangle.paths.lane_change import double_lane_change
 from slipangle.simulate.compiled import compiled_loop
@@ -316,6 +317,7 @@ def test_no_manifest(copy, tmp_path):
 
 def test_no_compiler_says_so(tmp_path, monkeypatch):
     monkeypatch.setenv("SLIPANGLE_CC", "none")
+    backend._say_once.cache_clear()
     with (
         pytest.warns(sa.errors.ModelWarning),
         pytest.raises(ConfigError, match="no C compiler was found; expected one"),

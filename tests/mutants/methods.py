@@ -304,6 +304,11 @@ MUTANTS = [
                 "fabs(z[a] - q->g[a] + forces[a])",
             ),
             (
+                "QP in C: sign in the second of two pivots",
+                "d * old_next[j + 1] - off * off",
+                "d * old_next[j + 1] + off * off",
+            ),
+            (
                 "QP in C: lower limits pull up",
                 "sign > 0 ? q->hi[p] : -q->lo[p], plain",
                 "sign > 0 ? q->hi[p] : q->lo[p], plain",

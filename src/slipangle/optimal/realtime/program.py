@@ -115,7 +115,7 @@ def _nanoseconds(ocp: OCP, stage: ca.Function) -> tuple[float, float]:
     states = 0.5 * n * int(ocp.nodes[-1]) * nu * (nx * nx + rows)
     cubes = (len(ocp.tracked) * nu * nu + nu**3) * n**3 / 6
     products = 8 * -(-(nx + nu) // 8) * (nx + _changing(ocp, stage)) * (nx + nu)
-    return 0.053 * (states + cubes) + 23 * n * nx + 1.5 * (n * nu) ** 2, n * (110 + 0.13 * products)
+    return 0.053 * (states + cubes) + 23 * n * nx + 0.75 * (n * nu) ** 2, n * (110 + 0.13 * products)
 
 
 def _changing(ocp: OCP, stage: ca.Function) -> int:

@@ -128,30 +128,53 @@ static void backward(const Qp *q, double *y)
         y[j] = found[j];
 }
 
-/* Factor of H, whose pivots wait for no square root; 0 where one is too small for its column. */
+/* Factor of H, whose pivots wait for no square root, two at a time, so that rows below are passed half as often; 0 where
+   one is too small for its column. */
 static int qp_factor(Qp *q)
 {
     const double *H = (const double *)q->H;
-    double *U = (double *)q->U, *L = (double *)q->L, *part = q->cancel;
-    memcpy(U, H, sizeof(double) * (size_t)(Q_N * QL));
-    double top = 0;
+    double *U = (double *)q->U, *L = (double *)q->L, *part = q->cancel, *part_next = q->xi, top = 0;
     for (int j = 0; j < Q_N; j++)
         top = fmax(top, H[j * QL + j]);
-    for (int j = 0; j < Q_N; j++) {
-        double *row = U + j * QL, d = row[j], inverse = 1 / d;
+    for (int j = 0; j < Q_N; j += 2) {
+        int two = j + 1 < Q_N;
+        const double *from = j ? U : H, *old = from + j * QL, *old_next = two ? old + QL : old;
+        double *row = U + j * QL, *next = two ? row + QL : row;
+        double d = old[j], off = two ? old[j + 1] : 0, both = two ? d * old_next[j + 1] - off * off : d;
+        double inverse = 1 / d, inverse_next = d / both, share = off * inverse, d_next = both * inverse;
         if (!(d > 1e-13 * H[j * QL + j] && d > 1e-30 * top))
             return 0;
+        if (two && !(d_next > 1e-13 * H[(j + 1) * QL + j + 1] && d_next > 1e-30 * top))
+            return 0;
         for (int b = j / LANES; b * LANES < Q_N; b++) {
-            V here = ((V *)row)[b];
-            ((V *)part)[b] = here * inverse;
-            for (int a = j + 1; a < Q_N && a < (b + 1) * LANES; a++)
-                ((V *)(U + a * QL))[b] -= part[a] * here;
+            V here = ((const V *)old)[b], there = ((const V *)old_next)[b] - share * here;
+            ((V *)part)[b] = here * inverse, ((V *)part_next)[b] = there * inverse_next;
+            ((V *)row)[b] = here;
+            if (two)
+                ((V *)next)[b] = there;
+        }
+        for (int b = (j + 2) / LANES; b * LANES < Q_N; b++) {
+            V here = ((V *)row)[b], there = ((V *)next)[b];
+            for (int a = j + 2; a < Q_N && a < (b + 1) * LANES; a++)
+                ((V *)(U + a * QL))[b] = ((const V *)(from + a * QL))[b] - (part[a] * here + part_next[a] * there);
         }
         q->inverse[j] = sqrt(inverse);
+        if (two)
+            q->inverse[j + 1] = sqrt(inverse_next);
+        for (int b = j / LANES; b * LANES < Q_N; b++) {
+            ((V *)row)[b] *= q->inverse[j];
+            if (two)
+                ((V *)next)[b] *= q->inverse[j + 1];
+        }
         for (int b = j / LANES * LANES; b <= j; b++)
-            row[b] = 0;
-        for (int b = j + 1; b < Q_N; b++)
-            L[b * QL + j] = row[b] *= q->inverse[j];
+            row[b] = next[b] = 0;
+        if (!two)
+            break;
+        L[(j + 1) * QL + j] = row[j + 1], next[j + 1] = 0;
+        for (int b = j + 2; b < Q_N; b++) {
+            double pair[2] = {row[b], next[b]};
+            memcpy(L + b * QL + j, pair, sizeof pair);
+        }
     }
     memset(q->have, 0, sizeof q->have);
     return 1;
@@ -307,7 +330,19 @@ static double qp_residual(Qp *q)
     return worst;
 }
 
-#define CLOSE 1e-10 /* a row counts as violated beyond this, relative to its limit */
+/* The same with the multipliers of the working rows; of all others only those of SPENT ones are not zero. */
+static double working_residual(Qp *q)
+{
+    for (int i = 0; i < Q_N + Q_R + Q_D; i++)
+        if (q->mode[i] != SPENT)
+            q->lambda[i] = 0;
+    for (int a = 0; a < q->k; a++)
+        q->lambda[q->row[a]] = q->sign[a] * fmax(q->lam[a], 0);
+    return qp_residual(q);
+}
+
+#define CLOSE 1e-10    /* a row counts as violated beyond this, relative to its limit */
+#define ROUNDING 1e-14 /* residual that refinement hardly lowers */
 
 /* The row that is violated most; `back` says that a SPENT row does not exceed its limit any more. */
 static int most_violated(const Qp *q, double *sign, int *back)
@@ -521,13 +556,13 @@ static int qp_attempt(Qp *q, int warm)
         int p, back = 0;
         while (status == QP_SOLVED && (p = most_violated(q, &sign, &back)) >= 0)
             status = bring(q, p, sign, back);
+        if (status == QP_SOLVED && (q->kkt = working_residual(q)) <= ROUNDING)
+            return QP_SOLVED;
         refine(q);
         if (status != QP_SOLVED || most_violated(q, &sign, &back) < 0)
             break;
     }
-    for (int a = 0; a < q->k; a++)
-        q->lambda[q->row[a]] = q->sign[a] * fmax(q->lam[a], 0);
-    q->kkt = qp_residual(q);
+    q->kkt = working_residual(q);
     if ((status == QP_INFEASIBLE || status == QP_NUMBER) && q->kkt <= 1e-8) /* limits that touch, up to rounding */
         return QP_SOLVED;
     if (!(q->kkt < INFINITY))
