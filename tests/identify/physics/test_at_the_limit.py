@@ -44,6 +44,13 @@ def test_a_first_guess_scales_with_the_car():
     assert small.inertia_z == pytest.approx(1.5 * 0.125**2)
 
 
+def test_the_drag_of_a_first_guess_scales_with_the_car():
+    """Lengths and speeds times 3, mass times 300: every acceleration times 3."""
+    small, large = (KnownCar(mass=m, wheelbase=w, l_f=w / 2).guess(0.05).params for m, w in ((5.0, 0.8), (1500.0, 2.4)))
+    assert large.drag * 3**2 / 300 == pytest.approx(3 * small.drag)
+    assert KnownCar(**KNOWN).guess(0.05).params.drag == pytest.approx(0.4, rel=0.01)
+
+
 @pytest.mark.parametrize("estimator", [Joint, Hybrid])
 @pytest.mark.parametrize(
     ("given", "said"),

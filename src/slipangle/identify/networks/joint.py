@@ -31,7 +31,7 @@ FREE = (
     *("transfer_x", "friction_load", "stiffness_load", "E_f", "E_r", "brake_rear", "compliance"),
     *("transfer_f", "transfer_r"),
 )
-_REACH = {"v_y": 5.0, "r": 1.0}  # size of the network's outputs [m/s2, rad/s2]
+_REACH = 5.0, 2.4  # size of the network's outputs, of the second over the wheelbase [m/s2]
 _LEAST_LAG = 0.02  # the step integrates a faster steering lag inaccurately [s]
 _EASY = 0.25  # share of the steps over which starts come to be thrown off as far as set
 _PATIENCE = 5  # steps without progress in a row after which a fit ends
@@ -231,7 +231,8 @@ class _Fit:
     def network(self, seed: int) -> MLP:
         """Random hidden layers, no output."""
         s, data = self.settings, self.inner
-        size = list(_REACH.values()) if s.corrects == "derivative" else [1.0] * self.kind.network_outputs[0]
+        size = [_REACH[0], _REACH[1] / float(self.physics.params.wheelbase)]
+        size = size if s.corrects == "derivative" else [1.0] * self.kind.network_outputs[0]
         v_y = data["v_y"] if "v_y" in data else np.array([-1.5, 1.5])
         factor = [float(np.std(v_y)) + 0.1, float(np.std(data["r"])), float(np.std(data["delta"]))]
         offset = [0.0, 0.0, 0.0, 0.0, float(np.mean(data["v_x"])), 0.0]

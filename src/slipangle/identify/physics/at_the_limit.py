@@ -20,6 +20,7 @@ FREE = (
 )
 _STEP = 0.017  # longest step of the integrator that follows an ordinary steering lag [s]
 _STIFF_F, _STIFF_R = 10.0, 12.0  # cornering stiffness over the axle's load, of ordinary tires [1/rad]
+_DRAG = 9.8e-4  # of ordinary cars, over mass per wheelbase [-]
 
 Mass = Annotated[float, Within(1e-3, 1e5, "kg")]
 Wheelbase = Annotated[float, Within(0.01, 20.0, "m")]
@@ -88,7 +89,8 @@ class KnownCar(Checked):
         load, l_r = GRAVITY * mass / wheelbase, wheelbase - l_f
         params = NonlinearBicycleParams(
             **dict(mass=mass, wheelbase=wheelbase, l_f=l_f, inertia_z=mass * l_f * l_r),
-            **dict(C_f=_STIFF_F * load * l_r, C_r=_STIFF_R * load * l_f, steering_gain=self.steering_gain),
+            **dict(C_f=_STIFF_F * load * l_r, C_r=_STIFF_R * load * l_f, drag=_DRAG * mass / wheelbase),
+            steering_gain=self.steering_gain,
         )
         return NonlinearBicycle(params=params, dt=dt, substeps=max(1, math.ceil(dt / _STEP)))
 

@@ -33,7 +33,7 @@ class NonlinearBicycleParams(ChassisParams):
     transfer_r: Annotated[float, SI("-", "rear lateral load transfer, height over track times share", 0.0, 1.0)] = 0.15
     drive_rear: Annotated[float, SI("-", "rear share of the driving force", 0.0, 1.0)] = 1.0
     brake_rear: Annotated[float, SI("-", "rear share of the braking force", 0.0, 1.0)] = 0.4
-    drag: Annotated[float, SI("kg/m", "drag force per speed squared", 0.0, 5.0)] = 0.4
+    drag: Annotated[float, SI("kg/m", "drag force per speed squared", 0.0, 10.0)] = 0.4
     steering_lag: Annotated[float, SI("s", "time constant from logged steering to road wheel", 0.002, 1.0)] = 0.03
     compliance: Annotated[float, SI("rad/N", "steering angle lost per front lateral force", -1e-4, 1e-4)] = 0.0
 
