@@ -17,15 +17,14 @@ class AlongTrack(OdeModel):
 
     States are offset and heading against the track's line [m, rad], v_x, v_y [m/s], r [rad/s], road-wheel angle [rad]
     and longitudinal force [N]; inputs the rates of the last two [rad/s, N/s], and what the road and the car are like
-    there: curvature of the track's line [1/m], length of the stage [m], peak friction of both axles [-], and
-    accelerations that the equations leave out. [m/s2, rad/s2]
+    there: curvature of the track's line [1/m], length of the stage [m] and peak friction of both axles. [-]
 
     .. [1] R. Verschueren et al., Time-optimal race car driving using an online exact Hessian based nonlinear MPC
        algorithm, European Control Conference, 2016.
     """
 
     states = ("n", "chi", "v_x", "v_y", "r", "delta", "F_x")
-    inputs = ("delta_rate", "F_rate", "curvature", "stage", "mu_f", "mu_r", "d_v_x", "d_r")
+    inputs = ("delta_rate", "F_rate", "curvature", "stage", "mu_f", "mu_r")
     params: LapCar
 
     @staticmethod
@@ -43,9 +42,9 @@ class AlongTrack(OdeModel):
         over_time = (
             v_x * sin(chi) + v_y * cos(chi),
             r - u[2] / pace,
-            motion.v_x + u[6],
+            motion.v_x,
             motion.v_y,
-            motion.r + u[7],
+            motion.r,
             u[0],
             u[1],
         )

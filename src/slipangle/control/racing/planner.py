@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,26 +30,8 @@ RATES = {"delta_rate": 10.0, "F_rate": 0.3}  # per (rad/s)2, of force rates over
 PRICES = {"n": (50.0, 2.0), "F_x": (5.0, 5.0), "slip_f": (200.0, 20.0), "slip_r": (400.0, 30.0)}
 PRICES |= {"use_f": (50.0, 8.0), "use_r": (50.0, 8.0)}
 SLIP, USE = 0.92, 0.93  # up to which slip angles and longitudinal forces go, over their largest
-FORGOTTEN = 1.0  # s, after which an acceleration that was not explained is gone
 SLOWEST = 3.0  # m/s along the track
 SPEED_IN = (0, 0, 1, 1, 1, 0, 2)  # power of the speed that each state goes with, on the same line
-
-
-@dataclass(frozen=True, kw_only=True)
-class Known:
-    """What the car is like now.
-
-    Parameters
-    ----------
-    grip : float
-        Friction of the tires over that of the lap's car. [-]
-    d_v_x, d_r : float
-        Accelerations that its equations leave out. [m/s2, rad/s2]
-    """
-
-    grip: float = 1.0
-    d_v_x: float = 0.0
-    d_r: float = 0.0
 
 
 class Planner:
@@ -57,7 +39,8 @@ class Planner:
 
     Decided are the rates of steering and longitudinal force. Stages last ``dt`` at the speeds of the lap; the last
     one ends on the lap, at its speed, from which there is a way on. Limits of tires, drive and edges are soft, so that
-    a car that is beyond them is brought back.
+    a car that is beyond them is brought back. What a filter finds unexplained now is not planned with: near the limit
+    most of it is the lag of tires and brakes, and a car whose plans hold it for later swings about its line.
 
     Parameters
     ----------
@@ -112,7 +95,7 @@ class Planner:
         self,
         x: np.ndarray,
         s: float,
-        known: Known,
+        grip: float,
         most: Callable[[np.ndarray, np.ndarray], np.ndarray],
         previous: Plan | None,
     ) -> Plan:
@@ -120,8 +103,10 @@ class Planner:
 
         Parameters
         ----------
-        x, s, known
-            Where the car is, and what it is like.
+        x, s
+            Where the car is.
+        grip : float
+            Friction of the tires over that of the lap's car. [-]
         most : callable
             Force at full throttle [N] at arc lengths [m] and speeds. [m/s]
         previous : Plan, optional
@@ -129,7 +114,7 @@ class Planner:
         """
         nodes = self._nodes(s, float(x[2]))
         wanted = self.at(nodes)
-        reference = self._reference(nodes, wanted, known, most)
+        reference = self._reference(nodes, wanted, grip, most)
         plan = self.mpc.plan(x, reference, previous)
         return plan if plan.age == 0 else self.mpc.plan(x, reference, self._as_before(wanted, plan))
 
@@ -147,20 +132,17 @@ class Planner:
         self,
         nodes: np.ndarray,
         wanted: np.ndarray,
-        known: Known,
+        grip: float,
         most: Callable[[np.ndarray, np.ndarray], np.ndarray],
     ) -> Reference:
         ocp, car, here = self.mpc.ocp, self.car, self.track.at(nodes)
         stage = np.diff(nodes)
         bend = np.diff(np.unwrap(here.psi)) / stage
-        left = np.exp(-self.dt / FORGOTTEN * np.arange(len(nodes)))
         same = np.ones(len(nodes))
         given = {
             "curvature": np.append(bend, here.curvature[-1]),
             "stage": np.append(stage, stage[-1]),
-            **{name: known.grip * getattr(car, name) * same for name in ("mu_f", "mu_r")},
-            "d_v_x": known.d_v_x * left,
-            "d_r": known.d_r * left,
+            **{name: grip * getattr(car, name) * same for name in ("mu_f", "mu_r")},
         }
         limits = ocp.limits_at_nodes.copy()
         n, F = ocp.limited.index("n"), ocp.limited.index("F_x")

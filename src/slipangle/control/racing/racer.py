@@ -14,7 +14,7 @@ from slipangle.control.commands import HINDERED, STAY, Commands
 from slipangle.control.racing.learning import Learned
 from slipangle.control.racing.on_road import OnRoad, RacingCar
 from slipangle.control.racing.pedals import Pedals
-from slipangle.control.racing.planner import Known, Planner
+from slipangle.control.racing.planner import Planner
 from slipangle.control.racing.sectors import Sectors
 from slipangle.errors import ParameterError, SimulationError, SolverError
 from slipangle.estimate.ekf import EKF
@@ -216,8 +216,7 @@ class Racer(Brief):
         if self._plan is None or self._tick % self._every == 0:
             chi = math.remainder(float(x[2]) - heading, 2 * math.pi)
             state = np.array([e_y, chi, x[3], x[4], x[5], self._delta, self._F])
-            known = Known(grip=self.learned.here(grip), d_v_x=float(x[6]), d_r=float(x[7]))
-            self._plan = self._planner.plan(state, s, known, self.learned.most, self._plan)
+            self._plan = self._planner.plan(state, s, self.learned.here(grip), self.learned.most, self._plan)
         values = self._act(self._plan, float(x[3]), float(x[6]), grip)
         return Commands(
             values=values,
