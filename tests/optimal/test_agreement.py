@@ -221,6 +221,13 @@ def near(ours, theirs):
     return same and ours.decided == (theirs.decided and pytest.approx(theirs.decided, abs=CLOSE))
 
 
+def stays(judge, ours, x, said):
+    """Whether Ipopt finds nothing better beside a plan."""
+    reference = judge.setpoint(**said)
+    here = Start(x=x, applied=np.zeros(2), reference=reference, guess_u=ours.u, guess_x=ours.x)
+    return is_local_optimum(judge.engine, here, ours, CLOSE)
+
+
 def compare(settings, count, seed=1):
     """How many of so many problems have an answer; it is the same for all solvers, and what has none is named by all.
 
@@ -238,14 +245,7 @@ def compare(settings, count, seed=1):
         assert all(plan.status is Status.SOLVED for plan in plans), what
         assert all(near(ours, other) for other in plans[1:]), what
         if not (theirs.status.solved and near(ours, theirs)):
-            here = Start(
-                x=x,
-                applied=np.zeros(2),
-                reference=judge.setpoint(**said),
-                guess_u=ours.u,
-                guess_x=ours.x,
-            )
-            assert is_local_optimum(judge.engine, here, ours, CLOSE), what
+            assert stays(judge, ours, x, said), what
         solved += 1
     return solved
 
@@ -253,6 +253,26 @@ def compare(settings, count, seed=1):
 @pytest.mark.parametrize("kind", MIXED)
 def test_ten_random_problems_end_the_same(kind):
     assert compare(MIXED[kind], 10) >= 5
+
+
+def test_a_plan_at_the_kink_of_a_huber_cost_is_better_than_ipopt_s():
+    """Which ends 1e-7 beside it, at 1e-12 more cost."""
+    x = np.array([1.3944089733758014, 0.7831503474404494, -0.585836212653523])
+    said = {"weight": 0.3188174279314918, "coupling": 1.5415029416224764, "lag": 0.4660967050495438}
+    said |= {"a": 0.10517856860073493, "b": 0.16297279674241327, "c": -0.8439492837581296}
+    said["scenarios"] = {"weight": (0.7798178320416889, 0.8353144911746202, 0.43373389286815295)}
+    ours, *_, judge = solvers(MIXED["Huber costs of scenarios"])
+    plan = ours.plan(x, **said)
+    assert plan.status is Status.SOLVED
+    assert stays(judge, plan, x, said)
+
+
+def test_a_plan_beside_which_ipopt_finds_less_cost_is_no_optimum():
+    ours, *_, judge = solvers(KINDS["inputs"])
+    x, said = drawn(judge.ocp, np.random.default_rng(1))
+    plan = ours.plan(x, **said)
+    assert stays(judge, plan, x, said)
+    assert not stays(judge, replace(plan, u=plan.u + 1e-5, cost=plan.cost + 1e-9), x, said)
 
 
 ELSEWHERE = {  # problems whose limits the first start misses by least where there is no answer nearby: where it is
