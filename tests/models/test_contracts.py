@@ -100,6 +100,7 @@ def test_fast_paths_give_what_the_defaults_give(model):
     y = np.stack([np.asarray(model.output(a, b)).ravel() for a, b in pairs]) * 1.01
     close = {"rel": 1e-9, "abs": 1e-9}
     assert model.advance(x, u) == pytest.approx(FastPaths.advance(model, x, u), **close)
+    assert model.outputs_at(x, u) == pytest.approx(FastPaths.outputs_at(model, x, u), **close)
     assert model.track(x[0], u, y) == pytest.approx(FastPaths.track(model, x[0], u, y), **close)
     out = np.empty((3, model.n_outputs))
     free = model.free_run(x[0], u, out)

@@ -46,6 +46,10 @@ class FastPaths:
         """One step from many states at once, rows are samples."""
         return evaluate(self.functions[0], x, u)
 
+    def outputs_at(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Outputs of many states and inputs at once, shape (n, n_outputs); rows are samples."""
+        return evaluate(self.functions[1], x, u)
+
     @property
     def steps(self) -> Steps | None:
         """Compiled steps, for plants; None where there are none: then a plant evaluates `functions`."""

@@ -19,7 +19,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ModelWarning, ParameterError, SimulationError, TooShortError
-from slipangle.models.fast import FastPaths, evaluate
+from slipangle.models.fast import FastPaths
 from slipangle.models.plausible import astray
 from slipangle.models.provenance import Fingerprint
 from slipangle.ops import Vector
@@ -438,7 +438,7 @@ class Model(FastPaths, Brief, abc.ABC):
             states = self.track(x0, u[m - 1 :], part.y[m - 1 :])
             for k in range(steps - 1):
                 states = self.advance(states[:-1], u[m + k : m + k + len(states) - 1])
-            predicted = evaluate(self.functions[1], states, u[first:])
+            predicted = self.outputs_at(states, u[first:])
             bad = ~np.isfinite(predicted).all(axis=1)
             if bad.any():
                 k = int(np.argmax(bad))

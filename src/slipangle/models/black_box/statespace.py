@@ -174,23 +174,30 @@ class StateSpaceModel(BlackBoxModel):
 
         Where the samples do not determine the state, the smallest one that explains them is taken.
         """
-        u = data.select(inputs=self.inputs).u - self.u_offset
-        y = data.select(outputs=self.outputs).y - self.y_offset
+        u, y = data.columns(self.inputs) - self.u_offset, data.columns(self.outputs) - self.y_offset
         predictor, n = self.predictor, self.order
-        n_samples, ny = y.shape
-        forced, last = np.zeros(n), np.zeros((n_samples, ny))
-        free, rows = np.eye(n), np.empty((n_samples, ny, n))
         z = np.hstack([u, y])
-        for k in range(n_samples):  # few samples
-            last[k] = y[k] - self.C @ forced - predictor.D @ z[k]
-            rows[k] = self.C @ free
-            if k < n_samples - 1:
-                forced = predictor.A @ forced + predictor.B @ z[k]
-                free = predictor.A @ free
-        first: Any = np.linalg.lstsq(rows.reshape(-1, n), last.ravel(), rcond=1e-10)[0]
-        x = forced + free @ first
+        free = self._memory_powers if len(z) == self.memory else self._powers(len(z))
+        driven, forced = z @ predictor.B.T, np.zeros((len(z), n))
+        for k in range(len(z) - 1):  # few samples
+            forced[k + 1] = predictor.A @ forced[k] + driven[k]
+        last = y - forced @ self.C.T - z @ predictor.D.T
+        first: Any = np.linalg.lstsq((self.C @ free).reshape(-1, n), last.ravel(), rcond=1e-10)[0]
+        x = forced[-1] + free[-1] @ first
         e = y[-1] - self.C @ x - self.D @ u[-1]
         return x + self._gain @ e if self._gain is not None else np.concatenate([x, e])
+
+    def _powers(self, count: int) -> np.ndarray:
+        """Of the predictor's A from the zeroth on, shape (count, order, order)."""
+        powers = np.empty((count, self.order, self.order))
+        powers[0] = np.eye(self.order)
+        for k in range(count - 1):
+            np.matmul(self.predictor.A, powers[k], out=powers[k + 1])
+        return powers
+
+    @cached_property
+    def _memory_powers(self) -> np.ndarray:
+        return self._powers(self.memory)
 
     @cached_property
     def _system(self) -> LTI:
@@ -203,6 +210,24 @@ class StateSpaceModel(BlackBoxModel):
             return super().free_run(x0, u, out)
         first = np.asarray(self.step(x0, u[0]))[: self.order]
         return self._system.respond(first, u[1:])[0]
+
+    @cached_property
+    def _tracker(self) -> LTI:
+        """The predictor with its states as outputs."""
+        n, seen = self.order, self.predictor
+        return replace(seen, C=np.eye(n), D=np.zeros((n, seen.B.shape[1])))
+
+    def track(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Whole blocks of samples at once."""
+        if len(u) < 64:
+            return super().track(x0, u, y)
+        first = np.asarray(self.step(x0, u[0]))[: self.order]
+        x = self._tracker.respond(first, np.hstack([u - self.u_offset, y - self.y_offset])[1:])[0]
+        return x if self._gain is not None else np.hstack([x, np.zeros((len(x), self.n_outputs))])
+
+    def outputs_at(self, x: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """As two products."""
+        return x[:, : self.order] @ self.C.T + (u - self.u_offset) @ self.D.T + self.y_offset
 
     def transformed(self, T: np.ndarray) -> Self:
         """The same model with the state ``T x``."""
