@@ -11,13 +11,13 @@ from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, ModelWarning, ParameterError, TooShortError
-from slipangle.identify.linear import subspace
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.prediction import PredictionCriterion
-from slipangle.identify.linear.predictor import Bank, Triangles
+from slipangle.identify.linear.predictor import Bank, LinearFit, Triangles
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.linear.subspace import Subspace, project, suggest_order
 from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.models.fast import FastPaths
 from slipangle.numerics.linear_response import LTI, recurrence
 
 SIZES = [(1, 1, 1), (2, 1, 1), (3, 2, 1), (4, 1, 2), (5, 2, 3), (6, 3, 2), (7, 1, 3), (8, 3, 3)]
@@ -351,8 +351,8 @@ def test_stability_limit_holds():
 @pytest.mark.parametrize("order", [1, 2, 4])
 def test_order_by_cross_validation_refines_few(order, monkeypatch):
     """The right order, and what it costs: one factorisation, the order's neighbours refined roughly, it to the end."""
-    counted = {"project": 0, "refined": 0, "finished": 0, "_fit": 0}
-    for owner, name in ((subspace, "project"), (PEM, "refined"), (PEM, "finished"), (PEM, "_fit")):
+    counted = {"projected": 0, "refined": 0, "finished": 0, "_fit": 0}
+    for owner, name in ((Subspace, "projected"), (PEM, "refined"), (PEM, "finished"), (PEM, "_fit")):
         own = getattr(owner, name)
 
         def counting(*args, own=own, key=name, **kwargs):
@@ -363,9 +363,89 @@ def test_order_by_cross_validation_refines_few(order, monkeypatch):
     data, _ = record(system(order, 1, 1, 30 + order, gain=0.3), 2000, 9, noise=0.3)
     choice = StateSpace(order=tuple(range(1, 9)), direct=True).choose_order(data)
     assert choice.order == order
-    assert counted["project"] == 1
-    assert counted["refined"] == len(choice.refined) <= 5
+    assert {order, min(order + 1, 8)} <= set(choice.refined)
+    assert counted["projected"] == 1
+    assert len(choice.refined) <= counted["refined"] <= 5
     assert (counted["finished"], counted["_fit"]) == (1, 0)
+
+
+@pytest.mark.parametrize("focus", ["prediction", "simulation"])
+@pytest.mark.parametrize("experiments", [1, 7])
+def test_choosing_an_order_costs_few_fits(focus, experiments, monkeypatch):
+    """By the samples that errors, and each of their derivatives, are run over."""
+    run = 0
+    for name in ("linearise", "moments"):
+        own = getattr(PredictionCriterion, name)
+
+        def counting(self, *args, name=name, own=own, **kwargs):
+            nonlocal run
+            run += self.data.n_samples * (1 + (self.n + self.n_theta) * (name == "linearise"))
+            return own(self, *args, **kwargs)
+
+        monkeypatch.setattr(PredictionCriterion, name, counting)
+    fits = []
+    for seed in range(3):
+        m = system(2 + seed, 1 + seed % 2, 1 + seed % 2, 60 + seed, gain=0.3)
+        parts = [record(m, 1400 // experiments, 50 * seed + i, noise=0.3)[0] for i in range(experiments)]
+        data = join(*parts) if experiments > 1 else parts[0]
+        settings = StateSpace(focus=focus, direct=True)
+        run = 0
+        choice = settings.choose_order(data)
+        assert choice.order in choice.refined
+        chosen, run = run, 0
+        replace(settings, order=choice.order).fit(data)
+        fits.append(chosen / run)
+    assert np.median(fits) <= 5
+
+
+@pytest.mark.parametrize(("focus", "samples"), [("prediction", 400), ("simulation", 400), ("simulation", 60)])
+def test_models_without_a_group_know_little_of_it(focus, samples):
+    """They come from the optimum of all, in steps; what a fit without the group finds, they find."""
+    m = system(2, 1, 1, 13, gain=0.6)
+    parts = [record(m, samples, 70 + i, noise=0.3)[0] for i in range(5)]
+    parts[2] = parts[2].with_channel("y0", 1.3 * parts[2]["y0"])  # another sensor
+    start = Subspace(order=2, direct=True, disturbance=focus == "prediction").fit(join(*parts))
+    pem = PEM(start=start, focus=focus, direct=True)
+    whole, without = pem.refined_without(parts, 1e-3)
+    for k, model in enumerate(without):
+        rest = join(*parts[:k], *parts[k + 1 :])
+        alone = pem.fit(rest)
+        seen, unseen = (
+            [StateSpace._errors(one, d, focus)[0] for one in (model, alone, whole)] for d in (rest, parts[k])
+        )
+        assert seen[0] == pytest.approx(seen[1], rel=2e-3)
+        assert abs(unseen[0] - unseen[1]) < 0.2 * abs(unseen[2] - unseen[1])
+
+
+def test_starts_without_a_group_are_fitted_to_the_others():
+    m = system(3, 2, 2, 12, gain=0.1, y_offset=[3.0, -1.0])
+    parts = [record(m, 200, 80 + i, noise=0.3)[0] for i in range(3)]
+    subspace = Subspace(order=3, direct=True, offset=True)
+    whole, without = subspace.left_out(subspace.projected(join(*parts)), parts)
+    assert distance(whole, subspace.fit(join(*parts))) < 1e-9
+    for k, model in enumerate(without):
+        rest = join(*parts[:k], *parts[k + 1 :])
+        given = {"A": whole.A, "C": whole.C, "K": whole.K, "direct": True, "offset": True}
+        assert distance(model, replace(whole, **LinearFit(data=rest, **given).solve()[0])) < 1e-9
+
+
+def test_what_is_left_without_a_group_must_move():
+    m = system(2, 1, 1, 16, gain=0.3)
+    moving, still = record(m, 500, 1, noise=0.3)[0], record(m, 500, 2, noise=0.3)[0]
+    with pytest.raises(ParameterError, match=r"no order among .* could be fitted; order .* 'u0' .* constant at 1"):
+        StateSpace(direct=True).choose_order(join(moving, still.with_channel("u0", np.ones(500))))
+
+
+@pytest.mark.parametrize("singular", [False, True])
+def test_long_predictions_are_what_samples_one_by_one_give(singular):
+    m = system(3, 2, 2, 5, gain=0.2, u_offset=[0.3, -1.0], y_offset=[5.0, 0.1])
+    m = replace(m, A=m.A @ np.diag([1.0, 1.0, 0.0])) if singular else m
+    data, _ = record(m, 300, 6, noise=0.3)
+    x = m.initial_state(data.head(m.memory))
+    states = m.track(x, data.u, data.y)
+    assert states == pytest.approx(FastPaths.track(m, x, data.u, data.y), rel=1e-9, abs=1e-9)
+    outputs = FastPaths.outputs_at(m, states, data.u[1:])
+    assert m.outputs_at(states, data.u[1:]) == pytest.approx(outputs, rel=1e-12, abs=1e-12)
 
 
 def test_order_by_cross_validation():

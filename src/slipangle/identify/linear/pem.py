@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError
 from slipangle.fields import Positive, Radius, Whole
 from slipangle.identify.linear.estimator import LinearEstimator, described
+from slipangle.identify.linear.left_out import left_out
 from slipangle.identify.linear.prediction import Point, PredictionCriterion
 from slipangle.identify.linear.prediction_covariance import covariance
 from slipangle.models.black_box.statespace import StateSpaceModel
@@ -95,8 +97,19 @@ class PEM(LinearEstimator[StateSpaceModel]):
     @one_blas_thread()
     def refined(self, data: Dataset, tolerance: float) -> StateSpaceModel:
         """The model of `fit` so far that a step would lower the squared error by less than a share; no intervals."""
-        point, _ = PredictionCriterion(self, data).solve(self.max_iterations, tolerance)
+        point, _ = PredictionCriterion(self, data).solve(self.max_iterations, tolerance, rough=True)
         return replace(self._of(point), fit_info=None)
+
+    @one_blas_thread()
+    def refined_without(
+        self, groups: Sequence[Dataset], tolerance: float
+    ) -> tuple[StateSpaceModel, list[StateSpaceModel]]:
+        """`refined` over all groups of experiments, and over all but each of them in turn."""
+        problem = PredictionCriterion(self, join(*groups))
+        point, _ = problem.solve(self.max_iterations, tolerance, rough=True)
+        parts = left_out(problem, point, groups, tolerance=tolerance)
+        whole, *without = (replace(self._of(p), fit_info=None) for p in (point, *parts))
+        return whole, without
 
     @one_blas_thread()
     def finished(self, data: Dataset) -> StateSpaceModel:

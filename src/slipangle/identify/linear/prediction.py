@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from scipy import linalg
@@ -50,20 +51,30 @@ class PredictionCriterion:
         self.free += ("y_offset",) if settings.offsets in ("output", "both") else ()
         self.point = self._first(direct)
         self.n_theta = sum(getattr(self.point, k).size for k in self.free)
-        chosen = data.select(inputs=start.inputs, outputs=start.outputs)
-        require_identifiable(chosen, max(1, self._n_determined() // self.ny))
-        self.n_rows = data.n_samples * self.ny
-        if self.n_rows <= self.n_theta + self.n * len(data.starts):
-            raise TooShortError(
-                f"'{data.name}' has {data.n_samples} samples of {self.ny} outputs for {self.n_theta} parameters and "
-                f"{len(data.starts)} initial states; expected more samples: record longer or lower the order"
-            )
+        chosen, self.n_rows = self.enough(data), data.n_samples * self.ny
         self.size = np.maximum(np.std(chosen.y, axis=0), 1e-300)
         self.level_size = {"u_offset": np.std(chosen.u, axis=0), "y_offset": self.size}
         self.level_weight = 0.0
         self.x0_weight = np.zeros(self.n)
         given = settings.weights
         self.root = np.diag(1 / (self.size if isinstance(given, str) else np.array(given)))
+
+    def enough(self, data: Dataset) -> Dataset:
+        """The model's channels of data that determine all that is free."""
+        chosen = data.select(inputs=self.settings.start.inputs, outputs=self.settings.start.outputs)
+        require_identifiable(chosen, max(1, self._n_determined() // self.ny))
+        if data.n_samples * self.ny <= self.n_theta + self.n * len(data.starts):
+            raise TooShortError(
+                f"'{data.name}' has {data.n_samples} samples of {self.ny} outputs for {self.n_theta} parameters and "
+                f"{len(data.starts)} initial states; expected more samples: record longer or lower the order"
+            )
+        return chosen
+
+    def over(self, data: Dataset) -> Self:
+        """The same criterion over some of its experiments."""
+        part = copy(self)
+        part.data, part.n_rows = data, data.n_samples * self.ny
+        return part
 
     def _matrices(self, direct: bool) -> tuple[str, ...]:
         """Which matrices have free entries."""
@@ -200,7 +211,8 @@ class PredictionCriterion:
         for u, y, first in self._chunks(bank.chunk()):
             if first:
                 experiment += 1
-                state, bank = point.x0[experiment], self._bank(point)
+                state = point.x0[experiment]
+                bank.restart()
             driven = self._driven(point, u, y)
             both, state = system.respond(state, driven)
             signals = np.hstack([both[:, : self.n], driven, np.ones((len(u), 1))])
@@ -263,14 +275,18 @@ class PredictionCriterion:
     # ---- solving -----------------------------------------------------------------------------------------------
 
     def solve(
-        self, max_iterations: int, tolerance: float = 1e-10, damping: float = 1e-3
+        self, max_iterations: int, tolerance: float = 1e-10, damping: float = 1e-3, rough: bool = False
     ) -> tuple[Point, tuple[str, ...]]:
         """Rounds of Levenberg-Marquardt, the outputs' weights renewed in between.
 
         A step that lowers the cost by less than ``tolerance`` of it is the last; ``damping`` is that of the first.
+        Where a ``rough`` solution will do, the first weights are of the start's errors, and may be a little off.
         """
         point, notes = self.point, ()
         reweigh = self.settings.weights == "residual" and (self.ny > 1)
+        if rough and reweigh:
+            point = self._with_initial_states(point)
+            self.root = self._whitener(point) if np.isfinite(self.moments(point)).all() else self.root
         for round_ in range(4 if reweigh else 1):
             point, notes = self._descend(point, max_iterations, tolerance, damping)
             if not reweigh:
@@ -278,7 +294,7 @@ class PredictionCriterion:
             before = self.root
             self.root = self._whitener(point)
             ratio = np.linalg.svd(self.root @ np.linalg.inv(before), compute_uv=False)
-            if round_ and ratio[0] / ratio[-1] < 1.01:
+            if (round_ or rough) and ratio[0] / ratio[-1] < (1.1 if rough else 1.01):
                 break
         return point, notes
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -37,8 +39,12 @@ class Bank:
         self.toeplitz = toeplitz.reshape(block * ny * n, block)
         self.observe = observe.reshape(block * ny, n)
         self.reach = powers[::-1].transpose(1, 2, 0).reshape(n * n, block)
-        self.state = np.zeros((n, self.q, n))
-        self.state[:, -1] = np.eye(n)
+        self.restart()
+
+    def restart(self) -> None:
+        """From rest again, for the next experiment."""
+        self.state = np.zeros((self.n, self.q, self.n))
+        self.state[:, -1] = np.eye(self.n)
 
     def respond(self, z: np.ndarray) -> np.ndarray:
         """Responses to the next samples of the signals, shape (n_samples, n_outputs, n, n_signals + 1)."""
@@ -72,6 +78,7 @@ class Triangles:
         self.n_local, self.n_shared = n_local, n_shared
         self.shared = np.zeros((0, n_shared + 1))
         self.locals: list[np.ndarray] = []
+        self._inverses: list[np.ndarray] = []
         self._open = np.zeros((0, n_local + n_shared + 1))
 
     def add(self, rows: np.ndarray) -> None:
@@ -101,8 +108,18 @@ class Triangles:
     def solve_locals(self, shared: np.ndarray) -> np.ndarray:
         """Local unknowns for given shared ones, shape (n_experiments, n_local)."""
         k = self.n_local
-        locals_found = [np.linalg.lstsq(t[:, :k], t[:, -1] - t[:, k:-1] @ shared, rcond=1e-12)[0] for t in self.locals]
-        return np.array(locals_found).reshape(len(self.locals), k)
+        while len(self._inverses) < len(self.locals):
+            self._inverses.append(np.linalg.pinv(self.locals[len(self._inverses)][:, :k], rcond=1e-12))
+        found = [i @ (t[:, -1] - t[:, k:-1] @ shared) for i, t in zip(self._inverses, self.locals, strict=True)]
+        return np.array(found).reshape(len(self.locals), k)
+
+    def joined(self, *others: Triangles) -> Triangles:
+        """Least squares of these rows and others together."""
+        every, work = (self, *others), Triangles(self.n_local, self.n_shared)
+        work.shared = reduce_rows(np.vstack([one.shared for one in every]))
+        work.locals = [t for one in every for t in one.locals]
+        work._inverses = [t for one in every for t in one._inverses]
+        return work
 
 
 def reduce_rows(rows: np.ndarray) -> np.ndarray:
@@ -136,18 +153,54 @@ class LinearFit:
 
     def solve(self) -> tuple[dict[str, Any], dict[str, Any]]:
         """Least squares over all experiments: parts of the model, and what its `FitInfo` says of them."""
+        data, work = self.data, self._triangles(self.data)
+        theta, pinv = self._estimate(work)
+        n, nu, ny, p = len(self.A), len(data.inputs), len(self.C), work.n_shared
+        left = float(work.shared[p, p] ** 2) if len(work.shared) > p else 0.0
+        dof = max(1, data.n_samples * ny - p - n * len(data.starts))
+        names = [f"B[{i},{j}]" for i in range(n) for j in range(nu)]
+        names += [f"D[{i},{j}]" for i in range(ny) for j in range(nu)] if self.direct else []
+        names += [f"y_offset[{o}]" for o in data.outputs] if self.offset else []
+        values = theta.copy()
+        values[p - ny :] += self._levels[1] if self.offset else 0.0
+        noise = np.full(ny, np.sqrt(left / dof))
+        told = {"names": tuple(names), "values": values, "covariance": pinv @ pinv.T * left / dof, "noise_std": noise}
+        return self._parts(theta) | {"x0": work.solve_locals(theta)}, told
+
+    def left_out(self, groups: Sequence[Dataset]) -> list[dict[str, Any]]:
+        """Parts of the model but x0 by all groups of experiments, and by all but each in turn, for one pass over them.
+
+        The groups together are the data.
+        """
+        each = [self._triangles(group) for group in groups]
+        kept = [each, *([one for one in each if one is not left] for left in each)]
+        return [self._parts(self._estimate(first.joined(*others))[0]) for first, *others in kept]
+
+    @cached_property
+    def _levels(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of inputs and outputs, which the errors are linear around."""
         data = self.data
-        n, ny, nu = len(self.A), len(self.C), len(data.inputs)
-        u0 = np.array([data[c].mean() for c in data.inputs]) if self.offset else np.zeros(nu)
-        y0 = np.array([data[c].mean() for c in data.outputs]) if self.offset else np.zeros(ny)
-        n_shared = n * nu + (ny * nu if self.direct else 0) + (ny if self.offset else 0)
-        work = Triangles(n, n_shared)
-        F = self.A - self.K @ self.C
+        if not self.offset:
+            return np.zeros(len(data.inputs)), np.zeros(len(data.outputs))
+        return np.array([data[c].mean() for c in data.inputs]), np.array([data[c].mean() for c in data.outputs])
+
+    @cached_property
+    def _systems(self) -> tuple[Bank, LTI]:
+        """Responses to the inputs and the level, and the part of the prediction that K makes of the outputs."""
+        F, ny = self.A - self.K @ self.C, len(self.C)
         own = LTI(A=F, B=self.K, C=self.C, D=np.zeros((ny, ny)))
+        return Bank(F, self.C, len(self.data.inputs) + self.offset), own
+
+    def _triangles(self, data: Dataset) -> Triangles:
+        """Of all rows, from experiments that are some of the data."""
+        n, ny, nu = len(self.A), len(self.C), len(data.inputs)
+        work = Triangles(n, n * nu + (ny * nu if self.direct else 0) + (ny if self.offset else 0))
+        (bank, own), (u0, y0) = self._systems, self._levels
+        size = bank.chunk()
         inputs, outputs = [data.index(c) for c in data.inputs], [data.index(c) for c in data.outputs]
         for start, stop in zip(data.starts, data.stops, strict=True):
-            bank, state = Bank(F, self.C, nu + self.offset), np.zeros(n)
-            size = bank.chunk()
+            bank.restart()
+            state = np.zeros(n)
             for a in range(start, stop, size):
                 rows = data.values[a : min(a + size, stop)]
                 u, y = rows[:, inputs] - u0, rows[:, outputs] - y0
@@ -155,7 +208,7 @@ class LinearFit:
                 signals = np.hstack([u, np.ones((len(u), 1))]) if self.offset else u
                 work.add(self._rows(bank.respond(signals), u, y - known))
             work.close()
-        return self._unpack(work, u0, y0)
+        return work
 
     def _rows(self, response: np.ndarray, u: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Regressors of one chunk: x0, B, D, level; then the target."""
@@ -172,29 +225,26 @@ class LinearFit:
         parts.append(target[:, :, None])
         return np.concatenate(parts, axis=2).reshape(n_samples * ny, -1)
 
-    def _unpack(self, work: Triangles, u0: np.ndarray, y0: np.ndarray) -> tuple[dict[str, Any], dict[str, Any]]:
-        data, n, ny = self.data, len(self.A), len(self.C)
-        nu, p = len(data.inputs), work.n_shared
+    def _estimate(self, work: Triangles) -> tuple[np.ndarray, np.ndarray]:
+        """Least squares of the shared unknowns, and the inverse that made them."""
+        p, ny = work.n_shared, len(self.C)
         r, target = work.shared[:p, :p], work.shared[:p, p]
         scale = np.maximum(np.linalg.norm(r, axis=0), 1e-300)
         pinv = np.linalg.pinv(r / scale, rcond=1e-12) / scale[:, None]
         theta = pinv @ target
         if self.offset:  # beside an integrator the initial state explains any level: keep the mean
             loose = np.arange(p) >= p - ny
-            loose &= np.linalg.norm(r, axis=0) < 0.01 * np.sqrt(data.n_samples)
+            loose &= np.linalg.norm(r, axis=0) < 0.01 * np.sqrt(self.data.n_samples)
             theta[loose] = 0.0
             kept = ~loose
             theta[kept] = np.linalg.pinv(r[:, kept] / scale[kept], rcond=1e-12) @ target / scale[kept]
-        left = float(work.shared[p, p] ** 2) if len(work.shared) > p else 0.0
-        dof = max(1, data.n_samples * ny - p - n * len(data.starts))
+        return theta, pinv
+
+    def _parts(self, theta: np.ndarray) -> dict[str, Any]:
+        """B, D and levels of the shared unknowns."""
+        n, ny, nu = len(self.A), len(self.C), len(self.data.inputs)
+        u0, y0 = self._levels
         B, rest = theta[: n * nu].reshape(n, nu), theta[n * nu :]
         D = rest[: ny * nu].reshape(ny, nu) if self.direct else np.zeros((ny, nu))
         level = rest[-ny:] if self.offset else np.zeros(ny)
-        names = [f"B[{i},{j}]" for i in range(n) for j in range(nu)]
-        names += [f"D[{i},{j}]" for i in range(ny) for j in range(nu)] if self.direct else []
-        names += [f"y_offset[{o}]" for o in data.outputs] if self.offset else []
-        values = theta.copy()
-        values[p - ny :] += y0 if self.offset else 0.0
-        noise = np.full(ny, np.sqrt(left / dof))
-        told = {"names": tuple(names), "values": values, "covariance": pinv @ pinv.T * left / dof, "noise_std": noise}
-        return {"B": B, "D": D, "x0": work.solve_locals(theta), "u_offset": u0, "y_offset": y0 + level}, told
+        return {"B": B, "D": D, "u_offset": u0, "y_offset": y0 + level}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,8 @@ class OrderChoice(Shown):
 
     orders: tuple[int, ...]  # candidates
     # (n_orders,), error on held-out data, in units of the outputs' standard deviations; infinite where the fit failed;
-    # of the subspace start where the order was out of question without refinement
+    # of the subspace start where the order was out of question without refinement: for several experiments A, C and K
+    # of that are fitted to all of them
     errors: np.ndarray
     singular_values: np.ndarray  # (n,), of the subspace projection of all data
     order: int  # the smallest order within 1 % of the least error, or below which nothing but rounding is left
@@ -134,39 +135,41 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         """Compare the candidate orders on data that their fits have not seen.
 
         Subspace models of all orders come from one factorisation. Around the smallest order that predicts like the best
-        of them, orders are refined as long as one more helps, or one less does no harm: a few fits in all, for each
-        group that is held out.
+        of them, orders are refined as long as one more helps, or one less does no harm: a few fits in all. Of several
+        experiments, the models without each group come from those of all, by the steps from one optimum to the other.
 
         Raises ParameterError if no candidate could be fitted; the reasons are given.
         """
         orders = (self.order,) if isinstance(self.order, int) else tuple(sorted(set(self.order)))
-        folds, holdout = self._folds(data)
+        seen, parts, holdout = self._held_out(data)
         failures: dict[int, str] = {}
-        starts = [self._starts(train, orders, failures) for train, _ in folds]
-        judged: dict[int, list[tuple[StateSpaceModel, Dataset, Dataset]]] = {}
+        starts = self._starts(seen, parts, orders, failures)
+        judged: dict[int, _Judged] = {}
 
-        def judge(at: int, refine: bool) -> float:
-            squares, order, models = [], orders[at], list[tuple[StateSpaceModel, Dataset, Dataset]]()
+        def judge(at: int, least: float | None) -> float:
+            order = orders[at]
+            if order not in starts:
+                return np.inf
             try:
                 with breakdown_said("the state space", data), one_blas_thread():
-                    for (train, test), found in zip(folds, starts, strict=True):
-                        if order not in found:
-                            return np.inf
-                        model = self._pem(found[order], _STEPS).refined(train, _ROUGH) if refine else found[order]
-                        squares.append(self._error(model, test))
-                        models.append((model, train, test))
+                    if least is None:
+                        judged[order] = self._judged(*starts[order], parts)
+                    else:
+                        start = judged[order].error if order in judged else np.inf
+                        judged[order] = self._refined(starts[order][0], start, seen, parts, least)
             except SlipangleError as reason:
                 failures.setdefault(order, f"order {order}: {reason}")
                 return np.inf
-            judged[order] = models
-            return float(np.sqrt(np.mean(squares)))
+            return judged[order].error
 
-        errors, refined = _searched(judge, len(orders))
+        errors, refined, place = _searched(judge, len(orders))
         if not np.isfinite(errors).any():
             raise ParameterError(f"no order among {list(orders)} could be fitted; {next(iter(failures.values()))}")
-        best = next(o for o, e in zip(orders, errors, strict=True) if e <= 1.01 * max(errors.min(), _EXACT))
-        if best in {orders[i] for i in refined}:
-            judged[best] = [(self._finished(m, train), train, test) for m, train, test in judged[best]]
+        best = orders[place]
+        if len(parts) == 1:
+            model = self._finished(judged[best].model, seen)
+            judged[best] = self._judged(model, [model], parts)
+        at = dict(zip(orders, errors, strict=True))
         start = Subspace(order=max(orders), algorithm=self.algorithm, block_rows=self.block_rows)
         shown = project(data, algorithm=self.algorithm, block_rows=start.rows(data), offset=self.offsets != "none")
         return OrderChoice(
@@ -177,75 +180,99 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
             holdout=holdout,
             failures=tuple(failures[o] for o in orders if o in failures),
             refined=tuple(orders[i] for i in refined),
-            candidates=self._table(judged, sorted(judged, key=lambda o: (o != best, errors[orders.index(o)]))),
+            candidates=self._table(judged, sorted(judged, key=lambda o: (o != best, at[o])), seen, parts),
         )
 
+    def _judged(self, model: StateSpaceModel, models: Sequence[StateSpaceModel], parts: Sequence[Dataset]) -> _Judged:
+        errors = [self._errors(m, part, self.focus) for m, part in zip(models, parts, strict=True)]
+        return _Judged(model, models, np.array(errors))
+
+    def _refined(
+        self, start: StateSpaceModel, error: float, seen: Dataset, parts: Sequence[Dataset], least: float
+    ) -> _Judged:
+        """An order's models, from a start of this error, refined as far as tells them from those of the least error."""
+        for tolerance in (_ROUGH,) if error <= _HOPELESS * least else (_LOOSE, _ROUGH):
+            pem = self._pem(start, _STEPS)
+            if len(parts) > 1:
+                start, without = pem.refined_without(parts, tolerance)
+            else:
+                start = pem.refined(seen, tolerance)
+                without = [start]
+            found = self._judged(start, without, parts)
+            if found.error > _HOPELESS * least:
+                break
+        return found
+
     def _table(
-        self, judged: Mapping[int, Sequence[tuple[StateSpaceModel, Dataset, Dataset]]], orders: Sequence[int]
+        self, judged: Mapping[int, _Judged], orders: Sequence[int], seen: Dataset, parts: Sequence[Dataset]
     ) -> tuple[Candidate, ...]:
-        """What came out for the orders, from their models and the parts these were fitted to and judged on."""
+        """What came out for the orders."""
         found = []
         for order in orders:
             try:
-                with breakdown_said("the state space", judged[order][0][1]), one_blas_thread():
-                    found.append(self._candidate(order, judged[order]))
+                with breakdown_said("the state space", seen), one_blas_thread():
+                    found.append(self._candidate(order, judged[order], seen, parts))
             except SlipangleError:  # a start that does not last over its own data
                 continue
         return tuple(found)
 
-    def _candidate(self, order: int, fits: Sequence[tuple[StateSpaceModel, Dataset, Dataset]]) -> Candidate:
-        free, ahead, left = [], [], []
-        for model, train, test in fits:
-            size, run = np.std(test.y, axis=0), model._simulate(test)
-            free.append(np.mean((run.error[run.predicted] / size) ** 2, axis=0))
-            predict = model._predict if np.any(model.K) else model._simulate  # without K they are the same
-            run = predict(test) if np.any(model.K) else run
-            ahead.append(np.mean((run.error[run.predicted] / size) ** 2, axis=0))
-            run = predict(train)
-            left.append(run.error[run.predicted] / np.std(train.y, axis=0))
-        model, longest = fits[0][0], max(b - a for _, t, _ in fits for a, b in zip(t.starts, t.stops, strict=True))
-        n, ny, nu = float(np.mean([len(e) for e in left])), model.n_outputs, model.n_inputs
+    def _candidate(self, order: int, judged: _Judged, seen: Dataset, parts: Sequence[Dataset]) -> Candidate:
+        model, other = judged.model, "simulation" if self.focus == "prediction" else "prediction"
+        free = ahead = judged.squares
+        if any(np.any(m.K) for m in judged.models):  # without K they are the same
+            others = np.array([self._errors(m, p, other) for m, p in zip(judged.models, parts, strict=True)])
+            free, ahead = (free, others) if self.focus == "simulation" else (others, ahead)
+        run = model._predict(seen) if np.any(model.K) else model._simulate(seen)
+        left = run.error[run.predicted] / np.std(seen.y, axis=0)
+        longest = max(b - a for a, b in zip(seen.starts, seen.stops, strict=True))
+        n, ny, nu = len(left), model.n_outputs, model.n_inputs
         d = order * (ny + nu) + ny * nu * self.direct + order * ny * (self.focus == "prediction")
         d += {"none": 0, "output": ny, "input": nu, "both": nu + ny}[self.offsets]
-        log_det = float(np.linalg.slogdet(np.mean([e.T @ e / len(e) for e in left], axis=0))[1])
+        log_det = float(np.linalg.slogdet(left.T @ left / n)[1])
         return Candidate(
             orders=f"order = {order}",
             n_parameters=d,
             error=float(np.mean(np.sqrt(np.mean(free, axis=0)))),
             one_step_error=float(np.mean(np.sqrt(np.mean(ahead, axis=0)))),
             **criteria(log_det, d, n),
-            stable=not any(growth(m.poles, longest) for m, _, _ in fits),
+            stable=not any(growth(m.poles, longest) for m in (model, *judged.models)),
         )
 
-    def _starts(self, data: Dataset, orders: tuple[int, ...], failures: dict[int, str]) -> dict[int, StateSpaceModel]:
+    def _starts(
+        self, seen: Dataset, parts: Sequence[Dataset], orders: tuple[int, ...], failures: dict[int, str]
+    ) -> dict[int, tuple[StateSpaceModel, list[StateSpaceModel]]]:
         """Subspace models of all orders from one factorisation, that of the largest order which the data allow."""
-        found: dict[int, StateSpaceModel] = {}
+        found: dict[int, tuple[StateSpaceModel, list[StateSpaceModel]]] = {}
         projection = None
         for order in reversed(orders):
             try:
-                with breakdown_said("the state space", data), one_blas_thread():
+                with breakdown_said("the state space", seen), one_blas_thread():
                     subspace = self._subspace(order)
-                    projection = subspace.projected(data) if projection is None else projection
-                    found[order] = subspace.of(projection, data)
+                    projection = subspace.projected(seen) if projection is None else projection
+                    if len(parts) > 1:
+                        found[order] = subspace.left_out(projection, parts)
+                    else:
+                        model = subspace.of(projection, seen)
+                        found[order] = model, [model]
             except SlipangleError as reason:
                 failures.setdefault(order, f"order {order}: {reason}")
         return found
 
-    def _folds(self, data: Dataset) -> tuple[list[tuple[Dataset, Dataset]], str]:
+    def _held_out(self, data: Dataset) -> tuple[Dataset, list[Dataset], str]:
+        """What is fitted to, the parts that are held out in turn, and these in words."""
         parts = data.experiments
         if len(parts) == 1:
-            return [data.split(1 - self.holdout)], f"the last {100 * self.holdout:g} % of the record"
-        groups = [parts[i :: min(5, len(parts))] for i in range(min(5, len(parts)))]
-        folds = []
-        for group in groups:
-            rest = [p for p in parts if not any(p is g for g in group)]
-            folds.append((join(*rest), join(*group)))
-        return folds, f"each of {len(groups)} groups of experiments in turn"
+            train, test = data.split(1 - self.holdout)
+            return train, [test], f"the last {100 * self.holdout:g} % of the record"
+        n = min(5, len(parts))
+        groups = [join(*parts[i::n]) for i in range(n)]
+        return join(*groups), groups, f"each of {n} groups of experiments in turn"
 
-    def _error(self, model: StateSpaceModel, test: Dataset) -> float:
-        """Mean squared error in units of the outputs' variances."""
-        run = model._simulate(test) if self.focus == "simulation" else model._predict(test)
-        return float(np.mean(run.error[run.predicted] ** 2 / np.var(test.y, axis=0)))
+    @staticmethod
+    def _errors(model: StateSpaceModel, part: Dataset, focus: Focus) -> np.ndarray:
+        """Mean squared error of each output in units of its variance, shape (n_outputs,)."""
+        run = model._simulate(part) if focus == "simulation" else model._predict(part)
+        return np.mean(run.error[run.predicted] ** 2, axis=0) / np.var(part.y, axis=0)
 
     def _of_order(self, data: Dataset, order: int) -> StateSpaceModel:
         start = self._subspace(order)._fit(data)
@@ -272,32 +299,42 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         return PEM(start=start, max_iterations=min(steps, self.max_iterations), **shared)
 
 
-def _searched(judge: Callable[[int, bool], float], count: int) -> tuple[np.ndarray, list[int]]:
-    """Errors of all orders, and which of them are of refined models, the chosen one and its neighbours among them.
+class _Judged(NamedTuple):
+    """Models of one order."""
 
-    ``judge`` tells the error of the order at a place, unrefined or refined.
+    model: StateSpaceModel  # fitted to all that is seen
+    models: Sequence[StateSpaceModel]  # for each part that is held out, fitted without it
+    squares: np.ndarray  # (n_parts, n_outputs), their mean squared errors in units of the outputs' variances
+
+    @property
+    def error(self) -> float:
+        return float(np.sqrt(np.mean(self.squares)))
+
+
+def _searched(judge: Callable[[int, float | None], float], count: int) -> tuple[np.ndarray, list[int], int]:
+    """Errors of all orders, which of them are of refined models, and the place of the order that is chosen.
+
+    ``judge`` tells the error of the order at a place: of its start where it gets None, and else of its refined models,
+    given the least error of refined ones so far. The chosen order, its neighbours and what beats it are refined.
     """
-    errors, refined = np.array([judge(i, False) for i in range(count)]), list[int]()
-
-    def refine(at: int) -> float:
-        if at not in refined:
-            errors[at] = judge(at, True)
-            refined.append(at)
-        return float(errors[at])
-
-    best = int(np.argmax(errors <= 1.01 * max(errors.min(), _EXACT)))
-    while refine(best) > _EXACT and best + 1 < count and refine(best + 1) * 1.01 < errors[best]:
-        best += 1
-    least = max(float(np.min(errors[refined])), _EXACT)
-    while best > 0 and refine(best - 1) <= 1.01 * least:
-        best -= 1
-    for at in np.flatnonzero(errors * 1.01 < least):  # a start that beats what was refined is worth refining too
-        refine(int(at))
-    return errors, sorted(refined)
+    errors, refined = np.array([judge(i, None) for i in range(count)]), list[int]()
+    while True:
+        known = errors[refined]
+        least = max(float(known.min() if np.isfinite(known).any() else errors.min()), _EXACT)
+        best = int(np.argmax(errors <= 1.01 * least))
+        near = [best, best + 1, best - 1] if errors[best] > _EXACT else [best, best - 1]  # where more may help
+        wanted = [i for i in near if 0 <= i < count] + list(np.flatnonzero(errors * 1.01 < least))
+        at = next((int(i) for i in wanted if i not in refined), None)
+        if at is None:
+            return errors, sorted(refined), best
+        errors[at] = judge(at, min(known, default=np.inf))
+        refined.append(at)
 
 
 _STEPS = 20  # of a refinement that is only to tell orders apart
-_ROUGH = 1e-4  # share of the squared error by which its last step lowers it; orders apart by 1 % of the error are alike
+_ROUGH = 1e-3  # share of the squared error by which its last step lowers it: as many again make 1 % of the error
+_LOOSE = 1e-2  # the same, for an order that as many again would not bring back into question
+_HOPELESS = 1.2  # error over the least, from which on an order is out of question
 _EXACT = 1e-6  # error in standard deviations of the outputs, below which orders differ by rounding
 _SETTLED = 1 + 1e-5  # largest pole whose errors take 230 000 samples to grow tenfold
 _LATER = (

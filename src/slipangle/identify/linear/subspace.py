@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from scipy import linalg
 
-from slipangle.data.dataset import Dataset
+from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, ParameterError, TooShortError
 from slipangle.fields import Count, Within
 from slipangle.identify.excitation import require_identifiable
@@ -69,14 +71,9 @@ class Subspace(LinearEstimator[StateSpaceModel]):
     def of(self, projection: ObliqueProjection, data: Dataset) -> StateSpaceModel:
         """Model of this order from a projection of the data."""
         began = time.perf_counter()
-        order = self.order or suggest_order(projection.singular_values)
-        A, C = projection.observability(order)
-        K = projection.gain(order, A, C) if self.disturbance else np.zeros((order, len(C)))
-        longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
-        mirrored = 0 if K.any() else _grown(A, longest).sum()
-        A = _mirrored(A, longest) if mirrored else A
-        parts, told = LinearFit(A=A, C=C, K=K, direct=self.direct, offset=self.offset, data=data).solve()
-        strength = ", ".join(f"{s:.3g}" for s in projection.singular_values[: order + 3])
+        fit, mirrored = self._linear(projection, data)
+        parts, told = fit.solve()
+        strength = ", ".join(f"{s:.3g}" for s in projection.singular_values[: len(fit.A) + 3])
         info = described(
             data,
             began,
@@ -87,7 +84,30 @@ class Subspace(LinearEstimator[StateSpaceModel]):
             + (f"{mirrored} poles mirrored into the unit circle; " if mirrored else "")
             + "B, D, x0 by least squares on the one-step-ahead error, covariance given A, C, K",
         )
-        return StateSpaceModel(A=A, C=C, K=K, **parts, **channels(data), fit_info=info)
+        return StateSpaceModel(A=fit.A, C=fit.C, K=fit.K, **parts, **channels(data), fit_info=info)
+
+    def left_out(
+        self, projection: ObliqueProjection, groups: Sequence[Dataset]
+    ) -> tuple[StateSpaceModel, list[StateSpaceModel]]:
+        """The model from a projection of all groups of experiments, and with B, D and levels by all but each in turn.
+
+        A, C and K are those of all.
+        """
+        data = join(*groups)
+        fit, _ = self._linear(projection, data)
+        same: Any = {"A": fit.A, "C": fit.C, "K": fit.K, **channels(data)}
+        whole, *without = (StateSpaceModel(**parts, **same) for parts in fit.left_out(groups))
+        return whole, without
+
+    def _linear(self, projection: ObliqueProjection, data: Dataset) -> tuple[LinearFit, int]:
+        """What is left to fit given A, C and K, and how many poles were mirrored."""
+        order = self.order or suggest_order(projection.singular_values)
+        A, C = projection.observability(order)
+        K = projection.gain(order, A, C) if self.disturbance else np.zeros((order, len(C)))
+        longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
+        mirrored = 0 if K.any() else int(_grown(A, longest).sum())
+        A = _mirrored(A, longest) if mirrored else A
+        return LinearFit(A=A, C=C, K=K, direct=self.direct, offset=self.offset, data=data), mirrored
 
     def rows(self, data: Dataset) -> int:
         """Block rows used on these data."""
@@ -137,11 +157,16 @@ class ObliqueProjection:
             )
         return self.left[:, :order] * np.sqrt(self.singular_values[:order])
 
+    @cached_property
+    def _later(self) -> np.ndarray:
+        """The same projection one sample later, of which every order's gain asks."""
+        return _oblique(self.r, self.n_u, self.n_y, self.block_rows + 1)
+
     def gain(self, order: int, A: np.ndarray, C: np.ndarray) -> np.ndarray:
         """K from the residual covariance of the projected states, by the Riccati equation; zero where it fails."""
         s, gamma = self.block_rows, self._gamma(order)
         now = self.oblique @ np.linalg.pinv(gamma).T
-        later = _oblique(self.r, self.n_u, self.n_y, s + 1) @ np.linalg.pinv(gamma[: -self.n_y]).T
+        later = self._later @ np.linalg.pinv(gamma[: -self.n_y]).T
         present = self.r[:, s * (self.n_u + self.n_y) : (s + 1) * (self.n_u + self.n_y)]
         u, y = present[:, : self.n_u], present[:, self.n_u :]
         target = np.hstack([later, y]) - now @ np.vstack([A, C]).T
