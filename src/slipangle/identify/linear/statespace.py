@@ -167,8 +167,7 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
             raise ParameterError(f"no order among {list(orders)} could be fitted; {next(iter(failures.values()))}")
         best = orders[place]
         if len(parts) == 1:
-            model = self._finished(judged[best].model, seen)
-            judged[best] = self._judged(model, [model], parts)
+            judged[best] = self._finished(judged[best], seen, parts)
         at = dict(zip(orders, errors, strict=True))
         start = Subspace(order=max(orders), algorithm=self.algorithm, block_rows=self.block_rows)
         shown = project(data, algorithm=self.algorithm, block_rows=start.rows(data), offset=self.offsets != "none")
@@ -191,17 +190,20 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         self, start: StateSpaceModel, error: float, seen: Dataset, parts: Sequence[Dataset], least: float
     ) -> _Judged:
         """An order's models, from a start of this error, refined as far as tells them from those of the least error."""
-        for tolerance in (_ROUGH,) if error <= _HOPELESS * least else (_LOOSE, _ROUGH):
+
+        def refined(start: StateSpaceModel, tolerance: float) -> _Judged:
             pem = self._pem(start, _STEPS)
             if len(parts) > 1:
-                start, without = pem.refined_without(parts, tolerance)
-            else:
-                start = pem.refined(seen, tolerance)
-                without = [start]
-            found = self._judged(start, without, parts)
+                return self._judged(*pem.refined_without(parts, tolerance), parts)
+            model = pem.refined(seen, tolerance)
+            return self._judged(model, [model], parts)
+
+        if error > _HOPELESS * least:
+            found = refined(start, _LOOSE)
             if found.error > _HOPELESS * least:
-                break
-        return found
+                return found
+            start = found.model
+        return refined(start, _ROUGH)
 
     def _table(
         self, judged: Mapping[int, _Judged], orders: Sequence[int], seen: Dataset, parts: Sequence[Dataset]
@@ -286,11 +288,12 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         given: Any = {name: getattr(self, name) for name in ("algorithm", "block_rows", "direct")}
         return Subspace(order=order, offset=self.offsets != "none", disturbance=self.focus == "prediction", **given)
 
-    def _finished(self, rough: StateSpaceModel, data: Dataset) -> StateSpaceModel:
+    def _finished(self, rough: _Judged, seen: Dataset, parts: Sequence[Dataset]) -> _Judged:
         """The model refined to the end, or as it was where that fails."""
         try:
-            with breakdown_said("the state space", data):
-                return self._pem(rough, _STEPS).finished(data)
+            with breakdown_said("the state space", seen):
+                model = self._pem(rough.model, _STEPS).finished(seen)
+                return self._judged(model, [model], parts)
         except SlipangleError:
             return rough
 
