@@ -14,7 +14,7 @@ from slipangle.errors import ExcitationError, ModelWarning, ParameterError, TooS
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.linear.predictor import Bank, LinearFit, Triangles
-from slipangle.identify.linear.statespace import StateSpace
+from slipangle.identify.linear.statespace import StateSpace, _searched
 from slipangle.identify.linear.subspace import Subspace, project, suggest_order
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.fast import FastPaths
@@ -415,6 +415,21 @@ def test_models_without_a_group_know_little_of_it(focus, samples):
         )
         assert seen[0] == pytest.approx(seen[1], rel=2e-3)
         assert abs(unseen[0] - unseen[1]) < 0.2 * abs(unseen[2] - unseen[1])
+
+
+def test_a_choice_that_hangs_by_the_tolerance_is_refined_further():
+    """Of two orders 1.07 % apart the smaller one is not within 1 %, though rough refinements say 0.96 %."""
+    rough, close = np.array([2.0, 1.0096, 1.0, 1.0]), np.array([2.0, 1.0107, 1.0, 1.0])
+    asked = []
+
+    def judge(at, least, tolerance=None):
+        asked.append((at, tolerance is not None))
+        return (rough if tolerance is None else close)[at]
+
+    errors, refined, place = _searched(judge, 4)
+    assert (place, refined) == (2, [0, 1, 2, 3])
+    assert errors.tolist() == close.tolist()
+    assert {at for at, further in asked if further} == {1, 2}
 
 
 def test_starts_without_a_group_are_fitted_to_the_others():

@@ -146,7 +146,7 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         starts = self._starts(seen, parts, orders, failures)
         judged: dict[int, _Judged] = {}
 
-        def judge(at: int, least: float | None) -> float:
+        def judge(at: int, least: float | None, tolerance: float = _ROUGH) -> float:
             order = orders[at]
             if order not in starts:
                 return np.inf
@@ -155,8 +155,9 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
                     if least is None:
                         judged[order] = self._judged(*starts[order], parts)
                     else:
-                        start = judged[order].error if order in judged else np.inf
-                        judged[order] = self._refined(starts[order][0], start, seen, parts, least)
+                        known = judged.get(order)
+                        start, error = (starts[order][0], np.inf) if known is None else (known.model, known.error)
+                        judged[order] = self._refined(start, error, seen, parts, least, tolerance)
             except SlipangleError as reason:
                 failures.setdefault(order, f"order {order}: {reason}")
                 return np.inf
@@ -187,7 +188,13 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         return _Judged(model, models, np.array(errors))
 
     def _refined(
-        self, start: StateSpaceModel, error: float, seen: Dataset, parts: Sequence[Dataset], least: float
+        self,
+        start: StateSpaceModel,
+        error: float,
+        seen: Dataset,
+        parts: Sequence[Dataset],
+        least: float,
+        tolerance: float,
     ) -> _Judged:
         """An order's models, from a start of this error, refined as far as tells them from those of the least error."""
 
@@ -203,7 +210,7 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
             if found.error > _HOPELESS * least:
                 return found
             start = found.model
-        return refined(start, _ROUGH)
+        return refined(start, tolerance)
 
     def _table(
         self, judged: Mapping[int, _Judged], orders: Sequence[int], seen: Dataset, parts: Sequence[Dataset]
@@ -314,13 +321,14 @@ class _Judged(NamedTuple):
         return float(np.sqrt(np.mean(self.squares)))
 
 
-def _searched(judge: Callable[[int, float | None], float], count: int) -> tuple[np.ndarray, list[int], int]:
+def _searched(judge: Callable[..., float], count: int) -> tuple[np.ndarray, list[int], int]:
     """Errors of all orders, which of them are of refined models, and the place of the order that is chosen.
 
     ``judge`` tells the error of the order at a place: of its start where it gets None, and else of its refined models,
-    given the least error of refined ones so far. The chosen order, its neighbours and what beats it are refined.
+    given the least error of refined ones so far and, by default a rough one, a tolerance. The chosen order, its
+    neighbours and what beats it are refined; where the choice hangs by what the tolerance leaves open, further.
     """
-    errors, refined = np.array([judge(i, None) for i in range(count)]), list[int]()
+    errors, refined, close = np.array([judge(i, None) for i in range(count)]), list[int](), list[int]()
     while True:
         known = errors[refined]
         least = max(float(known.min() if np.isfinite(known).any() else errors.min()), _EXACT)
@@ -328,14 +336,22 @@ def _searched(judge: Callable[[int, float | None], float], count: int) -> tuple[
         near = [best, best + 1, best - 1] if errors[best] > _EXACT else [best, best - 1]  # where more may help
         wanted = [i for i in near if 0 <= i < count] + list(np.flatnonzero(errors * 1.01 < least))
         at = next((int(i) for i in wanted if i not in refined), None)
+        if at is not None:
+            errors[at] = judge(at, min(known, default=np.inf))
+            refined.append(at)
+            continue
+        edge = [i for i in refined if (1.01 - _OPEN) * least < errors[i] < (1.01 + _OPEN) * least and least > _EXACT]
+        at = next((i for i in (*edge, int(np.argmin(errors))) if edge and i in refined and i not in close), None)
         if at is None:
             return errors, sorted(refined), best
-        errors[at] = judge(at, min(known, default=np.inf))
-        refined.append(at)
+        errors[at] = judge(at, min(known), _CLOSE)
+        close.append(at)
 
 
 _STEPS = 20  # of a refinement that is only to tell orders apart
 _ROUGH = 1e-3  # share of the squared error by which its last step lowers it: as many again make 1 % of the error
+_CLOSE = 1e-5  # the same, where the choice hangs by it:
+_OPEN = 2e-3  # share of the error that a rough refinement may leave open
 _LOOSE = 1e-2  # the same, for an order that as many again would not bring back into question
 _HOPELESS = 1.2  # error over the least, from which on an order is out of question
 _EXACT = 1e-6  # error in standard deviations of the outputs, below which orders differ by rounding
