@@ -350,8 +350,8 @@ def _searched(judge: Callable[..., float], count: int) -> tuple[np.ndarray, list
 
 _STEPS = 20  # of a refinement that is only to tell orders apart
 _ROUGH = 1e-3  # share of the squared error by which its last step lowers it: as many again make 1 % of the error
-_CLOSE = 1e-5  # the same, where the choice hangs by it:
-_OPEN = 2e-3  # share of the error that a rough refinement may leave open
+_CLOSE = 1e-5  # the same, where the choice hangs by what a rough refinement leaves open
+_OPEN = 2e-3  # share of the error that it may
 _LOOSE = 1e-2  # the same, for an order that as many again would not bring back into question
 _HOPELESS = 1.2  # error over the least, from which on an order is out of question
 _EXACT = 1e-6  # error in standard deviations of the outputs, below which orders differ by rounding
