@@ -340,7 +340,8 @@ def _searched(judge: Callable[..., float], count: int) -> tuple[np.ndarray, list
             errors[at] = judge(at, min(known, default=np.inf))
             refined.append(at)
             continue
-        edge = [i for i in refined if (1.01 - _OPEN) * least < errors[i] < (1.01 + _OPEN) * least and least > _EXACT]
+        low, high = (1.01 - _OPEN) * least, (1.01 + _OPEN) * least
+        edge = [i for i in refined if i <= best and low < errors[i] < high and least > _EXACT]
         at = next((i for i in (*edge, int(np.argmin(errors))) if edge and i in refined and i not in close), None)
         if at is None:
             return errors, sorted(refined), best
