@@ -339,6 +339,15 @@ def test_a_problem_about_whose_limits_iterations_wander_is_named_infeasible(own,
     assert plan.iterations <= own.max_iterations
 
 
+def test_a_problem_whose_limits_every_linear_model_just_keeps_is_named_infeasible(own):
+    """They wander there until the iterations end, unless limits come at a price."""
+    posed, x = solvers(KINDS["end"]), [0.7178, 1.1328, 0.9081]
+    said = {"weight": 1.0357, "coupling": 1.7754, "lag": 1.0464, "a": 1.1965, "b": -0.1201, "c": 0.8679}
+    plan = replace(posed[0], solver=own).plan(x, **said)
+    assert plan.status is posed[-1].plan(x, **said).status is Status.INFEASIBLE
+    assert plan.iterations <= own.max_iterations
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [*KINDS, *MIXED])
 def test_many_random_problems_of_each_feature_end_the_same(kind):

@@ -538,7 +538,8 @@ class WorkArea(Engine):
         pairs: list[tuple[np.ndarray, np.ndarray]] = []
         old: tuple[np.ndarray, np.ndarray] | None = None
         damp, calm, idle, least_step = 0.0, 0, 0, np.inf
-        priced = 0  # iterations when that price was set
+        priced, neared = 0, 0  # iterations when that price was set, and when the violation was nearest to none
+        soft, nearest = False, np.inf  # soft: hard limits have their price even where a step keeps them
         price, dearest, missed, paid = 0.0, 0.0, 0.0, 0.0  # paid: price at which limits were missed by so much
         whole = np.inf  # size of the last step, if near and taken so
         multipliers, iterate, took = np.zeros(len(self._plain)), Iterate(Status.ITERATION_LIMIT, before), 0.0
@@ -558,11 +559,13 @@ class WorkArea(Engine):
                 H = secant(H, step, change)
             H[np.diag_indices_from(H)] *= 1 + damp
             given = (H, g, L, u, self._applied, self._bounds)
+            first = 10 * (1 + float(np.abs(g).max()))  # price: more than any input gains by missing limits here
+            if soft:
+                self._qp.price(price)
             done, step, multipliers = self._qp.solve(*given)
             if done is not Status.SOLVED and len(self._plain):  # here: limits at a price may lead elsewhere
                 if price == 0.0:
-                    price, priced = 10 * (1 + float(np.abs(g).max())), count - 1
-                    dearest = PRICES * price
+                    price, dearest, priced = first, PRICES * first, count - 1
                 for part in (1.0, 0.1, 0.01):
                     self._qp.price(part * price)
                     done, step, multipliers = self._qp.solve(*given)
@@ -626,6 +629,11 @@ class WorkArea(Engine):
                 return u, x, replace(iterate, status=Status.TIME_OUT)
             if missed > 1e-8 and price < dearest and count - priced >= PATIENCE:  # it wanders at this price
                 price, priced = 100 * price, count
+            if violation < 0.9 * nearest:
+                nearest, neared = violation, count
+            if len(self._plain) and not soft and nearest > 1e-6 and count - neared >= PATIENCE:  # or about kept ones
+                price, dearest = (price, dearest) if price else (first, PRICES * first)
+                soft, priced = True, count
             calm += 1
             whole = size if near and t == 1.0 else np.inf
             if t == 1.0:

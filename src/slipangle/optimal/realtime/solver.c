@@ -870,6 +870,15 @@ static void price_limits(Work *s, double price)
             s->qp.plain[QN + QR + row] = price > 0 ? price : INFINITY;
 }
 
+/* What hard limits cost at first: more than any input gains by missing them here. */
+static double first_price(const Work *s)
+{
+    double most = 0;
+    for (int a = 0; a < N * NU; a++)
+        most = larger(most, fabs(s->qp.g[a]));
+    return 10 * (1 + most);
+}
+
 /* Largest excess over a hard limit of these values of the rows, or, without, of those at the iterate. */
 static double largest_excess(const Work *s, const double *values)
 {
@@ -909,8 +918,9 @@ static int converge(Work *s, int64_t most, int loose)
     memset(s->penalty, 0, sizeof s->penalty);
     s->curved = 0;
     s->hard_penalty = 0, s->pairs = 0, s->damp = 0;
-    int calm = 0;
-    int64_t priced = 0; /* iterations when that price was set */
+    int calm = 0, soft = 0; /* soft: hard limits have their price even where a step keeps them */
+    int64_t priced = 0, neared = 0; /* iterations when that price was set, and when the violation was `nearest` to none */
+    double nearest = INFINITY;
     if (!begins(s, LINEARISE))
         return TIME_OUT;
     if (!linearise(s))
@@ -920,13 +930,12 @@ static int converge(Work *s, int64_t most, int loose)
         int posed = pose(s, s->damp == 0, calm >= CALM); /* Gauss-Newton steps alone are slow where errors remain large */
         if (posed != SOLVED)
             return posed;
+        if (soft)
+            price_limits(s, price);
         int done = solve_qp(s, n > 0 || !s->fresh);
         if ((done == INFEASIBLE || done == FAILED) && N_LIMITS > 0) { /* here: limits at a price may lead elsewhere */
-            if (price == 0) {
-                for (int a = 0; a < N * NU; a++)
-                    price = larger(price, fabs(s->qp.g[a]));
-                price = 10 * (1 + price), dearest = PRICES * price, priced = n;
-            }
+            if (price == 0)
+                price = first_price(s), dearest = PRICES * price, priced = n;
             for (double part = 1; part > 1e-3 && (done == INFEASIBLE || done == FAILED); part *= 0.1) {
                 price_limits(s, part * price);
                 forget_rows(s);
@@ -989,6 +998,12 @@ static int converge(Work *s, int64_t most, int loose)
             return near && whole <= ROUNDED && back(s, whole) ? SOLVED : STALLED;
         if (miss > 1e-8 && price < dearest && n - priced >= PATIENCE) /* it wanders at this price */
             price *= 100, priced = n;
+        if (s->violation < 0.9 * nearest)
+            nearest = s->violation, neared = n;
+        if (N_LIMITS > 0 && !soft && nearest > FEASIBLE && n - neared >= PATIENCE) { /* or about limits that are just kept */
+            price = price > 0 ? price : first_price(s), dearest = dearest > 0 ? dearest : PRICES * price;
+            soft = 1, priced = n;
+        }
         whole = near && t == 1 ? s->step : INFINITY;
         if (t == 1)
             s->damp = s->damp > 1e-4 ? 0.2 * s->damp : 0;
