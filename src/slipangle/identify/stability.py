@@ -14,6 +14,8 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import IdentifiabilityWarning, ModelWarning, SimulationError, SlipangleError
 from slipangle.models.plausible import growth
 
+SETTLED = 1 + 1e-5  # largest pole whose errors take 230 000 samples to grow tenfold
+
 
 def noted(model: Any, *sentences: str) -> Any:
     """The model with more warnings in its ``fit_info``; empty ones are left out."""

@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.errors import ExcitationError, ModelWarning, ParameterError, TooShortError
+from slipangle.errors import ExcitationError, IdentifiabilityWarning, ModelWarning, ParameterError, TooShortError
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.linear.predictor import Bank, LinearFit, Triangles
@@ -586,3 +586,13 @@ def test_memory_does_not_grow_with_the_record(algorithm):
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 1.05 * peaks[0] + 50_000
+
+
+def test_a_predictor_that_runs_away_gets_a_sentence():
+    truth = system(1, 1, 1, 3)
+    data = record(truth, 60, 1, noise=0.1)[0]
+    wild = replace(truth, K=(truth.A - 1.3) / truth.C, x0=None)
+    said = "predictor is unstable: A - K C has an eigenvalue of modulus 1.3, so"
+    with pytest.warns(ModelWarning, match=said), pytest.warns(IdentifiabilityWarning, match="limit of 0 steps"):
+        PEM(start=wild, direct=True, max_iterations=0).fit(data)
+    assert not any("predictor" in sentence for sentence in PEM(start=truth, direct=True).fit(data).fit_info.warnings)

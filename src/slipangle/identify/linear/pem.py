@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError
 from slipangle.fields import Positive, Radius, Whole
@@ -14,6 +16,7 @@ from slipangle.identify.linear.estimator import LinearEstimator, described
 from slipangle.identify.linear.left_out import left_out
 from slipangle.identify.linear.prediction import Point, PredictionCriterion
 from slipangle.identify.linear.prediction_covariance import covariance
+from slipangle.identify.stability import SETTLED, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.numerics.blas import one_blas_thread
 
@@ -92,7 +95,8 @@ class PEM(LinearEstimator[StateSpaceModel]):
             f"{said}, zero along changes of the state's basis",
             warnings=notes,
         )
-        return replace(self._of(point), fit_info=info)
+        model = replace(self._of(point), fit_info=info)
+        return noted(model, _runs_away(point)) if self.focus == "prediction" else model
 
     @one_blas_thread()
     def refined(self, data: Dataset, tolerance: float) -> StateSpaceModel:
@@ -120,3 +124,16 @@ class PEM(LinearEstimator[StateSpaceModel]):
     def _of(self, point: Point) -> StateSpaceModel:
         parts = {key: getattr(point, key) for key in ("C", "D", "K", "u_offset", "y_offset", "x0")}
         return replace(self.start, A=point.F + point.K @ point.C, B=point.G + point.K @ point.D, **parts)
+
+
+def _runs_away(point: Point) -> str:
+    """A sentence where errors of the one-step prediction grow from sample to sample; else empty."""
+    size = float(np.abs(np.linalg.eigvals(point.F)).max(initial=0.0))
+    if size <= SETTLED:
+        return ""
+    return (
+        f"the predictor is unstable: A - K C has an eigenvalue of modulus {size:.6g}, so an error of its one-step "
+        f"prediction grows tenfold every {np.log(10) / np.log(size):.3g} samples; expected it within the unit circle, "
+        "where experiments that outlast its memory put it: record longer ones, lower the order, or use "
+        "focus='simulation'"
+    )

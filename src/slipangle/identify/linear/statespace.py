@@ -15,7 +15,7 @@ from slipangle.fields import Radius, Whole, Within
 from slipangle.identify.linear.estimator import LinearEstimator, criteria
 from slipangle.identify.linear.pem import PEM, Focus, Offsets
 from slipangle.identify.linear.subspace import Algorithm, Subspace, project
-from slipangle.identify.stability import breakdown_said, noted
+from slipangle.identify.stability import SETTLED, breakdown_said, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import Candidate
 from slipangle.models.plausible import growth
@@ -356,7 +356,6 @@ _OPEN = 2e-3  # share of the error that it may
 _LOOSE = 1e-2  # the same, for an order that as many again would not bring back into question
 _HOPELESS = 1.2  # error over the least, from which on an order is out of question
 _EXACT = 1e-6  # error in standard deviations of the outputs, below which orders differ by rounding
-_SETTLED = 1 + 1e-5  # largest pole whose errors take 230 000 samples to grow tenfold
 _LATER = (
     "the model is slightly unstable: it has a pole of modulus {size:.6g}, so an error of its free run grows tenfold "
     "every {steps:.3g} samples, longer than the training data last; expected a stable model, unless the system is not: "
@@ -371,7 +370,7 @@ _ASTRAY = (
 def _later(poles: np.ndarray, data: Dataset) -> str:
     """Sentence about the largest pole where errors grow too slowly for the training data to show; else empty."""
     size = float(np.abs(poles).max())
-    if size <= _SETTLED or growth(poles, max(b - a for a, b in zip(data.starts, data.stops, strict=True))):
+    if size <= SETTLED or growth(poles, max(b - a for a, b in zip(data.starts, data.stops, strict=True))):
         return ""
     return _LATER.format(size=size, steps=np.log(10) / np.log(size))
 
