@@ -45,14 +45,18 @@ def astray(
     return said
 
 
+def tenfold(size: float) -> float:
+    """Samples in which an error grows tenfold by a pole of this modulus above 1."""
+    return float(np.log(10) / np.log(size))
+
+
 def growth(poles: np.ndarray, n: int) -> str:
     """Sentence about the largest pole where a free run of ``n`` samples blows an error up tenfold; else empty."""
     size = float(np.abs(poles).max(initial=0.0))
-    if not size > 1 or n * np.log(size) < np.log(10):
+    if not size > 1 or n < tenfold(size):
         return ""
-    steps = np.log(10) / np.log(size)
     return (
         f"the model is unstable: it has a pole of modulus {size:.6g}, so an error of its free run grows tenfold every "
-        f"{steps:.3g} samples, and the training data last {n}; expected a stable model, unless the system is not: ask "
-        "for one, choose other lags, or predict a few steps ahead only"
+        f"{tenfold(size):.3g} samples, and the training data last {n}; expected a stable model, unless the system is "
+        "not: ask for one, choose other lags, or predict a few steps ahead only"
     )

@@ -18,6 +18,7 @@ from slipangle.identify.linear.prediction import Point, PredictionCriterion
 from slipangle.identify.linear.prediction_covariance import covariance
 from slipangle.identify.stability import SETTLED, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
+from slipangle.models.plausible import tenfold
 from slipangle.numerics.blas import one_blas_thread
 
 Focus = Literal["prediction", "simulation"]
@@ -133,7 +134,7 @@ def _runs_away(point: Point) -> str:
         return ""
     return (
         f"the predictor is unstable: A - K C has an eigenvalue of modulus {size:.6g}, so an error of its one-step "
-        f"prediction grows tenfold every {np.log(10) / np.log(size):.3g} samples; expected it within the unit circle, "
+        f"prediction grows tenfold every {tenfold(size):.3g} samples; expected it within the unit circle, "
         "where experiments that outlast its memory put it: record longer ones, lower the order, or use "
         "focus='simulation'"
     )

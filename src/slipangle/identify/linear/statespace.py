@@ -18,7 +18,7 @@ from slipangle.identify.linear.subspace import Algorithm, Subspace, project
 from slipangle.identify.stability import SETTLED, breakdown_said, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import Candidate
-from slipangle.models.plausible import growth
+from slipangle.models.plausible import growth, tenfold
 from slipangle.numerics.blas import one_blas_thread
 from slipangle.shown import Shown
 
@@ -372,7 +372,7 @@ def _later(poles: np.ndarray, data: Dataset) -> str:
     size = float(np.abs(poles).max())
     if size <= SETTLED or growth(poles, max(b - a for a, b in zip(data.starts, data.stops, strict=True))):
         return ""
-    return _LATER.format(size=size, steps=np.log(10) / np.log(size))
+    return _LATER.format(size=size, steps=tenfold(size))
 
 
 def _follows(model: StateSpaceModel, data: Dataset) -> bool:

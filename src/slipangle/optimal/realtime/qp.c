@@ -521,7 +521,6 @@ static int qp_attempt(Qp *q, int warm)
     int rows = Q_N + Q_R + Q_D, status = QP_SOLVED;
     q->iterations = 0;
     q->limit_iterations = 20 * rows + 50;
-    memset(q->lambda, 0, sizeof q->lambda);
     for (int a = 0; a < QL; a++)
         q->start[a] = a < Q_N ? -q->g[a] : 0;
     forward(q, q->start, 0);

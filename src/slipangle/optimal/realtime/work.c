@@ -32,7 +32,7 @@ enum { LINEARISE, CONDENSE, BY_STAGES, PARTS };
 #define IDLE 10  /* such steps that are no smaller than the smallest before end the iterations */
 #define ROUNDED 1e-8 /* largest change of an input by a whole step, before one that rounding makes useless */
 #define PRICES 1e4 /* largest price of a hard limit that no step keeps, over the first */
-#define PATIENCE 40 /* iterations at one price, after which it is raised */
+#define PATIENCE 40 /* iterations at one price, or no nearer to limits that have none, after which they get a higher one */
 #define FAR 0.05 /* largest change of an input in units of its range; below, remembered steps are what helps */
 #define FROM 0.3 /* `from` where stage slopes have been moved to where the step begins: a correction of 2e-4 is the last one */
 #define FAR_ALONG 3e-2 /* in units of the state: derivatives of stage slopes lead them no further well enough */
