@@ -394,6 +394,7 @@ discrepancy = { kind = "narx", hidden = [4, 3], stages = [{ horizon = 2, epochs 
 name = "adapted"
 kind = "adapt"
 model = "hybrid"
+train = ["log.csv"]
 settings = { seconds = 3.5, inputs = ["delta"] }
 [[model]]
 name = "lure"

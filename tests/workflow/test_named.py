@@ -144,7 +144,7 @@ def test_models_made_of_others(tmp_path, capsys):
     kept = sa.load(tmp_path / "o" / "old.json")
     assert kept == sa.load(tmp_path / "bicycle.json")
     assert sa.load(tmp_path / "o" / "new.json").model == kept
-    assert Adapted.__dataclass_fields__.keys() == {"model", "settings"}
+    assert Adapted.__dataclass_fields__.keys() == {"model", "train", "settings"}
 
 
 def test_a_model_made_of_one_below_it(tmp_path, capsys):

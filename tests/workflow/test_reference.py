@@ -142,6 +142,7 @@ WRONG = {
     "out of range": MODEL + 'kind = "car"\nmass = -1\nwheelbase = 2.6\nl_f = 1.2',
     "missing": MODEL + 'kind = "car"\nmass = 1200',
     "unknown parameter": MODEL + 'kind = "bicycle"\ncar = { maas = 1200 }',
+    "number for a log": MODEL + 'kind = "adapt"\nmodel = "bicycle"\ntrain = 3',
     "unknown table": "[controler]\nmodel = 'x'",
     "inner table": MODEL + 'kind = "hybrid"\ndiscrepancy = { kind = "narx", hiden = [3] }',
 }
@@ -161,6 +162,8 @@ RIGHT = {
     "a number for a list": MODEL + 'kind = "narx"\nseeds = 3',
     "an inner table": MODEL + f'kind = "hybrid"\n{CAR}discrepancy = {{ hidden = [3] }}',
     "another model": MODEL + 'kind = "lure"\nlinear = "bicycle"',
+    "another log": MODEL + 'kind = "adapt"\nmodel = "bicycle"\ntrain = ["log.csv"]',
+    "another log alone": MODEL + 'kind = "adapt"\nmodel = "bicycle"\ntrain = "log.csv"',
     "an inner kind": MODEL + 'kind = "lure"\nlinear = { order = 2, max_radius = 0.99 }',
     "a controller": '[controller]\nmodel = "bicycle"\nhorizon = 10\nQ = { Y = 2 }\n[plant]\nfriction = 0.8',
     "an FMU": '[plant]\nkind = "fmu"\nfile = "car.fmu"\ninputs = { delta = "SWA" }\nparameters = { mu = 0.8 }',

@@ -153,7 +153,7 @@ def _controller(file: str, bar: Bar) -> tuple[Any, Drive]:
             "wrote"
         )
     bar(0.1, f"identifying {wanted.model}")
-    model = identify_named(settings, wanted.model, logs.train)
+    model = identify_named(settings, wanted.model, logs)
     bar(0.5, "driving in closed loop")
     controller = CONTROLLERS[wanted.kind](model, wanted, **wanted.entries)
     plant, driver, _ = build_plant(settings.plant, model)

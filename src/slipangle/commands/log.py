@@ -158,11 +158,10 @@ def _fitted(options: argparse.Namespace, bar: Bar) -> tuple[Model, Dataset]:
     if job is None:
         raise ConfigError("advice needs the log that the model was fitted to; expected --data FILE.toml with it")
     settings, logs = read_job(job)
-    train = logs.train
     if not options.file.endswith(".toml"):
-        return next(iter(load_models([options.file]).values())), train
+        return next(iter(load_models([options.file]).values())), logs.train
     wanted = next((m for m in settings.model if isinstance(KINDS[m.kind], Physics)), None)
     if wanted is None:
         raise ConfigError(f"no model of '{job}' has physical parameters; expected one such as kind = \"bicycle\"")
     bar(0.0, f"identifying {wanted.name}")
-    return identify(wanted, train), train
+    return identify(wanted, logs), logs.train

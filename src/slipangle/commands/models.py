@@ -57,7 +57,7 @@ def _identify(options: argparse.Namespace) -> Answer:
 
         def fit(i: int, wanted: ModelSettings) -> Model:
             bar(i / len(settings.model), f"identifying {wanted.name}")
-            fitted[wanted.name] = identify(wanted, logs.train, fitted)
+            fitted[wanted.name] = identify(wanted, logs, fitted)
             return fitted[wanted.name]
 
         models, failures = each_model(settings, fit)

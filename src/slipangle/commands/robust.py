@@ -52,8 +52,7 @@ def _robust(options: argparse.Namespace) -> Answer:
     folder.mkdir(parents=True, exist_ok=True)
     with Bar(quiet=options.json or options.quiet) as bar:
         bar(0.0, "identifying the model")
-        train = read_logs(settings).train
-        model = identify_named(settings, wanted.model, train)
+        model = identify_named(settings, wanted.model, read_logs(settings))
         controller = CONTROLLERS[wanted.kind](model, wanted, **wanted.entries)
         trial = robustness.trial_of(wanted, settings.plant, model, controller, settings.estimator)
         signature = robustness.signature_of(Path(options.file), trial.seed)

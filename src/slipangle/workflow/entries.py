@@ -11,7 +11,18 @@ from typing import Annotated, Any, Literal, TypeVar
 from slipangle.errors import ConfigError, ParameterError, nearest, shown
 from slipangle.fields import Seed as Seed
 from slipangle.fields import Within
-from slipangle.workflow.hints import SIMPLE, bound, called, expressible, is_model, is_named, is_record, parts, words
+from slipangle.workflow.hints import (
+    SIMPLE,
+    bound,
+    called,
+    expressible,
+    is_log,
+    is_model,
+    is_named,
+    is_record,
+    parts,
+    words,
+)
 
 T = TypeVar("T")
 _LARGEST = 10**15  # of the whole numbers in a job
@@ -23,6 +34,12 @@ Weight = Annotated[float, Within(0, 1e12)]
 
 class OtherModel(str):
     """The name of another model of a job, where a setting is a model."""
+
+    __slots__ = ()
+
+
+class OtherLogs(tuple[str, ...]):
+    """The names of files of another log than the job's own, where a setting is a data set."""
 
     __slots__ = ()
 
@@ -193,6 +210,8 @@ def _value(value: Any, hint: Any, where: str, default: Any = None) -> Any:
         return Path(_value(value, str, where))
     if is_model(hint):
         return OtherModel(_value(value, str, where))
+    if is_log(hint):
+        return _logs(value, where)
     if is_named(hint):
         try:
             return hint(_value(value, dict[str, Any], where))
@@ -225,6 +244,13 @@ def _list(value: Any, options: tuple[Any, ...], where: str) -> tuple[Any, ...]:
     if options[-1] is not ... and len(options) > 1 and len(items) != len(options):
         raise ConfigError(f"{where} is {shown(value)}; expected {len(options)} entries")
     return tuple(_value(v, inner, f"{where}[{i}]") for i, v in enumerate(items))
+
+
+def _logs(value: Any, where: str) -> OtherLogs:
+    files = OtherLogs(_value(value, tuple[str, ...], where))
+    if not files or not all(name.strip() for name in files):
+        raise ConfigError(f'{where} is {shown(value)}; expected files such as ["log.csv"]: name one or more')
+    return files
 
 
 def _table(value: Any, hint: Any, where: str, default: Any) -> Any:
@@ -290,6 +316,8 @@ def _fits(value: Any, hint: Any) -> bool:
         return _fits(value, options[0])
     if kind is tuple:
         return isinstance(value, list | tuple)
+    if is_log(hint):
+        return isinstance(value, str | list | tuple)
     if kind is dict or is_named(hint):
         return isinstance(value, dict)
     if is_record(hint):

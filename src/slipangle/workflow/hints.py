@@ -8,6 +8,7 @@ from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
+from slipangle.data.dataset import Dataset
 from slipangle.fields import Within
 from slipangle.models.model import Model
 from slipangle.optimal.terms import Limits, Named
@@ -40,6 +41,11 @@ def is_model(hint: Any) -> bool:
     return isinstance(hint, type) and issubclass(hint, Model)
 
 
+def is_log(hint: Any) -> bool:
+    """Whether it is a data set, which a job names by its files."""
+    return hint is Dataset
+
+
 def is_named(hint: Any) -> bool:
     """Whether it is `Values`, `Weights` or `Limits`."""
     return isinstance(hint, type) and issubclass(hint, Named)
@@ -47,7 +53,7 @@ def is_named(hint: Any) -> bool:
 
 def is_record(hint: Any) -> bool:
     """Whether it is a record that a table stands for."""
-    return isinstance(hint, type) and is_dataclass(hint) and not is_model(hint)
+    return isinstance(hint, type) and is_dataclass(hint) and not is_model(hint) and not is_log(hint)
 
 
 def called(cls: type) -> str:
@@ -63,7 +69,9 @@ def expressible(hint: Any) -> bool:
     """Whether TOML can say it: not a function, an array, or a table of anything."""
     hint = bound(hint)
     kind, inside = parts(hint)
-    if hint is Any or hint is Path or hint in SIMPLE or kind is Literal or is_model(hint) or is_named(hint):
+    if hint is Any or hint is Path or hint in SIMPLE or kind is Literal:
+        return True
+    if is_model(hint) or is_log(hint) or is_named(hint):
         return True
     if kind is typing.Union:
         return any(map(expressible, inside))
@@ -105,6 +113,8 @@ def words(hint: Any) -> str:
         return f"a table of name = {pair}"
     if is_model(hint):
         return "the name of another model of the job"
+    if is_log(hint):
+        return "a list, each a file, relative to the job"
     if is_record(hint):
         return f"a table ({called(hint)})"
     return "anything"

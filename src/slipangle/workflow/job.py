@@ -3,7 +3,7 @@
 import json
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -115,7 +115,7 @@ def run_job(settings: Settings, progress: Progress = lambda share, what: None) -
     quality, train, test = inspect(logs.raw), logs.train, logs.test
     judged, failures = _judged(settings, logs, progress)
     progress(0.5, "checking the steering delay")
-    said = delay_check(settings, quality, train)
+    said = delay_check(settings, quality, logs)
     run, plant_name, controller, cars = None, "", None, None
     wanted = settings.controller
     if wanted is not None and wanted.model in failures:
@@ -163,7 +163,7 @@ def _judged(
 
     def judge(i: int, wanted: ModelSettings) -> tuple[Validation, Validation]:
         progress(0.1 + 0.4 * i / len(settings.model), f"identifying {wanted.name}")
-        model = models[wanted.name] = identify(wanted, logs.train, models)
+        model = models[wanted.name] = identify(wanted, logs, models)
         with warnings.catch_warnings(action="ignore", category=ModelWarning):  # shown on the page
             seen = validate(model, logs.train, name=wanted.name, on_training_data=True)
             today = as_of_the_day(model, logs.opening)
@@ -199,26 +199,28 @@ def each_model(settings: Settings, make: Callable[[int, ModelSettings], T]) -> t
 # ---- models --------------------------------------------------------------------------------------------------------
 
 
-def identify(wanted: ModelSettings, train: Dataset, others: Mapping[str, Model] | None = None) -> Model:
-    """Fit one model; what the data do not determine is in its ``fit_info.warnings``.
+def identify(wanted: ModelSettings, logs: Logs, others: Mapping[str, Model] | None = None) -> Model:
+    """Fit one model to the training part; what the data do not determine is in its ``fit_info.warnings``.
 
     ``others`` are the job's models so far, among them those that this one is made of.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", IdentifiabilityWarning)  # shown on the page
         warnings.simplefilter("ignore", ModelWarning)
-        return fitted(KINDS[wanted.kind], wanted.entries, wanted.inputs, wanted.outputs, train, wanted.name, others)
+        channels = (wanted.inputs, wanted.outputs)
+        return fitted(KINDS[wanted.kind], wanted.entries, *channels, logs.train, wanted.name, others, logs.others)
 
 
-def identify_named(settings: Settings, name: str, train: Dataset) -> Model:
+def identify_named(settings: Settings, name: str, logs: Logs) -> Model:
     """Fit one model of a job by its name, after those that it is made of."""
     wanted = next(m for m in settings.model if m.name == name)
-    others = {other: identify_named(settings, other, train) for other in needed(wanted.entries)}
-    return identify(wanted, train, others)
+    others = {other: identify_named(settings, other, logs) for other in needed(wanted.entries)}
+    return identify(wanted, logs, others)
 
 
-def delay_check(settings: Settings, quality: DataReport, train: Dataset) -> tuple[str, ...]:
+def delay_check(settings: Settings, quality: DataReport, logs: Logs) -> tuple[str, ...]:
     """Refit the first bicycle with the steering shifted, and say which parameters that moves."""
+    train = logs.train
     wanted = next((m for m in settings.model if m.kind == "bicycle"), None)
     if wanted is None or "delta" not in train.inputs:
         return ()
@@ -229,9 +231,10 @@ def delay_check(settings: Settings, quality: DataReport, train: Dataset) -> tupl
     shifts = (0.0, 0.5 * train.dt, train.dt)
     try:
         for shift in shifts:
-            model = identify(wanted, _shifted(train, shift))
+            shifted = replace(logs, train=_shifted(train, shift))
+            model = identify(wanted, shifted)
             with warnings.catch_warnings(action="ignore", category=ModelWarning):
-                score = validate(model, _shifted(train, shift), on_training_data=True)
+                score = validate(model, shifted.train, on_training_data=True)
             if model.fit_info is not None:
                 fits.append((model.fit_info, score.free_run_scores[model.outputs[0]].fit))
     except SlipangleError as error:  # a check is worth no lost job

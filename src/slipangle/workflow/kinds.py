@@ -53,7 +53,7 @@ from slipangle.models.vehicles.steering import Steered
 from slipangle.models.wrappers.delayed import Delayed
 from slipangle.models.wrappers.hybrid import OffsetModel
 from slipangle.registry import Registry
-from slipangle.workflow.entries import Made, OtherModel, arguments, entries_of, of_kind, record
+from slipangle.workflow.entries import Made, OtherLogs, OtherModel, arguments, entries_of, of_kind, record
 from slipangle.workflow.hints import called, is_model, is_record, parts
 
 _WEIGHTS = 1_000_000  # of a network
@@ -182,16 +182,19 @@ class Adapted(Checked):
     ----------
     model : Model
         The model that is adapted, such as a saved one.
+    train : Dataset
+        Files that it was fitted to, read like the job's own: corrections then do harm less often.
     settings : Adapt
         What may differ, and by how much.
     """
 
     model: Model
+    train: Dataset | None = None
     settings: Adapt = field(default_factory=Adapt)
 
     def fit(self, data: Dataset) -> OffsetModel:
         """See `slipangle.identify.adapt.Adapt.fit`."""
-        return self.settings.fit(self.model, data)
+        return self.settings.fit(self.model, data, self.train)
 
 
 @KINDS.register("saved")
@@ -235,7 +238,8 @@ def check_entries(kind: str, table: dict[str, Any], where: str) -> dict[str, Any
         return entries
     own = arguments(thing, table, where)  # type: ignore[arg-type]  # all others are callable
     _no_giant(own, where)
-    if isinstance(thing, type) and is_dataclass(thing) and not any(isinstance(v, OtherModel) for v in own.values()):
+    others = any(isinstance(v, OtherModel | OtherLogs) for v in own.values())
+    if isinstance(thing, type) and is_dataclass(thing) and not others:
         try:
             thing(**own)
         except ParameterError as error:
@@ -265,14 +269,17 @@ def fitted(
     train: Dataset,
     name: str,
     others: Mapping[str, Model] | None = None,
+    logs: Mapping[OtherLogs, Dataset] | None = None,
 ) -> Model:
     """The model of a kind, fitted to training data; entries as of `check_entries`, channels by default all.
+
+    ``others`` and ``logs`` are what entries name: other models, and the data of other files.
 
     Raises ParameterError if a model that it needs is not among the ``others``, or of another class than it needs.
     """
     physics = as_physics(thing)
     if physics is None:
-        made = thing(**_with_models(thing, entries, others or {}, name))  # type: ignore[operator]
+        made = thing(**_with_models(thing, _with_logs(entries, logs or {}), others or {}, name))  # type: ignore[operator]
         return made.fit(train.select(inputs=inputs or None, outputs=outputs or None))
     wanted = PhysicsEntries(**entries)
     start = _actuated(_start(physics, wanted, outputs, train, name), wanted, physics)
@@ -285,6 +292,16 @@ def fitted(
 def needed(entries: Mapping[str, Any]) -> tuple[str, ...]:
     """Names of the other models that entries of a model speak of."""
     return tuple(str(v) for v in entries.values() if isinstance(v, OtherModel))
+
+
+def named_logs(entries: Mapping[str, Any]) -> dict[str, OtherLogs]:
+    """Files of other logs that entries of a model name, by the entry."""
+    return {key: files for key, files in entries.items() if isinstance(files, OtherLogs)}
+
+
+def _with_logs(entries: Mapping[str, Any], logs: Mapping[OtherLogs, Dataset]) -> dict[str, Any]:
+    """Entries with data in place of their files."""
+    return {**entries, **{key: logs[files] for key, files in named_logs(entries).items()}}
 
 
 def _with_models(thing: Any, entries: Mapping[str, Any], others: Mapping[str, Model], name: str) -> dict[str, Any]:

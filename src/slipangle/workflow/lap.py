@@ -21,9 +21,9 @@ def identified_car(settings: Settings, name: str | None, values: Mapping[str, fl
     names = [m.name for m in settings.model]
     if name is not None and name not in names:
         raise ConfigError(f"the job has no model '{name[:60]}'; {nearest(name, names)}")
-    train = read_logs(settings).train
+    logs = read_logs(settings)
     for one in names if name is None else [name]:
-        model = identify_named(settings, one, train)
+        model = identify_named(settings, one, logs)
         if name is not None or known_limits(model) or known_limits(getattr(model, "params", None)):
             return model, lap_car(model, **values)
     raise ConfigError(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from glob import glob
 from pathlib import Path
 
@@ -17,6 +17,8 @@ from slipangle.models.model import Model
 from slipangle.models.ode import Parametrised
 from slipangle.models.vehicles.nonlinear_bicycle import with_speed_derivative
 from slipangle.report.tables import number
+from slipangle.workflow.entries import OtherLogs
+from slipangle.workflow.kinds import named_logs
 from slipangle.workflow.settings import Settings
 
 _FEWEST, _CELLS = 20, 5e8  # samples of the longest record after resampling, and numbers of all
@@ -31,7 +33,8 @@ class Logs:
 
     ``raw`` is all of it as it is in the files, in SI units; ``data`` the same as identified from, ``train``,
     ``opening`` and ``test`` its parts. Several files are experiments on one time axis, one file after another. From the
-    opening models read what is that day's own.
+    opening models read what is that day's own. ``others`` are the logs that models name, such as what a saved one was
+    fitted to.
     """
 
     raw: Dataset
@@ -39,6 +42,7 @@ class Logs:
     train: Dataset
     test: Dataset
     opening: Dataset | None = None
+    others: Mapping[OtherLogs, Dataset] = field(default_factory=dict)
 
 
 def read_logs(settings: Settings) -> Logs:
@@ -51,12 +55,34 @@ def read_logs(settings: Settings) -> Logs:
         data = condition(first, settings)
         train, test = data.split(settings.data.train)
         opening, test = opened(test, settings)
-        return Logs(raw=first, data=data, train=train, test=test, opening=opening)
+        others = _others(settings, data)
+        return Logs(raw=first, data=data, train=train, test=test, opening=opening, others=others)
     train, test = condition(first, settings), condition(second, settings)
     name = _together((first, second))
     raw, data = join(first, second, name=name), join(train, test, name=name)
     opening, test = opened(test, settings)
-    return Logs(raw=raw, data=data, train=train, test=test, opening=opening)
+    return Logs(raw=raw, data=data, train=train, test=test, opening=opening, others=_others(settings, data))
+
+
+def _others(settings: Settings, data: Dataset) -> dict[OtherLogs, Dataset]:
+    """The logs that models name, read and conditioned like the job's own ``data``.
+
+    Raises ConfigError if they are at another sample time, and MissingColumnError if they lack a channel.
+    """
+    found: dict[OtherLogs, Dataset] = {}
+    for model in settings.model:
+        for key, files in named_logs(model.entries).items():
+            if files not in found:
+                parts = [_read(file, settings) for file in _found(files, settings)]
+                other = condition(_joined(parts), settings)
+                found[files] = other.select(inputs=data.inputs, outputs=data.outputs)
+            other = found[files]
+            if not math.isclose(other.dt, data.dt, rel_tol=1e-6):
+                raise ConfigError(
+                    f"model {shown(model.name)}: {key} '{other.name}' is sampled every {other.dt:g} s, the job's log "
+                    f"every {data.dt:g} s; expected one sample time: give [data] a rate that both are resampled to"
+                )
+    return found
 
 
 def opened(test: Dataset, settings: Settings) -> tuple[Dataset | None, Dataset]:

@@ -12,7 +12,7 @@ from slipangle.fields import Within
 from slipangle.models.vehicles.steering import Steered
 from slipangle.optimal.terms import Limits
 from slipangle.units import SI
-from slipangle.workflow.hints import bound, called, expressible, is_model, is_named, is_record, parts
+from slipangle.workflow.hints import bound, called, expressible, is_log, is_model, is_named, is_record, parts
 from slipangle.workflow.reference import Key, Table, tables
 
 _SIMPLE = {float: "number", int: "integer", str: "string", bool: "boolean"}
@@ -98,6 +98,8 @@ def _of(hint: Any) -> dict[str, Any]:
         return {"type": "object", "additionalProperties": either}
     if is_model(hint) or hint is Path:
         return {"type": "string"}
+    if is_log(hint):
+        return _of(tuple[str, ...])
     if is_record(hint):
         table = {"$ref": f"#/definitions/{called(hint)}"}
         return {"anyOf": [{"type": "string"}, table]} if hasattr(hint, "from_text") else table

@@ -13,7 +13,7 @@ from slipangle.errors import ConfigError, nearest, shown
 from slipangle.files import read_bytes
 from slipangle.workflow.drive import ControllerSettings, EstimatorSettings, PlantSettings
 from slipangle.workflow.entries import Within, common, record
-from slipangle.workflow.kinds import check_entries, needed
+from slipangle.workflow.kinds import check_entries, named_logs, needed
 from slipangle.workflow.lap_settings import LapSettings
 from slipangle.workflow.race_settings import RaceSettings
 from slipangle.workflow.tires import TIRES, located
@@ -304,6 +304,12 @@ def _check(settings: Settings, where: str) -> None:
         raise ConfigError(
             f"{where}: [data] names {len(settings.data.file)} files, {len(settings.data.test)} test files and others "
             "beside; expected one file, which those beside it belong to: give each drive a job, or merge them first"
+        )
+    if settings.data.beside and any(named_logs(m.entries) for m in settings.model):
+        wanted = next(m for m in settings.model if named_logs(m.entries))
+        raise ConfigError(
+            f"{where}: [data] names files beside its own, and model {shown(wanted.name)} those of another log as "
+            f"{next(iter(named_logs(wanted.entries)))}; expected files that need no others: merge each drive's into one"
         )
     files = (*settings.data.file, *settings.data.test)
     if len(set(files)) < len(files):
