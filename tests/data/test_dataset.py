@@ -105,6 +105,8 @@ def test_time_and_experiments():
     first, second = data
     assert (first.n_samples, second.n_samples, second.start_times) == (4, 6, (5.0,))
     np.testing.assert_array_equal(second["u"], np.arange(4, 10))
+    assert (data.n_longest, second.n_longest) == (6, 6)
+    assert make(10, starts=(0, 7, 9)).n_longest == 7
     assert data.duration == pytest.approx(0.1)
     assert data.u.shape == data.y.shape == (10, 1)
     assert "u" in data

@@ -163,6 +163,11 @@ class Dataset(InFrames, Shown):
         return len(self.values)
 
     @property
+    def n_longest(self) -> int:
+        """Samples of the longest experiment."""
+        return max(b - a for a, b in zip(self.starts, self.stops, strict=True))
+
+    @property
     def duration(self) -> float:
         """Length of all experiments together. [s]"""
         return self.n_samples * self.dt

@@ -29,7 +29,7 @@ def judged(model: Any, data: Dataset) -> Any:
 
     It is linear: it has ``poles``.
     """
-    return noted(model, growth(model.poles, max(b - a for a, b in zip(data.starts, data.stops, strict=True))))
+    return noted(model, growth(model.poles, data.n_longest))
 
 
 def announced(model: Any) -> Any:

@@ -221,7 +221,7 @@ def condition(data: Dataset, settings: Settings) -> Dataset:
         data, _ = despike(data, channel)
     rate = settings.data.rate
     if rate is not None and not math.isclose(rate * data.dt, 1.0, rel_tol=1e-9):
-        longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True)) * data.dt
+        longest = data.n_longest * data.dt
         cells = data.duration * rate * len(data.channels)
         if longest * rate < _FEWEST or cells > _CELLS:
             raise ConfigError(

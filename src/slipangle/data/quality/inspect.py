@@ -351,8 +351,7 @@ def _resolution(data: Dataset, name: str) -> Resolution:
 def _excitation(data: Dataset, name: str) -> Excitation:
     x = data[name]
     power, f = 0.0, np.zeros(1)
-    longest = max(len(p) for p in data.experiments)
-    n = min(longest, max(round(30 / data.dt), 8))
+    n = min(data.n_longest, max(round(30 / data.dt), 8))
     for part in data.experiments:
         if len(part) >= n and n > 3:
             f, p = signal.welch(part[name], fs=1 / data.dt, nperseg=n, detrend="constant")

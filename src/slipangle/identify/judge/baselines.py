@@ -54,7 +54,7 @@ def baselines(data: Dataset, output: str) -> tuple[Baseline, ...]:
     found = [_fitted("mean", lambda d: np.ones((d.n_samples, 1)), data, y)]
     steady = [_fitted(name, regressors, data, y) for name, regressors in _steady(data, output)]
     kept = [_least([b for b in steady if b.name == name], y) for name in dict.fromkeys(b.name for b in steady)]
-    longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True)) * data.dt
+    longest = data.n_longest * data.dt
     times = np.geomspace(0.5 * data.dt, max(0.1 * longest, data.dt), _LAGS)
     table = kept[-1].regressors(data)
 

@@ -203,7 +203,7 @@ def horizon_errors(
     """
     if not on_training_data:
         require_unseen(model, data)
-    room = max(part.n_samples for part in data.experiments) - model.memory
+    room = data.n_longest - model.memory
     steps = sorted({k for k in horizons if k <= room})
     if not steps:
         raise ParameterError(

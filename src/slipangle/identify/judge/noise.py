@@ -37,10 +37,9 @@ def noise_floor(data: Dataset, output: str) -> float:
        Trans. Speech and Audio Processing 9(5), 2001.
     """
     moving = [n for n in data.inputs if np.ptp(data[n]) > 0]
-    longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
     length = _LONGEST
     while length > _SHORTEST and (
-        length > longest or 2 * data.n_samples // length - 1 < _STRETCHES * (len(moving) + 1)
+        length > data.n_longest or 2 * data.n_samples // length - 1 < _STRETCHES * (len(moving) + 1)
     ):
         length //= 2
     names = (output, *moving)

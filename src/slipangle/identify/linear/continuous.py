@@ -45,7 +45,7 @@ class HeldResponse(abc.ABC):
             )
         self.data, self.dt, self.late, self.known = data, data.dt, late, delay
         self.y, self.u = data.y[:, 0], data.u[:, 0]
-        self.longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True)) * data.dt
+        self.longest = data.n_longest * data.dt
         self.max_delay = min(max_delay, 0.5 * self.longest)
 
     # ---- the system --------------------------------------------------------------------------------------------

@@ -142,8 +142,7 @@ class MultiARX(Checked):
             **found,
         )
         model = MultiARXModel(models=tuple(models), speeds=speeds, fit_info=info)
-        longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
-        return noted(model, growth(np.concatenate([m.poles for m in models]), longest))
+        return noted(model, growth(np.concatenate([m.poles for m in models]), data.n_longest))
 
     def _labels(self, data: Dataset, orders: Orders) -> list[str]:
         steering = next(n for n in data.inputs if n != "v_x")

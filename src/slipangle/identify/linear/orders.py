@@ -113,9 +113,8 @@ def _most(data: Dataset, fixed: Orders, open_: tuple[bool, bool, bool]) -> int:
             return most
     need = 2 * 4 * (max(fixed.reach, 1) + 1)
     raise TooShortError(
-        f"'{data.name}' has {data.n_samples} samples, the longest experiment "
-        f"{max(b - a for a, b in zip(data.starts, data.stops, strict=True))}; expected at least {need} in a row to "
-        "choose orders on stretches held out: record longer, or give na, nb and nk"
+        f"'{data.name}' has {data.n_samples} samples, the longest experiment {data.n_longest}; expected at least "
+        f"{need} in a row to choose orders on stretches held out: record longer, or give na, nb and nk"
     )
 
 
@@ -181,7 +180,7 @@ class _Trials:
         if judged:
             self.stretches = self._stretches(blocks)
             self.spread = np.maximum(np.std(self.stretches.wanted[self.stretches.known], axis=0), 1e-300)
-        self.longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
+        self.longest = data.n_longest
         self.done: dict[Orders, Candidate] = {}
         self._order: list[Orders] = []  # `_ranked`, until more are judged
 

@@ -67,8 +67,7 @@ def _long_arx(data: Dataset, u0: np.ndarray, y0: float, settings: Any, order: in
     for name, level in zip((*data.inputs, *data.outputs), (*u0, y0), strict=True):
         if level:
             centred = centred.with_channel(name, data[name] - level, data.unit(name))
-    shortest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
-    lags = max(order + 1, min(30, 2 * order + nk + 10, shortest // (4 * (1 + len(data.inputs)))))
+    lags = max(order + 1, min(30, 2 * order + nk + 10, data.n_longest // (4 * (1 + len(data.inputs)))))
     while True:
         try:
             return ARX(na=lags, nb=lags)._fit(centred)

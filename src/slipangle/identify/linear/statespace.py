@@ -107,15 +107,14 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
 
     def _lasting(self, data: Dataset, choice: OrderChoice) -> tuple[OrderChoice, StateSpaceModel]:
         """The fit of the chosen order, or of the next best in free runs where its own run away and those do not."""
-        longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
         chosen = self._usable(data, choice.order)
-        if growth(chosen.poles, longest):
+        if growth(chosen.poles, data.n_longest):
             for other in sorted(choice.candidates, key=lambda c: c.error):
                 order = int(other.orders.rpartition(" ")[2])
                 if order == choice.order or not (other.stable and other.error < 1):
                     continue
                 model = self._usable(data, order)
-                if not growth(model.poles, longest):
+                if not growth(model.poles, data.n_longest):
                     table = sorted(choice.candidates, key=lambda c: c is not other)
                     return replace(choice, order=order, candidates=tuple(table)), model
         return choice, chosen
@@ -233,7 +232,6 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
             free, ahead = (free, others) if self.focus == "simulation" else (others, ahead)
         run = model._predict(seen) if np.any(model.K) else model._simulate(seen)
         left = run.error[run.predicted] / np.std(seen.y, axis=0)
-        longest = max(b - a for a, b in zip(seen.starts, seen.stops, strict=True))
         n, ny, nu = len(left), model.n_outputs, model.n_inputs
         d = order * (ny + nu) + ny * nu * self.direct + order * ny * (self.focus == "prediction")
         d += {"none": 0, "output": ny, "input": nu, "both": nu + ny}[self.offsets]
@@ -244,7 +242,7 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
             error=float(np.mean(np.sqrt(np.mean(free, axis=0)))),
             one_step_error=float(np.mean(np.sqrt(np.mean(ahead, axis=0)))),
             **criteria(log_det, d, n),
-            stable=not any(growth(m.poles, longest) for m in (model, *judged.models)),
+            stable=not any(growth(m.poles, seen.n_longest) for m in (model, *judged.models)),
         )
 
     def _starts(
@@ -370,7 +368,7 @@ _ASTRAY = (
 def _later(poles: np.ndarray, data: Dataset) -> str:
     """Sentence about the largest pole where errors grow too slowly for the training data to show; else empty."""
     size = float(np.abs(poles).max())
-    if size <= SETTLED or growth(poles, max(b - a for a, b in zip(data.starts, data.stops, strict=True))):
+    if size <= SETTLED or growth(poles, data.n_longest):
         return ""
     return _LATER.format(size=size, steps=tenfold(size))
 

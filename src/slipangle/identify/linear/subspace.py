@@ -104,9 +104,8 @@ class Subspace(LinearEstimator[StateSpaceModel]):
         order = self.order or suggest_order(projection.singular_values)
         A, C = projection.observability(order)
         K = projection.gain(order, A, C) if self.disturbance else np.zeros((order, len(C)))
-        longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
-        mirrored = 0 if K.any() else int(_grown(A, longest).sum())
-        A = _mirrored(A, longest) if mirrored else A
+        mirrored = 0 if K.any() else int(_grown(A, data.n_longest).sum())
+        A = _mirrored(A, data.n_longest) if mirrored else A
         return LinearFit(A=A, C=C, K=K, direct=self.direct, offset=self.offset, data=data), mirrored
 
     def rows(self, data: Dataset) -> int:
@@ -122,8 +121,7 @@ class Subspace(LinearEstimator[StateSpaceModel]):
                 )
             return self.block_rows
         wanted = 15 if self.order is None else max(10, 2 * self.order + 2)
-        longest = max(b - a for a, b in zip(data.starts, data.stops, strict=True))
-        affordable = int((longest + 1) // (2 * (nu + ny) + 2))  # twice as many windows as rows
+        affordable = int((data.n_longest + 1) // (2 * (nu + ny) + 2))  # twice as many windows as rows
         return max(least, min(wanted, affordable))
 
 

@@ -91,7 +91,7 @@ class NARX(NetworkEstimator[NARXModel]):
     def _linear(self, data: Dataset, held: Dataset) -> tuple[np.ndarray, np.ndarray]:
         """Slope by the lags and constant: ARX or, of one input and output, output error, as runs freely better."""
         model = ARX(**self._lags, offset=True).fit(data)
-        blows_up = growth(model.poles, max(b - a for a, b in zip(data.starts, data.stops, strict=True)))
+        blows_up = growth(model.poles, data.n_longest)
         found = [] if blows_up else [model]
         if len(data.inputs) == len(data.outputs) == 1:
             found += self._output_error(data)

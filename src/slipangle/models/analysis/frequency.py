@@ -166,8 +166,7 @@ def chosen(data: Dataset, name: str | None, role: str) -> str:
 def _segment(data: Dataset, resolution: float | None) -> int:
     """Samples of a segment, even."""
     if resolution is None:
-        longest = max(len(part) for part in data.experiments)
-        n = int(min(2 * data.n_samples / (_AVERAGES + 1), longest, 10.0 / data.dt))
+        n = int(min(2 * data.n_samples / (_AVERAGES + 1), data.n_longest, 10.0 / data.dt))
         return max(_SHORTEST, n // 2 * 2)
     finest, coarsest = 1 / (data.n_samples * data.dt), 1 / (_SHORTEST * data.dt)
     if not finest <= resolution <= coarsest:
