@@ -596,3 +596,17 @@ def test_a_predictor_that_runs_away_gets_a_sentence():
     with pytest.warns(ModelWarning, match=said), pytest.warns(IdentifiabilityWarning, match="limit of 0 steps"):
         PEM(start=wild, direct=True, max_iterations=0).fit(data)
     assert not any("predictor" in sentence for sentence in PEM(start=truth, direct=True).fit(data).fit_info.warnings)
+
+
+@pytest.mark.parametrize("limit", [None, 0.9])
+@pytest.mark.parametrize(("n", "seed"), [(1, 3), (2, 4), (3, 5)])
+def test_a_predictor_is_held_where_short_experiments_would_have_it_run_away(n, seed, limit):
+    """It forgets within an experiment, so that it predicts longer records almost as the true system does."""
+    truth = system(n, 1, 1, seed, gain=0.3)
+    data, long = join(*(record(truth, 30, k, noise=0.3)[0] for k in range(9))), record(truth, 5000, 99, noise=0.3)[0]
+    settings = StateSpace(order=n + 1, focus="prediction", direct=True, max_radius=limit)
+    with pytest.warns(ModelWarning, match="an unstable predictor follows these data best: the eigenvalues of A - K C"):
+        model = settings.fit(data)
+    assert np.abs(np.linalg.eigvals(model.A - model.K @ model.C)).max() == pytest.approx(0.1 ** (1 / 30), rel=1e-6)
+    assert limit is None or np.abs(model.poles).max() <= limit + 1e-9
+    assert np.std(model.predict(long).error) < 1.3 * np.std(truth.predict(long).error)

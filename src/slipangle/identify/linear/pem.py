@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import numpy as np
-
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError
 from slipangle.fields import Positive, Radius, Whole
 from slipangle.identify.linear.estimator import LinearEstimator, described
 from slipangle.identify.linear.left_out import left_out
+from slipangle.identify.linear.poles import modulus
 from slipangle.identify.linear.prediction import Point, PredictionCriterion
 from slipangle.identify.linear.prediction_covariance import covariance
 from slipangle.identify.stability import SETTLED, noted
@@ -23,6 +22,7 @@ from slipangle.numerics.blas import one_blas_thread
 
 Focus = Literal["prediction", "simulation"]
 Offsets = Literal["none", "output", "input", "both"]
+_EDGE = 1e-6  # distance from a circle of an eigenvalue that is held on it
 _NEAR = 1e-6  # damping of the first step where the start is all but the minimum
 
 
@@ -33,6 +33,10 @@ class PEM(LinearEstimator[StateSpaceModel]):
     All of A, B, C, D, K is free. Changes of the state's basis, which change nothing outside, are kept out of every
     step: it moves orthogonally to them ([2]_, data-driven local coordinates). The derivatives are exact and the
     normal equations are never formed. Initial states of all experiments are estimated along.
+
+    Where an unstable predictor would have the least one-step error, as over many experiments of few samples, the
+    eigenvalues of A - K C are held at the modulus from which an error fades tenfold over the longest one, and the fit
+    says so: only stable predictors are models ([1]_ sec. 4.5).
 
     Parameters
     ----------
@@ -80,7 +84,7 @@ class PEM(LinearEstimator[StateSpaceModel]):
     def _fit(self, data: Dataset) -> StateSpaceModel:
         began = time.perf_counter()
         problem = PredictionCriterion(self, data)
-        point, notes = problem.solve(self.max_iterations)
+        point, notes = self._solved(problem)
         spread, sigma, said = covariance(problem, point)
         names, values = problem.named(point)
         error = "one-step-ahead" if self.focus == "prediction" else "free-run"
@@ -97,12 +101,12 @@ class PEM(LinearEstimator[StateSpaceModel]):
             warnings=notes,
         )
         model = replace(self._of(point), fit_info=info)
-        return noted(model, _runs_away(point)) if self.focus == "prediction" else model
+        return noted(model, _memory_said(problem, point)) if self.focus == "prediction" else model
 
     @one_blas_thread()
     def refined(self, data: Dataset, tolerance: float) -> StateSpaceModel:
         """The model of `fit` so far that a step would lower the squared error by less than a share; no intervals."""
-        point, _ = PredictionCriterion(self, data).solve(self.max_iterations, tolerance, rough=True)
+        point = self._roughly(PredictionCriterion(self, data), tolerance)
         return replace(self._of(point), fit_info=None)
 
     @one_blas_thread()
@@ -111,7 +115,7 @@ class PEM(LinearEstimator[StateSpaceModel]):
     ) -> tuple[StateSpaceModel, list[StateSpaceModel]]:
         """`refined` over all groups of experiments, and over all but each of them in turn."""
         problem = PredictionCriterion(self, join(*groups))
-        point, _ = problem.solve(self.max_iterations, tolerance, rough=True)
+        point = self._roughly(problem, tolerance)
         parts = left_out(problem, point, groups, tolerance=tolerance)
         whole, *without = (replace(self._of(p), fit_info=None) for p in (point, *parts))
         return whole, without
@@ -119,22 +123,53 @@ class PEM(LinearEstimator[StateSpaceModel]):
     @one_blas_thread()
     def finished(self, data: Dataset) -> StateSpaceModel:
         """The model of `fit` from a start that is all but there; no intervals."""
-        point, _ = PredictionCriterion(self, data).solve(self.max_iterations, damping=_NEAR)
+        point, _ = self._solved(PredictionCriterion(self, data), _NEAR)
         return replace(self._of(point), fit_info=None)
+
+    def _solved(self, problem: PredictionCriterion, damping: float = 1e-3) -> tuple[Point, tuple[str, ...]]:
+        """The minimum and notes; one whose predictor is unstable is looked for again with that held."""
+        weights = problem.root
+        point, notes = problem.solve(self.max_iterations, damping=damping)
+        if not (problem.prediction and self.max_iterations) or modulus(point.F) <= SETTLED:
+            return point, notes
+        problem.root, problem.radius = weights, _forgetting(problem.data)
+        return problem.solve(self.max_iterations, damping=damping)
+
+    def _roughly(self, problem: PredictionCriterion, tolerance: float) -> Point:
+        """The same to a tolerance; predictors are stable on the way there too."""
+        if not problem.prediction:
+            return problem.solve(self.max_iterations, tolerance, rough=True)[0]
+        problem.radius = 1.0
+        point, _ = problem.solve(self.max_iterations, tolerance, rough=True)
+        if modulus(point.F) < 1 - _EDGE:
+            return point
+        problem.point, problem.radius = point, _forgetting(problem.data)
+        return problem.solve(self.max_iterations, tolerance, rough=True)[0]
 
     def _of(self, point: Point) -> StateSpaceModel:
         parts = {key: getattr(point, key) for key in ("C", "D", "K", "u_offset", "y_offset", "x0")}
         return replace(self.start, A=point.F + point.K @ point.C, B=point.G + point.K @ point.D, **parts)
 
 
-def _runs_away(point: Point) -> str:
-    """A sentence where errors of the one-step prediction grow from sample to sample; else empty."""
-    size = float(np.abs(np.linalg.eigvals(point.F)).max(initial=0.0))
-    if size <= SETTLED:
+def _forgetting(data: Dataset) -> float:
+    """Modulus of an eigenvalue whose effect fades tenfold over the longest experiment."""
+    return 0.1 ** (1 / data.n_longest)
+
+
+def _memory_said(problem: PredictionCriterion, point: Point) -> str:
+    """A sentence where errors of the one-step prediction grow, or are held from it; else empty."""
+    size = modulus(point.F)
+    if size > SETTLED:
+        grown = f"so an error of its one-step prediction grows tenfold every {tenfold(size):.3g} samples"
+        what = f"the predictor is unstable: A - K C has an eigenvalue of modulus {size:.6g}, {grown}"
+    elif size > problem.radius * (1 - _EDGE):
+        what = (
+            "an unstable predictor follows these data best: the eigenvalues of A - K C were held at a modulus of "
+            f"{size:.6g}, where an error fades tenfold over the longest experiment"
+        )
+    else:
         return ""
     return (
-        f"the predictor is unstable: A - K C has an eigenvalue of modulus {size:.6g}, so an error of its one-step "
-        f"prediction grows tenfold every {tenfold(size):.3g} samples; expected it within the unit circle, "
-        "where experiments that outlast its memory put it: record longer ones, lower the order, or use "
-        "focus='simulation'"
+        f"{what}; expected them within the unit circle, where experiments that outlast the predictor's memory put "
+        "them: record longer ones, lower the order, or use focus='simulation'"
     )

@@ -17,8 +17,9 @@ from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.arx import per_input
 from slipangle.identify.linear.estimator import LinearEstimator, channels, described
 from slipangle.identify.linear.pem import PEM
+from slipangle.identify.linear.poles import shrunk
 from slipangle.identify.linear.polynomial_start import first_guess
-from slipangle.identify.linear.prediction import Point, PredictionCriterion, shrunk
+from slipangle.identify.linear.prediction import Point, PredictionCriterion
 from slipangle.identify.linear.prediction_covariance import covariance
 from slipangle.models.black_box.polynomial import PolynomialModel, realise
 from slipangle.numerics.blas import one_blas_thread

@@ -13,6 +13,7 @@ from scipy import linalg
 from slipangle.data.dataset import Dataset
 from slipangle.errors import TooShortError
 from slipangle.identify.excitation import require_identifiable
+from slipangle.identify.linear.poles import modulus, shrunk
 from slipangle.identify.linear.predictor import Bank, Triangles, reduce_rows
 from slipangle.numerics.least_squares import Factors, LevenbergMarquardt
 from slipangle.numerics.linear_response import LTI
@@ -56,6 +57,7 @@ class PredictionCriterion:
         self.level_size = {"u_offset": np.std(chosen.u, axis=0), "y_offset": self.size}
         self.level_weight = 0.0
         self.x0_weight = np.zeros(self.n)
+        self.radius = np.inf  # that the predictor is held within
         given = settings.weights
         self.root = np.diag(1 / (self.size if isinstance(given, str) else np.array(given)))
 
@@ -92,7 +94,7 @@ class PredictionCriterion:
         K = K if self.prediction else np.zeros_like(K)
         limit = self.settings.max_radius
         A = shrunk(A, limit) if limit is not None else A
-        if not self.prediction and limit is None and np.abs(np.linalg.eigvals(A)).max() > 1.001:
+        if not self.prediction and limit is None and modulus(A) > 1.001:
             A = shrunk(A, 1.0)  # a free run from an unstable start only overflows
         point = Point(
             F=A - K @ C,
@@ -266,11 +268,18 @@ class PredictionCriterion:
             old = getattr(point, key)
             parts[key] = old + theta[at : at + old.size].reshape(old.shape)
             at += old.size
-        new = replace(point, **parts, x0=point.x0 + x0)
+        return self._within(replace(point, **parts, x0=point.x0 + x0))
+
+    def _within(self, point: Point) -> Point:
+        """The point with poles beyond their limit back on it, and those of the predictor where they are held."""
         limit = self.settings.max_radius
-        if limit is None:
-            return new
-        return replace(new, F=shrunk(new.F + new.K @ new.C, limit) - new.K @ new.C)
+        if limit is not None:
+            point = replace(point, F=shrunk(point.F + point.K @ point.C, limit) - point.K @ point.C)
+        if self.radius == np.inf or modulus(point.F) <= self.radius:
+            return point
+        if limit is not None:  # without K the predictor has the model's poles
+            point = replace(point, F=point.F + point.K @ point.C, K=np.zeros_like(point.K))
+        return replace(point, F=shrunk(point.F, self.radius))
 
     # ---- solving -----------------------------------------------------------------------------------------------
 
@@ -282,7 +291,7 @@ class PredictionCriterion:
         A step that lowers the cost by less than ``tolerance`` of it is the last; ``damping`` is that of the first.
         Where a ``rough`` solution will do, the first weights are of the start's errors, and may be a little off.
         """
-        point, notes = self.point, ()
+        point, notes = self._within(self.point), ()
         reweigh = self.settings.weights == "residual" and (self.ny > 1)
         if rough and reweigh:
             point = self._with_initial_states(point)
@@ -386,15 +395,3 @@ class PredictionCriterion:
             names += [name + "[" + ",".join(map(str, index)) + "]" for index in np.ndindex(value.shape)]
             values.append(value.ravel())
         return tuple(names), np.concatenate(values)
-
-
-def shrunk(A: np.ndarray, radius: float) -> np.ndarray:
-    """A with the eigenvalues beyond the radius moved onto it along their direction; the others stay."""
-    if not np.isfinite(A).all() or np.abs(np.linalg.eigvals(A)).max() <= radius:
-        return A  # what is not finite is refused by its cost
-    factors: Any = linalg.schur(A, output="complex")
-    T, Z = factors
-    moduli = np.abs(np.diag(T))
-    diagonal = np.diag(T) * np.minimum(1.0, radius / np.maximum(moduli, 1e-300))
-    T[np.diag_indices(len(T))] = diagonal
-    return np.real(Z @ T @ Z.conj().T)

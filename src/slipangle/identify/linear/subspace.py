@@ -17,6 +17,7 @@ from slipangle.fields import Count, Within
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.estimator import LinearEstimator, channels, described
 from slipangle.identify.linear.lags import Windows, triangle
+from slipangle.identify.linear.poles import grown, mirrored
 from slipangle.identify.linear.predictor import LinearFit
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.numerics.blas import one_blas_thread
@@ -71,7 +72,7 @@ class Subspace(LinearEstimator[StateSpaceModel]):
     def of(self, projection: ObliqueProjection, data: Dataset) -> StateSpaceModel:
         """Model of this order from a projection of the data."""
         began = time.perf_counter()
-        fit, mirrored = self._linear(projection, data)
+        fit, count = self._linear(projection, data)
         parts, told = fit.solve()
         strength = ", ".join(f"{s:.3g}" for s in projection.singular_values[: len(fit.A) + 3])
         info = described(
@@ -81,7 +82,7 @@ class Subspace(LinearEstimator[StateSpaceModel]):
             n_samples=data.n_samples,
             method=f"subspace ({self.algorithm}), {projection.block_rows} block rows, {projection.solver}, singular "
             f"values {strength}, ...; "
-            + (f"{mirrored} poles mirrored into the unit circle; " if mirrored else "")
+            + (f"{count} poles mirrored into the unit circle; " if count else "")
             + "B, D, x0 by least squares on the one-step-ahead error, covariance given A, C, K",
         )
         return StateSpaceModel(A=fit.A, C=fit.C, K=fit.K, **parts, **channels(data), fit_info=info)
@@ -104,9 +105,9 @@ class Subspace(LinearEstimator[StateSpaceModel]):
         order = self.order or suggest_order(projection.singular_values)
         A, C = projection.observability(order)
         K = projection.gain(order, A, C) if self.disturbance else np.zeros((order, len(C)))
-        mirrored = 0 if K.any() else int(_grown(A, data.n_longest).sum())
-        A = _mirrored(A, data.n_longest) if mirrored else A
-        return LinearFit(A=A, C=C, K=K, direct=self.direct, offset=self.offset, data=data), mirrored
+        count = 0 if K.any() else int(grown(A, data.n_longest).sum())
+        A = mirrored(A, data.n_longest) if count else A
+        return LinearFit(A=A, C=C, K=K, direct=self.direct, offset=self.offset, data=data), count
 
     def rows(self, data: Dataset) -> int:
         """Block rows used on these data."""
@@ -181,20 +182,6 @@ class ObliqueProjection:
         except (linalg.LinAlgError, ValueError):
             return np.zeros((order, self.n_y))
         return K if stable else np.zeros((order, self.n_y))
-
-
-def _grown(A: np.ndarray, steps: int) -> np.ndarray:
-    """Which eigenvalues leave nothing of the other modes' effects to double precision after so many steps."""
-    size = np.abs(np.linalg.eigvals(A))
-    return steps * np.log(np.maximum(size, 1.0)) > -0.5 * np.log(np.finfo(float).eps)
-
-
-def _mirrored(A: np.ndarray, steps: int) -> np.ndarray:
-    """Those eigenvalues inside the unit circle: modes that no free run of a log has, of an order beyond the car's."""
-    values, vectors = np.linalg.eig(A)
-    grown = _grown(A, steps)
-    values[grown] = 1 / values[grown].conj()
-    return np.linalg.solve(vectors.T, (vectors * values).T).T.real
 
 
 def project(data: Dataset, *, algorithm: Algorithm, block_rows: int, offset: bool = False) -> ObliqueProjection:

@@ -20,7 +20,7 @@ from slipangle.errors import IdentifiabilityWarning, ParameterError, SlipangleEr
 from slipangle.fields import Checked, Count, Within
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.estimator import channels, described
-from slipangle.identify.linear.prediction import shrunk
+from slipangle.identify.linear.poles import shrunk
 from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.lure.starts import Branches, drawn, unit_states
 from slipangle.identify.physics.free_run import FreeRun, FreeRunFit
