@@ -11,10 +11,11 @@ from scipy.signal import lfilter
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ExcitationError, IdentifiabilityWarning, ModelWarning, ParameterError, TooShortError
+from slipangle.identify.linear.order_search import searched
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.linear.predictor import Bank, LinearFit, Triangles
-from slipangle.identify.linear.statespace import StateSpace, _searched
+from slipangle.identify.linear.statespace import StateSpace
 from slipangle.identify.linear.subspace import Subspace, project, suggest_order
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.fast import FastPaths
@@ -406,7 +407,7 @@ def test_models_without_a_group_know_little_of_it(focus, samples):
     parts[2] = parts[2].with_channel("y0", 1.3 * parts[2]["y0"])  # another sensor
     start = Subspace(order=2, direct=True, disturbance=focus == "prediction").fit(join(*parts))
     pem = PEM(start=start, focus=focus, direct=True)
-    whole, without = pem.refined_without(parts, 1e-3)
+    whole, without = pem.refined_without(parts, 1e-3, far=True)
     for k, model in enumerate(without):
         rest = join(*parts[:k], *parts[k + 1 :])
         alone = pem.fit(rest)
@@ -426,10 +427,39 @@ def test_a_choice_that_hangs_by_the_tolerance_is_refined_further():
         asked.append((at, tolerance is not None))
         return (rough if tolerance is None else close)[at]
 
-    errors, refined, place = _searched(judge, 4)
+    errors, refined, place = searched(judge, [0.0] * 4)
     assert (place, refined) == (2, [0, 1, 2, 3])
     assert errors.tolist() == close.tolist()
     assert {at for at, further in asked if further} == {1, 2}
+
+
+def judged(rough, close):
+    """A judge of orders whose errors are these, and the list of those that it was asked for closely."""
+    asked = []
+
+    def judge(at, least, tolerance=None):
+        asked.extend([at] * (tolerance is not None))
+        return (rough if tolerance is None else close)[at]
+
+    return judge, asked
+
+
+def test_an_order_that_is_better_by_less_than_its_doubt_is_asked_closely():
+    """Rough errors of larger orders are too small: 4 % better is 1 % worse when followed to the end, or is not."""
+    rough, shares = np.array([2.0, 1.0, 0.96, 0.975]), np.array([0.02, 0.04, 0.06, 0.08])
+    judge, asked = judged(rough, np.array([2.0, 1.0, 1.01, 1.01]))
+    assert searched(judge, shares)[2] == 1
+    assert asked == [2]
+    judge, asked = judged(rough, rough)
+    assert searched(judge, shares)[2] == 2
+    assert asked[0] == 2
+
+
+def test_what_one_larger_order_fails_in_the_others_are_not_asked():
+    rough, shares = np.array([2.0, 1.0, 0.97, 0.96, 0.95, 0.94]), 0.03 * np.arange(1, 7)
+    judge, asked = judged(rough, np.array([2.0, 1.0, 1.5, 1.5, 1.5, 1.5]))
+    assert searched(judge, shares)[2] == 1
+    assert len(asked) <= 2
 
 
 def test_starts_without_a_group_are_fitted_to_the_others():

@@ -15,16 +15,19 @@ from slipangle.numerics.least_squares import Factors, LevenbergMarquardt
 _NEAR = 1e-4  # damping of the first step: the way is short
 _LEAST = 1e-4  # share of the cost, promised, for which no step is taken
 _STEPS = 3  # at most, of all entries together
-_MANY = 0.02  # parameters over rows, from which on it tells that some have not forgotten the group, in flat valleys
+_MANY = 0.02  # parameters over rows, from which on some have not forgotten the group, in flat valleys
 _MORE = 20  # steps at most, which flat valleys do not stop
 
 
-def left_out(problem: PredictionCriterion, point: Point, groups: Sequence[Dataset], *, tolerance: float) -> list[Point]:
+def left_out(
+    problem: PredictionCriterion, point: Point, groups: Sequence[Dataset], *, tolerance: float, far: bool
+) -> list[Point]:
     """Points at the least cost over all groups but each in turn, from the ``point`` at the least over all.
 
     The data of the problem are the groups, joined in this order. The optimum of all is near those without a group, and
     what it knows of that group, the way there takes off again: one Gauss-Newton step, whose linearisation serves all
-    groups. Where the cost does not fall as that promised, but for a share ``tolerance``, more follow.
+    groups. Where the cost does not fall as that promised, but for a share ``tolerance``, more follow; ``far`` follows
+    flat valleys to their ends.
 
     Raises TooShortError or ExcitationError if what is left without a group does not determine all that is free.
     """
@@ -42,12 +45,12 @@ def left_out(problem: PredictionCriterion, point: Point, groups: Sequence[Datase
         rest.enough(rest.data)
         start = replace(point, x0=np.concatenate([states[i] for i in kept]))
         first, *others = (each[i] for i in kept)
-        found.append(_descended(rest, start, first.joined(*others), moves, tolerance))
+        found.append(_descended(rest, start, first.joined(*others), moves, tolerance, far))
     return found
 
 
 def _descended(
-    problem: PredictionCriterion, start: Point, work: Triangles, moves: np.ndarray, tolerance: float
+    problem: PredictionCriterion, start: Point, work: Triangles, moves: np.ndarray, tolerance: float, far: bool
 ) -> Point:
     """The point at the least cost, from one whose linearisation along the moves is known."""
 
@@ -69,6 +72,6 @@ def _descended(
         missed, point, now = step.promised - (now - step.cost), step.point, step.cost
         if missed < tolerance * now:
             break
-    if moves.shape[1] < _MANY * problem.n_rows:
+    if not far or moves.shape[1] < _MANY * problem.n_rows:
         return point
-    return problem._descend(point, _MORE, 0.1 * tolerance, 1e-3)[0]
+    return problem._descend(point, _MORE, tolerance, 1e-3)[0]

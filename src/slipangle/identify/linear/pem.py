@@ -111,12 +111,12 @@ class PEM(LinearEstimator[StateSpaceModel]):
 
     @one_blas_thread()
     def refined_without(
-        self, groups: Sequence[Dataset], tolerance: float
+        self, groups: Sequence[Dataset], tolerance: float, far: bool
     ) -> tuple[StateSpaceModel, list[StateSpaceModel]]:
-        """`refined` over all groups of experiments, and over all but each of them in turn."""
+        """`refined` over all groups of experiments, and over all but each of them in turn; ``far`` as in `left_out`."""
         problem = PredictionCriterion(self, join(*groups))
         point = self._roughly(problem, tolerance)
-        parts = left_out(problem, point, groups, tolerance=tolerance)
+        parts = left_out(problem, point, groups, tolerance=tolerance, far=far)
         whole, *without = (replace(self._of(p), fit_info=None) for p in (point, *parts))
         return whole, without
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -13,8 +13,9 @@ from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, SlipangleError
 from slipangle.fields import Radius, Whole, Within
 from slipangle.identify.linear.estimator import LinearEstimator, criteria
+from slipangle.identify.linear.order_search import searched
 from slipangle.identify.linear.pem import PEM, Focus, Offsets
-from slipangle.identify.linear.subspace import Algorithm, Subspace, project
+from slipangle.identify.linear.subspace import Algorithm, ObliqueProjection, Subspace, project
 from slipangle.identify.stability import SETTLED, breakdown_said, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.model import Candidate
@@ -35,7 +36,9 @@ class OrderChoice(Shown):
     # of that are fitted to all of them
     errors: np.ndarray
     singular_values: np.ndarray  # (n,), of the subspace projection of all data
-    order: int  # the smallest order within 1 % of the least error, or below which nothing but rounding is left
+    # the smallest order within 1 % of the least error, or below which nothing but rounding is left; of several
+    # experiments errors may count for more, in proportion to the parameters, where the choice does not hang by it
+    order: int
     holdout: str  # what the errors were measured on
     failures: tuple[str, ...] = ()  # why an order could not be judged
     refined: tuple[int, ...] = ()  # orders whose errors are those of refined models
@@ -135,14 +138,15 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
 
         Subspace models of all orders come from one factorisation. Around the smallest order that predicts like the best
         of them, orders are refined as long as one more helps, or one less does no harm: a few fits in all. Of several
-        experiments, the models without each group come from those of all, by the steps from one optimum to the other.
+        experiments, the models without each group come from those of all, by the steps from one optimum to the other;
+        in flat valleys they still know a little of the group, and go on to the end where the choice hangs by it.
 
         Raises ParameterError if no candidate could be fitted; the reasons are given.
         """
         orders = (self.order,) if isinstance(self.order, int) else tuple(sorted(set(self.order)))
         seen, parts, holdout = self._held_out(data)
         failures: dict[int, str] = {}
-        starts = self._starts(seen, parts, orders, failures)
+        starts, projection = self._starts(seen, parts, orders, failures)
         judged: dict[int, _Judged] = {}
 
         def judge(at: int, least: float | None, tolerance: float = _ROUGH) -> float:
@@ -162,19 +166,23 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
                 return np.inf
             return judged[order].error
 
-        errors, refined, place = _searched(judge, len(orders))
+        rows = seen.n_samples * len(seen.outputs)
+        shares = [2 * self._n_parameters(o, seen) / rows if len(parts) > 1 else 0.0 for o in orders]
+        errors, refined, place = searched(judge, shares)
         if not np.isfinite(errors).any():
             raise ParameterError(f"no order among {list(orders)} could be fitted; {next(iter(failures.values()))}")
         best = orders[place]
         if len(parts) == 1:
             judged[best] = self._finished(judged[best], seen, parts)
         at = dict(zip(orders, errors, strict=True))
-        start = Subspace(order=max(orders), algorithm=self.algorithm, block_rows=self.block_rows)
-        shown = project(data, algorithm=self.algorithm, block_rows=start.rows(data), offset=self.offsets != "none")
+        if projection is None or len(parts) == 1:
+            start = Subspace(order=max(orders), algorithm=self.algorithm, block_rows=self.block_rows)
+            rows = start.rows(data)
+            projection = project(data, algorithm=self.algorithm, block_rows=rows, offset=self.offsets != "none")
         return OrderChoice(
             orders=orders,
             errors=errors,
-            singular_values=shown.singular_values,
+            singular_values=projection.singular_values,
             order=best,
             holdout=holdout,
             failures=tuple(failures[o] for o in orders if o in failures),
@@ -200,7 +208,7 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         def refined(start: StateSpaceModel, tolerance: float) -> _Judged:
             pem = self._pem(start, _STEPS)
             if len(parts) > 1:
-                return self._judged(*pem.refined_without(parts, tolerance), parts)
+                return self._judged(*pem.refined_without(parts, max(tolerance, _FAR), tolerance < _ROUGH), parts)
             model = pem.refined(seen, tolerance)
             return self._judged(model, [model], parts)
 
@@ -232,9 +240,7 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
             free, ahead = (free, others) if self.focus == "simulation" else (others, ahead)
         run = model._predict(seen) if np.any(model.K) else model._simulate(seen)
         left = run.error[run.predicted] / np.std(seen.y, axis=0)
-        n, ny, nu = len(left), model.n_outputs, model.n_inputs
-        d = order * (ny + nu) + ny * nu * self.direct + order * ny * (self.focus == "prediction")
-        d += {"none": 0, "output": ny, "input": nu, "both": nu + ny}[self.offsets]
+        n, d = len(left), self._n_parameters(order, seen)
         log_det = float(np.linalg.slogdet(left.T @ left / n)[1])
         return Candidate(
             orders=f"order = {order}",
@@ -245,9 +251,15 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
             stable=not any(growth(m.poles, seen.n_longest) for m in (model, *judged.models)),
         )
 
+    def _n_parameters(self, order: int, data: Dataset) -> int:
+        """What the data determine of a model, whatever its basis."""
+        nu, ny = len(data.inputs), len(data.outputs)
+        d = order * (ny + nu) + ny * nu * self.direct + order * ny * (self.focus == "prediction")
+        return d + {"none": 0, "output": ny, "input": nu, "both": nu + ny}[self.offsets]
+
     def _starts(
         self, seen: Dataset, parts: Sequence[Dataset], orders: tuple[int, ...], failures: dict[int, str]
-    ) -> dict[int, tuple[StateSpaceModel, list[StateSpaceModel]]]:
+    ) -> tuple[dict[int, tuple[StateSpaceModel, list[StateSpaceModel]]], ObliqueProjection | None]:
         """Subspace models of all orders from one factorisation, that of the largest order which the data allow."""
         found: dict[int, tuple[StateSpaceModel, list[StateSpaceModel]]] = {}
         projection = None
@@ -263,7 +275,7 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
                         found[order] = model, [model]
             except SlipangleError as reason:
                 failures.setdefault(order, f"order {order}: {reason}")
-        return found
+        return found, projection
 
     def _held_out(self, data: Dataset) -> tuple[Dataset, list[Dataset], str]:
         """What is fitted to, the parts that are held out in turn, and these in words."""
@@ -319,41 +331,11 @@ class _Judged(NamedTuple):
         return float(np.sqrt(np.mean(self.squares)))
 
 
-def _searched(judge: Callable[..., float], count: int) -> tuple[np.ndarray, list[int], int]:
-    """Errors of all orders, which of them are of refined models, and the place of the order that is chosen.
-
-    ``judge`` tells the error of the order at a place: of its start where it gets None, and else of its refined models,
-    given the least error of refined ones so far and, by default a rough one, a tolerance. The chosen order, its
-    neighbours and what beats it are refined; where the choice hangs by what the tolerance leaves open, further.
-    """
-    errors, refined, close = np.array([judge(i, None) for i in range(count)]), list[int](), list[int]()
-    while True:
-        known = errors[refined]
-        least = max(float(known.min() if np.isfinite(known).any() else errors.min()), _EXACT)
-        best = int(np.argmax(errors <= 1.01 * least))
-        near = [best, best + 1, best - 1] if errors[best] > _EXACT else [best, best - 1]  # where more may help
-        wanted = [i for i in near if 0 <= i < count] + list(np.flatnonzero(errors * 1.01 < least))
-        at = next((int(i) for i in wanted if i not in refined), None)
-        if at is not None:
-            errors[at] = judge(at, min(known, default=np.inf))
-            refined.append(at)
-            continue
-        low, high = (1.01 - _OPEN) * least, (1.01 + _OPEN) * least
-        edge = [i for i in refined if i <= best and low < errors[i] < high and least > _EXACT]
-        at = next((i for i in (*edge, int(np.argmin(errors))) if edge and i in refined and i not in close), None)
-        if at is None:
-            return errors, sorted(refined), best
-        errors[at] = judge(at, min(known), _CLOSE)
-        close.append(at)
-
-
 _STEPS = 20  # of a refinement that is only to tell orders apart
 _ROUGH = 1e-3  # share of the squared error by which its last step lowers it: as many again make 1 % of the error
-_CLOSE = 1e-5  # the same, where the choice hangs by what a rough refinement leaves open
-_OPEN = 2e-3  # share of the error that it may
+_FAR = 1e-4  # the same, of models without a group
 _LOOSE = 1e-2  # the same, for an order that as many again would not bring back into question
 _HOPELESS = 1.2  # error over the least, from which on an order is out of question
-_EXACT = 1e-6  # error in standard deviations of the outputs, below which orders differ by rounding
 _LATER = (
     "the model is slightly unstable: it has a pole of modulus {size:.6g}, so an error of its free run grows tenfold "
     "every {steps:.3g} samples, longer than the training data last; expected a stable model, unless the system is not: "
