@@ -285,10 +285,20 @@ ELSEWHERE = {  # problems whose limits the first start misses by least where the
         {"weight": 1.9818, "coupling": 0.9582, "lag": 1.5993, "a": -0.4852, "b": -0.6174, "c": 0.4017},
     ),
 }
+ANSWERED = {  # problems of the kind "end", by seed and place: iterations wander where limits are missed by least, far
+    (725, 11): 165.91691180,  # from the answer, which costs so much; Ipopt ends there
+    (705, 5): 72.72582936,  # Ipopt ends at its iteration limit
+}
 WANDERING = {  # problems without an answer, about whose limits the iterations never came to rest
     "once": ([1.37, -0.04, -0.48], {"weight": 1.65, "coupling": 1.14, "lag": 0.86, "a": -1.02, "b": -0.71, "c": -0.44}),
     "again": ([-1.43, 0.26, 0.26], {"weight": 1.92, "coupling": 1.46, "lag": 0.97, "a": -0.3, "b": -0.38, "c": 0.89}),
 }
+
+
+def at_place(ocp, seed, place):
+    """What is drawn at that place."""
+    rng = np.random.default_rng(seed)
+    return [drawn(ocp, rng) for _ in range(place + 1)][-1]
 
 
 @pytest.fixture(params=["condensed", "riccati", "interpreted"])
@@ -326,6 +336,36 @@ def test_limits_that_are_kept_only_elsewhere_are_kept(own, turned):
     assert plan.status is Status.SOLVED
     assert plan.detail == ANEW
     assert inputs(plan) == pytest.approx(inputs(theirs), abs=1e-7)
+
+
+@pytest.mark.parametrize("place", ANSWERED)
+def test_an_answer_far_from_where_limits_are_missed_by_least_is_found(own, place):
+    """Named infeasible before: the first starts took all iterations; and the last bit of a sum does not decide."""
+    posed, rng = solvers(KINDS["end"]), np.random.default_rng(1)
+    mpc, (x, said) = replace(posed[0], solver=own), at_place(posed[0].ocp, *place)
+    for size in (0.0, 1e-9, 1e-9):
+        beside = x * (1 + size * rng.standard_normal(3))
+        plan = mpc.plan(beside, **said)
+        assert plan.status is Status.SOLVED
+        assert plan.cost == pytest.approx(ANSWERED[place], rel=1e-6)
+        assert stays(posed[-1], plan, beside, said)
+
+
+@pytest.mark.parametrize("most", [5, 10, 20, 30])
+def test_what_iterations_have_not_come_to_is_not_named_infeasible(own, most):
+    mpc = replace(solvers(KINDS["end"])[0], solver=replace(own, max_iterations=most))
+    x, said = at_place(mpc.ocp, 705, 5)
+    plan = mpc.plan(x, **said)
+    assert plan.status is Status.ITERATION_LIMIT
+    assert plan.iterations == most
+
+
+@pytest.mark.skipif(compiler() is None, reason=sentence())
+def test_a_plan_that_is_late_where_limits_are_paid_for_is_no_plan():
+    """Whatever the deadline: one plan in a hundred was named solved, though it missed an end that has no answer."""
+    mpc, (x, said) = solvers(KINDS["end"])[0], WANDERING["once"]
+    for deadline in np.geomspace(1e-4, 4e-3, 300):
+        assert not replace(mpc, deadline=float(deadline)).plan(x, **said).status.solved
 
 
 @pytest.mark.parametrize("case", WANDERING)

@@ -47,6 +47,10 @@ IDLE = 10  # such steps that are no smaller than the smallest before end the ite
 ROUNDED = 1e-8  # largest change of an input by a whole step, before one that rounding makes useless
 PATIENCE = 40  # iterations at one price, or no nearer to limits without one, after which they get a higher one
 PRICES = 1e4  # largest price of a hard limit that no step keeps, over the first
+SETTLED = 1e-5  # largest change of an input in units of its range after which missed limits may get a higher price
+STAYED = 10  # steps in a row, at the highest price, that bring limits no nearer, after which they have no answer here
+STRAINED = 10  # multiplier of a hard limit over a price that was paid, beyond which steps pay that rather than keep it
+GAIN = 0.25  # share of what a whole step promised that it must bring, where limits have a price, to be damped less
 FAR = 0.05  # largest change of an input in units of its range; below, remembered steps are what helps
 Truth = tuple[float, float, float]  # cost, largest violation and residual of a plan
 UNKNOWN: Truth = float("nan"), np.inf, np.inf
@@ -540,7 +544,8 @@ class WorkArea(Engine):
         damp, calm, idle, least_step = 0.0, 0, 0, np.inf
         priced, neared = 0, 0  # iterations when that price was set, and when the violation was nearest to none
         soft, nearest = False, np.inf  # soft: hard limits have their price even where a step keeps them
-        price, dearest, missed, paid = 0.0, 0.0, 0.0, 0.0  # paid: price at which limits were missed by so much
+        price, dearest, missed = 0.0, 0.0, 0.0  # missed: of limits by the step, at that price
+        settled, stays = False, 0  # at a lower price, just before; steps in a row that leave the excess at the highest
         whole = np.inf  # size of the last step, if near and taken so
         multipliers, iterate, took = np.zeros(len(self._plain)), Iterate(Status.ITERATION_LIMIT, before), 0.0
         accept, tolerance = self._settings.accept, self._settings.tolerance
@@ -563,6 +568,7 @@ class WorkArea(Engine):
             if soft:
                 self._qp.price(price)
             done, step, multipliers = self._qp.solve(*given)
+            part = 1.0
             if done is not Status.SOLVED and len(self._plain):  # here: limits at a price may lead elsewhere
                 if price == 0.0:
                     price, dearest, priced = first, PRICES * first, count - 1
@@ -573,14 +579,25 @@ class WorkArea(Engine):
                         break
             if done is not Status.SOLVED:
                 self._qp.price(0.0)
-                return u, x, replace(iterate, status=Status.INFEASIBLE if missed > 1e-6 else done)
+                dear = settled and price >= dearest and missed > 1e-6  # a price so high that numbers fail
+                return u, x, replace(iterate, status=Status.INFEASIBLE if dear else done)
             old = (u.ravel().copy(), g + multipliers @ L[:, :-1])
             du, dx, e_after, promise = self._expand(m, x, G, L, step, multipliers)
             least = 1.5 * np.abs(promise.pi)
-            missed, paid = self._qp.missed(promise.limited, self._bounds) if price else 0.0, price
+            missed = self._qp.missed(promise.limited, self._bounds) if price else 0.0
+            doubtful = missed > 1e-8 and part == 1.0 and (settled or price >= dearest)
+            left = doubtful and self._qp.stays(m.limited[self._limit_at], promise.limited, self._bounds)
+            stays = stays + 1 if left else 0
+            if stays >= (1 if settled else STAYED):  # nothing brings the limits nearer
+                self._qp.price(0.0)
+                return u, x, replace(iterate, status=Status.INFEASIBLE)
+            settled = False
             penalty = np.maximum(least, 0.8 * penalty + 0.2 * least)  # early, wild steps are slowly forgotten
             if (~self._soft).any():
-                hard_penalty = max(hard_penalty, 1.5 * float(np.abs(multipliers[~self._soft]).max()))
+                strain = float(np.abs(multipliers[~self._soft]).max())
+                hard_penalty = max(hard_penalty, 1.5 * strain)
+                if price and not soft and count >= PATIENCE // 2 and strain > STRAINED * price:  # only just kept
+                    soft, priced = True, count
 
             here, _, violation = self._merit(m, u, x, penalty, hard_penalty)
             after = self._half_cost(e_after, u + du) + self._paid(self._excess(promise.limited))
@@ -589,7 +606,8 @@ class WorkArea(Engine):
             flat = near and size <= FLAT and predicted <= 1e-12 * abs(here)
             idle += flat and size > 0.9 * least_step
             least_step = min(least_step, size) if flat else least_step
-            last = near and (size <= tolerance or idle >= IDLE)
+            may_rise = missed > 1e-6 and price < dearest  # of the price: the last digits are not worth their steps
+            last = near and (size <= (SETTLED if may_rise else tolerance) or idle >= IDLE)
             past[count % 3] = here
             allowed = max(p for p in past if p < np.inf)
             k = self._k.copy()
@@ -619,7 +637,7 @@ class WorkArea(Engine):
             if missed > 1e-8 and (last or t < 1e-6):  # as near as this price brings it
                 if price >= dearest:
                     return u, x, replace(iterate, status=Status.INFEASIBLE)
-                price, priced, idle, least_step = 100 * price, count, 0, np.inf
+                price, priced, idle, least_step, settled = 100 * price, count, 0, np.inf, last
                 continue
             if last or t < 1e-6:
                 return u, x, replace(iterate, status=Status.SOLVED if last else Status.STALLED)
@@ -636,11 +654,11 @@ class WorkArea(Engine):
                 soft, priced = True, count
             calm += 1
             whole = size if near and t == 1.0 else np.inf
-            if t == 1.0:
+            if t == 1.0 and (not soft or here - there >= GAIN * predicted):
                 damp = 0.2 * damp if damp > 1e-4 else 0.0
             elif t <= 0.25 and size > FAR:  # where the model of the step does not hold, nor remembered steps
                 damp, calm, pairs = max(4 * damp, 1e-3), 0, []
-        if missed > 1e-6 and paid >= dearest:  # the highest price is paid, though not yet for the last time
+        if stays:
             iterate = replace(iterate, status=Status.INFEASIBLE)
         return u, x, iterate
 

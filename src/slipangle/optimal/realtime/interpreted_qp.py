@@ -9,6 +9,7 @@ from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime.parts import input_scale, slack_of_rows
 from slipangle.optimal.solution import Status
 
+STAYS = 0.9  # share of an excess over hard limits that a step leaves where nothing brings it down
 BENT = 1e-9  # curvature lent to slacks, which may have none of their own
 
 
@@ -37,6 +38,13 @@ class LimitedStep:
         """Largest excess of values of the limited rows over limits that are hard."""
         over = np.maximum(limited - bounds[:, 1], bounds[:, 0] - limited)[self._hard]
         return float(over.max(initial=0.0))
+
+    def stays(self, limited: np.ndarray, after: np.ndarray, bounds: np.ndarray) -> bool:
+        """Whether a step leaves nearly as much excess over limits that are hard as there is."""
+        low, high = bounds[self._hard].T
+        both = limited[self._hard], after[self._hard]
+        here, later = (np.maximum(np.maximum(v - high, low - v), 0.0).sum() for v in both)
+        return bool(later >= STAYS * here)
 
     def solve(
         self, H: np.ndarray, g: np.ndarray, L: np.ndarray, u: np.ndarray, applied: np.ndarray, bounds: np.ndarray
@@ -94,6 +102,10 @@ def _solved(given: tuple[np.ndarray, ...]) -> tuple[np.ndarray, int, dict]:
     z, _, flag, info = daqp.solve(*given, primal_tol=1e-9, dual_tol=1e-10)
     if flag not in (1, -1):  # it may go in circles among slacks of plain weight, whose own curvature is tiny
         z, _, flag, info = daqp.solve(*given, primal_tol=1e-9, dual_tol=1e-10, eps_prox=1e-6)
+    if flag not in (1, -1):  # or about multipliers that are large beside its tolerance
+        size = max(float(np.abs(given[1]).max()), 1.0)
+        z, _, flag, info = daqp.solve(given[0] / size, given[1] / size, *given[2:], primal_tol=1e-9, dual_tol=1e-10)
+        info["lam"] = size * np.asarray(info["lam"])
     return z, flag, info
 
 

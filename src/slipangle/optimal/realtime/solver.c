@@ -893,6 +893,32 @@ static double largest_excess(const Work *s, const double *values)
     return worst;
 }
 
+/* Largest multiplier of a hard limit without a price at the step. */
+static double largest_multiplier(const Work *s)
+{
+    double most = 0;
+    for (int i = QN + QR; i < QN + QR + N_LIMITS; i++)
+        if (!(s->qp.plain[i] < INFINITY))
+            most = larger(most, fabs(s->qp.lambda[i]));
+    return most;
+}
+
+/* Whether the step, which may use all that inputs can do, leaves nearly as much excess over hard limits as there is. */
+static int leaves_excess(const Work *s)
+{
+    double here = 0, after = 0;
+    for (int row = 0; row < N_LIMITS; row++) {
+        int i, k;
+        const double *b = limit_of(s, row, &i, &k);
+        double v = s->l[i * NL + k], w = s->l_after[row];
+        if (s->plain[row] < INFINITY)
+            continue;
+        here += larger(fmax(v - b[1], b[0] - v), 0);
+        after += larger(fmax(w - b[1], b[0] - w), 0);
+    }
+    return after >= STAYS * here;
+}
+
 /* Back to where the last, useless step began, after one that was no larger than rounding; whether that is an answer. */
 static int back(Work *s, double whole)
 {
@@ -913,12 +939,13 @@ static int converge(Work *s, int64_t most, int loose)
 {
     double past[3] = {INFINITY, INFINITY, INFINITY}, cost, violation, least = INFINITY;
     int status = ITERATION_LIMIT, idle = 0;
-    double price = 0, dearest = 0, miss = 0, paid = 0; /* paid: price at which limits were missed by so much */
-    double whole = INFINITY;                           /* size of the last step, if near and taken so */
+    double price = 0, dearest = 0, miss = 0; /* miss: of limits by the step, at a price */
+    double whole = INFINITY;                 /* size of the last step, if near and taken so */
     memset(s->penalty, 0, sizeof s->penalty);
     s->curved = 0;
     s->hard_penalty = 0, s->pairs = 0, s->damp = 0;
     int calm = 0, soft = 0; /* soft: hard limits have their price even where a step keeps them */
+    int settled = 0, stays = 0; /* at a lower price, just before; steps in a row that leave the excess at the highest one */
     int64_t priced = 0, neared = 0; /* iterations when that price was set, and when the violation was `nearest` to none */
     double nearest = INFINITY;
     if (!begins(s, LINEARISE))
@@ -932,37 +959,48 @@ static int converge(Work *s, int64_t most, int loose)
             return posed;
         if (soft)
             price_limits(s, price);
-        int done = solve_qp(s, n > 0 || !s->fresh);
+        int done = solve_qp(s, n > 0 || !s->fresh), whole_price = 1;
         if ((done == INFEASIBLE || done == FAILED) && N_LIMITS > 0) { /* here: limits at a price may lead elsewhere */
             if (price == 0)
                 price = first_price(s), dearest = PRICES * price, priced = n;
             for (double part = 1; part > 1e-3 && (done == INFEASIBLE || done == FAILED); part *= 0.1) {
                 price_limits(s, part * price);
+                whole_price = part == 1;
                 forget_rows(s);
                 done = solve_qp(s, 0);
             }
         }
-        if (done == FAILED && miss > 1e-6) /* at a price so high that numbers fail, after some at which it was paid */
+        if (done == FAILED && settled && price >= dearest && miss > 1e-6) /* at a price so high that numbers fail */
             return INFEASIBLE;
         if (done != SOLVED)
             return done;
         s->curved = 1;
-        miss = N_LIMITS > 0 && price > 0 ? largest_excess(s, s->l_after) : 0, paid = price;
-        n++, s->iterations++, calm++;
+        miss = N_LIMITS > 0 && price > 0 ? largest_excess(s, s->l_after) : 0;
+        stays = miss > 1e-8 && whole_price && (settled || price >= dearest) && leaves_excess(s) ? stays + 1 : 0;
+        if (stays >= (settled ? 1 : STAYED)) /* nothing brings the limits nearer */
+            return INFEASIBLE;
+        settled = 0, n++, s->iterations++, calm++;
         gradient(s, s->g_from);
         raise_penalties(s);
+        if (price > 0 && !soft && n >= PATIENCE / 2 && largest_multiplier(s) > STRAINED * price) /* limits are only just kept */
+            soft = 1, priced = n;
         double here = merit(s, &cost, &violation), t = 1, there = here, predicted = fmax(here - promised(s), 0);
         /* where the cost no longer tells steps apart they are taken whole, for as long as they shrink */
         int near = violation <= 1e-6 && s->damp <= 1e-8, flat = near && s->step <= FLAT && predicted <= 1e-12 * fabs(here);
         idle += flat && s->step > 0.9 * least;
         least = flat ? fmin(least, s->step) : least;
-        int last = near && (s->step <= s->tolerance || idle >= IDLE);
+        int may_rise = miss > 1e-6 && price < dearest; /* of the price: the last digits are not worth their steps */
+        int last = near && (s->step <= (may_rise ? SETTLED : s->tolerance) || idle >= IDLE);
         past[(int)(n % 3)] = here;
         double allowed = fmax(fmax(past[0] < INFINITY ? past[0] : here, past[1] < INFINITY ? past[1] : here),
                               past[2] < INFINITY ? past[2] : here);
         for (;;) {
             if (!begins(s, LINEARISE)) {
                 status = step_late(s, t, allowed);
+                if (miss > 1e-8) { /* whatever it paid for that */
+                    s->violation = s->residual = INFINITY;
+                    return TIME_OUT;
+                }
                 return last ? SOLVED : status;
             }
             move(s, t);
@@ -989,7 +1027,7 @@ static int converge(Work *s, int64_t most, int loose)
         if (last || (miss > 1e-8 && t < 1e-6)) { /* as near as this price brings it */
             if (price >= dearest)
                 return INFEASIBLE;
-            price *= 100, priced = n, idle = 0, least = INFINITY;
+            price *= 100, priced = n, idle = 0, least = INFINITY, settled = last;
             continue;
         }
         if (loose && accepted(s))
@@ -1005,14 +1043,14 @@ static int converge(Work *s, int64_t most, int loose)
             soft = 1, priced = n;
         }
         whole = near && t == 1 ? s->step : INFINITY;
-        if (t == 1)
+        if (t == 1 && (!soft || here - there >= GAIN * predicted))
             s->damp = s->damp > 1e-4 ? 0.2 * s->damp : 0;
         else if (t <= 0.25 && s->step > FAR) { /* where the model of the step does not hold, nor remembered steps */
             s->damp = fmax(4 * s->damp, 1e-3);
             s->pairs = 0, calm = 0;
         }
     }
-    if (miss > 1e-6 && paid >= dearest) /* the highest price is paid, though not yet for the last time */
+    if (stays)
         return INFEASIBLE;
     return accepted(s) ? ITERATED : ITERATION_LIMIT;
 }

@@ -32,6 +32,11 @@ enum { LINEARISE, CONDENSE, BY_STAGES, PARTS };
 #define IDLE 10  /* such steps that are no smaller than the smallest before end the iterations */
 #define ROUNDED 1e-8 /* largest change of an input by a whole step, before one that rounding makes useless */
 #define PRICES 1e4 /* largest price of a hard limit that no step keeps, over the first */
+#define SETTLED 1e-5 /* largest change of an input in units of its range after which missed limits may get a higher price */
+#define STAYS 0.9 /* share of an excess over hard limits that a step leaves where nothing brings it down */
+#define STAYED 10 /* such steps in a row, at the highest price, after which limits have no answer here */
+#define STRAINED 10 /* multiplier of a hard limit over a price that was paid, beyond which steps pay that rather than keep it */
+#define GAIN 0.25 /* share of what a whole step promised that it must bring, where limits have a price, to be damped less */
 #define PATIENCE 40 /* iterations at one price, or no nearer to limits that have none, after which they get a higher one */
 #define FAR 0.05 /* largest change of an input in units of its range; below, remembered steps are what helps */
 #define FROM 0.3 /* `from` where stage slopes have been moved to where the step begins: a correction of 2e-4 is the last one */
