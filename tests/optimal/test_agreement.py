@@ -275,6 +275,16 @@ def test_a_plan_beside_which_ipopt_finds_less_cost_is_no_optimum():
     assert not stays(judge, replace(plan, u=plan.u + 1e-5, cost=plan.cost + 1e-9), x, said)
 
 
+@pytest.mark.skipif(compiler() is None, reason=sentence())
+def test_a_plan_that_ipopt_confirms_only_closer_by_is_a_local_optimum():
+    """Held to 1e-3 of its inputs, Ipopt ends without an answer."""
+    ours, *_, judge = solvers(MIXED["an exact Hessian and a free duration"])
+    x, said = at_place(judge.ocp, 722, 1)
+    plan = ours.plan(x, **said)
+    assert plan.status is Status.SOLVED
+    assert stays(judge, plan, x, said)
+
+
 ELSEWHERE = {  # problems whose limits the first start misses by least where there is no answer nearby: where it is
     "first control": (
         [-1.28, -0.16, -0.83],
