@@ -399,8 +399,8 @@ MUTANTS = [
     ),
     *mistakes(
         "optimal/realtime/solver.c",
-        "optimal/test_agreement.py::test_a_problem_about_whose_limits_iterations_wander_is_named_infeasible",
-        [("solver in C: a price of limits is never raised", "n - priced >= PATIENCE", "n - priced < 0")],
+        "optimal/test_agreement.py::test_an_answer_far_from_where_limits_are_missed_by_least_is_found",
+        [("solver in C: where limits stay missed it goes on", "if (stays >= (settled ? 1 : STAYED))", "if (0)")],
     ),
     *mistakes(
         "optimal/realtime/solver.c",
