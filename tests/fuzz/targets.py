@@ -452,7 +452,7 @@ def _run(path: Path, log: str) -> None:
 
     (path.parent / "log.csv").write_bytes(log.encode(errors="replace"))
     settings = read_settings(path)
-    if settings.data.file != str(path.parent / "log.csv") and settings.data.file != "log.csv":
+    if settings.data.file != ("log.csv",):
         return
     outcome = run_job(settings, lambda share, what: None)
     build_page(outcome, ["slipangle", "run", "job.toml"]).to_html()
