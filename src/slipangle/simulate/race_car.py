@@ -11,6 +11,7 @@ from scipy.optimize import brentq, least_squares
 from slipangle.control.racing.gearbox import Gearbox
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.racer import ALONG, Racer
+from slipangle.control.speed.pedals import engine_force, moving_mass
 from slipangle.errors import SimulationError, SolverError
 from slipangle.models.vehicles.car import DualTrackParams
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
@@ -70,7 +71,8 @@ def race_car(
         If the plant has no compiled code, or leaves the track on its lap.
     """
     pedals = Pedals.of(plant.params)
-    engine = {"power": float(np.max(pedals.full * pedals.speeds)), "drive_force": float(pedals.full.max())}
+    full = pedals.most(pedals.speeds)
+    engine = {"power": float(np.max(full * pedals.speeds)), "drive_force": float(full.max())}
     return _with_drive(fitted(lap_car(plant, **{**engine, **values}), plant, bends), plant, track, margin, points)
 
 
@@ -183,7 +185,4 @@ def with_gears(lap: Lap, params: DualTrackParams, points: int | None = None) -> 
 
 def _engine_force(car: DualTrackParams, gear: int, v_x: float) -> float:
     """Force of the tires at full throttle in a gear at a speed [m/s], less what the turning masses take. [N]"""
-    line = car.driveline
-    ratio = line.ratios[gear - 1] * line.final / car.radius
-    turning = (car.inertia_wheel_f + car.inertia_wheel_r) / car.radius**2 + line.engine.inertia * ratio**2
-    return float(line.engine.torque(1.0, v_x * ratio)) * ratio * car.mass / (car.mass + turning)
+    return engine_force(car, 1.0, v_x, gear) * car.mass / moving_mass(car, gear)

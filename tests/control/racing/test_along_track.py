@@ -8,24 +8,24 @@ from scipy.integrate import solve_ivp
 
 from slipangle.control.racing.along_track import AlongTrack
 from slipangle.control.racing.on_road import OnRoad, RacingCar
-from slipangle.optimal.lap.car import rates
+from slipangle.optimal.lap.car import held, rates
 from tests.optimal.lap.cars import RACER
 
 STAGE, BEND = 1.2, 0.02  # m, 1/m: stages of a circle to the left
 
 
-def driven(car, start, turn, rise, length):
+def driven(car, start, turn, rise, length, *, lag, beyond):
     """The same drive over time in the plane: state of `AlongTrack` where the circle's arc length is reached."""
-    n, chi, v_x, v_y, r, delta, F = start
+    n, chi, *rest = start
     radius = 1.0 / BEND
-    begin = [n, chi, v_x, v_y, r, delta, F]  # X, Y, psi first
-    plane = [0.0, n, chi, *begin[2:]]
+    plane = [0.0, n, chi, *rest]
 
     def motion(_, y):
-        _, _, psi, vx, vy, yaw, d, force = y
+        _, _, psi, vx, vy, yaw, d, force, asked = y
         m = rates(vx, vy, yaw, d, force, car)
         c, s = np.cos(psi), np.sin(psi)
-        return [vx * c - vy * s, vx * s + vy * c, yaw, m.v_x, m.v_y, m.r, turn, rise]
+        place = [vx * c - vy * s, vx * s + vy * c, yaw]
+        return [*place, m.v_x + beyond[0], m.v_y, m.r + beyond[1], turn, (asked - force) / lag, rise]
 
     def passed(_, y):
         return np.arctan2(y[0], radius - y[1]) * radius - length
@@ -37,17 +37,37 @@ def driven(car, start, turn, rise, length):
     return np.array([off, psi - length / radius, *rest])
 
 
-@pytest.mark.parametrize("grip", [1.0, 0.8])
-def test_a_stage_is_the_car_on_its_way_along_the_track(grip):
-    start = np.array([0.4, 0.02, 22.0, -0.3, 0.4, 0.05, 1500.0])
-    model = AlongTrack(params=RACER, dt=0.05, substeps=4)
-    given = [0.3, -4000.0, BEND, STAGE, grip * RACER.mu_f, grip * RACER.mu_r]
+@pytest.mark.parametrize(("grip", "asked", "lag"), [(1.0, 2500.0, 0.2), (0.8, -2500.0, 0.1)])
+def test_a_stage_is_the_car_on_its_way_along_the_track(grip, asked, lag):
+    start = np.array([0.4, 0.02, 22.0, -0.3, 0.4, 0.05, 1500.0, asked])
+    model = AlongTrack(params=RACER, drive_lag=lag, brake_lag=lag, dt=0.05, substeps=4)
+    given = [0.3, -1000.0, BEND, STAGE, grip * RACER.mu_f, grip * RACER.mu_r, 0.4, -0.2]
     x = start
     for _ in range(5):
         x = np.asarray(model.step(x, np.array(given)), dtype=float)
     car = replace(RACER, mu_f=grip * RACER.mu_f, mu_r=grip * RACER.mu_r)
-    other = driven(car, start, 0.3, -4000.0, 5 * STAGE)
+    other = driven(car, start, 0.3, -1000.0, 5 * STAGE, lag=lag, beyond=(0.4, -0.2))
     assert x == pytest.approx(other, rel=2e-5, abs=2e-5)
+
+
+@pytest.mark.parametrize(("asked", "lag"), [(2500.0, 0.2), (-2500.0, 0.1)])
+def test_driving_and_braking_follow_by_lags_of_their_own(asked, lag):
+    model = AlongTrack(params=RACER, drive_lag=0.2, brake_lag=0.1, dt=0.05)
+    x, u = np.array([0.0, 0.0, 20.0, 0.0, 0.0, 0.0, 500.0, asked]), np.zeros(8)
+    u[3:6] = 1.0, RACER.mu_f, RACER.mu_r  # a metre of a straight takes as long as a sample
+    assert model.derivative(x, u)[6] == pytest.approx((asked - 500.0) / lag, rel=0.02)
+
+
+def test_a_car_that_swings_lifts_no_wheel_that_its_tires_can_not_lift():
+    weight = RACER.mass * 9.81
+    most = (RACER.mu_f * RACER.l_r + RACER.mu_r * RACER.l_f) / RACER.wheelbase * 9.81
+    still = replace(RACER, downforce_f=0.0, downforce_r=0.0)
+    assert held(20.0, 0.3, still) == pytest.approx(6.0)
+    assert held(20.0, 1.5, still) == pytest.approx(most)
+    assert held(20.0, -1.5, still) == pytest.approx(-most)
+    pressed = replace(still, downforce_f=0.25 * weight / 400.0, downforce_r=0.25 * weight / 400.0)
+    mean = 0.5 * (RACER.mu_f + RACER.mu_r)
+    assert held(20.0, 1.5, pressed) == pytest.approx(most + 0.5 * 9.81 * mean, rel=0.01)
 
 
 def test_the_filter_s_car_is_the_lap_s_car_on_a_road_of_another_friction():
@@ -62,3 +82,9 @@ def test_the_filter_s_car_is_the_lap_s_car_on_a_road_of_another_friction():
     seen = model.signals(x, u)
     assert seen["a_x"] == pytest.approx(now[3] + 0.6 * 0.3)
     assert seen["a_y"] == pytest.approx(now[4] + 25.0 * 0.3)
+    x[5] = 0.9  # beyond what the tires hold: no more load moves
+    car = replace(RACER, mu_f=0.7 * RACER.mu_f, mu_r=0.7 * RACER.mu_r)
+    most = float(held(25.0, 0.9, car))
+    assert most < 0.5 * 25.0 * 0.9
+    swinging = rates(25.0, -0.6, 0.9, 0.06, -3000.0, car, a_y=most)
+    assert np.asarray(model.derivative(x, u), dtype=float)[5] == pytest.approx(swinging.r - 0.1)

@@ -22,6 +22,12 @@ def test_gears_follow_the_driveline_s_own_rule():
     assert len(np.unique(expected)) > 2
 
 
+def test_gears_ahead_begin_with_the_one_that_is_in():
+    v_x = np.array([20.0, 20.0, 14.0, 10.0, 20.0, 29.0])
+    assert BOX.along(v_x, 2).tolist() == [2, 2, 2, 1, 2, 3]
+    assert BOX.along(v_x, 3).tolist() == [3, 3, 2, 1, 2, 3]
+
+
 def test_a_bend_a_little_too_fast_for_the_lower_gear_is_slowed_down():
     for slowest, limited in ((18.5, True), (17.5, True), (20.0, False), (16.0, False)):
         most = BOX.slow_enough(np.concatenate([np.linspace(35.0, slowest, 20), np.linspace(slowest, 35.0, 20)[1:]]))

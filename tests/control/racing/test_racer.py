@@ -24,6 +24,7 @@ SEEN = ("X", "Y", "psi", "v_x", "r", "a_x", "a_y")
 OUTPUTS = ("v_x", "v_y", "r", "X", "Y", "psi", "a_x", "a_y")
 PEDALS = sa.Pedals.of(BMW_320I)
 FRICTION, MARGIN = 0.95, 0.4
+EXPLAINED = {"d_v_x": 0.0, "d_r": 0.0}
 
 
 def car_on(friction):
@@ -107,11 +108,16 @@ def test_it_learns_how_much_the_road_holds():
 
 
 def test_what_full_throttle_gives_is_learned_by_place():
-    learned = Learned(PEDALS, 500.0, 0.05)
+    learned = Learned(500.0, 0.05)
+    assert learned.most(230.0, 3000.0) == 3000.0
     for _ in range(100):
-        learned.see(203.0, 1800.0, 1.0, (0.95, 0.01), 0.01)
-    assert learned.most(507.0 + 200.0, 20.0) == pytest.approx(1800.0)
-    assert learned.most(230.0, 20.0) == pytest.approx(float(PEDALS.most(20.0)))
+        learned.see(203.0, 0.6, 1.0, (0.95, 0.01), 0.01)
+    for _ in range(100):
+        learned.see(403.0, 9.0, 1.0, (0.95, 0.01), 0.01)
+    assert learned.most(507.0 + 200.0, 3000.0) == pytest.approx(1800.0)
+    assert learned.most(250.0, 3000.0) == pytest.approx(1800.0)  # nothing was seen there: as at the nearest place
+    assert learned.most(480.0, 3000.0) == pytest.approx(6000.0)  # no force is believed that is many times too large
+    assert learned.most(np.array([110.0, 203.0]), np.array([3000.0, 1000.0])) == pytest.approx([1800.0, 600.0])
     learned.end_lap()
     assert (learned.grip, learned.grip_std) == pytest.approx((0.95, 0.01))
     car = learned.car(believed(), 0.96)
@@ -119,14 +125,14 @@ def test_what_full_throttle_gives_is_learned_by_place():
 
 
 def test_far_from_the_limit_no_more_grip_is_believed_than_near_it():
-    learned = Learned(PEDALS, 500.0, 0.05)
+    learned = Learned(500.0, 0.05)
     assert learned.here(1.1) == 1.0
     for _ in range(300):
-        learned.see(203.0, 1800.0, 0.5, (0.95, 0.004), 0.01)
+        learned.see(203.0, 1.0, 0.5, (0.95, 0.004), 0.01)
     assert learned.here(1.0) == pytest.approx(0.95, abs=0.002)
     assert learned.here(0.8) == 0.8  # what the filter reads now, where that is less
     for _ in range(300):
-        learned.see(203.0, 1800.0, 0.5, (1.0, 0.02), 0.01)
+        learned.see(203.0, 1.0, 0.5, (1.0, 0.02), 0.01)
     assert learned.here(1.0) < 0.96
 
 
@@ -134,7 +140,8 @@ def test_a_lap_is_slow_enough_for_the_gearbox():
     lap, car = first_lap(), believed()
     slowest = float(lap.v_x.min())
     box = Gearbox(up=(0.9 * lap.v_x.max(),), down=(0.97 * slowest,))
-    racer = sa.Racer(car, circuit(), replace(PEDALS, gearbox=box), lap=lap, margin=MARGIN, share=0.9)
+    two = {name: getattr(PEDALS, name)[:2] for name in ("full", "closed", "brake")}
+    racer = sa.Racer(car, circuit(), replace(PEDALS, gearbox=box, **two), lap=lap, margin=MARGIN, share=0.9)
     assert racer.lap.v_x.min() == slowest  # the first lap was given
     racer.learned.grip = 1.04
     racer.learn()
@@ -144,11 +151,11 @@ def test_a_lap_is_slow_enough_for_the_gearbox():
 
 def test_a_plan_from_beyond_the_edge_leads_back_between_them():
     car, track, lap = believed(), circuit(), first_lap()
-    planner = Planner(car, track, dt=0.05, horizon=40)
+    planner = Planner(car, track, PEDALS, dt=0.05, horizon=40)
     planner.follow(lap, 0.5 * car.width + 0.15)
     x = planner.at(np.array([100.0]))[0]
     x[0] = 5.0 - 0.5 * car.width + 0.6  # m to the left of the lap's line: 0.6 m out
-    plan = planner.plan(x, 100.0, 1.0, lambda s, v: PEDALS.most(v), None)
+    plan = planner.plan(x, 100.0, 1.0, lambda s, v: PEDALS.most(v), EXPLAINED, None)
     assert plan.status.solved
     assert plan.x[-1, 0] < 5.0 - 0.5 * car.width - 0.1
     assert np.abs(plan.u[:, 0]).max() <= car.delta_rate + 1e-9
@@ -158,20 +165,47 @@ def test_a_plan_from_beyond_the_edge_leads_back_between_them():
 def test_a_plan_keeps_to_the_limits_of_the_tires_on_a_slippery_road(s):
     """Before and in a corner; over the whole plan, as single stages of two plans are not at one place."""
     car, lap = believed(), first_lap()
-    planner = Planner(car, circuit(), dt=0.05, horizon=40)
+    planner = Planner(car, circuit(), PEDALS, dt=0.05, horizon=40)
     planner.follow(lap, 0.5 * car.width + 0.15)
     start = planner.at(np.array([s]))[0]
-    plans = [planner.plan(start, s, grip, lambda s, v: PEDALS.most(v), None) for grip in (1.0, 0.6)]
+    plans = [planner.plan(start, s, grip, lambda s, v: PEDALS.most(v), EXPLAINED, None) for grip in (1.0, 0.6)]
     assert all(plan.status.solved for plan in plans)
     slip = planner.mpc.ocp.limited.index("slip_f")
 
     def largest(plan):
         """Front slip on the slippery road over that of the peak."""
         row = reference_row(planner, 0.6)
-        stages = [planner.mpc.ocp.stage(x, u, row, x)[1] for x, u in zip(plan.x[:-1], plan.u, strict=True)]
+        stages = [planner.mpc.ocp.stage(x, u, row, x[:7])[1] for x, u in zip(plan.x[:-1], plan.u, strict=True)]
         return max(abs(float(limited[slip])) for limited in stages)
 
     assert largest(plans[1]) < min(0.95 * largest(plans[0]), 1.0)
+
+
+def test_a_plan_of_a_car_that_is_slower_than_its_lap_keeps_its_line():
+    """Where the speed can not be reached, none of it is bought with the way between the edges."""
+    car, lap = believed(), first_lap()
+    planner = Planner(car, circuit(), PEDALS, dt=0.05, horizon=40)
+    planner.follow(lap, 0.5 * car.width + 0.15)
+    x = planner.at(np.array([440.0]))[0]
+    x[2:5] *= 0.8
+    plan = planner.plan(x, 440.0, 1.0, lambda s, v: 0.2 * PEDALS.most(v), EXPLAINED, None)
+    assert plan.status.solved
+    lags = planner.at(440.0 + np.cumsum(0.05 * plan.x[:, 2]))
+    assert (lags[:, 2] - plan.x[:, 2]).min() > 1.0
+    assert np.abs(plan.x[:, 0] - lags[:, 0]).max() < 0.3
+
+
+def test_what_is_unexplained_now_fades_from_a_plan():
+    car, lap = believed(), first_lap()
+    planner = Planner(car, circuit(), PEDALS, dt=0.05, horizon=40)
+    planner.follow(lap, 0.5 * car.width + 0.15)
+    x = planner.at(np.array([100.0]))[0]
+    plans = [
+        planner.plan(x, 100.0, 1.0, lambda s, v: PEDALS.most(v), {"d_v_x": 0.0, "d_r": d}, None) for d in (0.0, 0.5)
+    ]
+    turned = plans[1].x[:, 5] - plans[0].x[:, 5]  # against a yaw acceleration to the left
+    assert turned[:10].min() < -0.003
+    assert np.abs(turned[25:]).max() < 0.3 * -turned[:10].min()
 
 
 def reference_row(planner, grip):

@@ -5,27 +5,39 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from slipangle.models.ode import OdeModel
-from slipangle.ops import Scalar, Vector, cos, maximum, sin, stack
-from slipangle.optimal.lap.car import LapCar, rates
+from slipangle.ops import Scalar, Vector, cos, maximum, sin, sqrt, stack
+from slipangle.optimal.lap.car import LapCar, held, rates
 
 SLOWEST = 3.0  # m/s, below which the equations take this speed
+LEAST, NEAR_NONE = 0.02, 0.02  # s, a lag at least; of the weight, force in which one lag goes over into the other
 
 
 @dataclass(frozen=True, kw_only=True)
 class AlongTrack(OdeModel):
     """The lap's car, a stage of ``stage`` metres in every sample. [1]_ sec. 3
 
-    States are offset and heading against the track's line [m, rad], v_x, v_y [m/s], r [rad/s], road-wheel angle [rad]
-    and longitudinal force [N]; inputs the rates of the last two [rad/s, N/s], and what the road and the car are like
-    there: curvature of the track's line [1/m], length of the stage [m] and peak friction of both axles. [-]
+    States are offset and heading against the track's line [m, rad], v_x, v_y [m/s], r [rad/s], road-wheel angle
+    [rad], longitudinal force and the force that is asked for [N], which the former follows late; inputs the rates of
+    the angle and of what is asked for [rad/s, N/s], and what the road and the car are like there: curvature of the
+    track's line [1/m], length of the stage [m], peak friction of both axles [-], and rates of v_x and r that the
+    equations leave out. [m/s2, rad/s2]
+
+    Parameters
+    ----------
+    params : LapCar
+        The car; the friction is given by the inputs.
+    drive_lag, brake_lag : float
+        Time constants of driving and of braking forces. [s]
 
     .. [1] R. Verschueren et al., Time-optimal race car driving using an online exact Hessian based nonlinear MPC
        algorithm, European Control Conference, 2016.
     """
 
-    states = ("n", "chi", "v_x", "v_y", "r", "delta", "F_x")
-    inputs = ("delta_rate", "F_rate", "curvature", "stage", "mu_f", "mu_r")
+    states = ("n", "chi", "v_x", "v_y", "r", "delta", "F_x", "F_asked")
+    inputs = ("delta_rate", "F_rate", "curvature", "stage", "mu_f", "mu_r", "d_v_x", "d_r")
     params: LapCar
+    drive_lag: float = 0.0
+    brake_lag: float = 0.0
 
     @staticmethod
     def on(car: LapCar, u: Vector) -> LapCar:
@@ -34,21 +46,28 @@ class AlongTrack(OdeModel):
 
     def derivative(self, x: Vector, u: Vector) -> Vector:
         """Change over a sample, in which the car goes on by ``stage``, over the sample time."""
-        n, chi, v_y, r, delta, F = x[0], x[1], x[3], x[4], x[5], x[6]
-        v_x = maximum(x[2], SLOWEST)
-        motion = rates(v_x, v_y, r, delta, F, self.on(self.params, u))
+        n, chi, v_y, r, delta, F, asked = x[0], x[1], x[3], x[4], x[5], x[6], x[7]
+        v_x, car = maximum(x[2], SLOWEST), self.on(self.params, u)
+        motion = rates(v_x, v_y, r, delta, F, car, a_y=held(v_x, r, car))
         pace = self.pace(n, chi, v_x, v_y, u[2])
         each = u[3] / self.dt
         over_time = (
             v_x * sin(chi) + v_y * cos(chi),
             r - u[2] / pace,
-            motion.v_x,
+            motion.v_x + u[6],
             motion.v_y,
-            motion.r,
+            motion.r + u[7],
             u[0],
+            (asked - F) / self._lag(asked),
             u[1],
         )
         return stack([each * pace * rate for rate in over_time])
+
+    def _lag(self, asked: Scalar) -> Scalar:
+        """Time constant of the force, between those of braking and driving near none. [s]"""
+        drive, brake = max(self.drive_lag, LEAST), max(self.brake_lag, LEAST)
+        width = NEAR_NONE * self.params.weight
+        return brake + 0.5 * (drive - brake) * (1.0 + asked / sqrt(asked * asked + width * width))
 
     @staticmethod
     def pace(n: Scalar, chi: Scalar, v_x: Scalar, v_y: Scalar, curvature: Scalar) -> Scalar:

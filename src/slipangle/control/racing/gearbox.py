@@ -52,14 +52,17 @@ class Gearbox:
 
     def gears(self, v_x: np.ndarray) -> np.ndarray:
         """Gear at every point of a closed lap of speeds [m/s], shape (n,), 1 being the first."""
-        gear, most, found = 1, len(self.up) + 1, np.zeros(len(v_x), dtype=int)
-        for k in range(2 * len(v_x)):
-            v = v_x[k % len(v_x)]
-            while gear < most and v > self.up[gear - 1]:
+        return self.along(v_x, int(self.along(v_x, 1)[-1]))
+
+    def along(self, v_x: np.ndarray, gear: int) -> np.ndarray:
+        """Gear at every one of speeds [m/s] that follow each other, shape (n,), from a gear before the first on."""
+        found = np.zeros(len(v_x), dtype=int)
+        for k, v in enumerate(v_x):
+            while gear <= len(self.up) and v > self.up[gear - 1]:
                 gear += 1
             while gear > 1 and v < self.down[gear - 2]:
                 gear -= 1
-            found[k % len(v_x)] = gear
+            found[k] = gear
         return found
 
     def slow_enough(self, v_x: np.ndarray) -> np.ndarray:

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from slipangle.control.racing.pedals import Pedals
 from slipangle.optimal.lap.car import LapCar
 
 PLACE = 10.0  # m of track that share what full throttle gives
+LEAST, MOST = 0.2, 2.0  # of what full throttle is believed to give
 SETTLED = 0.3  # s of full throttle before its force is believed
 GAIN = 0.1  # of new values of a place, each hundredth of a second
 MEMORY = 20.0  # s, of what is known of the grip while driving
@@ -17,22 +17,21 @@ BELIEVED = 5.0  # s of samples as sure as the believed grip, that this counts fo
 
 
 class Learned:
-    """Grip as a mean over the lap, and the force of full throttle by place, so that gears and slopes are in it.
+    """Grip as a mean over the lap, and by place what full throttle gives of what it is believed to, slopes and all.
 
     Parameters
     ----------
-    pedals : Pedals
-        What is believed where nothing was seen yet.
     length : float
         Of the track. [m]
     grip_std : float
         Of the friction over the believed one, before the first lap. [-]
     """
 
-    def __init__(self, pedals: Pedals, length: float, grip_std: float) -> None:
-        self.pedals, self.length = pedals, length
+    def __init__(self, length: float, grip_std: float) -> None:
+        self.length = length
         self.grip, self.grip_std = 1.0, grip_std
         self._places = np.full(max(1, round(length / PLACE)), np.nan)
+        self._around = np.ones_like(self._places)
         self._pressed = 0.0
         self._known = BELIEVED / max(grip_std, 1e-4) ** 2
         self._mean = 1.0
@@ -42,10 +41,9 @@ class Learned:
         """Forget what only counts for one lap."""
         self._grips: list[tuple[float, float]] = []
 
-    def most(self, s: float | np.ndarray, v_x: float | np.ndarray) -> np.ndarray:
-        """Force at full throttle at places [m] and speeds [m/s]: as seen there, or as believed. [N]"""
-        seen = self._places[self._place(s)]
-        return np.where(np.isfinite(seen), seen, self.pedals.most(v_x))
+    def most(self, s: float | np.ndarray, believed: float | np.ndarray) -> np.ndarray:
+        """Force at full throttle at places [m], as much of that ``believed`` [N] as was seen there or nearest. [N]"""
+        return self._around[self._place(s)] * believed
 
     def here(self, grip: float) -> float:
         """Grip to plan with where the filter reads ``grip``: no more than it read where it was sure, near the limit.
@@ -58,8 +56,8 @@ class Learned:
         count = len(self._places)
         return (np.asarray(s) % self.length / self.length * count).astype(int) % count
 
-    def see(self, s: float, force: float, throttle: float, grip: tuple[float, float], dt: float) -> None:
-        """A sample of the drive: place [m], force [N], throttle, grip and its deviation, sample time. [s]"""
+    def see(self, s: float, share: float, throttle: float, grip: tuple[float, float], dt: float) -> None:
+        """A sample: place [m], force over that of full throttle, throttle, grip and its deviation, sample time. [s]"""
         self._grips.append(grip)
         sure = dt / max(grip[1], 1e-4) ** 2
         self._known = self._known * (1.0 - dt / MEMORY) + sure
@@ -67,9 +65,16 @@ class Learned:
         self._pressed = self._pressed + dt if throttle > 0.99 else 0.0
         if self._pressed < SETTLED:
             return
-        at = int(self._place(s))
+        at, share = int(self._place(s)), min(max(share, LEAST), MOST)
         known = self._places[at]
-        self._places[at] = force if np.isnan(known) else known + GAIN * (force - known)
+        self._places[at] = share if np.isnan(known) else known + GAIN * (share - known)
+        self._around = self._as_nearest()
+
+    def _as_nearest(self) -> np.ndarray:
+        """The places, those where nothing was seen like the nearest one where something was."""
+        count, seen = len(self._places), np.flatnonzero(np.isfinite(self._places))
+        away = np.abs(np.arange(count)[:, None] - seen)
+        return self._places[seen[np.argmin(np.minimum(away, count - away), axis=1)]]
 
     def end_lap(self) -> None:
         """Take the lap's mean grip, each sample by how sure it is; how far it wandered, at least the filter's own."""

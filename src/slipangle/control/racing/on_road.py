@@ -7,7 +7,7 @@ from typing import Annotated
 
 from slipangle.models.ode import OdeModel
 from slipangle.ops import Scalar, Vector, cos, maximum, sin, stack
-from slipangle.optimal.lap.car import LapCar, rates
+from slipangle.optimal.lap.car import LapCar, held, rates
 from slipangle.units import SI
 
 SLOWEST = 3.0  # m/s, below which the equations take this speed
@@ -48,7 +48,8 @@ class RacingCar(OdeModel):
         """Planar motion."""
         psi, v_y, r = x[2], x[4], x[5]
         v_x = maximum(x[3], SLOWEST)
-        motion = rates(v_x, v_y, r, u[0], u[1], self.params.here)
+        car = self.params.here
+        motion = rates(v_x, v_y, r, u[0], u[1], car, a_y=held(v_x, r, car))
         c, s = cos(psi), sin(psi)
         return stack(
             [
@@ -67,5 +68,6 @@ class RacingCar(OdeModel):
         """Accelerations."""
         v_y, r = x[4], x[5]
         v_x = maximum(x[3], SLOWEST)
-        motion = rates(v_x, v_y, r, u[0], u[1], self.params.here)
+        car = self.params.here
+        motion = rates(v_x, v_y, r, u[0], u[1], car, a_y=held(v_x, r, car))
         return {"a_x": motion.v_x - v_y * r + x[6], "a_y": motion.v_y + v_x * r}

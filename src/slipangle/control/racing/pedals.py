@@ -8,35 +8,38 @@ from typing import Annotated
 import numpy as np
 
 from slipangle.control.racing.gearbox import Gearbox
-from slipangle.control.speed.pedals import drive_force, moving_mass
+from slipangle.control.speed.pedals import engine_force, moving_mass
 from slipangle.errors import ParameterError
 from slipangle.fields import Checked, Within
 from slipangle.models.vehicles.car import DualTrackParams
 
+WHEELS = 0.06  # s, until wheels of a car in a bend have the slip that their force needs
 _SPEEDS = np.arange(0.0, 121.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pedals(Checked):
-    """What throttle and brake do at rising speeds; arrays have shape (n,).
+    """What throttle and brake do at rising speeds; where a gear is not given, it is the lowest that the engine turns.
 
     Parameters
     ----------
-    speeds : array
+    speeds : array, shape (n,)
         Beyond the first and last, their values hold. [m/s]
-    full, closed : array
-        Force of the tires at full and at closed throttle, the latter zero or below. [N]
-    brake : array
+    full, closed : array, shape (n,) or (n_gears, n)
+        Force of the tires at full and at closed throttle, the latter zero or below; in each gear where there are
+        several. [N]
+    brake : array, shape (n,) or (n_gears, n)
         Force of the tires at full brake pedal, positive. [N]
-    lag : float
-        Time constant of the engine. [s]
+    lag, brake_lag : float
+        Time constants of the engine, and of the brakes with the wheels, which have to slow down before they brake. [s]
     gearbox : Gearbox, optional
         Where the gears change by themselves, as in `slipangle.control.racing.gearbox`.
 
     Raises
     ------
     ParameterError
-        If speeds do not rise, or full throttle drives less than closed throttle.
+        If speeds do not rise, full throttle drives less than closed throttle, or there are forces in gears that the
+        gearbox does not have.
     """
 
     speeds: np.ndarray
@@ -44,11 +47,12 @@ class Pedals(Checked):
     closed: np.ndarray
     brake: np.ndarray
     lag: Annotated[float, Within(0, unit="s", open="high")] = 0.0
+    brake_lag: Annotated[float, Within(0, unit="s", open="high")] = 0.0
     gearbox: Gearbox | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        shapes = {len(np.atleast_1d(v)) for v in (self.speeds, self.full, self.closed, self.brake)}
+        shapes = {np.shape(v)[-1] for v in (self.speeds, self.full, self.closed, self.brake)}
         if len(shapes) > 1 or not (np.diff(self.speeds) > 0).all():
             raise ParameterError(
                 f"the pedals' arrays have {sorted(shapes)} values; expected one of each at speeds that rise"
@@ -58,52 +62,69 @@ class Pedals(Checked):
                 "full throttle drives less than closed throttle, or the brake does not brake; expected forces of the "
                 "tires along the car: brake positive, closed zero or below"
             )
+        rows = {len(np.atleast_2d(v)) for v in (self.full, self.closed, self.brake)}
+        gears = 1 if self.gearbox is None else len(self.gearbox.up) + 1
+        if rows not in ({1}, {gears}):
+            raise ParameterError(
+                f"the pedals have forces of {sorted(rows)} gears, the gearbox has {gears}; expected one row of each "
+                "force, or one for every gear"
+            )
 
     @classmethod
     def of(cls, car: DualTrackParams) -> Pedals:
-        """Of a dual track's engine, gears and brakes, each speed in the lowest gear that the engine can turn.
+        """Of a dual track's engine, gears and brakes.
 
         What turns with the wheels takes its share of the force, so that forces divided by the mass are accelerations.
         ``car`` has the parameters of a dual track.
         """
-        share = np.array([car.mass / moving_mass(car, v) for v in _SPEEDS])
+        gears = range(1, len(car.driveline.ratios) + 1)
+        share = np.array([[car.mass / moving_mass(car, gear)] * len(_SPEEDS) for gear in gears])
+        full, closed = (
+            np.array([[engine_force(car, throttle, v, gear) for v in _SPEEDS] for gear in gears])
+            for throttle in (1.0, 0.0)
+        )
         return cls(
             speeds=_SPEEDS,
-            full=np.maximum(np.array([drive_force(car, v) for v in _SPEEDS]), 0.0) * share,
-            closed=np.array([min(_closed(car, v), 0.0) for v in _SPEEDS]) * share,
+            full=np.maximum(full, 0.0) * share,
+            closed=np.minimum(closed, 0.0) * share,
             brake=float(car.brakes.torque / car.radius) * share,
             lag=float(car.driveline.engine.lag),
+            brake_lag=float(car.brakes.lag) + WHEELS,
             gearbox=Gearbox.of(car),
         )
 
-    def most(self, v_x: float | np.ndarray) -> np.ndarray:
+    def most(self, v_x: float | np.ndarray, gear: int | np.ndarray | None = None) -> np.ndarray:
         """Force at full throttle. [N]"""
-        return np.asarray(np.interp(v_x, self.speeds, self.full))
+        return self._force(self.full, v_x, gear)
 
-    def pressed(self, F_x: float, v_x: float, most: float) -> tuple[float, float]:
+    def pressed(self, F_x: float, v_x: float, most: float, gear: int | None = None) -> tuple[float, float]:
         """Throttle and brake, 0 to 1, for a force ``F_x`` [N] at a speed [m/s] where full throttle gives ``most`` [N].
 
         While braking the throttle stays where the engine neither drives nor drags, so that the brakes alone share the
         force between the axles.
         """
-        closed = float(np.interp(v_x, self.speeds, self.closed))
+        closed = float(self._force(self.closed, v_x, gear))
         span = max(most - closed, 1.0)
         throttle = (max(F_x, 0.0) - closed) / span
-        brake = -F_x / float(np.interp(v_x, self.speeds, self.brake)) if F_x < 0 else 0.0
+        brake = -F_x / float(self._force(self.brake, v_x, gear)) if F_x < 0 else 0.0
         return min(max(throttle, 0.0), 1.0), min(brake, 1.0)
 
-    def force(self, throttle: float, brake: float, v_x: float, most: float) -> float:
-        """Force of the tires along the car that ``throttle`` and ``brake``, 0 to 1, settle to. [N]
+    def forces(
+        self, throttle: float, brake: float, v_x: float, most: float, gear: int | None = None
+    ) -> tuple[float, float]:
+        """Forces along the car that engine and brakes settle to at ``throttle`` and ``brake``, 0 to 1. [N]
 
         Full throttle gives ``most`` [N] at that speed ``v_x`` [m/s].
         """
-        closed = float(np.interp(v_x, self.speeds, self.closed))
-        return throttle * (most - closed) + closed - brake * float(np.interp(v_x, self.speeds, self.brake))
+        closed = float(self._force(self.closed, v_x, gear))
+        return throttle * (most - closed) + closed, -brake * float(self._force(self.brake, v_x, gear))
 
-
-def _closed(car: DualTrackParams, v_x: float) -> float:
-    """Force at closed throttle in the gear of a speed. [N]"""
-    line = car.driveline
-    axle = v_x / car.radius
-    ratio = line.ratios[line.gear_at(axle) - 1] * line.final
-    return float(line.engine.torque(0.0, axle * ratio)) * ratio / car.radius
+    def _force(self, table: np.ndarray, v_x: float | np.ndarray, gear: int | np.ndarray | None) -> np.ndarray:
+        """A force at speeds [m/s] in gears. [N]"""
+        rows, box = np.atleast_2d(table), self.gearbox
+        if len(rows) == 1 or box is None:
+            return np.asarray(np.interp(v_x, self.speeds, rows[0]))
+        if gear is None:
+            gear = 1 + np.searchsorted(box.up, v_x)
+        in_gears = np.array([np.interp(v_x, self.speeds, row) for row in rows])
+        return np.take_along_axis(in_gears, np.expand_dims(np.asarray(gear) - 1, 0), axis=0)[0]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -10,9 +11,11 @@ import numpy as np
 
 from slipangle.control.mpc import MPC
 from slipangle.control.racing.along_track import AlongTrack
+from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.sectors import Sectors
+from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import Scalar, Vector
-from slipangle.optimal.lap.car import LapCar, forces, slip
+from slipangle.optimal.lap.car import LapCar, forces, held, slip
 from slipangle.optimal.lap.lap import Lap
 from slipangle.optimal.lap.program import saturation, without_peak
 from slipangle.optimal.ocp import Reference
@@ -27,11 +30,13 @@ SUBSTEPS = 2  # of a stage: lateral motion at walking pace is quick
 FROM_LAP = {"n": 2.0, "chi": 20.0, "v_x": 10.0, "v_y": 0.2, "r": 2.0, "delta": 20.0, "F_x": 1.0}
 RATES = {"delta_rate": 10.0, "F_rate": 0.3}  # per (rad/s)2, of force rates over half the weight
 # Squared and plain price of leaving limits: edges [m], drive, slip over that at the peak, use of the axles' force.
-PRICES = {"n": (50.0, 2.0), "F_x": (5.0, 5.0), "slip_f": (200.0, 20.0), "slip_r": (400.0, 30.0)}
+PRICES = {"n": (100.0, 10.0), "F_asked": (5.0, 5.0), "slip_f": (200.0, 20.0), "slip_r": (400.0, 30.0)}
 PRICES |= {"use_f": (50.0, 8.0), "use_r": (50.0, 8.0)}
-SLIP, USE = 0.92, 0.93  # up to which slip angles and longitudinal forces go, over their largest
+SLIP, USE = 0.95, 0.93  # up to which slip angles and longitudinal forces go, over their largest
 SLOWEST = 3.0  # m/s along the track
-SPEED_IN = (0, 0, 1, 1, 1, 0, 2)  # power of the speed that each state goes with, on the same line
+AHEAD = 0.3  # m/s, of what can be reached
+FADE = 0.4  # s, in which what is unexplained now fades from a plan
+SPEED_IN = (0, 0, 1, 1, 1, 0, 2, 2)  # power of the speed that each state goes with, on the same line
 
 
 class Planner:
@@ -39,8 +44,8 @@ class Planner:
 
     Decided are the rates of steering and longitudinal force. Stages last ``dt`` at the speeds of the lap; the last
     one ends on the lap, at its speed, from which there is a way on. Limits of tires, drive and edges are soft, so that
-    a car that is beyond them is brought back. What a filter finds unexplained now is not planned with: near the limit
-    most of it is the lag of tires and brakes, and a car whose plans hold it for later swings about its line.
+    a car that is beyond them is brought back. What a filter finds unexplained now fades from a plan within half a
+    second: a car whose plans hold it for longer swings about its line.
 
     Parameters
     ----------
@@ -48,18 +53,20 @@ class Planner:
         As believed; friction and drive are told with every plan.
     track : Path
         Closed, with its edges.
+    pedals : Pedals
+        How late forces follow.
     dt : float
         Of a stage, and between plans. [s]
     horizon : int
         Stages.
     """
 
-    def __init__(self, car: LapCar, track: Path, *, dt: float, horizon: int) -> None:
+    def __init__(self, car: LapCar, track: Path, pedals: Pedals, *, dt: float, horizon: int) -> None:
         self.car, self.track, self.dt, self.horizon = car, track, dt, horizon
         force = 0.5 * car.weight
-        prices = {**PRICES, "F_x": (PRICES["F_x"][0] / force**2, PRICES["F_x"][1] / force)}
+        prices = {**PRICES, "F_asked": (PRICES["F_asked"][0] / force**2, PRICES["F_asked"][1] / force)}
         self.mpc = MPC(
-            AlongTrack(params=car, dt=dt, substeps=SUBSTEPS),
+            AlongTrack(params=car, drive_lag=pedals.lag, brake_lag=pedals.brake_lag, dt=dt, substeps=SUBSTEPS),
             horizon=horizon,
             controls=("delta_rate", "F_rate"),
             Q=Weights({**FROM_LAP, "F_x": FROM_LAP["F_x"] / force**2}),
@@ -68,7 +75,7 @@ class Planner:
             limits=Limits(
                 delta_rate=car.delta_rate,
                 F_rate=car.force_rate * car.weight,
-                **dict(n=np.inf, F_x=np.inf, slip_f=SLIP, slip_r=SLIP, use_f=USE, use_r=USE),
+                **dict(n=np.inf, F_asked=np.inf, slip_f=SLIP, slip_r=SLIP, use_f=USE, use_r=USE),
             ),
             slack=Weights({name: price[0] for name, price in prices.items()}),
             slack_linear=Weights({name: price[1] for name, price in prices.items()}),
@@ -78,14 +85,14 @@ class Planner:
     def follow(self, lap: Lap, room: float, sectors: Sectors | None = None) -> None:
         """The lap to drive, the room between the car's centre and an edge [m], and how its corners differ by now."""
         length, turns = lap.track.length, (-1, 0, 1)
-        states = np.column_stack([lap.n, lap.chi, lap.v_x, lap.v_y, lap.r, lap.delta, lap.F_x])
+        states = np.column_stack([lap.n, lap.chi, lap.v_x, lap.v_y, lap.r, lap.delta, lap.F_x, lap.F_x])
         self._s = np.concatenate([lap.s + k * length for k in turns])
         self._states = np.vstack([states] * 3)
         self._rate = 1.0 / np.gradient(np.concatenate([lap.t + k * lap.time for k in turns]), self._s)
         self._room, self._sectors = room, sectors or Sectors(lap, 0.0)
 
     def at(self, s: np.ndarray) -> np.ndarray:
-        """States of the lap at arc lengths [m], shape (n, 7): as fast as its sectors say, forces in proportion."""
+        """States of the lap at arc lengths [m], shape (n, 8): as fast as its sectors say, forces in proportion."""
         place = np.asarray(s) % self.track.length
         states = np.column_stack([np.interp(place, self._s, column) for column in self._states.T])
         faster = self._sectors.speed(place)
@@ -97,9 +104,10 @@ class Planner:
         s: float,
         grip: float,
         most: Callable[[np.ndarray, np.ndarray], np.ndarray],
+        unexplained: Mapping[str, float],
         previous: Plan | None,
     ) -> Plan:
-        """Plan from a state of `AlongTrack`, shape (7,), at an arc length. [m]
+        """Plan from a state of `AlongTrack`, shape (8,), at an arc length. [m]
 
         Parameters
         ----------
@@ -109,14 +117,33 @@ class Planner:
             Friction of the tires over that of the lap's car. [-]
         most : callable
             Force at full throttle [N] at arc lengths [m] and speeds. [m/s]
+        unexplained : mapping of str to float
+            Accelerations that the car has now beyond its model's, ``d_v_x`` [m/s2] and ``d_r`` [rad/s2].
         previous : Plan, optional
             The plan before. Where that leads nowhere, the lap itself is the first guess.
         """
         nodes = self._nodes(s, float(x[2]))
-        wanted = self.at(nodes)
-        reference = self._reference(nodes, wanted, grip, most)
+        wanted = self._within_reach(self.at(nodes), nodes, float(x[2]), most)
+        reference = self._reference(nodes, wanted, grip, most, unexplained)
         plan = self.mpc.plan(x, reference, previous)
         return plan if plan.age == 0 else self.mpc.plan(x, reference, self._as_before(wanted, plan))
+
+    def _within_reach(
+        self, wanted: np.ndarray, nodes: np.ndarray, v_x: float, most: Callable[[np.ndarray, np.ndarray], np.ndarray]
+    ) -> np.ndarray:
+        """States of the lap, none much faster than full throttle makes the car from now on.
+
+        A plan that lags far behind what is wanted would give up its line for a little speed.
+        """
+        car, v, reached = self.car, v_x, []
+        force = most(nodes, wanted[:, 2])
+        for pull, way, at_most in zip(force, np.diff(nodes, append=nodes[-1]), wanted[:, 2], strict=True):
+            v = min(v, at_most)
+            reached.append(v)
+            gain = (pull - car.drag * v * v) / car.mass - car.rolling_resistance * GRAVITY
+            v = math.sqrt(max(v * v + 2.0 * gain * way, SLOWEST * SLOWEST))
+        slower = np.minimum((np.array(reached) + AHEAD) / wanted[:, 2], 1.0)
+        return wanted * np.column_stack([slower**power for power in SPEED_IN])
 
     def _nodes(self, s: float, v_x: float) -> np.ndarray:
         """Arc lengths of the stages: at the lap's speeds, as much faster or slower as the car is now. [m]"""
@@ -134,6 +161,7 @@ class Planner:
         wanted: np.ndarray,
         grip: float,
         most: Callable[[np.ndarray, np.ndarray], np.ndarray],
+        unexplained: Mapping[str, float],
     ) -> Reference:
         ocp, car, here = self.mpc.ocp, self.car, self.track.at(nodes)
         stage = np.diff(nodes)
@@ -143,9 +171,10 @@ class Planner:
             "curvature": np.append(bend, here.curvature[-1]),
             "stage": np.append(stage, stage[-1]),
             **{name: grip * getattr(car, name) * same for name in ("mu_f", "mu_r")},
+            **{name: value * np.exp(-self.dt / FADE * np.arange(len(nodes))) for name, value in unexplained.items()},
         }
         limits = ocp.limits_at_nodes.copy()
-        n, F = ocp.limited.index("n"), ocp.limited.index("F_x")
+        n, F = ocp.limited.index("n"), ocp.limited.index("F_asked")
         room = self._room + self._sectors.spare(nodes)
         limits[:, n] = np.column_stack([room - here.right, here.left - room])
         limits[:, n].sort(axis=1)
@@ -159,7 +188,7 @@ class Planner:
 
     def _as_before(self, wanted: np.ndarray, failed: Plan) -> Plan:
         """The lap as if it had been planned a step before."""
-        bounds, later = self.mpc.ocp.input_bounds, np.diff(wanted[:, 5:], axis=0) / self.dt
+        bounds, later = self.mpc.ocp.input_bounds, np.diff(wanted[:, [5, 7]], axis=0) / self.dt
         u = np.clip(np.vstack([later[:1], later[:-1]]), bounds[:, 0], bounds[:, 1])
         x = np.vstack([wanted[:1], wanted[:-1]])
         return replace(failed, u=u, x=x, status=Status.SOLVED, age=0, stopping=False, memory=None, unfinished=None)
@@ -174,7 +203,8 @@ def _limited(car: LapCar) -> dict[str, Callable[[Vector, Vector, Any], Scalar]]:
         return saturation(*slip(x[2], x[3], x[4], x[5], here), here, flags)
 
     def used(x: Vector, u: Vector) -> tuple[Scalar, Scalar]:
-        acting = forces(0.0, 0.0, x[6], x[2] * x[4], x[2], AlongTrack.on(car, u))
+        here = AlongTrack.on(car, u)
+        acting = forces(0.0, 0.0, x[6], held(x[2], x[4], here), x[2], here)
         return acting.front.use, acting.rear.use
 
     return {

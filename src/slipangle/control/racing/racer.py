@@ -30,8 +30,11 @@ WANDER = {"X": 0.01, "Y": 0.01, "psi": 0.001, "v_x": 0.1, "v_y": 0.2, "r": 0.1, 
 START = {"X": 0.1, "Y": 0.1, "psi": 0.01, "v_x": 0.1, "v_y": 0.1, "r": 0.02, "d_v_x": 0.5, "d_r": 0.2}
 GRIP_WANDER = 0.002  # relative, per root of a second
 ALONG = 0.98  # of the longitudinal friction that a lap is planned with: no wheel locks for a wrong brake
+HOPED = 1.05  # of power and drive force: speeds that full throttle does not reach, a plan does not want
 CHANGED = 0.02  # of grip, from which a new lap is planned; less than that is left to its sectors
 BOLD = 0.985  # of the grip that is sure, which no corner is tried beyond
+SPIN = 0.03  # by which driven wheels turn faster than they roll, where gears are told by the speed of the car
+SETTLING = 0.3  # s, over which accelerations that the model does not explain are smoothed
 STOP = 0.3  # of the weight, with which a car brakes that has no plan any more
 _POSE = ("X", "Y", "psi", "v_x")
 
@@ -122,7 +125,7 @@ class Racer(Brief):
             raise ParameterError(f"dt is {dt:g} s, the sample time {sample:g} s; expected a whole multiple")
         self.car, self.track, self.pedals = car, track, pedals
         self.share, self.grip_std, self.margin, self.sample, self.between = share, grip_std, margin, sample, between
-        self._planner = Planner(car, track, dt=dt, horizon=horizon)
+        self._planner = Planner(car, track, pedals, dt=dt, horizon=horizon)
         self._filter = EKF(
             start=RacingCar(params=OnRoad.of(car), dt=sample),
             free=("grip",),
@@ -132,7 +135,7 @@ class Racer(Brief):
             prior_std={"grip": max(grip_std, 1e-4)},
             walk_std={"grip": GRIP_WANDER},
         )
-        self.learned = Learned(pedals, track.length, grip_std)
+        self.learned = Learned(track.length, grip_std)
         if lap is None:
             lap = self._plan_lap(self._sure(), None)
         self.first = lap
@@ -146,13 +149,14 @@ class Racer(Brief):
 
     def reset(self) -> None:
         """Forget the drive so far, and what was learned; the next call of `step` begins another."""
-        self.learned = Learned(self.pedals, self.track.length, self.grip_std)
+        self.learned = Learned(self.track.length, self.grip_std)
         self._follow(self.first)
         self._tracker: Any = None
         self._plan: Plan | None = None
         self._tick, self._turns, self._s, self._begun = -1, 0, math.nan, math.nan
-        self._delta, self._F, self._acting = 0.0, 0.0, 0.0
-        self._restarts = 0
+        self._delta, self._F, self._driving, self._braking = 0.0, 0.0, 0.0, 0.0
+        self._restarts, self._gear = 0, 1
+        self._beyond = {"d_v_x": 0.0, "d_r": 0.0}
 
     def learn(self) -> None:
         """Say how the next lap is driven by what is known by now.
@@ -186,7 +190,7 @@ class Racer(Brief):
     def _sure(self) -> LapCar:
         """The car for a lap."""
         sure = self.learned.car(self.car, self.share)
-        return replace(sure, mu_x=ALONG * sure.mu_x)
+        return replace(sure, mu_x=ALONG * sure.mu_x, power=HOPED * sure.power, drive_force=HOPED * sure.drive_force)
 
     # ---- one step ----------------------------------------------------------------------------------------------
 
@@ -210,13 +214,16 @@ class Racer(Brief):
             return self._waiting()
         x, grip = self._tracker.state, float(self._tracker.parameters[0])
         s, e_y, heading = self.track.project(float(x[0]), float(x[1]), None if math.isnan(self._s) else self._s)
-        self._s = s
+        spin = SPIN if self._driving > 0.0 else 0.0
+        self._s, self._gear = s, int(self._gears((1.0 + spin) * x[3:4])[0])
+        for name, value in zip(self._beyond, x[6:8].tolist(), strict=True):
+            self._beyond[name] += self.sample / SETTLING * (value - self._beyond[name])
         self.sectors.see(s, t, self._beside(s, e_y))
         self._count_laps(s)
         if self._plan is None or self._tick % self._every == 0:
             chi = math.remainder(float(x[2]) - heading, 2 * math.pi)
-            state = np.array([e_y, chi, x[3], x[4], x[5], self._delta, self._F])
-            self._plan = self._planner.plan(state, s, self.learned.here(grip), self.learned.most, self._plan)
+            state = np.array([e_y, chi, x[3], x[4], x[5], self._delta, self._driving + self._braking, self._F])
+            self._plan = self._planner.plan(state, s, self.learned.here(grip), self._most, self._beyond, self._plan)
         values = self._act(self._plan, float(x[3]), float(x[6]), grip)
         return Commands(
             values=values,
@@ -232,7 +239,7 @@ class Racer(Brief):
 
     def _observe(self, measurements: Mapping[str, float]) -> bool:
         """Bring the estimate to now; whether there is one."""
-        given = {**measurements, "delta": self._delta, "F_x": self._acting}
+        given = {**measurements, "delta": self._delta, "F_x": self._driving + self._braking}
         if self._tracker is None:
             if not all(math.isfinite(measurements.get(name, math.nan)) for name in _POSE):
                 return False
@@ -259,6 +266,15 @@ class Racer(Brief):
         lane = self.track.at(np.array([s]))
         return float(min(lane.left[0] - e_y, lane.right[0] + e_y)) - 0.5 * self.car.width
 
+    def _gears(self, v_x: np.ndarray) -> np.ndarray:
+        """Gears at speeds that follow each other, shape (n,), from the one that the car is in on. [m/s]"""
+        box = self.pedals.gearbox
+        return np.ones(len(v_x), dtype=int) if box is None else box.along(v_x, self._gear)
+
+    def _most(self, s: np.ndarray, v_x: np.ndarray) -> np.ndarray:
+        """Force at full throttle at places ahead [m] and the speeds there, shape (n,). [m/s]"""
+        return self.learned.most(s, self.pedals.most(v_x, self._gears(v_x)))
+
     def _act(self, plan: Plan, v_x: float, unexplained: float, grip: float) -> dict[str, float]:
         """Commands of a sample, and what the car does with them."""
         car, dt = self.car, self.sample
@@ -266,15 +282,17 @@ class Racer(Brief):
         if plan.stopping:
             turn, rise = 0.0, min(max((-STOP * car.weight - self._F) / dt, -car.force_rate * car.weight), 0.0)
         self._delta = min(max(self._delta + dt * turn, -car.delta_max), car.delta_max)
-        most = float(self.learned.most(self._s, v_x))
+        pedals, gear = self.pedals, self._gear
+        believed = float(pedals.most(v_x, gear))
+        most = float(self.learned.most(self._s, believed))
         self._F = min(max(self._F + dt * rise, -car.brake_force), most)
-        throttle, brake = self.pedals.pressed(self._F, v_x, most)
-        settled = self.pedals.force(throttle, brake, v_x, most)
-        lag = self.pedals.lag if brake == 0.0 else 0.0
-        self._acting += (settled - self._acting) * (min(dt / lag, 1.0) if lag > 0 else 1.0)
+        throttle, brake = pedals.pressed(self._F, v_x, most, gear)
+        driving, braking = pedals.forces(throttle, brake, v_x, most, gear)
+        self._driving += (driving - self._driving) * min(dt / max(pedals.lag, dt), 1.0)
+        self._braking += (braking - self._braking) * min(dt / max(pedals.brake_lag, dt), 1.0)
         spread = float(self._tracker.parameters_std[0])
-        force = self._acting + car.mass * unexplained
-        self.learned.see(self._s, force, throttle, (grip, spread), dt)
+        force = self._driving + self._braking + car.mass * unexplained
+        self.learned.see(self._s, force / max(believed, 1.0), throttle, (grip, spread), dt)
         return {"delta": self._delta, "throttle": throttle, "brake": brake}
 
     def _waiting(self) -> Commands:

@@ -10,18 +10,17 @@ from slipangle.models.vehicles.car import DualTrackParams
 from slipangle.optimal.terms import Values
 
 
-def drive_force(car: DualTrackParams, v_x: float) -> float:
-    """Force at full throttle in the gear of a speed. [N]"""
+def engine_force(car: DualTrackParams, throttle: float, v_x: float, gear: int) -> float:
+    """Force of the engine on the road at a throttle, 0 to 1, a speed [m/s] and a gear, 1 being the first. [N]"""
     line = car.driveline
-    axle = v_x / car.radius
-    ratio = line.ratios[line.gear_at(axle) - 1] * line.final
-    return float(line.engine.torque(1.0, abs(axle) * ratio)) * ratio / car.radius
+    ratio = line.ratios[gear - 1] * line.final / car.radius
+    return float(line.engine.torque(throttle, abs(v_x) * ratio)) * ratio
 
 
-def moving_mass(car: DualTrackParams, v_x: float) -> float:
-    """Mass with everything that turns along, in the gear of a speed. [kg]"""
+def moving_mass(car: DualTrackParams, gear: int) -> float:
+    """Mass with everything that turns along in a gear. [kg]"""
     line = car.driveline
-    ratio = line.ratios[line.gear_at(v_x / car.radius) - 1] * line.final
+    ratio = line.ratios[gear - 1] * line.final
     turning = car.inertia_wheel_f + car.inertia_wheel_r + line.engine.inertia * ratio * ratio
     return float(car.mass + turning / car.radius**2)
 
@@ -60,7 +59,8 @@ def pedal_driver(
     >>> driver.inputs(0.5)["throttle"], driver.inputs(-0.5)["brake"] > 0
     (0.5, True)
     """
-    force = np.array([drive_force(car, v) for v in speeds])
+    gears = [car.driveline.gear_at(v / car.radius) for v in speeds]
+    force = np.array([engine_force(car, 1.0, v, gear) for v, gear in zip(speeds, gears, strict=True)])
     stop = float(car.brakes.torque / car.radius)
     if not (force.max() > 0 and stop > 0):
         raise ParameterError(
@@ -68,7 +68,7 @@ def pedal_driver(
             "an engine and brakes"
         )
     force = np.maximum(force, 0.2 * force.max())  # beyond the engine's last speed too
-    gain = np.array([moving_mass(car, v) for v in speeds]) / force
+    gain = np.array([moving_mass(car, gear) for gear in gears]) / force
     share = float(np.median(force)) / stop
     return SpeedDriver(
         kp=tuple((2 * damping * bandwidth * gain).tolist()),

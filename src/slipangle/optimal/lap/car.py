@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 from slipangle.models.tires.magic_formula.terms import curved
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycleParams
 from slipangle.models.vehicles.parameters import GRAVITY
-from slipangle.ops import Scalar, atan, cos, sin, sqrt
+from slipangle.ops import Scalar, atan, clip, cos, sin, sqrt
 from slipangle.units import SI
 
 _CORNER, _PEAK, _LATERAL, _COAST = 0.004, 0.004, 0.02, 0.03
@@ -139,13 +139,15 @@ class Rates(NamedTuple):
     forces: Forces
 
 
-def rates(v_x: Scalar, v_y: Scalar, r: Scalar, delta: Scalar, F: Scalar, p: LapCar) -> Rates:
+def rates(
+    v_x: Scalar, v_y: Scalar, r: Scalar, delta: Scalar, F: Scalar, p: LapCar, *, a_y: Scalar | None = None
+) -> Rates:
     """Planar motion at a road-wheel angle ``delta`` [rad] and a longitudinal force ``F`` [N]; ``v_x`` [m/s] above zero.
 
-    Loads follow the quasi-steady accelerations ``F / mass`` and ``v_x r``.
+    Loads follow the quasi-steady accelerations ``F / mass`` and ``a_y`` [m/s2], by default ``v_x r``.
     """
     alpha_f, alpha_r = slip(v_x, v_y, r, delta, p)
-    acting = forces(alpha_f, alpha_r, F, v_x * r, v_x, p)
+    acting = forces(alpha_f, alpha_r, F, v_x * r if a_y is None else a_y, v_x, p)
     c, s = cos(delta), sin(delta)
     along = acting.F_xf * c - acting.front.F_y * s + acting.F_xr - acting.resistance
     front = acting.F_xf * s + acting.front.F_y * c
@@ -155,6 +157,14 @@ def rates(v_x: Scalar, v_y: Scalar, r: Scalar, delta: Scalar, F: Scalar, p: LapC
         (p.l_f * front - p.l_r * acting.rear.F_y) / p.inertia_z,
         acting,
     )
+
+
+def held(v_x: Scalar, r: Scalar, p: LapCar) -> Scalar:
+    """Lateral acceleration ``v_x r``, no more than the tires hold, which a car that swings goes beyond. [m/s2]"""
+    load_f = p.weight * p.l_r / p.wheelbase + p.downforce_f * v_x * v_x
+    load_r = p.weight * p.l_f / p.wheelbase + p.downforce_r * v_x * v_x
+    most = (p.mu_f * load_f + p.mu_r * load_r) / p.mass
+    return clip(v_x * r, -most, most)
 
 
 def slip(v_x: Scalar, v_y: Scalar, r: Scalar, delta: Scalar, p: LapCar) -> tuple[Scalar, Scalar]:
