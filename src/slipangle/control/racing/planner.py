@@ -30,7 +30,7 @@ SUBSTEPS = 2  # of a stage: lateral motion at walking pace is quick
 FROM_LAP = {"n": 2.0, "chi": 20.0, "v_x": 10.0, "v_y": 0.2, "r": 2.0, "delta": 20.0, "F_x": 1.0}
 RATES = {"delta_rate": 10.0, "F_rate": 0.3}  # per (rad/s)2, of force rates over half the weight
 # Squared and plain price of leaving limits: edges [m], drive, slip over that at the peak, use of the axles' force.
-PRICES = {"n": (100.0, 10.0), "F_asked": (5.0, 5.0), "slip_f": (200.0, 20.0), "slip_r": (400.0, 30.0)}
+PRICES = {"n": (1000.0, 60.0), "F_asked": (5.0, 5.0), "slip_f": (200.0, 20.0), "slip_r": (400.0, 30.0)}
 PRICES |= {"use_f": (50.0, 8.0), "use_r": (50.0, 8.0)}
 SLIP, USE = 0.95, 0.93  # up to which slip angles and longitudinal forces go, over their largest
 SLOWEST = 3.0  # m/s along the track
