@@ -185,4 +185,4 @@ def with_gears(lap: Lap, params: DualTrackParams, points: int | None = None) -> 
 
 def _engine_force(car: DualTrackParams, gear: int, v_x: float) -> float:
     """Force of the tires at full throttle in a gear at a speed [m/s], less what the turning masses take. [N]"""
-    return engine_force(car, 1.0, v_x, gear) * car.mass / moving_mass(car, gear)
+    return engine_force(car, 1.0, v_x, gear) * car.mass / moving_mass(car, v_x, gear)

@@ -78,7 +78,7 @@ class Pedals(Checked):
         ``car`` has the parameters of a dual track.
         """
         gears = range(1, len(car.driveline.ratios) + 1)
-        share = np.array([[car.mass / moving_mass(car, gear)] * len(_SPEEDS) for gear in gears])
+        share = np.array([[car.mass / moving_mass(car, v, gear) for v in _SPEEDS] for gear in gears])
         full, closed = (
             np.array([[engine_force(car, throttle, v, gear) for v in _SPEEDS] for gear in gears])
             for throttle in (1.0, 0.0)
@@ -94,14 +94,14 @@ class Pedals(Checked):
         )
 
     def most(self, v_x: float | np.ndarray, gear: int | np.ndarray | None = None) -> np.ndarray:
-        """Force at full throttle. [N]"""
+        """Force at full throttle at speeds [m/s], each in its ``gear``, 1 being the first. [N]"""
         return self._force(self.full, v_x, gear)
 
     def pressed(self, F_x: float, v_x: float, most: float, gear: int | None = None) -> tuple[float, float]:
         """Throttle and brake, 0 to 1, for a force ``F_x`` [N] at a speed [m/s] where full throttle gives ``most`` [N].
 
-        While braking the throttle stays where the engine neither drives nor drags, so that the brakes alone share the
-        force between the axles.
+        ``gear`` is the one that the car is in, 1 being the first. While braking the throttle stays where the engine
+        neither drives nor drags, so that the brakes alone share the force between the axles.
         """
         closed = float(self._force(self.closed, v_x, gear))
         span = max(most - closed, 1.0)
@@ -114,7 +114,7 @@ class Pedals(Checked):
     ) -> tuple[float, float]:
         """Forces along the car that engine and brakes settle to at ``throttle`` and ``brake``, 0 to 1. [N]
 
-        Full throttle gives ``most`` [N] at that speed ``v_x`` [m/s].
+        Full throttle gives ``most`` [N] at that speed ``v_x`` [m/s] in that ``gear``, 1 being the first.
         """
         closed = float(self._force(self.closed, v_x, gear))
         return throttle * (most - closed) + closed, -brake * float(self._force(self.brake, v_x, gear))

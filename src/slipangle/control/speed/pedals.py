@@ -10,6 +10,11 @@ from slipangle.models.vehicles.car import DualTrackParams
 from slipangle.optimal.terms import Values
 
 
+def drive_force(car: DualTrackParams, v_x: float) -> float:
+    """Force at full throttle in the gear of a speed. [N]"""
+    return engine_force(car, 1.0, v_x, car.driveline.gear_at(v_x / car.radius))
+
+
 def engine_force(car: DualTrackParams, throttle: float, v_x: float, gear: int) -> float:
     """Force of the engine on the road at a throttle, 0 to 1, a speed [m/s] and a gear, 1 being the first. [N]"""
     line = car.driveline
@@ -17,10 +22,10 @@ def engine_force(car: DualTrackParams, throttle: float, v_x: float, gear: int) -
     return float(line.engine.torque(throttle, abs(v_x) * ratio)) * ratio
 
 
-def moving_mass(car: DualTrackParams, gear: int) -> float:
-    """Mass with everything that turns along in a gear. [kg]"""
+def moving_mass(car: DualTrackParams, v_x: float, gear: int | None = None) -> float:
+    """Mass with everything that turns along, in a gear, 1 being the first, by default that of a speed. [kg]"""
     line = car.driveline
-    ratio = line.ratios[gear - 1] * line.final
+    ratio = line.ratios[(gear or line.gear_at(v_x / car.radius)) - 1] * line.final
     turning = car.inertia_wheel_f + car.inertia_wheel_r + line.engine.inertia * ratio * ratio
     return float(car.mass + turning / car.radius**2)
 
@@ -59,8 +64,7 @@ def pedal_driver(
     >>> driver.inputs(0.5)["throttle"], driver.inputs(-0.5)["brake"] > 0
     (0.5, True)
     """
-    gears = [car.driveline.gear_at(v / car.radius) for v in speeds]
-    force = np.array([engine_force(car, 1.0, v, gear) for v, gear in zip(speeds, gears, strict=True)])
+    force = np.array([drive_force(car, v) for v in speeds])
     stop = float(car.brakes.torque / car.radius)
     if not (force.max() > 0 and stop > 0):
         raise ParameterError(
@@ -68,7 +72,7 @@ def pedal_driver(
             "an engine and brakes"
         )
     force = np.maximum(force, 0.2 * force.max())  # beyond the engine's last speed too
-    gain = np.array([moving_mass(car, gear) for gear in gears]) / force
+    gain = np.array([moving_mass(car, v) for v in speeds]) / force
     share = float(np.median(force)) / stop
     return SpeedDriver(
         kp=tuple((2 * damping * bandwidth * gain).tolist()),
