@@ -307,7 +307,7 @@ def tire_use(data: Dataset, car: Any) -> TireUse:
     front = (p.mass * p.l_r * a_y + p.inertia_z * spin) / p.wheelbase
     rear = (p.mass * p.l_f * a_y - p.inertia_z * spin) / p.wheelbase
     v = np.asarray(data["v_x"], dtype=float)
-    resistance = np.asarray(forces(0.0, 0.0, 0.0, 0.0, v, p).resistance, dtype=float)
+    resistance = np.asarray(p.resistance(v), dtype=float)
     acting = forces(0.0, 0.0, p.mass * a_x + resistance, a_y, v, p)
     peaks = [np.asarray(axle.peak, dtype=float) for axle in (acting.front, acting.rear)]
     along = [np.asarray(axle.use, dtype=float) for axle in (acting.front, acting.rear)]

@@ -11,7 +11,7 @@ from scipy.optimize import brentq, least_squares
 from slipangle.control.racing.gearbox import Gearbox
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.racer import ALONG, Racer
-from slipangle.control.speed.pedals import engine_force, moving_mass
+from slipangle.control.speed.pedals import tire_force
 from slipangle.errors import SimulationError, SolverError
 from slipangle.models.vehicles.car import DualTrackParams
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
@@ -149,7 +149,7 @@ def _with_drive(car: LapCar, plant: DualTrack, track: Path, margin: float, point
     if held.sum() < FEWEST:
         return car
     pull = np.gradient(run.v_x, run.t) - run["v_y"] * run["r"]
-    force = car.mass * pull + car.drag * run.v_x**2 + car.rolling_resistance * car.weight
+    force = car.mass * pull + car.resistance(run.v_x)
     v, force = run.v_x[held], force[held]
     most = float(np.quantile(force, 0.98))
 
@@ -176,13 +176,8 @@ def with_gears(lap: Lap, params: DualTrackParams, points: int | None = None) -> 
     for _ in range(8):
         slow = box.slow_enough(lap.v_x)
         gears = box.gears(np.minimum(lap.v_x, slow))
-        most = np.array([_engine_force(params, *at) for at in zip(gears, lap.v_x, strict=True)])
+        most = np.array([tire_force(params, 1.0, v, gear) for v, gear in zip(lap.v_x, gears, strict=True)])
         lap = fastest_lap(free, lap.track, points=points, like=lap, allowed=lambda s, of=(most, slow): of)
         if np.mean(box.gears(lap.v_x) != gears) < 0.01:
             return lap
     raise SolverError("no lap was found that fits its own gears; expected one within eight")
-
-
-def _engine_force(car: DualTrackParams, gear: int, v_x: float) -> float:
-    """Force of the tires at full throttle in a gear at a speed [m/s], less what the turning masses take. [N]"""
-    return engine_force(car, 1.0, v_x, gear) * car.mass / moving_mass(car, v_x, gear)

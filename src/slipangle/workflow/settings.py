@@ -305,11 +305,11 @@ def _check(settings: Settings, where: str) -> None:
             f"{where}: [data] names {len(settings.data.file)} files, {len(settings.data.test)} test files and others "
             "beside; expected one file, which those beside it belong to: give each drive a job, or merge them first"
         )
-    if settings.data.beside and any(named_logs(m.entries) for m in settings.model):
-        wanted = next(m for m in settings.model if named_logs(m.entries))
+    asking = next((m for m in settings.model if named_logs(m.entries)), None)
+    if settings.data.beside and asking is not None:
         raise ConfigError(
-            f"{where}: [data] names files beside its own, and model {shown(wanted.name)} those of another log as "
-            f"{next(iter(named_logs(wanted.entries)))}; expected files that need no others: merge each drive's into one"
+            f"{where}: [data] names files beside its own, and model {shown(asking.name)} those of another log as "
+            f"{next(iter(named_logs(asking.entries)))}; expected files that need no others: merge each drive's into one"
         )
     files = (*settings.data.file, *settings.data.test)
     if len(set(files)) < len(files):

@@ -30,8 +30,8 @@ class Learned:
     def __init__(self, length: float, grip_std: float) -> None:
         self.length = length
         self.grip, self.grip_std = 1.0, grip_std
-        self._places = np.full(max(1, round(length / PLACE)), np.nan)
-        self._around = np.ones_like(self._places)
+        count = max(1, round(length / PLACE))
+        self._shares, self._seen, self._nearest = np.ones(count), np.zeros(count, dtype=bool), np.arange(count)
         self._pressed = 0.0
         self._known = BELIEVED / max(grip_std, 1e-4) ** 2
         self._mean = 1.0
@@ -43,7 +43,7 @@ class Learned:
 
     def most(self, s: float | np.ndarray, believed: float | np.ndarray) -> np.ndarray:
         """Force at full throttle at places [m], as much of that ``believed`` [N] as was seen there or nearest. [N]"""
-        return self._around[self._place(s)] * believed
+        return self._shares[self._nearest[self._place(s)]] * believed
 
     def here(self, grip: float) -> float:
         """Grip to plan with where the filter reads ``grip``: no more than it read where it was sure, near the limit.
@@ -53,7 +53,7 @@ class Learned:
         return min(grip, self._mean)
 
     def _place(self, s: float | np.ndarray) -> np.ndarray:
-        count = len(self._places)
+        count = len(self._shares)
         return (np.asarray(s) % self.length / self.length * count).astype(int) % count
 
     def see(self, s: float, share: float, throttle: float, grip: tuple[float, float], dt: float) -> None:
@@ -66,15 +66,13 @@ class Learned:
         if self._pressed < SETTLED:
             return
         at, share = int(self._place(s)), min(max(share, LEAST), MOST)
-        known = self._places[at]
-        self._places[at] = share if np.isnan(known) else known + GAIN * (share - known)
-        self._around = self._as_nearest()
-
-    def _as_nearest(self) -> np.ndarray:
-        """The places, those where nothing was seen like the nearest one where something was."""
-        count, seen = len(self._places), np.flatnonzero(np.isfinite(self._places))
+        if self._seen[at]:
+            self._shares[at] += GAIN * (share - self._shares[at])
+            return
+        self._shares[at], self._seen[at] = share, True
+        count, seen = len(self._shares), np.flatnonzero(self._seen)
         away = np.abs(np.arange(count)[:, None] - seen)
-        return self._places[seen[np.argmin(np.minimum(away, count - away), axis=1)]]
+        self._nearest = seen[np.argmin(np.minimum(away, count - away), axis=1)]
 
     def end_lap(self) -> None:
         """Take the lap's mean grip, each sample by how sure it is; how far it wandered, at least the filter's own."""

@@ -8,7 +8,7 @@ from typing import Annotated
 import numpy as np
 
 from slipangle.control.racing.gearbox import Gearbox
-from slipangle.control.speed.pedals import engine_force, moving_mass
+from slipangle.control.speed.pedals import moving_mass, tire_force
 from slipangle.errors import ParameterError
 from slipangle.fields import Checked, Within
 from slipangle.models.vehicles.car import DualTrackParams
@@ -80,13 +80,13 @@ class Pedals(Checked):
         gears = range(1, len(car.driveline.ratios) + 1)
         share = np.array([[car.mass / moving_mass(car, v, gear) for v in _SPEEDS] for gear in gears])
         full, closed = (
-            np.array([[engine_force(car, throttle, v, gear) for v in _SPEEDS] for gear in gears])
+            np.array([[tire_force(car, throttle, v, gear) for v in _SPEEDS] for gear in gears])
             for throttle in (1.0, 0.0)
         )
         return cls(
             speeds=_SPEEDS,
-            full=np.maximum(full, 0.0) * share,
-            closed=np.minimum(closed, 0.0) * share,
+            full=np.maximum(full, 0.0),
+            closed=np.minimum(closed, 0.0),
             brake=float(car.brakes.torque / car.radius) * share,
             lag=float(car.driveline.engine.lag),
             brake_lag=float(car.brakes.lag) + WHEELS,

@@ -13,7 +13,6 @@ from slipangle.control.mpc import MPC
 from slipangle.control.racing.along_track import AlongTrack
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.sectors import Sectors
-from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import Scalar, Vector
 from slipangle.optimal.lap.car import LapCar, forces, held, slip
 from slipangle.optimal.lap.lap import Lap
@@ -95,8 +94,7 @@ class Planner:
         """States of the lap at arc lengths [m], shape (n, 8): as fast as its sectors say, forces in proportion."""
         place = np.asarray(s) % self.track.length
         states = np.column_stack([np.interp(place, self._s, column) for column in self._states.T])
-        faster = self._sectors.speed(place)
-        return states * np.column_stack([faster**power for power in SPEED_IN])
+        return _at_speed(states, self._sectors.speed(place))
 
     def plan(
         self,
@@ -140,10 +138,9 @@ class Planner:
         for pull, way, at_most in zip(force, np.diff(nodes, append=nodes[-1]), wanted[:, 2], strict=True):
             v = min(v, at_most)
             reached.append(v)
-            gain = (pull - car.drag * v * v) / car.mass - car.rolling_resistance * GRAVITY
+            gain = (pull - car.resistance(v)) / car.mass
             v = math.sqrt(max(v * v + 2.0 * gain * way, SLOWEST * SLOWEST))
-        slower = np.minimum((np.array(reached) + AHEAD) / wanted[:, 2], 1.0)
-        return wanted * np.column_stack([slower**power for power in SPEED_IN])
+        return _at_speed(wanted, np.minimum((np.array(reached) + AHEAD) / wanted[:, 2], 1.0))
 
     def _nodes(self, s: float, v_x: float) -> np.ndarray:
         """Arc lengths of the stages: at the lap's speeds, as much faster or slower as the car is now. [m]"""
@@ -192,6 +189,11 @@ class Planner:
         u = np.clip(np.vstack([later[:1], later[:-1]]), bounds[:, 0], bounds[:, 1])
         x = np.vstack([wanted[:1], wanted[:-1]])
         return replace(failed, u=u, x=x, status=Status.SOLVED, age=0, stopping=False, memory=None, unfinished=None)
+
+
+def _at_speed(states: np.ndarray, faster: np.ndarray) -> np.ndarray:
+    """States on the same line, shape (n, 8), at speeds over their own. [-]"""
+    return states * np.column_stack([faster**power for power in SPEED_IN])
 
 
 def _limited(car: LapCar) -> dict[str, Callable[[Vector, Vector, Any], Scalar]]:

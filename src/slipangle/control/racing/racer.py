@@ -222,7 +222,7 @@ class Racer(Brief):
         self._count_laps(s)
         if self._plan is None or self._tick % self._every == 0:
             chi = math.remainder(float(x[2]) - heading, 2 * math.pi)
-            state = np.array([e_y, chi, x[3], x[4], x[5], self._delta, self._driving + self._braking, self._F])
+            state = np.array([e_y, chi, x[3], x[4], x[5], self._delta, self._acting, self._F])
             self._plan = self._planner.plan(state, s, self.learned.here(grip), self._most, self._beyond, self._plan)
         values = self._act(self._plan, float(x[3]), float(x[6]), grip)
         return Commands(
@@ -239,7 +239,7 @@ class Racer(Brief):
 
     def _observe(self, measurements: Mapping[str, float]) -> bool:
         """Bring the estimate to now; whether there is one."""
-        given = {**measurements, "delta": self._delta, "F_x": self._driving + self._braking}
+        given = {**measurements, "delta": self._delta, "F_x": self._acting}
         if self._tracker is None:
             if not all(math.isfinite(measurements.get(name, math.nan)) for name in _POSE):
                 return False
@@ -266,6 +266,11 @@ class Racer(Brief):
         lane = self.track.at(np.array([s]))
         return float(min(lane.left[0] - e_y, lane.right[0] + e_y)) - 0.5 * self.car.width
 
+    @property
+    def _acting(self) -> float:
+        """Force along the car that its pedals have led to by now. [N]"""
+        return self._driving + self._braking
+
     def _gears(self, v_x: np.ndarray) -> np.ndarray:
         """Gears at speeds that follow each other, shape (n,), from the one that the car is in on. [m/s]"""
         box = self.pedals.gearbox
@@ -291,7 +296,7 @@ class Racer(Brief):
         self._driving += (driving - self._driving) * min(dt / max(pedals.lag, dt), 1.0)
         self._braking += (braking - self._braking) * min(dt / max(pedals.brake_lag, dt), 1.0)
         spread = float(self._tracker.parameters_std[0])
-        force = self._driving + self._braking + car.mass * unexplained
+        force = self._acting + car.mass * unexplained
         self.learned.see(self._s, force / max(believed, 1.0), throttle, (grip, spread), dt)
         return {"delta": self._delta, "throttle": throttle, "brake": brake}
 

@@ -30,6 +30,11 @@ def moving_mass(car: DualTrackParams, v_x: float, gear: int | None = None) -> fl
     return float(car.mass + turning / car.radius**2)
 
 
+def tire_force(car: DualTrackParams, throttle: float, v_x: float, gear: int) -> float:
+    """`engine_force` less what the turning masses take, so that it over the mass is an acceleration. [N]"""
+    return engine_force(car, throttle, v_x, gear) * car.mass / moving_mass(car, v_x, gear)
+
+
 def pedal_driver(
     car: DualTrackParams,
     *,

@@ -177,8 +177,12 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         at = dict(zip(orders, errors, strict=True))
         if projection is None or len(parts) == 1:
             start = Subspace(order=max(orders), algorithm=self.algorithm, block_rows=self.block_rows)
-            rows = start.rows(data)
-            projection = project(data, algorithm=self.algorithm, block_rows=rows, offset=self.offsets != "none")
+            projection = project(
+                data,
+                algorithm=self.algorithm,
+                block_rows=start.rows(data),
+                offset=self.offsets != "none",
+            )
         return OrderChoice(
             orders=orders,
             errors=errors,

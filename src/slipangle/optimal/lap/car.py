@@ -48,6 +48,11 @@ class LapCar(NonlinearBicycleParams):
         """Mass times gravity. [N]"""
         return self.mass * GRAVITY
 
+    def resistance(self, v: Scalar) -> Scalar:
+        """Force that the air and the road take at a speed ``v`` [m/s]. [N]"""
+        down = self.downforce_f * v * v + self.downforce_r * v * v
+        return self.drag * v * v + self.rolling_resistance * (self.weight + down)
+
     @classmethod
     def felt(cls) -> tuple[str, ...]:
         """Names of the parameters that a lap depends on."""
@@ -127,7 +132,7 @@ def forces(
     across, along = p.mass * a_y, p.transfer_x * F
     front = axle(alpha_f, static_f + down_f - along, across * p.transfer_f, static_f, F_xf, p.C_f, p.mu_f, p.E_f, p)
     rear = axle(alpha_r, static_r + down_r + along, across * p.transfer_r, static_r, F_xr, p.C_r, p.mu_r, p.E_r, p)
-    return Forces(F_xf, F_xr, front, rear, p.drag * v * v + p.rolling_resistance * (p.weight + down_f + down_r))
+    return Forces(F_xf, F_xr, front, rear, p.resistance(v))
 
 
 class Rates(NamedTuple):

@@ -51,7 +51,7 @@ def envelope(car: LapCar, v_max: float, *, speeds: int = 24, shares: int = 15) -
     The axles balance the car's yaw, each as far as its friction ellipse goes; the drag of slip angles is left out.
     """
     v = np.linspace(min(3.0, 0.2 * v_max), v_max, speeds)[:, None]
-    rest = np.asarray(forces(0.0, 0.0, 0.0, 0.0, v, car).resistance)
+    rest = np.asarray(car.resistance(v))
     most = _largest(lambda a_y: _holds(car, v, a_y, rest), np.zeros_like(v), np.full_like(v, 8.0 * GRAVITY))
     share = np.sin(np.linspace(0.0, 0.5 * np.pi, shares))[None, :]
     a_y = 0.999 * most * share
