@@ -378,6 +378,15 @@ def test_a_plan_that_is_late_where_limits_are_paid_for_is_no_plan():
         assert not replace(mpc, deadline=float(deadline)).plan(x, **said).status.solved
 
 
+def test_a_plan_that_paid_for_its_limits_is_no_plan_whatever_the_iteration_limit(own):
+    """It was named a real-time plan, as little was left: of a problem without an answer, or far from the answer."""
+    mpc = solvers(KINDS["end"])[0]
+    for place in ((701, 9), (705, 5)):
+        x, said = at_place(mpc.ocp, *place)
+        plans = [replace(mpc, solver=replace(own, max_iterations=most)).plan(x, **said) for most in range(12, 60, 2)]
+        assert not any(plan.status is Status.REAL_TIME and plan.violation > 1e-4 for plan in plans)
+
+
 @pytest.mark.parametrize("case", WANDERING)
 def test_a_problem_about_whose_limits_iterations_wander_is_named_infeasible(own, case):
     posed, (x, said) = solvers(KINDS["end"]), WANDERING[case]

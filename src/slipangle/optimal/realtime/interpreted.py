@@ -641,11 +641,12 @@ class WorkArea(Engine):
                 continue
             if last or t < 1e-6:
                 return u, x, replace(iterate, status=Status.SOLVED if last else Status.STALLED)
-            if residual <= accept and (loose or late or count == most):
+            paid = missed > 1e-8  # for limits that were missed: no plan yet, however small what is left
+            if residual <= accept and not paid and (loose or late or count == most):
                 return u, x, replace(iterate, status=Status.REAL_TIME)
             if late:
                 return u, x, replace(iterate, status=Status.TIME_OUT)
-            if missed > 1e-8 and price < dearest and count - priced >= PATIENCE:  # it wanders at this price
+            if paid and price < dearest and count - priced >= PATIENCE:  # it wanders at this price
                 price, priced = 100 * price, count
             if violation < 0.9 * nearest:
                 nearest, neared = violation, count

@@ -1030,11 +1030,12 @@ static int converge(Work *s, int64_t most, int loose)
             price *= 100, priced = n, idle = 0, least = INFINITY, settled = last;
             continue;
         }
-        if (loose && accepted(s))
+        int paid = miss > 1e-8; /* for limits that were missed: no plan yet, however small what is left */
+        if (loose && accepted(s) && !paid)
             return ITERATED;
         if (t < 1e-6)
             return near && whole <= ROUNDED && back(s, whole) ? SOLVED : STALLED;
-        if (miss > 1e-8 && price < dearest && n - priced >= PATIENCE) /* it wanders at this price */
+        if (paid && price < dearest && n - priced >= PATIENCE) /* it wanders at this price */
             price *= 100, priced = n;
         if (s->violation < 0.9 * nearest)
             nearest = s->violation, neared = n;
@@ -1052,7 +1053,7 @@ static int converge(Work *s, int64_t most, int loose)
     }
     if (stays)
         return INFEASIBLE;
-    return accepted(s) ? ITERATED : ITERATION_LIMIT;
+    return accepted(s) && miss <= 1e-8 ? ITERATED : ITERATION_LIMIT;
 }
 
 /* Iterate from other inputs, and states that need not follow from them yet. */
