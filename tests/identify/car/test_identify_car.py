@@ -105,6 +105,18 @@ def test_delay_and_lag_are_said_apart_within_what_the_hold_between_samples_takes
     assert car.interval("steering_lag")[1] > np.hypot(car.model.value("steering_lag"), DT / np.sqrt(3))
 
 
+@pytest.mark.parametrize("over", [-1.0, -12.0])
+def test_a_steering_logged_in_other_units_or_turned_gives_the_same_car(car, over):
+    """The first guess of its gain is 1."""
+    data = drives()
+    found = identify_car(data.with_channel("delta", over * data["delta"], "rad"), **KNOWN)
+    assert found.model.value("steering_gain") * over == pytest.approx(car.model.value("steering_gain"), rel=0.01)
+    for name in STIFF:
+        assert found.model.value(name) == pytest.approx(car.model.value(name), rel=0.03)
+        assert np.array(found.interval(name)) == pytest.approx(np.array(car.interval(name)), rel=0.1)
+    assert any("wrong sign" in doubt for doubt in found.doubts)
+
+
 def test_it_says_what_each_correction_changed(car):
     said = next(s for s in car.sentences if "delay and lag" in s)
     assert "C_f" in said

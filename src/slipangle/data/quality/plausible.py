@@ -17,10 +17,13 @@ _SHARES = (
     (0.115, 0.36, "{speed}delta is a command: give steering_gain, about {gain:.2g}"),
     (15.0, 120.0, "r is logged in deg/s: declare its unit as deg/s"),
 )
+_SHARE = 0.8  # of the truth, in the mean
 _SPEED = "v_x is logged in km/h: declare its unit as km/h, or "  # where no a_y says that it is right
 _SPEEDS = 0.2  # range of speeds over their mean, from which understeer and offsets show
 _MOVING = 0.3  # share of the steering's variance inside drives, from which they tell the gain by themselves
 _STUCK, _LATE = 1.0, 0.15  # s
+_SHORT_DRIVE = 4.0  # s, up to which a drive tells nothing
+_AGREE = 0.4  # correlation of r wheelbase / v_x with delta, below which they tell nothing of each other
 _LEADS, _TIED = 0.5, 0.5  # wheelbases that a_y is ahead of r, and agreement from which their lag is told
 _OUTSIDE = 1.35  # wheelbases ahead of the rear axle, where no v_y is measured
 _SHORT = 0.25  # s, wheelbase over speed up to which v_y is far smaller than v_x r
@@ -50,7 +53,7 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
         f"{'turns' if name == 'delta' else 'is steered'}: cut that out, or mend the sensor"
         for name, rows in stuck.items()
     ]
-    fast = [part for part in _without(data, stuck) if part.n_samples * part.dt > 4.0]
+    fast = [part for part in _without(data, stuck) if part.n_samples * part.dt > _SHORT_DRIVE]
     if not fast:
         return tuple(said)
     data = join(*fast)
@@ -65,6 +68,19 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
             return (*said, "r moves against delta and against v_y: it has the wrong sign; set sign = -1 for r")
         said += (about[0] or _zero(smooth, drives)) + about[1]
     return tuple(said)
+
+
+def kinematic_gain(data: Dataset, *, wheelbase: float) -> float:
+    """The steering's gain that r wheelbase / v_x shows at low frequencies, to a third or so, negative if it turns. [-]
+
+    0 where r does not follow delta, up or down, or the drives are too short to tell. Channels and units as in `doubts`.
+    """
+    parts = [part for part in data.experiments if part.n_samples * part.dt > _SHORT_DRIVE]
+    if not parts or np.quantile(data["v_x"], 0.9) <= 0:
+        return 0.0
+    smooth = {n: np.concatenate([_low_pass(p[n], p.dt) for p in parts]) for n in ("delta", "v_x", "r")}
+    gain, agree, _ = _asked(smooth, wheelbase, np.repeat(np.arange(len(parts)), [p.n_samples for p in parts]))
+    return gain / _SHARE if abs(agree) > _AGREE else 0.0
 
 
 _CHANNELS = ("delta", "v_x", "r", "v_y", "a_y")
@@ -147,6 +163,26 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
     """Sentences on delta beside r wheelbase / v_x; ``drives`` numbers the experiment of each sample.
 
     ``speed`` is what may be wrong with the speed, where that may be.
+    """
+    gain, agree, speeds = _asked(smooth, wheelbase, drives)
+    if agree < -0.6:
+        return [
+            f"r moves against delta (agreement {agree:.2f}): one has the wrong sign; set sign = -1 for delta, left is "
+            "positive"
+        ]
+    if agree < _AGREE:
+        return []
+    return [
+        f"r wheelbase / v_x is about {gain:.2g} of delta: "
+        f"{words.format(ratio=_SHARE / gain, gain=gain / _SHARE, speed=speed)}"
+        for low, high, words in _SHARES
+        if low < gain <= high and (speeds or "command" not in words)
+    ]
+
+
+def _asked(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) -> tuple[float, float, bool]:
+    """Share of delta that r wheelbase / v_x is, their correlation, and whether speeds differ enough to tell understeer.
+
     Each drive has an offset of its own, as its steering sensor may, where the steering moves enough inside drives.
     """
     v, r, delta = smooth["v_x"], smooth["r"], smooth["delta"]
@@ -154,13 +190,6 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
     v, r, delta, drives = v[fast], r[fast], delta[fast], drives[fast]
     asked = r * wheelbase / v
     _, agree = _slope(delta, asked)
-    if agree < -0.6:
-        return [
-            f"r moves against delta (agreement {agree:.2f}): one has the wrong sign; set sign = -1 for delta, left is "
-            "positive"
-        ]
-    if agree < 0.4:
-        return []
     inside = _inside(delta, drives)
     if np.sum(inside**2) < _MOVING * np.sum((delta - delta.mean()) ** 2):
         drives = np.zeros_like(drives)
@@ -170,12 +199,7 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
     table = np.column_stack([_inside(column, drives) for column in columns])
     scale = np.maximum(np.abs(table).max(axis=0), 1e-300)
     gain = float(np.linalg.lstsq(table / scale, _inside(asked, drives), rcond=None)[0][0] / scale[0])
-    return [
-        f"r wheelbase / v_x is about {gain:.2g} of delta: "
-        f"{words.format(ratio=0.8 / gain, gain=gain / 0.8, speed=speed)}"
-        for low, high, words in _SHARES
-        if low < gain <= high and (speeds or "command" not in words)
-    ]
+    return gain, agree, speeds
 
 
 def _inside(x: np.ndarray, drives: np.ndarray) -> np.ndarray:

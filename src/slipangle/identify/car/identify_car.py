@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.data.quality.plausible import LONGEST_STEP, doubts
+from slipangle.data.quality.plausible import LONGEST_STEP, doubts, kinematic_gain
 from slipangle.errors import (
     IdentifiabilityWarning,
     MissingColumnError,
@@ -55,6 +55,7 @@ _NONE = 1.5  # of that share, from which it is not believed at all; of `ELSEWHER
 # What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
 # transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
 _FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
+_NEAR = 0.45, 2.5  # gain that a log shows over the given one, between which a fit finds its way from the given one
 _LEAST_GAIN = 1e-4  # of the steering; 1/57 where degrees were logged behind a ratio of 60
 _SHAPES = (1.1, 1.7)  # other tires, see `with_shape`
 _OWN = (
@@ -184,9 +185,12 @@ class WholeCar(Checked):
             if weight:
                 warnings.simplefilter("ignore", ModelWarning)  # it is said once, below
             start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, banked=banked)
+            elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
+            if elsewhere and "steering_gain" in (own or ()):
+                start = start.with_values(**elsewhere)
             shared = tuple(n for n in (*STIFF, "steering_offset") if n not in (own or ()))
             first = fit(start, shared, whole.train, own=own or ())
-            tried = corrections(whole.train, self.wheelbase, own)
+            tried = corrections(whole.train, self.wheelbase, own, elsewhere)
             best, stages, dropped = _climb(first, tried, whole.train, whole.held_out)
             final = fit(best.model, best.free, whole.all, best, own=best.own)
             others = _others(final, dropped, whole.all)
@@ -246,6 +250,14 @@ class WholeCar(Checked):
         without_a_y = "v_y" in data.outputs and "bias_a_y" not in (self._own or ())
         measured = {"r", *data.outputs} - ({"a_y"} if without_a_y else set())
         return tuple(n for n in ("v_y", "r", "a_y") if n in measured)
+
+    def _elsewhere(self, start: Any, over: float) -> dict[str, float]:
+        """Ordinary tires behind the gain that the log shows, ``over`` the given one; empty where that is near."""
+        if not over or _NEAR[0] < over < _NEAR[1]:
+            return {}
+        limits = start.si("steering_gain")
+        gain = float(np.clip(over * self.steering_gain, limits.lower, limits.upper))
+        return {"steering_gain": gain} | {name: start.value(name) for name in STIFF}
 
     def _of_the_mass(self) -> str:
         return (

@@ -57,10 +57,13 @@ class Correction:
         return {*self.free} <= {*fitted.own} | ({*fitted.free} - {*self.own})
 
 
-def corrections(data: Dataset, wheelbase: float, own: tuple[str, ...] | None) -> tuple[Correction, ...]:
+def corrections(
+    data: Dataset, wheelbase: float, own: tuple[str, ...] | None, elsewhere: Mapping[str, float] | None = None
+) -> tuple[Correction, ...]:
     """Corrections in the order in which they are tried; each stays if it helps on held-out stretches.
 
-    ``own`` are parameters that have a value for each recording anyway; None lets offsets be tried so.
+    ``own`` are parameters that have a value for each recording anyway; None lets offsets be tried so. ``elsewhere`` is
+    where the gain, then tried first, starts too, as where its sign or unit is another than was said.
     """
     biases = tuple(f"bias_{name}" for name in data.outputs)
     used = friction_used(data)
@@ -87,6 +90,9 @@ def corrections(data: Dataset, wheelbase: float, own: tuple[str, ...] | None) ->
     if own is None and _sessions(data):
         differ = (("the steering's offset differs", ("steering_offset",)), ("the sensors' biases differ", biases))
         listed += [Correction(f"{what} between recordings", names, own=names) for what, names in differ]
+    if elsewhere:
+        gain = next(c for c in listed if c.free == ("steering_gain",))
+        listed = [replace(gain, starts=({}, elsewhere)), *(c for c in listed if c is not gain)]
     left = (replace(c, free=tuple(n for n in c.free if n not in (own or ()))) for c in listed)
     return tuple(c for c in left if c.free)
 
