@@ -77,7 +77,9 @@ def bench(progress: Progress) -> Reproduction:
     records: list[Record] = []
     for k, (name, car) in enumerate(CARS.items()):
         progress(k / len(CARS), name)
-        records += _records(name, car)
+        for record in _records(name, car):
+            records.append(record)
+            progress(k / len(CARS), f"{record.row}, {record.quantity}: {record.here:.2f} {record.bound}; {record.note}")
     return Reproduction.told(__doc__, records)
 
 
