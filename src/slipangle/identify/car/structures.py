@@ -25,6 +25,7 @@ STIFF = ("C_f", "C_r", "inertia_z")
 _LINEAR = 8.0  # peak friction at which an axle is as good as linear
 _LONGEST = 0.3  # s, of a steering delay
 _ITERATIONS, _FLAT = 60, 1e-7  # of a fit, and the relative gain of its last step
+_LATE = {"delay_delta": 0.05, "steering_lag": 0.05}  # s, where a search that begins at none may never come to
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
 _AS_GIVEN = 1e-4  # of the width for the mass, for the recording whose mass was given
 _BELOW = 0.15  # standard deviation of how far the rear's friction may lie below the front's
@@ -72,7 +73,7 @@ def corrections(
     frictions = tuple({"mu_f": start, "mu_r": start} for start in starts)
     length = 0.1 * wheelbase
     listed = [
-        Correction("the steering's delay and lag are free", ("delay_delta", "steering_lag"), steered=True),
+        Correction("the steering's delay and lag are free", tuple(_LATE), ({}, _LATE), steered=True),
         Correction("the steering's gain is free", ("steering_gain",)),
         Correction("the axles saturate", ("mu_f", "mu_r"), frictions),
         Correction("the sensors' biases are free", biases),
@@ -250,7 +251,7 @@ def settling(n: int, dt: float) -> int:
 
 
 def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
-    """What is known of any car on tires, by parameter: centre, standard deviation, and whether of the logarithm.
+    """What is known of any car on tires, by parameter: centre, standard deviation, and whether a share of the centre.
 
     Yaw inertia is near mass l_f l_r, stiffness near twelve loads per radian, friction near one, a tire relaxes within a
     share of the wheelbase; weak enough for a log that tells anything to overrule. Its mass is a fifth more or less with
