@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -35,31 +34,29 @@ class LTI:
 
     @cached_property
     def _blocks(self) -> tuple[np.ndarray, ...]:
-        """Transposed maps of one block: state to state, inputs to state, state and inputs to outputs, constants."""
+        """Transposed maps of one block: inputs to state, state and inputs to outputs, constants; after each sample.
+
+        The last two are the powers of A, (block + 1, n_states, n_states), and the constant part of the states.
+        """
         a, b, c, d = self.A, self.B, self.C, self.D
         (nx, nu), ny, length = b.shape, len(c), self.block
-        f = np.zeros(nx) if self.f is None else self.f
+        powers, power = np.eye(nx)[None], a
+        while len(powers) < length:  # twice as many each time
+            powers, power = np.concatenate([powers, powers @ power]), power @ power
+        observe, reach = c @ powers, powers @ b
+        drift = np.zeros((length + 1, nx))
+        if self.f is not None:
+            np.cumsum(powers @ self.f, axis=0, out=drift[1:])
+        impulse = np.concatenate([d[None], observe[:-1] @ b, np.zeros((length - 1, ny, nu))])  # D, C B, C A B, ..., 0
+        lag = np.arange(length)[:, None] - np.arange(length)
         g = np.zeros(ny) if self.g is None else self.g
-        observe = np.empty((length, ny, nx))  # C A^i
-        reach = np.empty((length, nx, nu))  # A^i B
-        drift = np.zeros((length + 1, nx))  # sum of A^j f for j < i
-        now, then = c, b
-        power: Any = np.eye(nx)
-        for i in range(length):
-            observe[i], reach[i] = now, then
-            now, then, power = now @ a, a @ then, power @ a
-            drift[i + 1] = a @ drift[i] + f
-        impulse = np.concatenate([d[None], observe[:-1] @ b])  # D, C B, C A B, ...
-        toeplitz = np.zeros((length, ny, length, nu))
-        for i in range(length):
-            toeplitz[i, :, : i + 1] = impulse[i::-1].transpose(1, 0, 2)
         return (
-            power.T.copy(),
             reach[::-1].transpose(0, 2, 1).reshape(length * nu, nx).copy(),
             observe.reshape(length * ny, nx).T.copy(),
-            toeplitz.reshape(length * ny, length * nu).T.copy(),
-            drift[-1].copy(),
+            impulse[lag].transpose(1, 3, 0, 2).reshape(length * nu, length * ny),
             (drift[:-1] @ c.T + g).ravel(),
+            np.concatenate([powers, power[None]]),
+            drift,
         )
 
     def respond(self, x0: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -69,8 +66,8 @@ class LTI:
         shapes (n_samples, n_outputs) and (n_states,).
         """
         x = np.array(x0, dtype=float)
-        n, ny, length = len(u), len(self.C), self.block
-        y = np.empty((n, ny))
+        n, length = len(u), self.block
+        y = np.empty((n, len(self.C)))
         per_chunk = max(1, CHUNK // length) * length
         done = 0
         with np.errstate(over="ignore", invalid="ignore"):  # an unstable system; the caller looks
@@ -78,25 +75,28 @@ class LTI:
                 size = min(per_chunk, (n - done) // length * length)
                 x = self._whole_blocks(x, u[done : done + size], y[done : done + size])
                 done += size
-            for k in range(done, n):
-                y[k] = self.C @ x + self.D @ u[k]
-                x = self.A @ x + self.B @ u[k]
-                if self.f is not None:
-                    x = x + self.f
-            if self.g is not None:
-                y[done:] += self.g
+            if done < n:
+                x = self._part_of_a_block(x, u[done:], y[done:])
         return y, x
 
     def _whole_blocks(self, x: np.ndarray, u: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Fill ``y`` for a whole number of blocks; returns the state after them."""
-        power, reach, observe, toeplitz, drift, constant = self._blocks
+        reach, observe, toeplitz, constant, powers, drift = self._blocks
         wide = np.ascontiguousarray(u, dtype=float).reshape(len(u) // self.block, -1)
-        starts = recurrence(power.T, wide @ reach + drift, x)
+        starts = recurrence(powers[-1], wide @ reach + drift[-1], x)
         out = y.reshape(len(wide), -1)
         np.matmul(wide, toeplitz, out=out)
         out += starts[:-1] @ observe
         out += constant
         return starts[-1]
+
+    def _part_of_a_block(self, x: np.ndarray, u: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """The same for fewer samples than a block has."""
+        reach, observe, toeplitz, constant, powers, drift = self._blocks
+        k, ny, wide = len(u), len(self.C), np.ascontiguousarray(u, dtype=float).ravel()
+        out = wide @ toeplitz[: wide.size, : k * ny] + x @ observe[:, : k * ny] + constant[: k * ny]
+        y[:] = out.reshape(k, ny)
+        return powers[k] @ x + wide @ reach[len(reach) - wide.size :] + drift[k]
 
 
 def recurrence(A: np.ndarray, v: np.ndarray, x0: np.ndarray) -> np.ndarray:

@@ -206,8 +206,6 @@ class StateSpaceModel(BlackBoxModel):
 
     def free_run(self, x0: np.ndarray, u: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Whole blocks of samples at once."""
-        if len(u) < 64:
-            return super().free_run(x0, u, out)
         first = np.asarray(self.step(x0, u[0]))[: self.order]
         return self._system.respond(first, u[1:])[0]
 
@@ -219,8 +217,6 @@ class StateSpaceModel(BlackBoxModel):
 
     def track(self, x0: np.ndarray, u: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Whole blocks of samples at once."""
-        if len(u) < 64:
-            return super().track(x0, u, y)
         first = np.asarray(self.step(x0, u[0]))[: self.order]
         x = self._tracker.respond(first, np.hstack([u - self.u_offset, y - self.y_offset])[1:])[0]
         return x if self._gain is not None else np.hstack([x, np.zeros((len(x), self.n_outputs))])
