@@ -66,6 +66,8 @@ class LevenbergMarquardt:
     # move the damping by fixed factors, whatever the linearisation promised: a gentler way down for networks, which
     # follow their training data too closely before they fit them best
     steady: bool = False
+    # asked before each step of `minimise`: whether to stop there, short of the minimum
+    enough: Callable[[], bool] | None = None
     _growth: float = field(default=2.0, init=False)
 
     def __post_init__(self) -> None:
@@ -103,6 +105,8 @@ class LevenbergMarquardt:
         now = self.cost(point)
         costs = [now]
         for steps in range(max_iterations):
+            if self.enough is not None and self.enough():
+                return LeastSquaresResult(point, now, False, steps)
             step = self.step(point, now, least=0.1 * tolerance * now)
             if step is None:
                 return LeastSquaresResult(point, now, True, steps)

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.identify.linear.prediction import Point, PredictionCriterion
-from slipangle.identify.linear.predictor import Triangles
+from slipangle.identify.linear.prediction import PredictionCriterion
+from slipangle.identify.linear.predictor import Point, Triangles
 from slipangle.numerics.least_squares import Factors, LevenbergMarquardt
 
 _NEAR = 1e-4  # damping of the first step: the way is short
@@ -38,14 +38,17 @@ def left_out(
         part = problem.over(group)
         part.level_weight = problem.level_weight / np.sqrt(max(1, len(groups) - 1))
         each.append(part.linearise(replace(point, x0=x0), moves)[0])
-    found = []
+    found, work = [], problem.work
+    most = work.most
     for k in range(len(groups)):
         kept = [i for i in range(len(groups)) if i != k]
         rest = problem.over(join(*(groups[i] for i in kept)))
         rest.enough(rest.data)
         start = replace(point, x0=np.concatenate([states[i] for i in kept]))
         first, *others = (each[i] for i in kept)
+        work.most = work.done + (most - work.done) / (len(groups) - k)  # its share of what is left
         found.append(_descended(rest, start, first.joined(*others), moves, tolerance, far))
+    work.most = most
     return found
 
 
@@ -70,8 +73,8 @@ def _descended(
         if step is None:
             break
         missed, point, now = step.promised - (now - step.cost), step.point, step.cost
-        if missed < tolerance * now:
+        if missed < tolerance * now or problem.work.used_up:
             break
-    if not far or moves.shape[1] < _MANY * problem.n_rows:
+    if not far or problem.work.used_up or moves.shape[1] < _MANY * problem.n_rows:
         return point
     return problem._descend(point, _MORE, tolerance, 1e-3)[0]

@@ -13,8 +13,9 @@ from slipangle.fields import Positive, Radius, Whole
 from slipangle.identify.linear.estimator import LinearEstimator, described
 from slipangle.identify.linear.left_out import left_out
 from slipangle.identify.linear.poles import modulus
-from slipangle.identify.linear.prediction import Point, PredictionCriterion
+from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.linear.prediction_covariance import covariance
+from slipangle.identify.linear.predictor import Point, Work
 from slipangle.identify.stability import SETTLED, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.plausible import tenfold
@@ -23,6 +24,7 @@ from slipangle.numerics.blas import one_blas_thread
 Focus = Literal["prediction", "simulation"]
 Offsets = Literal["none", "output", "input", "both"]
 _EDGE = 1e-6  # distance from a circle of an eigenvalue that is held on it
+_WITHOUT = 2  # linearisations, whose work is left for the models without each group
 _NEAR = 1e-6  # damping of the first step where the start is all but the minimum
 
 
@@ -104,26 +106,35 @@ class PEM(LinearEstimator[StateSpaceModel]):
         return noted(model, _memory_said(problem, point)) if self.focus == "prediction" else model
 
     @one_blas_thread()
-    def refined(self, data: Dataset, tolerance: float) -> StateSpaceModel:
-        """The model of `fit` so far that a step would lower the squared error by less than a share; no intervals."""
-        point = self._roughly(PredictionCriterion(self, data), tolerance)
+    def refined(self, data: Dataset, tolerance: float, work: Work | None = None) -> StateSpaceModel:
+        """The model of `fit` so far that a step would lower the squared error by less than a share; no intervals.
+
+        ``work`` counts what that took, and ends it where it reaches its most.
+        """
+        point = self._roughly(PredictionCriterion(self, data, work), tolerance)
         return replace(self._of(point), fit_info=None)
 
     @one_blas_thread()
     def refined_without(
-        self, groups: Sequence[Dataset], tolerance: float, far: bool
-    ) -> tuple[StateSpaceModel, list[StateSpaceModel]]:
-        """`refined` over all groups of experiments, and over all but each of them in turn; ``far`` as in `left_out`."""
-        problem = PredictionCriterion(self, join(*groups))
+        self, groups: Sequence[Dataset], tolerance: float, far: bool, work: Work
+    ) -> tuple[StateSpaceModel, list[StateSpaceModel], float]:
+        """`refined` over all groups of experiments, and over all but each of them in turn; ``far`` as in `left_out`.
+
+        Last comes the work that the first of them took. Unless they go ``far``, the others together take no more.
+        """
+        problem, most, before = PredictionCriterion(self, join(*groups), work), work.most, work.done
+        work.most -= _WITHOUT * problem.step_work
         point = self._roughly(problem, tolerance)
+        took = work.done - before
+        work.most = most if far else min(most, work.done + max(took, _WITHOUT * problem.step_work))
         parts = left_out(problem, point, groups, tolerance=tolerance, far=far)
         whole, *without = (replace(self._of(p), fit_info=None) for p in (point, *parts))
-        return whole, without
+        return whole, without, took
 
     @one_blas_thread()
-    def finished(self, data: Dataset) -> StateSpaceModel:
-        """The model of `fit` from a start that is all but there; no intervals."""
-        point, _ = self._solved(PredictionCriterion(self, data), _NEAR)
+    def finished(self, data: Dataset, work: Work | None = None) -> StateSpaceModel:
+        """The model of `fit` from a start that is all but there; no intervals. ``work`` as in `refined`."""
+        point, _ = self._solved(PredictionCriterion(self, data, work), _NEAR)
         return replace(self._of(point), fit_info=None)
 
     def _solved(self, problem: PredictionCriterion, damping: float = 1e-3) -> tuple[Point, tuple[str, ...]]:

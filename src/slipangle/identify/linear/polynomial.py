@@ -19,8 +19,9 @@ from slipangle.identify.linear.estimator import LinearEstimator, channels, descr
 from slipangle.identify.linear.pem import PEM
 from slipangle.identify.linear.poles import shrunk
 from slipangle.identify.linear.polynomial_start import first_guess
-from slipangle.identify.linear.prediction import Point, PredictionCriterion
+from slipangle.identify.linear.prediction import PredictionCriterion
 from slipangle.identify.linear.prediction_covariance import covariance
+from slipangle.identify.linear.predictor import Point
 from slipangle.models.black_box.polynomial import PolynomialModel, realise
 from slipangle.numerics.blas import one_blas_thread
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -14,33 +14,20 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import TooShortError
 from slipangle.identify.excitation import require_identifiable
 from slipangle.identify.linear.poles import modulus, shrunk
-from slipangle.identify.linear.predictor import Bank, Triangles, reduce_rows
+from slipangle.identify.linear.predictor import Bank, Point, Triangles, Work, reduce_rows
 from slipangle.numerics.least_squares import Factors, LevenbergMarquardt
 from slipangle.numerics.linear_response import LTI
 
 _MATRICES = ("A", "B", "C", "D", "K")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Point:
-    """The predictor ``s+ = F s + G (u - u_0) + K (y - y_0)``, ``y_hat = C s + D (u - u_0) + y_0`` and its x0."""
-
-    F: np.ndarray
-    G: np.ndarray
-    C: np.ndarray
-    D: np.ndarray
-    K: np.ndarray
-    u_offset: np.ndarray
-    y_offset: np.ndarray
-    x0: np.ndarray
-
-
 class PredictionCriterion:
     """Cost and its linearisation over the free entries of one point, initial states eliminated; settings of `PEM`."""
 
-    def __init__(self, settings: Any, data: Dataset) -> None:
+    def __init__(self, settings: Any, data: Dataset, work: Work | None = None) -> None:
         start = settings.start
         start.check(data)
+        self.work = Work() if work is None else work
         self.settings, self.data = settings, data
         self.n, self.nu, self.ny = start.order, start.n_inputs, start.n_outputs
         self.inputs = [data.index(c) for c in start.inputs]
@@ -135,6 +122,7 @@ class PredictionCriterion:
     def moments(self, point: Point) -> np.ndarray:
         """Sum of the outer products of the errors, shape (ny, ny); infinite where the predictor blows up."""
         total = np.zeros((self.ny, self.ny))
+        self.work.done += self.data.n_samples
         for error, _ in self.errors(point):
             with np.errstate(over="ignore", invalid="ignore"):
                 total = total + error.T @ error
@@ -179,11 +167,17 @@ class PredictionCriterion:
             at += size
         return np.concatenate(errors), np.vstack(rows)
 
+    @property
+    def step_work(self) -> int:
+        """Work of one linearisation."""
+        return self.data.n_samples * (1 + self.n + self.n_theta)
+
     # ---- derivatives -------------------------------------------------------------------------------------------
 
     def linearise(self, point: Point, moves: np.ndarray | None = None) -> tuple[Triangles, np.ndarray]:
         """Triangles of [x0, free moves | error] and the free moves themselves, shape (n_theta, n_moves)."""
         moves = self._moves(point) if moves is None else moves
+        self.work.done += self.step_work
         work, experiment = Triangles(self.n, moves.shape[1]), -1
 
         def close() -> None:
@@ -298,7 +292,7 @@ class PredictionCriterion:
             self.root = self._whitener(point) if np.isfinite(self.moments(point)).all() else self.root
         for round_ in range(4 if reweigh else 1):
             point, notes = self._descend(point, max_iterations, tolerance, damping)
-            if not reweigh:
+            if not reweigh or self.work.used_up:
                 break
             before = self.root
             self.root = self._whitener(point)
@@ -332,6 +326,7 @@ class PredictionCriterion:
             return self.projected(trial)
 
         search = LevenbergMarquardt(cost=self.cost, linearise=linearise, move=move, damping=damping)
+        search.enough = lambda: self.work.used_up
         result = search.minimise(point, max_iterations=max_iterations, tolerance=tolerance)
         if result.converged:
             return result.point, ()

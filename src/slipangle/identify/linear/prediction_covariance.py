@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from slipangle.identify.linear.prediction import Point, PredictionCriterion
-from slipangle.identify.linear.predictor import Triangles
+from slipangle.identify.linear.prediction import PredictionCriterion
+from slipangle.identify.linear.predictor import Point, Triangles
 from slipangle.numerics.covariance import autoregression, bandwidth, coloured, long_run, middle_of_autoregression
 
 _WHITE = "covariance for white residuals"

@@ -14,6 +14,33 @@ from slipangle.data.dataset import Dataset
 from slipangle.numerics.linear_response import LTI, recurrence
 
 
+@dataclass(frozen=True, kw_only=True)
+class Point:
+    """The predictor ``s+ = F s + G (u - u_0) + K (y - y_0)``, ``y_hat = C s + D (u - u_0) + y_0`` and its x0."""
+
+    F: np.ndarray
+    G: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    K: np.ndarray
+    u_offset: np.ndarray
+    y_offset: np.ndarray
+    x0: np.ndarray
+
+
+@dataclass
+class Work:
+    """Samples over which errors, and each of their derivatives, were run: what fits cost, whatever the machine."""
+
+    done: float = 0.0
+    most: float = np.inf  # from which on no step is begun
+
+    @property
+    def used_up(self) -> bool:
+        """Whether no step is begun any more."""
+        return self.done >= self.most
+
+
 class Bank:
     """Responses of ``x+ = F x + e_i z_j, y = C x`` to every signal z_j from every unit vector e_i.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -13,8 +13,9 @@ from slipangle.data.dataset import Dataset, join
 from slipangle.errors import ParameterError, SlipangleError
 from slipangle.fields import Radius, Whole, Within
 from slipangle.identify.linear.estimator import LinearEstimator, criteria
-from slipangle.identify.linear.order_search import searched
+from slipangle.identify.linear.order_search import FINISHED, HOPELESS, ROUGH, TIE, Effort, Judged, searched
 from slipangle.identify.linear.pem import PEM, Focus, Offsets
+from slipangle.identify.linear.predictor import Work
 from slipangle.identify.linear.subspace import Algorithm, ObliqueProjection, Subspace, project
 from slipangle.identify.stability import SETTLED, breakdown_said, noted
 from slipangle.models.black_box.statespace import StateSpaceModel
@@ -136,10 +137,17 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
     def choose_order(self, data: Dataset) -> OrderChoice:
         """Compare the candidate orders on data that their fits have not seen.
 
-        Subspace models of all orders come from one factorisation. Around the smallest order that predicts like the best
-        of them, orders are refined as long as one more helps, or one less does no harm: a few fits in all. Of several
-        experiments, the models without each group come from those of all, by the steps from one optimum to the other;
-        in flat valleys they still know a little of the group, and go on to the end where the choice hangs by it.
+        Subspace models of all orders come from one factorisation. From the smallest order that predicts almost like the
+        best of them on, orders are refined as long as one more helps, or one less does no harm, and those whose start
+        is better by two standard errors of the difference over stretches of the held-out data.
+
+        Of several experiments, the models without each group come from those of all, by the steps from one optimum to
+        the other; in flat valleys they still know a little of the group, and go on where the choice hangs by it.
+
+        All refinements together take at most the work of 5 fits, where one fit is `fit` with the chosen order given and
+        work the samples over which errors, and each of their derivatives, are run: the same on every machine. Orders
+        that would go beyond are not refined, and those that are not refined are not chosen. Subspace models and runs
+        over held-out data come on top; of a few hundred samples they take as long as a fit or two.
 
         Raises ParameterError if no candidate could be fitted; the reasons are given.
         """
@@ -147,9 +155,10 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         seen, parts, holdout = self._held_out(data)
         failures: dict[int, str] = {}
         starts, projection = self._starts(seen, parts, orders, failures)
-        judged: dict[int, _Judged] = {}
+        judged: dict[int, Judged] = {}
+        effort = self._effort(orders, data, seen)
 
-        def judge(at: int, least: float | None, tolerance: float = _ROUGH) -> float:
+        def judge(at: int, least: float | None, tolerance: float = ROUGH, most: float = np.inf) -> float:
             order = orders[at]
             if order not in starts:
                 return np.inf
@@ -157,10 +166,14 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
                 with breakdown_said("the state space", data), one_blas_thread():
                     if least is None:
                         judged[order] = self._judged(*starts[order], parts)
+                        return judged[order].error
+                    work, known = effort.begin(most), judged.get(order)
+                    start, error = (starts[order][0], np.inf) if known is None else (known.model, known.error)
+                    if tolerance == FINISHED and known is not None:
+                        judged[order] = self._finished(known, seen, parts, work)
                     else:
-                        known = judged.get(order)
-                        start, error = (starts[order][0], np.inf) if known is None else (known.model, known.error)
-                        judged[order] = self._refined(start, error, seen, parts, least, tolerance)
+                        judged[order] = self._refined(start, error, seen, parts, least, tolerance, work)
+                    effort.went_on(at, judged[order].work)
             except SlipangleError as reason:
                 failures.setdefault(order, f"order {order}: {reason}")
                 return np.inf
@@ -168,21 +181,22 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
 
         rows = seen.n_samples * len(seen.outputs)
         shares = [2 * self._n_parameters(o, seen) / rows if len(parts) > 1 else 0.0 for o in orders]
-        errors, refined, place = searched(judge, shares)
+
+        def alike(at: int, of: int) -> float:
+            one, other = (judged.get(orders[i]) for i in (at, of))
+            return TIE if one is None or other is None else one.alike(other)
+
+        errors, refined, place = searched(judge, shares, effort, alike)
         if not np.isfinite(errors).any():
             raise ParameterError(f"no order among {list(orders)} could be fitted; {next(iter(failures.values()))}")
         best = orders[place]
-        if len(parts) == 1:
-            judged[best] = self._finished(judged[best], seen, parts)
+        if len(parts) == 1 and best in judged:
+            judged[best] = self._finished(judged[best], seen, parts, effort.begin(np.inf))
         at = dict(zip(orders, errors, strict=True))
         if projection is None or len(parts) == 1:
             start = Subspace(order=max(orders), algorithm=self.algorithm, block_rows=self.block_rows)
-            projection = project(
-                data,
-                algorithm=self.algorithm,
-                block_rows=start.rows(data),
-                offset=self.offsets != "none",
-            )
+            given: Any = {"algorithm": self.algorithm, "block_rows": start.rows(data)}
+            projection = project(data, offset=self.offsets != "none", **given)
         return OrderChoice(
             orders=orders,
             errors=errors,
@@ -194,9 +208,16 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
             candidates=self._table(judged, sorted(judged, key=lambda o: (o != best, at[o])), seen, parts),
         )
 
-    def _judged(self, model: StateSpaceModel, models: Sequence[StateSpaceModel], parts: Sequence[Dataset]) -> _Judged:
-        errors = [self._errors(m, part, self.focus) for m, part in zip(models, parts, strict=True)]
-        return _Judged(model, models, np.array(errors))
+    def _effort(self, orders: Sequence[int], data: Dataset, seen: Dataset) -> Effort:
+        """What one linearisation costs of every order."""
+        columns = [1 + order + order**2 + self._n_parameters(order, seen) for order in orders]
+        return Effort([seen.n_samples * c for c in columns], data.n_samples / seen.n_samples)
+
+    def _judged(
+        self, model: StateSpaceModel, models: Sequence[StateSpaceModel], parts: Sequence[Dataset], work: float = 0.0
+    ) -> Judged:
+        runs = [self._squares(m, part, self.focus) for m, part in zip(models, parts, strict=True)]
+        return Judged.of(model, models, runs, work)
 
     def _refined(
         self,
@@ -206,25 +227,28 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         parts: Sequence[Dataset],
         least: float,
         tolerance: float,
-    ) -> _Judged:
+        work: Work,
+    ) -> Judged:
         """An order's models, from a start of this error, refined as far as tells them from those of the least error."""
 
-        def refined(start: StateSpaceModel, tolerance: float) -> _Judged:
+        def refined(start: StateSpaceModel, tolerance: float) -> Judged:
             pem = self._pem(start, _STEPS)
             if len(parts) > 1:
-                return self._judged(*pem.refined_without(parts, max(tolerance, _FAR), tolerance < _ROUGH), parts)
-            model = pem.refined(seen, tolerance)
-            return self._judged(model, [model], parts)
+                whole, without, took = pem.refined_without(parts, max(tolerance, _FAR), tolerance < ROUGH, work)
+                return self._judged(whole, without, parts, took)
+            before, model = work.done, pem.refined(seen, tolerance, work)
+            return self._judged(model, [model], parts, work.done - before)
 
-        if error > _HOPELESS * least:
-            found = refined(start, _LOOSE)
-            if found.error > _HOPELESS * least:
-                return found
-            start = found.model
-        return refined(start, tolerance)
+        if error <= HOPELESS * least:
+            return refined(start, tolerance)
+        found = refined(start, _LOOSE)
+        if found.error > HOPELESS * least or work.used_up:
+            return found
+        again = refined(found.model, tolerance)
+        return again._replace(work=found.work + again.work)
 
     def _table(
-        self, judged: Mapping[int, _Judged], orders: Sequence[int], seen: Dataset, parts: Sequence[Dataset]
+        self, judged: Mapping[int, Judged], orders: Sequence[int], seen: Dataset, parts: Sequence[Dataset]
     ) -> tuple[Candidate, ...]:
         """What came out for the orders."""
         found = []
@@ -236,7 +260,7 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
                 continue
         return tuple(found)
 
-    def _candidate(self, order: int, judged: _Judged, seen: Dataset, parts: Sequence[Dataset]) -> Candidate:
+    def _candidate(self, order: int, judged: Judged, seen: Dataset, parts: Sequence[Dataset]) -> Candidate:
         model, other = judged.model, "simulation" if self.focus == "prediction" else "prediction"
         free = ahead = judged.squares
         if any(np.any(m.K) for m in judged.models):  # without K they are the same
@@ -292,10 +316,16 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         return join(*groups), groups, f"each of {n} groups of experiments in turn"
 
     @staticmethod
-    def _errors(model: StateSpaceModel, part: Dataset, focus: Focus) -> np.ndarray:
-        """Mean squared error of each output in units of its variance, shape (n_outputs,)."""
+    def _squares(model: StateSpaceModel, part: Dataset, focus: Focus) -> tuple[np.ndarray, np.ndarray]:
+        """Squared errors in units of the outputs' variances, shape (n_samples, n_outputs), and which are predicted."""
         run = model._simulate(part) if focus == "simulation" else model._predict(part)
-        return np.mean(run.error[run.predicted] ** 2, axis=0) / np.var(part.y, axis=0)
+        return run.error**2 / np.var(part.y, axis=0), run.predicted
+
+    @classmethod
+    def _errors(cls, model: StateSpaceModel, part: Dataset, focus: Focus) -> np.ndarray:
+        """Means of these, shape (n_outputs,)."""
+        squares, known = cls._squares(model, part, focus)
+        return np.mean(squares[known], axis=0)
 
     def _of_order(self, data: Dataset, order: int) -> StateSpaceModel:
         start = self._subspace(order)._fit(data)
@@ -309,37 +339,25 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         given: Any = {name: getattr(self, name) for name in ("algorithm", "block_rows", "direct")}
         return Subspace(order=order, offset=self.offsets != "none", disturbance=self.focus == "prediction", **given)
 
-    def _finished(self, rough: _Judged, seen: Dataset, parts: Sequence[Dataset]) -> _Judged:
-        """The model refined to the end, or as it was where that fails."""
+    def _finished(self, rough: Judged, seen: Dataset, parts: Sequence[Dataset], work: Work) -> Judged:
+        """The model of all that is seen refined to the end, or as it was where that fails."""
         try:
             with breakdown_said("the state space", seen):
-                model = self._pem(rough.model, _STEPS).finished(seen)
-                return self._judged(model, [model], parts)
+                model = self._pem(rough.model, _STEPS).finished(seen, work)
+                if len(parts) > 1:
+                    return rough._replace(model=model, work=work.done)
+                return self._judged(model, [model], parts, work.done)
         except SlipangleError:
-            return rough
+            return rough._replace(work=work.done)
 
     def _pem(self, start: StateSpaceModel, steps: int) -> PEM:
         shared: Any = {name: getattr(self, name) for name in ("focus", "offsets", "direct", "weights", "max_radius")}
         return PEM(start=start, max_iterations=min(steps, self.max_iterations), **shared)
 
 
-class _Judged(NamedTuple):
-    """Models of one order."""
-
-    model: StateSpaceModel  # fitted to all that is seen
-    models: Sequence[StateSpaceModel]  # for each part that is held out, fitted without it
-    squares: np.ndarray  # (n_parts, n_outputs), their mean squared errors in units of the outputs' variances
-
-    @property
-    def error(self) -> float:
-        return float(np.sqrt(np.mean(self.squares)))
-
-
 _STEPS = 20  # of a refinement that is only to tell orders apart
-_ROUGH = 1e-3  # share of the squared error by which its last step lowers it: as many again make 1 % of the error
-_FAR = 1e-4  # the same, of models without a group
+_FAR = 1e-4  # share of the squared error by which the last step lowers it, of models without a group
 _LOOSE = 1e-2  # the same, for an order that as many again would not bring back into question
-_HOPELESS = 1.2  # error over the least, from which on an order is out of question
 _LATER = (
     "the model is slightly unstable: it has a pole of modulus {size:.6g}, so an error of its free run grows tenfold "
     "every {steps:.3g} samples, longer than the training data last; expected a stable model, unless the system is not: "
