@@ -566,6 +566,25 @@ def test_an_order_whose_model_runs_away_gives_way_to_one_whose_does_not(monkeypa
     assert (np.abs(model.poles).max() > 1) == every
 
 
+def test_an_order_whose_model_runs_away_over_more_than_an_experiment_gives_way_too(monkeypatch):
+    """A pole of 1.02 is not seen in 60 samples; over 2 000 an error grows to 1e17 times itself."""
+    m, usable = system(2, 1, 1, 16, gain=0.3), StateSpace._usable
+    data = join(*(record(m, 60, 40 + k, noise=0.3)[0] for k in range(9)))
+    settings = StateSpace(order=(1, 2, 3), direct=True)
+    chosen = settings.choose_order(data).order
+
+    def wild(self, data, order):
+        model = usable(self, data, order)
+        return replace(model, A=1.02 * model.A / np.abs(model.poles).max()) if order == chosen else model
+
+    monkeypatch.setattr(StateSpace, "_usable", wild)
+    model = settings.fit(data)
+    assert model.order != chosen
+    assert np.abs(model.poles).max() < 1
+    usual = next(c for c in model.fit_info.candidates if c.orders == f"order = {chosen}")
+    assert model.fit_info.candidates[0].error < 1.2 * usual.error
+
+
 def test_a_model_keeps_the_table_of_orders_that_were_compared():
     m = system(2, 1, 1, 16, gain=0.3)
     data, _ = record(m, 1500, 8, noise=0.3)

@@ -110,15 +110,21 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         return replace(model, fit_info=replace(info, **found, seconds=time.perf_counter() - began))
 
     def _lasting(self, data: Dataset, choice: OrderChoice) -> tuple[OrderChoice, StateSpaceModel]:
-        """The fit of the chosen order, or of the next best in free runs where its own run away and those do not."""
+        """The fit of the chosen order, or of the next best in free runs where its own run away and those do not.
+
+        One that runs away only over more than an experiment gives way to no order that is out of question.
+        """
         chosen = self._usable(data, choice.order)
-        if growth(chosen.poles, data.n_longest):
+        soon = growth(chosen.poles, data.n_longest)
+        if soon or growth(chosen.poles, data.n_samples):
+            longest = data.n_longest if soon else data.n_samples
+            most = 1.0 if soon else HOPELESS * min(c.error for c in choice.candidates)
             for other in sorted(choice.candidates, key=lambda c: c.error):
                 order = int(other.orders.rpartition(" ")[2])
-                if order == choice.order or not (other.stable and other.error < 1):
+                if order == choice.order or not (other.stable and other.error < min(most, 1.0)):
                     continue
                 model = self._usable(data, order)
-                if not growth(model.poles, data.n_longest):
+                if not growth(model.poles, longest):
                     table = sorted(choice.candidates, key=lambda c: c is not other)
                     return replace(choice, order=order, candidates=tuple(table)), model
         return choice, chosen
