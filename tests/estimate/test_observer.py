@@ -162,6 +162,46 @@ def test_outliers_are_left_out_until_there_are_too_many_in_a_row():
     assert sum(taken[:20]) == 20
 
 
+def gated(model, y, u, name):
+    """A filter whose gate opens after five outliers, one without a gate, and when the former took an output in."""
+    filters = [settings_of(model, gate=gate, patience=5).start_at() for gate in (4.0, None)]
+    taken = []
+    for k in range(len(u)):
+        for tracker in filters:
+            tracker.update(y[k], u[k])
+        taken.append(bool(filters[0].taken[model.outputs.index(name)]))
+    return *filters, taken
+
+
+def test_a_gate_that_opened_stays_open_until_filter_and_sensor_agree():
+    """A position that jumped is found as well as without a gate, and the gate guards it from then on."""
+    model = OnGround(BICYCLE)
+    _, y, u = driven(model, 150, 4)
+    y[30:, model.outputs.index("X")] += 5.0
+    guarded, open_, taken = gated(model, y, u, "X")
+    assert taken[30:] == [False] * 5 + [True] * 115
+    assert guarded.state == pytest.approx(open_.state, abs=0.01)
+    assert guarded.n_outliers.sum() == 5
+    assert open_.n_outliers.sum() == 0
+    y[149, model.outputs.index("X")] += 1.0
+    guarded, _, taken = gated(model, y, u, "X")
+    assert not taken[149]
+    assert guarded.n_outliers.sum() == 6
+
+
+def test_values_to_both_sides_are_never_believed():
+    """A broken sensor whose values jump about, for longer than any patience; the others go on."""
+    _, y, u = driven(BICYCLE, 150, 4)
+    y[30:, 1] += np.where(np.arange(120) % 4 < 3, 1e6, -1e6)
+    blind = y.copy()
+    blind[30:, 1] = np.nan
+    guarded, _, taken = gated(BICYCLE, y, u, "r")
+    spared, _, _ = gated(BICYCLE, blind, u, "r")
+    assert not any(taken[30:])
+    assert guarded.n_outliers.tolist() == [0, 120]
+    assert guarded.state == pytest.approx(spared.state, abs=1e-12)
+
+
 def test_errors_and_innovations_are_as_large_as_stated():
     """Squares over covariances, summed over 20 seeds, within the 99.9 % range of chi-square."""
     from scipy.stats import chi2

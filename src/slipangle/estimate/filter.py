@@ -13,8 +13,6 @@ from slipangle.models.model import FitInfo, Model
 from slipangle.models.ode import OdeModel, Parametrised
 from slipangle.numerics.integrate import discretise
 
-OPEN = float("inf")  # a gate that lets everything pass
-
 
 def parametrised(model: Model) -> Any:
     """The part of a model whose named parameters can be varied: itself, or what is on the ground.

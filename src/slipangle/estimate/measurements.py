@@ -12,6 +12,7 @@ import numpy as np
 
 from slipangle.models.model import Model
 
+OPEN = float("inf")  # a gate that lets everything pass
 _PLAIN = re.compile(r"^(?:base |discrepancy )*(?P<name>.*?)(?:_s|_lagged|'+|\[k(?:-\d+)?\]|\(k-\d+\))?$")
 
 
@@ -67,6 +68,38 @@ def by_name(model: Model, measured: Mapping[str, float]) -> np.ndarray:
     """
     values = [measured.get(state, measured.get(plain_name(state), 0.0)) for state in model.states]
     return np.nan_to_num(np.array(values, dtype=float), nan=0.0, posinf=0.0, neginf=0.0)
+
+
+class Gates:
+    """What of each output is an outlier, and when it is believed all the same.
+
+    Parameters
+    ----------
+    n : int
+        How many outputs.
+    gate : float or None
+        Standard deviations beyond which a value is an outlier; None believes all.
+    patience : int
+        Outliers of an output in a row on one side of its prediction, after which it is believed until it is none.
+    """
+
+    def __init__(self, n: int, gate: float | None, patience: int) -> None:
+        self._closed, self._patience = OPEN if gate is None else gate**2, patience
+        self.squares = np.full(n, self._closed)  # of the gates, over the variance
+        self.counts = np.zeros(n, dtype=int)  # of what was not taken in
+        self._in_row = np.zeros(n, dtype=int)  # negative below the prediction
+
+    def judge(self, fresh: np.ndarray, error: np.ndarray, variance: np.ndarray, taken: np.ndarray) -> None:
+        """Open and close the gates after a sample: which outputs it has, their errors, variances, and if taken in.
+
+        A late output that is older than the first sample has no error and is not counted.
+        """
+        refused = (taken == 0) & (error != 0)
+        off = np.where(self.squares == OPEN, error * error > self._closed * variance, refused)
+        self.counts += fresh & refused
+        one_side = np.where(error * self._in_row > 0, self._in_row, 0) + np.where(error > 0, 1, -1)
+        np.copyto(self._in_row, np.where(off, one_side, 0), where=fresh)
+        self.squares[:] = np.where(np.abs(self._in_row) >= self._patience, OPEN, self._closed)
 
 
 class Intake:

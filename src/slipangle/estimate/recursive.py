@@ -12,8 +12,8 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset
 from slipangle.errors import NotFiniteError, ParameterError, SimulationError, nearest
-from slipangle.estimate.filter import OPEN, Scales, filter_step, fitted, parametrised, varied
-from slipangle.estimate.measurements import Intake, Late, Row, by_name, plain_name
+from slipangle.estimate.filter import Scales, filter_step, fitted, parametrised, varied
+from slipangle.estimate.measurements import Gates, Intake, Late, Row, by_name, plain_name
 from slipangle.models.fast import bind
 from slipangle.models.model import FitInfo
 from slipangle.optimal.terms import require_names
@@ -76,8 +76,8 @@ class RecursiveVehicle:
         self._dt, self._error, self._variance, self._taken = np.zeros(1), np.zeros(ny), np.zeros(ny), np.zeros(ny)
         self._finite_y, self._finite_u = np.zeros(ny, dtype=bool), np.zeros(nu, dtype=bool)
         self._finite_z, self._finite_P = np.zeros(n, dtype=bool), np.zeros((n, n), dtype=bool)
-        self._closed = OPEN if settings.gate is None else settings.gate**2
-        self._gate, self._outliers = np.full(ny, self._closed), np.zeros(ny, dtype=int)
+        self._gates = Gates(ny, settings.gate, settings.patience)
+        self._gate = self._gates.squares
         arguments = [self._z, self._P, self._before, self._u, self._y, self._seen, self._gate, self._dt]
         results = self._z_new, self._P_new, self._error, self._variance, self._taken
         self._run = bind(filter_step(settings, self._scales), arguments, *results)
@@ -173,7 +173,7 @@ class RecursiveVehicle:
         self._dt[0] = self.settings.start.dt
         self.n_samples += 1
         if self.settings.gate is not None:
-            self._count_outliers()
+            self._gates.judge(self._finite_y, self._error, self._variance, self._taken)
         return self._error
 
     def _estimate(self) -> None:
@@ -240,12 +240,6 @@ class RecursiveVehicle:
         self._z[:], self._P[:], self._before[:], self._dt[:] = newest.z, newest.P, newest.before, newest.dt
         self._gate[:] = gate
         self._rows.pop()
-
-    def _count_outliers(self) -> None:
-        """Open the gate of an output that was an outlier too often in a row."""
-        self._outliers[self._finite_y & (self._taken > 0)] = 0
-        self._outliers[self._finite_y & (self._taken == 0)] += 1
-        self._gate[:] = np.where(self._outliers >= self.settings.patience, OPEN, self._closed)
 
     def _put(self, value: float | np.ndarray, into: np.ndarray, what: str) -> None:
         if np.size(value) != len(into):
@@ -351,6 +345,11 @@ class RecursiveVehicle:
     def taken(self) -> np.ndarray:
         """Which outputs of the last sample were measured and are no outliers, shape (n_outputs,), bool."""
         return self._finite_y & (self._taken > 0)
+
+    @property
+    def n_outliers(self) -> np.ndarray:
+        """How many values of each output were outliers and not taken in so far, shape (n_outputs,), int."""
+        return self._gates.counts.copy()
 
     @property
     def biases(self) -> np.ndarray:

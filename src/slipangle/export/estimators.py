@@ -11,7 +11,8 @@ from slipangle.codegen.expression import emit, preamble, scalar_code
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.estimate.ekf import EKF
-from slipangle.estimate.filter import OPEN, Scales, filter_step
+from slipangle.estimate.filter import Scales, filter_step
+from slipangle.estimate.measurements import OPEN
 from slipangle.estimate.moving_horizon import MHE
 from slipangle.export.controllers import table
 from slipangle.export.memory import size_of

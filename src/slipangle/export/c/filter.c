@@ -10,7 +10,7 @@ typedef struct {
 typedef struct {
     Sample now;
     double z[NZ], P[NZ * NZ], error[NY], variance[NY], taken[NY]; /* what a step makes of it */
-    int64_t outliers[NY];
+    int64_t outliers[NY]; /* in a row on one side, negative below the prediction */
     int fresh[NY]; /* measured at this sample */
     Past past;
     int64_t samples; /* of which there is a past */
@@ -71,8 +71,12 @@ static int filter_take(Filter *f, const double *y, const double *u)
     s->dt = CAR_DT;
     for (int i = 0; i < NY; i++)
         if (f->fresh[i]) {
-            f->outliers[i] = f->taken[i] > 0 ? 0 : f->outliers[i] + 1;
-            s->gate[i] = f->outliers[i] >= PATIENCE ? INFINITY : GATE;
+            double error = f->error[i];
+            int above = error > 0, refused = !(f->taken[i] > 0) && error != 0; /* of one before the first sample: 0 */
+            int off = s->gate[i] < INFINITY ? refused : error * error > GATE * f->variance[i];
+            int64_t before = (f->outliers[i] > 0) == above ? f->outliers[i] : 0;
+            f->outliers[i] = off ? before + (above ? 1 : -1) : 0;
+            s->gate[i] = (above ? f->outliers[i] : -f->outliers[i]) >= PATIENCE ? INFINITY : GATE;
         }
     return 1;
 }
