@@ -129,7 +129,7 @@ class Driver(Brief):
         self._model: Any = whole
         self._motion = [whole.states.index(name) for name in POSE]
         names = tuple(dict.fromkeys((*POSE, "v_x", *whole.outputs, *whole.inputs)))
-        self._ranges = dict(zip(names, np.column_stack(Plausible(names).ranges).tolist(), strict=True))
+        self._ranges = Plausible(names).by_name
         self._whole = Plausible(whole.states)
         self._steps = {name: round(self.estimator.late.get(name, 0.0) / self.dt) for name in whole.outputs}
         self.reset()

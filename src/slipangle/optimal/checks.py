@@ -58,6 +58,11 @@ class Plausible:
         """Lowest and highest of each entry or column."""
         return self._low, self._high
 
+    @property
+    def by_name(self) -> dict[str, tuple[float, float]]:
+        """The same by name."""
+        return dict(zip(self._names, zip(self._low.tolist(), self._high.tolist(), strict=True), strict=True))
+
     def holds(self, values: np.ndarray) -> bool:
         """Whether all are numbers within their ranges."""
         part = values * self._share[: len(values)]

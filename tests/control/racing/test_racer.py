@@ -215,6 +215,32 @@ def reference_row(planner, grip):
     return [given[name] for name in planner.mpc.ocp.exogenous]
 
 
+def glitch(kind, k, measured, rng):
+    """What sensors read at a sample: one of all channels wrong every half second, for one or five samples, or 1 %."""
+    i, now = k // 50 % len(SEEN), {"once": k % 50 < 1, "burst": k % 50 < 5, "random": False}[kind]
+    wrong = [(kind == "random" and rng.uniform() < 0.01) or (now and name == SEEN[i]) for name in SEEN]
+    sizes = dict(zip(SEEN, (30.0, 2.0, 0.3, 1e6, 2.0, 20.0, 30.0), strict=True))
+    off = {
+        name: rng.choice([-1, 1]) * rng.uniform(0.5, 1.5) * sizes[name] * bad
+        for name, bad in zip(SEEN, wrong, strict=True)
+    }
+    return {name: value + off[name] for name, value in measured.items()}
+
+
+@pytest.mark.parametrize("kind", ["once", "burst", "random"])
+def test_glitches_of_sensors_do_not_move_it(kind):
+    racer, rng = sa.Racer(believed(), circuit(), PEDALS, lap=first_lap(), margin=MARGIN), np.random.default_rng(7)
+    step, count = racer.step, iter(range(100_000))
+    racer.step = lambda measured, t: step(glitch(kind, next(count), measured, rng), t)
+    run, times = raced(racer, 1.2)
+    _, clean, clean_times = three_laps()
+    assert run.inside
+    assert times[0] == pytest.approx(clean_times[0], abs=0.03)
+    assert np.abs(run.e_y - clean.e_y[: len(run.e_y)]).max() < 0.15
+    assert racer.sensing.restarts == {"once": 1, "burst": 5, "random": 0}[kind]  # before it sets out
+    assert all(count > 0 for count in racer.sensing.outliers.values())
+
+
 def test_before_the_first_pose_it_waits():
     racer = sa.Racer(believed(), circuit(), PEDALS, lap=first_lap(), margin=MARGIN)
     said = racer.step({"v_x": 10.0}, 0.0)

@@ -12,12 +12,12 @@ import numpy as np
 
 from slipangle.control.commands import HINDERED, STAY, Commands
 from slipangle.control.racing.learning import Learned
-from slipangle.control.racing.on_road import OnRoad, RacingCar
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.planner import Planner
 from slipangle.control.racing.sectors import Sectors
-from slipangle.errors import ParameterError, SimulationError, SolverError
-from slipangle.estimate.ekf import EKF
+from slipangle.control.racing.sensing import NOISE as NOISE
+from slipangle.control.racing.sensing import Sensing
+from slipangle.errors import ParameterError, SolverError
 from slipangle.optimal.lap.car import LapCar
 from slipangle.optimal.lap.fastest_lap import fastest_lap
 from slipangle.optimal.lap.lap import Lap
@@ -25,10 +25,6 @@ from slipangle.optimal.solution import Plan
 from slipangle.paths.path import Path
 from slipangle.shown import Brief
 
-NOISE = {"X": 0.05, "Y": 0.05, "psi": 0.005, "v_x": 0.05, "r": 0.005, "a_x": 0.2, "a_y": 0.2}
-WANDER = {"X": 0.01, "Y": 0.01, "psi": 0.001, "v_x": 0.1, "v_y": 0.2, "r": 0.1, "d_v_x": 2.0, "d_r": 1.0}
-START = {"X": 0.1, "Y": 0.1, "psi": 0.01, "v_x": 0.1, "v_y": 0.1, "r": 0.02, "d_v_x": 0.5, "d_r": 0.2}
-GRIP_WANDER = 0.002  # relative, per root of a second
 ALONG = 0.98  # of the longitudinal friction that a lap is planned with: no wheel locks for a wrong brake
 HOPED = 1.05  # of power and drive force: speeds that full throttle does not reach, a plan does not want
 CHANGED = 0.02  # of grip, from which a new lap is planned; less than that is left to its sectors
@@ -36,7 +32,6 @@ BOLD = 0.985  # of the grip that is sure, which no corner is tried beyond
 SPIN = 0.03  # by which driven wheels turn faster than they roll, where gears are told by the speed of the car
 SETTLING = 0.3  # s, over which accelerations that the model does not explain are smoothed
 STOP = 0.3  # of the weight, with which a car brakes that has no plan any more
-_POSE = ("X", "Y", "psi", "v_x")
 
 
 class Racer(Brief):
@@ -50,6 +45,10 @@ class Racer(Brief):
     quickest or, where the car came near an edge, slower and further from it (`slipangle.control.racing.sectors`).
     Where the grip differs by more than 2 % from that of the lap, a new one is planned, which takes as long as a
     `fastest_lap`, a second or more; with ``between=False`` all of that is left to calls of `learn`.
+
+    No glitch of a sensor is believed (`slipangle.control.racing.sensing.Sensing`): a value that no car reads is as good
+    as missing, one that is far from what the filter expects is an outlier, and the rest counts. The filter goes on
+    without them; the drive begins when a second pose agrees with the first.
 
     It is a driver for `slipangle.simulate.drive.drive`, from a rolling start on the track.
 
@@ -72,6 +71,11 @@ class Racer(Brief):
     noise : mapping of str to float
         Standard deviation of X, Y, psi, v_x, r, a_x, a_y as measured, SI units; where not given 0.05 m, 0.005 rad,
         0.05 m/s, 0.005 rad/s, 0.2 m/s2.
+    gate : float, optional
+        Standard deviations from its prediction [-] beyond which a value is an outlier, as of `EKF`: of sound values one
+        in 5e8 is. None believes all.
+    patience : int
+        After so many outliers of a channel in a row on one side it is believed, as of `EKF`.
     sample, dt : float
         Between calls of `step`, and between plans, a multiple of it. [s]
     horizon : int
@@ -87,6 +91,8 @@ class Racer(Brief):
         What is known by now.
     sectors : Sectors
         How fast each corner is taken by now.
+    sensing : Sensing
+        The filter, and in its ``outliers`` how many values of each channel were not believed.
 
     Raises
     ------
@@ -110,6 +116,8 @@ class Racer(Brief):
         grip_std: float = 0.05,
         margin: float = 0.15,
         noise: Mapping[str, float] | None = None,
+        gate: float | None = 6.0,
+        patience: int = 25,
         sample: float = 0.01,
         dt: float = 0.05,
         horizon: int = 40,
@@ -126,15 +134,7 @@ class Racer(Brief):
         self.car, self.track, self.pedals = car, track, pedals
         self.share, self.grip_std, self.margin, self.sample, self.between = share, grip_std, margin, sample, between
         self._planner = Planner(car, track, pedals, dt=dt, horizon=horizon)
-        self._filter = EKF(
-            start=RacingCar(params=OnRoad.of(car), dt=sample),
-            free=("grip",),
-            noise_std={**NOISE, **(noise or {})},
-            process_std=WANDER,
-            state_std=START,
-            prior_std={"grip": max(grip_std, 1e-4)},
-            walk_std={"grip": GRIP_WANDER},
-        )
+        self.sensing = Sensing(car, grip_std=grip_std, noise=noise or {}, gate=gate, patience=patience, sample=sample)
         self.learned = Learned(track.length, grip_std)
         if lap is None:
             lap = self._plan_lap(self._sure(), None)
@@ -151,11 +151,11 @@ class Racer(Brief):
         """Forget the drive so far, and what was learned; the next call of `step` begins another."""
         self.learned = Learned(self.track.length, self.grip_std)
         self._follow(self.first)
-        self._tracker: Any = None
+        self.sensing.reset()
         self._plan: Plan | None = None
         self._tick, self._turns, self._s, self._begun = -1, 0, math.nan, math.nan
         self._delta, self._F, self._driving, self._braking = 0.0, 0.0, 0.0, 0.0
-        self._restarts, self._gear = 0, 1
+        self._gear = 1
         self._beyond = {"d_v_x": 0.0, "d_r": 0.0}
 
     def learn(self) -> None:
@@ -210,9 +210,10 @@ class Racer(Brief):
             Steering angle of the road wheels [rad], throttle and brake. [0 to 1]
         """
         self._tick += 1
-        if not self._observe(measurements):
+        if not self.sensing.take(measurements, {"delta": self._delta, "F_x": self._acting}, t):
+            self._plan = None
             return self._waiting()
-        x, grip = self._tracker.state, float(self._tracker.parameters[0])
+        x, (grip, grip_std) = self.sensing.known.state, self.sensing.grip
         s, e_y, heading = self.track.project(float(x[0]), float(x[1]), None if math.isnan(self._s) else self._s)
         spin = SPIN if self._driving > 0.0 else 0.0
         self._s, self._gear = s, int(self._gears((1.0 + spin) * x[3:4])[0])
@@ -224,7 +225,7 @@ class Racer(Brief):
             chi = math.remainder(float(x[2]) - heading, 2 * math.pi)
             state = np.array([e_y, chi, x[3], x[4], x[5], self._delta, self._acting, self._F])
             self._plan = self._planner.plan(state, s, self.learned.here(grip), self._most, self._beyond, self._plan)
-        values = self._act(self._plan, float(x[3]), float(x[6]), grip)
+        values = self._act(self._plan, float(x[3]), float(x[6]), (grip, grip_std))
         return Commands(
             values=values,
             wanted_v_x=0.0 if self._plan.stopping else float(self._planner.at(np.array([s]))[0, 2]),
@@ -233,24 +234,10 @@ class Racer(Brief):
             s=s,
             e_y=e_y,
             state=x,
-            state_std=self._tracker.state_std,
-            restarts=self._restarts,
+            state_std=self.sensing.known.state_std,
+            age=self.sensing.age(t),
+            restarts=self.sensing.restarts,
         )
-
-    def _observe(self, measurements: Mapping[str, float]) -> bool:
-        """Bring the estimate to now; whether there is one."""
-        given = {**measurements, "delta": self._delta, "F_x": self._acting}
-        if self._tracker is None:
-            if not all(math.isfinite(measurements.get(name, math.nan)) for name in _POSE):
-                return False
-            self._tracker = self._filter.begin(given)
-        try:
-            self._tracker.take(given)
-        except SimulationError:
-            self._tracker, self._plan = None, None
-            self._restarts += 1
-            return False
-        return True
 
     def _count_laps(self, s: float) -> None:
         length = self.track.length
@@ -280,7 +267,7 @@ class Racer(Brief):
         """Force at full throttle at places ahead [m] and the speeds there, shape (n,). [m/s]"""
         return self.learned.most(s, self.pedals.most(v_x, self._gears(v_x)))
 
-    def _act(self, plan: Plan, v_x: float, unexplained: float, grip: float) -> dict[str, float]:
+    def _act(self, plan: Plan, v_x: float, unexplained: float, grip: tuple[float, float]) -> dict[str, float]:
         """Commands of a sample, and what the car does with them."""
         car, dt = self.car, self.sample
         turn, rise = (float(v) for v in plan.command)
@@ -295,15 +282,14 @@ class Racer(Brief):
         driving, braking = pedals.forces(throttle, brake, v_x, most, gear)
         self._driving += (driving - self._driving) * min(dt / max(pedals.lag, dt), 1.0)
         self._braking += (braking - self._braking) * min(dt / max(pedals.brake_lag, dt), 1.0)
-        spread = float(self._tracker.parameters_std[0])
         force = self._acting + car.mass * unexplained
-        self.learned.see(self._s, force / max(believed, 1.0), throttle, (grip, spread), dt)
+        self.learned.see(self._s, force / max(believed, 1.0), throttle, grip, dt)
         return {"delta": self._delta, "throttle": throttle, "brake": brake}
 
     def _waiting(self) -> Commands:
         """Before the first pose."""
-        nothing = np.zeros(self._filter.model.n_states)
+        nothing = np.zeros(self.sensing.filter.model.n_states)
         values = {"delta": self._delta, "throttle": 0.0, "brake": 0.0}
         message = f"{HINDERED[3]}, {STAY}"
         more: dict[str, Any] = {"state": nothing, "state_std": np.full_like(nothing, np.inf)}
-        return Commands(values=values, wanted_v_x=0.0, message=message, restarts=self._restarts, **more)
+        return Commands(values=values, wanted_v_x=0.0, message=message, restarts=self.sensing.restarts, **more)
