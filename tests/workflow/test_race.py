@@ -17,11 +17,14 @@ from slipangle.control.racing.racer import NOISE
 from slipangle.errors import ConfigError
 from slipangle.models.vehicles.catalogue import PASSENGER_TIRE
 from slipangle.models.vehicles.on_tires import peak_friction_along
+from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle, SaturatingBicycleParams
+from slipangle.models.vehicles.steering import Steered
 from slipangle.optimal.lap.cars import lap_car
 from slipangle.report.page import Page
 from slipangle.simulate.race import race
 from slipangle.simulate.race_car import fitted, optimum
 from slipangle.simulate.run import End
+from slipangle.workflow import race as race_module
 from slipangle.workflow.drive import PlantSettings
 from slipangle.workflow.race import Raced, metrics, plant_of, section, sentence, word
 from slipangle.workflow.race_settings import RaceSettings
@@ -33,6 +36,7 @@ from tests.workflow.test_lap import CAR
 
 NEEDS_C = pytest.mark.skipif(compiler() is None, reason=no_compiler())
 ROOT = File(__file__).parents[2]
+AXLES = {"mass": 1500.0, "inertia_z": 2500.0, "wheelbase": 2.7, "l_f": 1.2, "C_f": 9e4, "C_r": 1.1e5}
 LAP = '\n[lap]\ntrack = "track.csv"\npoints = 60\nset = { power = 1.5e5 }\n'
 
 
@@ -158,6 +162,21 @@ def test_tires_of_files_are_raced_with_the_car_s_own_power(tmp_path):
     assert plant.params.steering_gain == 1.0
     assert plant.road.friction == (0.9,) * 4
     assert lap_car(plant).power == pytest.approx(RACER.power, rel=0.02)
+
+
+@NEEDS_C
+@pytest.mark.parametrize(("plant", "lag"), [("", 0.12), ("bmw-320i", 0.0)])
+def test_the_car_s_own_steering_is_as_late_as_identified_and_the_racer_knows(monkeypatch, plant, lag):
+    model = Steered(SaturatingBicycle(params=SaturatingBicycleParams(**AXLES), dt=0.05), steering_lag=0.12)
+    made = []
+    monkeypatch.setattr(race_module, "race_car", lambda real, track, **how: believed())
+    monkeypatch.setattr(race_module, "optimum", lambda *of: first_lap())
+    monkeypatch.setattr(race_module, "race", lambda *of: made.append(of))
+    settings = RaceSettings(plant=plant, share=0.86)
+    race_module.raced(settings, PlantSettings(), model, RACER, circuit(), 60, lambda share, what: None)
+    racer, driven, _ = made[0]
+    assert driven.lag.get("delta", 0.0) == lag
+    assert ("delta_asked" in racer._planner.mpc.model.states) == (lag > 0)
 
 
 @NEEDS_C

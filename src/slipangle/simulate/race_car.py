@@ -137,7 +137,8 @@ def _with_drive(car: LapCar, plant: DualTrack, track: Path, margin: float, point
     """
     sure = replace(car, mu_f=SHARE * car.mu_f, mu_r=SHARE * car.mu_r, mu_x=ALONG * car.mu_x)
     lap = fastest_lap(sure, track, points=points, margin=margin)
-    racer = Racer(car, track, Pedals.of(plant.params), lap=lap, margin=margin, between=False)
+    known: Any = {"steering_lag": plant.params.steering.lag, "margin": margin, "between": False}
+    racer = Racer(car, track, Pedals.of(plant.params), lap=lap, **known)
     run = race(racer, Plant(on_road(plant, 1.0)), 1).run
     if run.end in (End.LEFT_PATH, End.NOT_FINITE):
         raise SimulationError(

@@ -37,7 +37,7 @@ from slipangle.simulate.plant import Plant
 from slipangle.simulate.race import Race, race
 from slipangle.simulate.race_car import on_road, optimum, race_car
 from slipangle.simulate.run import End
-from slipangle.workflow.drive import PlantSettings
+from slipangle.workflow.drive import PlantSettings, late
 from slipangle.workflow.race_settings import RaceSettings
 from slipangle.workflow.tires import car_on, plant_tires
 
@@ -91,8 +91,10 @@ def raced(
     fastest = optimum(believed, track, wanted.friction, points)
     progress(0.4, f"driving {wanted.laps} laps")
     how: dict[str, Any] = {name: getattr(wanted, name) for name in ("share", "grip_std", "margin")}
+    lag = Values() if wanted.plant else late(model, "steering_lag")
+    how["steering_lag"] = real.params.steering.lag + lag.get("delta", 0.0)
     racer = Racer(believed, track, Pedals.of(real.params), noise=noise, **how)
-    plant = Plant(on_road(real, wanted.friction), noise=Values(**noise), seed=wanted.seed)
+    plant = Plant(on_road(real, wanted.friction), noise=Values(**noise), lag=lag, seed=wanted.seed)
     return Raced(race=race(racer, plant, wanted.laps), fastest=fastest, plant=said, settings=wanted)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from slipangle.control.racing.along_track import AlongTrack
+from slipangle.control.racing.along_track import AlongTrack, along_track
 from slipangle.control.racing.on_road import OnRoad, RacingCar
 from slipangle.optimal.lap.car import held, rates
 from tests.optimal.lap.cars import RACER
@@ -14,18 +14,30 @@ from tests.optimal.lap.cars import RACER
 STAGE, BEND = 1.2, 0.02  # m, 1/m: stages of a circle to the left
 
 
-def driven(car, start, turn, rise, length, *, lag, beyond):
+def driven(car, start, turn, rise, length, *, lag, beyond, steering_lag=0.0):
     """The same drive over time in the plane: state of `AlongTrack` where the circle's arc length is reached."""
     n, chi, *rest = start
     radius = 1.0 / BEND
     plane = [0.0, n, chi, *rest]
 
+    def turning(d, late):
+        return [(angle - d) / steering_lag for angle in late] or [turn]
+
     def motion(_, y):
-        _, _, psi, vx, vy, yaw, d, force, asked = y
+        _, _, psi, vx, vy, yaw, d, force, asked, *late = y
         m = rates(vx, vy, yaw, d, force, car)
         c, s = np.cos(psi), np.sin(psi)
         place = [vx * c - vy * s, vx * s + vy * c, yaw]
-        return [*place, m.v_x + beyond[0], m.v_y, m.r + beyond[1], turn, (asked - force) / lag, rise]
+        return [
+            *place,
+            m.v_x + beyond[0],
+            m.v_y,
+            m.r + beyond[1],
+            *turning(d, late),
+            (asked - force) / lag,
+            rise,
+            *([turn] * len(late)),
+        ]
 
     def passed(_, y):
         return np.arctan2(y[0], radius - y[1]) * radius - length
@@ -48,6 +60,18 @@ def test_a_stage_is_the_car_on_its_way_along_the_track(grip, asked, lag):
     car = replace(RACER, mu_f=grip * RACER.mu_f, mu_r=grip * RACER.mu_r)
     other = driven(car, start, 0.3, -1000.0, 5 * STAGE, lag=lag, beyond=(0.4, -0.2))
     assert x == pytest.approx(other, rel=2e-5, abs=2e-5)
+
+
+def test_a_steering_that_is_late_follows_the_angle_that_is_asked_for():
+    start = np.array([0.4, 0.02, 22.0, -0.3, 0.4, 0.05, 1500.0, 2500.0, 0.07])
+    model = along_track(0.1, params=RACER, drive_lag=0.2, brake_lag=0.2, dt=0.05, substeps=4)
+    given = np.array([0.3, -1000.0, BEND, STAGE, RACER.mu_f, RACER.mu_r, 0.4, -0.2])
+    x = start
+    for _ in range(5):
+        x = np.asarray(model.step(x, given), dtype=float)
+    other = driven(RACER, start, 0.3, -1000.0, 5 * STAGE, lag=0.2, beyond=(0.4, -0.2), steering_lag=0.1)
+    assert x == pytest.approx(other, rel=2e-5, abs=2e-5)
+    assert along_track(0.02, params=RACER, dt=0.05).states == AlongTrack.states
 
 
 @pytest.mark.parametrize(("asked", "lag"), [(2500.0, 0.2), (-2500.0, 0.1)])

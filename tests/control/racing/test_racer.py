@@ -48,9 +48,9 @@ def first_lap():
     return sa.fastest_lap(sure, circuit(), points=80, margin=MARGIN)
 
 
-def raced(racer, laps, friction=FRICTION, seed=1):
+def raced(racer, laps, friction=FRICTION, seed=1, lag=0.0):
     noise = sa.Values(**{name: NOISE[name] for name in SEEN})
-    plant = sa.Plant(car_on(friction), noise=noise, seed=seed)
+    plant = sa.Plant(car_on(friction), noise=noise, seed=seed, lag=sa.Values(delta=lag))
     lap = racer.lap
     X, Y, psi, v = (column[-2] for column in (lap.X, lap.Y, lap.psi, lap.v_x))
     x0 = plant.straight(v, X=X, Y=Y, psi=psi)
@@ -86,6 +86,16 @@ def test_nearer_to_the_limit_it_does_not_swing_off_the_track():
     run, times = raced(racer, 2.2)
     assert run.inside
     assert len(times) == 2
+
+
+def test_a_steering_that_is_late_costs_no_time_where_it_is_known():
+    racer = sa.Racer(believed(), circuit(), PEDALS, lap=first_lap(), margin=MARGIN, steering_lag=0.15)
+    run, times = raced(racer, 1.2, lag=0.15)
+    _, clean, clean_times = three_laps()
+    assert run.inside
+    assert times[0] == pytest.approx(clean_times[0], abs=0.06)  # 0.27 s longer where it is not known
+    assert np.abs(run.e_y - clean.e_y[: len(run.e_y)]).max() < 0.5
+    assert not any(racer.sensing.outliers.values())
 
 
 def test_laps_are_planned_faster_as_it_learns():
@@ -255,6 +265,7 @@ def test_before_the_first_pose_it_waits():
         ({"track": straight()}, "closed track"),
         ({"share": 0.0}, "share is 0"),
         ({"dt": 0.033}, "whole multiple"),
+        ({"steering_lag": -0.1}, "steering_lag is -0.1"),
     ],
 )
 def test_a_race_that_cannot_be_driven_is_refused(changed, words):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from slipangle.models.ode import OdeModel
 from slipangle.ops import Scalar, Vector, cos, maximum, sin, sqrt, stack
 from slipangle.optimal.lap.car import LapCar, held, rates
 
 SLOWEST = 3.0  # m/s, below which the equations take this speed
+ASKED = 8  # state of the angle that is asked for
 LEAST, NEAR_NONE = 0.02, 0.02  # s, a lag at least; of the weight, force in which one lag goes over into the other
 
 
@@ -57,11 +59,16 @@ class AlongTrack(OdeModel):
             motion.v_x + u[6],
             motion.v_y,
             motion.r + u[7],
-            u[0],
+            self._turning(x, u),
             (asked - F) / self._lag(asked),
             u[1],
+            *([u[0]] if len(self.states) > ASKED else []),
         )
         return stack([each * pace * rate for rate in over_time])
+
+    def _turning(self, x: Vector, u: Vector) -> Scalar:
+        """Rate of the road-wheel angle. [rad/s]"""
+        return u[0]
 
     def _lag(self, asked: Scalar) -> Scalar:
         """Time constant of the force, between those of braking and driving near none. [s]"""
@@ -73,3 +80,25 @@ class AlongTrack(OdeModel):
     def pace(n: Scalar, chi: Scalar, v_x: Scalar, v_y: Scalar, curvature: Scalar) -> Scalar:
         """Time per metre of the track's line. [s/m]"""
         return (1.0 - n * curvature) / maximum(v_x * cos(chi) - v_y * sin(chi), SLOWEST)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LateAlongTrack(AlongTrack):
+    """The same with a steering that answers late: one state more, the angle that is asked for. [rad]
+
+    Parameters
+    ----------
+    steering_lag : float
+        Time constant of the steering. [s]
+    """
+
+    states = (*AlongTrack.states, "delta_asked")
+    steering_lag: float
+
+    def _turning(self, x: Vector, u: Vector) -> Scalar:
+        return (x[ASKED] - x[5]) / self.steering_lag
+
+
+def along_track(steering_lag: float, **settings: Any) -> AlongTrack:
+    """The equations for a steering that follows with a lag [s], which counts if it is longer than `LEAST`."""
+    return LateAlongTrack(steering_lag=steering_lag, **settings) if steering_lag > LEAST else AlongTrack(**settings)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.control.mpc import MPC
-from slipangle.control.racing.along_track import AlongTrack
+from slipangle.control.racing.along_track import AlongTrack, along_track
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.sectors import Sectors
 from slipangle.ops import Scalar, Vector
@@ -35,7 +35,7 @@ SLIP, USE = 0.95, 0.93  # up to which slip angles and longitudinal forces go, ov
 SLOWEST = 3.0  # m/s along the track
 AHEAD = 0.3  # m/s, of what can be reached
 FADE = 0.4  # s, in which what is unexplained now fades from a plan
-SPEED_IN = (0, 0, 1, 1, 1, 0, 2, 2)  # power of the speed that each state goes with, on the same line
+SPEED_IN = (0, 0, 1, 1, 1, 0, 2, 2, 0)  # power of the speed that each state goes with, on the same line
 
 
 class Planner:
@@ -54,18 +54,29 @@ class Planner:
         Closed, with its edges.
     pedals : Pedals
         How late forces follow.
+    steering_lag : float
+        How late the steering follows, see `along_track`. [s]
     dt : float
         Of a stage, and between plans. [s]
     horizon : int
         Stages.
     """
 
-    def __init__(self, car: LapCar, track: Path, pedals: Pedals, *, dt: float, horizon: int) -> None:
+    def __init__(
+        self, car: LapCar, track: Path, pedals: Pedals, *, dt: float, horizon: int, steering_lag: float = 0.0
+    ) -> None:
         self.car, self.track, self.dt, self.horizon = car, track, dt, horizon
         force = 0.5 * car.weight
         prices = {**PRICES, "F_asked": (PRICES["F_asked"][0] / force**2, PRICES["F_asked"][1] / force)}
         self.mpc = MPC(
-            AlongTrack(params=car, drive_lag=pedals.lag, brake_lag=pedals.brake_lag, dt=dt, substeps=SUBSTEPS),
+            along_track(
+                steering_lag,
+                params=car,
+                drive_lag=pedals.lag,
+                brake_lag=pedals.brake_lag,
+                dt=dt,
+                substeps=SUBSTEPS,
+            ),
             horizon=horizon,
             controls=("delta_rate", "F_rate"),
             Q=Weights({**FROM_LAP, "F_x": FROM_LAP["F_x"] / force**2}),
@@ -84,14 +95,15 @@ class Planner:
     def follow(self, lap: Lap, room: float, sectors: Sectors | None = None) -> None:
         """The lap to drive, the room between the car's centre and an edge [m], and how its corners differ by now."""
         length, turns = lap.track.length, (-1, 0, 1)
-        states = np.column_stack([lap.n, lap.chi, lap.v_x, lap.v_y, lap.r, lap.delta, lap.F_x, lap.F_x])
+        states = np.column_stack([lap.n, lap.chi, lap.v_x, lap.v_y, lap.r, lap.delta, lap.F_x, lap.F_x, lap.delta])
+        states = states[:, : self.mpc.model.n_states]
         self._s = np.concatenate([lap.s + k * length for k in turns])
         self._states = np.vstack([states] * 3)
         self._rate = 1.0 / np.gradient(np.concatenate([lap.t + k * lap.time for k in turns]), self._s)
         self._room, self._sectors = room, sectors or Sectors(lap, 0.0)
 
     def at(self, s: np.ndarray) -> np.ndarray:
-        """States of the lap at arc lengths [m], shape (n, 8): as fast as its sectors say, forces in proportion."""
+        """States of the lap at arc lengths [m], shape (n, n_states): at the speed of its sectors, forces with it."""
         place = np.asarray(s) % self.track.length
         states = np.column_stack([np.interp(place, self._s, column) for column in self._states.T])
         return _at_speed(states, self._sectors.speed(place))
@@ -105,7 +117,7 @@ class Planner:
         unexplained: Mapping[str, float],
         previous: Plan | None,
     ) -> Plan:
-        """Plan from a state of `AlongTrack`, shape (8,), at an arc length. [m]
+        """Plan from a state of `AlongTrack`, and the angle asked for, shape (9,), at an arc length. [m]
 
         Parameters
         ----------
@@ -120,7 +132,7 @@ class Planner:
         previous : Plan, optional
             The plan before. Where that leads nowhere, the lap itself is the first guess.
         """
-        nodes = self._nodes(s, float(x[2]))
+        x, nodes = x[: self.mpc.model.n_states], self._nodes(s, float(x[2]))
         wanted = self._within_reach(self.at(nodes), nodes, float(x[2]), most)
         reference = self._reference(nodes, wanted, grip, most, unexplained)
         plan = self.mpc.plan(x, reference, previous)
@@ -192,8 +204,8 @@ class Planner:
 
 
 def _at_speed(states: np.ndarray, faster: np.ndarray) -> np.ndarray:
-    """States on the same line, shape (n, 8), at speeds over their own. [-]"""
-    return states * np.column_stack([faster**power for power in SPEED_IN])
+    """States on the same line, shape (n, n_states), at speeds over their own. [-]"""
+    return states * np.column_stack([faster**power for power in SPEED_IN[: states.shape[1]]])
 
 
 def _limited(car: LapCar) -> dict[str, Callable[[Vector, Vector, Any], Scalar]]:

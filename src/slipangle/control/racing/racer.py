@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.control.commands import HINDERED, STAY, Commands
+from slipangle.control.racing.along_track import LEAST
 from slipangle.control.racing.learning import Learned
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.planner import Planner
@@ -76,6 +77,9 @@ class Racer(Brief):
         in 5e8 is. None believes all.
     patience : int
         After so many outliers of a channel in a row on one side it is believed, as of `EKF`.
+    steering_lag : float
+        Time constant of the steering, from the angle that is asked for to that of the road wheels, such as
+        ``params.steering.lag`` of a dual track; up to 0.02 s it counts as none. [s]
     sample, dt : float
         Between calls of `step`, and between plans, a multiple of it. [s]
     horizon : int
@@ -118,6 +122,7 @@ class Racer(Brief):
         noise: Mapping[str, float] | None = None,
         gate: float | None = 6.0,
         patience: int = 25,
+        steering_lag: float = 0.0,
         sample: float = 0.01,
         dt: float = 0.05,
         horizon: int = 40,
@@ -125,7 +130,8 @@ class Racer(Brief):
     ) -> None:
         if not track.closed:
             raise ParameterError(f"'{track.name}' is open; expected a closed track to race on")
-        for name, value, low, high in (("share", share, 0.3, 1.0), ("grip_std", grip_std, 0.0, 0.5)):
+        ranges = ("share", share, 0.3, 1.0), ("grip_std", grip_std, 0.0, 0.5), ("steering_lag", steering_lag, 0.0, 1.0)
+        for name, value, low, high in ranges:
             if not low <= value <= high:
                 raise ParameterError(f"{name} is {value:g}; expected {low:g} to {high:g}")
         self._every = round(dt / sample)
@@ -133,7 +139,8 @@ class Racer(Brief):
             raise ParameterError(f"dt is {dt:g} s, the sample time {sample:g} s; expected a whole multiple")
         self.car, self.track, self.pedals = car, track, pedals
         self.share, self.grip_std, self.margin, self.sample, self.between = share, grip_std, margin, sample, between
-        self._planner = Planner(car, track, pedals, dt=dt, horizon=horizon)
+        self._planner = Planner(car, track, pedals, dt=dt, horizon=horizon, steering_lag=steering_lag)
+        self._behind = math.exp(-sample / steering_lag) if steering_lag > LEAST else 0.0
         self.sensing = Sensing(car, grip_std=grip_std, noise=noise or {}, gate=gate, patience=patience, sample=sample)
         self.learned = Learned(track.length, grip_std)
         if lap is None:
@@ -154,7 +161,7 @@ class Racer(Brief):
         self.sensing.reset()
         self._plan: Plan | None = None
         self._tick, self._turns, self._s, self._begun = -1, 0, math.nan, math.nan
-        self._delta, self._F, self._driving, self._braking = 0.0, 0.0, 0.0, 0.0
+        self._delta, self._steered, self._F, self._driving, self._braking = 0.0, 0.0, 0.0, 0.0, 0.0
         self._gear = 1
         self._beyond = {"d_v_x": 0.0, "d_r": 0.0}
 
@@ -210,7 +217,7 @@ class Racer(Brief):
             Steering angle of the road wheels [rad], throttle and brake. [0 to 1]
         """
         self._tick += 1
-        if not self.sensing.take(measurements, {"delta": self._delta, "F_x": self._acting}, t):
+        if not self.sensing.take(measurements, {"delta": self._steered, "F_x": self._acting}, t):
             self._plan = None
             return self._waiting()
         x, (grip, grip_std) = self.sensing.known.state, self.sensing.grip
@@ -223,7 +230,7 @@ class Racer(Brief):
         self._count_laps(s)
         if self._plan is None or self._tick % self._every == 0:
             chi = math.remainder(float(x[2]) - heading, 2 * math.pi)
-            state = np.array([e_y, chi, x[3], x[4], x[5], self._delta, self._acting, self._F])
+            state = np.array([e_y, chi, x[3], x[4], x[5], self._steered, self._acting, self._F, self._delta])
             self._plan = self._planner.plan(state, s, self.learned.here(grip), self._most, self._beyond, self._plan)
         values = self._act(self._plan, float(x[3]), float(x[6]), (grip, grip_std))
         return Commands(
@@ -274,6 +281,7 @@ class Racer(Brief):
         if plan.stopping:
             turn, rise = 0.0, min(max((-STOP * car.weight - self._F) / dt, -car.force_rate * car.weight), 0.0)
         self._delta = min(max(self._delta + dt * turn, -car.delta_max), car.delta_max)
+        self._steered = self._delta - self._behind * (self._delta - self._steered)
         pedals, gear = self.pedals, self._gear
         believed = float(pedals.most(v_x, gear))
         most = float(self.learned.most(self._s, believed))
