@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from slipangle.data.dataset import Dataset, join
+from slipangle.data.dataset import Dataset
 from slipangle.data.quality.plausible import LONGEST_STEP, doubts, kinematic_gain
 from slipangle.errors import (
     IdentifiabilityWarning,
@@ -22,10 +22,9 @@ from slipangle.errors import (
 from slipangle.fields import Checked
 from slipangle.identify.car import sentences
 from slipangle.identify.car.recordings import settled
-from slipangle.identify.car.stretches import stretches
+from slipangle.identify.car.stretches import stretches, together
 from slipangle.identify.car.structures import (
     ELSEWHERE,
-    RECORDING,
     SLOWEST,
     STIFF,
     Correction,
@@ -186,10 +185,7 @@ class WholeCar(Checked):
                 warnings.simplefilter("ignore", ModelWarning)  # it is said once, below
             start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, banked=banked)
             elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
-            if elsewhere and "steering_gain" in (own or ()):
-                start = start.with_values(**elsewhere)
-            shared = tuple(n for n in (*STIFF, "steering_offset") if n not in (own or ()))
-            first = fit(start, shared, whole.train, own=own or ())
+            first = _linear(start, own or (), elsewhere, whole.train)
             tried = corrections(whole.train, self.wheelbase, own, elsewhere)
             best, stages, dropped = _climb(first, tried, whole.train, whole.held_out)
             final = fit(best.model, best.free, whole.all, best, own=best.own)
@@ -306,22 +302,13 @@ def identify_car(
     impossible, time is in milliseconds, or the car hardly moves.
     """
     how: Any = {"steering_gain": steering_gain, "per_experiment": per_experiment}
-    return WholeCar(mass=mass, wheelbase=wheelbase, l_f=l_f, **how).identify(_together(data))
+    return WholeCar(mass=mass, wheelbase=wheelbase, l_f=l_f, **how).identify(together(data))
 
 
-def _together(data: Dataset | Sequence[Dataset]) -> Dataset:
-    """Several logs as one whose samples know of which they are."""
-    if isinstance(data, Dataset):
-        return data
-    for name, kind in (("bank", "input"), ("v_y", "output"), ("a_y", "output")):
-        has = [name in (part.inputs if kind == "input" else part.outputs) for part in data]
-        if any(has) and not all(has):
-            raise MissingColumnError(
-                f"'{data[has.index(True)].name}' has an {kind} {name} and '{data[has.index(False)].name}' has none; "
-                f"expected all logs to have it, or none: add it{', 0 on a level road' if name == 'bank' else ''}"
-            )
-    numbered = [part.with_channel(RECORDING, np.full(part.n_samples, float(k))) for k, part in enumerate(data)]
-    return join(*numbered, name=", ".join(dict.fromkeys(part.name for part in data)))
+def _linear(start: Any, own: tuple[str, ...], elsewhere: dict[str, float], train: Dataset) -> Fitted:
+    """The linear bicycle with its steering's offset; a gain of each recording's own starts ``elsewhere``, if it may."""
+    shared = tuple(n for n in (*STIFF, "steering_offset") if n not in own)
+    return fit(start.with_values(**elsewhere) if "steering_gain" in own else start, shared, train, own=own)
 
 
 def _climb(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from slipangle.data.dataset import Dataset, join
-from slipangle.errors import TooShortError
+from slipangle.errors import MissingColumnError, TooShortError
 from slipangle.identify.car.structures import RECORDING
 
 _SHORTEST = 4.0  # s, of a stretch that is worth a free run
@@ -61,6 +62,21 @@ def stretches(data: Dataset, slowest: float) -> Stretches:
         train=join(*(p for i, p in enumerate(pieces) if i not in held)),
         held_out=join(*(pieces[i] for i in sorted(held))),
     )
+
+
+def together(data: Dataset | Sequence[Dataset]) -> Dataset:
+    """Several logs as one whose samples know of which they are."""
+    if isinstance(data, Dataset):
+        return data
+    for name, kind in (("bank", "input"), ("v_y", "output"), ("a_y", "output")):
+        has = [name in (part.inputs if kind == "input" else part.outputs) for part in data]
+        if any(has) and not all(has):
+            raise MissingColumnError(
+                f"'{data[has.index(True)].name}' has an {kind} {name} and '{data[has.index(False)].name}' has none; "
+                f"expected all logs to have it, or none: add it{', 0 on a level road' if name == 'bank' else ''}"
+            )
+    numbered = [part.with_channel(RECORDING, np.full(part.n_samples, float(k))) for k, part in enumerate(data)]
+    return join(*numbered, name=", ".join(dict.fromkeys(part.name for part in data)))
 
 
 def driven(part: Dataset, slowest: float, least: int) -> list[Dataset]:
