@@ -22,7 +22,8 @@ import sys
 import numpy as np
 
 from slipangle.control.racing.pedals import Pedals
-from slipangle.control.racing.racer import NOISE, Racer
+from slipangle.control.racing.racer import Racer
+from slipangle.control.racing.sensing import NOISE
 from slipangle.data.public.registry import fetch
 from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack

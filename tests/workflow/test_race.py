@@ -13,7 +13,7 @@ import slipangle as sa
 from slipangle.cli import main
 from slipangle.codegen.compiler import compiler
 from slipangle.codegen.compiler import sentence as no_compiler
-from slipangle.control.racing.racer import NOISE
+from slipangle.control.racing.sensing import NOISE
 from slipangle.errors import ConfigError
 from slipangle.models.vehicles.catalogue import PASSENGER_TIRE
 from slipangle.models.vehicles.on_tires import peak_friction_along

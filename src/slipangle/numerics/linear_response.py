@@ -28,7 +28,7 @@ class LTI:
 
     @property
     def block(self) -> int:
-        """Samples per block."""
+        """Samples per block, a power of two."""
         wide = max(self.B.shape[1], self.C.shape[0])
         return 8 if wide > 8 else 16 if wide > 2 else 32
 

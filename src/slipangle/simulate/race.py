@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from slipangle.control.commands import Commands
-from slipangle.control.racing.racer import NOISE, Racer
+from slipangle.control.racing.racer import Racer
+from slipangle.control.racing.sensing import NOISE
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.errors import TooShortError
 from slipangle.optimal.lap.driven import DrivenLap, driven_laps

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from slipangle.control.racing.pedals import Pedals
-from slipangle.control.racing.racer import NOISE, Racer
+from slipangle.control.racing.racer import Racer
+from slipangle.control.racing.sensing import NOISE
 from slipangle.errors import ConfigError, ParameterError
 from slipangle.models.model import Model
 from slipangle.models.tires.simple import MagicCurve, SimpleMagicFormula

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from slipangle.control.racing.racer import NOISE
+from slipangle.control.racing.sensing import NOISE
 from slipangle.errors import ParameterError, nearest, shown
 from slipangle.workflow.entries import Seed, Weight, Within
 

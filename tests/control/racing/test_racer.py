@@ -11,7 +11,7 @@ from slipangle.codegen.compiler import compiler, sentence
 from slipangle.control.racing.gearbox import Gearbox
 from slipangle.control.racing.learning import Learned
 from slipangle.control.racing.planner import Planner
-from slipangle.control.racing.racer import NOISE
+from slipangle.control.racing.sensing import NOISE
 from slipangle.errors import ParameterError
 from slipangle.models.vehicles.catalogue import BMW_320I, PASSENGER_TIRE
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack

@@ -53,22 +53,23 @@ class AlongTrack(OdeModel):
         motion = rates(v_x, v_y, r, delta, F, car, a_y=held(v_x, r, car))
         pace = self.pace(n, chi, v_x, v_y, u[2])
         each = u[3] / self.dt
+        turning, *asked_for = self._steering(x, u)
         over_time = (
             v_x * sin(chi) + v_y * cos(chi),
             r - u[2] / pace,
             motion.v_x + u[6],
             motion.v_y,
             motion.r + u[7],
-            self._turning(x, u),
+            turning,
             (asked - F) / self._lag(asked),
             u[1],
-            *([u[0]] if len(self.states) > ASKED else []),
+            *asked_for,
         )
         return stack([each * pace * rate for rate in over_time])
 
-    def _turning(self, x: Vector, u: Vector) -> Scalar:
-        """Rate of the road-wheel angle. [rad/s]"""
-        return u[0]
+    def _steering(self, x: Vector, u: Vector) -> tuple[Scalar, ...]:
+        """Rate of the road-wheel angle, and of the angle that is asked for where that is another. [rad/s]"""
+        return (u[0],)
 
     def _lag(self, asked: Scalar) -> Scalar:
         """Time constant of the force, between those of braking and driving near none. [s]"""
@@ -95,8 +96,8 @@ class LateAlongTrack(AlongTrack):
     states = (*AlongTrack.states, "delta_asked")
     steering_lag: float
 
-    def _turning(self, x: Vector, u: Vector) -> Scalar:
-        return (x[ASKED] - x[5]) / self.steering_lag
+    def _steering(self, x: Vector, u: Vector) -> tuple[Scalar, ...]:
+        return (x[ASKED] - x[5]) / self.steering_lag, u[0]
 
 
 def along_track(steering_lag: float, **settings: Any) -> AlongTrack:

@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from slipangle.control.commands import HINDERED, STAY, Commands
-from slipangle.control.racing.along_track import LEAST
+from slipangle.control.racing.along_track import LateAlongTrack
 from slipangle.control.racing.learning import Learned
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.planner import Planner
 from slipangle.control.racing.sectors import Sectors
-from slipangle.control.racing.sensing import NOISE as NOISE
 from slipangle.control.racing.sensing import Sensing
 from slipangle.errors import ParameterError, SolverError
 from slipangle.optimal.lap.car import LapCar
@@ -140,7 +139,8 @@ class Racer(Brief):
         self.car, self.track, self.pedals = car, track, pedals
         self.share, self.grip_std, self.margin, self.sample, self.between = share, grip_std, margin, sample, between
         self._planner = Planner(car, track, pedals, dt=dt, horizon=horizon, steering_lag=steering_lag)
-        self._behind = math.exp(-sample / steering_lag) if steering_lag > LEAST else 0.0
+        late = isinstance(self._planner.mpc.model, LateAlongTrack)
+        self._behind = math.exp(-sample / steering_lag) if late else 0.0
         self.sensing = Sensing(car, grip_std=grip_std, noise=noise or {}, gate=gate, patience=patience, sample=sample)
         self.learned = Learned(track.length, grip_std)
         if lap is None:

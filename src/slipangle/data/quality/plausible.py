@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy import signal
 
-from slipangle.data.dataset import Dataset, join
+from slipangle.data.dataset import Dataset
 from slipangle.data.quality.inspect import resting
 
 _SLOW = 0.7  # Hz, below which a car nearly follows its steering
@@ -53,15 +55,12 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
         f"{'turns' if name == 'delta' else 'is steered'}: cut that out, or mend the sensor"
         for name, rows in stuck.items()
     ]
-    fast = [part for part in _without(data, stuck) if part.n_samples * part.dt > _SHORT_DRIVE]
+    fast, smooth, drives = _smoothed(_without(data, stuck), [n for n in data.names if n in _CHANNELS])
     if not fast:
         return tuple(said)
-    data = join(*fast)
-    smooth = {n: np.concatenate([_low_pass(p[n], p.dt) for p in fast]) for n in data.names if n in _CHANNELS}
     cornering, about_r = _cornering(fast, smooth, wheelbase)
     said += cornering
     if not about_r:
-        drives = np.repeat(np.arange(len(fast)), [part.n_samples for part in fast])
         speed = "" if _speed_agrees(smooth) else _SPEED
         about = (_steering(smooth, wheelbase, drives, speed), _sideways(smooth, wheelbase, drives))
         if all("wrong sign" in said for each in about for said in each or ("",)):
@@ -75,11 +74,10 @@ def kinematic_gain(data: Dataset, *, wheelbase: float) -> float:
 
     0 where r does not follow delta, up or down, or the drives are too short to tell. Channels and units as in `doubts`.
     """
-    parts = [part for part in data.experiments if part.n_samples * part.dt > _SHORT_DRIVE]
+    parts, smooth, drives = _smoothed(_without(data, _stuck(data)), ("delta", "v_x", "r"))
     if not parts or np.quantile(data["v_x"], 0.9) <= 0:
         return 0.0
-    smooth = {n: np.concatenate([_low_pass(p[n], p.dt) for p in parts]) for n in ("delta", "v_x", "r")}
-    gain, agree, _ = _asked(smooth, wheelbase, np.repeat(np.arange(len(parts)), [p.n_samples for p in parts]))
+    gain, agree, _ = _asked(smooth, wheelbase, drives)
     return gain / _SHARE if abs(agree) > _AGREE else 0.0
 
 
@@ -96,6 +94,15 @@ def _without(data: Dataset, stuck: dict[str, list[tuple[int, int]]]) -> list[Dat
         edges = np.flatnonzero(np.diff([1, *bad[first:last], 1]))
         parts += [part.rows(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
     return parts
+
+
+def _smoothed(
+    parts: Sequence[Dataset], names: Sequence[str]
+) -> tuple[list[Dataset], dict[str, np.ndarray], np.ndarray]:
+    """The drives that last long enough, their channels without what is fast, and the drive of each sample."""
+    fast = [part for part in parts if part.n_samples * part.dt > _SHORT_DRIVE]
+    smooth = {n: np.concatenate([_low_pass(p[n], p.dt) for p in fast]) for n in names} if fast else {}
+    return fast, smooth, np.repeat(np.arange(len(fast)), [part.n_samples for part in fast])
 
 
 def _low_pass(x: np.ndarray, dt: float) -> np.ndarray:

@@ -116,17 +116,19 @@ class StateSpace(LinearEstimator[StateSpaceModel]):
         """
         chosen = self._usable(data, choice.order)
         soon = growth(chosen.poles, data.n_longest)
-        if soon or growth(chosen.poles, data.n_samples):
-            longest = data.n_longest if soon else data.n_samples
-            most = 1.0 if soon else HOPELESS * min(c.error for c in choice.candidates)
-            for other in sorted(choice.candidates, key=lambda c: c.error):
-                order = int(other.orders.rpartition(" ")[2])
-                if order == choice.order or not (other.stable and other.error < min(most, 1.0)):
-                    continue
-                model = self._usable(data, order)
-                if not growth(model.poles, longest):
-                    table = sorted(choice.candidates, key=lambda c: c is not other)
-                    return replace(choice, order=order, candidates=tuple(table)), model
+        longest = data.n_longest if soon else data.n_samples
+        if not growth(chosen.poles, longest):
+            return choice, chosen
+        others = sorted(choice.candidates, key=lambda c: c.error)
+        most = 1.0 if soon else min(1.0, HOPELESS * min((c.error for c in others), default=1.0))
+        for other in others:
+            order = int(other.orders.rpartition(" ")[2])
+            if order == choice.order or not (other.stable and other.error < most):
+                continue
+            model = self._usable(data, order)
+            if not growth(model.poles, longest):
+                table = sorted(choice.candidates, key=lambda c: c is not other)
+                return replace(choice, order=order, candidates=tuple(table)), model
         return choice, chosen
 
     def _usable(self, data: Dataset, order: int) -> StateSpaceModel:

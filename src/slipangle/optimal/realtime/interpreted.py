@@ -585,7 +585,8 @@ class WorkArea(Engine):
             du, dx, e_after, promise = self._expand(m, x, G, L, step, multipliers)
             least = 1.5 * np.abs(promise.pi)
             missed = self._qp.missed(promise.limited, self._bounds) if price else 0.0
-            doubtful = missed > 1e-8 and part == 1.0 and (settled or price >= dearest)
+            paid = missed > 1e-8  # for limits that the step misses: no plan yet, however small what is left
+            doubtful = paid and part == 1.0 and (settled or price >= dearest)
             left = doubtful and self._qp.stays(m.limited[self._limit_at], promise.limited, self._bounds)
             stays = stays + 1 if left else 0
             if stays >= (1 if settled else STAYED):  # nothing brings the limits nearer
@@ -624,7 +625,7 @@ class WorkArea(Engine):
             self._qp.price(0.0)
             if not np.isfinite(there):
                 return u, x, replace(iterate, status=Status.NOT_FINITE)
-            if near and t < 1e-6 and whole <= ROUNDED and missed <= 1e-8:  # back to where this step began
+            if near and t < 1e-6 and whole <= ROUNDED and not paid:  # back to where this step began
                 self._k[:] = k
                 m = self._linearise(u, x, exact=True)
                 _, half, violation = self._merit(m, u, x, penalty, hard_penalty)
@@ -634,14 +635,13 @@ class WorkArea(Engine):
             if price:
                 violation = max(violation, self._qp.missed(m.limited[self._limit_at], self._bounds))
             iterate = Iterate(Status.ITERATION_LIMIT, before + count, 2 * half, violation, residual)
-            if missed > 1e-8 and (last or t < 1e-6):  # as near as this price brings it
+            if paid and (last or t < 1e-6):  # as near as this price brings it
                 if price >= dearest:
                     return u, x, replace(iterate, status=Status.INFEASIBLE)
                 price, priced, idle, least_step, settled = 100 * price, count, 0, np.inf, last
                 continue
             if last or t < 1e-6:
                 return u, x, replace(iterate, status=Status.SOLVED if last else Status.STALLED)
-            paid = missed > 1e-8  # for limits that were missed: no plan yet, however small what is left
             if residual <= accept and not paid and (loose or late or count == most):
                 return u, x, replace(iterate, status=Status.REAL_TIME)
             if late:

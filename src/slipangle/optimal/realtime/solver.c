@@ -940,6 +940,7 @@ static int converge(Work *s, int64_t most, int loose)
     double past[3] = {INFINITY, INFINITY, INFINITY}, cost, violation, least = INFINITY;
     int status = ITERATION_LIMIT, idle = 0;
     double price = 0, dearest = 0, miss = 0; /* miss: of limits by the step, at a price */
+    int paid = 0;                            /* for that: no plan yet, however small what is left */
     double whole = INFINITY;                 /* size of the last step, if near and taken so */
     memset(s->penalty, 0, sizeof s->penalty);
     s->curved = 0;
@@ -976,7 +977,8 @@ static int converge(Work *s, int64_t most, int loose)
             return done;
         s->curved = 1;
         miss = N_LIMITS > 0 && price > 0 ? largest_excess(s, s->l_after) : 0;
-        stays = miss > 1e-8 && whole_price && (settled || price >= dearest) && leaves_excess(s) ? stays + 1 : 0;
+        paid = miss > 1e-8;
+        stays = paid && whole_price && (settled || price >= dearest) && leaves_excess(s) ? stays + 1 : 0;
         if (stays >= (settled ? 1 : STAYED)) /* nothing brings the limits nearer */
             return INFEASIBLE;
         settled = 0, n++, s->iterations++, calm++;
@@ -997,7 +999,7 @@ static int converge(Work *s, int64_t most, int loose)
         for (;;) {
             if (!begins(s, LINEARISE)) {
                 status = step_late(s, t, allowed);
-                if (miss > 1e-8) { /* whatever it paid for that */
+                if (paid) {
                     s->violation = s->residual = INFINITY;
                     return TIME_OUT;
                 }
@@ -1020,17 +1022,16 @@ static int converge(Work *s, int64_t most, int loose)
         if (t < 1)
             s->residual = INFINITY;
         s->cost = 2 * cost, s->violation = price > 0 ? larger(violation, largest_excess(s, NULL)) : violation;
-        if (last && miss <= 1e-8) {
+        if (last && !paid) {
             s->residual = s->step;
             return SOLVED;
         }
-        if (last || (miss > 1e-8 && t < 1e-6)) { /* as near as this price brings it */
+        if (last || (paid && t < 1e-6)) { /* as near as this price brings it */
             if (price >= dearest)
                 return INFEASIBLE;
             price *= 100, priced = n, idle = 0, least = INFINITY, settled = last;
             continue;
         }
-        int paid = miss > 1e-8; /* for limits that were missed: no plan yet, however small what is left */
         if (loose && accepted(s) && !paid)
             return ITERATED;
         if (t < 1e-6)
@@ -1053,7 +1054,7 @@ static int converge(Work *s, int64_t most, int loose)
     }
     if (stays)
         return INFEASIBLE;
-    return accepted(s) && miss <= 1e-8 ? ITERATED : ITERATION_LIMIT;
+    return accepted(s) && !paid ? ITERATED : ITERATION_LIMIT;
 }
 
 /* Iterate from other inputs, and states that need not follow from them yet. */
