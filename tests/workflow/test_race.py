@@ -165,9 +165,10 @@ def test_tires_of_files_are_raced_with_the_car_s_own_power(tmp_path):
 
 
 @NEEDS_C
-@pytest.mark.parametrize(("plant", "lag"), [("", 0.12), ("bmw-320i", 0.0)])
-def test_the_car_s_own_steering_is_as_late_as_identified_and_the_racer_knows(monkeypatch, plant, lag):
-    model = Steered(SaturatingBicycle(params=SaturatingBicycleParams(**AXLES), dt=0.05), steering_lag=0.12)
+@pytest.mark.parametrize(("plant", "lag", "delay"), [("", 0.12, 0.04), ("bmw-320i", 0.0, 0.0)])
+def test_the_car_s_own_steering_is_as_late_as_identified_and_the_racer_knows(monkeypatch, plant, lag, delay):
+    car = Steered(SaturatingBicycle(params=SaturatingBicycleParams(**AXLES), dt=0.05), steering_lag=0.12)
+    model = sa.Delayed(car, delays={"delta": 0.04})
     made = []
     monkeypatch.setattr(race_module, "race_car", lambda real, track, **how: believed())
     monkeypatch.setattr(race_module, "optimum", lambda *of: first_lap())
@@ -176,6 +177,8 @@ def test_the_car_s_own_steering_is_as_late_as_identified_and_the_racer_knows(mon
     race_module.raced(settings, PlantSettings(), model, RACER, circuit(), 60, lambda share, what: None)
     racer, driven, _ = made[0]
     assert driven.lag.get("delta", 0.0) == lag
+    assert driven.delay.get("delta", 0.0) == delay
+    assert len(racer._actuators.coming) == round(delay / 0.01)
     assert ("delta_asked" in racer._planner.mpc.model.states) == (lag > 0)
 
 

@@ -92,10 +92,11 @@ def raced(
     fastest = optimum(believed, track, wanted.friction, points)
     progress(0.4, f"driving {wanted.laps} laps")
     how: dict[str, Any] = {name: getattr(wanted, name) for name in ("share", "grip_std", "margin")}
-    lag = Values() if wanted.plant else late(model, "steering_lag")
+    delay, lag = (Values() if wanted.plant else late(model, name) for name in ("delay_delta", "steering_lag"))
+    how["steering_delay"] = delay.get("delta", 0.0)
     how["steering_lag"] = real.params.steering.lag + lag.get("delta", 0.0)
     racer = Racer(believed, track, Pedals.of(real.params), noise=noise, **how)
-    plant = Plant(on_road(real, wanted.friction), noise=Values(**noise), lag=lag, seed=wanted.seed)
+    plant = Plant(on_road(real, wanted.friction), noise=Values(**noise), delay=delay, lag=lag, seed=wanted.seed)
     return Raced(race=race(racer, plant, wanted.laps), fastest=fastest, plant=said, settings=wanted)
 
 

@@ -6,16 +6,20 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import slipangle as sa
+from slipangle.control.racing.actuators import Actuators
 from slipangle.control.racing.along_track import AlongTrack, along_track
 from slipangle.control.racing.on_road import OnRoad, RacingCar
+from slipangle.control.racing.planner import Planner
+from slipangle.models.vehicles.catalogue import BMW_320I
 from slipangle.optimal.lap.car import held, rates
-from tests.optimal.lap.cars import RACER
+from tests.optimal.lap.cars import RACER, ring
 
 STAGE, BEND = 1.2, 0.02  # m, 1/m: stages of a circle to the left
 
 
 def driven(car, start, turn, rise, length, *, lag, beyond, steering_lag=0.0):
-    """The same drive over time in the plane: state of `AlongTrack` where the circle's arc length is reached."""
+    """The same drive over time in the plane: state of `AlongTrack` at the circle's arc length, and when it is there."""
     n, chi, *rest = start
     radius = 1.0 / BEND
     plane = [0.0, n, chi, *rest]
@@ -46,7 +50,7 @@ def driven(car, start, turn, rise, length, *, lag, beyond, steering_lag=0.0):
     found = solve_ivp(motion, (0.0, 2.0), plane, events=passed, rtol=1e-10, atol=1e-10)
     X, Y, psi, *rest = found.y_events[0][0]
     off = radius - np.hypot(X, radius - Y)
-    return np.array([off, psi - length / radius, *rest])
+    return np.array([off, psi - length / radius, *rest]), found.t_events[0][0]
 
 
 @pytest.mark.parametrize(("grip", "asked", "lag"), [(1.0, 2500.0, 0.2), (0.8, -2500.0, 0.1)])
@@ -58,7 +62,7 @@ def test_a_stage_is_the_car_on_its_way_along_the_track(grip, asked, lag):
     for _ in range(5):
         x = np.asarray(model.step(x, np.array(given)), dtype=float)
     car = replace(RACER, mu_f=grip * RACER.mu_f, mu_r=grip * RACER.mu_r)
-    other = driven(car, start, 0.3, -1000.0, 5 * STAGE, lag=lag, beyond=(0.4, -0.2))
+    other, _ = driven(car, start, 0.3, -1000.0, 5 * STAGE, lag=lag, beyond=(0.4, -0.2))
     assert x == pytest.approx(other, rel=2e-5, abs=2e-5)
 
 
@@ -69,9 +73,34 @@ def test_a_steering_that_is_late_follows_the_angle_that_is_asked_for():
     x = start
     for _ in range(5):
         x = np.asarray(model.step(x, given), dtype=float)
-    other = driven(RACER, start, 0.3, -1000.0, 5 * STAGE, lag=0.2, beyond=(0.4, -0.2), steering_lag=0.1)
+    other, _ = driven(RACER, start, 0.3, -1000.0, 5 * STAGE, lag=0.2, beyond=(0.4, -0.2), steering_lag=0.1)
     assert x == pytest.approx(other, rel=2e-5, abs=2e-5)
     assert along_track(0.02, params=RACER, dt=0.05).states == AlongTrack.states
+
+
+def test_a_plan_begins_where_the_car_is_behind_what_is_on_its_way():
+    pedals = replace(sa.Pedals.of(BMW_320I), lag=0.2, brake_lag=0.2)
+    planner = Planner(RACER, ring(1.0 / BEND), pedals, dt=0.05, horizon=4, steering_lag=0.1)
+    start = np.array([0.4, 0.02, 22.0, -0.3, 0.4, 0.05, 1500.0, 2500.0, 0.07])
+    coming = np.tile([0.3, -1000.0], (12, 1))
+    ahead, s = planner.ahead(start, 10.0, coming, 0.01, 0.8, {"d_v_x": 0.4, "d_r": -0.2})
+    car = replace(RACER, mu_f=0.8 * RACER.mu_f, mu_r=0.8 * RACER.mu_r)
+    other, t = driven(car, start, 0.3, -1000.0, s - 10.0, lag=0.2, beyond=(0.4, -0.2), steering_lag=0.1)
+    assert t == pytest.approx(0.12, rel=1e-3)
+    assert ahead == pytest.approx(other, rel=1e-3, abs=1e-4)
+    assert planner.ahead(start, 10.0, coming[:0], 0.01, 0.8, {})[1] == 10.0
+
+
+def test_what_is_asked_of_an_actuator_is_heard_after_its_delay():
+    pedals = sa.Pedals.of(BMW_320I)
+    acting = Actuators(RACER, pedals, delay=0.03, lag=0.1, sample=0.01)
+    pressed = [acting.ask(0.5, 4000.0, 20.0, 3000.0, 3) for _ in range(20)]
+    assert acting.asked == pytest.approx((0.1, 800.0))
+    assert acting.heard == pytest.approx((0.1 - 3 * 0.005, 800.0 - 3 * 40.0))
+    assert acting.coming == pytest.approx(np.tile([0.5, 4000.0], (3, 1)))
+    assert pressed[0] == pressed[2] == pedals.pressed(0.0, 20.0, 3000.0, 3)
+    assert pressed[3] == pedals.pressed(40.0, 20.0, 3000.0, 3)
+    assert acting.steered == pytest.approx(0.085 - 0.1 * 0.5 * (1 - np.exp(-1.7)), abs=3e-3)  # a ramp behind a lag
 
 
 @pytest.mark.parametrize(("asked", "lag"), [(2500.0, 0.2), (-2500.0, 0.1)])

@@ -48,9 +48,10 @@ def first_lap():
     return sa.fastest_lap(sure, circuit(), points=80, margin=MARGIN)
 
 
-def raced(racer, laps, friction=FRICTION, seed=1, lag=0.0):
+def raced(racer, laps, friction=FRICTION, seed=1, lag=0.0, delay=0.0):
     noise = sa.Values(**{name: NOISE[name] for name in SEEN})
-    plant = sa.Plant(car_on(friction), noise=noise, seed=seed, lag=sa.Values(delta=lag))
+    late = {"lag": sa.Values(delta=lag), "delay": sa.Values(delta=delay)}
+    plant = sa.Plant(car_on(friction), noise=noise, seed=seed, **late)
     lap = racer.lap
     X, Y, psi, v = (column[-2] for column in (lap.X, lap.Y, lap.psi, lap.v_x))
     x0 = plant.straight(v, X=X, Y=Y, psi=psi)
@@ -95,6 +96,17 @@ def test_a_steering_that_is_late_costs_no_time_where_it_is_known():
     assert run.inside
     assert times[0] == pytest.approx(clean_times[0], abs=0.06)  # 0.27 s longer where it is not known
     assert np.abs(run.e_y - clean.e_y[: len(run.e_y)]).max() < 0.5
+    assert not any(racer.sensing.outliers.values())
+
+
+def test_a_steering_with_a_dead_time_costs_no_time_where_it_is_known():
+    how = {"margin": MARGIN, "steering_delay": 0.08, "steering_lag": 0.06}
+    racer = sa.Racer(believed(), circuit(), PEDALS, lap=first_lap(), **how)
+    run, times = raced(racer, 1.2, delay=0.08, lag=0.06)
+    _, clean, clean_times = three_laps()
+    assert run.inside
+    assert times[0] == pytest.approx(clean_times[0], abs=0.06)  # 0.18 s longer where all of it counts as lag
+    assert np.abs(run.e_y - clean.e_y[: len(run.e_y)]).max() < 0.5  # else 1.9 m
     assert not any(racer.sensing.outliers.values())
 
 
@@ -266,6 +278,7 @@ def test_before_the_first_pose_it_waits():
         ({"share": 0.0}, "share is 0"),
         ({"dt": 0.033}, "whole multiple"),
         ({"steering_lag": -0.1}, "steering_lag is -0.1"),
+        ({"steering_delay": 5.0}, "steering_delay is 5"),
     ],
 )
 def test_a_race_that_cannot_be_driven_is_refused(changed, words):

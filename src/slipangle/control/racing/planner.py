@@ -138,6 +138,27 @@ class Planner:
         plan = self.mpc.plan(x, reference, previous)
         return plan if plan.age == 0 else self.mpc.plan(x, reference, self._as_before(wanted, plan))
 
+    def ahead(
+        self, x: np.ndarray, s: float, coming: np.ndarray, sample: float, grip: float, unexplained: Mapping[str, float]
+    ) -> tuple[np.ndarray, float]:
+        """State and arc length, as of `plan`, behind rates of steering and force that are on their way.
+
+        Parameters
+        ----------
+        coming : np.ndarray
+            Rates [rad/s, N/s], shape (n, 2), each for a ``sample``. [s]
+        """
+        model, car = self.mpc.model, self.car
+        x = x[: model.n_states]
+        for turn, rise in coming:
+            here = self.track.at(np.array([s]))
+            curvature = float(here.curvature[0])
+            way = sample / float(AlongTrack.pace(x[0], x[1], x[2], x[3], curvature))
+            given = [turn, rise, curvature, way, grip * car.mu_f, grip * car.mu_r]
+            x = model.step(x, np.array([*given, unexplained["d_v_x"], unexplained["d_r"]]))
+            s += way
+        return x, s
+
     def _within_reach(
         self, wanted: np.ndarray, nodes: np.ndarray, v_x: float, most: Callable[[np.ndarray, np.ndarray], np.ndarray]
     ) -> np.ndarray:

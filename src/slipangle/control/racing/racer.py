@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.control.commands import HINDERED, STAY, Commands
+from slipangle.control.racing.actuators import Actuators
 from slipangle.control.racing.along_track import LateAlongTrack
 from slipangle.control.racing.learning import Learned
 from slipangle.control.racing.pedals import Pedals
@@ -79,6 +80,9 @@ class Racer(Brief):
     steering_lag : float
         Time constant of the steering, from the angle that is asked for to that of the road wheels, such as
         ``params.steering.lag`` of a dual track; up to 0.02 s it counts as none. [s]
+    steering_delay : float
+        Dead time of the steering before that, rounded to ``sample``: plans begin where the car will be by then, and
+        pedals wait for as long. [s]
     sample, dt : float
         Between calls of `step`, and between plans, a multiple of it. [s]
     horizon : int
@@ -122,6 +126,7 @@ class Racer(Brief):
         gate: float | None = 6.0,
         patience: int = 25,
         steering_lag: float = 0.0,
+        steering_delay: float = 0.0,
         sample: float = 0.01,
         dt: float = 0.05,
         horizon: int = 40,
@@ -129,8 +134,8 @@ class Racer(Brief):
     ) -> None:
         if not track.closed:
             raise ParameterError(f"'{track.name}' is open; expected a closed track to race on")
-        ranges = ("share", share, 0.3, 1.0), ("grip_std", grip_std, 0.0, 0.5), ("steering_lag", steering_lag, 0.0, 1.0)
-        for name, value, low, high in ranges:
+        late = ("steering_lag", steering_lag, 0.0, 1.0), ("steering_delay", steering_delay, 0.0, 0.5)
+        for name, value, low, high in (("share", share, 0.3, 1.0), ("grip_std", grip_std, 0.0, 0.5), *late):
             if not low <= value <= high:
                 raise ParameterError(f"{name} is {value:g}; expected {low:g} to {high:g}")
         self._every = round(dt / sample)
@@ -139,8 +144,8 @@ class Racer(Brief):
         self.car, self.track, self.pedals = car, track, pedals
         self.share, self.grip_std, self.margin, self.sample, self.between = share, grip_std, margin, sample, between
         self._planner = Planner(car, track, pedals, dt=dt, horizon=horizon, steering_lag=steering_lag)
-        late = isinstance(self._planner.mpc.model, LateAlongTrack)
-        self._behind = math.exp(-sample / steering_lag) if late else 0.0
+        lag = steering_lag if isinstance(self._planner.mpc.model, LateAlongTrack) else 0.0
+        self._late = {"delay": steering_delay, "lag": lag}
         self.sensing = Sensing(car, grip_std=grip_std, noise=noise or {}, gate=gate, patience=patience, sample=sample)
         self.learned = Learned(track.length, grip_std)
         if lap is None:
@@ -161,7 +166,7 @@ class Racer(Brief):
         self.sensing.reset()
         self._plan: Plan | None = None
         self._tick, self._turns, self._s, self._begun = -1, 0, math.nan, math.nan
-        self._delta, self._steered, self._F, self._driving, self._braking = 0.0, 0.0, 0.0, 0.0, 0.0
+        self._actuators = Actuators(self.car, self.pedals, sample=self.sample, **self._late)
         self._gear = 1
         self._beyond = {"d_v_x": 0.0, "d_r": 0.0}
 
@@ -217,21 +222,24 @@ class Racer(Brief):
             Steering angle of the road wheels [rad], throttle and brake. [0 to 1]
         """
         self._tick += 1
-        if not self.sensing.take(measurements, {"delta": self._steered, "F_x": self._acting}, t):
+        acting = self._actuators
+        if not self.sensing.take(measurements, {"delta": acting.steered, "F_x": acting.force}, t):
             self._plan = None
             return self._waiting()
         x, (grip, grip_std) = self.sensing.known.state, self.sensing.grip
         s, e_y, heading = self.track.project(float(x[0]), float(x[1]), None if math.isnan(self._s) else self._s)
-        spin = SPIN if self._driving > 0.0 else 0.0
+        spin = SPIN if acting.driving > 0.0 else 0.0
         self._s, self._gear = s, int(self._gears((1.0 + spin) * x[3:4])[0])
         for name, value in zip(self._beyond, x[6:8].tolist(), strict=True):
             self._beyond[name] += self.sample / SETTLING * (value - self._beyond[name])
         self.sectors.see(s, t, self._beside(s, e_y))
         self._count_laps(s)
         if self._plan is None or self._tick % self._every == 0:
-            chi = math.remainder(float(x[2]) - heading, 2 * math.pi)
-            state = np.array([e_y, chi, x[3], x[4], x[5], self._steered, self._acting, self._F, self._delta])
-            self._plan = self._planner.plan(state, s, self.learned.here(grip), self._most, self._beyond, self._plan)
+            chi, here = math.remainder(float(x[2]) - heading, 2 * math.pi), self.learned.here(grip)
+            delta, F = acting.heard
+            state = np.array([e_y, chi, x[3], x[4], x[5], acting.steered, acting.force, F, delta])
+            state, then = self._planner.ahead(state, s, acting.coming, self.sample, here, self._beyond)
+            self._plan = self._planner.plan(state, then, here, self._most, self._beyond, self._plan)
         values = self._act(self._plan, float(x[3]), float(x[6]), (grip, grip_std))
         return Commands(
             values=values,
@@ -260,11 +268,6 @@ class Racer(Brief):
         lane = self.track.at(np.array([s]))
         return float(min(lane.left[0] - e_y, lane.right[0] + e_y)) - 0.5 * self.car.width
 
-    @property
-    def _acting(self) -> float:
-        """Force along the car that its pedals have led to by now. [N]"""
-        return self._driving + self._braking
-
     def _gears(self, v_x: np.ndarray) -> np.ndarray:
         """Gears at speeds that follow each other, shape (n,), from the one that the car is in on. [m/s]"""
         box = self.pedals.gearbox
@@ -276,28 +279,22 @@ class Racer(Brief):
 
     def _act(self, plan: Plan, v_x: float, unexplained: float, grip: tuple[float, float]) -> dict[str, float]:
         """Commands of a sample, and what the car does with them."""
-        car, dt = self.car, self.sample
+        car, dt, acting = self.car, self.sample, self._actuators
         turn, rise = (float(v) for v in plan.command)
         if plan.stopping:
-            turn, rise = 0.0, min(max((-STOP * car.weight - self._F) / dt, -car.force_rate * car.weight), 0.0)
-        self._delta = min(max(self._delta + dt * turn, -car.delta_max), car.delta_max)
-        self._steered = self._delta - self._behind * (self._delta - self._steered)
-        pedals, gear = self.pedals, self._gear
-        believed = float(pedals.most(v_x, gear))
+            turn = 0.0
+            rise = min(max((-STOP * car.weight - acting.asked[1]) / dt, -car.force_rate * car.weight), 0.0)
+        believed = float(self.pedals.most(v_x, self._gear))
         most = float(self.learned.most(self._s, believed))
-        self._F = min(max(self._F + dt * rise, -car.brake_force), most)
-        throttle, brake = pedals.pressed(self._F, v_x, most, gear)
-        driving, braking = pedals.forces(throttle, brake, v_x, most, gear)
-        self._driving += (driving - self._driving) * min(dt / max(pedals.lag, dt), 1.0)
-        self._braking += (braking - self._braking) * min(dt / max(pedals.brake_lag, dt), 1.0)
-        force = self._acting + car.mass * unexplained
+        throttle, brake = acting.ask(turn, rise, v_x, most, self._gear)
+        force = acting.force + car.mass * unexplained
         self.learned.see(self._s, force / max(believed, 1.0), throttle, grip, dt)
-        return {"delta": self._delta, "throttle": throttle, "brake": brake}
+        return {"delta": acting.asked[0], "throttle": throttle, "brake": brake}
 
     def _waiting(self) -> Commands:
         """Before the first pose."""
         nothing = np.zeros(self.sensing.filter.model.n_states)
-        values = {"delta": self._delta, "throttle": 0.0, "brake": 0.0}
+        values = {"delta": self._actuators.asked[0], "throttle": 0.0, "brake": 0.0}
         message = f"{HINDERED[3]}, {STAY}"
         more: dict[str, Any] = {"state": nothing, "state_std": np.full_like(nothing, np.inf)}
         return Commands(values=values, wanted_v_x=0.0, message=message, restarts=self.sensing.restarts, **more)
