@@ -143,7 +143,7 @@ def test_late_steering_is_late():
 
 def test_bad_trials():
     with pytest.raises(ParameterError, match="noise"):
-        trial(noise=Values(a_y=0.1))
+        trial(noise=Values(a_x=0.1))
     mpc = trial().controller
     with pytest.raises(ParameterError, match="no speed profile"):
         Trial(controller=mpc, path=replace(double_lane_change(15.0), v_x=None), bicycle=CAR)
@@ -153,19 +153,19 @@ def test_bad_trials():
         Trial(controller=short, path=double_lane_change(15.0), bicycle=CAR)
 
 
-NOISE = Values(X=0.02, Y=0.02, psi=1e-3, v_x=0.02, v_y=0.02, r=2e-3)
+NOISE = Values(X=0.02, Y=0.02, psi=1e-3, v_x=0.02, v_y=0.02, r=2e-3, a_y=0.1)
 
 
-def driven(v_x=20.0, *, relaxing=True):
+def driven(v_x=20.0, *, relaxing=True, outputs=("v_y", "r")):
     """A driver that knows the car, relaxation of its tires (34 ms) among it or not; its sensors are noisy."""
     known = {n: getattr(CAR, n) for n in ("mass", "inertia_z", "wheelbase", "l_f", "C_f", "C_r")}
     late = 0.19 * CAR.wheelbase
     params = SaturatingBicycleParams(**known, relaxation_f=late, relaxation_r=late)
-    model = RelaxingBicycle(params=params, dt=0.02, outputs=("v_y", "r"))
+    model = RelaxingBicycle(params=params, dt=0.02, outputs=outputs)
     if not relaxing:
-        model = Bicycle(params=CAR, dt=0.02, outputs=("v_y", "r"))
+        model = Bicycle(params=CAR, dt=0.02, outputs=outputs)
     path = double_lane_change(v_x)
-    told = {n: v for n, v in NOISE.items() if n != "v_x"}
+    told = {n: v for n, v in NOISE.items() if n in (*outputs, "X", "Y", "psi")}
     return Trial(controller=Driver(model, path, noise=told), path=path, bicycle=CAR, noise=NOISE)
 
 
@@ -176,6 +176,16 @@ def test_a_driver_sees_measurements_alone_and_each_car_is_driven_by_its_own():
     nominal = try_on(trial, [0], changes=np.zeros((1, len(NAMES))))
     assert nominal.column("inside").all()
     assert nominal.column("e_y")[0] < 0.04
+
+
+def test_a_driver_of_a_car_with_an_accelerometer_is_tried_too():
+    """An accelerometer in place of v_y is what most cars have; it must tell the filter what the car does."""
+    wanted = driven(outputs=("r", "a_y"))
+    nominal = try_on(wanted, [0], changes=np.zeros((1, len(NAMES))))
+    assert nominal.column("inside").all()
+    assert nominal.column("e_y")[0] < 0.04
+    deaf = replace(wanted, noise=Values(**dict(NOISE) | {"a_y": 1e3}))  # were it not read, noise would not matter
+    assert try_on(deaf, [0], changes=np.zeros((1, len(NAMES)))).column("e_y")[0] != nominal.column("e_y")[0]
 
 
 @pytest.mark.slow

@@ -78,7 +78,7 @@ class Trial:
         if self.built is not None and self.built.controls[0] != getattr(self.controller, "steering", None):
             raise ParameterError("the built driver is not the trial's; expected the driver of `controller`, built")
         model, controls = self.planner.model, tuple(self.planner.controls)
-        seen = ("X", "Y", "psi", "v_x", "v_y", "r")
+        seen = ("X", "Y", "psi", "v_x", "v_y", "r", "a_y")
         if controls != ("delta",):
             raise ParameterError(f"the controller decides {list(controls)}; expected delta alone: the speed is held")
         known = (*seen, *AHEAD) if self.planner is not self.controller else seen
@@ -260,7 +260,8 @@ class _Race:
         self.share = np.where(lag > 0, -np.expm1(-STEP / np.maximum(lag, 1e-9)), 1.0)
         self.actuator, self.past = np.zeros(n), np.zeros((int(self.late.max(initial=0)), n))
         self.seen = tuple(dict.fromkeys(("X", "Y", "psi", "v_x", *model.outputs)))
-        self.columns = [at(name) for name in self.seen]
+        self.columns = [at(name) for name in self.seen if name != "a_y"]
+        self.a_y = np.zeros(n)  # m/s2, in the plant's last step
         self.noise = np.array([trial.noise.get(n, 0.0) for n in self.seen]) * (1 + column["noise"])[:, None]
         self.rngs = [np.random.default_rng([trial.seed, k, 1]) for k in numbers]
         self.known = np.tile(self._first(), (n, 1))
@@ -282,7 +283,10 @@ class _Race:
         """Measure, plan and drive for one step of the controller."""
         with np.errstate(all="ignore"):
             draws = np.array([rng.standard_normal(len(self.seen)) for rng in self.rngs])
-            measured = self.x[:, self.columns] + self.noise * draws
+            true = self.x[:, self.columns]
+            if "a_y" in self.seen:
+                true = np.insert(true, self.seen.index("a_y"), self.a_y, axis=1)
+            measured = true + self.noise * draws
             if self.crew is not None:
                 command = self._steered(k, *self.crew.step(k * self.controller.dt, measured, ~self.over))
             elif self.drivers:
@@ -293,12 +297,18 @@ class _Race:
             self.inputs[:, list(self.controller.model.inputs).index("delta")] = command
             wanted = np.array([self.path.speed(s) for s in self.s])
             states = self.fleet.advance(self.x, self._acting(command), wanted)
+            self.a_y = self._sideways(states)
         self.x = states[-1]
         self.record.append(states[EVERY - 1 :: EVERY, :, self.pose])
         off = ~np.isfinite(self.x).all(axis=1)
         self.x[off] = 0.0  # a car that left the finite numbers is over
         self.record[-1][:, off] = np.nan
         self.over |= off
+
+    def _sideways(self, states: np.ndarray) -> np.ndarray:
+        """Lateral acceleration of every car in the last step, shape (n,), of states (rows, n, n_states). [m/s2]"""
+        v_y, v_x, r = (states[-2:, :, self.fleet.states.index(name)] for name in ("v_y", "v_x", "r"))
+        return np.nan_to_num((v_y[1] - v_y[0]) / STEP + (v_x[1] * r[1]))
 
     def _estimate(self, k: int, measured: np.ndarray) -> None:
         """Bring what the controllers know of their models' states to now, as `closed_loop` does."""
