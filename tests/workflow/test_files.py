@@ -65,7 +65,7 @@ def test_files_are_experiments_one_after_another(drives):
     assert logs.test.n_samples == 500
     assert logs.data.n_samples == logs.raw.n_samples == 2000
     assert np.all(np.diff(logs.data.t) > 0)
-    assert any(re.search(r"'day1.*' stands at t = 25.95 to", note) for note in logs.data.notes)
+    assert any(re.search(r"'day1.*' is at t = 25.95 to", note) for note in logs.data.notes)
     assert "unseen" in logs.test.name
     assert "day0" in logs.train.name
     one = read_logs(read_settings(job(drives, train='"day0.csv"', test="[]")))

@@ -205,7 +205,7 @@ def _laid_out(parts: Sequence[Dataset]) -> list[Dataset]:
         begin = float(placed[-1].t[-1]) + _APART
         times = tuple(t0 - part.start_times[0] + begin for t0 in part.start_times)
         moved = replace(part, start_times=times)
-        placed.append(moved.with_note(f"'{part.name}' stands at t = {begin:.6g} to {float(moved.t[-1]):.6g} s"))
+        placed.append(moved.with_note(f"'{part.name}' is at t = {begin:.6g} to {float(moved.t[-1]):.6g} s"))
     return placed
 
 

@@ -81,6 +81,15 @@ def test_no_spikes_where_there_are_none(x):
     assert found == []
 
 
+def test_corners_of_a_steering_between_slow_and_quick_are_no_spikes():
+    """Most of the samples move slowly, so that where it turns into a quick swing a corner stands out of the bulk."""
+    slope = np.tile(np.concatenate([np.full(388, -2e-5), np.full(12, 38.8e-4 / 6)]), 10)
+    x = np.cumsum(np.convolve(slope, np.hanning(7)[1:-1] / 3, "same"))
+    assert find_spikes(one(x), "delta") == ()
+    x[1000] += 0.05
+    assert [s.row for s in find_spikes(one(x), "delta")] == [1000]
+
+
 def test_spikes_do_not_reach_across_experiments():
     low, high = one(smooth(seed=1)), one(smooth(seed=2) + 50.0)
     assert find_spikes(join(low, high), "delta") == ()
@@ -335,7 +344,14 @@ def test_report_on_clipping_resolution_and_repeats():
     (repeats,) = inspect(one(held)).resolutions
     assert repeats.repeats == pytest.approx(0.75, abs=0.01)
     assert "about 25 Hz" in repeats.sentence
-    assert inspect(one(x)).resolutions == ()
+
+
+def test_a_rounded_channel_is_not_said_to_come_at_a_lower_rate():
+    """A wheel's angle in steps of 0.5 degrees, read between its samples, repeats where it moves slowly."""
+    x = np.round(np.rad2deg(smooth(corner=0.5)) * 15 / 0.5) * 0.5
+    x = np.interp(np.arange(4000) + 0.3 + 0.3 * np.sin(np.arange(4000)), np.arange(4000), x)  # so it has no levels
+    assert np.mean(np.diff(x) == 0) > 0.1
+    assert not any("new values" in r.sentence for r in inspect(one(np.deg2rad(x / 15))).resolutions)
 
 
 def test_report_on_excitation():

@@ -11,6 +11,7 @@ from slipangle import units
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError, UnitError
 
+_ALONE = 1.5  # of the largest step near by, which a spike exceeds: the summit of a steep signal does not
 _NORMAL_P99 = 2.5758  # 99 % of a normal law lies within this many standard deviations
 FASTEST: Mapping[str, float] = MappingProxyType({"speed": 15.0})
 """Largest believable change per second, by quantity, SI: no tire accelerates a car by more than about 1.5 g."""
@@ -88,7 +89,7 @@ def _median(x: np.ndarray, width: int) -> np.ndarray:
 
 
 def find_spikes(data: Dataset, channel: str, *, width: int = 5, threshold: float = 12.0) -> tuple[Spike, ...]:
-    """Samples that stand out from the median of their neighbourhood and are alone in it.
+    """Samples that stand out from the median of their neighbourhood, further than it moves itself, and are alone in it.
 
     At the very ends of a recording a spike cannot be told from a step and is not reported.
 
@@ -115,13 +116,16 @@ def find_spikes(data: Dataset, channel: str, *, width: int = 5, threshold: float
     limit = threshold * max(_spread(residual), floor)
     size = np.abs(residual)
     stands_out = np.asarray(size > limit)
+    steps = np.concatenate([np.append(np.abs(np.diff(part[channel])), 0.0) for part in data.experiments])
+    steps[stands_out | np.append(stands_out[1:], False)] = 0.0
     spikes, t = [], data.t
     edges = np.flatnonzero(np.diff(np.concatenate([[0], stands_out.astype(int), [0]])))
     for start, stop in edges.reshape(-1, 2).tolist():
         peak = start + int(np.argmax(size[start:stop]))
-        tall = np.flatnonzero(size[max(peak - 2 * width, 0) : peak + 2 * width + 1] > 0.3 * size[peak])
+        near = slice(max(peak - 2 * width, 0), peak + 2 * width + 1)
+        tall = np.flatnonzero(size[near] > 0.3 * size[peak])
         samples = int(tall[-1] - tall[0]) + 1
-        if samples <= width // 2:
+        if samples <= width // 2 and size[peak] > _ALONE * steps[near].max():
             at = {"row": peak, "t": float(t[peak]), "size": float(residual[peak])}
             spikes.append(Spike(channel=channel, samples=samples, unit=unit, **at))
     return tuple(spikes)

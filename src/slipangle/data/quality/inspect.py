@@ -21,6 +21,8 @@ _STANDING = 0.2  # of the highest speed
 _MOST = 0.99  # quantile that counts as the largest
 _FEW_LEVELS = 8  # a channel with no more levels is a switch, not clipped
 _MANY = 10  # events of one channel that are told one by one
+_ACROSS, _FASTEST = 0.25, 0.75  # s to either side that tell how fast a channel moves; quantile from which it is fast
+_AS_OFTEN = 0.7  # share of the repeats that are left there, from which it is held
 _HELD = 1.0  # a channel at rest for longer is worth a word [s]
 
 
@@ -340,12 +342,28 @@ def _resolution(data: Dataset, name: str) -> Resolution:
     """Quantisation (if the levels are evenly spaced and few) and repeated samples."""
     x = data[name]
     step = level_step(x)
-    parts = data.experiments
-    still = sum(int((np.diff(p[name]) == 0).sum()) for p in parts)
-    rests = sum(b - a - 1 for a, b in resting(data, name) if (b - a) * data.dt > 0.2)
-    pairs = max(sum(len(p) - 1 for p in parts) - rests, 1)
-    repeats = (still - rests) / pairs if _moves(x) and not step else 0.0
+    repeats = _repeats(data, name) if _moves(x) and not step else 0.0
     return Resolution(channel=name, step=step, repeats=repeats, unit=data.unit(name), rate=1 / data.dt)
+
+
+def _repeats(data: Dataset, name: str) -> float:
+    """Share of the samples that repeat the one before; 0 if they do so far less where the channel moves fastest.
+
+    There a sample that is held until the next one comes repeats as often as anywhere, one that is rounded does not.
+    """
+    half, still, moved = max(round(_ACROSS / data.dt), 3), list[np.ndarray](), list[np.ndarray]()
+    for part in data.experiments:
+        x = part[name]
+        if len(x) > 2 * half:
+            moved.append(np.abs(x[2 * half :] - x[: -2 * half]))
+            still.append(np.diff(x)[half - 1 : -half] == 0)
+    if not moved:
+        return 0.0
+    moves, same = np.concatenate(moved), np.concatenate(still)
+    rests = sum(b - a - 1 for a, b in resting(data, name) if (b - a) * data.dt > 0.2)
+    all_still = sum(int((np.diff(part[name]) == 0).sum()) for part in data.experiments)
+    share = (all_still - rests) / max(sum(len(part) - 1 for part in data.experiments) - rests, 1)
+    return share if np.mean(same[moves >= np.quantile(moves, _FASTEST)]) > _AS_OFTEN * share else 0.0
 
 
 def _excitation(data: Dataset, name: str) -> Excitation:
