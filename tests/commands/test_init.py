@@ -179,7 +179,13 @@ def test_a_survey_says_what_stands_out(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "heading", ["t,StWhl,VehV,YawRate", "Zeit,Lenkwinkel,v_veh,Gierrate", "time,StrWhlAng,VehSpd,wz"]
+    "heading",
+    [
+        "t,StWhl,VehV,YawRate",
+        "Zeit,Lenkwinkel,v_veh,Gierrate",
+        "time,StrWhlAng,VehSpd,wz",
+        "t,SteerWheelAngle,WheelBasedVehicleSpeed,YawRate",
+    ],
 )
 def test_channels_are_known_by_the_names_of_control_units(heading, tmp_path):
     path = tmp_path / "x.csv"
@@ -190,6 +196,38 @@ def test_channels_are_known_by_the_names_of_control_units(heading, tmp_path):
     assert {g.channel: g.column.source for g in survey(open_log(path)).guesses} == dict(
         zip(("delta", "v_x", "r"), names, strict=True)
     )
+
+
+def test_a_clock_that_shakes_is_written_into_the_job(tmp_path, capsys):
+    """Steps that vary by a third are refused unless asked for; the job that is written asks."""
+    t = MADE.t + 0.0012 * np.random.default_rng(3).uniform(-1, 1, len(MADE.t))
+    path = tmp_path / "shaky.csv"
+    np.savetxt(path, np.column_stack([t, *MADE[1:4]]), delimiter=",", header="t,delta,v_x,r", comments="", fmt="%.6f")
+    assert "jitter = 0.3" in said(capsys, "inspect", path)
+    said(capsys, "init", path, *CAR)
+    assert "jitter = 0.3  # GUESS" in path.with_suffix(".toml").read_text()
+    assert read_logs(read_settings(path.with_suffix(".toml"))).raw.n_samples == pytest.approx(6000, abs=2)
+    text = path.with_suffix(".toml").read_text()
+    path.with_suffix(".toml").write_text(text.replace("jitter = 0.3", "jitter = 0.1"))
+    assert "allow more with jitter" in said(capsys, "run", path.with_suffix(".toml"), code=2)
+
+
+def test_an_accelerometer_is_fitted_where_v_y_is_not_measured(tmp_path, capsys):
+    path = tmp_path / "x.csv"
+    table = np.column_stack([MADE.t, *MADE[1:4], MADE.v_x * MADE.r])
+    np.savetxt(path, table, delimiter=",", header="t,delta,v_x,r,a_y", comments="", fmt="%.6f")
+    said(capsys, "init", path, *CAR[2:])
+    assert tomllib.loads(path.with_suffix(".toml").read_text())["data"]["outputs"] == ["r", "a_y"]
+
+
+def test_a_speed_that_only_the_wheels_tell_is_asked_for_as_their_mean(tmp_path, capsys):
+    path = tmp_path / "x.csv"
+    head = "t,steer,yaw rate,WheelSpeedFL [km/h],WheelSpeedFR [km/h],WheelSpeedRL [km/h],WheelSpeedRR [km/h]"
+    table = np.column_stack([MADE.t, MADE.delta, MADE.r, *[3.6 * MADE.v_x] * 4])
+    np.savetxt(path, table, delimiter=",", header=head, comments="", fmt="%.6f")
+    wanted = "v_x = { derive = \"('WheelSpeedRL' + 'WheelSpeedRR') / 2\" }"
+    assert wanted in said(capsys, "inspect", path)
+    assert wanted in said(capsys, "init", path, code=2)
 
 
 # ---- the rest of the command line --------------------------------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from collections.abc import Callable
 from os.path import relpath
@@ -62,7 +63,7 @@ def _init(options: argparse.Namespace) -> Answer:
         names += f" and {more} more, told by slipangle inspect" if (more := len(found.channels) - 12) > 0 else ""
         raise ConfigError(
             f"'{log}' has no column that looks like {' or '.join(missing)} (columns: {names}); expected all of "
-            f"{', '.join(_NEEDED)}: say --channel {missing[0]}=HEADING"
+            f"{', '.join(_NEEDED)}: {where(missing, found)}"
         )
     text = job_text(log, out, found, list(guesses.values()), car, options.kind)
     write_atomic(out, text)
@@ -70,6 +71,18 @@ def _init(options: argparse.Namespace) -> Answer:
     known = {"file": str(out), "columns": {g.channel: g.line for g in guesses.values()}, "guesses": count}
     words = f"{out}: {count} lines are guesses, marked GUESS; check them, then: slipangle run {out}"
     return Answer(known, words)
+
+
+def where(missing: list[str], found: Survey) -> str:
+    """How to say where a channel is that was not found; a speed may be the mean of those of the wheels."""
+    said = f"say --channel {missing[0]}=HEADING"
+    wheels = [c.name for c in found.channels if re.search(r"wh(ee)?l.*(sp(ee)?d|vel)", c.name.lower()) and c.unit]
+    rear = [name for name in wheels if re.search(r"(?i)(r[lr]|rear.*)$", name)]
+    taken = rear if len(rear) > 1 else wheels
+    if missing[0] != "v_x" or len(taken) < 2:
+        return said
+    total = " + ".join(f"'{name}'" for name in taken[:4])
+    return f'{said}, or in a job v_x = {{ derive = "({total}) / {len(taken[:4])}" }}'
 
 
 def said_channel(text: str) -> Guess:
@@ -109,7 +122,8 @@ def job_text(
     near = _from(out.parent.resolve(), log.resolve())
     fastest = max((c.rate for c in found.channels), default=0.0)
     rate = max((r for r in _RATES if r <= 0.6 * fastest), default=None)
-    outputs = [n for n in ("r", "v_y") if any(g.channel == n for g in guesses)]
+    there = [n for n in ("r", "v_y", "a_y") if any(g.channel == n for g in guesses)]
+    outputs = [n for n in there if n != "a_y" or (kind == "car" and "v_y" not in there)]  # what that kind fits
     lines = [
         f"# A job for {log.name}, by 'slipangle init'. Lines with GUESS want a look; then: slipangle run {out.name}",
         f"title = {quoted(log.stem)}",

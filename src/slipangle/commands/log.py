@@ -64,6 +64,7 @@ def add(commands: Commands) -> None:
 
 
 def _inspect(options: argparse.Namespace) -> Answer:
+    from slipangle.commands.init import where
     from slipangle.data.quality.inspect import inspect
     from slipangle.data.quality.plausible import doubts
 
@@ -91,7 +92,7 @@ def _inspect(options: argparse.Namespace) -> Answer:
     found |= {"channels": [asdict(c) for c in seen.channels] if seen else []}
     found |= {"columns": {g.channel: g.line for g in seen.guesses} if seen else {}}
     unseen = [n for n in _CAR if n not in data] if seen and seen.guesses else []
-    lost = f"no column looks like {', '.join(unseen)}: name it with --channel {unseen[0]}=HEADING" if unseen else ""
+    lost = f"no column looks like {', '.join(unseen)}: {where(unseen, seen)}" if seen and unseen else ""
     told = (*seen.sentences, *filter(None, [lost]), "", "read so, the log says:") if seen else ()
     words = (*told, *(f"contradiction: {s}" for s in said), *report.sentences, *unchecked)
     return Answer(found, "\n".join(words), int(bool(said)))
@@ -127,7 +128,9 @@ def _log(options: argparse.Namespace) -> tuple[Survey | None, Dataset, float | N
     else:
         seen = survey(log)
         nan = "merge" if any(line.startswith("nan") for line, _ in seen.settings) else "gap"
-        data = read(options.file, seen.columns() or None, time=seen.time, nan=nan)
+        uneven = any(line.startswith("jitter") for line, _ in seen.settings)
+        how: dict[str, Any] = {"jitter": 1.0} if uneven else {}
+        data = read(options.file, seen.columns() or None, time=seen.time, nan=nan, **how)
     if data.inputs and data.outputs:
         return seen, data, wheelbase
     inputs = data.inputs or tuple(n for n in ("delta", "v_x") if n in data)

@@ -9,6 +9,9 @@ from scipy import interpolate, signal
 
 from slipangle.errors import NotFiniteError, SampleTimeError, TimeError, TooShortError
 
+_LOST = 1.5, 2.5  # sample times of a step in which one sample was lost
+_MOST_LOST = 0.1  # share of steps up to which they are such and not another rate
+_FEW = 2  # of five steps in a row: more of them are another rate
 _SUSTAINED = 5  # this many steps in a row at another rate are another rate, not gaps
 
 
@@ -123,6 +126,24 @@ def find_grid(
     return TimeGrid(dt=dt, pieces=pieces, start_times=tuple(float(t[a]) for a, _ in pieces), exact=exact, notes=notes)
 
 
+def lost(t: np.ndarray) -> np.ndarray:
+    """Rows after which a single sample is missing from stamps of one rate; none where they are too many for that. [s]
+
+    >>> lost(np.array([0.0, 0.1, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3]))
+    array([2])
+    """
+    steps = np.diff(t)
+    if len(steps) < 3 or not np.isfinite(steps).all() or steps.min() <= 0:
+        return np.zeros(0, dtype=int)
+    dt = float(np.median(steps))
+    long = steps > _LOST[0] * dt
+    few = np.convolve(long, np.ones(5), "same")[1:-1] <= _FEW
+    single = long[1:-1] & few & (steps[1:-1] < _LOST[1] * dt)
+    late = t[3:] - t[:-3] > 3.5 * dt  # not where the next step makes up for it
+    rows = np.flatnonzero(single & late) + 1
+    return rows if len(rows) <= _MOST_LOST * len(steps) else rows[:0]
+
+
 def _rising_steps(t: np.ndarray, row_name: Callable[[int], str], what: str) -> np.ndarray:
     if not np.isfinite(t).all():
         row = int(np.flatnonzero(~np.isfinite(t))[0])
@@ -224,8 +245,8 @@ def _jitter_note(
     if deviation[row] > jitter:
         raise TimeError(
             f"{what} mixes sample times: the step after {row_name(row)} (t = {t[row]:.6g} s) is {steps[row]:.4g} s, "
-            f"the others {dt:.4g} s; expected steps within {100 * jitter:g} % of each other: allow more with jitter=, "
-            "or repair the clock"
+            f"the others {dt:.4g} s; expected steps within {100 * jitter:g} % of each other: allow more with "
+            "jitter=, such as jitter=0.5, or repair the clock"
         )
     return (
         f"time steps vary by up to {100 * deviation[row]:.2g} % of {dt:.6g} s: interpolated linearly onto a "

@@ -189,6 +189,7 @@ def _read(file: Path, settings: Settings) -> Dataset:
         inputs=wanted.inputs,
         outputs=wanted.outputs,
         nan=wanted.nan,
+        jitter=wanted.jitter,
         filter=wanted.filter or None,
     )
 

@@ -102,6 +102,8 @@ class DataSettings:
         Whether an input's sample holds until the next one, or stands for the mean until then.
     nan : str
         Whether missing numbers are an error, cut the log, or belong to columns with rates of their own.
+    jitter : float
+        Largest variation of a time step, as a share of it, that is put back on an even clock. [-]
     filter : str
         A condition on channels and t, in SI units, such as "v_x > 5 and t < 200"; other rows are cut.
     train : float
@@ -128,6 +130,7 @@ class DataSettings:
     despike: tuple[str, ...] = ()
     hold: Literal["sample", "mean"] = "sample"
     nan: Literal["error", "gap", "merge"] = "error"
+    jitter: Annotated[float, Within(0.0, 1.0)] = 0.2
     filter: str = ""
     train: Annotated[float, Within(0.01, 0.99)] = 0.7
     start: Annotated[int, Within(1, 1_000_000, "samples")] | None = None

@@ -140,6 +140,19 @@ def test_experiment_column_splits(log):
 # ---- gaps --------------------------------------------------------------------------------------------------------
 
 
+def test_single_samples_that_a_logger_lost_do_not_cut_a_log_to_pieces(log):
+    """Some of a hundred rows are lost, as on a busy bus; what is cut on request, or missing for longer, is a gap."""
+    t = np.delete(0.01 * np.arange(1000), [*range(40, 900, 50), 500, 502, 801, 802, 803])
+    text = "t,r,v\n" + "".join(f"{x:.4f},{0.2 * x:.4f},{x % 1:.4f}\n" for x in t)
+    data = read_csv(log(text), ["r"])
+    assert len(data.experiments) == 2
+    assert data.dt == 0.01
+    np.testing.assert_allclose(data["r"], 0.2 * data.t, atol=1e-6)
+    assert any("20 single samples that were lost: filled in linearly" in note for note in data.notes)
+    cut = read_csv(log(text), ["r"], filter="t < 0.095 or t > 0.105")
+    assert len(cut.experiments) == 3
+
+
 def test_gaps_split_and_nothing_is_interpolated(log):
     rows = steady(60)
     kept = rows[:20] + rows[23:45] + rows[47:]

@@ -353,3 +353,13 @@ def test_stretches_leave_out_standstill_and_hold_out_every_fourth():
     cut = stretches(stopped, 2.0)
     assert cut.all["v_x"].min() > 2.0
     assert len(cut.held_out.experiments) == round(len(cut.all.experiments) / 4)
+
+
+def test_a_log_of_which_little_can_be_used_is_said_to_be():
+    data = drives()
+    rows = np.arange(data.n_samples)
+    pieces = [data.rows(int(a), int(a) + 60) for a in rows[:-400:60]]
+    found = identify_car(join(data.rows(data.n_samples - 400, data.n_samples), *pieces), **KNOWN)
+    assert found.sentences[0].startswith(
+        f"{100 * (1 - 400 / (400 + 60 * len(pieces))):.0f} % of the driving is in pieces"
+    )

@@ -20,6 +20,7 @@ from slipangle.data.readers.tables import DATE, ChannelTable
 from slipangle.errors import SlipangleError
 
 _GAP = 2.5  # usual steps without a sample
+_EVEN, _ONE_GAP = 0.2, 1.5  # share by which steps may vary unasked; usual steps from which they are gaps
 _HAND_WHEEL = 0.75  # rad that no road wheel of a car on a track reaches
 _RATIO = 15.0  # of a steering whose hand wheel is logged, if nobody says
 _SPARSE = 0.2  # share of empty cells from which a column has a rate of its own
@@ -48,6 +49,7 @@ _WORDS = {  # what a channel is called, by the standard name; the first that fit
     "v_x": (
         (
             "vx",
+            "wheelbasedvehiclespeed",
             "groundspeed",
             "vehiclespeed",
             "gpsspeed",
@@ -57,10 +59,7 @@ _WORDS = {  # what a channel is called, by the standard name; the first that fit
             "vehspd",
             "vehspeed",
             "vehv",
-            "velocityx",
-            "linearx",
-            "speed",
-            "velocity",
+            *("velocityx", "linearx", "speed", "velocity"),
             "geschwindigkeit",
         ),
         (
@@ -196,7 +195,7 @@ def survey(log: Recording) -> Survey:
     Raises SlipangleError if no clock of the log can be read.
     """
     time, settings, notes = _clock(log)
-    channels, values, asked = [], {}, set()
+    channels, values, asked, clock = [], {}, set(), None
     for name in log.names:
         topic, i = log.find(name)
         header = log.tables[topic].headers[i]
@@ -210,6 +209,7 @@ def survey(log: Recording) -> Survey:
         if len(signal.values) < 2:
             notes.append(f"{name} is empty")
             continue
+        clock = signal.t if clock is None else clock
         seen = _seen(name, signal.unit, signal.t, signal.values)
         channels.append(seen)
         values[name] = signal.values
@@ -218,6 +218,8 @@ def survey(log: Recording) -> Survey:
         if sparse > _SPARSE and not any(line.startswith("nan") for line, _ in settings) and not header.rate:
             why = f"{100 * sparse:.0f} % of the cells of {name} are empty: it comes at a rate of its own"
             settings.append(('nan = "merge"', why))
+    if clock is not None and not any(line.startswith("nan") for line, _ in settings):
+        settings += _uneven(clock)
     guesses = tuple(g for channel in _WORDS if (g := _guess(channel, channels, values, asked)) is not None)
     guesses = _signed(log, guesses, time, settings)
     return Survey(channels=tuple(channels), guesses=guesses, time=time, settings=tuple(settings), notes=tuple(notes))
@@ -275,6 +277,19 @@ def _clock(log: Recording) -> tuple[Column | None, list[tuple[str, str]], list[s
         entry = f"time = {{ column = {quoted(header.name)}{f', unit = {quoted(unit)}' if unit else ''} }}"
         return column, [(entry, why)], []
     return None, [], ["no column looks like time: give the sample time in s, as dt = 0.01"]
+
+
+def _uneven(t: np.ndarray) -> list[tuple[str, str]]:
+    """The job's entry for a clock whose steps vary by more than readers put up with unasked."""
+    steps = np.diff(t)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    if not usual > 0 or steps.min() <= 0:
+        return []
+    varies = float(np.abs(steps[steps < _ONE_GAP * usual] / usual - 1).max(initial=0.0))
+    if varies <= _EVEN:
+        return []
+    why = f"its steps vary by up to {100 * varies:.0f} % of {usual:.3g} s"
+    return [(f"jitter = {min(np.ceil(10 * varies + 0.5) / 10, 1.0):g}", why)]
 
 
 _COUNTS = (("s", 2.0), ("ms", 1e3), ("us", 1e6))  # steps below which stamps count so

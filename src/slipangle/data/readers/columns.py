@@ -10,7 +10,7 @@ import numpy as np
 
 from slipangle import units
 from slipangle.data.channels import STANDARD
-from slipangle.data.clock import find_grid
+from slipangle.data.clock import find_grid, lost
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.data.expression import Expression
 from slipangle.data.readers.column import Column
@@ -38,6 +38,7 @@ _SLOW = 2.0  # steps from here on are said, where no unit is named [s]
 _TOO_SLOW = 5.0  # and refused in a log of a drive, if they are whole numbers: they count milliseconds [s]
 _HOURS = 1e4  # and in any log [s]
 _DAYS = (5e5, 1e6, 1e-4)  # stamps that count days since the year 0 lie between these, and rise by less
+_USUAL = {"rad": "deg", "rad/s": "deg/s", "m/s": "km/h", "m/s2": "g"}  # what is logged in place of SI units
 _CHUNK = 1 << 16  # rows that are moved at once
 
 
@@ -81,10 +82,11 @@ def _column(table: ChannelTable, name: str, column: Column, assumed: list[str]) 
     values = column.converted(numbers, unit, standard.unit if standard else None, what)
     largest = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
     if guessed and standard and largest > standard.largest:
+        usual = _USUAL.get(standard.unit, "deg")
         raise UnitError(
             f"{what} names no unit and reaches {largest:.4g}; expected at most {standard.largest:.4g} "
-            f"{standard.unit}: name the unit, in the header as '{header.name} [deg]' or as Column('{header.name}', "
-            "'deg')"
+            f"{standard.unit}: name the unit, in the header as '{header.name} [{usual}]' or as "
+            f"Column('{header.name}', '{usual}')"
         )
     return values, units.si_unit(unit)
 
@@ -263,16 +265,22 @@ def _on_grids(
 
     ``rows`` are those of the table that stamps and values are of, ``borders`` where each experiment begins and ends.
     """
-    tables, starts, times, notes, count = [], [], [], [], 0
+    tables, starts, times, notes, count, filled = [], [], [], [], 0, 0
     for a, b in pairwise(borders):
-        own = stamps[a:b]
+        own, part, of = stamps[a:b], values[a:b], np.asarray(rows[a:b])
+        gone = lost(own)
+        gone = gone[of[gone + 1] == of[gone] + 1]  # in the file, and not cut on request
+        if len(gone):
+            own = np.insert(own, gone + 1, (own[gone] + own[gone + 1]) / 2)
+            part = np.insert(part, gone + 1, (part[gone] + part[gone + 1]) / 2, axis=0)
+            of, filled = np.insert(of, gone + 1, of[gone]), filled + len(gone)
         if len(own) == 1 and dt is not None and shortest <= 1:
-            piece, begins, clock = values[a:b], (0,), (float(own[0]),)
+            piece, begins, clock = part, (0,), (float(own[0]),)
         else:
             how = {"jitter": jitter, "shortest": shortest, "what": table.name}
-            grid = find_grid(own, dt=dt, row_name=lambda k, a=a: table.row_name(int(rows[a + k])), **how)
+            grid = find_grid(own, dt=dt, row_name=lambda k, of=of: table.row_name(int(of[k])), **how)
             dt = dt or grid.dt
-            piece, begins = grid.onto(own, values[a:b])
+            piece, begins = grid.onto(own, part)
             clock = grid.start_times
             notes += grid.notes
         tables.append(piece)
@@ -281,6 +289,8 @@ def _on_grids(
         count += len(piece)
     if dt is None or count < max(shortest, 1):
         raise TooShortError(f"{table.name} holds {count} samples; expected at least {shortest}: record longer")
+    if filled:
+        notes.append(f"{filled} single sample{'s that were' if filled > 1 else ' that was'} lost: filled in linearly")
     joined = tables[0] if len(tables) == 1 else np.vstack(tables)
     joined.setflags(write=False)  # it is nobody else's: a data set need not copy it
     return {"values": joined, "starts": starts, "start_times": times, "dt": dt, "notes": notes}

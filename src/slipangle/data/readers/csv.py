@@ -51,7 +51,8 @@ def read_csv(
         A condition on channels, columns and ``t`` in SI units, such as ``"v_x > 5 and t < 200"``: other rows are cut.
     jitter : float
         Largest variation of a time step, as a share of it (0.2 unless given), that is put back on the grid. Steps above
-        1.5 sample times are gaps: they split the log into experiments.
+        1.5 sample times are gaps: they split the log into experiments. Where rows of a file leave out a single sample
+        now and then, less than one in ten, it is filled in linearly, and a note says how many.
     shortest : int
         Experiments with fewer samples (2 unless given) are dropped, and a note says so.
     experiment : str, optional

@@ -194,7 +194,8 @@ class WholeCar(Checked):
         spread, limits, how = _limits(final, others)
         separated = sentences.separated(names, final, limits)
         told = sentences.sensors(final, spread, self.steering_gain)
-        wrong = (*suspect, *filter(None, [weight]), *told, *sentences.impossible(names, final, limits))
+        left = sentences.left_out(whole.unused)
+        wrong = (*left, *suspect, *filter(None, [weight]), *told, *sentences.impossible(names, final, limits))
         changed = [*sentences.changes(stages), *sentences.steering(names, final, spread, limits)]
         unknown = (
             *sentences.ridges(names, final, spread, limits, separated),

@@ -23,12 +23,23 @@ _LATE = 0.25  # s, of delay and lag together, that no steering has
 _STIFFEST = (3.0, 60.0)  # cornering stiffness over the axle's load, of any tire [1/rad]
 _HEAVIEST = (0.25, 2.5)  # yaw inertia over mass l_f l_r, of any car [-]
 _BELOW = 0.8  # friction found over friction used, up to which the car could not have driven so
+_LEFT_OUT = 0.4  # share of the driving from which it is said that it was not used
 _DEAF = 0.1  # share of the outputs' variance up to which nothing is explained
 
 
 def separated(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> dict[str, bool]:
     """Whether C_f, C_r and inertia_z have values of their own; ``limits`` has shape (n_names, 2)."""
     return {name: bool(np.ptp(limits[names.index(name)]) / 2 < _WIDE * abs(final.values[name])) for name in STIFF}
+
+
+def left_out(unused: float) -> list[str]:
+    """How much of the driving was left out, as a share, where that is much."""
+    if unused < _LEFT_OUT:
+        return []
+    return [
+        f"{100 * unused:.0f} % of the driving is in pieces too short to use, between gaps and halts; expected most "
+        'of it whole: close gaps of single samples (nan = "merge" joins columns by time), or record without'
+    ]
 
 
 def changes(stages: list[Stage]) -> list[str]:

@@ -23,6 +23,7 @@ class Stretches:
 
     train: Dataset
     held_out: Dataset
+    unused: float = 0.0  # share of the driving that is in pieces too short [-]
 
     @property
     def all(self) -> Dataset:
@@ -55,12 +56,14 @@ def stretches(data: Dataset, slowest: float) -> Stretches:
             f"'{data.name}' has {len(pieces)} stretch{'es' * (len(pieces) != 1)} of at least {_SHORTEST:g} s above "
             f"{slowest:.2g} m/s; expected two or more, one to fit and one to check: {fix}"
         )
+    fast = int(np.sum(data["v_x"] > slowest))
     order = np.argsort([float(piece["v_x"].mean()) for piece in pieces], kind="stable")
     every = min(_HELD, len(pieces))
     held = {int(i) for i in order[every // 2 :: every]}
     return Stretches(
         train=join(*(p for i, p in enumerate(pieces) if i not in held)),
         held_out=join(*(pieces[i] for i in sorted(held))),
+        unused=1 - total / fast,
     )
 
 
