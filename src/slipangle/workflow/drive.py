@@ -42,7 +42,7 @@ _PLANTS = {
     "sousa-table-6.1": (catalogue.SOUSA_TABLE_6_1, catalogue.SOUSA_TABLE_6_2),
     "sousa-table-6.10": (catalogue.SOUSA_TABLE_6_10, catalogue.SOUSA_TABLE_6_8),
 }
-NOISE = {"v_y": 0.02, "r": 0.002, "a_y": 0.1, "X": 0.02, "Y": 0.02, "psi": 0.001, "v_x": 0.02}
+NOISE = {"v_y": 0.02, "r": 0.002, "X": 0.02, "Y": 0.02, "psi": 0.001, "v_x": 0.02}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -40,6 +40,7 @@ from slipangle.workflow.drive import (
 from slipangle.workflow.settings import Settings
 from slipangle.workflow.tires import equivalent, plant_tires
 
+ACCELEROMETER = 0.1  # m/s2, standard deviation of its noise
 BATCH = 50  # cars side by side
 WORTH = 100  # cars from which on it pays to compile their driver
 
@@ -81,7 +82,7 @@ def trial_of(
         path=build_path(wanted),
         bicycle=bicycle,
         friction=friction,
-        noise=Values(**{**NOISE, **plant.noise}),
+        noise=Values(**{**NOISE, "a_y": ACCELEROMETER, **plant.noise}),
         delay=times[0].get("delta", 0.0),
         lag=0.0 if plant.catalogue else times[1].get("delta", 0.0),
         width=wanted.width,
