@@ -16,7 +16,7 @@ from slipangle.errors import (
     TooShortError,
 )
 from slipangle.identify.car.identify_car import identify_car
-from slipangle.identify.car.sentences import changes, impossible
+from slipangle.identify.car.sentences import bounds, changes, friction_reached, impossible
 from slipangle.identify.car.stretches import stretches
 from slipangle.identify.car.structures import STIFF, Stage, first_guess, fit
 from slipangle.models.storage import load as read
@@ -245,6 +245,18 @@ def test_values_that_no_car_has_are_doubted_only_where_their_whole_interval_is_s
     limits[at["C_f"], 1] = 3.1 * load
     limits[at["inertia_z"], 0] = 1.0
     assert impossible(final.names, final, limits) == []
+
+
+def test_the_friction_that_a_log_uses_is_not_that_of_v_x_r_in_a_swerve():
+    """In a quick swerve v_x r is half as much again as the tires' acceleration, which says what the log has used."""
+    steering = dict(delay=0.0, lag=0.02, gain=1.0, offset=0.0)
+    data = log(30.0, 0, amplitude=0.12, outputs=("v_y", "r", "a_y"), steering=steering).hold_mean()
+    used = np.quantile(np.abs(data["a_y"] / 1.08 - 0.4 * np.gradient(data["r"], DT)), 0.999) / 9.81
+    assert np.quantile(np.abs(data["v_x"] * data["r"]), 0.999) / 9.81 > 1.3 * used
+    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, banked=False).with_values(mu_f=0.9, mu_r=0.9)
+    final = fit(guess, (*STIFF, "mu_f", "mu_r"), data.select(outputs=OUTPUTS))
+    assert friction_reached(final) == pytest.approx(used, rel=0.05)
+    assert any(f"the log uses {friction_reached(final):.2g} at most" in said for said in bounds(final))
 
 
 def test_a_rear_that_holds_more_than_the_front_may_one_that_holds_less_is_drawn_up():
