@@ -230,6 +230,15 @@ def test_a_speed_that_only_the_wheels_tell_is_asked_for_as_their_mean(tmp_path, 
     assert wanted in said(capsys, "init", path, code=2)
 
 
+@pytest.mark.parametrize(("name", "unit"), [("SteerWheelAngle", "rad"), ("steer", "deg")])
+def test_a_hand_wheel_that_turns_by_two_is_logged_in_radians(name, unit, tmp_path):
+    path = tmp_path / "x.csv"
+    table = np.column_stack([MADE.t, 40 * MADE.delta, MADE.v_x, MADE.r])
+    np.savetxt(path, table, delimiter=",", header=f"t,{name},v_x,r", comments="", fmt="%.6f")
+    guess = next(g for g in survey(open_log(path)).guesses if g.channel == "delta")
+    assert guess.column.unit == unit
+
+
 # ---- the rest of the command line --------------------------------------------------------------------------------
 
 

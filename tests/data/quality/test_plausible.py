@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset, join
+from slipangle.data.quality.inspect import resting
 from slipangle.data.quality.plausible import doubts
 
 LENGTH = 2.7
@@ -59,6 +60,7 @@ PLANTED = {
     "km/h": (changed("v_x", lambda v: 3.6 * v), "km/h"),
     "offset of the yaw rate": (changed("r", lambda r: r + 0.2), "subtract it"),
     "hand wheel": (changed("delta", lambda d: 15 * d), "hand wheel"),
+    "radians": (changed("delta", np.deg2rad), "delta is logged in rad"),
     "deg/s": (changed("r", np.rad2deg), "deg/s"),
     "late": (changed("r", late), "behind a_y"),
     "stuck": (changed("r", stuck), "r is stuck"),
@@ -105,6 +107,20 @@ def test_a_yaw_rate_against_steering_and_v_y_is_the_one_that_is_wrong():
     alone = Dataset.from_arrays({n: data[n] for n in ("delta", "v_x")}, {"r": r, "v_y": v_y}, data.dt)
     (said,) = doubts(replace(alone, starts=data.starts, start_times=data.start_times), wheelbase=LENGTH)
     assert said.endswith("set sign = -1 for r")
+
+
+def test_a_speed_in_whole_km_h_is_not_stuck_but_one_that_goes_on_with_a_leap_is():
+    """A car's own bus tells whole km/h, ten times a second, which stay at one value for seconds."""
+    t = 0.02 * np.arange(6000)
+    v_x = 15.0 + 6.0 * np.sin(0.05 * t)
+    whole = np.interp(t, t[::5], np.round(3.6 * v_x[::5]) / 3.6)
+    data = without_a_y(clean()).with_channel("v_x", whole, "m/s")
+    data = data.with_channel("r", data["delta"] * v_x / LENGTH, "rad/s")
+    assert any(b - a > 60 for a, b in resting(data, "v_x"))
+    assert doubts(data, wheelbase=LENGTH) == ()
+    held = data["v_x"].copy()
+    held[3100:3300] = held[3100]
+    assert "v_x is stuck at one value" in doubts(data.with_channel("v_x", held, "m/s"), wheelbase=LENGTH)[0]
 
 
 def test_a_stuck_sensor_makes_up_no_other_mistake():

@@ -17,13 +17,18 @@ _SHARES = (
     (0.0, 0.024, "delta is logged in degrees: declare its unit as deg"),
     (0.024, 0.115, "delta is the angle of the hand wheel: give the steering ratio, about {ratio:.0f}"),
     (0.115, 0.36, "{speed}delta is a command: give steering_gain, about {gain:.2g}"),
-    (15.0, 120.0, "r is logged in deg/s: declare its unit as deg/s"),
+    (15.0, 120.0, "{wrong}"),
 )
+_IN_DEGREES = "r is logged in deg/s: declare its unit as deg/s"
+_IN_RADIANS = "delta is logged in rad, and was declared as deg: declare its unit as rad"  # where r turns as a car may
 _SHARE = 0.8  # of the truth, in the mean
 _SPEED = "v_x is logged in km/h: declare its unit as km/h, or "  # where no a_y says that it is right
 _SPEEDS = 0.2  # range of speeds over their mean, from which understeer and offsets show
 _MOVING = 0.3  # share of the steering's variance inside drives, from which they tell the gain by themselves
 _STUCK, _LATE = 1.0, 0.15  # s
+_DEAD = 10.0  # s at the end of a drive, for which a speed is not the same by chance
+_LEAP = 3.0  # usual steps of a speed, with more of which it goes on after it was stuck
+_SIDEWAYS = 15.0  # m/s2 of v_x r, from which r is not in rad/s
 _SHORT_DRIVE = 4.0  # s, up to which a drive tells nothing
 _AGREE = 0.4  # correlation of r wheelbase / v_x with delta, below which they tell nothing of each other
 _LEADS, _TIED = 0.5, 0.5  # wheelbases that a_y is ahead of r, and agreement from which their lag is told
@@ -179,9 +184,11 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
         ]
     if agree < _AGREE:
         return []
+    turns = float(np.quantile(np.abs(smooth["v_x"] * smooth["r"]), 0.99)) > _SIDEWAYS
+    wrong = _IN_DEGREES if turns else _IN_RADIANS
     return [
         f"r wheelbase / v_x is about {gain:.2g} of delta: "
-        f"{words.format(ratio=_SHARE / gain, gain=gain / _SHARE, speed=speed)}"
+        f"{words.format(ratio=_SHARE / gain, gain=gain / _SHARE, speed=speed, wrong=wrong)}"
         for low, high, words in _SHARES
         if low < gain <= high and (speeds or "command" not in words)
     ]
@@ -279,12 +286,22 @@ def _stuck(data: Dataset) -> dict[str, list[tuple[int, int]]]:
             (a, b)
             for a, b in resting(data, name)
             if (b - a - 1) * data.dt > _STUCK
-            and not (name == "v_x" and (a, b) in experiments)  # driven, or simulated, at one speed
+            and not (name == "v_x" and ((a, b) in experiments or not _leaps(data, a, b)))  # driven at one speed
             and np.ptp(data["delta"][a:b]) > steers
             and np.max(data["v_x"][a:b]) > fastest
         ]
         found |= {name: rows} if rows else {}
     return found
+
+
+def _leaps(data: Dataset, a: int, b: int) -> bool:
+    """Whether the speed goes on, after rows at one value, with more than a step of its resolution, or never does."""
+    v = data["v_x"]
+    if b in data.stops:
+        return (b - a) * data.dt > _DEAD
+    steps = np.abs(np.diff(v))
+    usual = float(np.median(steps[steps > 0])) if steps.any() else 0.0
+    return float(np.abs(v[b] - v[b - 1])) > _LEAP * usual
 
 
 def _swings(data: Dataset, a: int, b: int, slowest: float) -> float:

@@ -22,6 +22,8 @@ from slipangle.errors import SlipangleError
 _GAP = 2.5  # usual steps without a sample
 _EVEN, _ONE_GAP = 0.2, 1.5  # share by which steps may vary unasked; usual steps from which they are gaps
 _HAND_WHEEL = 0.75  # rad that no road wheel of a car on a track reaches
+_BY_HAND = re.compile("(?<!road)wheel|swa|lenkrad|stwhl|strwhl")  # names of the hand wheel, plain
+_TURNS = 10.0  # rad that it may turn and more degrees than it hardly does
 _RATIO = 15.0  # of a steering whose hand wheel is logged, if nobody says
 _SPARSE = 0.2  # share of empty cells from which a column has a rate of its own
 _AGAINST = -0.5  # correlation of delta v_x and r below which one has the wrong sign
@@ -343,7 +345,7 @@ def _with_unit(channel: str, one: Seen, known: bool, size: float) -> Guess:
     unit = None
     if not known:
         unit = {
-            "delta": "deg" if size > 1.6 else "rad",
+            "delta": "deg" if size > (_TURNS if _BY_HAND.search(_plain(one.name)) else 1.6) else "rad",
             "r": "deg/s" if size > 3 else "rad/s",
             "v_x": "km/h" if size > 60 else "m/s",
             "v_y": "km/h" if size > 60 else "m/s",
