@@ -8,6 +8,7 @@ import pytest
 
 from slipangle.cli import main
 from slipangle.data.dataset import Dataset
+from slipangle.errors import ConfigError
 from slipangle.models.vehicles.bicycle import Bicycle, BicycleParams
 from slipangle.workflow.log import read_logs
 from slipangle.workflow.settings import read_settings
@@ -70,6 +71,18 @@ def test_files_are_experiments_one_after_another(drives):
     assert "day0" in logs.train.name
     one = read_logs(read_settings(job(drives, train='"day0.csv"', test="[]")))
     assert (one.train.n_samples, one.test.n_samples) == (350, 150)
+
+
+def test_files_of_a_clock_that_is_off_a_little_or_of_other_rates_are_put_on_one(drives):
+    drive(drives, "off.csv", 0.0, 3, dt=0.0501)
+    drive(drives, "slow.csv", 0.0, 3, dt=0.1)
+    logs = read_logs(read_settings(job(drives, train='["day0.csv", "off.csv"]')))
+    assert logs.raw.dt == 0.05
+    assert logs.train.duration == pytest.approx(25 + 25.05, abs=0.2)
+    with pytest.raises(ConfigError, match="give \\[data\\] a rate"):
+        read_logs(read_settings(job(drives, train='["day0.csv", "slow.csv"]')))
+    logs = read_logs(read_settings(job(drives, train='["day0.csv", "slow.csv"]', data="rate = 10")))
+    assert logs.train.duration == pytest.approx(25 + 50, abs=0.3)
 
 
 def test_a_parameter_of_each_file_is_found(drives, tmp_path, capsys):

@@ -111,7 +111,7 @@ class ControllerSettings:
     a_x: Annotated[float, Within(0.1, 100, "m/s2")] = 2.0
     v_x: Annotated[float, Within(1, 150, "m/s")] = 20.0
     dt: Annotated[float, Within(1e-3, 1, "s")] = 0.05
-    width: Annotated[float, Within(0.5, 10, "m")] = 1.8
+    width: Annotated[float, Within(0.02, 10, "m")] = 1.8
     cars: Annotated[int, Within(0, 10_000)] = 200
     delta_max: Annotated[float, Within(0.1, 90, "deg")] = 20.0
     delta_rate_max: Annotated[float, Within(0.1, 1e4, "deg/s")] = 60.0

@@ -22,6 +22,7 @@ from slipangle.workflow.kinds import named_logs
 from slipangle.workflow.settings import Settings
 
 _FEWEST, _CELLS = 20, 5e8  # samples of the longest record after resampling, and numbers of all
+_SAME_CLOCK = 1.02  # largest over smallest sample time of files from one logger
 _APART = 1.0  # s between files on the time axis that they share
 _LONGEST_NAME = 80
 _CAR = {"mass", "wheelbase", "l_f"}  # parameters of those models of which it is known what is ordinary
@@ -73,7 +74,7 @@ def _others(settings: Settings, data: Dataset) -> dict[OtherLogs, Dataset]:
     for model in settings.model:
         for key, files in named_logs(model.entries).items():
             if files not in found:
-                parts = [_read(file, settings) for file in _found(files, settings)]
+                parts = _one_clock([_read(f, settings) for f in _found(files, settings)], settings.data.rate)
                 other = condition(_joined(parts), settings)
                 found[files] = other.select(inputs=data.inputs, outputs=data.outputs)
             other = found[files]
@@ -140,10 +141,11 @@ def _files(settings: Settings) -> tuple[Dataset, Dataset | None]:
     own = [file for file in _found(wanted.file, settings) if file not in apart]
     if not own:
         raise ConfigError("[data] names no file that is not a test file; expected some to identify from: add one")
-    first = _joined([_read(file, settings) for file in own])
+    parts = _one_clock([_read(file, settings) for file in (*own, *apart)], wanted.rate)
+    first = _joined(parts[: len(own)])
     if not apart:
         return first, None
-    return first, _laid_out([first, _joined([_read(file, settings) for file in apart])])[1]
+    return first, _laid_out([first, _joined(parts[len(own) :])])[1]
 
 
 def _found(names: Sequence[str], settings: Settings) -> list[Path]:
@@ -192,6 +194,20 @@ def _read(file: Path, settings: Settings) -> Dataset:
         jitter=wanted.jitter,
         filter=wanted.filter or None,
     )
+
+
+def _one_clock(parts: Sequence[Dataset], rate: float | None) -> list[Dataset]:
+    """Files at the sample time of the fastest: clocks of one logger differ a little, and a job's rate may ask for more.
+
+    Raises ConfigError if they are further apart and the job gives no rate.
+    """
+    fastest, slowest = min(parts, key=lambda part: part.dt), max(parts, key=lambda part: part.dt)
+    if rate is None and slowest.dt > _SAME_CLOCK * fastest.dt:
+        raise ConfigError(
+            f"'{fastest.name}' is sampled every {fastest.dt:g} s and '{slowest.name}' every {slowest.dt:g} s; expected "
+            "one sample time: give [data] a rate that all files are resampled to"
+        )
+    return [p if math.isclose(p.dt, fastest.dt, rel_tol=1e-6) else p.resample(fastest.dt) for p in parts]
 
 
 def _joined(parts: Sequence[Dataset]) -> Dataset:
