@@ -48,6 +48,21 @@ def test_a_steady_turn_is_that_of_the_changed_bicycle(stiffness_f, stiffness_r, 
     assert end["r"] == pytest.approx(end["v_x"] * 0.005 / (L + understeer * end["v_x"] ** 2), rel=0.01)
 
 
+@pytest.mark.parametrize(("scale", "v_x"), [(1.0, 15.0), (0.1, 4.0)])
+def test_a_car_a_tenth_as_long_answers_its_steering_as_quickly_for_its_size(scale, v_x):
+    """Tires relax within a share of the wheelbase; with those of a full car a small one swung and left every lane."""
+    small = BicycleParams(
+        **dict(mass=1500 * scale**3, inertia_z=2500 * scale**5, wheelbase=2.7 * scale, l_f=1.2 * scale),
+        **dict(C_f=9e4 * scale**3, C_r=1.1e5 * scale**3),
+    )
+    cars = Fleet(bicycle=small, friction=1.0, changes=np.zeros((1, len(NAMES))))
+    x = cars.straight(v_x, 0.0, 0.0, 0.0)
+    r = cars.advance(x, np.full((2000, 1), 0.005), np.array([v_x]))[:, 0, cars.states.index("r")]
+    late = 0.001 * float(np.argmax(r > 0.63 * r[-1]))
+    assert late < 0.16 * np.sqrt(scale)
+    assert r.max() < 1.3 * r[-1]
+
+
 @pytest.mark.parametrize("friction", [0.7, 1.0, 1.3])
 def test_the_largest_lateral_acceleration_is_the_friction(friction):
     cars = fleet(friction=friction)

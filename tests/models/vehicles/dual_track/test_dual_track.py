@@ -609,6 +609,23 @@ def test_varied_parameters_are_those_of_another_car():
         Kernel.build(car, varied=("mas",))
 
 
+@needs_compiler
+@pytest.mark.parametrize(("name", "value"), [("relaxation_y", 0.05), ("relaxation_x", 0.1), ("radius", 0.3)])
+def test_what_a_wheels_contact_reads_varies_too(name, value):
+    """In one car and in many: a kernel that kept the relaxation of the car it was built of made small cars swing."""
+    car = plant()
+    kernel, other = Kernel.build(car, varied=(name,)), plant(replace(SOUSA_CAR_7, **{name: value}))
+    u = np.tile([0.05, 0.3, 0.0], (500, 1))
+    x = car.straight(20.0)
+    x[AT["omega_fl"] : AT["omega_rr"] + 1] = other.straight(20.0)[AT["omega_fl"] : AT["omega_rr"] + 1]
+    wanted = other.kernel.run(x, u)
+    assert np.abs(wanted - car.kernel.run(x, u)).max() > 1e-3
+    table = np.column_stack([u, np.full(500, value)])
+    assert kernel.run(x, table) == pytest.approx(wanted, rel=1e-9, abs=1e-9)
+    many = kernel.run_many(np.tile(x, (9, 1)), np.tile(table[:, None], (1, 9, 1)))
+    assert many[1:][:, 8] == pytest.approx(wanted[1:], rel=1e-9, abs=1e-9)
+
+
 def test_without_a_compiler_the_model_runs_on(monkeypatch):
     monkeypatch.setenv("SLIPANGLE_CC", "none")
     car = plant()

@@ -22,6 +22,8 @@ FLAGS = ("-fno-math-errno", "-fno-trapping-math", "-ffp-contract=fast", "-fsched
 _N_PATCH, _N_CONTACT = len(Patch._fields), len(Contact._fields)
 _FRICTION = ("mu_fl", "mu_fr", "mu_rl", "mu_rr")
 """Names by which `Kernel.build` varies the friction under each wheel."""
+_OF_CONTACT = ("relaxation_x", "relaxation_y", "radius")
+"""Parameters that the contact of a wheel reads: where they vary, they come with its patch."""
 _Car = Any  # a DualTrack, whose file needs this one
 
 
@@ -40,15 +42,18 @@ def _parts(model: _Car, varied: Sequence[str]) -> _Parts:
     chosen = {name: u[model.n_inputs + i] for i, name in enumerate(varied)}
     car = _with(model, chosen)
     patches, angles = car.patches(x, u)
-    column = ca.vertcat(*[ca.SX(v) for field_ in zip(*patches, strict=True) for v in field_])
+    along = _of_contact(varied)
+    columns = [*zip(*patches, strict=True), *([chosen[name]] * 4 for name in along)]
+    column = ca.vertcat(*[ca.SX(v) for field_ in columns for v in field_])
     before = ca.Function("before", [x, u], [ca.cse(ca.densify(column)), ca.densify(ca.vertcat(*map(ca.SX, angles)))])
     wheels, p = [], model.params
     for i in range(4):
-        one = ca.SX.sym("patch", _N_PATCH)
+        one = ca.SX.sym("patch", _N_PATCH + len(along))
+        own = _with(model, {name: one[_N_PATCH + k] for k, name in enumerate(along)})
         patch = Patch(*[one[k] for k in range(_N_PATCH)])
         if not ((p.camber_f or p.camber_roll_f) if i < 2 else (p.camber_r or p.camber_roll_r)):
             patch = patch._replace(camber=0.0)
-        done = ca.vertcat(*map(ca.SX, model.contact(i, patch)))
+        done = ca.vertcat(*map(ca.SX, own.contact(i, patch)))
         wheels.append(ca.Function("wheel", [one], [ca.cse(ca.densify(done))]))
     loads, tires, carried = ca.SX.sym("loads", 4), ca.SX.sym("tires", 4 * _N_CONTACT), ca.SX.sym("angles", 4)
     contacts = [Contact(*[tires[4 * k + i] for k in range(_N_CONTACT)]) for i in range(4)]
@@ -56,6 +61,10 @@ def _parts(model: _Car, varied: Sequence[str]) -> _Parts:
     after = ca.Function("after", [x, u, start, loads, tires, carried], [ca.cse(ca.densify(rates))])
     finish = ca.Function("finish", [start, x, u], [ca.cse(ca.densify(car.finish(start, x, u)))])
     return _Parts(before, tuple(wheels), after, finish)
+
+
+def _of_contact(varied: Sequence[str]) -> tuple[str, ...]:
+    return tuple(name for name in varied if name in _OF_CONTACT)
 
 
 def _with(model: _Car, chosen: Mapping[str, ca.SX]) -> _Car:
@@ -127,20 +136,21 @@ def source(model: _Car, varied: Sequence[str] = ()) -> str:
         for g, members in enumerate(groups):
             lanes = [parts.wheels[i] for i in members]
             text.append(emit(lanes[0], f"wheel{g}_{t}", lane_type, lanes=lanes))
-        wheels = _four_wheels(parts, groups) if t == "d" else _wheel_by_wheel(parts, groups)
+        n_patch = _N_PATCH + len(_of_contact(varied))
+        wheels = (_four_wheels if t == "d" else _wheel_by_wheel)(parts, groups, n_patch)
         rates = f"rates_{t}({{x}}, u, start, {{k}})"
         method = explicit_step(model.method, rates, n=model.n_states, h=model.dt / model.substeps, out="y")
-        sizes = {"P": 4 * _N_PATCH, "C": 4 * _N_CONTACT, "load": 4 * Patch._fields.index("load")}
+        sizes = {"P": 4 * n_patch, "C": 4 * _N_CONTACT, "load": 4 * Patch._fields.index("load")}
         text.append(_STEP.format(t=t, T=T, n=model.n_states, wheels=wheels, method=method, **sizes))
     m = model.n_inputs + len(varied)
     text.append(_DRIVE.format(n=model.n_states, m=m, substeps=model.substeps, W=WIDE, T=f"v{WIDE}"))
     return "\n".join(text)
 
 
-def _four_wheels(parts: _Parts, groups: Sequence[Sequence[int]]) -> str:
+def _four_wheels(parts: _Parts, groups: Sequence[Sequence[int]], n_patch: int) -> str:
     """The wheels of one car as the lanes of a vector."""
-    lines = [f"    v4 p[{_N_PATCH}], f[{_N_CONTACT}];"]
-    lines.append(f"    for (int i = 0; i < {_N_PATCH}; i++) __builtin_memcpy(&p[i], patch + 4 * i, 32);")
+    lines = [f"    v4 p[{n_patch}], f[{_N_CONTACT}];"]
+    lines.append(f"    for (int i = 0; i < {n_patch}; i++) __builtin_memcpy(&p[i], patch + 4 * i, 32);")
     for g, members in enumerate(groups):
         table = differing_constants([parts.wheels[i] for i in members])
         full = np.zeros((len(table), 4))
@@ -152,16 +162,16 @@ def _four_wheels(parts: _Parts, groups: Sequence[Sequence[int]]) -> str:
     return "\n".join(lines)
 
 
-def _wheel_by_wheel(parts: _Parts, groups: Sequence[Sequence[int]]) -> str:
+def _wheel_by_wheel(parts: _Parts, groups: Sequence[Sequence[int]], n_patch: int) -> str:
     """One wheel of many cars after the other."""
     T = f"v{WIDE}"
-    lines = [f"    {T} p[{_N_PATCH}], f[{_N_CONTACT}];"]
+    lines = [f"    {T} p[{n_patch}], f[{_N_CONTACT}];"]
     for g, members in enumerate(groups):
         table = differing_constants([parts.wheels[i] for i in members])
         for column, w in enumerate(members):
             spread = np.repeat(table[:, column : column + 1], WIDE, axis=1)
             lines.append(_constants(f"lane{w}", T, spread))
-            lines.append(f"    for (int i = 0; i < {_N_PATCH}; i++) p[i] = patch[4 * i + {w}];")
+            lines.append(f"    for (int i = 0; i < {n_patch}; i++) p[i] = patch[4 * i + {w}];")
             lines.append(f"    wheel{g}_w(p, f, lane{w});")
             lines.append(f"    for (int i = 0; i < {_N_CONTACT}; i++) tires[4 * i + {w}] = f[i];")
     return "\n".join(lines)
