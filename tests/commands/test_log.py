@@ -105,6 +105,15 @@ def test_advise_takes_a_job_or_a_saved_model(folder, capsys):
     assert all("deviation of inertia_z" in line and "for 10 s" in line for line in of_inertia.splitlines())
 
 
+def test_advise_takes_a_whole_car_and_asks_for_what_it_is_made_of(folder, capsys):
+    """As the first pages show it; where a sensor sits, or how late it is, may well be nothing and is not asked for."""
+    more = f"mass = {PARAMS.mass}\nwheelbase = {PARAMS.wheelbase}\nl_f = {PARAMS.l_f}"
+    (folder / "car.toml").write_text(JOB.format(kind="car", more=more))
+    text = said(capsys, "advise", folder / "car.toml", "--best", "2")
+    assert text.startswith("drive ")
+    assert any(f"deviation of {name} " in text for name in ("C_f", "C_r", "inertia_z", "mu_f", "mu_r"))
+
+
 def test_what_cannot_be_done_is_refused_in_a_sentence(folder, capsys):
     log = folder / "log.csv"
     cases = {

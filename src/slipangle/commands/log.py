@@ -154,6 +154,7 @@ def _advise(options: argparse.Namespace) -> Answer:
 
 def _fitted(options: argparse.Namespace, bar: Bar) -> tuple[Model, Dataset]:
     """A model with its intervals, and what it was fitted to."""
+    from slipangle.identify.car.identify_car import WholeCar
     from slipangle.workflow.job import identify
     from slipangle.workflow.kinds import KINDS, Physics
 
@@ -163,8 +164,10 @@ def _fitted(options: argparse.Namespace, bar: Bar) -> tuple[Model, Dataset]:
     settings, logs = read_job(job)
     if not options.file.endswith(".toml"):
         return next(iter(load_models([options.file]).values())), logs.train
-    wanted = next((m for m in settings.model if isinstance(KINDS[m.kind], Physics)), None)
+    wanted = next((m for m in settings.model if isinstance(k := KINDS[m.kind], Physics) or k is WholeCar), None)
     if wanted is None:
-        raise ConfigError(f"no model of '{job}' has physical parameters; expected one such as kind = \"bicycle\"")
+        raise ConfigError(
+            f'no model of \'{job}\' has physical parameters; expected one such as kind = "car" or "bicycle"'
+        )
     bar(0.0, f"identifying {wanted.name}")
     return identify(wanted, logs), logs.train

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from slipangle.identify.physics.advise import ABOUT_ZERO
 from slipangle.models.model import FitInfo
 from slipangle.report.style import pretty_unit
 from slipangle.report.tables import Cell, Heading, Row, Table, Tone, published, to_digit
@@ -13,7 +14,6 @@ from slipangle.units import read_in
 
 _ALIKE = 0.95  # correlation from which two parameters can stand in for each other
 _WIDE = 0.2  # half of the interval over the value, from which it is said
-_ABOUT_ZERO = ("offset", "bias", "delay", "lag", "compliance")  # in names of parameters that may well be zero
 
 
 def parameter_table(
@@ -69,7 +69,7 @@ def parameter_table(
 
 def may_be_zero(name: str) -> bool:
     """Whether a parameter of that name may well be zero, so that an interval wider than its value is no fault."""
-    return any(m in name for m in _ABOUT_ZERO)
+    return any(m in name for m in ABOUT_ZERO)
 
 
 def undetermined(fit: FitInfo, k: int, half: float) -> bool:

@@ -27,6 +27,8 @@ _SIDEWAYS = 1.1  # largest lateral acceleration, and steering times speed square
 _ROBOT = 1.5  # how much better a manoeuvre that only a robot can steer must be than one that a driver can
 _HELPS = 0.7  # expected over present standard deviation, above which a manoeuvre is no advice
 
+ABOUT_ZERO = ("offset", "bias", "delay", "lag", "compliance", "lever", "relaxation")
+"""In names of parameters that may well be zero, so that an interval wider than the value is no fault."""
 Wave = Callable[[int, float], np.ndarray]
 
 
@@ -84,7 +86,8 @@ def advise(
     data : Dataset
         The data it was fitted on.
     parameter : str, optional
-        Which parameter to care about; by default the one with the largest relative standard deviation.
+        Which parameter to care about; by default the one with the largest relative standard deviation, of those that
+        may not well be zero, as offsets, delays and places of sensors may.
     duration : float
         Of each manoeuvre, at least 40 samples. [s]
     harder : float
@@ -123,7 +126,9 @@ def rank(
     known, loss = _information(found, std, problem)
     values = found.z[:k] * scale
     if parameter is None:
-        parameter = names[int(np.argmax(std[:k] / np.maximum(np.abs(values), 0.02 * scale)))]
+        asked = np.array([not any(part in name for part in ABOUT_ZERO) for name in names])
+        wide = std[:k] / np.maximum(np.abs(values), 0.02 * scale)
+        parameter = names[int(np.argmax(np.where(asked, wide, -1.0) if asked.any() else wide))]
     j = names.index(parameter)
     before = _deviations(known) * scale
     result = []
