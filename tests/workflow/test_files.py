@@ -73,7 +73,10 @@ def test_files_are_experiments_one_after_another(drives):
     assert (one.train.n_samples, one.test.n_samples) == (350, 150)
 
 
-def test_files_of_a_clock_that_is_off_a_little_or_of_other_rates_are_put_on_one(drives):
+def test_files_of_a_clock_that_is_off_a_little_or_of_other_rates_are_put_on_one(tmp_path):
+    drives = tmp_path
+    drive(drives, "day0.csv", 0.0, 0)
+    drive(drives, "unseen.csv", 0.0, 7)
     drive(drives, "off.csv", 0.0, 3, dt=0.0501)
     drive(drives, "slow.csv", 0.0, 3, dt=0.1)
     logs = read_logs(read_settings(job(drives, train='["day0.csv", "off.csv"]')))
@@ -83,6 +86,21 @@ def test_files_of_a_clock_that_is_off_a_little_or_of_other_rates_are_put_on_one(
         read_logs(read_settings(job(drives, train='["day0.csv", "slow.csv"]')))
     logs = read_logs(read_settings(job(drives, train='["day0.csv", "slow.csv"]', data="rate = 10")))
     assert logs.train.duration == pytest.approx(25 + 50, abs=0.3)
+
+
+def test_a_few_samples_behind_a_gap_do_not_keep_a_model_from_being_judged(tmp_path, capsys):
+    drives = tmp_path
+    for k in range(3):
+        drive(drives, f"day{k}.csv", 0.0, k)
+    drive(drives, "unseen.csv", 0.0, 7)
+    rows = (drives / "unseen.csv").read_text().splitlines()
+    (drives / "tail.csv").write_text("\n".join([*rows[:400], *rows[450:453]]) + "\n")
+    given = job(drives, test='"tail.csv"')
+    logs = read_logs(read_settings(given))
+    assert logs.test.n_samples == 399
+    assert any("1 piece between gaps of less than 1 s left out, 3 samples" in note for note in logs.test.notes)
+    assert main(["run", str(given), "--out", str(tmp_path / "out"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["free_run"]["r"]["fit"] > 50
 
 
 def test_a_parameter_of_each_file_is_found(drives, tmp_path, capsys):

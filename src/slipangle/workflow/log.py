@@ -22,6 +22,7 @@ from slipangle.workflow.kinds import named_logs
 from slipangle.workflow.settings import Settings
 
 _FEWEST, _CELLS = 20, 5e8  # samples of the longest record after resampling, and numbers of all
+_CRUMB, _MOST = 1.0, 0.8  # s of a piece that is left out, where so much of the log is whole
 _SAME_CLOCK = 1.02  # largest over smallest sample time of files from one logger
 _APART = 1.0  # s between files on the time axis that they share
 _LONGEST_NAME = 80
@@ -232,6 +233,19 @@ def _together(parts: Sequence[Dataset]) -> str:
     return said if len(said) <= _LONGEST_NAME else f"{names[0][:_LONGEST_NAME]} and {len(names) - 1} more"
 
 
+def _without_crumbs(data: Dataset) -> Dataset:
+    """Without the few samples that gaps leave here and there, from which no model can start, and a note of them."""
+    least = max(_FEWEST, round(_CRUMB / data.dt))
+    parts = data.experiments
+    whole = [part for part in parts if part.n_samples >= least]
+    kept = sum(part.n_samples for part in whole)
+    if len(whole) == len(parts) or kept < _MOST * data.n_samples:
+        return data
+    many = f"{len(parts) - len(whole)} piece{'s' * (len(parts) - len(whole) > 1)} between gaps"
+    note = f"{many} of less than {least * data.dt:.3g} s left out, {data.n_samples - kept} samples in all"
+    return replace(join(*whole, name=data.name), notes=(*data.notes, note))
+
+
 def condition(data: Dataset, settings: Settings) -> Dataset:
     """Despiked and resampled as asked; each step leaves a note."""
     for channel in settings.data.despike:
@@ -247,6 +261,7 @@ def condition(data: Dataset, settings: Settings) -> Dataset:
                 f"logged at {1 / data.dt:.4g} Hz"
             )
         data = data.resample(1 / rate, cutoff=settings.data.cutoff)
+    data = _without_crumbs(data)
     if "v_x" in data and "v_x_dot" not in data:
         data = with_speed_derivative(data)
     return data.hold_mean() if settings.data.hold == "mean" else data
