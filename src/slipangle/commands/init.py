@@ -63,7 +63,7 @@ def _init(options: argparse.Namespace) -> Answer:
         names += f" and {more} more, told by slipangle inspect" if (more := len(found.channels) - 12) > 0 else ""
         raise ConfigError(
             f"'{log}' has no column that looks like {' or '.join(missing)} (columns: {names}); expected all of "
-            f"{', '.join(_NEEDED)}: {where(missing, found)}"
+            f"{', '.join(_NEEDED)}: say {where(missing, found)}"
         )
     text = job_text(log, out, found, list(guesses.values()), car, options.kind)
     write_atomic(out, text)
@@ -75,7 +75,7 @@ def _init(options: argparse.Namespace) -> Answer:
 
 def where(missing: list[str], found: Survey) -> str:
     """How to say where a channel is that was not found; a speed may be the mean of those of the wheels."""
-    said = f"say --channel {missing[0]}=HEADING"
+    said = f"--channel {missing[0]}=HEADING"
     wheels = [c.name for c in found.channels if re.search(r"wh(ee)?l.*(sp(ee)?d|vel)", c.name.lower()) and c.unit]
     rear = [name for name in wheels if re.search(r"(?i)(r[lr]|rear.*)$", name)]
     taken = rear if len(rear) > 1 else wheels

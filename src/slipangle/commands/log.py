@@ -92,7 +92,7 @@ def _inspect(options: argparse.Namespace) -> Answer:
     found |= {"channels": [asdict(c) for c in seen.channels] if seen else []}
     found |= {"columns": {g.channel: g.line for g in seen.guesses} if seen else {}}
     unseen = [n for n in _CAR if n not in data] if seen and seen.guesses else []
-    lost = f"no column looks like {', '.join(unseen)}: {where(unseen, seen)}" if seen and unseen else ""
+    lost = f"no column looks like {', '.join(unseen)}: name it with {where(unseen, seen)}" if seen and unseen else ""
     told = (*seen.sentences, *filter(None, [lost]), "", "read so, the log says:") if seen else ()
     words = (*told, *(f"contradiction: {s}" for s in said), *report.sentences, *unchecked)
     return Answer(found, "\n".join(words), int(bool(said)))
