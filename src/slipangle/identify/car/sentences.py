@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 
 import numpy as np
 
+from slipangle.errors import ModelWarning
 from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Stage, friction_used, recordings, settling
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import Scalar
@@ -181,7 +183,9 @@ def friction_reached(final: Fitted) -> float:
     """
     found, data = [], final.problem.data
     for part, recording in zip(data.experiments, recordings(data), strict=True):
-        model = final.model_of(recording).with_values(lever_v_y=0.0).resampled(part.dt, outputs=("v_y",))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ModelWarning)  # an odd mass has been told of
+            model = final.model_of(recording).with_values(lever_v_y=0.0).resampled(part.dt, outputs=("v_y",))
         first = model.memory - 1
         inputs = part.select(inputs=model.inputs).u[first:]
         run = model.free_run(model.initial_state(part.rows(0, model.memory)), inputs)[:, 0]
