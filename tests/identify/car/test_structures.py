@@ -1,9 +1,14 @@
 """What a log may need beyond the linear bicycle is found from where poorer structures stood."""
 
+from dataclasses import replace
+from itertools import cycle
+
 import numpy as np
 import pytest
 
 from slipangle.data.dataset import Dataset, join
+from slipangle.identify.car import structures
+from slipangle.identify.car.sentences import unsettled
 from slipangle.identify.car.structures import STIFF, corrected, corrections, first_guess, fit
 from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle, SaturatingBicycleParams
 from slipangle.models.vehicles.steering import Steered
@@ -24,14 +29,50 @@ def drive(seed):
     return Dataset.from_arrays({"delta": u[:, 0], "v_x": u[:, 1]}, {"r": r}, DT)
 
 
+GUESS = first_guess(**KNOWN, dt=DT, outputs=("r",), gain=GAIN, banked=False)
+
+
+@pytest.fixture(scope="module")
+def driven():
+    return join(*map(drive, range(5))).hold_mean()
+
+
+@pytest.fixture(scope="module")
+def begun(driven):
+    return fit(GUESS, (*STIFF, "steering_offset"), driven)
+
+
+@pytest.mark.parametrize("harder", [0.1, 0.8, 5.0])
+def test_a_last_fit_ends_at_one_place_wherever_it_began(driven, begun, harder):
+    """Ended as soon as the weights moved by less than a fifth, it kept some of how hard the start drew to the prior."""
+    free = (*begun.free, "steering_gain", "delay_delta", "mu_f", "mu_r")
+    one = fit(begun.model.with_values(mu_f=0.9, mu_r=0.9), free, driven, begun, last=True)
+    elsewhere = begun.model.with_values(mu_f=0.8, mu_r=1.0, C_f=1.2 * begun.values["C_f"])
+    other = fit(elsewhere, free, driven, replace(begun, thinning=harder * begun.thinning), last=True)
+    assert one.settled
+    assert other.settled
+    slope = np.vstack([one.jacobian.reshape(-1, len(free)), one.pull]) * one.problem.scale**-1.0
+    apart = [other.values[name] - one.values[name] for name in one.names]
+    assert np.linalg.norm(slope @ apart) < 0.01
+    assert other.thinning == pytest.approx(one.thinning, rel=0.01)
+
+
+def test_a_fit_whose_weights_chase_each_other_is_said_not_to_have_settled(driven, begun, monkeypatch):
+    assert unsettled(fit(begun.model, begun.free, driven, begun, last=True)) == []
+    back_and_forth = cycle([2.0, 200.0])
+    monkeypatch.setattr(structures, "_thinning", lambda *_: next(back_and_forth))
+    found = fit(begun.model, begun.free, driven, begun, last=True)
+    assert not found.settled
+    assert [said.startswith("the last fit did not settle") for said in unsettled(found)] == [True]
+
+
 @pytest.mark.slow
-def test_a_lag_is_found_after_the_tires_were_taken_to_be_late():
+def test_a_lag_is_found_after_the_tires_were_taken_to_be_late(driven):
     """From no lag at all the search stayed there, and lost the correction that this car needs most."""
-    data = join(*map(drive, range(5))).hold_mean()
-    late, gain, saturates, _, relaxing = corrections(data, KNOWN["wheelbase"], ())
-    before = fit(first_guess(**KNOWN, dt=DT, outputs=("r",), gain=1.0, banked=False), (*STIFF, "steering_offset"), data)
+    late, gain, saturates, _, relaxing = corrections(driven, KNOWN["wheelbase"], ())
+    before = fit(GUESS.with_values(steering_gain=1.0), (*STIFF, "steering_offset"), driven)
     for correction in (saturates, relaxing, gain):
-        before = corrected(before, correction, data)
-    after = corrected(before, late, data)
+        before = corrected(before, correction, driven)
+    after = corrected(before, late, driven)
     assert after.values["steering_lag"] + after.values["delay_delta"] == pytest.approx(LAG, abs=0.005)
     assert after.sigma[0] < 0.97 * before.sigma[0]

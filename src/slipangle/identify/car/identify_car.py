@@ -188,7 +188,7 @@ class WholeCar(Checked):
             first = _linear(start, own or (), elsewhere, whole.train)
             tried = corrections(whole.train, self.wheelbase, own, elsewhere)
             best, stages, dropped = _climb(first, tried, whole.train, whole.held_out)
-            final = fit(best.model, best.free, whole.all, best, own=best.own)
+            final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
             others = _others(final, dropped, whole.all)
         names = final.names
         spread, limits, how = _limits(final, others)
@@ -202,6 +202,7 @@ class WholeCar(Checked):
             *sentences.elsewhere(final, others, limits),
             *sentences.between(final),
             *sentences.bounds(final),
+            *sentences.unsettled(final),
         )
         info = ProfileInfo(
             names=names,
@@ -378,8 +379,9 @@ def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[tup
     With a correction more, or other tires; with a centre of gravity elsewhere too, which is hard to tell from another
     place of the v_y sensor, if the data want it. Nothing counts all at once, so that no rounding decides an interval.
     """
-    at, known = errors(final, data), {"before": final, "own": final.own}
-    trials = [(corrected(final, correction, data), 1.0) for correction in dropped if not correction.own]
+    at = errors(final, data)
+    known: Any = {"before": final, "own": final.own, "last": True}
+    trials = [(corrected(final, correction, data, last=True), 1.0) for correction in dropped if not correction.own]
     if "lever_v_y" in final.free:
         moved = fit(final.model, (*final.free, "l_f"), data, **known)
         away = abs(moved.values["l_f"] - final.model.value("l_f")) / (ELSEWHERE * final.model.value("wheelbase"))

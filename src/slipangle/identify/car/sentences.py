@@ -259,6 +259,16 @@ def bounds(final: Fitted) -> list[str]:
     return said
 
 
+def unsettled(final: Fitted) -> list[str]:
+    """A last fit whose weights went on moving."""
+    if final.settled:
+        return []
+    return [
+        "the last fit did not settle: what its errors count and its parameters still moved each other when it was "
+        "ended, so other starts may end elsewhere; a longer log, or one with more steering, decides it"
+    ]
+
+
 def short(value: float) -> str:
     """Three digits of a number, thousands apart."""
     digits = max(0, 2 - int(np.floor(np.log10(abs(value))))) if value else 0

@@ -33,7 +33,9 @@ _WORTH = 0.05  # fall of the squared held-out error that is worth a correction b
 _HARM = 0.01  # rise of the squared held-out error that a correction may bring
 _SETTLES = 1.0  # s, until an initial state that was guessed is forgotten
 _SESSION = 28.0  # s of driving to fit to, mean of several recordings that may have offsets of their own; of 40 s about
-_ROUNDS, _COLOUR = 4, 400  # of weighing outputs and prior; lags of the residuals' autocorrelation
+_ROUNDS, _NEARLY = 4, (0.05, 0.2, np.inf)  # of weighing outputs and prior; moves of both, and of z, that end them
+_LAST_ROUNDS, _STILL = 30, (1e-3, 1e-3, 1e-3)  # the same of a last fit; z moves by standard deviations
+_COLOUR = 400  # lags of the residuals' autocorrelation
 
 
 Prior = Mapping[str, tuple[float, float, bool]]
@@ -148,6 +150,7 @@ class Fitted:
     sigma: np.ndarray  # (n_outputs,), standard deviation of the outputs' errors, SI units
     thinning: float  # samples per independent one
     pull: np.ndarray  # (n, n_names), rows that draw `z` to what is ordinary, as hard as `thinning` allows
+    settled: bool  # whether weights and parameters all but stayed where they were in the last round
 
     @property
     def values(self) -> dict[str, float]:
@@ -187,11 +190,13 @@ def fit(
     *,
     own: tuple[str, ...] = (),
     prior: Prior | None = None,
+    last: bool = False,
 ) -> Fitted:
     """Free-run fit from where the model stands, drawn to `ordinary` values as far as the data do not tell.
 
     ``before`` is an earlier fit, from which the outputs' errors and their colour are known, and the values of ``own``
-    parameters, one for each recording; ``prior`` takes the place of what is ordinary.
+    parameters, one for each recording; ``prior`` takes the place of what is ordinary. A ``last`` fit goes on until
+    neither weights nor parameters move: in one valley it ends at one place, wherever it began.
     """
     problem = FreeRunProblem(model, free, own, data, False, recordings(data))
     problem.sigma, thinning = (problem.sigma, 1.0) if before is None else (before.sigma, before.thinning)
@@ -202,25 +207,16 @@ def fit(
     found = {} if before is None else before.values
     at = [found.get(name, model.value(base)) for name, base in zip(problem.names, problem.base_names, strict=True)]
     z = np.where([name in free for name in problem.names], problem.start, np.array(at) / problem.scale)
-    z = np.clip(z, problem.lower, problem.upper)
-    for _ in range(_ROUNDS):
-        pull = _pull(prior, problem, thinning)
-        slope: Any = lambda z, pull=pull: np.vstack([problem.evaluate(z)[1][rows], pull(z)[1]])  # noqa: E731
-        solution = trust_region(
-            lambda z, pull=pull: np.concatenate([problem.evaluate(z)[0][rows], pull(z)[0]]),
-            z,
-            jac=slope,
-            bounds=(problem.lower, problem.upper),
-            xtol=1e-9,
-            ftol=_FLAT,
-            gtol=1e-12,
-            max_nfev=_ITERATIONS,
-        )
-        z, known = solution.x, (problem.sigma, thinning)
-        error = problem.evaluate(z)[0][rows].reshape(-1, ny)
+    z, settled = np.clip(z, problem.lower, problem.upper), False
+    rounds, still = (_LAST_ROUNDS, _STILL) if last else (_ROUNDS, _NEARLY)
+    for _ in range(rounds):
+        z, step = _search(problem, rows, _pull(prior, problem, thinning), z)
+        error, known = problem.evaluate(z)[0][rows].reshape(-1, ny), (problem.sigma, thinning)
         sigma, thinning = problem.sigma * np.std(error, axis=0), _thinning(error, stretch)
         problem.divide_by(np.maximum(sigma, 1e-12 * np.std(data.columns(model.outputs), axis=0)))
-        if np.abs(np.log(problem.sigma / known[0])).max() < 0.05 and abs(np.log(thinning / known[1])) < 0.2:
+        moved = np.abs(np.log(problem.sigma / known[0])).max(), abs(np.log(thinning / known[1])), step
+        settled = bool(np.less(moved, still).all())
+        if settled:
             break
     error, jacobian = problem.evaluate(z)
     values = np.clip(z * problem.scale, *problem.ranges)
@@ -236,7 +232,16 @@ def fit(
         sigma=problem.sigma,
         thinning=thinning,
         pull=_pull(prior, problem, thinning)(z)[1],
+        settled=settled,
     )
+
+
+def _search(problem: FreeRunProblem, rows: np.ndarray, pull: Pull, z: np.ndarray) -> tuple[np.ndarray, float]:
+    """Scaled unknowns of least squares under the present weights, and how many standard deviations they moved."""
+    error, slope = (lambda z, k=k: np.concatenate([problem.evaluate(z)[k][rows], pull(z)[k]]) for k in (0, 1))
+    how: Any = {"jac": slope, "bounds": (problem.lower, problem.upper), "max_nfev": _ITERATIONS}
+    solution = trust_region(error, z, xtol=1e-9, ftol=_FLAT, gtol=1e-12, **how)
+    return solution.x, float(np.linalg.norm(solution.jac @ (solution.x - z)))
 
 
 def _for_all(problem: FreeRunProblem, values: np.ndarray) -> dict[str, float]:
@@ -328,12 +333,12 @@ def _thinning(error: np.ndarray, stretch: np.ndarray) -> float:
     return most
 
 
-def corrected(before: Fitted, by: Correction, data: Dataset) -> Fitted:
+def corrected(before: Fitted, by: Correction, data: Dataset, *, last: bool = False) -> Fitted:
     """The structure with one correction more, fitted from where it stood."""
     own = (*before.own, *by.own)
     free = tuple(dict.fromkeys(n for n in (*before.free, *by.free) if n not in own))
     model = _steered(before.model) if by.steered else _relaxing(before.model) if by.relaxing else before.model
-    tried = [fit(model.with_values(**start), free, data, before, own=own) for start in by.starts]
+    tried = [fit(model.with_values(**start), free, data, before, own=own, last=last) for start in by.starts]
     return min(tried, key=lambda fitted: float(np.log(fitted.sigma).sum()))
 
 
