@@ -379,9 +379,8 @@ def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[tup
     With a correction more, or other tires; with a centre of gravity elsewhere too, which is hard to tell from another
     place of the v_y sensor, if the data want it. Nothing counts all at once, so that no rounding decides an interval.
     """
-    at = errors(final, data)
-    known: Any = {"before": final, "own": final.own, "last": True}
-    trials = [(corrected(final, correction, data, last=True), 1.0) for correction in dropped if not correction.own]
+    at, known = errors(final, data), {"before": final, "own": final.own}
+    trials = [(corrected(final, correction, data), 1.0) for correction in dropped if not correction.own]
     if "lever_v_y" in final.free:
         moved = fit(final.model, (*final.free, "l_f"), data, **known)
         away = abs(moved.values["l_f"] - final.model.value("l_f")) / (ELSEWHERE * final.model.value("wheelbase"))

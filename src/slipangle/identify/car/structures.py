@@ -333,12 +333,12 @@ def _thinning(error: np.ndarray, stretch: np.ndarray) -> float:
     return most
 
 
-def corrected(before: Fitted, by: Correction, data: Dataset, *, last: bool = False) -> Fitted:
+def corrected(before: Fitted, by: Correction, data: Dataset) -> Fitted:
     """The structure with one correction more, fitted from where it stood."""
     own = (*before.own, *by.own)
     free = tuple(dict.fromkeys(n for n in (*before.free, *by.free) if n not in own))
     model = _steered(before.model) if by.steered else _relaxing(before.model) if by.relaxing else before.model
-    tried = [fit(model.with_values(**start), free, data, before, own=own, last=last) for start in by.starts]
+    tried = [fit(model.with_values(**start), free, data, before, own=own) for start in by.starts]
     return min(tried, key=lambda fitted: float(np.log(fitted.sigma).sum()))
 
 
