@@ -260,12 +260,12 @@ def bounds(final: Fitted) -> list[str]:
 
 
 def unsettled(final: Fitted) -> list[str]:
-    """A last fit whose weights went on moving."""
+    """A last fit that was ended while it moved."""
     if final.settled:
         return []
     return [
-        "the last fit did not settle: what its errors count and its parameters still moved each other when it was "
-        "ended, so other starts may end elsewhere; a longer log, or one with more steering, decides it"
+        "the last fit did not settle: its weights and its parameters still moved each other when it was ended, so "
+        "other starts may end elsewhere; a longer log, or one with more steering, decides it"
     ]
 
 
