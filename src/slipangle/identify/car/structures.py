@@ -214,7 +214,7 @@ def fit(
         error, known = problem.evaluate(z)[0][rows].reshape(-1, ny), (problem.sigma, thinning)
         sigma, thinning = problem.sigma * np.std(error, axis=0), _thinning(error, stretch)
         problem.divide_by(np.maximum(sigma, 1e-12 * np.std(data.columns(model.outputs), axis=0)))
-        moved = np.abs(np.log(problem.sigma / known[0])).max(), abs(np.log(thinning / known[1])), step
+        moved = np.abs(np.log(problem.sigma / known[0])).max(), abs(np.log(thinning / known[1])), step / thinning**0.5
         settled = bool(np.less(moved, still).all())
         if settled:
             break
@@ -237,7 +237,7 @@ def fit(
 
 
 def _search(problem: FreeRunProblem, rows: np.ndarray, pull: Pull, z: np.ndarray) -> tuple[np.ndarray, float]:
-    """Scaled unknowns of least squares under the present weights, and how many standard deviations they moved."""
+    """Scaled unknowns of least squares under these weights, and their move in standard deviations of white errors."""
     error, slope = (lambda z, k=k: np.concatenate([problem.evaluate(z)[k][rows], pull(z)[k]]) for k in (0, 1))
     how: Any = {"jac": slope, "bounds": (problem.lower, problem.upper), "max_nfev": _ITERATIONS}
     solution = trust_region(error, z, xtol=1e-9, ftol=_FLAT, gtol=1e-12, **how)
