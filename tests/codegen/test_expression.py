@@ -169,6 +169,25 @@ def test_every_operation(kind):
 
 @needs_compiler
 @KINDS
+def test_conditions_of_conditions(kind):
+    """As numbers, as conditions, and of numbers that are none; between vectors they stay masks."""
+    a, b = np.random.default_rng(2).normal(size=(2, 640))
+    a[::7], b[::11] = np.nan, 0.0
+    z = ca.SX.sym("z", 2)
+    p, q = z[0], z[1]
+    both, either = ca.logic_and(p > 0, q <= 0), ca.logic_or(p > q, q != 0)
+    neither, odd = ca.logic_not(either), ca.logic_and(p > 0, q)
+    results = [ca.if_else(both, 2.0, q), ca.if_else(neither, q, 3.0), ca.if_else(odd, 1.0, q)]
+    function = ca.Function("f", [z], [ca.vertcat(*results, both + neither, 2 * (p < q), either, -(p == q))])
+    exact = np.asarray(function.map(len(a))(np.array([a, b])))
+    value = at_points(code_of({"f": function}, kind), "f", a, b, n_out=len(exact))
+    np.testing.assert_array_equal(value, exact)
+    chosen = ca.Function("f", [z], [ca.if_else(ca.logic_not(both), p, q)])
+    assert kind == "double" or "_true(" not in emit(chosen, "f", kind)
+
+
+@needs_compiler
+@KINDS
 def test_constants_reach_every_lane(kind):
     z = ca.SX.sym("z", 1)
     function = ca.Function("f", [z], [ca.vertcat(2.5, -0.0, np.inf, -np.inf, ca.fmin(z, -1.5), np.nan, z)])

@@ -32,6 +32,7 @@ _SIMPLE = {
     ca.OP_DIV: "{0} / {1}",
 }
 _COMPARE = {ca.OP_LT: "<", ca.OP_LE: "<=", ca.OP_EQ: "==", ca.OP_NE: "!="}
+_LOGIC = {ca.OP_AND: "{0} & {1}", ca.OP_OR: "{0} | {1}", ca.OP_NOT: "{prefix}unless({0})"}  # of masks
 _LIBRARY = {  # by their name in <math.h>
     getattr(ca, f"OP_{name.upper()}"): name
     for name in (
@@ -230,7 +231,7 @@ def emit(function: ca.Function, name: str, kind: str = "double", *, lanes: Seque
     arc: dict[str, str] = {}  # name of an arc tangent: its argument, for tan(atan(x))
     constant = varying = 0
     for code, inputs, outputs in stream.shape:
-        operands = [value[i] for i in inputs] if code not in (ca.OP_CONST, ca.OP_INPUT) else []
+        operands, mask = [value[i] for i in inputs] if code not in (ca.OP_CONST, ca.OP_INPUT) else [], ""
         if code == ca.OP_OUTPUT:
             wanted = _as_vectors(operands, kind, prefix)[0]
             lines.append(f"    o{outputs[0]}[{places[outputs[0]][outputs[1]]}] = {wanted};")
@@ -247,10 +248,11 @@ def emit(function: ca.Function, name: str, kind: str = "double", *, lanes: Seque
             value[outputs[0]] = arc[operands[0]] if code == ca.OP_TAN else operands[0]
             continue
         else:
-            text = _expression(code, operands, kind, prefix)
+            mask = _mask(code, operands, kind, prefix)
+            text = mask or _expression(code, operands, kind, prefix)
         if text not in known:
-            known[text] = f"a{len(known)}"
-            lines.append(f"    const {kind} {known[text]} = {text};")
+            known[text] = f"{'m' if mask else 'a'}{len(known)}"
+            lines.append(f"    const {_mask_of(kind) if mask else kind} {known[text]} = {text};")
         value[outputs[0]] = known[text]
         if code == ca.OP_ATAN:
             arc[known[text]] = operands[0]
@@ -260,12 +262,29 @@ def emit(function: ca.Function, name: str, kind: str = "double", *, lanes: Seque
     return "\n".join([*lines, *([f"    {' '.join(unused)}"] if unused else []), "}", ""])
 
 
+def _mask_of(kind: str) -> str:
+    return "I" if kind == "V" else f"{kind}i"
+
+
+def _mask(code: int, operands: Sequence[str], kind: str, prefix: str) -> str:
+    """A comparison of vectors, or what is made of such alone: lanes, which are a number only where one is asked for."""
+    if kind == "double":
+        return ""
+    if code in _COMPARE:
+        return f" {_COMPARE[code]} ".join(_as_vectors(operands, kind, prefix))
+    if code in _LOGIC and all(o.startswith("m") for o in operands):
+        return _LOGIC[code].format(*operands, prefix=prefix)
+    return ""
+
+
 def _expression(code: int, operands: Sequence[str], kind: str, prefix: str) -> str:
     """One operation; operators mix numbers and vectors by themselves."""
+    if code == ca.OP_IF_ELSE_ZERO and operands[0].startswith("m"):
+        return f"{prefix}where({operands[0]}, {_as_vectors(operands[1:], kind, prefix)[0]})"
+    vectors = _as_vectors(operands, kind, prefix)
     if code in _SIMPLE:
         mixed = any(o.startswith("a") for o in operands)
-        return _SIMPLE[code].format(*(operands if mixed else _as_vectors(operands, kind, prefix)))
-    vectors = _as_vectors(operands, kind, prefix)
+        return _SIMPLE[code].format(*(_as_numbers(operands, prefix) if mixed else vectors))
     if code in _COMPARE:
         return f"{prefix}true({vectors[0]} {_COMPARE[code]} {vectors[1]})"
     if code in _CALL:
@@ -275,8 +294,13 @@ def _expression(code: int, operands: Sequence[str], kind: str, prefix: str) -> s
     )
 
 
+def _as_numbers(operands: Sequence[str], prefix: str) -> list[str]:
+    return [f"{prefix}true({o})" if o.startswith("m") else o for o in operands]
+
+
 def _as_vectors(operands: Sequence[str], kind: str, prefix: str) -> list[str]:
-    return [o if kind == "double" or o.startswith("a") else f"{prefix}all({o})" for o in operands]
+    both = zip(operands, _as_numbers(operands, prefix), strict=True)
+    return [n if kind == "double" or o[0] in "am" else f"{prefix}all({n})" for o, n in both]
 
 
 def _number(value: float) -> str:

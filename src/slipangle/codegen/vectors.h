@@ -19,6 +19,7 @@ INLINE V v_pick(I mask, V a, V b) { return mask ? a : b; }
 INLINE V v_fabs(V a) { return fabs(a); }
 INLINE V v_copysign(V a, V b) { return copysign(a, b); }
 INLINE V v_true(I mask) { return mask ? 1.0 : 0.0; }
+INLINE V v_where(I mask, V a) { return mask ? a : 0.0; }
 INLINE V v_if(V condition, V a) { return condition != 0.0 ? a : 0.0; }
 INLINE int v_any(I mask) { return mask != 0; }
 #else
@@ -35,6 +36,7 @@ INLINE V v_pick(I mask, V a, V b) { return (V)((mask & (I)a) | (~mask & (I)b)); 
 INLINE V v_fabs(V a) { return (V)((I)a & INT64_MAX); }
 INLINE V v_copysign(V a, V b) { return (V)(((I)a & INT64_MAX) | ((I)b & INT64_MIN)); }
 INLINE V v_true(I mask) { return (V)(mask & (I)v_all(1.0)); }
+INLINE V v_where(I mask, V a) { return (V)(mask & (I)a); }
 INLINE V v_if(V condition, V a) { return (V)((condition != 0.0) & (I)a); }
 INLINE int v_any(I mask)
 {
