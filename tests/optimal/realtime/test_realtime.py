@@ -369,6 +369,15 @@ def test_the_source_takes_no_memory(steps):
     assert "return (long)sizeof(Work);" in code[code.index("long rt_size(void)") :]
 
 
+def test_vectors_are_half_as_wide_where_half_of_one_would_be_idle():
+    """Of implicit and of explicit steps; code that is called step by step has no vectors to fill."""
+    explicit = problem(ALL_MODELS["bicycle"], np.random.default_rng(0), 10)
+    for mpc in (car(10), explicit):
+        assert "#define HALF_IDLE" in source(mpc.ocp)
+        assert "#define HALF_IDLE" not in source(replace(mpc, horizon=14).ocp)
+    assert ['sched-pressure")' in source(mpc.ocp) for mpc in (car(10), explicit)] == [True, False]
+
+
 def test_weights_are_data():
     """Other weights compile nothing and count at once."""
     a, b = car(), car(Q=Weights(v_x=15.0, X=2.0, Y=25.0), S=Weights(delta=1e5, T_f=1e-4))

@@ -76,12 +76,14 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
     kinds = ["RADAU" if parts else "EXPLICIT" if plain is not None else "CALLED"]
     kinds.append("EXPLICIT" if stage_lanes is not None else "CALLED")
     head = [f"#define LANES {lanes}"] if lanes else []
-    head += ["#define HALF_IDLE"] if parts and _idle(ocp) else []
+    head += ["#define HALF_IDLE"] if kinds[0] != "CALLED" and _idle(ocp) else []
+    # Newton's steps gain a thirtieth where what is scheduled early still fits the registers; other code loses as much.
+    effort = "O1" if sum(map(len, code)) > LONG else "sched-pressure" if parts else ""
     return "\n".join(
         [
             "/* Generated from one optimal control problem. */",
             "" if caller else clock(),
-            '#pragma GCC optimize("O1")' if sum(map(len, code)) > LONG else "",
+            f'#pragma GCC optimize("{effort}")' if effort else "",
             *head,
             _casadi_code(called) if called else "",
             preamble("V"),
