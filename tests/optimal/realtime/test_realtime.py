@@ -378,6 +378,14 @@ def test_vectors_are_half_as_wide_where_half_of_one_would_be_idle():
     assert ['sched-pressure")' in source(mpc.ocp) for mpc in (car(10), explicit)] == [True, False]
 
 
+def test_times_of_both_parts_are_that_of_the_whole():
+    mpc = car(4)
+    assert [plan for *_, plan in drive(mpc, steps=3)][-1].status is Status.REAL_TIME
+    spent = mpc.engine.timing
+    assert min(spent.prepare, spent.feedback) > 0
+    assert spent.total == pytest.approx(spent.prepare + spent.feedback, rel=1e-9)
+
+
 def test_weights_are_data():
     """Other weights compile nothing and count at once."""
     a, b = car(), car(Q=Weights(v_x=15.0, X=2.0, Y=25.0), S=Weights(delta=1e5, T_f=1e-4))

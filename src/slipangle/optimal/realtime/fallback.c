@@ -74,7 +74,7 @@ int rt_fallback(Work *s, int later, int stopping, int known)
     memcpy(s->x_from, s->x, sizeof s->x);
     memcpy(s->k_from, s->k, sizeof s->k);
     for (int j = 0; j < NU; j++)
-        s->applied[j] = fmin(fmax(s->applied[j], INPUT_LOW[j]), INPUT_HIGH[j]);
+        s->applied[j] = smaller(larger(s->applied[j], INPUT_LOW[j]), INPUT_HIGH[j]);
     inputs_after(s->way_u, later, s->u);
     for (int a = 0; stopping && a < N * NU; a++)
         s->u[a] = s->safe[a % NU] + s->relaxing[a / NU] * (s->applied[a % NU] - s->safe[a % NU]);

@@ -17,7 +17,7 @@ int rt_again(Work *s)
     double size = 0;
     for (int j = 0; j < NU; j++) {
         size += s->applied[j] * s->applied[j];
-        s->applied[j] = fmin(fmax(s->applied[j], INPUT_LOW[j]), INPUT_HIGH[j]);
+        s->applied[j] = smaller(larger(s->applied[j], INPUT_LOW[j]), INPUT_HIGH[j]);
     }
     if (!(good && size <= ANY_INPUT * ANY_INPUT))
         return DOUBTFUL;

@@ -135,7 +135,7 @@ static int qp_factor(Qp *q)
     const double *H = (const double *)q->H;
     double *U = (double *)q->U, *L = (double *)q->L, *part = q->cancel, *part_next = q->xi, top = 0;
     for (int j = 0; j < Q_N; j++)
-        top = fmax(top, H[j * QL + j]);
+        top = larger(H[j * QL + j], top);
     for (int j = 0; j < Q_N; j += 2) {
         int two = j + 1 < Q_N;
         const double *from = j ? U : H, *old = from + j * QL, *old_next = two ? old + QL : old;
@@ -315,15 +315,15 @@ static double qp_residual(Qp *q)
     worst /= size;
     for (int i = 0; i < Q_N + Q_R + Q_D; i++) {
         double v = row_value(q, i, q->u), l = q->lambda[i];
-        double over = fmax(v - q->hi[i], q->lo[i] - v), paid = 0;
+        double over = larger(v - q->hi[i], q->lo[i] - v), paid = 0;
         if (l != 0) {
             double e = l > 0 ? v - q->hi[i] : q->lo[i] - v, m = fabs(l);
             if (m > q->plain[i] && q->square[i] > 0)
                 paid = (m - q->plain[i]) / q->square[i];
             if (m < q->plain[i] || q->square[i] > 0 || e < 0) /* else it may be exceeded by any amount */
-                worst = fmax(worst, fabs(e - paid) / (1 + fabs(l > 0 ? q->hi[i] : q->lo[i]) + fabs(v)));
+                worst = larger(fabs(e - paid) / (1 + fabs(l > 0 ? q->hi[i] : q->lo[i]) + fabs(v)), worst);
         } else if (over > 0 && !(q->plain[i] <= 0 && q->square[i] <= 0))
-            worst = fmax(worst, over / (1 + fabs(v)));
+            worst = larger(over / (1 + fabs(v)), worst);
         if (!(worst < INFINITY))
             return INFINITY;
     }
@@ -337,7 +337,7 @@ static double working_residual(Qp *q)
         if (q->mode[i] != SPENT)
             q->lambda[i] = 0;
     for (int a = 0; a < q->k; a++)
-        q->lambda[q->row[a]] = q->sign[a] * fmax(q->lam[a], 0);
+        q->lambda[q->row[a]] = q->sign[a] * larger(q->lam[a], 0);
     return qp_residual(q);
 }
 
@@ -387,7 +387,7 @@ static int settle(Qp *q)
         for (int b = 0; b < q->k; b++) {
             int i = q->row[b];
             double low = q->mode[i] == PAID ? q->plain[i] : 0, high = q->mode[i] == KEPT ? q->plain[i] : INFINITY;
-            double e = fmax(low - q->lam[b], q->lam[b] - high);
+            double e = larger(low - q->lam[b], q->lam[b] - high);
             if (e > worst)
                 worst = e, a = b, to = q->lam[b] > high ? PAID : q->mode[i] == PAID && q->plain[i] > 0 ? KEPT : FREE;
         }
@@ -417,7 +417,7 @@ static int contradicts(Qp *q, int p, double sign, double limit)
     } else
         for (int a = 0; a < q->k; a++)
             if (!(q->plain[q->row[a]] < INFINITY))
-                top = fmax(top, q->lam[a]);
+                top = larger(q->lam[a], top);
     for (int a = 0; a < q->k; a++) {
         int i = q->row[a];
         double y = p >= 0 ? -q->rhs[a] : q->lam[a] / top;
@@ -460,7 +460,7 @@ static int bring(Qp *q, int p, double sign, int back)
             miss -= (lam - plain) / square;
             rate += 1 / square;
         }
-        double full = rate > q->dependent * own ? fmax(miss, 0) / rate : INFINITY, t = full;
+        double full = rate > q->dependent * own ? larger(miss, 0) / rate : INFINITY, t = full;
         int blocks = -1, itself = 0;
         for (int a = 0; a < q->k; a++) {
             int i = q->row[a];
@@ -472,7 +472,7 @@ static int bring(Qp *q, int p, double sign, int back)
             else if (d > 0 && q->mode[i] == KEPT)
                 to = (q->plain[i] - q->lam[a]) / d;
             if (to < t)
-                t = fmax(to, 0), blocks = a;
+                t = larger(to, 0), blocks = a;
         }
         double own_end = way < 0 ? lam : mode == KEPT ? plain - lam : INFINITY;
         if (own_end < t)

@@ -25,8 +25,8 @@ static void keep_between_edges(Work *s)
         double right = s->corridor[2 * i], left = s->corridor[2 * i + 1], low = HALF_WIDTH - right, high = left - HALF_WIDTH;
         if (low > high)
             low = high = fabs(left) < INFINITY && fabs(right) < INFINITY ? 0.5 * (left - right) : 0;
-        s->bounds[(i * NL + EDGES) * 2] = fmax(EDGE_LOW, low);
-        s->bounds[(i * NL + EDGES) * 2 + 1] = fmin(EDGE_HIGH, high);
+        s->bounds[(i * NL + EDGES) * 2] = larger(low, EDGE_LOW);
+        s->bounds[(i * NL + EDGES) * 2 + 1] = smaller(high, EDGE_HIGH);
     }
 }
 #endif
@@ -143,7 +143,7 @@ static void remember(Work *s)
     double size = 0;
     for (int a = 0; a < N * NU; a++) {
         step[a] = (s->u[a] - s->u_from[a]) / SCALE[a % NU];
-        size = fmax(size, fabs(step[a]));
+        size = larger(fabs(step[a]), size);
     }
     s->pairs += size > 0;
 }
@@ -256,7 +256,7 @@ static int condense(Work *s, int learn)
         secant(s, H, s->pair_s + k * QL, s->pair_y + k * QL);
     double top = 0;
     for (int a = 0; a < N * NU; a++)
-        top = fmax(top, H[a * QL + a]);
+        top = larger(H[a * QL + a], top);
     if (!(top < INFINITY))
         return 0;
     if (s->damp > 0)
@@ -397,23 +397,23 @@ static double merit(const Work *s, double *cost, double *violation)
     for (int row = 0; row < N_LIMITS; row++) {
         int i, k;
         const double *b = limit_of(s, row, &i, &k);
-        double v = s->l[i * NL + k], excess = fmax(v - b[1], b[0] - v);
+        double v = s->l[i * NL + k], excess = larger(v - b[1], b[0] - v);
         if (s->qp.plain[QN + QR + row] < INFINITY)
             sum += soft_cost(s, row, excess);
         else if (excess > 0) {
             hard += soft_cost(s, row, excess);
-            worst = fmax(worst, excess);
+            worst = larger(excess, worst);
         }
     }
     for (int i = 0; i < NS * NX; i++) {
         double d = fabs(s->next[i] - s->x[NX + i]);
         defects += s->penalty[NX + i] * d;
-        worst = fmax(worst, d);
+        worst = larger(d, worst);
     }
     for (int a = 0; a < NX; a++) {
         double d = fabs(s->x[a] - s->x0[a]);
         defects += s->penalty[a] * d;
-        worst = fmax(worst, d);
+        worst = larger(d, worst);
     }
     *cost = sum, *violation = worst;
     return sum + defects + hard;
@@ -425,11 +425,11 @@ static void raise_penalties(Work *s)
     const Qp *q = &s->qp;
     for (int i = 0; i < (NS + 1) * NX; i++) { /* those of early, wild steps are slowly forgotten */
         double least = 1.5 * fabs(s->pi[i]);
-        s->penalty[i] = fmax(least, 0.8 * s->penalty[i] + 0.2 * least);
+        s->penalty[i] = larger(0.8 * s->penalty[i] + 0.2 * least, least);
     }
     for (int row = 0; row < N_LIMITS; row++)
         if (!(q->plain[QN + QR + row] < INFINITY))
-            s->hard_penalty = fmax(s->hard_penalty, 1.5 * fabs(q->lambda[QN + QR + row]));
+            s->hard_penalty = larger(1.5 * fabs(q->lambda[QN + QR + row]), s->hard_penalty);
 }
 
 /* ---- truth ---------------------------------------------------------------------------------------------------- */
@@ -520,12 +520,12 @@ static void judge(Work *s, int ahead)
     for (int row = 0; row < N_LIMITS; row++) {
         int i, k;
         const double *b = limit_of(s, row, &i, &k);
-        double v = s->l[i * NL + k], excess = fmax(v - b[1], b[0] - v);
+        double v = s->l[i * NL + k], excess = larger(v - b[1], b[0] - v);
         beyond += fabs(q->lambda[QN + QR + row] * (v - s->l_after[row]));
         if (q->plain[QN + QR + row] < INFINITY)
             half += soft_cost(s, row, excess);
         else if (excess > 0)
-            worst = fmax(worst, excess), off = fmax(off, excess * of_l[k]);
+            worst = larger(excess, worst), off = larger(excess * of_l[k], off);
     }
     double part[NX] = {0}, most[NX] = {0}, moved[NX] = {0}; /* of each state; `beyond` shows what is no number */
     for (int m = 0; m < NS; m++) {
@@ -542,7 +542,7 @@ static void judge(Work *s, int ahead)
         off = larger(off, most[a] * of_x[a]), reach = larger(reach, moved[a] * of_x[a]);
     }
     s->cost = 2 * half, s->violation = worst;
-    s->residual = fmax(fmax(q->kkt, off), reach * (2 * beyond < s->bend ? 2 * beyond / s->bend : 1));
+    s->residual = larger(reach * (2 * beyond < s->bend ? 2 * beyond / s->bend : 1), larger(q->kkt, off));
     if (!(half < INFINITY && worst < INFINITY && beyond * 0 == 0))
         s->violation = s->residual = INFINITY;
 }
@@ -615,9 +615,10 @@ static int begins(Work *s, int part)
 }
 static void ends(Work *s, int part)
 {
+    if (!(s->qp.until < INFINITY)) /* a look at the clock takes a hundredth of a short plan's time */
+        return;
     double took = now(&s->qp) - s->since; /* much longer than ever: another program had the processor */
-    if (s->qp.until < INFINITY)
-        s->took[part] = s->took[part] > 0 ? smaller(took, 2 * s->took[part]) : took;
+    s->took[part] = s->took[part] > 0 ? smaller(took, 2 * s->took[part]) : took;
 }
 
 /* The quadratic program at the iterate, without what depends on the state now: condensed or, if that may be, by stages.
@@ -698,7 +699,6 @@ static void stay(Work *s)
 
 static int prepare(Work *s)
 {
-    double begin = now(&s->qp);
     int status = TIME_OUT;
     if (s->ahead || begins(s, LINEARISE)) {
         s->from = FROM;
@@ -709,10 +709,7 @@ static int prepare(Work *s)
     }
     if (status == SOLVED)
         status = pose(s, 1, 0);
-    if (status == FAILED)
-        status = NOT_FINITE;
-    s->seconds_prepare = now(&s->qp) - begin;
-    return status;
+    return status == FAILED ? NOT_FINITE : status;
 }
 
 /* The rows that the last quadratic program ended with travel with the plan: another work area starts from the same. */
@@ -808,7 +805,6 @@ static int solve_qp(Work *s, int warm)
 /* Full step of the prepared problem from the state now; what it led to is linearised if it is the `last` one. */
 static int feedback(Work *s, int last)
 {
-    double begin = now(&s->qp);
     int status = solve_qp(s, !s->fresh);
     if (status == SOLVED) {
         move(s, 1);
@@ -824,7 +820,6 @@ static int feedback(Work *s, int last)
         (void)last;
         s->iterations++;
     }
-    s->seconds_feedback = now(&s->qp) - begin;
     return status == SOLVED ? ITERATED : status;
 }
 
@@ -839,7 +834,7 @@ static double promised(const Work *s)
         int i, k;
         const double *b = limit_of(s, row, &i, &k);
         if (s->qp.plain[QN + QR + row] < INFINITY)
-            sum += soft_cost(s, row, fmax(s->l_after[row] - b[1], b[0] - s->l_after[row]));
+            sum += soft_cost(s, row, larger(s->l_after[row] - b[1], b[0] - s->l_after[row]));
     }
     return sum;
 }
@@ -888,7 +883,7 @@ static double largest_excess(const Work *s, const double *values)
         const double *b = limit_of(s, row, &i, &k);
         double v = values ? values[row] : s->l[i * NL + k];
         if (!(s->plain[row] < INFINITY))
-            worst = larger(worst, fmax(v - b[1], b[0] - v));
+            worst = larger(worst, larger(v - b[1], b[0] - v));
     }
     return worst;
 }
@@ -913,8 +908,8 @@ static int leaves_excess(const Work *s)
         double v = s->l[i * NL + k], w = s->l_after[row];
         if (s->plain[row] < INFINITY)
             continue;
-        here += larger(fmax(v - b[1], b[0] - v), 0);
-        after += larger(fmax(w - b[1], b[0] - w), 0);
+        here += larger(larger(v - b[1], b[0] - v), 0);
+        after += larger(larger(w - b[1], b[0] - w), 0);
     }
     return after >= STAYS * here;
 }
@@ -986,11 +981,11 @@ static int converge(Work *s, int64_t most, int loose)
         raise_penalties(s);
         if (price > 0 && !soft && n >= PATIENCE / 2 && largest_multiplier(s) > STRAINED * price) /* limits are only just kept */
             soft = 1, priced = n;
-        double here = merit(s, &cost, &violation), t = 1, there = here, predicted = fmax(here - promised(s), 0);
+        double here = merit(s, &cost, &violation), t = 1, there = here, predicted = larger(here - promised(s), 0);
         /* where the cost no longer tells steps apart they are taken whole, for as long as they shrink */
         int near = violation <= 1e-6 && s->damp <= 1e-8, flat = near && s->step <= FLAT && predicted <= 1e-12 * fabs(here);
         idle += flat && s->step > 0.9 * least;
-        least = flat ? fmin(least, s->step) : least;
+        least = flat ? smaller(s->step, least) : least;
         int may_rise = miss > 1e-6 && price < dearest; /* of the price: the last digits are not worth their steps */
         int last = near && (s->step <= (may_rise ? SETTLED : s->tolerance) || idle >= IDLE);
         past[(int)(n % 3)] = here;
@@ -1213,11 +1208,14 @@ static void start(Work *s)
 /* Everything that can be done before the state is known: shift the plan, expect its next state, linearise, condense. */
 int rt_prepare(Work *s)
 {
+    double begin = now(&s->qp);
     memcpy(s->x0, s->x + NX, sizeof s->x0);
     s->fresh = CONTINUE;
     s->qp.until = INFINITY;
     start(s);
-    return prepare(s);
+    int status = prepare(s);
+    s->seconds_prepare = now(&s->qp) - begin;
+    return status;
 }
 
 /* Full steps that did not end at an acceptable plan are followed by some with a line search. */
@@ -1237,15 +1235,14 @@ int rt_feedback(Work *s)
     double begin = now(&s->qp);
     s->qp.until = begin + s->time_limit;
     int status = finish(s, feedback(s, 0));
-    s->seconds = now(&s->qp) - begin;
+    s->seconds = s->seconds_feedback = now(&s->qp) - begin;
     return status;
 }
 
 int rt_solve(Work *s)
 {
-    double begin = now(&s->qp);
+    double begin = now(&s->qp), prepared = 0;
     s->qp.until = begin + s->time_limit;
-    s->seconds_prepare = s->seconds_feedback = 0;
     start(s);
     int status = NOT_FINITE;
     if (s->fresh || s->fixed == 0) {
@@ -1253,7 +1250,9 @@ int rt_solve(Work *s)
         keep_inputs(s);
     } else {
         for (int64_t i = 0; i < s->fixed; i++) {
+            double from = i ? now(&s->qp) : begin;
             status = prepare(s);
+            prepared += now(&s->qp) - from;
             if (status == SOLVED)
                 status = feedback(s, i + 1 == s->fixed);
             if (status != ITERATED)
@@ -1264,6 +1263,7 @@ int rt_solve(Work *s)
         status = finish(s, status);
     }
     s->seconds = now(&s->qp) - begin;
+    s->seconds_prepare = prepared, s->seconds_feedback = s->seconds - prepared;
     return status;
 }
 
