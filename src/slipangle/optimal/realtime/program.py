@@ -34,6 +34,10 @@ FIELDS = (  # of the C struct, as seen from Python
     "time_limit newton accept u x k working cost violation residual step seconds seconds_prepare seconds_feedback"
 ).split()
 COUNTS = "max_iterations fixed fresh iterations qp_iterations by_stages anew".split()
+_GCC = """\
+#if defined __GNUC__ && !defined __clang__
+#pragma GCC optimize("{effort}")
+#endif"""
 
 
 def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") -> str:
@@ -83,7 +87,7 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
         [
             "/* Generated from one optimal control problem. */",
             "" if caller else clock(),
-            f'#pragma GCC optimize("{effort}")' if effort else "",
+            _GCC.format(effort=effort) if effort else "",
             *head,
             _casadi_code(called) if called else "",
             preamble("V"),
