@@ -131,9 +131,11 @@ def lost(t: np.ndarray) -> np.ndarray:
 
     >>> lost(np.array([0.0, 0.1, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3]))
     array([2])
+    >>> lost(np.array([0.0, 0.1, 0.3, 0.4]))  # too few to tell what their rate is
+    array([], dtype=int64)
     """
     steps = np.diff(t)
-    if len(steps) < 3 or not np.isfinite(steps).all() or steps.min() <= 0:
+    if len(steps) < 5 or not np.isfinite(steps).all() or steps.min() <= 0:
         return np.zeros(0, dtype=int)
     dt = float(np.median(steps))
     long = steps > _LOST[0] * dt
