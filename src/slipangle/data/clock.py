@@ -9,7 +9,8 @@ from scipy import interpolate, signal
 
 from slipangle.errors import NotFiniteError, SampleTimeError, TimeError, TooShortError
 
-_LOST = 1.5, 2.5  # sample times of a step in which one sample was lost
+JITTER, GAP = 0.2, 1.5  # variation of a step, as a share of it, that is put up with unasked; steps of a gap
+_LOST = 2.5  # steps of a gap in which more than one sample was lost
 _MOST_LOST = 0.1  # share of steps up to which they are such and not another rate
 _FEW = 2  # of five steps in a row: more of them are another rate
 _SUSTAINED = 5  # this many steps in a row at another rate are another rate, not gaps
@@ -57,8 +58,8 @@ def find_grid(
     t: np.ndarray,
     *,
     dt: float | None = None,
-    jitter: float = 0.2,
-    gap: float = 1.5,
+    jitter: float = JITTER,
+    gap: float = GAP,
     shortest: int = 2,
     row_name: Callable[[int], str] = lambda row: f"sample {row}",
     what: str = "the log",
@@ -138,9 +139,9 @@ def lost(t: np.ndarray) -> np.ndarray:
     if len(steps) < 5 or not np.isfinite(steps).all() or steps.min() <= 0:
         return np.zeros(0, dtype=int)
     dt = float(np.median(steps))
-    long = steps > _LOST[0] * dt
+    long = steps > GAP * dt
     few = np.convolve(long, np.ones(5), "same")[1:-1] <= _FEW
-    single = long[1:-1] & few & (steps[1:-1] < _LOST[1] * dt)
+    single = long[1:-1] & few & (steps[1:-1] < _LOST * dt)
     late = t[3:] - t[:-3] > 3.5 * dt  # not where the next step makes up for it
     rows = np.flatnonzero(single & late) + 1
     return rows if len(rows) <= _MOST_LOST * len(steps) else rows[:0]

@@ -8,6 +8,7 @@ from os.path import normpath, sep
 from pathlib import Path, PurePath, PureWindowsPath
 from typing import Annotated, Any, Literal, Self
 
+from slipangle.data.clock import JITTER
 from slipangle.data.readers.column import Column
 from slipangle.errors import ConfigError, nearest, shown
 from slipangle.files import read_bytes
@@ -130,7 +131,7 @@ class DataSettings:
     despike: tuple[str, ...] = ()
     hold: Literal["sample", "mean"] = "sample"
     nan: Literal["error", "gap", "merge"] = "error"
-    jitter: Annotated[float, Within(0.0, 1.0)] = 0.2
+    jitter: Annotated[float, Within(0.0, 1.0)] = JITTER
     filter: str = ""
     train: Annotated[float, Within(0.01, 0.99)] = 0.7
     start: Annotated[int, Within(1, 1_000_000, "samples")] | None = None

@@ -236,15 +236,15 @@ def test_values_that_no_car_has_are_doubted_only_where_their_whole_interval_is_s
     final = fit(guess.with_values(mu_f=0.3, mu_r=0.9), (*STIFF, "mu_f", "mu_r"), drives(), prior={})
     at = dict(zip(final.names, range(5), strict=True))
     limits = np.array([[0.9, 1.1]]) * np.array([[final.values[n]] for n in final.names])
-    assert impossible(final.names, final, limits) == []
+    assert impossible(final.names, final, limits, friction_reached(final)) == []
     load = 9.81 * KNOWN["mass"] / KNOWN["wheelbase"] * (KNOWN["wheelbase"] - KNOWN["l_f"])
     limits[at["C_f"]] = 0.1 * load, 2.9 * load
     limits[at["inertia_z"]] = 2.6 * KNOWN["mass"] * 1.2 * 1.4, 1e5
-    said = impossible(final.names, final, limits)
+    said = impossible(final.names, final, limits, friction_reached(final))
     assert [s.split(" is ")[0] for s in said] == ["C_f", "inertia_z"]
     limits[at["C_f"], 1] = 3.1 * load
     limits[at["inertia_z"], 0] = 1.0
-    assert impossible(final.names, final, limits) == []
+    assert impossible(final.names, final, limits, friction_reached(final)) == []
 
 
 def test_the_friction_that_a_log_uses_is_not_that_of_v_x_r_in_a_swerve():
@@ -256,7 +256,9 @@ def test_the_friction_that_a_log_uses_is_not_that_of_v_x_r_in_a_swerve():
     guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, banked=False).with_values(mu_f=0.9, mu_r=0.9)
     final = fit(guess, (*STIFF, "mu_f", "mu_r"), data.select(outputs=OUTPUTS))
     assert friction_reached(final) == pytest.approx(used, rel=0.05)
-    assert any(f"the log uses {friction_reached(final):.2g} at most" in said for said in bounds(final))
+    assert any(
+        f"the log uses {friction_reached(final):.2g} at most" in said for said in bounds(final, friction_reached(final))
+    )
 
 
 def test_a_rear_that_holds_more_than_the_front_may_one_that_holds_less_is_drawn_up():

@@ -279,6 +279,8 @@ def _stuck(data: Dataset) -> dict[str, list[tuple[int, int]]]:
     swings = 1.5 * np.std(data["r"] / np.maximum(data["v_x"], fastest))
     held = [(a, b) for a, b in resting(data, "delta") if _swings(data, a, b, fastest) > swings > 0]
     found |= {"delta": held} if held else {}
+    steps = np.abs(np.diff(data["v_x"]))
+    leap = _LEAP * float(np.median(steps[steps > 0])) if steps.any() else 0.0
     for name in ("r", "v_y", "a_y", "v_x"):
         if name not in data or np.ptp(data[name]) == 0:
             continue
@@ -286,7 +288,7 @@ def _stuck(data: Dataset) -> dict[str, list[tuple[int, int]]]:
             (a, b)
             for a, b in resting(data, name)
             if (b - a - 1) * data.dt > _STUCK
-            and not (name == "v_x" and ((a, b) in experiments or not _leaps(data, a, b)))  # driven at one speed
+            and not (name == "v_x" and ((a, b) in experiments or not _leaps(data, a, b, leap)))  # driven at one speed
             and np.ptp(data["delta"][a:b]) > steers
             and np.max(data["v_x"][a:b]) > fastest
         ]
@@ -294,14 +296,11 @@ def _stuck(data: Dataset) -> dict[str, list[tuple[int, int]]]:
     return found
 
 
-def _leaps(data: Dataset, a: int, b: int) -> bool:
+def _leaps(data: Dataset, a: int, b: int, leap: float) -> bool:
     """Whether the speed goes on, after rows at one value, with more than a step of its resolution, or never does."""
-    v = data["v_x"]
     if b in data.stops:
         return (b - a) * data.dt > _DEAD
-    steps = np.abs(np.diff(v))
-    usual = float(np.median(steps[steps > 0])) if steps.any() else 0.0
-    return float(np.abs(v[b] - v[b - 1])) > _LEAP * usual
+    return float(np.abs(data["v_x"][b] - data["v_x"][b - 1])) > leap
 
 
 def _swings(data: Dataset, a: int, b: int, slowest: float) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 
 from slipangle import units
 from slipangle.data.channels import STANDARD
+from slipangle.data.clock import GAP, JITTER
 from slipangle.data.readers.column import Column
 from slipangle.data.readers.columns import in_days
 from slipangle.data.readers.recording import Recording
@@ -20,7 +21,6 @@ from slipangle.data.readers.tables import DATE, ChannelTable
 from slipangle.errors import SlipangleError
 
 _GAP = 2.5  # usual steps without a sample
-_EVEN, _ONE_GAP = 0.2, 1.5  # share by which steps may vary unasked; usual steps from which they are gaps
 _HAND_WHEEL = 0.75  # rad that no road wheel of a car on a track reaches
 _BY_HAND = re.compile("(?<!road)wheel|swa|lenkrad|stwhl|strwhl")  # names of the hand wheel, plain
 _TURNS = 10.0  # rad that it may turn and more degrees than it hardly does
@@ -287,8 +287,8 @@ def _uneven(t: np.ndarray) -> list[tuple[str, str]]:
     usual = float(np.median(steps)) if len(steps) else 0.0
     if not usual > 0 or steps.min() <= 0:
         return []
-    varies = float(np.abs(steps[steps < _ONE_GAP * usual] / usual - 1).max(initial=0.0))
-    if varies <= _EVEN:
+    varies = float(np.abs(steps[steps < GAP * usual] / usual - 1).max(initial=0.0))
+    if varies <= JITTER:
         return []
     why = f"its steps vary by up to {100 * varies:.0f} % of {usual:.3g} s"
     return [(f"jitter = {min(np.ceil(10 * varies + 0.5) / 10, 1.0):g}", why)]

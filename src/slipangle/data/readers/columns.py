@@ -10,7 +10,7 @@ import numpy as np
 
 from slipangle import units
 from slipangle.data.channels import STANDARD
-from slipangle.data.clock import find_grid, lost
+from slipangle.data.clock import JITTER, find_grid, lost
 from slipangle.data.dataset import Channel, Dataset
 from slipangle.data.expression import Expression
 from slipangle.data.readers.column import Column
@@ -306,7 +306,7 @@ def assemble(
     outputs: Sequence[str] = (),
     nan: Literal["error", "gap"] = "error",
     filter: str | None = None,
-    jitter: float = 0.2,
+    jitter: float = JITTER,
     shortest: int = 2,
     experiment: str | None = None,
     epoch: bool = False,

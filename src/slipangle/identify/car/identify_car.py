@@ -190,18 +190,18 @@ class WholeCar(Checked):
             best, stages, dropped = _climb(first, tried, whole.train, whole.held_out)
             final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
             others = _others(final, dropped, whole.all)
+            used = sentences.friction_reached(final)
         names = final.names
         spread, limits, how = _limits(final, others)
         separated = sentences.separated(names, final, limits)
-        told = sentences.sensors(final, spread, self.steering_gain)
-        left = sentences.left_out(whole.unused)
-        wrong = (*left, *suspect, *filter(None, [weight]), *told, *sentences.impossible(names, final, limits))
+        left, told = sentences.left_out(whole.unused), sentences.sensors(final, spread, self.steering_gain)
+        wrong = (*left, *suspect, *filter(None, [weight]), *told, *sentences.impossible(names, final, limits, used))
         changed = [*sentences.changes(stages), *sentences.steering(names, final, spread, limits)]
         unknown = (
             *sentences.ridges(names, final, spread, limits, separated),
             *sentences.elsewhere(final, others, limits),
             *sentences.between(final),
-            *sentences.bounds(final),
+            *sentences.bounds(final, used),
             *sentences.unsettled(final),
         )
         info = ProfileInfo(

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 
 import numpy as np
 
-from slipangle.errors import ModelWarning
 from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Stage, friction_used, recordings, settling
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import Scalar
@@ -141,8 +139,11 @@ def sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
     return said
 
 
-def impossible(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> list[str]:
-    """Values that no car has, wherever in their intervals, shape (n_names, 2), they lie; a log that tells nothing."""
+def impossible(names: tuple[str, ...], final: Fitted, limits: np.ndarray, used: float) -> list[str]:
+    """Values that no car has, wherever in their intervals, shape (n_names, 2), they lie; a log that tells nothing.
+
+    ``used`` is the friction that the log reached. [-]
+    """
     p, said = final.model.ode.params, []
     load = GRAVITY * p.mass / p.wheelbase
     for name, unit, words, (least, most) in (
@@ -156,7 +157,6 @@ def impossible(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> lis
                 f"{name} is {final.values[name] / unit:.2g} times {words}; expected {least:g} to {most:g}: check l_f, "
                 "and the signs and units of all channels"
             )
-    used = friction_reached(final)
     for name in (n for n in ("mu_f", "mu_r") if n in names):
         if final.values[name] < _BELOW * used and limits[names.index(name)][1] < used:
             said.append(
@@ -183,9 +183,7 @@ def friction_reached(final: Fitted) -> float:
     """
     found, data = [], final.problem.data
     for part, recording in zip(data.experiments, recordings(data), strict=True):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ModelWarning)  # an odd mass has been told of
-            model = final.model_of(recording).with_values(lever_v_y=0.0).resampled(part.dt, outputs=("v_y",))
+        model = final.model_of(recording).with_values(lever_v_y=0.0).resampled(part.dt, outputs=("v_y",))
         first = model.memory - 1
         inputs = part.select(inputs=model.inputs).u[first:]
         run = model.free_run(model.initial_state(part.rows(0, model.memory)), inputs)[:, 0]
@@ -232,9 +230,8 @@ def elsewhere(final: Fitted, others: list[tuple[Fitted, float]], limits: np.ndar
     ]
 
 
-def bounds(final: Fitted) -> list[str]:
-    """Friction that the log does not reach, and parameters that end at a bound."""
-    used = friction_reached(final)
+def bounds(final: Fitted, used: float) -> list[str]:
+    """Friction beyond that which the log reached, ``used`` [-], and parameters that end at a bound."""
     limits = {n: v for n, v in final.values.items() if n in ("mu_f", "mu_r") and v < 0.99 * final.model.si(n).upper}
     said = []
     if limits and min(limits.values()) > _BEYOND * used:
