@@ -344,6 +344,7 @@ def test_report_on_clipping_resolution_and_repeats():
     (repeats,) = inspect(one(held)).resolutions
     assert repeats.repeats == pytest.approx(0.75, abs=0.01)
     assert "about 25 Hz" in repeats.sentence
+    assert inspect(one(x)).resolutions == ()
 
 
 def test_a_rounded_channel_is_not_said_to_come_at_a_lower_rate():
