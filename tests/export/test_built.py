@@ -207,13 +207,14 @@ def test_many_cars_driven_by_a_built_driver_end_as_by_the_one_in_python(pilot):
     assert 0 < np.median(ours.seconds) < 1
 
 
-def test_a_trial_compiles_its_driver_where_the_cars_are_many(pilot, monkeypatch):
+def test_a_trial_compiles_its_driver_where_the_plans_are_many(pilot, monkeypatch):
     whole, folder = pilot
     trial, made = Trial(controller=whole, path=whole.path, bicycle=SOUSA_TABLE_7_2), []
     monkeypatch.setattr(robustness, "build", lambda driver, _: made.append(driver) or folder)
-    with robustness.compiled(trial, robustness.WORTH - 1) as few:
+    enough = -(-robustness.WORTH // trial.steps)
+    with robustness.compiled(trial, enough - 1) as few:
         assert few.built is None
-    with robustness.compiled(trial, robustness.WORTH) as many:
+    with robustness.compiled(trial, enough) as many:
         assert many.built is not None
         assert np.array_equal(try_on(many, [1]).results, try_on(few, [1]).results)
     assert made == [whole]
@@ -222,7 +223,7 @@ def test_a_trial_compiles_its_driver_where_the_cars_are_many(pilot, monkeypatch)
         raise ParameterError("no C")
 
     monkeypatch.setattr(robustness, "build", refused)
-    with robustness.compiled(trial, robustness.WORTH) as python:
+    with robustness.compiled(trial, enough) as python:
         assert python.built is None
 
 

@@ -15,6 +15,7 @@ from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, Satura
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.optimal.terms import Limits, Values, Weights
 from slipangle.paths.lane_change import double_lane_change
+from slipangle.paths.path import Path
 from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.perturbed import Fleet, Spread
 from slipangle.simulate.plant import Plant
@@ -154,6 +155,23 @@ def test_late_steering_is_late():
     wanted = trial(delay=0.3)
     assert try_on(wanted, [0], changes=np.zeros((1, 8))).column("margin")[0] < 0
     assert try_on(trial(), [0], changes=np.zeros((1, 8))).column("margin")[0] > 0
+
+
+def test_a_car_that_crawls_has_the_time_to_arrive():
+    """At 0.2 m/s 3 m take 15 s; the car is a tenth as long, so that they are eleven of its wheelbases."""
+    small = BicycleParams(mass=1.5, inertia_z=0.025, wheelbase=0.27, l_f=0.12, C_f=90.0, C_r=110.0)
+    mpc = MPC(
+        OnGround(Bicycle(params=small, dt=0.05, outputs=("v_y", "r"))),
+        horizon=10,
+        controls=("delta",),
+        Q=Weights(Y=1.0, psi=0.1),
+        S=Weights(delta=0.1),
+        limits=Limits(delta=0.35),
+    )
+    x = np.linspace(0.0, 3.0, 61)
+    crawl = Trial(controller=mpc, path=Path.from_points(x, 0.0 * x).with_speed(0.2), bicycle=small, width=0.2)
+    assert crawl.steps * mpc.dt > 15.0
+    assert try_on(crawl, [0], changes=np.zeros((1, len(NAMES)))).column("finished")[0] == 1
 
 
 def test_bad_trials():

@@ -96,12 +96,22 @@ class Trial:
         """The controller, or that of a driver."""
         return self.controller.controller if isinstance(self.controller, Driver) else self.controller
 
+    @property
+    def steps(self) -> int:
+        """Steps of the controller after which a car that has not reached the end of the path never will."""
+        return int(np.ceil((1.3 * np.sum(self.path.spacing / _speeds(self.path.v_x)[:-1]) + 1.0) / self.planner.dt))
+
     def drivers(self, n: int) -> list[Driver]:
         """As many drivers as there are cars, each at its start; none where the controller is told the state."""
         made = [copy.copy(self.controller) for _ in range(n) if isinstance(self.controller, Driver)]
         for each in made:
             each.reset()
         return made
+
+
+def _speeds(v_x: Any) -> np.ndarray:
+    """Speeds along a path with a profile, none so near to rest that its end is never reached. [m/s]"""
+    return np.maximum(v_x, min(0.5, 0.1 * float(np.max(v_x))) or 0.5)
 
 
 COLUMNS = ("inside", "margin", "e_y", "finished", "fallbacks")
@@ -181,8 +191,7 @@ class Trials(Shown):
         shares = {}
         for j, name in enumerate(self.names):
             x = self.changes[:, j]
-            kinds = [_correlation(_ranks(x), y) ** 2, _correlation(_ranks(np.abs(x)), y) ** 2]
-            shares[name] = max(kinds)
+            shares[name] = max(_correlation(_ranks(kind), y) ** 2 for kind in (x, np.abs(x)))
         return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
@@ -220,11 +229,10 @@ def try_on(
     """
     drawn = trial.spread.draw(numbers, trial.seed) if changes is None else np.asarray(changes, dtype=float)
     race = _Race(trial, list(numbers), drawn)
-    steps = race.steps
-    for k in range(steps):
+    for k in range(trial.steps):
         race.advance(k)
         if progress is not None:
-            progress((k + 1) / steps)
+            progress((k + 1) / trial.steps)
         if race.over.all():
             break
     return Trials(names=trial.spread.names, changes=drawn, results=race.results(), seconds=np.array(race.seconds))
@@ -247,11 +255,8 @@ class _Race:
         self.trial, self.controller, self.path = trial, trial.planner, trial.path
         self.fleet = Fleet(bicycle=trial.bicycle, friction=trial.friction, changes=changes)
         n, path, model = len(numbers), trial.path, trial.planner.model
-        X, Y, psi = path.start
-        speeds = np.maximum(path.v_x if path.v_x is not None else np.ones(1), 0.5)
         self.per_plan = round(self.controller.dt / STEP)
-        self.steps = int(np.ceil((1.3 * float(np.sum(path.spacing / speeds[:-1])) + 1.0) / self.controller.dt))
-        self.x = self.fleet.straight(float(speeds[0]), X, Y, psi)
+        self.x = self.fleet.straight(float(_speeds(path.v_x)[0]), *path.start)
         at = self.fleet.states.index
         self.pose = [at(name) for name in ("X", "Y", "psi", "v_x")]
         column = {name: changes[:, trial.spread.names.index(name)] for name in ("delay", "lag", "noise")}

@@ -42,7 +42,7 @@ from slipangle.workflow.tires import equivalent, plant_tires
 
 ACCELEROMETER = 0.1  # m/s2, standard deviation of its noise
 BATCH = 50  # cars side by side
-WORTH = 100  # cars from which on it pays to compile their driver
+WORTH = 20_000  # plans of all cars from which on it pays to compile their driver
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,10 +114,10 @@ def tried(
 
 @contextmanager
 def compiled(trial: Trial, cars: int) -> Iterator[Trial]:
-    """The trial with its driver compiled for as long, where there are cars enough and the driver has C."""
+    """The trial with its driver compiled for as long, where that is worth it and the driver has C."""
     with tempfile.TemporaryDirectory(prefix="slipangle-") as folder:
         built = None
-        if isinstance(trial.controller, Driver) and cars >= WORTH and compiler() is not None:
+        if isinstance(trial.controller, Driver) and cars * trial.steps >= WORTH and compiler() is not None:
             with contextlib.suppress(SlipangleError):  # a part of it has no C: it is driven in Python
                 built = load(build(trial.controller, Path(folder) / "driver"))
         yield replace(trial, built=built)
