@@ -224,7 +224,7 @@ def test_wrong_entries_are_named(tmp_path, capsys, wrong, words):
 def test_the_job_of_the_documentation_can_be_read(tmp_path):
     """Its defaults are those of the records, so that leaving them out changes nothing."""
     (block,) = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "fastest-lap.md").read_text(encoding="utf-8"), re.S)
-    assert read_settings(job(tmp_path, block)).race == RaceSettings(plant="bmw-320i")
+    assert read_settings(job(tmp_path, block)).race == RaceSettings(plant="bmw-320i", margin=0.4)
 
 
 @pytest.mark.slow

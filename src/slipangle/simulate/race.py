@@ -16,7 +16,6 @@ from slipangle.simulate.drive import drive
 from slipangle.simulate.plant import Plant
 from slipangle.simulate.run import Run
 
-SAMPLE = 0.01  # s
 ROLLING = 0.98  # of the lap's speed, that the drive starts with, before the start line
 PATIENCE = 1.1  # times the first lap's time, that a lap may take in the mean
 AFTER = 10  # samples behind the start line, by when a racer has learned
@@ -56,6 +55,8 @@ class Race:
         Friction over the believed one as the filter read it at every sample, and its deviation. [-]
     learned : array, shape (n_laps, 2)
         The same as the racer took it for the whole lap, after each.
+    sample : float
+        Between samples. [s]
     """
 
     run: Run
@@ -64,6 +65,7 @@ class Race:
     grip: np.ndarray
     grip_std: np.ndarray
     learned: np.ndarray
+    sample: float
 
     @property
     def times(self) -> list[float]:
@@ -88,7 +90,7 @@ class Race:
 
     def rows(self, lap: DrivenLap) -> slice:
         """Samples of a lap."""
-        return slice(round(lap.begin / SAMPLE), round((lap.begin + lap.time) / SAMPLE) + 1)
+        return slice(round(lap.begin / self.sample), round((lap.begin + lap.time) / self.sample) + 1)
 
     @property
     def off_track(self) -> tuple[OffTrack, ...]:
@@ -99,7 +101,7 @@ class Race:
         for a, b in np.flatnonzero(np.diff(off)).reshape(-1, 2).tolist():
             worst = a + int(np.argmin(room[a:b]))
             s = float(self.run.s[worst] % self.run.path.length)
-            begin, end = float(self.run.t[a]), float(self.run.t[b - 1]) + SAMPLE
+            begin, end = float(self.run.t[a]), float(self.run.t[b - 1]) + self.sample
             found.append(OffTrack(begin=begin, end=end, s=s, depth=float(-room[worst])))
         return tuple(found)
 
@@ -126,15 +128,23 @@ def race(racer: Racer, plant: Plant, laps: int) -> Race:
         channels=tuple(NOISE),
         x0=plant.straight(ROLLING * v, X=X, Y=Y, psi=psi),
         width=racer.car.width,
-        sample=SAMPLE,
+        sample=racer.sample,
         watch=watch,
     )
     places = np.column_stack([run["X"], run["Y"], run["v_x"]])
     channels = (Channel("X", "m"), Channel("Y", "m"), Channel("v_x", "m/s"))
     try:
-        driven = driven_laps(Dataset(values=places, channels=channels, dt=SAMPLE), racer.track)[:laps]
+        driven = driven_laps(Dataset(values=places, channels=channels, dt=racer.sample), racer.track)[:laps]
     except TooShortError:
         driven = ()
     table = np.array(read)[: len(run.t)]
-    ends = [min(round((one.begin + one.time) / SAMPLE) + AFTER, len(table) - 1) for one in driven]
-    return Race(run=run, laps=driven, wanted=laps, grip=table[:, 0], grip_std=table[:, 1], learned=table[ends][:, 2:])
+    ends = [min(round((one.begin + one.time) / racer.sample) + AFTER, len(table) - 1) for one in driven]
+    return Race(
+        run=run,
+        laps=driven,
+        wanted=laps,
+        grip=table[:, 0],
+        grip_std=table[:, 1],
+        learned=table[ends][:, 2:],
+        sample=racer.sample,
+    )

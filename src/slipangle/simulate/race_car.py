@@ -16,7 +16,7 @@ from slipangle.errors import SimulationError, SolverError
 from slipangle.models.vehicles.car import DualTrackParams
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.models.vehicles.on_tires import peak_friction, peak_friction_along
-from slipangle.optimal.lap.car import LapCar, rates
+from slipangle.optimal.lap.car import USUAL, LapCar, rates
 from slipangle.optimal.lap.cars import lap_car
 from slipangle.optimal.lap.fastest_lap import fastest_lap
 from slipangle.optimal.lap.lap import Lap
@@ -26,8 +26,16 @@ from slipangle.simulate.race import race
 from slipangle.simulate.run import End
 
 OUTPUTS = ("v_x", "v_y", "r", "X", "Y", "psi", "a_x", "a_y")  # of a plant that is raced
+# Lengths, times and speeds are those of a car of usual size.
 BENDS = (12.0, 15.0, 18.0, 21.0, 25.0, 30.0, 38.0)  # m/s
+QUICK, TURN, CRAWL = (
+    15.0,
+    (0.012, 0.006),
+    6.0,
+)  # m/s, rate of the angle below and above it [rad/s], no bend any more [m/s]
+PUSH = 0.25  # m/s, by which the speed of a bend is aimed too high, as a pedal in proportion ends below
 HARD = 0.47  # of the weight, beyond which no force along the car is believed in a bend
+MARGIN = 0.25  # m, kept free on the lap that tells what full throttle gives
 SHARE = 0.9  # of the grip, on the lap that tells what full throttle gives
 PRESSED, SETTLED = 0.99, 0.4  # throttle that is full, and for how long before its force counts [s]
 FEWEST = 50  # samples of full throttle
@@ -37,9 +45,9 @@ def race_car(
     plant: DualTrack,
     track: Path,
     *,
-    margin: float = 0.25,
+    margin: float | None = None,
     points: int | None = None,
-    bends: tuple[float, ...] = BENDS,
+    bends: tuple[float, ...] | None = None,
     **values: float,
 ) -> LapCar:
     """The car of a lap that drives like a dual track, with the drive that it gets on a track.
@@ -53,12 +61,12 @@ def race_car(
         On a road of the friction that the car is to believe.
     track : Path
         Closed, with its edges.
-    margin : float
-        Kept free beside the car on that lap. [m]
+    margin : float, optional
+        Kept free beside the car on that lap; by default 0.25 m for a full car, in proportion to the wheelbase. [m]
     points : int, optional
         Of that lap's plan, see `fastest_lap`.
-    bends : tuple of float
-        Speeds of the bends. [m/s]
+    bends : tuple of float, optional
+        Speeds of the bends; by default 12 to 38 m/s for a full car, as the root of the wheelbase. [m/s]
     **values : float
         Parameters of `LapCar` that the lap is to be planned with; by default power and force are those of the engine in
         the gears of a dual track, which is more than there is at the wheels.
@@ -73,7 +81,8 @@ def race_car(
     pedals = Pedals.of(plant.params)
     full = pedals.most(pedals.speeds)
     engine = {"power": float(np.max(full * pedals.speeds)), "drive_force": float(full.max())}
-    return _with_drive(fitted(lap_car(plant, **{**engine, **values}), plant, bends), plant, track, margin, points)
+    car = fitted(lap_car(plant, **{**engine, **values}), plant, bends)
+    return _with_drive(car, plant, track, MARGIN * float(car.size) if margin is None else margin, points)
 
 
 def on_road(plant: DualTrack, friction: float) -> DualTrack:
@@ -83,13 +92,14 @@ def on_road(plant: DualTrack, friction: float) -> DualTrack:
     return replace(plant, outputs=OUTPUTS, road=road)
 
 
-def fitted(car: LapCar, plant: DualTrack, bends: tuple[float, ...] = BENDS) -> LapCar:
+def fitted(car: LapCar, plant: DualTrack, bends: tuple[float, ...] | None = None) -> LapCar:
     """The car with stiffness and friction that explain slow bends of a plant up to the limit, by least squares.
 
     Friction along its tires over that across is that of the plant's tires at the mean static load. ``bends`` are the
-    speeds. [m/s]
+    speeds, see `race_car`. [m/s]
     """
-    angle, v_x, v_y, r, a_x, _, v_y_dot, r_dot = np.vstack([_bend(plant, v) for v in bends]).T
+    speeds = np.array(BENDS) * car.size**0.5 if bends is None else np.array(bends)
+    angle, v_x, v_y, r, a_x, _, v_y_dot, r_dot = np.vstack([_bend(plant, v) for v in speeds.tolist()]).T
     most = HARD * car.weight
     force = np.clip(car.mass * a_x + car.drag * v_x**2, -most, most)
     names = ("C_f", "C_r", "mu_f", "mu_r")
@@ -112,17 +122,18 @@ def _bend(plant: DualTrack, v: float) -> np.ndarray:
 
     Columns are angle, v_x, v_y, r, a_x, a_y and the rates of v_y and r.
     """
-    dt, kernel = 0.01, plant.kernel
+    dt, kernel, root = 0.01, plant.kernel, (plant.params.wheelbase / USUAL) ** 0.5
     if kernel is None:
         raise SimulationError("no C compiler is found; expected one for a plant of a millisecond: pip install ziglang")
     x, rows = plant.straight(v), []
     at = [plant.states.index(n) for n in ("v_x", "v_y", "r", "a_x_lag", "a_y_lag")]
-    for k in range(2800):
-        angle, pedal = k * dt * (0.006 if v > 15 else 0.012), float(np.clip(v - x[0] + 0.25, -1.0, 1.0))
+    turn = TURN[int(v > QUICK * root)] / root
+    for k in range(round(28.0 * root / dt)):
+        angle, pedal = k * dt * turn, float(np.clip((v - x[0]) / root + PUSH, -1.0, 1.0))
         u = np.array([[angle, max(pedal, 0.0), max(-0.1 * pedal, 0.0)]])
         x = kernel.run(x, u, hold=round(dt / plant.dt))[-1]
         rows.append([angle, *x[at]])
-        if abs(x[at[1]] / x[at[0]]) > 0.4 or x[0] < 6.0:
+        if abs(x[at[1]] / x[at[0]]) > 0.4 or x[0] < CRAWL * root:
             break
     table = np.array(rows)
     table = table[: int(np.argmax(table[:, 5])) + 1 : 4]
@@ -145,7 +156,7 @@ def _with_drive(car: LapCar, plant: DualTrack, track: Path, margin: float, point
             f"the plant does not come round '{track.name}' on {SHARE:.0%} of its grip, {run.end.value}; expected a "
             "car that a racer can drive: check the plant, or take a wider track"
         )
-    count = round(SETTLED / 0.01)
+    count = max(round(SETTLED * float(car.size) ** 0.5 / racer.sample), 1)
     held = np.convolve(run["throttle"] > PRESSED, np.ones(count), "full")[: len(run.t)] > count - 0.5
     if held.sum() < FEWEST:
         return car

@@ -10,7 +10,7 @@ import numpy as np
 
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.racer import Racer
-from slipangle.control.racing.sensing import NOISE
+from slipangle.control.racing.sensing import usual_noise
 from slipangle.errors import ConfigError, ParameterError
 from slipangle.models.model import Model
 from slipangle.models.tires.simple import MagicCurve, SimpleMagicFormula
@@ -18,7 +18,7 @@ from slipangle.models.vehicles import catalogue
 from slipangle.models.vehicles.driveline import Brakes, Engine, Steering
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.models.vehicles.on_tires import dual_track_on, wheel_loads
-from slipangle.optimal.lap.car import LapCar
+from slipangle.optimal.lap.car import USUAL, LapCar
 from slipangle.optimal.lap.driven import LapDelta, lap_delta
 from slipangle.optimal.lap.lap import Lap
 from slipangle.optimal.terms import Values
@@ -44,6 +44,7 @@ from slipangle.workflow.tires import car_on, plant_tires
 
 _CARS = {"bmw-320i": (catalogue.BMW_320I, "BMW 320i"), "vw-vanagon": (catalogue.VW_VANAGON, "VW Vanagon")}
 NEAR, FALLBACKS = 0.07, 0.01  # over the optimum, and plans that are older ones, up to which a drive is good [-]
+_MARGIN = 0.4  # m, of a car of usual size, that plans keep from the edges
 _FASTEST = 120.0  # m/s, up to which the engine of a stand-in is given
 _BRAKES = 1.15  # of the friction, that the brakes of a stand-in are good for
 
@@ -84,18 +85,20 @@ def raced(
     ``model`` and ``car`` are the job's; ``points`` are those of laps that are not planned by the racer. Raises
     ConfigError if no plant can be made, ParameterError, SolverError and SimulationError as `Racer` and `race_car`.
     """
-    noise = {**NOISE, **wanted.noise}
     real, said = plant_of(wanted, plant_settings, model, car)
+    size = real.params.wheelbase / USUAL
+    noise = {**usual_noise(size), **wanted.noise}
     progress(0.0, "fitting the racer's car to the plant")
-    believed = race_car(real, track, margin=wanted.margin, points=points)
+    margin = _MARGIN * size if wanted.margin is None else wanted.margin
+    believed = race_car(real, track, margin=margin, points=points)
     progress(0.3, "finding what the plant's road allows")
     fastest = optimum(believed, track, wanted.friction, points)
     progress(0.4, f"driving {wanted.laps} laps")
-    how: dict[str, Any] = {name: getattr(wanted, name) for name in ("share", "grip_std", "margin")}
+    how: dict[str, Any] = {name: getattr(wanted, name) for name in ("share", "grip_std")}
     delay, lag = (Values() if wanted.plant else late(model, name) for name in ("delay_delta", "steering_lag"))
     how["steering_delay"] = delay.get("delta", 0.0)
     how["steering_lag"] = real.params.steering.lag + lag.get("delta", 0.0)
-    racer = Racer(believed, track, Pedals.of(real.params), noise=noise, **how)
+    racer = Racer(believed, track, Pedals.of(real.params), noise=noise, margin=margin, **how)
     plant = Plant(on_road(real, wanted.friction), noise=Values(**noise), delay=delay, lag=lag, seed=wanted.seed)
     return Raced(race=race(racer, plant, wanted.laps), fastest=fastest, plant=said, settings=wanted)
 

@@ -27,8 +27,9 @@ class RaceSettings:
         How far the racer takes that friction to be off, a standard deviation, at first.
     share : float
         Of the friction that is sure, which laps are planned with.
-    margin : float
-        Kept free between the car's side and the edges by plans. [m]
+    margin : float, optional
+        Kept free between the car's side and the edges by plans; by default 0.4 m for a full car, in proportion to the
+        wheelbase. [m]
     noise : table
         Standard deviation of what the racer sees, by channel: X, Y, psi, v_x, r, a_x, a_y, in SI units.
     seed : int
@@ -40,7 +41,7 @@ class RaceSettings:
     friction: Annotated[float, Within(0.3, 1.5)] = 0.95
     grip_std: Annotated[float, Within(0.0, 0.5)] = 0.05
     share: Annotated[float, Within(0.3, 1.0)] = 0.92
-    margin: Annotated[float, Within(0.0, 10.0, "m")] = 0.4
+    margin: Annotated[float, Within(0.0, 10.0, "m")] | None = None
     noise: dict[str, Weight] = field(default_factory=dict)
     seed: Seed = 0
 

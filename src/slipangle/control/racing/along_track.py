@@ -9,7 +9,7 @@ from slipangle.models.ode import OdeModel
 from slipangle.ops import Scalar, Vector, cos, maximum, sin, sqrt, stack
 from slipangle.optimal.lap.car import LapCar, held, rates
 
-SLOWEST = 3.0  # m/s, below which the equations take this speed
+SLOWEST = 3.0  # m/s, below which the equations take this speed; of a car of usual size, as all here
 ASKED = 8  # state of the angle that is asked for
 LEAST, NEAR_NONE = 0.02, 0.02  # s, a lag at least; of the weight, force in which one lag goes over into the other
 
@@ -49,7 +49,7 @@ class AlongTrack(OdeModel):
     def derivative(self, x: Vector, u: Vector) -> Vector:
         """Change over a sample, in which the car goes on by ``stage``, over the sample time."""
         n, chi, v_y, r, delta, F, asked = x[0], x[1], x[3], x[4], x[5], x[6], x[7]
-        v_x, car = maximum(x[2], SLOWEST), self.on(self.params, u)
+        v_x, car = maximum(x[2], self.slowest), self.on(self.params, u)
         motion = rates(v_x, v_y, r, delta, F, car, a_y=held(v_x, r, car))
         pace = self.pace(n, chi, v_x, v_y, u[2])
         each = u[3] / self.dt
@@ -73,14 +73,19 @@ class AlongTrack(OdeModel):
 
     def _lag(self, asked: Scalar) -> Scalar:
         """Time constant of the force, between those of braking and driving near none. [s]"""
-        drive, brake = max(self.drive_lag, LEAST), max(self.brake_lag, LEAST)
+        least = LEAST * self.params.size**0.5
+        drive, brake = max(self.drive_lag, least), max(self.brake_lag, least)
         width = NEAR_NONE * self.params.weight
         return brake + 0.5 * (drive - brake) * (1.0 + asked / sqrt(asked * asked + width * width))
 
-    @staticmethod
-    def pace(n: Scalar, chi: Scalar, v_x: Scalar, v_y: Scalar, curvature: Scalar) -> Scalar:
+    @property
+    def slowest(self) -> Scalar:
+        """Speed that the equations take where the car is slower. [m/s]"""
+        return SLOWEST * self.params.size**0.5
+
+    def pace(self, n: Scalar, chi: Scalar, v_x: Scalar, v_y: Scalar, curvature: Scalar) -> Scalar:
         """Time per metre of the track's line. [s/m]"""
-        return (1.0 - n * curvature) / maximum(v_x * cos(chi) - v_y * sin(chi), SLOWEST)
+        return (1.0 - n * curvature) / maximum(v_x * cos(chi) - v_y * sin(chi), self.slowest)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,6 +105,8 @@ class LateAlongTrack(AlongTrack):
         return (x[ASKED] - x[5]) / self.steering_lag, u[0]
 
 
-def along_track(steering_lag: float, **settings: Any) -> AlongTrack:
-    """The equations for a steering that follows with a lag [s], which counts if it is longer than `LEAST`."""
-    return LateAlongTrack(steering_lag=steering_lag, **settings) if steering_lag > LEAST else AlongTrack(**settings)
+def along_track(steering_lag: float, *, params: LapCar, **settings: Any) -> AlongTrack:
+    """A car's equations for a steering that follows with a lag [s], which counts if it is longer than `LEAST`."""
+    if steering_lag > LEAST * params.size**0.5:
+        return LateAlongTrack(steering_lag=steering_lag, params=params, **settings)
+    return AlongTrack(params=params, **settings)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from slipangle.optimal.lap.car import LapCar
 
+# Lengths and times are those of a car of usual size.
 PLACE = 10.0  # m of track that share what full throttle gives
 LEAST, MOST = 0.2, 2.0  # of what full throttle is believed to give
 SETTLED = 0.3  # s of full throttle before its force is believed
@@ -25,15 +27,18 @@ class Learned:
         Of the track. [m]
     grip_std : float
         Of the friction over the believed one, before the first lap. [-]
+    size : float
+        Of the car, as of `LapCar`. [-]
     """
 
-    def __init__(self, length: float, grip_std: float) -> None:
-        self.length = length
+    def __init__(self, length: float, grip_std: float, size: float = 1.0) -> None:
+        self.length, root = length, math.sqrt(size)
+        self._settled, self._memory = SETTLED * root, MEMORY * root
         self.grip, self.grip_std = 1.0, grip_std
-        count = max(1, round(length / PLACE))
+        count = max(1, round(length / (PLACE * size)))
         self._shares, self._seen, self._nearest = np.ones(count), np.zeros(count, dtype=bool), np.arange(count)
         self._pressed = 0.0
-        self._known = BELIEVED / max(grip_std, 1e-4) ** 2
+        self._known = BELIEVED * root / max(grip_std, 1e-4) ** 2
         self._mean = 1.0
         self.begin_lap()
 
@@ -60,10 +65,10 @@ class Learned:
         """A sample: place [m], force over that of full throttle, throttle, grip and its deviation, sample time. [s]"""
         self._grips.append(grip)
         sure = dt / max(grip[1], 1e-4) ** 2
-        self._known = self._known * (1.0 - dt / MEMORY) + sure
+        self._known = self._known * (1.0 - dt / self._memory) + sure
         self._mean += sure / self._known * (grip[0] - self._mean)
         self._pressed = self._pressed + dt if throttle > 0.99 else 0.0
-        if self._pressed < SETTLED:
+        if self._pressed < self._settled:
             return
         at, share = int(self._place(s)), min(max(share, LEAST), MOST)
         if self._seen[at]:

@@ -12,9 +12,11 @@ from slipangle.control.speed.pedals import moving_mass, tire_force
 from slipangle.errors import ParameterError
 from slipangle.fields import Checked, Within
 from slipangle.models.vehicles.car import DualTrackParams
+from slipangle.optimal.lap.car import USUAL
 
-WHEELS = 0.06  # s, until wheels of a car in a bend have the slip that their force needs
-_SPEEDS = np.arange(0.0, 121.0, 1.0)
+WHEELS = 0.06  # s, until wheels of a car of usual size, in a bend, have the slip that their force needs
+_SPEEDS = np.arange(0.0, 121.0, 1.0)  # m/s, of that car
+_NONE = 1e-4  # of full brakes, force that is none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,19 +79,20 @@ class Pedals(Checked):
         What turns with the wheels takes its share of the force, so that forces divided by the mass are accelerations.
         ``car`` has the parameters of a dual track.
         """
-        gears = range(1, len(car.driveline.ratios) + 1)
-        share = np.array([[car.mass / moving_mass(car, v, gear) for v in _SPEEDS] for gear in gears])
+        gears, root = range(1, len(car.driveline.ratios) + 1), (car.wheelbase / USUAL) ** 0.5
+        speeds = root * _SPEEDS
+        share = np.array([[car.mass / moving_mass(car, v, gear) for v in speeds] for gear in gears])
         full, closed = (
-            np.array([[tire_force(car, throttle, v, gear) for v in _SPEEDS] for gear in gears])
+            np.array([[tire_force(car, throttle, v, gear) for v in speeds] for gear in gears])
             for throttle in (1.0, 0.0)
         )
         return cls(
-            speeds=_SPEEDS,
+            speeds=speeds,
             full=np.maximum(full, 0.0),
             closed=np.minimum(closed, 0.0),
             brake=float(car.brakes.torque / car.radius) * share,
             lag=float(car.driveline.engine.lag),
-            brake_lag=float(car.brakes.lag) + WHEELS,
+            brake_lag=float(car.brakes.lag) + WHEELS * root,
             gearbox=Gearbox.of(car),
         )
 
@@ -103,10 +106,9 @@ class Pedals(Checked):
         ``gear`` is the one that the car is in, 1 being the first. While braking the throttle stays where the engine
         neither drives nor drags, so that the brakes alone share the force between the axles.
         """
-        closed = float(self._force(self.closed, v_x, gear))
-        span = max(most - closed, 1.0)
-        throttle = (max(F_x, 0.0) - closed) / span
-        brake = -F_x / float(self._force(self.brake, v_x, gear)) if F_x < 0 else 0.0
+        closed, full = (float(self._force(table, v_x, gear)) for table in (self.closed, self.brake))
+        throttle = (max(F_x, 0.0) - closed) / max(most - closed, _NONE * full)
+        brake = -F_x / full if F_x < 0 else 0.0
         return min(max(throttle, 0.0), 1.0), min(brake, 1.0)
 
     def forces(

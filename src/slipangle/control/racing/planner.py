@@ -25,8 +25,10 @@ from slipangle.paths.path import Path
 
 STATES = AlongTrack.states
 SUBSTEPS = 2  # of a stage: lateral motion at walking pace is quick
+# All numbers in m and s are for a car of usual size, `LapCar.size` says how far another is from that.
 # Weights of distances from the lap, per m2, rad2, (m/s)2, (rad/s)2, and of forces over half the weight.
 FROM_LAP = {"n": 2.0, "chi": 20.0, "v_x": 10.0, "v_y": 0.2, "r": 2.0, "delta": 20.0, "F_x": 1.0}
+POWER = {"n": -2.0, "v_x": -1.0, "v_y": -1.0, "r": 1.0, "rates": 1.0}  # of the size, that these weights go with
 RATES = {"delta_rate": 10.0, "F_rate": 0.3}  # per (rad/s)2, of force rates over half the weight
 # Squared and plain price of leaving limits: edges [m], drive, slip over that at the peak, use of the axles' force.
 PRICES = {"n": (1000.0, 60.0), "F_asked": (5.0, 5.0), "slip_f": (200.0, 20.0), "slip_r": (400.0, 30.0)}
@@ -66,8 +68,12 @@ class Planner:
         self, car: LapCar, track: Path, pedals: Pedals, *, dt: float, horizon: int, steering_lag: float = 0.0
     ) -> None:
         self.car, self.track, self.dt, self.horizon = car, track, dt, horizon
-        force = 0.5 * car.weight
-        prices = {**PRICES, "F_asked": (PRICES["F_asked"][0] / force**2, PRICES["F_asked"][1] / force)}
+        force, size = 0.5 * car.weight, float(car.size)
+        self._slowest, self._ahead, self._fade = (value * math.sqrt(size) for value in (SLOWEST, AHEAD, FADE))
+        units = {"F_asked": force, "n": size}
+        prices = {k: (p[0] / units.get(k, 1.0) ** 2, p[1] / units.get(k, 1.0)) for k, p in PRICES.items()}
+        weights = {name: value * size ** POWER.get(name, 0.0) for name, value in FROM_LAP.items()}
+        slow = size ** POWER["rates"]
         self.mpc = MPC(
             along_track(
                 steering_lag,
@@ -79,8 +85,8 @@ class Planner:
             ),
             horizon=horizon,
             controls=("delta_rate", "F_rate"),
-            Q=Weights({**FROM_LAP, "F_x": FROM_LAP["F_x"] / force**2}),
-            R=Weights(delta_rate=RATES["delta_rate"], F_rate=RATES["F_rate"] / force**2),
+            Q=Weights({**weights, "F_x": weights["F_x"] / force**2}),
+            R=Weights(delta_rate=slow * RATES["delta_rate"], F_rate=slow * RATES["F_rate"] / force**2),
             terms=_limited(car),
             limits=Limits(
                 delta_rate=car.delta_rate,
@@ -153,7 +159,7 @@ class Planner:
         for turn, rise in coming:
             here = self.track.at(np.array([s]))
             curvature = float(here.curvature[0])
-            way = sample / float(AlongTrack.pace(x[0], x[1], x[2], x[3], curvature))
+            way = sample / float(model.pace(x[0], x[1], x[2], x[3], curvature))
             given = [turn, rise, curvature, way, grip * car.mu_f, grip * car.mu_r]
             x = model.step(x, np.array([*given, unexplained["d_v_x"], unexplained["d_r"]]))
             s += way
@@ -172,8 +178,8 @@ class Planner:
             v = min(v, at_most)
             reached.append(v)
             gain = (pull - car.resistance(v)) / car.mass
-            v = math.sqrt(max(v * v + 2.0 * gain * way, SLOWEST * SLOWEST))
-        return _at_speed(wanted, np.minimum((np.array(reached) + AHEAD) / wanted[:, 2], 1.0))
+            v = math.sqrt(max(v * v + 2.0 * gain * way, self._slowest**2))
+        return _at_speed(wanted, np.minimum((np.array(reached) + self._ahead) / wanted[:, 2], 1.0))
 
     def _nodes(self, s: float, v_x: float) -> np.ndarray:
         """Arc lengths of the stages: at the lap's speeds, as much faster or slower as the car is now. [m]"""
@@ -182,7 +188,7 @@ class Planner:
         faster = float(self._sectors.speed(s % length))
         for _ in range(self.horizon):
             rate = faster * float(np.interp(nodes[-1] % length, self._s, self._rate)) + off
-            nodes.append(nodes[-1] + self.dt * max(rate, SLOWEST))
+            nodes.append(nodes[-1] + self.dt * max(rate, self._slowest))
         return np.array(nodes)
 
     def _reference(
@@ -201,7 +207,10 @@ class Planner:
             "curvature": np.append(bend, here.curvature[-1]),
             "stage": np.append(stage, stage[-1]),
             **{name: grip * getattr(car, name) * same for name in ("mu_f", "mu_r")},
-            **{name: value * np.exp(-self.dt / FADE * np.arange(len(nodes))) for name, value in unexplained.items()},
+            **{
+                name: value * np.exp(-self.dt / self._fade * np.arange(len(nodes)))
+                for name, value in unexplained.items()
+            },
         }
         limits = ocp.limits_at_nodes.copy()
         n, F = ocp.limited.index("n"), ocp.limited.index("F_asked")

@@ -31,8 +31,16 @@ HOPED = 1.05  # of power and drive force: speeds that full throttle does not rea
 CHANGED = 0.02  # of grip, from which a new lap is planned; less than that is left to its sectors
 BOLD = 0.985  # of the grip that is sure, which no corner is tried beyond
 SPIN = 0.03  # by which driven wheels turn faster than they roll, where gears are told by the speed of the car
-SETTLING = 0.3  # s, over which accelerations that the model does not explain are smoothed
+SETTLING = 0.3  # s of a car of usual size, over which accelerations that the model does not explain are smoothed
+MARGIN, SAMPLE, DT = 0.15, 0.01, 0.05  # m, s, s of a car of usual size: kept from edges, between samples and plans
+FINEST = 0.001  # s, that sample times are multiples of
+NO_FORCE = 1e-4  # of the weight
 STOP = 0.3  # of the weight, with which a car brakes that has no plan any more
+
+
+def _multiple(wanted: float, of: float) -> float:
+    """The multiple nearest to a time, at least one. [s]"""
+    return max(round(wanted / of), 1) * of
 
 
 class Racer(Brief):
@@ -67,11 +75,12 @@ class Racer(Brief):
         Of the grip that is sure, which laps are planned with. [-]
     grip_std : float
         Standard deviation of the tires' friction over the believed one, at the start. [-]
-    margin : float
-        Kept free between the car's side and the edges by plans. [m]
+    margin : float, optional
+        Kept free between the car's side and the edges by plans; by default 0.15 m for a full car, in proportion to the
+        wheelbase. [m]
     noise : mapping of str to float
         Standard deviation of X, Y, psi, v_x, r, a_x, a_y as measured, SI units; where not given 0.05 m, 0.005 rad,
-        0.05 m/s, 0.005 rad/s, 0.2 m/s2.
+        0.05 m/s, 0.005 rad/s, 0.2 m/s2 for a full car, for others as goes with their size.
     gate : float, optional
         Standard deviations from its prediction [-] beyond which a value is an outlier, as of `EKF`: of sound values one
         in 5e8 is. None believes all.
@@ -83,8 +92,9 @@ class Racer(Brief):
     steering_delay : float
         Dead time of the steering before that, rounded to ``sample``: plans begin where the car will be by then, and
         pedals wait for as long. [s]
-    sample, dt : float
-        Between calls of `step`, and between plans, a multiple of it. [s]
+    sample, dt : float, optional
+        Between calls of `step`, and between plans, a multiple of it; by default about 0.01 s and 0.05 s for a full car,
+        for others as the root of the wheelbase. [s]
     horizon : int
         Plans ahead, each ``dt`` long.
     between : bool
@@ -121,14 +131,14 @@ class Racer(Brief):
         lap: Lap | None = None,
         share: float = 0.92,
         grip_std: float = 0.05,
-        margin: float = 0.15,
+        margin: float | None = None,
         noise: Mapping[str, float] | None = None,
         gate: float | None = 6.0,
         patience: int = 25,
         steering_lag: float = 0.0,
         steering_delay: float = 0.0,
-        sample: float = 0.01,
-        dt: float = 0.05,
+        sample: float | None = None,
+        dt: float | None = None,
         horizon: int = 40,
         between: bool = True,
     ) -> None:
@@ -138,7 +148,11 @@ class Racer(Brief):
         for name, value, low, high in (("share", share, 0.3, 1.0), ("grip_std", grip_std, 0.0, 0.5), *late):
             if not low <= value <= high:
                 raise ParameterError(f"{name} is {value:g}; expected {low:g} to {high:g}")
-        self._every = round(dt / sample)
+        size = float(car.size)
+        margin = MARGIN * size if margin is None else margin
+        sample = _multiple(SAMPLE * math.sqrt(size), FINEST) if sample is None else sample
+        dt = _multiple(DT * math.sqrt(size), sample) if dt is None else dt
+        self._every, self._settling = round(dt / sample), SETTLING * math.sqrt(size)
         if self._every < 1 or not math.isclose(self._every * sample, dt, rel_tol=1e-6):
             raise ParameterError(f"dt is {dt:g} s, the sample time {sample:g} s; expected a whole multiple")
         self.car, self.track, self.pedals = car, track, pedals
@@ -147,7 +161,7 @@ class Racer(Brief):
         lag = steering_lag if isinstance(self._planner.mpc.model, LateAlongTrack) else 0.0
         self._late = {"delay": steering_delay, "lag": lag}
         self.sensing = Sensing(car, grip_std=grip_std, noise=noise or {}, gate=gate, patience=patience, sample=sample)
-        self.learned = Learned(track.length, grip_std)
+        self.learned = Learned(track.length, grip_std, size)
         if lap is None:
             lap = self._plan_lap(self._sure(), None)
         self.first = lap
@@ -161,7 +175,7 @@ class Racer(Brief):
 
     def reset(self) -> None:
         """Forget the drive so far, and what was learned; the next call of `step` begins another."""
-        self.learned = Learned(self.track.length, self.grip_std)
+        self.learned = Learned(self.track.length, self.grip_std, float(self.car.size))
         self._follow(self.first)
         self.sensing.reset()
         self._plan: Plan | None = None
@@ -231,7 +245,7 @@ class Racer(Brief):
         spin = SPIN if acting.driving > 0.0 else 0.0
         self._s, self._gear = s, int(self._gears((1.0 + spin) * x[3:4])[0])
         for name, value in zip(self._beyond, x[6:8].tolist(), strict=True):
-            self._beyond[name] += self.sample / SETTLING * (value - self._beyond[name])
+            self._beyond[name] += self.sample / self._settling * (value - self._beyond[name])
         self.sectors.see(s, t, self._beside(s, e_y))
         self._count_laps(s)
         if self._plan is None or self._tick % self._every == 0:
@@ -288,7 +302,7 @@ class Racer(Brief):
         most = float(self.learned.most(self._s, believed))
         throttle, brake = acting.ask(turn, rise, v_x, most, self._gear)
         force = acting.force + car.mass * unexplained
-        self.learned.see(self._s, force / max(believed, 1.0), throttle, grip, dt)
+        self.learned.see(self._s, force / max(believed, NO_FORCE * car.weight), throttle, grip, dt)
         return {"delta": acting.asked[0], "throttle": throttle, "brake": brake}
 
     def _waiting(self) -> Commands:

@@ -7,6 +7,7 @@ import numpy as np
 from slipangle.optimal.lap.driven import between_corners
 from slipangle.optimal.lap.lap import Lap
 
+# Lengths, times and speeds are those of a car of usual size.
 RISE = 1.0  # m/s, by which the speed rises between two corners
 BLEND = 20.0  # m, before and after the end of a sector, over which speeds change
 STEP, LEAST, SLOWER = 0.006, 0.0015, 0.03  # of speed: of a first trial, below which nothing is tried, at most less
@@ -32,9 +33,10 @@ class Sectors:
     """
 
     def __init__(self, lap: Lap, margin: float) -> None:
-        self.length, self.margin = lap.track.length, margin
-        places = np.linspace(0.0, self.length, max(round(self.length), 2) + 1)
-        inner = places[between_corners(np.interp(places, lap.s, lap.v_x, period=self.length), RISE)]
+        self.length, self.margin, size = lap.track.length, margin, float(lap.car.size)
+        self._blend, self._narrower, self._better = BLEND * size, NARROWER * size, BETTER * size**0.5
+        places = np.linspace(0.0, self.length, max(round(self.length / size), 2) + 1)
+        inner = places[between_corners(np.interp(places, lap.s, lap.v_x, period=self.length), RISE * size**0.5)]
         self.ends = np.append(inner, self.length)
         count = len(self.ends)
         self.faster, self.narrower = np.zeros(count), np.zeros(count)  # of speed [-], of the track on each side [m]
@@ -58,7 +60,7 @@ class Sectors:
 
     def _along(self, values: np.ndarray, s: float | np.ndarray) -> np.ndarray:
         """Values of the sectors, which blend into each other."""
-        half = np.minimum(BLEND, 0.4 * np.diff(self.ends, prepend=0.0))
+        half = np.minimum(self._blend, 0.4 * np.diff(self.ends, prepend=0.0))
         begin = np.concatenate([[0.0], self.ends[:-1]])
         places = np.column_stack([begin + half, self.ends - half]).ravel()
         return np.asarray(np.interp(s, places, np.repeat(values, 2), period=self.length))
@@ -87,12 +89,12 @@ class Sectors:
         for k in np.flatnonzero(np.isfinite(self.times)):
             short = KEPT * self.margin - self.room[k]
             if short > 0.0:
-                self.narrower[k] = min(self.narrower[k] + short, NARROWER)
+                self.narrower[k] = min(self.narrower[k] + short, self._narrower)
                 self._step[k] *= 0.5
                 self._best[k] = self.faster[k] = max(min(self._best[k], self.faster[k]) - STEP, -SLOWER)
                 self._quickest[k] = np.inf
                 continue
-            if self.times[k] < self._quickest[k] - BETTER:
+            if self.times[k] < self._quickest[k] - self._better:
                 self._quickest[k], self._best[k] = self.times[k], self.faster[k]
             else:
                 self._step[k] *= 0.5

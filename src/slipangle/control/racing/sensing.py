@@ -18,10 +18,17 @@ NOISE = {"X": 0.05, "Y": 0.05, "psi": 0.005, "v_x": 0.05, "r": 0.005, "a_x": 0.2
 WANDER = {"X": 0.01, "Y": 0.01, "psi": 0.001, "v_x": 0.1, "v_y": 0.2, "r": 0.1, "d_v_x": 2.0, "d_r": 1.0}
 START = {"X": 0.1, "Y": 0.1, "psi": 0.01, "v_x": 0.1, "v_y": 0.1, "r": 0.02, "d_v_x": 0.5, "d_r": 0.2}
 GRIP_WANDER = 0.002  # relative, per root of a second
+# Of the size of the car, that what is above goes with; what wanders in a root of a second by a quarter less.
+POWER = {"X": 1.0, "Y": 1.0, "v_x": 0.5, "v_y": 0.5, "r": -0.5, "d_r": -1.0}
 POSE = ("X", "Y", "psi", "v_x")  # without which there is no start
 _WANTED = (*POSE, "r")  # of channels that the state begins with
 _RANGES = Plausible(tuple(NOISE)).by_name
 _WHOLE = Plausible(RacingCar.states)
+
+
+def usual_noise(size: float) -> dict[str, float]:
+    """Standard deviations of sensors by channel, SI units, for a car of a ``size`` as of `LapCar`. [-]"""
+    return {name: value * size ** POWER.get(name, 0.0) for name, value in NOISE.items()}
 
 
 class Sensing:
@@ -38,7 +45,7 @@ class Sensing:
     grip_std : float
         Standard deviation of the friction over the believed one, at the start. [-]
     noise : mapping of str to float
-        Of the sensors, SI units; where not given that of `NOISE`.
+        Of the sensors, SI units; where not given that of `usual_noise`.
     gate : float or None
         Standard deviations, as of `EKF`.
     patience : int
@@ -57,14 +64,16 @@ class Sensing:
         patience: int,
         sample: float,
     ) -> None:
+        size = float(car.size)
+        wander = {name: value * size ** (POWER.get(name, 0.0) - 0.25) for name, value in WANDER.items()}
         self.filter = EKF(
             start=RacingCar(params=OnRoad.of(car), dt=sample),
             free=("grip",),
-            noise_std={**NOISE, **noise},
-            process_std=WANDER,
-            state_std=START,
+            noise_std={**usual_noise(size), **noise},
+            process_std=wander,
+            state_std={name: value * size ** POWER.get(name, 0.0) for name, value in START.items()},
             prior_std={"grip": max(grip_std, 1e-4)},
-            walk_std={"grip": GRIP_WANDER},
+            walk_std={"grip": GRIP_WANDER * size**-0.25},
             gate=gate,
             patience=patience,
         )

@@ -97,7 +97,8 @@ def dual_track_on(
     """A dual track of a bicycle's mass and geometry on tires, with what nobody knows in proportion to its size.
 
     Centre of gravity at a fifth, tracks 0.55 of the wheelbase, 3 degrees of roll per g with the front axle taking 55 %,
-    driven at up to 4 m/s2 by the front wheels and braked at up to 1 g; ``car`` gives other values by the names of
+    relaxation lengths of 0.19 wheelbases across and half of that along, driven at up to 4 m/s2 by the front wheels and
+    braked at up to 1 g; ``car`` gives other values by the names of
     `DualTrackParams`. Raises ParameterError if one has no such name or leaves its range.
     """
     p = {n: getattr(chassis, n) for n in _GEOMETRY}
@@ -113,6 +114,7 @@ def dual_track_on(
         **dict.fromkeys(("track_f", "track_r"), track),
         "radius": radius,
         **dict.fromkeys(("inertia_wheel_f", "inertia_wheel_r"), wheel),
+        **{"relaxation_x": 0.095 * wheelbase, "relaxation_y": 0.19 * wheelbase},
         **{"inertia_x": inertia_x, "inertia_y": inertia_y},
         **{"roll_stiffness_f": 0.55 * roll, "roll_stiffness_r": 0.45 * roll},
         **dict.fromkeys(("roll_damping_f", "roll_damping_r"), 0.5 * (roll * inertia_x) ** 0.5),

@@ -15,6 +15,7 @@ from slipangle.ops import Scalar, atan, clip, cos, sin, sqrt
 from slipangle.units import SI
 
 _CORNER, _PEAK, _LATERAL, _COAST = 0.004, 0.004, 0.02, 0.03
+USUAL = 2.5789128  # m, wheelbase of the car that what lap and racer count in m, s and m/s is for, a BMW 320i
 _UNUSED = ("steering_gain", "steering_offset", "bias_r", "bias_v_y", "bias_a_y", "steering_lag", "compliance")
 
 
@@ -28,9 +29,9 @@ class LapCar(NonlinearBicycleParams):
     makes one of any model of a car.
     """
 
-    power: Annotated[float, SI("W", "largest driving power at the wheels", 10.0, 1e7)]
-    drive_force: Annotated[float, SI("N", "largest driving force", 1.0, 1e6)] = 1e6
-    brake_force: Annotated[float, SI("N", "largest braking force", 1.0, 1e6)] = 1e6
+    power: Annotated[float, SI("W", "largest driving power at the wheels", 0.01, 1e7)]
+    drive_force: Annotated[float, SI("N", "largest driving force", 0.001, 1e6)] = 1e6
+    brake_force: Annotated[float, SI("N", "largest braking force", 0.001, 1e6)] = 1e6
     rolling_resistance: Annotated[float, SI("-", "rolling resistance over load", 0.0, 0.5)] = 0.0
     downforce_f: Annotated[float, SI("kg/m", "front downforce per speed squared", -5.0, 50.0)] = 0.0
     downforce_r: Annotated[float, SI("kg/m", "rear downforce per speed squared", -5.0, 50.0)] = 0.0
@@ -47,6 +48,11 @@ class LapCar(NonlinearBicycleParams):
     def weight(self) -> Scalar:
         """Mass times gravity. [N]"""
         return self.mass * GRAVITY
+
+    @property
+    def size(self) -> Scalar:
+        """Wheelbase over that of a usual car: defaults in m go with it, those in s and m/s with its root. [-]"""
+        return self.wheelbase / USUAL
 
     def resistance(self, v: Scalar) -> Scalar:
         """Force that the air and the road take at a speed ``v`` [m/s]. [N]"""

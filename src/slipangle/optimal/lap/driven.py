@@ -16,7 +16,7 @@ from slipangle.paths.path import Path
 from slipangle.shown import Shown
 
 _FAR = 30.0  # m from the track's line, where a log is one of another place
-_RISE = 3.0  # m/s, by which the speed rises before and after a place that ends a sector
+_RISE = 3.0  # m/s, by which the speed of a car of usual size rises before and after a place that ends a sector
 _STEP = 1.0  # m, between the places of a driven lap
 
 
@@ -195,7 +195,7 @@ def lap_delta(lap: Lap, driven: DrivenLap) -> LapDelta:
     fastest = np.interp(driven.s, np.append(0.0, lap.s), np.append(0.0, lap.t))
     delta = driven.t - fastest
     v = np.interp(driven.s, lap.s, lap.v_x, period=lap.track.length)
-    ends = between_corners(v)
+    ends = between_corners(v, _RISE * lap.car.size**0.5)
     places = np.concatenate([[0], ends, [len(v) - 1]])
     sectors = []
     for a, b in pairwise(places):
@@ -205,7 +205,7 @@ def lap_delta(lap: Lap, driven: DrivenLap) -> LapDelta:
     return LapDelta(lap=lap, driven=driven, s=driven.s, delta=delta, sectors=tuple(sectors))
 
 
-def between_corners(v: np.ndarray, rise: float = _RISE) -> np.ndarray:
+def between_corners(v: np.ndarray, rise: float) -> np.ndarray:
     """Rows of the fastest places between two corners, by a rise of the speed before and after each.
 
     ``v`` are the speeds of a closed lap at even places, the first again at the end, shape (n,); ``rise`` is in m/s.

@@ -11,6 +11,7 @@ from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.optimal.lap.car import LapCar, forces
 
 _ANGLES = np.linspace(0.01, 0.45, 45)  # rad, slip angles among which the largest lateral force is sought
+_SLOW = 3.0  # m/s, of a car of usual size
 _GRIP = 0.98  # share of the longitudinal limit that is used
 _HALVINGS = 30
 
@@ -50,7 +51,7 @@ def envelope(car: LapCar, v_max: float, *, speeds: int = 24, shares: int = 15) -
 
     The axles balance the car's yaw, each as far as its friction ellipse goes; the drag of slip angles is left out.
     """
-    v = np.linspace(min(3.0, 0.2 * v_max), v_max, speeds)[:, None]
+    v = np.linspace(min(_SLOW * car.size**0.5, 0.2 * v_max), v_max, speeds)[:, None]
     rest = np.asarray(car.resistance(v))
     most = _largest(lambda a_y: _holds(car, v, a_y, rest), np.zeros_like(v), np.full_like(v, 8.0 * GRAVITY))
     share = np.sin(np.linspace(0.0, 0.5 * np.pi, shares))[None, :]

@@ -22,9 +22,10 @@ from slipangle.optimal.lap.solve import Problem, solve
 from slipangle.optimal.solution import Status
 from slipangle.paths.path import Path
 
-_SPACING = 5.0  # m, between points, by default
+_SPACING = 5.0  # m, between points, by default, for a car of usual size
+_FASTEST = 120.0  # m/s, up to which a car of usual size is taken to be quasi-steady
 _FEWEST, _MOST = 60, 6000  # points
-_TOLERANCE = 0.05  # m, of a given line
+_TOLERANCE = 0.05  # m, of a given line, for a car of usual size and larger ones
 _CALM = 0.95  # of the quasi-steady speed, at which the transient lap starts
 _SMOOTH = (1.4, 0.1, 0.16)  # of yaw acceleration and of the rates of steering and force, see `_weights`
 
@@ -60,9 +61,11 @@ def fastest_lap(
     track : Path
         With its edges; closed, or open from start to end.
     line : {"free", "given"}
-        Whether the line is found too, or the track's own line is driven, to within 5 cm.
+        Whether the line is found too, or the track's own line is driven, to within 5 cm, of a small car as goes with
+        its size.
     points : int, optional
-        Collocation points, by default one every 5 m. They are denser where the car is slow.
+        Collocation points, by default one every 1.94 wheelbases, 5 m for a full car. They are denser where the car is
+        slow.
     smoothness : float
         Weight of yaw acceleration and rates. At 1 a lap is slower by some tenths of a percent than near 0, where the
         optimum is no longer well defined. [-]
@@ -96,10 +99,13 @@ def fastest_lap(
     began = time.perf_counter()
     vehicle = lap_car(car)
     _check(track, line, points, smoothness, margin, v_max, v_start, like)
-    count = min(max(math.ceil(track.length / _SPACING), _FEWEST), _MOST) if points is None else points
+    count = min(max(math.ceil(track.length / (_SPACING * vehicle.size)), _FEWEST), _MOST) if points is None else points
     room = 0.5 * vehicle.width + margin
-    edges: dict[str, Any] = {"room": room, "tolerance": _TOLERANCE if line == "given" else None}
-    steady = envelope(vehicle, v_max)
+    edges: dict[str, Any] = {
+        "room": room,
+        "tolerance": _TOLERANCE * min(vehicle.size, 1.0) if line == "given" else None,
+    }
+    steady = envelope(vehicle, min(v_max, _FASTEST * vehicle.size**0.5))
     ends = _ends(track, count // 2, edges, steady, v_start) if like is None else like.ends
     along = course(track, ends, **edges)
     line_of, bend, v = _quasi_steady(along, steady, v_start)

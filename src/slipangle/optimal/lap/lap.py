@@ -12,7 +12,7 @@ from slipangle.optimal.lap.car import LapCar, rates, slip
 from slipangle.optimal.lap.course import Course
 from slipangle.optimal.lap.program import N_STATES, scales, worth
 from slipangle.optimal.solution import Status
-from slipangle.paths.path import Path
+from slipangle.paths.path import SPACING, Path
 from slipangle.shown import Shown
 
 
@@ -89,7 +89,8 @@ class Lap(Shown):
     @cached_property
     def path(self) -> Path:
         """The driven line with its speeds, for a controller to follow."""
-        line = Path.from_points(self.X, self.Y, closed=self.track.closed, name=f"fastest lap of {self.track.name}")
+        how: Any = {"closed": self.track.closed, "spacing": SPACING * min(float(self.car.size), 1.0)}
+        line = Path.from_points(self.X, self.Y, name=f"fastest lap of {self.track.name}", **how)
         at = line.project_all(self.X, self.Y)[:, 0]
         order = np.argsort(at % line.length) if line.closed else np.argsort(at)
         place = (at % line.length if line.closed else at)[order]

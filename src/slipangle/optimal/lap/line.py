@@ -14,6 +14,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 _ROUNDS = 8
+_STILL = 1e-3  # of the room across the track, a change that ends the search
 _ENOUGH = 1e-13  # of the interior point's complementarity, over its first
 
 
@@ -81,7 +82,7 @@ def minimum_curvature(
         change = box_qp(sparse.csc_matrix(H), E.T @ (W @ (value - E @ n)), low, high) - n
         share = _best_share(lambda m: bending(X + m * nx, Y + m * ny), n, change)
         n = n + share * change
-        if share * np.abs(change).max() < 1e-2:
+        if share * np.abs(change).max() < _STILL * float(np.mean(high - low)):
             break
     x, y = X + n * nx, Y + n * ny
     x1, y1 = D1 @ x, D1 @ y
