@@ -1,11 +1,12 @@
 """Vehicle equations against `tests.oracles.vehicles`."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 
 import numpy as np
 import pytest
 
+from slipangle.data.dataset import Dataset
 from slipangle.models.tires.simple import LinearTire
 from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
@@ -161,7 +162,8 @@ def test_bicycles_below_their_lowest_speed():
     assert linear.derivative(x[:2], np.array([0.05, 1.1 * lowest]))[1] != pytest.approx(limit[1])
 
 
-SATURATING = CHASSIS | dict(C_f=83e3, C_r=127e3, mu_f=0.93, mu_r=1.12, shape=1.36)
+AXLES = dict(C_f=83e3, C_r=127e3, mu_f=0.93, mu_r=1.12, shape=1.36)
+SATURATING = CHASSIS | AXLES | dict(downforce_f=1.7, downforce_r=-0.6)
 SENSORS = dict(bias_r=0.013, bias_v_y=-0.11, bias_a_y=0.23, lever_v_y=-0.31, lever_a_y=0.43, gain_a_y=1.07)
 
 
@@ -182,6 +184,51 @@ def test_saturating_bicycle():
         return [*rates(model)(*z), *(seen[i] for i in range(3))]
 
     agree(ours, oracle, uniform(5, 300, *STATE.values()))
+
+
+def test_lift_leaves_an_axle_a_tenth_of_its_load():
+    """Where it would take all of it, the axle would push the wrong way."""
+    lifted = SaturatingBicycleParams(**(SATURATING | dict(downforce_f=0.0, downforce_r=-5.0)))
+    static = CHASSIS["mass"] * vehicles.G * CHASSIS["l_f"] / CHASSIS["wheelbase"]
+    slipping = np.array([0.7, 0.0])
+    for fast, tenth in ((1.1 * np.sqrt(static / 5.0), 0.1), (0.5 * np.sqrt(static / 5.0), 0.75)):
+        F_yf, F_yr = axle_forces(SaturatingBicycle(params=lifted, dt=0.01), slipping, fast)
+        rest = replace(lifted, downforce_r=0.0)
+        at_rest = axle_forces(SaturatingBicycle(params=rest, dt=0.01), slipping, fast)
+        assert (F_yf, F_yr) == pytest.approx((at_rest[0], tenth * at_rest[1]), rel=1e-12)
+
+
+def axle_forces(model, x, v_x):
+    """Front and rear force from the rates of v_y and r alone, the steering straight. [N]"""
+    p, rates = CHASSIS, model.derivative(x, np.array([0.0, v_x]))
+    both, turn = p["mass"] * (rates[0] + v_x * x[1]), p["inertia_z"] * rates[1]
+    front = ((p["wheelbase"] - p["l_f"]) * both + turn) / p["wheelbase"]
+    return front, both - front
+
+
+def test_a_car_with_downforce_at_one_speed_is_one_without():
+    params, u = SaturatingBicycleParams(**SATURATING), np.array([0.06, 37.0])
+    there = params.at_speed(37.0)
+    assert (there.downforce_f, there.downforce_r) == (0.0, 0.0)
+    without = {n: v for n, v in SATURATING.items() if not n.startswith("downforce")}
+    carried = 1.0 + 1.7 * 37.0**2 / (1310.0 * vehicles.G * (2.62 - 1.11) / 2.62)
+    assert there.C_f == pytest.approx(carried * without["C_f"], rel=1e-12)
+    assert there.mu_f == pytest.approx(carried * without["mu_f"], rel=1e-12)
+    x = np.array([-0.8, 0.3])
+    one, other = (SaturatingBicycle(params=p, dt=0.01).derivative(x, u) for p in (params, there))
+    assert one == pytest.approx(other, rel=1e-12)
+
+
+def test_a_run_of_a_car_with_downforce_begins_in_steady_cornering():
+    """Its rear slips by what the force of the bend asks of the stiffness at that speed."""
+    model = SaturatingBicycle(params=SaturatingBicycleParams(**SATURATING), dt=0.01)
+    v, r, p = 40.0, 0.05, SATURATING
+    static = p["mass"] * vehicles.G * p["l_f"] / p["wheelbase"]
+    carried = static - 0.6 * v**2
+    force = p["mass"] * v * r * p["l_f"] / p["wheelbase"]
+    slip = force / (p["C_r"] * carried / static)
+    first = Dataset.from_arrays({"delta": [0.0, 0.0], "v_x": [v, v]}, {"r": [r, r]}, 0.01)
+    assert model.initial_state(first) == pytest.approx([(p["wheelbase"] - p["l_f"]) * r - v * slip, r], rel=1e-12)
 
 
 def test_relaxing_bicycle():

@@ -107,12 +107,17 @@ def nonlinear_bicycle(car, v_y, r, delta, v_x, v_x_dot):
 
 
 def saturating_bicycle(car, v_y, r, alpha_f, alpha_r, v_x):
-    """Rates of v_y and r, and a_y, from the slip angles that act: D sin(C arctan(B alpha)) of the static axle loads."""
+    """Rates of v_y and r, and a_y, from the slip angles that act: D sin(C arctan(B alpha)) of the axles' loads.
+
+    Each carries its share of the weight and its downforce; stiffness and peak are in proportion to what it carries.
+    """
     m, L, l_f = car["mass"], car["wheelbase"], car["l_f"]
     forces = []
     for alpha, arm, end in ((alpha_f, L - l_f, "f"), (alpha_r, l_f, "r")):
-        D, C = car[f"mu_{end}"] * m * G * arm / L, car["shape"]
-        forces.append(D * np.sin(C * np.arctan(car[f"C_{end}"] / (C * D) * alpha)))
+        carried = m * G * arm / L + car.get(f"downforce_{end}", 0.0) * v_x**2
+        stiffness = car[f"C_{end}"] * carried / (m * G * arm / L)
+        D, C = car[f"mu_{end}"] * carried, car["shape"]
+        forces.append(D * np.sin(C * np.arctan(stiffness / (C * D) * alpha)))
     a_y = sum(forces) / m
     return [a_y - v_x * r, (moment(l_f, 0, 0, forces[0]) + moment(l_f - L, 0, 0, forces[1])) / car["inertia_z"], a_y]
 

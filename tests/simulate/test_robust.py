@@ -49,6 +49,17 @@ def test_a_steady_turn_is_that_of_the_changed_bicycle(stiffness_f, stiffness_r, 
     assert end["r"] == pytest.approx(end["v_x"] * 0.005 / (L + understeer * end["v_x"] ** 2), rel=0.01)
 
 
+def test_a_steady_turn_of_a_car_with_downforce_is_that_of_the_loads_there():
+    known = {n: getattr(CAR, n) for n in ("mass", "inertia_z", "wheelbase", "l_f", "C_f", "C_r")}
+    winged = SaturatingBicycleParams(**known, downforce_f=1.0, downforce_r=4.0)
+    end = settled(Fleet(bicycle=winged, friction=1.0, changes=np.zeros((1, len(NAMES)))), 0.005, v_x=30.0)
+    L, weight, v = CAR.wheelbase, CAR.mass * GRAVITY, end["v_x"]
+    C_f = CAR.C_f * (1 + 1.0 * v**2 / (weight * (L - CAR.l_f) / L))
+    C_r = CAR.C_r * (1 + 4.0 * v**2 / (weight * CAR.l_f / L))
+    understeer = CAR.mass / L * ((L - CAR.l_f) / C_f - CAR.l_f / C_r)
+    assert end["r"] == pytest.approx(v * 0.005 / (L + understeer * v**2), rel=0.01)
+
+
 @pytest.mark.parametrize(("scale", "v_x"), [(1.0, 15.0), (0.1, 4.0)])
 def test_a_car_a_tenth_as_long_answers_its_steering_as_quickly_for_its_size(scale, v_x):
     """Tires relax within a share of the wheelbase; with those of a full car a small one swung and left every lane."""

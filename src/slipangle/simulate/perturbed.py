@@ -72,6 +72,7 @@ class Spread(Checked):
 
 _CHOSEN = ("mass", "inertia_z", "wheelbase", "l_f", "track_f", "track_r", "relaxation_y", "inertia_wheel_f")
 _CHOSEN += ("inertia_wheel_r", "steering_gain", "steering_offset", "mu_fl", "mu_fr", "mu_rl", "mu_rr")
+_CHOSEN += ("downforce_f", "downforce_r")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +138,7 @@ class Fleet:
     Parameters
     ----------
     bicycle : BicycleParams
-        The car as identified.
+        The car as identified; its downforce, where it has some, is theirs.
     friction : float
         Friction coefficient at which its tires saturate. [-]
     changes : array, shape (n, 8)
@@ -204,6 +205,7 @@ class Fleet:
             "relaxation_y": 0.19 * p.wheelbase,
             **dict.fromkeys(("inertia_wheel_f", "inertia_wheel_r"), 2e-3 * heavy),
             **dict.fromkeys(("mu_fl", "mu_fr", "mu_rl", "mu_rr"), grip),
+            **{n: getattr(p, n, 0.0) / (0.5 * _car().params.air_density) for n in ("downforce_f", "downforce_r")},
         }
         for j, name in enumerate(_CHOSEN):
             table[:, 7 + j] = values[name]

@@ -231,7 +231,8 @@ def _law_of(law: type[PathFollower], model: Model, wanted: ControllerSettings, *
             f'[controller] kind = "{wanted.kind}" needs mass, geometry and cornering stiffness, and the model '
             f'\'{wanted.model}\' has none; expected one such as kind = "car" or "bicycle": name another model'
         )
-    return law(params=params, dt=wanted.dt, limit=deg(wanted.delta_max), rate=deg(wanted.delta_rate_max), **entries)
+    at = params.at_speed(wanted.v_x)
+    return law(params=at, dt=wanted.dt, limit=deg(wanted.delta_max), rate=deg(wanted.delta_rate_max), **entries)
 
 
 _LAWS: dict[str, type[PathFollower]] = {

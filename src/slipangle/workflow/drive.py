@@ -210,6 +210,8 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
             "a stand-in for the car: the identified mass, geometry and cornering stiffness on Magic Formula tires that "
             f"saturate at a friction coefficient of {wanted.friction:g}, with wheel spin, steered as late as identified"
         )
+        if any(getattr(identified, name, 0.0) for name in ("downforce_f", "downforce_r")):
+            text += ", but without its downforce"
     else:
         raise ConfigError(
             "[plant] has no catalogue name and the controller's model is no bicycle; expected one of both"

@@ -48,7 +48,8 @@ def other_law(wanted: ControllerSettings, plant_settings: PlantSettings, model: 
     params = identified_bicycle(model)
     if params is None or wanted.kind == "feedforward-feedback" or plant_settings.kind:
         return None
-    law = FeedforwardFeedback(params=params, dt=wanted.dt, limit=deg(wanted.delta_max), rate=deg(wanted.delta_rate_max))
+    limits: Any = {"limit": deg(wanted.delta_max), "rate": deg(wanted.delta_rate_max)}
+    law = FeedforwardFeedback(params=params.at_speed(wanted.v_x), dt=wanted.dt, **limits)
     try:
         plant, driver, _ = build_plant(plant_settings, model)
         run = closed_loop(plant, law, build_path(wanted), driver=driver, width=wanted.width)

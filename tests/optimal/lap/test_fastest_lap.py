@@ -170,6 +170,18 @@ def test_cars_without_limits_or_power_are_named():
     assert sa.lap_car(sa.NonlinearBicycle(params=p, dt=0.01), power=2e5).C_f == 8e4
 
 
+def test_the_lap_of_a_saturating_bicycle_has_its_downforce():
+    axles = dict(C_f=8e4, C_r=1e5, mu_f=1.2, mu_r=1.3, downforce_f=0.9, downforce_r=1.4)
+    p = sa.SaturatingBicycleParams(mass=982.0, inertia_z=1200.0, wheelbase=2.4, l_f=1.39, **axles)
+    car, v = sa.lap_car(sa.SaturatingBicycle(params=p, dt=0.01), power=2e5), 60.0
+    front, rear = 982.0 * GRAVITY * 1.01 / 2.4 + 0.9 * v**2, 982.0 * GRAVITY * 1.39 / 2.4 + 1.4 * v**2
+    acting = forces(0.02, 0.5, -car.resistance(v), 0.0, v, car)
+    assert acting.rear.peak == pytest.approx(1.3 * rear, rel=1e-3)
+    slope = 8e4 * front / (982.0 * GRAVITY * 1.01 / 2.4)  # in proportion to the load, whatever the peak
+    force = 1.2 * front * np.sin(1.4 * np.arctan(slope * 0.02 / (1.4 * 1.2 * front)))
+    assert acting.front.F_y == pytest.approx(force, rel=0.02)
+
+
 def test_the_axles_of_a_dual_track_are_those_of_its_tires():
     car = sa.lap_car(sa.DualTrack(params=BMW_320I, tire_f=PASSENGER_TIRE, tire_r=PASSENGER_TIRE, dt=0.001))
     load = 0.25 * BMW_320I.mass * GRAVITY

@@ -32,7 +32,7 @@ class FeedforwardFeedback(PathFollower):
     Parameters
     ----------
     params : BicycleParams
-        Car with cornering stiffness per axle.
+        Car with cornering stiffness per axle; one with downforce ``at_speed``, that at which it is driven.
     lead : float
         Delay and lag of the steering together. [s]
     bandwidth : float

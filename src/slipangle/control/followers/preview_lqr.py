@@ -30,7 +30,7 @@ class PreviewLQR(PathFollower):
     Parameters
     ----------
     params : BicycleParams
-        Car with cornering stiffness per axle.
+        Car with cornering stiffness per axle; one with downforce ``at_speed``, that at which it is driven.
     weight_y, weight_psi : float
         On the squared distance [1/m2] and heading error [1/rad2].
     weight_change : float

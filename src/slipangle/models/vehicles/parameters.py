@@ -91,6 +91,10 @@ class BicycleParams(ChassisParams):
         """The parameters themselves."""
         return self
 
+    def at_speed(self, v_x: float) -> Self:
+        """The parameters of the linear bicycle at a speed ``v_x`` [m/s]: these, where stiffness knows no speed."""
+        return self
+
 
 @dataclass(frozen=True, kw_only=True)
 class SingleTrackParams(ChassisParams):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 
@@ -15,12 +15,18 @@ from slipangle.ops import Scalar, Vector, atan, maximum, sin, sqrt, stack
 from slipangle.units import SI
 
 _QUICKEST = 0.005  # s, the shortest time in which a tire's force builds up
+_LIGHTEST = 0.1  # of its load at rest, the least that lift leaves an axle
 _NEW: Any = {"may be missing in a file": True}
 
 
 @dataclass(frozen=True, kw_only=True)
 class SaturatingBicycleParams(BicycleParams):
-    """The linear bicycle's, per axle peak friction and relaxation length, where sensors are, and the road's slope."""
+    """The linear bicycle's, per axle friction, relaxation length and downforce, where sensors are, the road's slope.
+
+    Stiffness and largest force of an axle are in proportion to its load, and ``C_f``, ``C_r`` those at rest. Tires that
+    gain less from load act as if there were less downforce: one that was fitted is what the tires make of it, down to a
+    third of the air's. Below zero it is lift.
+    """
 
     mu_f: Annotated[float, SI("-", "front peak friction", 0.05, 10.0)] = 1.0
     mu_r: Annotated[float, SI("-", "rear peak friction", 0.05, 10.0)] = 1.0
@@ -39,6 +45,36 @@ class SaturatingBicycleParams(BicycleParams):
     cross_slope: Annotated[float, SI("rad", "cross slope of the road, positive: left edge higher", -0.3, 0.3)] = field(
         default=0.0, metadata=_NEW
     )
+    downforce_f: Annotated[float, SI("kg/m", "front downforce per speed squared", -5.0, 50.0)] = field(
+        default=0.0, metadata=_NEW
+    )
+    downforce_r: Annotated[float, SI("kg/m", "rear downforce per speed squared", -5.0, 50.0)] = field(
+        default=0.0, metadata=_NEW
+    )
+
+    @property
+    def static_loads(self) -> tuple[Scalar, Scalar]:
+        """Loads of the front and the rear axle at rest. [N]"""
+        weight = self.mass * GRAVITY / self.wheelbase
+        return weight * self.l_r, weight * self.l_f
+
+    def load_ratios(self, v_x: Scalar) -> tuple[Scalar, Scalar]:
+        """Loads of the front and the rear axle at a speed ``v_x`` [m/s] over those at rest, at least a tenth. [-]"""
+        front, rear = self.static_loads
+        down_f, down_r = self.downforce_f * v_x * v_x, self.downforce_r * v_x * v_x
+        return maximum(1.0 + down_f / front, _LIGHTEST), maximum(1.0 + down_r / rear, _LIGHTEST)
+
+    def load_ratio(self, v_x: Scalar) -> Scalar:
+        """Load of both axles at a speed ``v_x`` [m/s] over the weight. [-]"""
+        front, rear = self.load_ratios(v_x)
+        return (front * self.l_r + rear * self.l_f) / self.wheelbase
+
+    def at_speed(self, v_x: float) -> Self:
+        """A car without downforce that is this one at a speed ``v_x`` [m/s], by its stiffness and friction there."""
+        front, rear = self.load_ratios(v_x)
+        of = {"C_f": front, "C_r": rear, "mu_f": front, "mu_r": rear}
+        values = {name: getattr(self, name) * ratio for name, ratio in of.items()}
+        return replace(self, **values, downforce_f=0.0, downforce_r=0.0)
 
 
 def saturated(alpha: Scalar, load: Scalar, C: Scalar, mu: Scalar, shape: Scalar) -> Scalar:
@@ -72,7 +108,7 @@ class SaturatingBicycle(OdeModel):
 
     def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
         """Lateral acceleration of the centre of gravity."""
-        F_yf, F_yr = self._forces(self._acting(x, u))
+        F_yf, F_yr = self._forces(self._acting(x, u), u[1])
         return {"a_y": (F_yf + F_yr) / self.params.mass}
 
     def output(self, x: Vector, u: Vector) -> Vector:
@@ -87,7 +123,7 @@ class SaturatingBicycle(OdeModel):
             return p.lever_v_y * x[1]
         if name != "a_y":
             return 0.0
-        F_yf, F_yr = self._forces(self._acting(x, u))
+        F_yf, F_yr = self._forces(self._acting(x, u), u[1])
         r_dot = (p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z
         return (p.gain_a_y - 1) * (F_yf + F_yr) / p.mass + p.gain_a_y * p.lever_a_y * r_dot
 
@@ -103,7 +139,8 @@ class SaturatingBicycle(OdeModel):
         v = self._speed(float(data["v_x"][0]))
         if "v_y" in data:
             return np.array([self._start("v_y", data) - p.lever_v_y * r, r], dtype=float)
-        return np.array([r * (p.l_r - p.mass * p.l_f * v * v / (p.wheelbase * p.C_r)), r], dtype=float)
+        C_r = p.C_r * p.load_ratios(v)[1]
+        return np.array([r * (p.l_r - p.mass * p.l_f * v * v / (p.wheelbase * C_r)), r], dtype=float)
 
     def _speed(self, v_x: Scalar) -> Scalar:
         return maximum(v_x, lowest_speed(self.params, self.params.C_f, self.params.C_r))
@@ -116,14 +153,14 @@ class SaturatingBicycle(OdeModel):
         """Slip angles that the forces follow."""
         return self._slip(x, u)
 
-    def _forces(self, alpha: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
-        p = self.params
-        weight = p.mass * GRAVITY / p.wheelbase
-        front = saturated(alpha[0], weight * p.l_r, p.C_f, p.mu_f, p.shape)
-        return front, saturated(alpha[1], weight * p.l_f, p.C_r, p.mu_r, p.shape)
+    def _forces(self, alpha: tuple[Scalar, Scalar], v_x: Scalar) -> tuple[Scalar, Scalar]:
+        """Of the axles, which at any slip are in proportion to their loads."""
+        p, (load_f, load_r), (front, rear) = self.params, self.params.static_loads, self.params.load_ratios(v_x)
+        F_yf = front * saturated(alpha[0], load_f, p.C_f, p.mu_f, p.shape)
+        return F_yf, rear * saturated(alpha[1], load_r, p.C_r, p.mu_r, p.shape)
 
     def _rates(self, x: Vector, u: Vector, alpha: tuple[Scalar, Scalar]) -> list[Scalar]:
-        p, (F_yf, F_yr) = self.params, self._forces(alpha)
+        p, (F_yf, F_yr) = self.params, self._forces(alpha, u[1])
         across = (F_yf + F_yr) / p.mass - self._speed(u[1]) * x[1] - GRAVITY * sin(p.cross_slope)
         return [across, (p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z]
 
