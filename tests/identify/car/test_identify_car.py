@@ -32,8 +32,20 @@ DT, FINE = 0.02, 10
 OUTPUTS = ("v_y", "r")
 
 
-def log(speed, seed, *, amplitude=0.08, seconds=16.0, noise=1.0, scale=1.0, outputs=OUTPUTS, steering=STEERING, bank=0):
-    """A drive of the true car with multisine steering, by the oracle's equations at 2 ms; lengths times ``scale``.
+def log(
+    speed,
+    seed,
+    *,
+    amplitude=0.08,
+    seconds=16.0,
+    noise=1.0,
+    scale=1.0,
+    outputs=OUTPUTS,
+    steering=STEERING,
+    bank=0,
+    true=TRUE,
+):
+    """A drive of a ``true`` car with multisine steering, by the oracle's equations at 2 ms; lengths times ``scale``.
 
     The road's left edge is higher by an angle of ``bank``; a_y is that of the tires, as an accelerometer reads it.
     """
@@ -48,8 +60,8 @@ def log(speed, seed, *, amplitude=0.08, seconds=16.0, noise=1.0, scale=1.0, outp
     for k in range(len(t)):
         target = steering["gain"] * (late[k] - steering["offset"])
         wheel += (target - wheel) * -np.expm1(-h / steering["lag"])
-        slip = vehicles.small_slip(TRUE, v_y, r, wheel, speed)
-        v_y_dot, r_dot, a_y = vehicles.saturating_bicycle(TRUE, v_y, r, *slip, speed)
+        slip = vehicles.small_slip(true, v_y, r, wheel, speed)
+        v_y_dot, r_dot, a_y = vehicles.saturating_bicycle(true, v_y, r, *slip, speed)
         if k % FINE == 0:
             rows.append((v_y, r, a_y, r_dot))
         v_y, r = v_y + h * (v_y_dot - vehicles.G * np.sin(bank)), r + h * r_dot
@@ -121,6 +133,12 @@ def test_it_says_what_each_correction_changed(car):
     said = next(s for s in car.sentences if "delay and lag" in s)
     assert "C_f" in said
     assert "->" in said
+
+
+def test_a_car_without_downforce_has_none_and_no_word_of_it(car):
+    assert "downforce_f" not in car.model.fit_info.names
+    assert car.model.value("downforce_r") == 0.0
+    assert not any("downforce" in s for s in car.sentences)
 
 
 def test_unseen_manoeuvre(car):

@@ -7,10 +7,11 @@ import pytest
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import MissingColumnError, ParameterError, TooShortError
+from slipangle.identify.car.corrections import RECORDING, corrections, recordings
 from slipangle.identify.car.identify_car import WholeCar, identify_car
 from slipangle.identify.car.recordings import between
 from slipangle.identify.car.stretches import stretches
-from slipangle.identify.car.structures import RECORDING, STIFF, corrections, first_guess, fit, recordings
+from slipangle.identify.car.structures import STIFF, first_guess, fit
 from slipangle.identify.car.uncertainty import covariance
 from slipangle.models.model import FitInfo
 from slipangle.models.storage import load, save

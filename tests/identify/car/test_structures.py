@@ -8,8 +8,9 @@ import pytest
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.identify.car import structures
+from slipangle.identify.car.corrections import corrections
 from slipangle.identify.car.sentences import unsettled
-from slipangle.identify.car.structures import STIFF, corrected, corrections, first_guess, fit
+from slipangle.identify.car.structures import STIFF, corrected, first_guess, fit
 from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle, SaturatingBicycleParams
 from slipangle.models.vehicles.steering import Steered
 
@@ -69,7 +70,8 @@ def test_a_fit_whose_weights_chase_each_other_is_said_not_to_have_settled(driven
 @pytest.mark.slow
 def test_a_lag_is_found_after_the_tires_were_taken_to_be_late(driven):
     """From no lag at all the search stayed there, and lost the correction that this car needs most."""
-    late, gain, saturates, _, relaxing = corrections(driven, KNOWN["wheelbase"], ())
+    late, gain, saturates, *others = corrections(driven, KNOWN["wheelbase"], ())
+    relaxing = next(correction for correction in others if correction.relaxing)
     before = fit(GUESS.with_values(steering_gain=1.0), (*STIFF, "steering_offset"), driven)
     for correction in (saturates, relaxing, gain):
         before = corrected(before, correction, driven)

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Stage, friction_used, recordings, settling
+from slipangle.identify.car.corrections import DOWNFORCE, FAST, friction_used, recordings
+from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Stage, settling
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import Scalar
 
@@ -22,6 +23,7 @@ _SHOWN = 6  # values of single recordings that a sentence lists
 _LATE = 0.25  # s, of delay and lag together, that no steering has
 _STIFFEST = (3.0, 60.0)  # cornering stiffness over the axle's load, of any tire [1/rad]
 _HEAVIEST = (0.25, 2.5)  # yaw inertia over mass l_f l_r, of any car [-]
+_WINGED = 1.25  # friction used, from which a car may have wings
 _BELOW = 0.8  # friction found over friction used, up to which the car could not have driven so
 _LEFT_OUT = 0.4  # share of the driving from which it is said that it was not used
 _DEAF = 0.1  # share of the outputs' variance up to which nothing is explained
@@ -160,8 +162,8 @@ def impossible(names: tuple[str, ...], final: Fitted, limits: np.ndarray, used: 
     for name in (n for n in ("mu_f", "mu_r") if n in names):
         if final.values[name] < _BELOW * used and limits[names.index(name)][1] < used:
             said.append(
-                f"{name} is {final.values[name]:.2g}, and the lateral acceleration that v_x and r tell reaches "
-                f"{used:.2g} g; expected at least as much friction: check v_x and r, and do not drive near the "
+                f"{name} is {final.values[name]:.2g}, and the lateral acceleration that v_x and r tell asks for "
+                f"{used:.2g}; expected at least as much friction: check v_x and r, and do not drive near the "
                 "limit by this model"
             )
     told = 1 - (final.sigma / np.maximum(np.std(final.problem.data.y, axis=0), 1e-300)) ** 2
@@ -176,7 +178,7 @@ def impossible(names: tuple[str, ...], final: Fitted, limits: np.ndarray, used: 
 
 
 def friction_reached(final: Fitted) -> float:
-    """Largest lateral acceleration of the log over that of gravity, but for outliers.
+    """Largest lateral acceleration of the log over that of gravity and downforce, but for outliers.
 
     It is ``v_x r`` as measured and the rate of v_y in a free run: in a quick swerve ``v_x r`` alone may be half as much
     again as what the tires hold.
@@ -187,10 +189,10 @@ def friction_reached(final: Fitted) -> float:
         first = model.memory - 1
         inputs = part.select(inputs=model.inputs).u[first:]
         run = model.free_run(model.initial_state(part.rows(0, model.memory)), inputs)[:, 0]
-        turn = (part["v_x"] * part["r"])[first + 1 :]
-        found.append((turn + np.gradient(run, part.dt))[settling(len(run), part.dt) :])
+        turn, load = part["v_x"] * part["r"], model.ode.params.load_ratio(part["v_x"][first + 1 :])
+        found.append(((turn[first + 1 :] + np.gradient(run, part.dt)) / load)[settling(len(run), part.dt) :])
     sideways = np.abs(np.concatenate(found))
-    alone = friction_used(data)
+    alone = friction_used(data, final.model.ode.params)
     return min(float(np.quantile(sideways, 0.999)) / GRAVITY, alone) if np.isfinite(sideways).all() else alone
 
 
@@ -227,6 +229,31 @@ def elsewhere(final: Fitted, others: list[tuple[Fitted, float]], limits: np.ndar
         f"v_y reads as if measured {lever:+.2g} m from the centre of gravity: if its sensor sits there, l_f is "
         f"{l_f:.3g} m in place of {p.l_f:.3g} m, C_f about {short(C_f)} and C_r {short(C_r)} N/rad, and the intervals "
         "do not hold: check both places"
+    ]
+
+
+def wings(final: Fitted, limits: np.ndarray, used: float) -> list[str]:
+    """Downforce that was found, with its limits, of shape (n_names, 2); none on friction that needs some, ``used`` [-].
+
+    What was found is what the tires make of it, see `SaturatingBicycleParams`.
+    """
+    if not {*DOWNFORCE} <= {*final.names}:
+        said = (
+            f"the log uses a friction of {used:.2g} and tells no downforce: if the car has wings, C_f, C_r and "
+            "friction are those of the speeds that were driven; drive alike at low and at high speed to tell it"
+        )
+        return [said] if used > _WINGED else []
+    fastest = float(np.quantile(final.problem.data["v_x"], FAST))
+    front, rear = final.model.ode.params.load_ratios(fastest)
+    found = (
+        f"{n} = {final.values[n]:.2g} ({low:.2g} to {high:.2g})"
+        for n, (low, high) in zip(DOWNFORCE, (limits[final.names.index(n)] for n in DOWNFORCE), strict=True)
+    )
+    return [
+        f"stiffness and grip grow with speed as by {' and '.join(found)} kg/m: at {fastest:.3g} m/s they are "
+        f"{front:.3g} and {rear:.3g} times C_f, C_r, mu_f and mu_r, which are those at rest; that of wings is more, "
+        "often several times, as tires gain less than in proportion to load, and a car without any has something else "
+        "that grows with speed"
     ]
 
 

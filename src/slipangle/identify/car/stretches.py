@@ -10,7 +10,7 @@ import numpy as np
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import MissingColumnError, TooShortError
-from slipangle.identify.car.structures import RECORDING
+from slipangle.identify.car.corrections import RECORDING
 
 _SHORTEST = 4.0  # s, of a stretch that is worth a free run
 _WANTED, _ENOUGH = 20, 8  # stretches that recordings are cut into; so many recordings stay whole

@@ -1,4 +1,4 @@
-"""What a log may need beyond the linear bicycle, one correction after the other, and whether it helps."""
+"""Structures of a car, each with a correction more than another, fitted to a log, and whether that helps."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares as trust_region
 
 from slipangle.data.dataset import Dataset
+from slipangle.identify.car.corrections import Correction, recordings
 from slipangle.identify.physics.grey_box import nominal
 from slipangle.identify.physics.simulation_error import FreeRunProblem
 from slipangle.models.vehicles.banked import Banked
@@ -18,21 +19,18 @@ from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, Satura
 from slipangle.models.vehicles.steering import Steered
 from slipangle.models.wrappers.delayed import Delayed
 
-RECORDING = "recording"  # channel that numbers the recording that a sample is of
 SLOWEST = 1.0  # wheelbases a second: slower, steering and speed sensors say little
 ELSEWHERE = 0.05  # wheelbases, standard deviation of the centre of gravity about where it was said to be
 STIFF = ("C_f", "C_r", "inertia_z")
 _LINEAR = 8.0  # peak friction at which an axle is as good as linear
 _LONGEST = 0.3  # s, of a steering delay
 _ITERATIONS, _FLAT = 60, 1e-7  # of a fit, and the relative gain of its last step
-_LATE = {"delay_delta": 0.05, "steering_lag": 0.05}  # s, where a search that begins at none may never come to
-_SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
 _AS_GIVEN = 1e-4  # of the width for the mass, for the recording whose mass was given
+_WINGS = 0.005  # standard deviation of an axle's downforce per speed squared, over mass per wheelbase
 _BELOW = 0.15  # standard deviation of how far the rear's friction may lie below the front's
 _WORTH = 0.05  # fall of the squared held-out error that is worth a correction by itself
 _HARM = 0.01  # rise of the squared held-out error that a correction may bring
 _SETTLES = 1.0  # s, until an initial state that was guessed is forgotten
-_SESSION = 28.0  # s of driving to fit to, mean of several recordings that may have offsets of their own; of 40 s about
 _ROUNDS, _NEARLY = 4, (0.05, 0.2, np.inf)  # of weighing outputs and prior; moves of both, and of z, that end them
 _LAST_ROUNDS, _STILL = 30, (1e-3, 1e-3, 1e-3)  # the same of a last fit; z moves by standard deviations
 _COLOUR = 400  # lags of the residuals' autocorrelation
@@ -42,80 +40,6 @@ Prior = Mapping[str, tuple[float, float, bool]]
 """What is known of parameters by name: centre, standard deviation, and whether that is a share of the centre."""
 Pull = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """From scaled unknowns to residuals that draw these to what is known, shape (n,), and their derivatives."""
-
-
-@dataclass(frozen=True)
-class Correction:
-    """Something that a log may need: its name, its parameters, and where these start, in one or several places."""
-
-    said: str
-    free: tuple[str, ...]
-    starts: tuple[Mapping[str, float], ...] = ({},)
-    own: tuple[str, ...] = ()  # of `free`, those with a value for each recording
-    relaxing: bool = False  # the car becomes a `RelaxingBicycle`
-    steered: bool = False  # the car becomes a `Steered` one
-
-    def adds_nothing_to(self, fitted: Fitted) -> bool:
-        """Whether its parameters have values of their own already, of each recording if it is about those."""
-        return {*self.free} <= {*fitted.own} | ({*fitted.free} - {*self.own})
-
-
-def corrections(
-    data: Dataset, wheelbase: float, own: tuple[str, ...] | None, elsewhere: Mapping[str, float] | None = None
-) -> tuple[Correction, ...]:
-    """Corrections in the order in which they are tried; each stays if it helps on held-out stretches.
-
-    ``own`` are parameters that have a value for each recording anyway; None lets offsets be tried so. ``elsewhere`` is
-    where the gain, then tried first, starts too, as where its sign or unit is another than was said.
-    """
-    biases = tuple(f"bias_{name}" for name in data.outputs)
-    used = friction_used(data)
-    mu = SaturatingBicycleParams.metadata()["mu_f"]  # wrong units may go beyond any friction
-    starts = (float(np.clip(share * used, mu.lower, mu.upper)) for share in _SHARES)
-    frictions = tuple({"mu_f": start, "mu_r": start} for start in starts)
-    length = 0.1 * wheelbase
-    listed = [
-        Correction("the steering's delay and lag are free", tuple(_LATE), ({}, _LATE), steered=True),
-        Correction("the steering's gain is free", ("steering_gain",)),
-        Correction("the axles saturate", ("mu_f", "mu_r"), frictions),
-        Correction("the sensors' biases are free", biases),
-        Correction(
-            "the tires' relaxation lengths are free",
-            ("relaxation_f", "relaxation_r"),
-            ({"relaxation_f": length, "relaxation_r": length},),
-            relaxing=True,
-        ),
-    ]
-    if "v_y" in data.outputs:
-        listed.insert(-1, Correction("the place of the v_y sensor is free", ("lever_v_y",)))
-    if "a_y" in data.outputs:
-        listed.insert(-1, Correction("place and scale of the a_y sensor are free", ("lever_a_y", "gain_a_y")))
-    if own is None and _sessions(data):
-        differ = (("the steering's offset differs", ("steering_offset",)), ("the sensors' biases differ", biases))
-        listed += [Correction(f"{what} between recordings", names, own=names) for what, names in differ]
-    if elsewhere:
-        gain = next(c for c in listed if c.free == ("steering_gain",))
-        listed = [replace(gain, starts=({}, elsewhere)), *(c for c in listed if c is not gain)]
-    left = (replace(c, free=tuple(n for n in c.free if n not in (own or ()))) for c in listed)
-    return tuple(c for c in left if c.free)
-
-
-def recordings(data: Dataset) -> tuple[int, ...]:
-    """Number of the recording that each experiment is of."""
-    if RECORDING not in data:
-        return tuple(range(len(data.starts)))
-    return tuple(int(data[RECORDING][row]) for row in data.starts)
-
-
-def _sessions(data: Dataset) -> bool:
-    """Whether there are several recordings, long enough to be sessions with sensors zeroed in between."""
-    count = len(set(recordings(data)))
-    return count > 1 and data.duration > _SESSION * count
-
-
-def friction_used(data: Dataset) -> float:
-    """Largest lateral acceleration of a log over that of gravity, but for outliers."""
-    return float(np.quantile(np.abs(data["v_x"] * data["r"]), 0.999)) / GRAVITY
 
 
 def first_guess(
@@ -270,6 +194,8 @@ def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
         "C_r": (12.0 * rear, 0.7, True),
         "mu_f": (1.0, 0.2, True),
         "mu_r": (1.0, 0.2, True),
+        "downforce_f": (0.0, _WINGS * p.mass / p.wheelbase, False),
+        "downforce_r": (0.0, _WINGS * p.mass / p.wheelbase, False),
         "relaxation_f": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "relaxation_r": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "lever_v_y": (0.0, 0.1 * p.wheelbase, False),
