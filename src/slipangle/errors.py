@@ -1,6 +1,7 @@
 """One exception per kind of bad input; each message says what, got, expected, fix."""
 
 import difflib
+import inspect
 import re
 from collections.abc import Callable, Iterable, Sequence
 
@@ -99,6 +100,12 @@ def shown(value: object, most: int = 60) -> str:
     """
     text = " ".join(repr(value[: most + 1] if isinstance(value, str) else value).split())
     return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def place(function: object) -> str:
+    """Where a function is written, for messages: line and file, or what it is."""
+    code = getattr(inspect.unwrap(function) if callable(function) else function, "__code__", None)
+    return type(function).__name__ if code is None else f"line {code.co_firstlineno} of {code.co_filename}"
 
 
 def nearest(name: str, known: Iterable[str], *, every: bool = False) -> str:

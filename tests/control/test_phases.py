@@ -267,6 +267,8 @@ def test_arguments_are_looked_at():
     phases = Phases([first(), second()], links=[lambda x: [x[0]]])
     with pytest.raises(ParameterError, match="one for each of 2 phases"):
         phases.plan(np.zeros(2), [{}])
+    with pytest.raises(ParameterError, match="wanted is one dict; expected a list of 2"):
+        phases.plan(np.zeros(2), {"s": 0.0, "v": 0.0})
     with pytest.raises(ParameterError, match="the state has 3 entries"):
         phases.plan(np.zeros(3), [{}, {}])
     with pytest.raises(ParameterError, match="link 0 gives 1 states"):

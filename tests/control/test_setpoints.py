@@ -56,6 +56,9 @@ def test_what_is_said_is_checked(masses):
         masses.plan(x, reference, p1=1.0)
     with pytest.raises(ParameterError, match=r"expected \(16,\)|expected 16"):
         masses.plan(x, p1=np.zeros(9))
+    with pytest.raises(ParameterError, match=r"expected \(16,\)|expected 16"):
+        masses.plan(x, p1=np.zeros(15))  # a state has a value at the end too ...
+    assert masses.plan(x, a1=np.zeros(15)).status.solved  # ... and an input has none
     with pytest.raises(ParameterError, match="expected a number, or 16 of them"):
         masses.plan(x, p1="far")
 

@@ -1,5 +1,6 @@
 """One description: names, arrays, every argument effective, errors that help."""
 
+import math
 from dataclasses import FrozenInstanceError, fields, replace
 
 import numpy as np
@@ -239,11 +240,54 @@ def ocp(**options):
         ({"slack": Weights(delta=1.0), "limits": Limits(delta=1.0)}, "slack"),
         ({"slack_linear": Weights(r=1.0)}, "slack_linear"),
         ({"corridor": 0.0}, "corridor"),
+        ({"terms": {"t": 3.0}}, "'t' fails on symbols.*TypeError"),
+        ({"terms": {"t": lambda x, u: x[0]}}, "'t' fails on symbols.*3 were given.*see line"),
+        ({"terms": {"t": lambda x, u, p: [x[0], x[1]]}}, "'t' gives .*expected a function .* that gives one number"),
+        ({"terms": {"t": lambda x, u, p: None}}, "'t' gives None"),
+        ({"terms": {"t": lambda x, u, p: p.mas}}, "'t' fails on symbols.*'mas'"),
+        ({"terms": {"t": lambda x, u, p: math.sin(x[0])}}, "'t' gives nan"),
+        ({"terms": {"t": lambda x, u, p: x[1] * math.sin(x[0])}}, "on symbols and .* on numbers.*ops.sin"),
+        ({"Q": {}, "terminal": "lqr", "limits": Limits(r=1.0)}, "no weights in Q"),
     ],
 )
 def test_bad_problems_say_what_to_do(options, what):
     with pytest.raises(ParameterError, match=what):
         ocp(**options)
+
+
+@pytest.mark.parametrize("solver", ["ipopt", "realtime"])
+def test_least_effort_from_rest_to_rest_tracks_nothing(solver):
+    """The inputs of least squares that lead there: the pseudo-inverse of what they do to the end."""
+    mass, n = double_integrator(), 12
+    mpc = MPC(
+        mass, horizon=n, Q={}, R=Weights(a=1.0), terminal_limits=Limits(p=(1.0, 1.0), v=(0.0, 0.0)), solver=solver
+    )
+    plan = mpc.plan(np.zeros(2))
+    push = (np.arange(n)[::-1] + 0.5) * mass.dt**2
+    wanted = np.linalg.pinv(np.stack([push, np.full(n, mass.dt)])) @ [1.0, 0.0]
+    assert plan.status.solved
+    assert plan.u[:, 0] == pytest.approx(wanted, rel=1e-6)
+    assert plan.cost == pytest.approx(wanted @ wanted, rel=1e-6)
+    for said in ({"p": 1.0}, {"Q": {"nothing": 1.0}}):  # what counts for nothing cannot be wanted
+        with pytest.raises(ParameterError, match="names"):
+            mpc.plan(np.zeros(2), **said)
+
+
+def test_a_slow_process_wants_longer_steps():
+    """A tank over a day, minute by minute: its equation has an exact solution, which four steps a minute keep."""
+
+    def rate(x, u, p):
+        return [(u[0] - x[0]) / 600.0]
+
+    slow = Ode(f=rate, states=("level",), inputs=("flow",), params={}, dt=60.0)
+    posed = {"horizon": 10, "Q": {"level": 1.0}, "R": {"flow": 1e-3}, "limits": {"flow": 5.0}}
+    with pytest.raises(ParameterError, match=r"takes 6000 explicit steps.*expected at most 400"):
+        OCP(slow, **posed)
+    plan = MPC(replace(slow, substeps=4), **posed).plan(np.array([2.0]), level=1.0)
+    level, kept = 2.0, np.exp(-60.0 / 600.0)
+    for flow, predicted in zip(plan.u[:, 0], plan.x[1:, 0], strict=True):
+        level = kept * level + (1 - kept) * flow
+        assert predicted == pytest.approx(level, abs=1e-8)
 
 
 def test_corridor_needs_a_pose():

@@ -190,6 +190,10 @@ class Phases(Brief):
         x = vector(x, first.model.states, "the state")
         zero = np.clip(np.zeros(len(first.controls)), *first.input_bounds.T)
         before = zero if applied is None else applied_input(applied, first.controls)
+        if isinstance(wanted, Mapping | Reference):
+            raise ParameterError(
+                f"wanted is one {type(wanted).__name__}; expected a list of {len(phases)}, what is wanted in each phase"
+            )
         if len(wanted) != len(phases):
             raise ParameterError(f"wanted has {len(wanted)} entries; expected one for each of {len(phases)} phases")
         references = [

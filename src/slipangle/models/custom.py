@@ -1,6 +1,6 @@
 """`Ode`: a model from equations of your own."""
 
-import inspect
+import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from slipangle.data.dataset import Dataset
-from slipangle.errors import ParameterError, nearest
+from slipangle.errors import ParameterError, nearest, place
 from slipangle.models.equations import Recorded
 from slipangle.models.implicit import Guess, Unknowns
 from slipangle.models.ode import OdeModel
@@ -102,7 +102,7 @@ class Ode(OdeModel):
     """A model from equations of your own: simulated, fitted, controlled with and compiled like the built-in ones.
 
     Raises ParameterError if ``f`` gives another number of rates, or cannot work on symbols, or if equations
-    leave a rate open.
+    leave a rate open, or a name is there twice.
 
     Parameters
     ----------
@@ -135,7 +135,9 @@ class Ode(OdeModel):
         Newton steps that solve these equations, at each evaluation of the rates; equations that are straight lines in
         the unknowns are solved at once. Where the last step is no small one the rates are NaN.
     method, substeps
-        As for every `OdeModel`; explicit steps are at most 10 ms long unless ``substeps`` says otherwise.
+        As for every `OdeModel`; explicit steps are at most 10 ms long unless ``substeps`` says otherwise. In a
+        controller each is code of its own, so that a sample time above 4 s, as of a tank or a building, needs
+        ``substeps`` there: about four to the shortest time constant; or ``method="radau"``.
 
     Notes
     -----
@@ -166,6 +168,12 @@ class Ode(OdeModel):
         for key in ("states", "inputs"):
             given = getattr(self, key)
             object.__setattr__(self, key, (given,) if isinstance(given, str) else tuple(given))
+        names = (*self.states, *self.inputs, *self.guess)
+        if len(set(names)) < len(names):
+            raise ParameterError(
+                f"states, inputs and algebraic variables are named {list(names)}; expected each name once: rename "
+                f"'{next(n for i, n in enumerate(names) if n in names[:i])}'"
+            )
         if isinstance(self.params, Mapping):
             object.__setattr__(self, "params", NamedParams.of(self.params))
         object.__setattr__(self, "begin", dict(self.begin))
@@ -230,7 +238,7 @@ class Ode(OdeModel):
         x, u = ca.SX.sym("x", self.n_states), ca.SX.sym("u", self.n_inputs)
         needs = (
             "expected x[i], u[i], p.name, arithmetic and functions of slipangle.ops, such as ops.sin and ops.where: "
-            f"see {_place(self.f or self.implicit)}"
+            f"see {place(self.f or self.implicit)}"
         )
         try:
             with warnings.catch_warnings():
@@ -253,6 +261,11 @@ class Ode(OdeModel):
         numeric = np.asarray(self.derivative(x_at, u_at), dtype=float)
         if not np.allclose(np.asarray(symbolic).ravel(), numeric, rtol=1e-9, atol=1e-12, equal_nan=True):
             raise ParameterError(f"f gives other rates on symbols than on numbers; {needs}")
+
+    def resampled(self, dt: float, *, substeps: int = 0, outputs: tuple[str, ...] = ()) -> Self:
+        """The same equations at another sample time [s], in steps that are no longer; see `Parametrised.resampled`."""
+        kept = 1 if self.method == "radau" else max(1, math.ceil(self.substeps * dt / self.dt - 1e-9))
+        return replace(self, dt=dt, substeps=max(substeps, kept), outputs=outputs or self.outputs)
 
     def recorded(self) -> Self:
         """The same model with its equations written down operation by operation, which `save` can keep.
@@ -305,8 +318,3 @@ class Ode(OdeModel):
 
 def _first(recorded: Recorded) -> Callable[[Vector, Vector, Any], Scalar]:
     return lambda *given: recorded(*given)[0]
-
-
-def _place(f: Any) -> str:
-    code = getattr(inspect.unwrap(f), "__code__", None)
-    return type(f).__name__ if code is None else f"line {code.co_firstlineno} of {code.co_filename}"

@@ -106,6 +106,8 @@ def lqr(problem: Any, **at: float) -> TerminalCost:
     tracked quantity depends have no part in it.
     """
     ocp = getattr(problem, "ocp", problem)
+    if not ocp.Q:
+        raise ParameterError("the problem has no weights in Q; expected some, which a regulator brings to zero: set Q")
     places = (ocp.model.states, ocp.controls, ocp.exogenous)
     require_names(at, [n for names in places for n in names], "lqr()", "use a state, an input or a parameter")
     usual = {**ocp.presumed, **at}

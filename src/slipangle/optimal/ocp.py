@@ -23,10 +23,12 @@ from slipangle.ops import Scalar, Vector, atan2, cos, maximum, sin, stack
 from slipangle.optimal.arrays import array, short
 from slipangle.optimal.end import TerminalCost, lqr
 from slipangle.optimal.scenarios import Scenarios
-from slipangle.optimal.terms import Limits, Read, Weights, coerce, require_names
+from slipangle.optimal.terms import Limits, Read, Weights, coerce, evaluated, require_names, require_same
 from slipangle.paths.preview import Preview
 from slipangle.shown import Brief
 
+MOST_STEPS = 400  # of an explicit integrator in one sample: a compiler takes up to half a minute for so many
+NOTHING = "nothing"  # of a problem that tracks none: solvers have an error all the same, which is zero
 PATH_ERRORS = ("e_x", "e_y", "e_psi", "e_course")
 MOVING = 0.1  # m/s, below which no direction of motion is told
 POSE = ("X", "Y", "psi")
@@ -187,7 +189,7 @@ class OCP(Checked):
     ------
     ParameterError
         If a name is not known (with the nearest ones), the horizon is below 1, steps do not fit it, nothing is tracked
-        or decided.
+        or decided, a term is no function of numbers, or the model takes thousands of steps a sample.
 
     References
     ----------
@@ -228,6 +230,13 @@ class OCP(Checked):
         coerce(self, Limits, "limits", "rates", "terminal_limits", "free")
         model = self.model
         super().__post_init__()
+        many = getattr(model, "substeps", 1)
+        if getattr(model, "method", "radau") != "radau" and many > MOST_STEPS:
+            raise ParameterError(
+                f"a sample of the model takes {many} explicit steps, each of them code in a controller; expected at "
+                f"most {MOST_STEPS}: give the model substeps=..., about four to its shortest time constant, or "
+                "method='radau'"
+            )
         if self.steps is not None:
             object.__setattr__(self, "steps", _checked_steps(self.steps, self.horizon, model.dt))
         named = (*self.R, *self.S, *self.limits, *self.rates)
@@ -257,6 +266,8 @@ class OCP(Checked):
         for name, (lower, upper) in self.rates.items():
             if not lower <= 0 <= upper:
                 raise ParameterError(f"the rate limit of '{name}' is ({lower}, {upper}); expected one that contains 0")
+        if self.terms:
+            self._require_terms()
         if self.corridor is not None:
             require_names(("e_y",), trackable, "corridor", "use a model with X, Y and psi, such as OnGround(model)")
         if regulated:
@@ -281,9 +292,12 @@ class OCP(Checked):
         flat = [name for name, bend in self.huber.items() if not bend > 0]
         if flat:
             raise ParameterError(f"the bend of '{flat[0]}' in huber is 0; expected a positive one, in its unit")
-        if not self.Q and (self.terminal is None or (isinstance(self.terminal, Weights) and not self.terminal)):
-            raise ParameterError(f"nothing is tracked; expected weights on some of {trackable}: set Q")
         require_names(self.terminal_limits, trackable, "terminal_limits", "use a state or an output")
+        if self.tracked == (NOTHING,) and not (self.limited and (self.R or self.S or self.slack or self.slack_linear)):
+            raise ParameterError(
+                f"nothing is tracked; expected weights on some of {trackable}: set Q, or limits of them that R, S or a "
+                "slack is to keep at least cost"
+            )
         if self.corridor is not None and "e_y" in self.terminal_limits:
             raise ParameterError(
                 "terminal_limits name 'e_y', which the corridor limits; expected one of both: narrow the last row "
@@ -372,7 +386,7 @@ class OCP(Checked):
         """Quantities with a weight in Q or at the end, the rows of the error in `stage`."""
         if isinstance(self.terminal, TerminalCost):
             return (*self.Q, *(f"terminal[{k}]" for k in range(len(self.terminal.rows))))
-        return tuple(dict.fromkeys((*self.Q, *(self.terminal or ()))))
+        return tuple(dict.fromkeys((*self.Q, *(self.terminal or ())))) or (NOTHING,)
 
     @cached_property
     def limited(self) -> tuple[str, ...]:
@@ -386,7 +400,7 @@ class OCP(Checked):
         used = self.tracked
         if isinstance(self.terminal, TerminalCost):
             used = (*self.Q, *(n for n in self.terminal.names if n not in self.controls))
-        plain = [n for n in used if n not in PATH_ERRORS and n not in self.terms]
+        plain = [n for n in used if n not in PATH_ERRORS and n not in self.terms and n != NOTHING]
         pose = POSE if set(PATH_ERRORS) & {*used, *self.limited} else ()
         return tuple(dict.fromkeys((*plain, *pose)))
 
@@ -427,13 +441,12 @@ class OCP(Checked):
                 known = {**{n: full[i] for i, n in enumerate(self.model.inputs)}, **values}
                 values["e_course"] = values["e_psi"] + atan2(known["v_y"], maximum(known["v_x"], MOVING))
         values.update(self._more(x, u, w))
-        params = getattr(self.model, "params", None)
-        beside = self._beside(x, w)
-        if beside:
-            params = Read(params, beside)
-        values.update({name: term(x, full, params) for name, term in self.terms.items()})
+        params = self._read(x, w)
+        values.update({name: evaluated(name, term, x, full, params) for name, term in self.terms.items()})
 
         def missed(name: str) -> Scalar:
+            if name == NOTHING:
+                return 0 * x[0]
             return values[name] - (0.0 if name in PATH_ERRORS or name in self.terms else wanted[name])
 
         if isinstance(self.terminal, TerminalCost):
@@ -446,6 +459,25 @@ class OCP(Checked):
         empty = type(x)(0, 1)
         results = [stack(error), stack(limited) if limited else empty]
         return ca.Function("stage", [x, u, w, p], results, ["x", "u", "w", "p"], ["error", "limited"])
+
+    def _read(self, x: Any, w: Any) -> Any:
+        """What terms read as ``p``."""
+        params, beside = getattr(self.model, "params", None), self._beside(x, w)
+        return Read(params, beside) if beside else params
+
+    def _require_terms(self) -> None:
+        """Raise unless every term gives one number, the same on symbols as on numbers.
+
+        Raises
+        ------
+        ParameterError
+            With the term.
+        """
+        sizes = self.model.n_states, self.model.n_inputs, len(self.exogenous)
+        x, u, w = (self._kind.sym(k, n) for k, n in zip("xuw", sizes, strict=True))
+        for name, term in self.terms.items():
+            value = evaluated(name, term, x, u, self._read(x, w))
+            require_same(name, term, value, (x, u, w), self._read)
 
     def _beside(self, x: Any, w: Any) -> dict[str, Any]:
         """What terms read besides the model's parameters, by name."""

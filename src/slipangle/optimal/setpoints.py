@@ -11,7 +11,7 @@ import numpy as np
 from slipangle.errors import ParameterError
 from slipangle.optimal.arrays import array, short
 from slipangle.optimal.end import TerminalCost
-from slipangle.optimal.ocp import OCP, POSE, Reference, at_nodes
+from slipangle.optimal.ocp import NOTHING, OCP, POSE, Reference, at_nodes
 from slipangle.optimal.terms import require_names
 
 VARIED = ("limits", "Q", "R", "S", "scenarios")
@@ -53,7 +53,8 @@ def setpoint(ocp: OCP, wanted: Mapping[str, Any]) -> Reference:
         raise ParameterError(
             f"the setpoint lacks '{lost[0]}', which is tracked; expected its value: say {lost[0]}=..., or use a path"
         )
-    columns = {name: _column(name, value, n) for name, value in wanted.items()}
+    held = (*ocp.exogenous, *ocp.controls)
+    columns = {name: _column(name, value, n, ends=name not in held) for name, value in wanted.items()}
     zero = np.zeros(n + 1)
     inputs = [columns.get(name, zero)[:n] for name in ocp.controls] if set(ocp.controls) & set(wanted) else None
     reference = Reference(
@@ -107,12 +108,13 @@ def vary(
         for name, both in limits.items():
             if not (isinstance(both, tuple | list) and len(both) == 2):
                 raise ParameterError(f"the limits of '{name}' are {short(both)}; expected a lower and an upper one")
-            j, (low, high) = ocp.limited.index(name), (_column(name, side, n) for side in both)
+            j, (low, high) = ocp.limited.index(name), (_column(name, side, n, ends=True) for side in both)
             end = ocp.terminal_limits.get(name, (-np.inf, np.inf))
             low[-1], high[-1] = max(low[-1], end[0]), min(high[-1], end[1])
             rows[:, j, 0], rows[:, j, 1] = low, high
         changed["limits"] = rows
-    tracked = list(ocp.Q if isinstance(ocp.terminal, TerminalCost) else ocp.tracked)
+    weighed = ocp.Q if isinstance(ocp.terminal, TerminalCost) else ocp.tracked
+    tracked = [name for name in weighed if name != NOTHING]
     for what, given, names, known, height in (
         ("Q", Q, ocp.tracked, tracked, n + 1),
         ("R", R, ocp.controls, list(ocp.R), n),
@@ -163,11 +165,11 @@ def _own_weights(ocp: OCP, what: str) -> np.ndarray:
     )
 
 
-def _column(name: str, given: Any, horizon: int) -> np.ndarray:
-    """One value for each node; those of inputs may lack the end."""
+def _column(name: str, given: Any, horizon: int, ends: bool = False) -> np.ndarray:
+    """One value for each node; unless it ``ends`` there, as a state does, the last may be left out."""
     if np.ndim(given) == 0 and isinstance(given, int | float | np.number | np.ndarray):
         return np.full(horizon + 1, float(given))
-    if np.shape(given) == (horizon,):
+    if np.shape(given) == (horizon,) and not ends:
         given = at_nodes(np.asarray(given, dtype=float), horizon)
     if np.ndim(given) != 1:
         raise ParameterError(

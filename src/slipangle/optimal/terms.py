@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import MISSING
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
-from slipangle.errors import ParameterError, nearest
+import casadi as ca
+import numpy as np
+
+from slipangle.errors import ParameterError, nearest, place
+from slipangle.ops import Scalar, is_symbolic
 from slipangle.optimal.arrays import short
 from slipangle.shown import WIDEST, Brief
 
@@ -175,3 +180,68 @@ def require_names(given: Iterable[str], known: Iterable[str], what: str, fix: st
     for name in given:
         if name not in names:
             raise ParameterError(f"{what} names '{name}'; {nearest(name, names)}: {fix}")
+
+
+def evaluated(name: str, term: Any, x: Any, u: Any, params: Any) -> Scalar:
+    """What a term gives on symbols.
+
+    Raises
+    ------
+    ParameterError
+        If it is no function of state, inputs and parameters, or what it gives is no single number.
+    """
+    needs = (
+        "expected a function (x, u, p) of state, inputs and parameters that gives one number, by arithmetic and "
+        f"slipangle.ops, such as ops.sin and ops.where: see {place(term)}"
+    )
+    try:
+        value = term(x, u, params)
+    except Exception as error:
+        said = str(error).strip().partition("\n")[0]
+        raise ParameterError(f"the term '{name}' fails on symbols ({type(error).__name__}: {said}); {needs}") from error
+    single = value.numel() == 1 if is_symbolic(value) else np.ndim(value) == 0 and _is_finite(value)
+    if not single:
+        raise ParameterError(f"the term '{name}' gives {short(value)}; {needs}")
+    return value
+
+
+def require_same(name: str, term: Any, value: Scalar, symbols: tuple[Any, Any, Any], read: Any) -> None:
+    """Raise unless a term gives on symbols what it gives on numbers, as functions of `math` do not.
+
+    Parameters
+    ----------
+    name, term : str, callable
+        The term.
+    value : scalar
+        What it gives on ``symbols``.
+    symbols : tuple
+        State, all inputs of the model, and exogenous values.
+    read : callable
+        From state and exogenous values to what the term reads as ``p``.
+
+    Raises
+    ------
+    ParameterError
+        With the term.
+    """
+    if not is_symbolic(value):
+        return
+    x, u, w = (0.3 + 0.1 * np.arange(symbol.numel()) for symbol in symbols)
+    number = None
+    with suppress(Exception):  # such as a function of CasADi's, that takes symbols alone
+        number = float(term(x, u, read(x, w)))
+    if number is None or not np.isfinite(number):
+        return
+    symbolic = float(ca.Function("term", list(symbols), [value])(x, u, w))
+    if not np.isclose(symbolic, number, rtol=1e-9, atol=1e-12):
+        raise ParameterError(
+            f"the term '{name}' gives {symbolic:g} on symbols and {number:g} on numbers; expected the same: write it "
+            f"with slipangle.ops, such as ops.sin, where it has functions of math: see {place(term)}"
+        )
+
+
+def _is_finite(value: Any) -> bool:
+    try:
+        return bool(np.isfinite(float(value)))
+    except (TypeError, ValueError):
+        return False

@@ -233,11 +233,23 @@ def test_own_equations_are_kept_in_a_file_once_written_down(tmp_path):
         ({"params": {"names": 1.0}}, "'names' cannot name a parameter"),
         ({"begin": {"z": 1.0}}, "begin names 'z'; nearest are 'z_"),
         ({"outputs": ("z",)}, "no output 'z'"),
+        ({"inputs": ("z_1",)}, "expected each name once: rename 'z_1'"),
+        ({"states": ("z_1", "z_1", "v_1", "v_2")}, "expected each name once: rename 'z_1'"),
     ],
 )
 def test_bad_equations_are_refused(change, said):
     with pytest.raises(ParameterError, match=said):
         replace(TWO_MASSES, **change)
+
+
+def test_a_slow_process_is_resampled_in_steps_that_are_no_longer():
+    """Two steps of a minute lead where four of half a minute do; and a radau step is one however long."""
+    slow = replace(TWO_MASSES, f=lambda x, u, p: [(u[0] - x[i]) / 600.0 for i in range(4)], dt=120.0, substeps=4)
+    half = slow.resampled(60.0)
+    assert (half.substeps, slow.resampled(180.0).substeps, slow.resampled(60.0, substeps=9).substeps) == (2, 6, 9)
+    x, u = np.array([1.0, 2.0, 3.0, 4.0]), np.full(len(slow.inputs), 0.5)
+    assert half.step(half.step(x, u), u) == pytest.approx(slow.step(x, u), abs=1e-12)
+    assert replace(slow, method="radau", substeps=0).resampled(1e5).substeps == 1
 
 
 def test_functions_that_drop_symbols_are_caught():
