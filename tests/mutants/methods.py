@@ -395,7 +395,13 @@ MUTANTS = [
     *mistakes(
         "optimal/realtime/solver.c",
         "optimal/test_agreement.py::test_limits_that_are_kept_only_elsewhere_are_kept",
-        [("solver in C: limits that are missed are not looked for elsewhere", "if (begin_at(s) == SOLVED)", "if (0)")],
+        [
+            (
+                "solver in C: limits that are missed are not looked for elsewhere",
+                "int ended = begin_at(s);",
+                "int ended = INFEASIBLE;",
+            )
+        ],
     ),
     *mistakes(
         "optimal/realtime/solver.c",

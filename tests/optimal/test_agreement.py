@@ -370,6 +370,19 @@ def test_what_iterations_have_not_come_to_is_not_named_infeasible(own, most):
     assert plan.iterations == most
 
 
+@pytest.mark.parametrize("most", [33, 34])
+def test_limits_that_a_second_start_keeps_are_not_named_infeasible(own, most):
+    """Named so before, where that start ran out of iterations a few before the optimum."""
+    posed, (x, said) = solvers(KINDS["end"]), ELSEWHERE["first control"]
+    plan, theirs = (
+        replace(posed[0], solver=replace(own, max_iterations=most)).plan(x, **said),
+        posed[-1].plan(x, **said),
+    )
+    assert plan.status is Status.REAL_TIME
+    assert plan.detail == ANEW
+    assert inputs(plan) == pytest.approx(inputs(theirs), abs=1e-5)
+
+
 @pytest.mark.skipif(compiler() is None, reason=sentence())
 def test_a_plan_that_is_late_where_limits_are_paid_for_is_no_plan():
     """Whatever the deadline: one plan in a hundred was named solved, though it missed an end that has no answer."""

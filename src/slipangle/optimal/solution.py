@@ -25,7 +25,7 @@ class Status(Enum):
     ITERATION_LIMIT = "the iteration limit was reached before the optimum: allow more iterations or a shorter horizon"
     STALLED = "no further progress was possible before the optimum: rescale the weights or loosen the tolerance"
     TIME_OUT = "the deadline passed before the optimum: allow more time, a shorter horizon or a faster solver"
-    INFEASIBLE = "no input keeps every hard limit from this state: give the limits of states a slack weight"
+    INFEASIBLE = "no input was found that keeps all hard limits from here: give the limits of states a slack weight"
     IMPLAUSIBLE = "the state or the reference lies far outside what it can be: check the measurements and their units"
     NOT_FINITE = "the state, the reference or the model's prediction is NaN or infinite: check the measurements"
     FAILED = "the solver stopped without an answer: check the scale of weights and limits"

@@ -55,7 +55,7 @@ enum {
     CAR_ITERATION_LIMIT, /* the iteration limit was reached before the optimum */
     CAR_STALLED,         /* no further progress was possible before the optimum */
     CAR_TIME_OUT,        /* the deadline passed before the optimum */
-    CAR_INFEASIBLE,      /* no input keeps every hard limit from this state */
+    CAR_INFEASIBLE,      /* no input was found that keeps all hard limits from this state */
     CAR_NOT_FINITE,      /* state, reference or prediction is NaN or infinite */
     CAR_FAILED,          /* the solver stopped without an answer */
     CAR_IMPLAUSIBLE      /* state or reference lies far outside what it can be */

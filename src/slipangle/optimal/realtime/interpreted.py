@@ -30,6 +30,7 @@ from slipangle.optimal.realtime.parts import (
 )
 from slipangle.optimal.solution import (
     ANEW,
+    FEASIBLE,
     MOST_ATTEMPTS,
     Plan,
     Solution,
@@ -43,6 +44,7 @@ from slipangle.optimal.solution import (
 
 PAIRS, CALM = 24, 2  # remembered steps; iterations without a short one before they count
 FLAT = 1e-6  # largest change of an input in units of its range whose effect on the cost may be lost in rounding
+_CUT = Status.ITERATION_LIMIT, Status.TIME_OUT, Status.STALLED  # of a solve that may have a plan without its optimum
 IDLE = 10  # such steps that are no smaller than the smallest before end the iterations
 ROUNDED = 1e-8  # largest change of an input by a whole step, before one that rounding makes useless
 PATIENCE = 40  # iterations at one price, or no nearer to limits without one, after which they get a higher one
@@ -288,6 +290,7 @@ class WorkArea(Engine):
         """Hard limits that are missed by least where a solve ended may be kept elsewhere.
 
         It begins anew from the inputs there, those of one control after the other mirrored about the middle of range.
+        Where that leads to a plan that keeps them, finished or not, they are not out of reach.
         """
         both, found = self.ocp.input_bounds.sum(axis=1), missed
         for j in range(len(both) if len(self._plain) else 0):
@@ -296,7 +299,7 @@ class WorkArea(Engine):
             u = missed.u.copy()
             u[:, j] = (both[j] if np.isfinite(both[j]) else 0.0) - u[:, j]
             found = self._from(u, found.iterations, unfinished)
-            if found.status is Status.SOLVED:
+            if found.status.solved or (found.status in _CUT and found.violation <= FEASIBLE):
                 return found
         memory: Any = found.memory
         return replace(found, status=missed.status, detail=missed.detail, memory=replace(memory, unfinished=0))

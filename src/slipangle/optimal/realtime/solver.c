@@ -1077,7 +1077,8 @@ static int begin_anew(Work *s, int status)
 }
 
 /* Hard limits that are missed by least where a solve ended may be kept elsewhere: it begins anew from the inputs there,
-   those of one control after the other mirrored about the middle of their range. */
+   those of one control after the other mirrored about the middle of their range. Where that leads to a plan that keeps
+   them, finished or not, they are not out of reach. */
 static int look_elsewhere(Work *s, int status)
 {
     double *missed = s->way_u;
@@ -1088,8 +1089,10 @@ static int look_elsewhere(Work *s, int status)
         memcpy(s->u, missed, sizeof s->u);
         for (int i = 0; i < N; i++)
             s->u[i * NU + j] = (fabs(both) < INFINITY ? both : 0) - missed[i * NU + j];
-        if (begin_at(s) == SOLVED)
-            return SOLVED;
+        int ended = begin_at(s);
+        int cut = ended == ITERATION_LIMIT || ended == TIME_OUT || ended == STALLED;
+        if (ended == SOLVED || ended == ITERATED || (cut && s->violation <= FEASIBLE))
+            return ended;
     }
     s->anew = anew;
     return status;
