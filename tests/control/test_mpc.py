@@ -415,6 +415,8 @@ def test_the_problem_may_be_posed_before_and_settings_beside_it_replace_its_own(
     assert replace(mpc, R=Weights(a=1.0)).ocp.limits == problem.limits
     with pytest.raises(TypeError, match="horizon"):
         MPC(double_integrator(), Q=Weights(p=1.0))
+    with pytest.raises(ParameterError, match="names 'limit'; nearest are 'limits'"):
+        MPC(double_integrator(), horizon=8, Q=Weights(p=1.0), limit=Limits(a=2.0))
 
 
 def test_within_keeps_bounds_before_rates():

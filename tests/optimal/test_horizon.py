@@ -218,9 +218,13 @@ def test_what_changes_is_checked():
     for bad, said in (
         ({"limits": {"a": (-1.0, 1.0)}}, "limits names 'a'"),
         ({"limits": {"rate": 1.0}}, "a lower and an upper one"),
-        ({"limits": {"rate": (2.0, 1.0)}}, "no higher than"),
+        (
+            {"limits": {"rate": (2.0, 1.0)}},
+            "limits of 2 and 1 for 'rate' at node 0; expected a lower one no higher than",
+        ),
+        ({"limits": {"rate": (-1.0, np.ones(12))}}, "expected 13|expected .13"),
         ({"Q": {"wind": 1.0}}, "Q names 'wind'"),
-        ({"Q": {"phi": -1.0}}, "finite numbers from 0 on"),
+        ({"Q": {"phi": np.append(np.ones(12), -1.0)}}, "a weight of -1 for 'phi' at node 12; expected a finite number"),
         ({"S": {"a": 1.0}}, "S names 'a'"),
         ({"R": {"a": np.ones(5)}}, "expected 13"),
     ):

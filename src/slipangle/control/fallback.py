@@ -77,6 +77,7 @@ class Fallbacks(Checked, Led):
         **problem: Unpack[ProblemSettings],
     ) -> None:
         posed: dict[str, Any] = {**problem} if model is None else {"model": model, **problem}
+        require_names(problem, ProblemSettings.__annotations__, f"{type(self).__name__}(...)", "use a setting of OCP")
         if ocp is None:
             ocp = OCP(**posed)
         elif not isinstance(ocp, OCP):

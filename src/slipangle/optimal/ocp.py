@@ -746,7 +746,7 @@ class OCP(Checked):
                 if checked is not given:
                     changed[key] = checked
                 if key in ("limits", "Q", "R", "S"):
-                    _require_sense(key, checked)
+                    _require_sense(key, checked, self.limited if key == "limits" else names)
         self._require_bent(reference)
         if self.corridor is not None and reference.corridor is None:
             raise ParameterError(
@@ -780,22 +780,25 @@ class OCP(Checked):
                 )
 
 
-def _require_sense(key: str, given: np.ndarray) -> None:
+def _require_sense(key: str, given: np.ndarray, names: Sequence[str]) -> None:
     """Raise unless limits leave something between them and weights are not negative.
 
     Raises
     ------
     ParameterError
-        With the array.
+        With the name and the node of the first that do not.
     """
-    good = (
-        (given[..., 0] <= given[..., 1]).all() if key == "limits" else (given >= 0).all() and np.isfinite(given).all()
-    )
-    if not good:
-        wanted = (
-            "lower limits that are no higher than the upper ones" if key == "limits" else "finite numbers from 0 on"
+    between = key == "limits"
+    good = given[..., 0] <= given[..., 1] if between else (given >= 0) & np.isfinite(given)
+    if not good.all():
+        node, j = np.argwhere(~good)[0]
+        got = (
+            f"limits of {given[node, j, 0]:g} and {given[node, j, 1]:g}"
+            if between
+            else f"a weight of {given[node, j]:g}"
         )
-        raise ParameterError(f"reference.{key} holds others; expected {wanted} at every node")
+        wanted = "a lower one no higher than the upper one" if between else "a finite number from 0 on"
+        raise ParameterError(f"reference.{key} has {got} for '{names[j]}' at node {node}; expected {wanted}")
 
 
 def middle(low: float, high: float) -> float:
