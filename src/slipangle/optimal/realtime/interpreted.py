@@ -662,7 +662,7 @@ class WorkArea(Engine):
                 damp = 0.2 * damp if damp > 1e-4 else 0.0
             elif t <= 0.25 and size > FAR:  # where the model of the step does not hold, nor remembered steps
                 damp, calm, pairs = max(4 * damp, 1e-3), 0, []
-        if stays:
+        if stays and nearest > FEASIBLE:  # which nothing is where limits were kept on the way
             iterate = replace(iterate, status=Status.INFEASIBLE)
         return u, x, iterate
 

@@ -1047,7 +1047,7 @@ static int converge(Work *s, int64_t most, int loose)
             s->pairs = 0, calm = 0;
         }
     }
-    if (stays)
+    if (stays && nearest > FEASIBLE) /* which nothing is where limits were kept on the way */
         return INFEASIBLE;
     return accepted(s) && !paid ? ITERATED : ITERATION_LIMIT;
 }
