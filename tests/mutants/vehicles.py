@@ -133,7 +133,11 @@ MUTANTS = [
         "models/vehicles/saturating_bicycle.py",
         ORACLE,
         [
-            ("saturating bicycle: axles' loads swapped", "weight * p.l_r, p.C_f", "weight * p.l_f, p.C_f"),
+            (
+                "saturating bicycle: axles' loads swapped",
+                "weight * self.l_r, weight * self.l_f",
+                "weight * self.l_f, weight * self.l_r",
+            ),
             (
                 "saturating bicycle: rotating frame",
                 "/ p.mass - self._speed(u[1]) * x[1]",
