@@ -16,7 +16,7 @@ from slipangle.errors import SimulationError, SolverError
 from slipangle.models.vehicles.car import DualTrackParams
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.models.vehicles.on_tires import peak_friction, peak_friction_along
-from slipangle.optimal.lap.car import USUAL, LapCar, rates
+from slipangle.optimal.lap.car import LapCar, rates, size_of
 from slipangle.optimal.lap.cars import lap_car
 from slipangle.optimal.lap.fastest_lap import fastest_lap
 from slipangle.optimal.lap.lap import Lap
@@ -122,7 +122,7 @@ def _bend(plant: DualTrack, v: float) -> np.ndarray:
 
     Columns are angle, v_x, v_y, r, a_x, a_y and the rates of v_y and r.
     """
-    dt, kernel, root = 0.01, plant.kernel, (plant.params.wheelbase / USUAL) ** 0.5
+    dt, kernel, root = 0.01, plant.kernel, size_of(plant.params) ** 0.5
     if kernel is None:
         raise SimulationError("no C compiler is found; expected one for a plant of a millisecond: pip install ziglang")
     x, rows = plant.straight(v), []

@@ -228,11 +228,11 @@ def try_on(
         Told the share of the time that is over.
     """
     drawn = trial.spread.draw(numbers, trial.seed) if changes is None else np.asarray(changes, dtype=float)
-    race = _Race(trial, list(numbers), drawn)
-    for k in range(trial.steps):
+    race, steps = _Race(trial, list(numbers), drawn), trial.steps
+    for k in range(steps):
         race.advance(k)
         if progress is not None:
-            progress((k + 1) / trial.steps)
+            progress((k + 1) / steps)
         if race.over.all():
             break
     return Trials(names=trial.spread.names, changes=drawn, results=race.results(), seconds=np.array(race.seconds))

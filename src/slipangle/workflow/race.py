@@ -18,7 +18,7 @@ from slipangle.models.vehicles import catalogue
 from slipangle.models.vehicles.driveline import Brakes, Engine, Steering
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack
 from slipangle.models.vehicles.on_tires import dual_track_on, wheel_loads
-from slipangle.optimal.lap.car import USUAL, LapCar
+from slipangle.optimal.lap.car import LapCar, size_of
 from slipangle.optimal.lap.driven import LapDelta, lap_delta
 from slipangle.optimal.lap.lap import Lap
 from slipangle.optimal.terms import Values
@@ -86,7 +86,7 @@ def raced(
     ConfigError if no plant can be made, ParameterError, SolverError and SimulationError as `Racer` and `race_car`.
     """
     real, said = plant_of(wanted, plant_settings, model, car)
-    size = real.params.wheelbase / USUAL
+    size = float(size_of(real.params))
     noise = {**usual_noise(size), **wanted.noise}
     progress(0.0, "fitting the racer's car to the plant")
     margin = _MARGIN * size if wanted.margin is None else wanted.margin

@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from slipangle.control.racing.on_road import slowest
 from slipangle.models.ode import OdeModel
 from slipangle.ops import Scalar, Vector, cos, maximum, sin, sqrt, stack
 from slipangle.optimal.lap.car import LapCar, held, rates
 
-SLOWEST = 3.0  # m/s, below which the equations take this speed; of a car of usual size, as all here
 ASKED = 8  # state of the angle that is asked for
-LEAST, NEAR_NONE = 0.02, 0.02  # s, a lag at least; of the weight, force in which one lag goes over into the other
+LEAST, NEAR_NONE = (
+    0.02,
+    0.02,
+)  # s, a lag of a car of usual size at least; of the weight, force in which one lag goes over into the other
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +52,7 @@ class AlongTrack(OdeModel):
     def derivative(self, x: Vector, u: Vector) -> Vector:
         """Change over a sample, in which the car goes on by ``stage``, over the sample time."""
         n, chi, v_y, r, delta, F, asked = x[0], x[1], x[3], x[4], x[5], x[6], x[7]
-        v_x, car = maximum(x[2], self.slowest), self.on(self.params, u)
+        v_x, car = maximum(x[2], slowest(self.params)), self.on(self.params, u)
         motion = rates(v_x, v_y, r, delta, F, car, a_y=held(v_x, r, car))
         pace = self.pace(n, chi, v_x, v_y, u[2])
         each = u[3] / self.dt
@@ -78,14 +81,9 @@ class AlongTrack(OdeModel):
         width = NEAR_NONE * self.params.weight
         return brake + 0.5 * (drive - brake) * (1.0 + asked / sqrt(asked * asked + width * width))
 
-    @property
-    def slowest(self) -> Scalar:
-        """Speed that the equations take where the car is slower. [m/s]"""
-        return SLOWEST * self.params.size**0.5
-
     def pace(self, n: Scalar, chi: Scalar, v_x: Scalar, v_y: Scalar, curvature: Scalar) -> Scalar:
         """Time per metre of the track's line. [s/m]"""
-        return (1.0 - n * curvature) / maximum(v_x * cos(chi) - v_y * sin(chi), self.slowest)
+        return (1.0 - n * curvature) / maximum(v_x * cos(chi) - v_y * sin(chi), slowest(self.params))
 
 
 @dataclass(frozen=True, kw_only=True)

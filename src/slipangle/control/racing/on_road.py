@@ -10,7 +10,12 @@ from slipangle.ops import Scalar, Vector, cos, maximum, sin, stack
 from slipangle.optimal.lap.car import LapCar, held, rates
 from slipangle.units import SI
 
-SLOWEST = 3.0  # m/s, below which the equations take this speed, of a car of usual size
+SLOWEST = 3.0  # m/s, below which the equations of a car of usual size take this speed
+
+
+def slowest(car: LapCar) -> Scalar:
+    """Speed that a racer's equations take where the car is slower. [m/s]"""
+    return SLOWEST * car.size**0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +52,7 @@ class RacingCar(OdeModel):
     def derivative(self, x: Vector, u: Vector) -> Vector:
         """Planar motion."""
         psi, v_y, r = x[2], x[4], x[5]
-        v_x = maximum(x[3], SLOWEST * self.params.size**0.5)
+        v_x = maximum(x[3], slowest(self.params))
         car = self.params.here
         motion = rates(v_x, v_y, r, u[0], u[1], car, a_y=held(v_x, r, car))
         c, s = cos(psi), sin(psi)
@@ -67,7 +72,7 @@ class RacingCar(OdeModel):
     def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
         """Accelerations."""
         v_y, r = x[4], x[5]
-        v_x = maximum(x[3], SLOWEST * self.params.size**0.5)
+        v_x = maximum(x[3], slowest(self.params))
         car = self.params.here
         motion = rates(v_x, v_y, r, u[0], u[1], car, a_y=held(v_x, r, car))
         return {"a_x": motion.v_x - v_y * r + x[6], "a_y": motion.v_y + v_x * r}

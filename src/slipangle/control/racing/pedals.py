@@ -12,7 +12,7 @@ from slipangle.control.speed.pedals import moving_mass, tire_force
 from slipangle.errors import ParameterError
 from slipangle.fields import Checked, Within
 from slipangle.models.vehicles.car import DualTrackParams
-from slipangle.optimal.lap.car import USUAL
+from slipangle.optimal.lap.car import size_of
 
 WHEELS = 0.06  # s, until wheels of a car of usual size, in a bend, have the slip that their force needs
 _SPEEDS = np.arange(0.0, 121.0, 1.0)  # m/s, of that car
@@ -79,7 +79,7 @@ class Pedals(Checked):
         What turns with the wheels takes its share of the force, so that forces divided by the mass are accelerations.
         ``car`` has the parameters of a dual track.
         """
-        gears, root = range(1, len(car.driveline.ratios) + 1), (car.wheelbase / USUAL) ** 0.5
+        gears, root = range(1, len(car.driveline.ratios) + 1), size_of(car) ** 0.5
         speeds = root * _SPEEDS
         share = np.array([[car.mass / moving_mass(car, v, gear) for v in speeds] for gear in gears])
         full, closed = (

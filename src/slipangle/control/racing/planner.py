@@ -11,6 +11,7 @@ import numpy as np
 
 from slipangle.control.mpc import MPC
 from slipangle.control.racing.along_track import AlongTrack, along_track
+from slipangle.control.racing.on_road import slowest
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.sectors import Sectors
 from slipangle.ops import Scalar, Vector
@@ -34,7 +35,6 @@ RATES = {"delta_rate": 10.0, "F_rate": 0.3}  # per (rad/s)2, of force rates over
 PRICES = {"n": (1000.0, 60.0), "F_asked": (5.0, 5.0), "slip_f": (200.0, 20.0), "slip_r": (400.0, 30.0)}
 PRICES |= {"use_f": (50.0, 8.0), "use_r": (50.0, 8.0)}
 SLIP, USE = 0.95, 0.93  # up to which slip angles and longitudinal forces go, over their largest
-SLOWEST = 3.0  # m/s along the track
 AHEAD = 0.3  # m/s, of what can be reached
 FADE = 0.4  # s, in which what is unexplained now fades from a plan
 SPEED_IN = (0, 0, 1, 1, 1, 0, 2, 2, 0)  # power of the speed that each state goes with, on the same line
@@ -69,7 +69,7 @@ class Planner:
     ) -> None:
         self.car, self.track, self.dt, self.horizon = car, track, dt, horizon
         force, size = 0.5 * car.weight, float(car.size)
-        self._slowest, self._ahead, self._fade = (value * math.sqrt(size) for value in (SLOWEST, AHEAD, FADE))
+        self._slowest, self._ahead, self._fade = float(slowest(car)), AHEAD * math.sqrt(size), FADE * math.sqrt(size)
         units = {"F_asked": force, "n": size}
         prices = {k: (p[0] / units.get(k, 1.0) ** 2, p[1] / units.get(k, 1.0)) for k, p in PRICES.items()}
         weights = {name: value * size ** POWER.get(name, 0.0) for name, value in FROM_LAP.items()}

@@ -10,13 +10,18 @@ from typing import Annotated, NamedTuple
 
 from slipangle.models.tires.magic_formula.terms import curved
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycleParams
-from slipangle.models.vehicles.parameters import GRAVITY
+from slipangle.models.vehicles.parameters import GRAVITY, ChassisParams
 from slipangle.ops import Scalar, atan, clip, cos, sin, sqrt
 from slipangle.units import SI
 
 _CORNER, _PEAK, _LATERAL, _COAST = 0.004, 0.004, 0.02, 0.03
 USUAL = 2.5789128  # m, wheelbase of the car that what lap and racer count in m, s and m/s is for, a BMW 320i
 _UNUSED = ("steering_gain", "steering_offset", "bias_r", "bias_v_y", "bias_a_y", "steering_lag", "compliance")
+
+
+def size_of(p: ChassisParams) -> Scalar:
+    """Wheelbase over that of a usual car: defaults in m go with it, those in s and m/s with its root. [-]"""
+    return p.wheelbase / USUAL
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,8 +56,8 @@ class LapCar(NonlinearBicycleParams):
 
     @property
     def size(self) -> Scalar:
-        """Wheelbase over that of a usual car: defaults in m go with it, those in s and m/s with its root. [-]"""
-        return self.wheelbase / USUAL
+        """As `size_of` has it. [-]"""
+        return size_of(self)
 
     def resistance(self, v: Scalar) -> Scalar:
         """Force that the air and the road take at a speed ``v`` [m/s]. [N]"""
