@@ -255,6 +255,7 @@ def test_bad_problems_say_what_to_do(options, what):
         ocp(**options)
 
 
+@pytest.mark.filterwarnings("ignore:no C compiler")
 @pytest.mark.parametrize("solver", ["ipopt", "realtime"])
 def test_least_effort_from_rest_to_rest_tracks_nothing(solver):
     """The inputs of least squares that lead there: the pseudo-inverse of what they do to the end."""
@@ -273,6 +274,7 @@ def test_least_effort_from_rest_to_rest_tracks_nothing(solver):
             mpc.plan(np.zeros(2), **said)
 
 
+@pytest.mark.filterwarnings("ignore:no C compiler")
 def test_a_slow_process_wants_longer_steps():
     """A tank over a day, minute by minute: its equation has an exact solution, which four steps a minute keep."""
 
