@@ -247,6 +247,7 @@ def ocp(**options):
         ({"terms": {"t": lambda x, u, p: p.mas}}, "'t' fails on symbols.*'mas'"),
         ({"terms": {"t": lambda x, u, p: math.sin(x[0])}}, "'t' gives nan"),
         ({"terms": {"t": lambda x, u, p: x[1] * math.sin(x[0])}}, "on symbols and .* on numbers.*ops.sin"),
+        ({"terms": {"t": lambda x, u, p: x[1]}}, "'t' is neither limited nor has a weight"),
         ({"Q": {}, "terminal": "lqr", "limits": Limits(r=1.0)}, "no weights in Q"),
     ],
 )

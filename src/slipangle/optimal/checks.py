@@ -195,6 +195,11 @@ def stuck(previous: Plan) -> bool:
     return isinstance(previous.status, Status) and previous.status in _STUCK and age > 0 and age % 2 == 0
 
 
+def written(previous: Plan, states: tuple[int, ...]) -> bool:
+    """Whether the states of a plan of somebody else, of that shape, are to be begun with: not those of a fallback."""
+    return counted(previous.age) == 0 and is_numbers(previous.x, states)
+
+
 def counted(age: object) -> int:
     """A count, whatever a plan from outside says."""
     return age if isinstance(age, int) and 0 <= age < MOST else 0

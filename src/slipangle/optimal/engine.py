@@ -51,7 +51,10 @@ class Engine:
     def resume(
         self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None
     ) -> Solution | None:
-        """Solve from a state and the plan of the step before, which is shifted; without one, from nothing."""
+        """Solve from a state and the plan of the step before, which is shifted; without one, from nothing.
+
+        None, and nothing done, where the states of the plan count too: then `solve` is to begin with them.
+        """
         return None
 
     def again(

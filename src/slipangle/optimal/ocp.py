@@ -466,7 +466,7 @@ class OCP(Checked):
         return Read(params, beside) if beside else params
 
     def _require_terms(self) -> None:
-        """Raise unless every term gives one number, the same on symbols as on numbers.
+        """Raise unless every term gives one number, the same on symbols as on numbers, and has something to do.
 
         Raises
         ------
@@ -478,6 +478,13 @@ class OCP(Checked):
         for name, term in self.terms.items():
             value = evaluated(name, term, x, u, self._read(x, w))
             require_same(name, term, value, (x, u, w), self._read)
+        end = self.terminal.names if isinstance(self.terminal, TerminalCost) else self.terminal or ()
+        idle = [name for name in self.terms if name not in {*self.Q, *end, *self.limits, *self.terminal_limits}]
+        if idle:
+            raise ParameterError(
+                f"the term '{idle[0]}' is neither limited nor has a weight; expected it in Q, terminal, limits or "
+                "terminal_limits: it would do nothing"
+            )
 
     def _beside(self, x: Any, w: Any) -> dict[str, Any]:
         """What terms read besides the model's parameters, by name."""

@@ -150,6 +150,8 @@ class Racer(Brief):
                 raise ParameterError(f"{name} is {value:g}; expected {low:g} to {high:g}")
         size = float(car.size)
         margin = MARGIN * size if margin is None else margin
+        if not all(value is None or 0.0 < value < math.inf for value in (sample, dt)):
+            raise ParameterError(f"sample is {sample} s, dt {dt} s; expected times above zero, such as 0.01 and 0.05")
         sample = _multiple(SAMPLE * math.sqrt(size), FINEST) if sample is None else sample
         dt = _multiple(DT * math.sqrt(size), sample) if dt is None else dt
         self._every, self._settling = round(dt / sample), SETTLING * math.sqrt(size)

@@ -14,7 +14,7 @@ import numpy as np
 
 from slipangle.codegen.struct import Struct
 from slipangle.optimal.arrays import DOUBLE
-from slipangle.optimal.checks import stuck
+from slipangle.optimal.checks import stuck, written
 from slipangle.optimal.engine import Engine, EngineOfThreads, Followed, Start
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.parts import implicit, limit_rows, slack_of_rows
@@ -156,8 +156,10 @@ class WorkArea(Engine):
         self._fresh[0] = GIVEN
         return self._run()
 
-    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
-        """Solve from a state and the plan of the step before, which is shifted; without one, from nothing."""
+    def resume(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None
+    ) -> Solution | None:
+        """See `Engine`."""
         memory = previous.start if previous is not None else None
         ready, self._ready = self._ready, None
         if ready is not None and ready is memory and self._same(applied, reference):
@@ -169,6 +171,8 @@ class WorkArea(Engine):
             self._fresh[0] = RESUME if memory.unfinished else CONTINUE
             return self._run(attempts=memory.unfinished)
         elif previous is not None and previous.u.shape == self._u.shape and not stuck(previous):
+            if written(previous, (len(self._u) + 1, len(self._x0))):
+                return None
             self._u[:] = inputs_later(previous.u, self.ocp.lengths)
             self._fresh[0] = GIVEN_INPUTS
         else:

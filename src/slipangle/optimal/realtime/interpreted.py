@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeGuard
 import numpy as np
 
 from slipangle.codegen.expression import only
-from slipangle.optimal.checks import led_nowhere, stuck
+from slipangle.optimal.checks import led_nowhere, stuck, written
 from slipangle.optimal.engine import Engine, EngineOfThreads, Start
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime.interpreted_model import bind, columns, dense, inputs_of, newton_columns, newton_node
@@ -175,9 +175,11 @@ class WorkArea(Engine):
         return self._run(start.guess_u, between(start.guess_x, self.ocp.nodes), False)
 
     @np.errstate(all="ignore")  # what is no number is looked for and said
-    def resume(self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None) -> Solution:
-        """Solve from a state and the plan of the step before; without one, from nothing."""
-        ocp, (n, _, nu) = self.ocp, self._sizes
+    def resume(
+        self, x: np.ndarray, applied: np.ndarray, reference: Reference, previous: Plan | None
+    ) -> Solution | None:
+        """See `Engine`."""
+        ocp, (n, nx, nu) = self.ocp, self._sizes
         memory = previous.start if previous is not None else None
         self._begin(x, applied, reference)
         if self._ours(memory):
@@ -194,6 +196,8 @@ class WorkArea(Engine):
             u = within(u, applied, ocp.input_bounds, ocp.step_bounds)
             return self._run(np.array(u), states, bool(self._settings.iterations), memory.unfinished)
         known = previous is not None and previous.u.shape == (n, nu) and not stuck(previous)
+        if known and previous is not None and written(previous, (n + 1, nx)):
+            return None
         guesses = (
             [inputs_later(previous.u, ocp.lengths)]
             if known and previous is not None

@@ -17,6 +17,7 @@ from slipangle.optimal.checks import ANY
 from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime.curvature import curvature_function
 from slipangle.optimal.realtime.parts import (
+    MOST_INSTRUCTIONS,
     Implicit,
     dynamics_function,
     implicit,
@@ -28,7 +29,6 @@ from slipangle.optimal.realtime.parts import (
 
 LONG = 1_500_000  # characters of straight-line code; beyond, it is compiled with less effort
 MOST_TERMS = 200  # of a product that is written out term by term
-MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
 FIELDS = (  # of the C struct, as seen from Python
     "x0 applied w p r corridor bounds q wr ws plain square lowest highest safe relaxing way_u way_x tolerance "
     "time_limit newton accept u x k working cost violation residual step seconds seconds_prepare seconds_feedback"
@@ -57,7 +57,8 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
     stage = stage_function(ocp)
     stage_lanes = scalar_code(stage)
     parts = implicit(ocp)
-    plain = None if parts else scalar_code(dynamics_function(ocp))
+    dynamics = dynamics_function(ocp)
+    plain = scalar_code(dynamics) if not parts and dynamics.is_a("SXFunction") else None
     if plain is not None and plain.n_instructions() > MOST_INSTRUCTIONS:
         plain = None
     called: list[ca.Function] = []
@@ -67,7 +68,6 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
     elif plain is not None:
         code += [_columns(plain, "explicit_dynamics"), _columns(only(plain, [0]), "explicit_values")]
     else:
-        dynamics = dynamics_function(ocp)
         called += [_by_row(dynamics, "called_dynamics"), _by_row(only(dynamics, [0]), "called_values")]
     if stage_lanes is not None:
         code += [_columns(stage_lanes, "lanes_stage"), _columns(only(stage_lanes, [0, 1]), "stage_values")]

@@ -1,0 +1,60 @@
+"""A plan that someone wrote is a start: its states count as its inputs do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import slipangle as sa
+from slipangle.optimal.solution import Status
+
+START, N = np.array([0.0, 1.0]), 100
+
+
+def van_der_pol(hessian="gauss-newton"):
+    """Long after it came to rest: rolled out without an input, its guess swings for ever."""
+    model = sa.Ode(
+        f=lambda x, u, p: [(1 - x[1] ** 2) * x[0] - x[1] + u[0], x[0]],
+        states=("rate", "place"),
+        inputs=("u",),
+        params={},
+        dt=0.1,
+    )
+    return sa.MPC(
+        model,
+        horizon=N,
+        controls=("u",),
+        Q=sa.Weights(rate=1.0, place=1.0),
+        R=sa.Weights(u=1.0),
+        limits=sa.Limits(u=(-0.75, 1.0), rate=(-0.25, np.inf)),
+        solver=sa.RealTime(iterations=0, hessian=hessian),
+    )
+
+
+def held(plan):
+    """The same plan with the states held where the first is, and nothing of what a solver left."""
+    return replace(plan, u=np.zeros((N, 1)), x=np.tile(START, (N + 1, 1)), memory=None, status=Status.SOLVED, age=0)
+
+
+@pytest.mark.filterwarnings("ignore:no C compiler")
+@pytest.mark.parametrize("compiler", ["", "none"])
+def test_states_held_in_place_end_sooner_at_the_same_optimum(monkeypatch, compiler):
+    if compiler:
+        monkeypatch.setenv("SLIPANGLE_CC", compiler)
+    mpc = van_der_pol()
+    rolled = mpc.plan(START)
+    plan = mpc.plan(START, previous=held(rolled), applied=np.zeros(1))
+    assert rolled.status.solved
+    assert plan.status.solved
+    assert plan.cost == pytest.approx(rolled.cost, rel=1e-9)
+    assert plan.u == pytest.approx(rolled.u, abs=1e-6)
+    assert plan.iterations <= 0.6 * rolled.iterations
+
+
+def test_states_of_another_shape_or_no_numbers_are_rolled_out_anew():
+    mpc = van_der_pol()
+    rolled = mpc.plan(START)
+    for x in (np.zeros((3, 2)), np.full((N + 1, 2), np.nan)):
+        plan = mpc.plan(START, previous=replace(held(rolled), x=x), applied=np.zeros(1))
+        assert plan.status.solved
+        assert plan.cost == pytest.approx(rolled.cost, rel=1e-9)
