@@ -54,6 +54,7 @@ def corrections(
         Correction("the steering's delay and lag are free", tuple(_LATE), ({}, _LATE), steered=True),
         Correction("the steering's gain is free", ("steering_gain",)),
         Correction("the axles saturate", ("mu_f", "mu_r"), frictions),
+        Correction("the shape of the tire curves is free", ("shape",)),
         Correction("the sensors' biases are free", biases),
         Correction(
             "the tires' relaxation lengths are free",

@@ -37,7 +37,6 @@ from slipangle.identify.car.structures import (
     first_guess,
     fit,
     helps,
-    with_shape,
 )
 from slipangle.identify.car.uncertainty import hull
 from slipangle.identify.physics.at_the_limit import Gain, Mass, ToFrontAxle, Wheelbase
@@ -56,7 +55,6 @@ _NONE = 1.5  # of that share, from which it is not believed at all; of `ELSEWHER
 _FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
 _NEAR = 0.45, 2.5  # gain that a log shows over the given one, between which a fit finds its way from the given one
 _LEAST_GAIN = 1e-4  # of the steering; 1/57 where degrees were logged behind a ratio of 60
-_SHAPES = (1.1, 1.7)  # other tires, see `with_shape`
 _OWN = (
     *("steering_offset", "bias_r", "bias_v_y", "bias_a_y", "cross_slope"),
     *("delay_delta", "steering_gain", "lever_v_y", "mass"),
@@ -276,10 +274,10 @@ def identify_car(
     """A car's parameters with intervals, its steering's delay and lag, its sensors' biases, from any log of it.
 
     From the linear bicycle with its steering's offset on, corrections are tried one after the other: the steering's
-    delay and lag, its gain, saturation, the sensors' biases and the place of that of v_y, relaxation of the tires,
-    downforce where fast driving is 1.4 times slow driving. Each stays if it is worth its parameters on three quarters
-    of the log's stretches and does no harm on the held-out others; the last fit is to all of them. Intervals take in
-    what stretches, and structures that explain the log about as well, disagree on.
+    delay and lag, its gain, saturation and the shape of its curve, the sensors' biases and the place of that of v_y,
+    relaxation of the tires, downforce where fast driving is 1.4 times slow driving. Each stays if it is worth its
+    parameters on three quarters of the log's stretches and does no harm on the held-out others; the last fit is to all
+    of them. Intervals take in what stretches, and structures that explain the log about as well, disagree on.
 
     Parameters
     ----------
@@ -377,8 +375,9 @@ def _stage(said: str, kept: bool, fitted: Fitted, squares: np.ndarray, moved: fl
 def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[tuple[Fitted, float]]:
     """Structures that explain the data about as well as the chosen one, and how far each counts, 0 to 1.
 
-    With a correction more, or other tires; with a centre of gravity elsewhere too, which is hard to tell from another
-    place of the v_y sensor, if the data want it. Nothing counts all at once, so that no rounding decides an interval.
+    With a correction more, such as tires of another shape; with a centre of gravity elsewhere too, which is hard to
+    tell from another place of the v_y sensor, if the data want it. Nothing counts all at once, so that no rounding
+    decides an interval.
     """
     at, known = errors(final, data), {"before": final, "own": final.own}
     trials = list[tuple[Fitted, float]]()
@@ -389,8 +388,6 @@ def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[tup
         moved = fit(final.model, (*final.free, "l_f"), data, **known)
         away = abs(moved.values["l_f"] - final.model.value("l_f")) / (ELSEWHERE * final.model.value("wheelbase"))
         trials.append((moved, away - _NONE))
-    if "mu_f" in final.free:
-        trials += [(fit(with_shape(final.model, shape), final.free, data, **known), 1.0) for shape in _SHAPES]
     counted = []
     for other, share in trials:
         worse = change(at, errors(other, data))[0] / _AS_GOOD

@@ -277,6 +277,7 @@ def bounds(final: Fitted, used: float) -> list[str]:
             "delay_delta",
             "relaxation_f",
             "relaxation_r",
+            "shape",
             "steering_lag",
         ):
             said.append(f"{name} ends at its bound, {value:.4g} {si.unit}; expected an interior value: check the units")

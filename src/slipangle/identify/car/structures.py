@@ -194,6 +194,7 @@ def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
         "C_r": (12.0 * rear, 0.7, True),
         "mu_f": (1.0, 0.2, True),
         "mu_r": (1.0, 0.2, True),
+        "shape": (1.4, 0.2, False),
         "downforce_f": (0.0, _WINGS * p.mass / p.wheelbase, False),
         "downforce_r": (0.0, _WINGS * p.mass / p.wheelbase, False),
         "relaxation_f": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
@@ -319,8 +320,3 @@ def helps(before: Fitted, after: Fitted, held_before: np.ndarray, held_after: np
     together = float(np.log(held_after.mean(axis=0) / held_before.mean(axis=0)).mean())
     no_harm = max(moved, together) < max(_HARM, scatter)
     return bool((gain > price and no_harm) or (moved < -max(_WORTH, 2.0 * scatter) and together < 0))
-
-
-def with_shape(model: Any, shape: float) -> Any:
-    """The car with tires of another shape factor, a choice that no gentle log can tell from another."""
-    return replace(model.with_values(shape=shape), fit_info=None)
