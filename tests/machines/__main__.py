@@ -6,6 +6,7 @@ import argparse
 import fnmatch
 import json
 import math
+import os
 import subprocess
 import sys
 import time
@@ -27,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--only", default="*", help="fits whose name matches, such as '*NARX*'")
     parser.add_argument("--combos", type=int, help="only the first N combinations")
     parser.add_argument("--one", metavar="HASH", help="one combination, chosen by these hexadecimal digits")
-    parser.add_argument("--jobs", type=int, default=1, help="processes at a time")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at a time")
     parser.add_argument("--tests", action="store_true", help="also the fast tests of everything that fits")
     parser.add_argument("--limit", type=float, default=1800.0, help="seconds for one process")
     parser.add_argument("--worker", help=argparse.SUPPRESS)
@@ -43,7 +44,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"not on this processor: {combination}")
     wrong = _matrix({n: fits[n] for n in names}, [Combination(), *combinations], given.jobs, given.limit)
     if given.tests:
-        wrong += [f"tests under {c}" for c in combinations if _tests(c)]
+        wrong += [f"tests under {c}" for c in combinations if _tests(c, given.jobs)]
     print("\n".join(["", *(f"FAILED: {line}" for line in wrong)]) if wrong else "\nthe same on every machine")
     return int(bool(wrong))
 
@@ -141,9 +142,9 @@ def _run(name: str, combination: Combination, limit: float) -> Errors | str | No
     return json.loads(lines[-1].removeprefix(_MARK))
 
 
-def _tests(combination: Combination) -> int:
-    """The fast tests of all that fits, on one machine; pytest's exit code."""
-    command = [sys.executable, "-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider"]
+def _tests(combination: Combination, jobs: int) -> int:
+    """The fast tests of all that fits, on one machine, so many at a time; pytest's exit code."""
+    command = [sys.executable, "-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider", "-n", str(jobs)]
     command += ["tests/identify", "tests/reproduce"]
     done = subprocess.run(command, env=combination.environment(), capture_output=True, text=True, check=False)
     lines = done.stdout.strip().splitlines()
