@@ -119,24 +119,25 @@ def stage_function(ocp: OCP) -> ca.Function:
 def dynamics_function(ocp: OCP) -> ca.Function:
     """``(x, u, w) -> next`` and its derivatives by x and u; scalar code, unless that were too long or there is none."""
     base = scalars(ocp.dynamics)
-    short = None if base is None else _explicit_step(ocp)
-    if short is not None and short.n_instructions() * ocp.model.substeps > MOST_INSTRUCTIONS:
-        return _repeated(short, ocp.model.substeps)
+    short, times = (None, 1) if base is None else _explicit_step(ocp)
+    if short is not None and short.n_instructions() * times > MOST_INSTRUCTIONS:
+        return _repeated(short, times)
     x, u, w, _, _ = ocp.symbols(ca.SX if base is not None else ca.MX)
     later = (base or ocp.dynamics)(x, u, w)
     return ca.Function("dynamics", [x, u, w], [later, ca.jacobian(later, x), ca.jacobian(later, u)])
 
 
-def _explicit_step(ocp: OCP) -> ca.Function | None:
-    """One of several explicit steps of a sample, ``(x, u, w) -> next`` and derivatives; None for other models."""
+def _explicit_step(ocp: OCP) -> tuple[ca.Function | None, int]:
+    """One of several explicit steps of a sample, ``(x, u, w) -> next`` and derivatives, and how many; else None."""
     model, own = ocp.model, type(ocp).dynamics is OCP.dynamics  # not of several phases
     if not (own and isinstance(model, OdeModel)) or model.own_step or model.method == "radau" or model.substeps == 1:
-        return None
+        return None, 1
     x, u, w, full, _ = ocp.symbols(ca.SX)
     sizes = {"n_states": model.n_states, "n_inputs": model.n_inputs}
     step = discretise(model.derivative, model.dt / model.substeps, method=model.method, substeps=1, **sizes)
     later = step(x, full)
-    return ca.Function("short_step", [x, u, w], [later, ca.jacobian(later, x), ca.jacobian(later, u)], NOT_INLINED)
+    parts = [later, ca.jacobian(later, x), ca.jacobian(later, u)]
+    return ca.Function("short_step", [x, u, w], parts, NOT_INLINED), model.substeps
 
 
 def _repeated(step: ca.Function, times: int) -> ca.Function:
