@@ -14,7 +14,7 @@ from slipangle.control.mpc import MPC
 from slipangle.data.dataset import Dataset
 from slipangle.data.readers import READERS, ArrayTable, Header, read, reader
 from slipangle.data.signals import SIGNALS
-from slipangle.errors import FormatError, ParameterError
+from slipangle.errors import FormatError, ModelWarning, ParameterError
 from slipangle.estimate.ekf import EKF
 from slipangle.fields import Within
 from slipangle.identify.judge.validate import validate
@@ -311,7 +311,8 @@ def test_a_term_costs_and_limits(solver):
         assert plan.status.solved
         return np.abs(5.0 * plan.u[:, 0] - plan.x[:-1, 0]).max()
 
-    free = planned(Q=Weights(r=1.0), S=Weights(delta=1e-3))
+    with pytest.warns(ModelWarning, match="does nothing"):
+        free = planned(Q=Weights(r=1.0), S=Weights(delta=1e-3))
     assert planned(Q=Weights(r=1.0), S=Weights(delta=1e-3), limits=Limits(effort=(-0.3, 0.3))) == pytest.approx(0.3)
     assert planned(Q=Weights(r=1.0, effort=10.0), S=Weights(delta=1e-3)) < 0.5 * free
     with pytest.raises(ParameterError, match=r"terms name \['r'\]"):

@@ -31,30 +31,31 @@ def van_der_pol(hessian="gauss-newton"):
     )
 
 
-def held(plan):
-    """The same plan with the states held where the first is, and nothing of what a solver left."""
-    return replace(plan, u=np.zeros((N, 1)), x=np.tile(START, (N + 1, 1)), memory=None, status=Status.SOLVED, age=0)
+def written(plan, x):
+    """The plan with other states, without its inputs and all that a solver left."""
+    return replace(plan, u=np.zeros((N, 1)), x=x, memory=None, status=Status.SOLVED, age=0)
 
 
 @pytest.mark.filterwarnings("ignore:no C compiler")
 @pytest.mark.parametrize("compiler", ["", "none"])
-def test_states_held_in_place_end_sooner_at_the_same_optimum(monkeypatch, compiler):
+def test_states_near_the_optimum_lead_there_sooner(monkeypatch, compiler):
     if compiler:
         monkeypatch.setenv("SLIPANGLE_CC", compiler)
     mpc = van_der_pol()
     rolled = mpc.plan(START)
-    plan = mpc.plan(START, previous=held(rolled), applied=np.zeros(1))
+    plan = mpc.plan(START, previous=written(rolled, np.vstack([START, rolled.x[:-1]])), applied=np.zeros(1))
     assert rolled.status.solved
     assert plan.status.solved
     assert plan.cost == pytest.approx(rolled.cost, rel=1e-9)
     assert plan.u == pytest.approx(rolled.u, abs=1e-6)
-    assert plan.iterations <= 0.6 * rolled.iterations
+    assert plan.iterations < rolled.iterations - 1
 
 
 def test_states_of_another_shape_or_no_numbers_are_rolled_out_anew():
     mpc = van_der_pol()
     rolled = mpc.plan(START)
     for x in (np.zeros((3, 2)), np.full((N + 1, 2), np.nan)):
-        plan = mpc.plan(START, previous=replace(held(rolled), x=x), applied=np.zeros(1))
+        plan = mpc.plan(START, previous=written(rolled, x), applied=np.zeros(1))
         assert plan.status.solved
         assert plan.cost == pytest.approx(rolled.cost, rel=1e-9)
+        assert plan.iterations == rolled.iterations

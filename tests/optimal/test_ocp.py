@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slipangle.control.mpc import MPC
-from slipangle.errors import ParameterError, nearest
+from slipangle.errors import ModelWarning, ParameterError, nearest
 from slipangle.models.custom import Ode
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
@@ -220,6 +220,11 @@ def ocp(**options):
     return OCP(CAR, **settings)
 
 
+def test_a_term_with_nothing_to_do_is_said():
+    with pytest.warns(ModelWarning, match="'t' is neither limited nor has a weight"):
+        ocp(terms={"t": lambda x, u, p: x[1]})
+
+
 @pytest.mark.parametrize(
     ("options", "what"),
     [
@@ -247,7 +252,6 @@ def ocp(**options):
         ({"terms": {"t": lambda x, u, p: p.mas}}, "'t' fails on symbols.*'mas'"),
         ({"terms": {"t": lambda x, u, p: math.sin(x[0])}}, "'t' gives nan"),
         ({"terms": {"t": lambda x, u, p: x[1] * math.sin(x[0])}}, "on symbols and .* on numbers.*ops.sin"),
-        ({"terms": {"t": lambda x, u, p: x[1]}}, "'t' is neither limited nor has a weight"),
         ({"Q": {}, "terminal": "lqr", "limits": Limits(r=1.0)}, "no weights in Q"),
     ],
 )

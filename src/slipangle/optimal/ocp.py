@@ -6,6 +6,7 @@ Solvers read its arrays and its two functions, `dynamics` and `stage`; none of t
 # Long: one problem; names become the arrays that all solvers read, in one place.
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
@@ -15,7 +16,7 @@ from uuid import uuid4
 import casadi as ca
 import numpy as np
 
-from slipangle.errors import ParameterError
+from slipangle.errors import ModelWarning, ParameterError
 from slipangle.fields import Checked, Count, Within
 from slipangle.models.model import Model, without_caches
 from slipangle.models.ode import OdeModel
@@ -466,7 +467,7 @@ class OCP(Checked):
         return Read(params, beside) if beside else params
 
     def _require_terms(self) -> None:
-        """Raise unless every term gives one number, the same on symbols as on numbers, and has something to do.
+        """Raise unless every term gives one number, the same on symbols as on numbers; warn of one with nothing to do.
 
         Raises
         ------
@@ -481,9 +482,11 @@ class OCP(Checked):
         end = self.terminal.names if isinstance(self.terminal, TerminalCost) else self.terminal or ()
         idle = [name for name in self.terms if name not in {*self.Q, *end, *self.limits, *self.terminal_limits}]
         if idle:
-            raise ParameterError(
+            warnings.warn(
                 f"the term '{idle[0]}' is neither limited nor has a weight; expected it in Q, terminal, limits or "
-                "terminal_limits: it would do nothing"
+                "terminal_limits: it does nothing",
+                ModelWarning,
+                stacklevel=4,
             )
 
     def _beside(self, x: Any, w: Any) -> dict[str, Any]:

@@ -765,6 +765,8 @@ static void forget_rows(Work *s)
 #endif
 }
 
+#define MANY 60 /* stages, over which states of a plant that is not stable lose their digits where they are eliminated */
+
 static int solve_qp(Work *s, int warm)
 {
     feed(s);
@@ -773,6 +775,14 @@ static int solve_qp(Work *s, int warm)
     if (s->by_stages) {
         status = solve_long(s, warm);
         s->qp_iterations += s->qp.iterations;
+        if (status == QP_NUMBER && s->stages.bends.count && N >= MANY) { /* without what is remembered of earlier steps */
+            s->pairs = 0;
+            int posed = pose(s, 1, 0);
+            if (posed != SOLVED)
+                return posed;
+            status = solve_long(s, warm);
+            s->qp_iterations += s->qp.iterations;
+        }
         if (status == QP_NUMBER) { /* the other one says why, or solves it, from the rows of the plan before */
             int posed = pose(s, 0, 0);
             if (posed != SOLVED)
@@ -928,6 +938,9 @@ static int back(Work *s, double whole)
     return 1;
 }
 
+#define TELLING 1e-5 /* of the merit, that no last step promises */
+#define HIDDEN 1e-3  /* of the cost, or of the merit at first, that what is missed may cost by its multipliers in the end */
+
 /* Iterate to convergence with a line search on an exact penalty function (weights per state, three steps of memory),
    damped after short steps; or, if `loose`, until the iterate is accepted. An unfinished iterate stays where it is. */
 static int converge(Work *s, int64_t most, int loose)
@@ -937,6 +950,7 @@ static int converge(Work *s, int64_t most, int loose)
     double price = 0, dearest = 0, miss = 0; /* miss: of limits by the step, at a price */
     int paid = 0;                            /* for that: no plan yet, however small what is left */
     double whole = INFINITY;                 /* size of the last step, if near and taken so */
+    double begun = 0;                        /* merit at first */
     memset(s->penalty, 0, sizeof s->penalty);
     s->curved = 0;
     s->hard_penalty = 0, s->pairs = 0, s->damp = 0;
@@ -982,12 +996,14 @@ static int converge(Work *s, int64_t most, int loose)
         if (price > 0 && !soft && n >= PATIENCE / 2 && largest_multiplier(s) > STRAINED * price) /* limits are only just kept */
             soft = 1, priced = n;
         double here = merit(s, &cost, &violation), t = 1, there = here, predicted = larger(here - promised(s), 0);
+        begun = n == 1 ? here : begun;
         /* where the cost no longer tells steps apart they are taken whole, for as long as they shrink */
         int near = violation <= 1e-6 && s->damp <= 1e-8, flat = near && s->step <= FLAT && predicted <= 1e-12 * fabs(here);
         idle += flat && s->step > 0.9 * least;
         least = flat ? smaller(s->step, least) : least;
         int may_rise = miss > 1e-6 && price < dearest; /* of the price: the last digits are not worth their steps */
-        int last = near && (s->step <= (may_rise ? SETTLED : s->tolerance) || idle >= IDLE);
+        int still = predicted <= TELLING * larger(here, begun); /* else curvature of multipliers long gone holds it there */
+        int last = near && ((may_rise ? s->step <= SETTLED : s->step <= s->tolerance && still) || idle >= IDLE);
         past[(int)(n % 3)] = here;
         double allowed = fmax(fmax(past[0] < INFINITY ? past[0] : here, past[1] < INFINITY ? past[1] : here),
                               past[2] < INFINITY ? past[2] : here);
@@ -1017,6 +1033,8 @@ static int converge(Work *s, int64_t most, int loose)
         if (t < 1)
             s->residual = INFINITY;
         s->cost = 2 * cost, s->violation = price > 0 ? larger(violation, largest_excess(s, NULL)) : violation;
+        if (last && !paid && there - cost > HIDDEN * larger(cost, begun)) /* under multipliers beyond all numbers */
+            return FAILED;
         if (last && !paid) {
             s->residual = s->step;
             return SOLVED;
