@@ -7,28 +7,9 @@ import pytest
 
 import slipangle as sa
 from slipangle.optimal.solution import Status
+from tests.optimal.oscillator import START, van_der_pol
 
-START, N = np.array([0.0, 1.0]), 100
-
-
-def van_der_pol(hessian="gauss-newton"):
-    """Long after it came to rest: rolled out without an input, its guess swings for ever."""
-    model = sa.Ode(
-        f=lambda x, u, p: [(1 - x[1] ** 2) * x[0] - x[1] + u[0], x[0]],
-        states=("rate", "place"),
-        inputs=("u",),
-        params={},
-        dt=0.1,
-    )
-    return sa.MPC(
-        model,
-        horizon=N,
-        controls=("u",),
-        Q=sa.Weights(rate=1.0, place=1.0),
-        R=sa.Weights(u=1.0),
-        limits=sa.Limits(u=(-0.75, 1.0), rate=(-0.25, np.inf)),
-        solver=sa.RealTime(iterations=0, hessian=hessian),
-    )
+N = 100
 
 
 def written(plan, x):
@@ -41,7 +22,7 @@ def written(plan, x):
 def test_states_near_the_optimum_lead_there_sooner(monkeypatch, compiler):
     if compiler:
         monkeypatch.setenv("SLIPANGLE_CC", compiler)
-    mpc = van_der_pol()
+    mpc = van_der_pol(N, sa.RealTime(iterations=0))
     rolled = mpc.plan(START)
     plan = mpc.plan(START, previous=written(rolled, np.vstack([START, rolled.x[:-1]])), applied=np.zeros(1))
     assert rolled.status.solved
@@ -52,7 +33,7 @@ def test_states_near_the_optimum_lead_there_sooner(monkeypatch, compiler):
 
 
 def test_states_of_another_shape_or_no_numbers_are_rolled_out_anew():
-    mpc = van_der_pol()
+    mpc = van_der_pol(N, sa.RealTime(iterations=0))
     rolled = mpc.plan(START)
     for x in (np.zeros((3, 2)), np.full((N + 1, 2), np.nan)):
         plan = mpc.plan(START, previous=written(rolled, x), applied=np.zeros(1))

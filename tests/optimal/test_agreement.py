@@ -21,6 +21,7 @@ from slipangle.optimal.scenarios import Scenarios
 from slipangle.optimal.solution import ANEW, Status
 from slipangle.optimal.terms import Limits, Weights
 from tests.optimal.nearby import is_local_optimum
+from tests.optimal.oscillator import START, van_der_pol
 
 CLOSE = 1e-8  # of inputs
 GAINS = ("weight", "coupling", "lag")  # inputs of the model that change from problem to problem
@@ -386,19 +387,8 @@ def test_limits_that_a_second_start_keeps_are_not_named_infeasible(own, most):
 @pytest.mark.skipif(compiler() is None, reason=sentence())
 def test_a_long_way_with_its_limits_kept_is_not_named_infeasible_wherever_it_is_cut():
     """A van der Pol oscillator over 30 s, whose roll-out is far from its answer: named so at every other cut before."""
-
-    def rates(x, u, p):
-        return [(1 - x[1] ** 2) * x[0] - x[1] + u[0], x[0]]
-
-    mpc = MPC(
-        Ode(f=rates, states=("rate", "x"), inputs=("u",), params={}, dt=0.1),
-        horizon=300,
-        Q=Weights(rate=1.0, x=1.0),
-        R=Weights(u=1.0),
-        limits=Limits(u=(-0.75, 1.0), rate=(-0.25, np.inf)),
-    )
     for most in range(3, 27, 2):
-        plan = replace(mpc, solver=RealTime(iterations=0, max_iterations=most)).plan(np.array([0.0, 1.0]))
+        plan = van_der_pol(300, RealTime(iterations=0, max_iterations=most)).plan(START)
         assert plan.status in (Status.REAL_TIME, Status.ITERATION_LIMIT)
 
 

@@ -53,7 +53,7 @@ class Engine:
     ) -> Solution | None:
         """Solve from a state and the plan of the step before, which is shifted; without one, from nothing.
 
-        None, and nothing done, where the states of the plan count too: then `solve` is to begin with them.
+        None where the states of the plan count too: then `solve` is to begin with them.
         """
         return None
 

@@ -28,11 +28,8 @@ from slipangle.simulate.run import End
 OUTPUTS = ("v_x", "v_y", "r", "X", "Y", "psi", "a_x", "a_y")  # of a plant that is raced
 # Lengths, times and speeds are those of a car of usual size.
 BENDS = (12.0, 15.0, 18.0, 21.0, 25.0, 30.0, 38.0)  # m/s
-QUICK, TURN, CRAWL = (
-    15.0,
-    (0.012, 0.006),
-    6.0,
-)  # m/s, rate of the angle below and above it [rad/s], no bend any more [m/s]
+QUICK, TURN = 15.0, (0.012, 0.006)  # m/s, and the rate of the angle below and above it [rad/s]
+CRAWL = 6.0  # m/s, no bend any more
 PUSH = 0.25  # m/s, by which the speed of a bend is aimed too high, as a pedal in proportion ends below
 HARD = 0.47  # of the weight, beyond which no force along the car is believed in a bend
 MARGIN = 0.25  # m, kept free on the lap that tells what full throttle gives

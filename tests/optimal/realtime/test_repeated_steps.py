@@ -29,8 +29,8 @@ def swing(substeps=12, **changed) -> dict:
     return {"model": pendulum, **settings, **changed}
 
 
-@pytest.fixture
-def short_code(monkeypatch):
+def call_steps(monkeypatch):
+    """As of a model whose steps would be long, written out."""
     monkeypatch.setattr(parts, "MOST_INSTRUCTIONS", 10)
     monkeypatch.setattr(program, "MOST_INSTRUCTIONS", 10)
 
@@ -41,7 +41,7 @@ def problem(**changed):
 
 def test_steps_and_derivatives_are_those_written_out(monkeypatch):
     whole = parts.dynamics_function(problem())
-    monkeypatch.setattr(parts, "MOST_INSTRUCTIONS", 10)
+    call_steps(monkeypatch)
     called = parts.dynamics_function(problem())
     assert whole.is_a("SXFunction")
     assert not called.is_a("SXFunction")
@@ -50,7 +50,8 @@ def test_steps_and_derivatives_are_those_written_out(monkeypatch):
         assert np.array(ca.DM(other)) == pytest.approx(np.array(ca.DM(one)), rel=1e-12, abs=1e-14)
 
 
-def test_code_does_not_grow_with_the_steps(short_code):
+def test_code_does_not_grow_with_the_steps(monkeypatch):
+    call_steps(monkeypatch)
     few, many = (len(program.source(problem(substeps=n))) for n in (12, 120))
     assert many < few + 108 * 600  # characters a call
 
@@ -61,15 +62,15 @@ def test_code_does_not_grow_with_the_steps(short_code):
 def test_plans_are_the_same(monkeypatch, qp, changed):
     solver, start = sa.RealTime(iterations=0, qp=qp), np.array([0.8, 0.0])
     expected = sa.MPC(**swing(solver=solver, **changed)).plan(start, wind=0.1)
-    monkeypatch.setattr(parts, "MOST_INSTRUCTIONS", 10)
-    monkeypatch.setattr(program, "MOST_INSTRUCTIONS", 10)
+    call_steps(monkeypatch)
     plan = sa.MPC(**swing(solver=solver, **changed)).plan(start, wind=0.1)
     assert plan.status.solved
     assert plan.u == pytest.approx(expected.u, abs=1e-8)
 
 
 @pytest.mark.filterwarnings("ignore:no C compiler")
-def test_without_a_compiler_too(monkeypatch, short_code):
+def test_without_a_compiler_too(monkeypatch):
+    call_steps(monkeypatch)
     monkeypatch.setenv("SLIPANGLE_CC", "none")
     plan = sa.MPC(**swing()).plan(np.array([0.8, 0.0]), wind=0.1)
     exact = sa.MPC(**swing(solver="ipopt")).plan(np.array([0.8, 0.0]), wind=0.1)

@@ -1,34 +1,17 @@
 """Long horizons of a plant that swings for ever when it is left alone: a van der Pol oscillator brought to rest."""
 
-import numpy as np
 import pytest
 
 import slipangle as sa
 from slipangle.codegen.compiler import compiler
 from slipangle.optimal.solution import Status
+from tests.optimal.oscillator import START, van_der_pol
 
 LEAST = 36.689004437  # of Ipopt, whatever the horizon from 20 s on; over 10 s 5.5e-5 less
 
 
 def brought_to_rest(stages, hessian):
-    model = sa.Ode(
-        f=lambda x, u, p: [(1 - x[1] ** 2) * x[0] - x[1] + u[0], x[0]],
-        states=("rate", "place"),
-        inputs=("u",),
-        params={},
-        dt=0.1,
-    )
-    mpc = sa.MPC(
-        model,
-        horizon=stages,
-        controls=("u",),
-        Q=sa.Weights(rate=1.0, place=1.0),
-        R=sa.Weights(u=1.0),
-        limits=sa.Limits(u=(-0.75, 1.0), rate=(-0.25, np.inf)),
-        solver=sa.RealTime(iterations=0, hessian=hessian),
-        fallback=0,
-    )
-    return mpc.plan(np.array([0.0, 1.0]))
+    return van_der_pol(stages, sa.RealTime(iterations=0, hessian=hessian), fallback=0).plan(START)
 
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="the steps of the compiled solver")

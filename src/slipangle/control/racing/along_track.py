@@ -11,10 +11,8 @@ from slipangle.ops import Scalar, Vector, cos, maximum, sin, sqrt, stack
 from slipangle.optimal.lap.car import LapCar, held, rates
 
 ASKED = 8  # state of the angle that is asked for
-LEAST, NEAR_NONE = (
-    0.02,
-    0.02,
-)  # s, a lag of a car of usual size at least; of the weight, force in which one lag goes over into the other
+LEAST = 0.02  # s, a lag of a car of usual size at least
+NEAR_NONE = 0.02  # of the weight, force in which one lag goes over into the other
 
 
 @dataclass(frozen=True, kw_only=True)

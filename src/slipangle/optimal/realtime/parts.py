@@ -17,7 +17,7 @@ from slipangle.ops import is_symbolic
 from slipangle.optimal.ocp import OCP
 
 MOST_INSTRUCTIONS = 40_000  # of straight-line code; beyond, CasADi's own C code with loops
-NOT_INLINED: Any = {"never_inline": True}
+_NOT_INLINED: Any = {"never_inline": True}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +137,7 @@ def _explicit_step(ocp: OCP) -> tuple[ca.Function | None, int]:
     step = discretise(model.derivative, model.dt / model.substeps, method=model.method, substeps=1, **sizes)
     later = step(x, full)
     parts = [later, ca.jacobian(later, x), ca.jacobian(later, u)]
-    return ca.Function("short_step", [x, u, w], parts, NOT_INLINED), model.substeps
+    return ca.Function("short_step", [x, u, w], parts, _NOT_INLINED), model.substeps
 
 
 def _repeated(step: ca.Function, times: int) -> ca.Function:

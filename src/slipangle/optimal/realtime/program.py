@@ -57,18 +57,20 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
     stage = stage_function(ocp)
     stage_lanes = scalar_code(stage)
     parts = implicit(ocp)
-    dynamics = dynamics_function(ocp)
-    plain = scalar_code(dynamics) if not parts and dynamics.is_a("SXFunction") else None
-    if plain is not None and plain.n_instructions() > MOST_INSTRUCTIONS:
-        plain = None
     called: list[ca.Function] = []
     code: list[str] = []
     if parts:
+        kinds, pattern = ["RADAU"], _step_pattern(parts, ocp.model.n_states)
         code += _implicit_code(parts)
-    elif plain is not None:
-        code += [_columns(plain, "explicit_dynamics"), _columns(only(plain, [0]), "explicit_values")]
     else:
-        called += [_by_row(dynamics, "called_dynamics"), _by_row(only(dynamics, [0]), "called_values")]
+        dynamics = dynamics_function(ocp)
+        plain = scalar_code(dynamics) if dynamics.is_a("SXFunction") else None
+        short = plain is not None and plain.n_instructions() <= MOST_INSTRUCTIONS
+        kinds, pattern = ["EXPLICIT" if short else "CALLED"], dynamics.sparsity_out(1)
+        if plain is not None and short:
+            code += [_columns(plain, "explicit_dynamics"), _columns(only(plain, [0]), "explicit_values")]
+        else:
+            called += [_by_row(dynamics, "called_dynamics"), _by_row(only(dynamics, [0]), "called_values")]
     if stage_lanes is not None:
         code += [_columns(stage_lanes, "lanes_stage"), _columns(only(stage_lanes, [0, 1]), "stage_values")]
     else:
@@ -77,7 +79,6 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
         code.append(_columns(jump_function(ocp), "jump"))
     if curved(ocp) is not None:
         code.append(_columns(curvature_function(ocp), "curvature"))
-    kinds = ["RADAU" if parts else "EXPLICIT" if plain is not None else "CALLED"]
     kinds.append("EXPLICIT" if stage_lanes is not None else "CALLED")
     head = [f"#define LANES {lanes}"] if lanes else []
     head += ["#define HALF_IDLE"] if kinds[0] != "CALLED" and _idle(ocp) else []
@@ -91,7 +92,7 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
             *head,
             _casadi_code(called) if called else "",
             preamble("V"),
-            _sizes(ocp, stage, parts, kinds),
+            _sizes(ocp, stage, parts, pattern, kinds),
             *_stages(ocp, stage, qp),
             *code,
             _scratch(called, bool(parts)),
@@ -220,7 +221,7 @@ def _patterns(name: str, sparsity: ca.Sparsity) -> list[str]:
     ]
 
 
-def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str]) -> str:
+def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, pattern: ca.Sparsity, kinds: list[str]) -> str:
     # Long: one entry per size of the C code.
     n, nx, nu = ocp.horizon, ocp.model.n_states, len(ocp.controls)
     rows = limit_rows(ocp)
@@ -289,7 +290,6 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, kinds: list[str
             _array("double", "RADAU_REST", np.linalg.solve(ocp.dt * RADAU_A, np.ones(3))),
             *_patterns("Q", parts.quadrature.sparsity_out(1)),
         ]
-    pattern = _step_pattern(parts, nx) if parts else dynamics_function(ocp).sparsity_out(1)
     if ocp.jumps:
         pattern = pattern + jump_function(ocp).sparsity_out(1)
     lines += _patterns("A", pattern)

@@ -772,19 +772,13 @@ static int solve_qp(Work *s, int warm)
     feed(s);
     int status = QP_NUMBER;
 #ifdef RICCATI
-    if (s->by_stages) {
+    while (s->by_stages && status == QP_NUMBER) {
         status = solve_long(s, warm);
         s->qp_iterations += s->qp.iterations;
-        if (status == QP_NUMBER && s->stages.bends.count && N >= MANY) { /* without what is remembered of earlier steps */
-            s->pairs = 0;
-            int posed = pose(s, 1, 0);
-            if (posed != SOLVED)
-                return posed;
-            status = solve_long(s, warm);
-            s->qp_iterations += s->qp.iterations;
-        }
-        if (status == QP_NUMBER) { /* the other one says why, or solves it, from the rows of the plan before */
-            int posed = pose(s, 0, 0);
+        if (status == QP_NUMBER) { /* without what is remembered of earlier steps; or the other one says why, or solves it */
+            int again = N >= MANY && s->stages.bends.count > 0;
+            s->pairs = again ? 0 : s->pairs;
+            int posed = pose(s, again, 0);
             if (posed != SOLVED)
                 return posed;
         }
