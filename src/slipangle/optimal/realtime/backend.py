@@ -59,9 +59,9 @@ class RealTime(Checked):
         How quadratic programs are solved; "auto" takes what is faster at each of them.
     hessian : {"gauss-newton", "exact"}
         Curvature of a step: squares of errors alone, or with the second derivatives of dynamics, limits and errors by
-        the multipliers of the step before, made positive semidefinite node by node by leaving out negative eigenvalues
-        of what they add. "exact" is for costs that are no squares, goes with ``iterations=0``, explicit integrators and
-        a compiler.
+        the multipliers of the step before: all of them where they are positive on what the held limits leave free,
+        else positive semidefinite node by node, without negative eigenvalues of what they add. "exact" is for costs
+        that are no squares, goes with ``iterations=0``, explicit integrators and a compiler.
 
     References
     ----------

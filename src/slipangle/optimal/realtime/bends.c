@@ -9,7 +9,7 @@ static void solve_stages(Work *s)
     double bent[QN], c[COLUMNS];
     pull_inputs(s, bent, r->dv);
     for (int a = 0; a < QN; a++)
-        r->dv[a] += s->qp.g[a] + bent[a];
+        r->dv[a] += s->qp.g[a] + bent[a] + r->damped[a] * r->v[a];
     sweep(s, 1);
     for (int k = 0; k < m->count; k++) {
         c[k] = dot(m->y + k * QL, r->dv, QN);

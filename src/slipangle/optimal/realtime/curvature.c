@@ -4,9 +4,9 @@
 
 static const double *limit_of(const Work *s, int row, int *stage, int *which);
 
-/* Rows r with r r^T summing to the part of a symmetric matrix that has no negative eigenvalue; by Jacobi's rotations, which
-   leave the matrix diagonal. */
-static void positive_rows(double *M, double *rows)
+/* Rows r whose r r^T sum to a symmetric matrix, each times its turn, the sign of an eigenvalue; by Jacobi's rotations,
+   which leave the matrix diagonal. */
+static void split(double *M, double *rows, double *turn)
 {
     double size = 0;
     for (int a = 0; a < NZ * NZ; a++) {
@@ -43,7 +43,8 @@ static void positive_rows(double *M, double *rows)
             }
     }
     for (int a = 0; a < NZ; a++) {
-        double by = M[a * NZ + a] > 0 ? sqrt(M[a * NZ + a]) : 0;
+        double by = sqrt(fabs(M[a * NZ + a]));
+        turn[a] = M[a * NZ + a] < -1e-12 * size ? -1 : 1;
         for (int k = 0; k < NZ; k++)
             rows[a * NZ + k] *= by;
     }
@@ -57,6 +58,22 @@ static double price_now(const Work *s, int row, int *i, int *k)
     if ((above < 0 && below < 0) || (above >= 0 && below >= 0) || !(s->plain[row] < INFINITY))
         return 0;
     return above >= 0 ? s->plain[row] + s->square[row] * above : -s->plain[row] - s->square[row] * below;
+}
+
+/* Whether the rows of negative curvature count. */
+static void count_negative(Work *s, int count)
+{
+    for (int i = 0; i <= N; i++)
+        for (int r = 0; r < NZ; r++)
+            s->q[i * NE + CURVED + r] = count ? s->turn[i * NZ + r] : larger(s->turn[i * NZ + r], 0);
+}
+
+static int has_negative(const Work *s)
+{
+    for (int i = 0; i < (N + 1) * NZ; i++)
+        if (s->turn[i] < 0)
+            return 1;
+    return 0;
 }
 
 /* With the multipliers of the last quadratic program, in the derivatives of all nodes; before there are some, with the
@@ -91,7 +108,7 @@ static void curve(Work *s)
             double m[NZ * NZ], rows[NZ * NZ];
             for (int a = 0; a < NZ * NZ; a++)
                 m[a] = v_lane(M[a], lane);
-            positive_rows(m, rows);
+            split(m, rows, s->turn + (first + lane) * NZ);
             for (int r = 0; r < NZ; r++) {
                 int at = (first + lane) * NE + CURVED + r;
                 memcpy(s->E + at * NX, rows + r * NZ, sizeof(double) * NX);
@@ -99,4 +116,5 @@ static void curve(Work *s)
             }
         }
     }
+    count_negative(s, 0);
 }

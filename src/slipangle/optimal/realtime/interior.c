@@ -4,6 +4,9 @@
 
 #define MOST_FACTORS 12 /* from the rows of the plan before; if they do not do, an interior point is faster */
 #define MOST_INTERIOR 40
+#define ON_THE_WAY 1e-5    /* of the last step: the digits of the next one are not the last */
+#define JAMMED 6           /* steps after which limits that are missed should be nearer */
+#define MOST_PRODUCTS 1e9
 #define TO_INTERIOR 20 /* factors that an interior point takes the time of; where condensing takes less, it is next */
 
 /* ---- interior point ------------------------------------------------------------------------------------------- */
@@ -13,7 +16,7 @@
 
 #define SIDE(name) ((double *)s->stages.name)
 
-static void begin_sides(Work *s)
+static void begin_sides(Work *s, double more)
 {
     Stages *r = &s->stages;
     const Qp *q = &s->qp;
@@ -21,7 +24,7 @@ static void begin_sides(Work *s)
     int n = 0;
     for (int a = 0; a < QN; a++)
         size = larger(fabs(q->g[a]), size);
-    double product = 10 * larger(size, 1e-6 * r->top);
+    double product = more * 10 * larger(size, 1e-6 * r->top);
     for (int k = 0; k < r->rows; k++)
         for (int side = 1, i = r->row[k]; side >= -1; side -= 2) {
             double limit = side > 0 ? q->hi[i] : -q->lo[i], room = 0.1 * sqrt(STIFF * r->top / r->stiff[i]);
@@ -136,19 +139,17 @@ static void move_sides(Work *s, double t)
     }
 }
 
-/* Mehrotra's predictor and corrector on all sides of the rows, until the products are small: r->v and r->price are then
-   near the answer. */
-static int by_interior(Work *s)
+/* Mehrotra's predictor and corrector on all sides of the rows, from products `more` than small ones, until they are: r->v
+   and r->price are then near the answer. -1 where limits that are missed stay so, as the products are too small for that. */
+static int from_products(Work *s, double more)
 {
     Stages *r = &s->stages;
     Qp *q = &s->qp;
-    if (r->bends.count)
-        return QP_NUMBER;
     memset(r->v, 0, sizeof r->v);
     memset(r->e, 0, sizeof r->e);
     memset(r->value, 0, sizeof r->value);
-    begin_sides(s);
-    double begun = mean_product(s, 0);
+    begin_sides(s, more);
+    double begun = mean_product(s, 0), missing = 1;
     for (int n = 0; n < MOST_INTERIOR; n++) {
         double product = mean_product(s, 0), centre = 0, t = 1;
         slope_sides(s);
@@ -164,7 +165,9 @@ static int by_interior(Work *s)
             centre = product * share * share * share;
         }
         q->iterations++;
-        t = smaller(0.995 * t, 1);
+        t = smaller(0.995 * t, 1), missing *= 1 - t;
+        if (n == JAMMED && missing > 0.5 && more < MOST_PRODUCTS)
+            return -1;
         move_rows(s, t);
         move_sides(s, t);
         if (mean_product(s, 0) <= 1e-11 * begun && t > 0.9)
@@ -175,6 +178,14 @@ static int by_interior(Work *s)
     for (int k = 0; k < r->sides; k++)
         r->price[r->of[k]] += SIDE(turn)[k] * SIDE(price_of)[k];
     return QP_SOLVED;
+}
+
+static int by_interior(Work *s)
+{
+    int status = s->stages.bends.count ? QP_NUMBER : -1;
+    for (double more = 1; status < 0; more *= 1e3)
+        status = from_products(s, more);
+    return status;
 }
 
 /* ---- method --------------------------------------------------------------------------------------------------- */
@@ -193,6 +204,68 @@ static void guess_modes(Work *s)
     }
 }
 
+/* The exact answer from an interior point; or that point itself on the way, where rows that are held depend on each other. */
+static int from_inside(Work *s)
+{
+    Stages *r = &s->stages;
+    double v[QN], price[QT];
+    int mode[QT], status = by_interior(s);
+    if (status != QP_SOLVED)
+        return status;
+    guess_modes(s);
+    memcpy(r->after, r->price, sizeof r->after);
+    memcpy(v, r->v, sizeof v);
+    memcpy(price, r->price, sizeof price);
+    memcpy(mode, r->mode, sizeof mode);
+    int near = s->step > ON_THE_WAY && gradient_of_rows(s) <= ROUGH;
+    status = by_rows(s, MOST_FACTORS);
+    if (status != QP_NUMBER || !near)
+        return status;
+    memcpy(r->v, v, sizeof v);
+    memcpy(r->after, price, sizeof price);
+    memcpy(r->mode, mode, sizeof mode);
+    return QP_SOLVED;
+}
+
+/* The answer that was found, as `qp_solve` leaves it. */
+static void hand_over(Work *s)
+{
+    Stages *r = &s->stages;
+    Qp *q = &s->qp;
+    memset(q->lambda, 0, sizeof q->lambda);
+    memset(q->mode, 0, sizeof q->mode);
+    memcpy(q->u, r->v, sizeof r->v);
+    q->k = 0;
+    for (int k = 0; k < r->rows; k++) {
+        int i = r->row[k];
+        q->lambda[i] = r->after[i], q->mode[i] = r->mode[i];
+        if (r->mode[i] == KEPT || r->mode[i] == PAID)
+            q->row[q->k] = i, q->sign[q->k++] = r->sign[i];
+    }
+}
+
+#ifdef CURVED
+/* The same with all curvature, from the rows that were held last; QP_NUMBER where it is not positive on those held here. */
+static int solve_saddle(Work *s)
+{
+    Stages *r = &s->stages;
+    begin_rows(s);
+    expect_rows(s);
+    memset(r->v, 0, sizeof r->v);
+    memset(r->e, 0, sizeof r->e);
+    s->qp.iterations = 0, s->qp.kkt = INFINITY;
+    count_negative(s, 1);
+    price_rows(s);
+    memcpy(r->slope, r->wanted, sizeof r->slope);
+    int status = factor_stages(s, 0) ? by_rows(s, MOST_FACTORS) : QP_NUMBER;
+    if (status == QP_SOLVED)
+        hand_over(s);
+    else
+        count_negative(s, 0);
+    return status;
+}
+#endif
+
 /* u and lambda of the quadratic program, as `qp_solve`; QP_NUMBER where it takes too many steps. */
 static int solve_long(Work *s, int warm)
 {
@@ -205,24 +278,20 @@ static int solve_long(Work *s, int warm)
     memset(r->e, 0, sizeof r->e);
     q->iterations = 0, q->kkt = INFINITY;
     int status = by_rows(s, MOST_FACTORS);
-    if (status == QP_NUMBER && to_condense(s) > TO_INTERIOR * TO_FACTOR) {
-        status = by_interior(s);
-        if (status == QP_SOLVED) {
-            guess_modes(s);
-            status = by_rows(s, MOST_FACTORS);
-        }
-    }
-    if (status != QP_SOLVED)
-        return status;
-    memset(q->lambda, 0, sizeof q->lambda);
-    memset(q->mode, 0, sizeof q->mode);
-    memcpy(q->u, r->v, sizeof r->v);
-    q->k = 0;
-    for (int k = 0; k < r->rows; k++) {
-        int i = r->row[k];
-        q->lambda[i] = r->after[i], q->mode[i] = r->mode[i];
-        if (r->mode[i] == KEPT || r->mode[i] == PAID)
-            q->row[q->k] = i, q->sign[q->k++] = r->sign[i];
-    }
-    return QP_SOLVED;
+    if (status == QP_NUMBER && to_condense(s) > TO_INTERIOR * TO_FACTOR)
+        status = from_inside(s);
+    if (status == QP_SOLVED)
+        hand_over(s);
+    return status;
+}
+
+/* The same where states that are eliminated are no way to an answer: by the interior point alone. */
+static int solve_inside(Work *s)
+{
+    begin_rows(s);
+    s->qp.iterations = 0, s->qp.kkt = INFINITY;
+    int status = from_inside(s);
+    if (status == QP_SOLVED)
+        hand_over(s);
+    return status;
 }

@@ -130,6 +130,11 @@ class Functions(NamedTuple):
         return cls(parts, node, values, columns(stage, stages), columns(only(stage, [0, 1]), stages), quick)
 
 
+def _leads_on(found: Solution) -> bool:
+    """Whether a solve ended at a plan that keeps hard limits, finished or not."""
+    return found.status.solved or (found.status in _CUT and found.violation <= FEASIBLE)
+
+
 class WorkArea(Engine):
     """One thread's memory of `InterpretedEngine`.
 
@@ -274,7 +279,8 @@ class WorkArea(Engine):
         if warm and not unfinished:
             return self._iterate(u, states)
         found = self._ended(*self._converge(u, states, self._settings.max_iterations), unfinished)
-        return self._elsewhere(found, unfinished) if found.status is Status.INFEASIBLE else found
+        found = self._elsewhere(found, unfinished) if found.status is Status.INFEASIBLE else found
+        return self._halfway(found, unfinished)
 
     def _ended(self, u: np.ndarray, x: np.ndarray, iterate: Iterate, unfinished: int = 0) -> Solution:
         """The solution; what led nowhere begins anew: the inputs held, and states that need not follow from them."""
@@ -283,12 +289,30 @@ class WorkArea(Engine):
             return self._solution(u, x, iterate, unfinished)
         return self._from(np.tile(self._applied, (len(u), 1)), iterate.iterations, unfinished)
 
-    def _from(self, u: np.ndarray, before: int, unfinished: int) -> Solution:
-        """Iterate from other inputs, and states that need not follow from them yet, after so many iterations."""
+    def _from(self, u: np.ndarray, before: int, unfinished: int, ahead: bool = False) -> Solution:
+        """Iterate from other inputs, and states that need not follow from them yet, after so many iterations.
+
+        The states stay, or, if `ahead`, head for the end.
+        """
         u = within(u, self._applied, self.ocp.input_bounds, self.ocp.step_bounds)
         self._k[:] = 0.0
-        found = self._converge(u, self._staying(u), self._settings.max_iterations - before, before=before)
+        x = self._heading(u) if ahead else self._staying(u)
+        found = self._converge(u, x, self._settings.max_iterations - before, before=before)
         return replace(self._solution(*found, unfinished), detail=ANEW)
+
+    def _halfway(self, before: Solution, unfinished: int) -> Solution:
+        """Where a solve led nowhere, or limits are missed, two last starts: inputs in the middle of their ranges."""
+        middle, found = self.ocp.input_bounds.mean(axis=1), before
+        u = np.tile(np.where(np.isfinite(middle), middle, self._applied), (len(before.u), 1))
+        for ahead in (True, False):
+            lost = found.status is Status.INFEASIBLE or led_nowhere(found.status, found.violation)
+            if not lost or found.iterations >= self._settings.max_iterations:
+                break
+            found = self._from(u, found.iterations, unfinished, ahead)
+        if before.status is not Status.INFEASIBLE or _leads_on(found):
+            return found
+        memory: Any = found.memory
+        return replace(found, status=before.status, detail=before.detail, memory=replace(memory, unfinished=0))
 
     def _elsewhere(self, missed: Solution, unfinished: int) -> Solution:
         """Hard limits that are missed by least where a solve ended may be kept elsewhere.
@@ -303,7 +327,7 @@ class WorkArea(Engine):
             u = missed.u.copy()
             u[:, j] = (both[j] if np.isfinite(both[j]) else 0.0) - u[:, j]
             found = self._from(u, found.iterations, unfinished)
-            if found.status.solved or (found.status in _CUT and found.violation <= FEASIBLE):
+            if _leads_on(found):
                 return found
         memory: Any = found.memory
         return replace(found, status=missed.status, detail=missed.detail, memory=replace(memory, unfinished=0))
@@ -315,6 +339,19 @@ class WorkArea(Engine):
         for m in self.ocp.jumps:
             states[m + 1 :] = np.asarray(jump(states[m], u[m], self._reference.exogenous[m])).ravel()
         return states
+
+    def _heading(self, u: np.ndarray) -> np.ndarray:
+        """States that go straight from there to where hard limits want them in the end."""
+        states = self._staying(u)
+        m, by, last = self._linearise(u, states, exact=False), np.zeros(states.shape[1]), len(u)
+        self._k[:] = 0.0
+        for stage, which, (low, high), soft in zip(*self._limit_at, self._bounds, self._soft, strict=True):
+            rows, value = m.Lx[last, which], m.limited[last, which]
+            at, way = np.flatnonzero(rows), max(low - value, 0.0) - max(value - high, 0.0)
+            alone = len(at) == 1 and not m.Lu[last, which].any() and np.isfinite(way)
+            if stage == last and not soft and alone:
+                by[at] = way / rows[at]
+        return states + np.linspace(0.0, 1.0, len(states))[:, None] * by
 
     def _finish(
         self, u: np.ndarray, x: np.ndarray, status: Status, count: int, truth: Truth, k: np.ndarray | None = None
@@ -600,7 +637,8 @@ class WorkArea(Engine):
                 self._qp.price(0.0)
                 return u, x, replace(iterate, status=Status.INFEASIBLE)
             settled = False
-            penalty = np.maximum(least, 0.8 * penalty + 0.2 * least)  # early, wild steps are slowly forgotten
+            kept = 0.0 if float(np.abs(step).max()) <= SETTLED else 0.8  # early, wild steps are slowly forgotten
+            penalty = np.maximum(least, kept * penalty + (1.0 - kept) * least)  # and at once at the end
             if (~self._soft).any():
                 strain = float(np.abs(multipliers[~self._soft]).max())
                 hard_penalty = max(hard_penalty, 1.5 * strain)

@@ -13,6 +13,12 @@
 #define QL ((QN + LANES - 1) / LANES * LANES)         /* inputs, padded */
 #define QLT ((QT + LANES - 1) / LANES * LANES)
 
+#define MANY 60 /* stages, over which states of a plant that is not stable lose their digits where they are eliminated */
+#ifdef RICCATI
+#define OTHERS (N >= MANY) /* whether an interior point follows where this leads nowhere */
+#else
+#define OTHERS 0
+#endif
 enum { FREE, KEPT, PAID, SPENT };
 enum { QP_SOLVED, QP_INFEASIBLE, QP_LIMIT, QP_LATE, QP_NUMBER };
 
@@ -520,7 +526,7 @@ static int qp_attempt(Qp *q, int warm)
 {
     int rows = Q_N + Q_R + Q_D, status = QP_SOLVED;
     q->iterations = 0;
-    q->limit_iterations = 20 * rows + 50;
+    q->limit_iterations = (OTHERS ? 3 : 20) * rows + 50;
     for (int a = 0; a < QL; a++)
         q->start[a] = a < Q_N ? -q->g[a] : 0;
     forward(q, q->start, 0);

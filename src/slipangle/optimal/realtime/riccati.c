@@ -104,7 +104,7 @@ INLINE void add_stage(const Work *s, int i, V *H)
 {
     const Stages *r = &s->stages;
     for (int k = 0; k < NE; k++)
-        if (s->q[i * NE + k] > 0)
+        if (s->q[i * NE + k] != 0)
             add_quantity(H, s->q[i * NE + k], r->E + AT(i * NE + k), E_AT + E_FIRST[k], E_FIRST[k + 1] - E_FIRST[k], E_INPUT[k]);
     for (int row = r->first[i]; row < r->first[i + 1]; row++) {
         int k = LIMIT_WHICH[row];
@@ -173,8 +173,11 @@ static int factor_stages(Work *s, int free)
             double c = SCALE[j] * SCALE[j];
             change[j] = c * s->ws[a] + (rate < 0 ? 0 : r->slope[rate]);
             own[j] = c * s->wr[a] + r->slope[a] + change[j];
-            if (free)
-                top = larger(((const double *)H)[(NX + j) * ZL + NX + j] + own[j], top);
+            if (free) {
+                double curve = ((const double *)H)[(NX + j) * ZL + NX + j] + own[j];
+                r->damped[a] = s->damp * curve, top = larger(curve, top);
+            } else
+                own[j] += r->damped[a];
         }
         if (!factor_inputs(H, own, change, top, unit, S, R))
             return 0;

@@ -25,6 +25,7 @@ typedef struct {
     V still_excess[SIDES], still_price[SIDES];
     double R[N * NU * NU]; /* factor: of inputs by inputs */
     double slope[QT], wanted[QT], stiff[QT], price[QT], after[QT], value[QT], value_by[QT], sign[QT], off[QT];
+    double damped[QN];  /* curvature beside the problem's own, as steps of inputs are damped */
     double v[QN], dv[QN], bent[QN], forces[QN], e[M1((N + 1) * NE)], e_by[M1((N + 1) * NE)];
     double top;
     Bends bends;

@@ -15,6 +15,8 @@
 #define MOST_SWEEPS 60
 #define EXACT 1e-12       /* residual, relative to the size of its terms, with which an answer is one at once */
 #define ENOUGH 1e-9       /* the same where refinement gains nothing any more */
+#define RESTS 1e-13       /* of an input, relative to half its range, by which an answer that is found still moves */
+#define ROUGH 1e-6        /* residual with which that is one: its terms cancel, so that the digits that are left are few */
 #define TOUCH 1e-12       /* of a multiplier at its bound, relative to that */
 
 /* ---- rows ----------------------------------------------------------------------------------------------------- */
@@ -138,7 +140,7 @@ static int prepare_stages(Work *s)
     r->top = 0;
     for (int a = 0; a < QN; a++)
         r->top = larger(SCALE[a % NU] * SCALE[a % NU] * (s->wr[a] + s->ws[a]), r->top);
-    return factor_stages(s, 1) && r->top > 0 && r->top < INFINITY;
+    return factor_stages(s, 1) && r->top > 0 && r->top < INFINITY && (s->damp == 0 || factor_stages(s, 0));
 }
 
 /* Rows with limits, and how stiff they are held. */
@@ -267,8 +269,8 @@ static double gradient_of_rows(Work *s)
     double size = 1e-300, worst = 0;
     pull(s);
     for (int a = 0; a < QN; a++) {
-        double left = fabs(q->g[a] + r->bent[a] + r->forces[a]);
-        size = larger(fabs(q->g[a]) + fabs(r->bent[a]) + fabs(r->forces[a]), size);
+        double bent = r->bent[a] + r->damped[a] * r->v[a], left = fabs(q->g[a] + bent + r->forces[a]);
+        size = larger(fabs(q->g[a]) + fabs(bent) + fabs(r->forces[a]), size);
         worst = larger(left, worst);
         if (!(left < INFINITY))
             return INFINITY;
@@ -283,6 +285,15 @@ static void move_rows(Work *s, double t)
     add(r->v, t, r->dv, QN);
     add(r->e, t, r->e_by, (N + 1) * NE);
     add(r->value, t, r->value_by, QT);
+}
+
+/* Whether the inputs hardly move any more. */
+static int rests(const Work *s)
+{
+    double most = 0;
+    for (int a = 0; a < QN; a++)
+        most = larger(fabs(s->stages.dv[a]), most);
+    return most <= RESTS;
 }
 
 /* ---- method --------------------------------------------------------------------------------------------------- */
@@ -321,8 +332,9 @@ static int by_rows(Work *s, int factors)
         }
         double gap = update_prices(s, still > 1);
         if (gap <= ENOUGH) {
+            int there = gap <= EXACT && rests(s);
             gap = larger(gradient_of_rows(s), gap), q->kkt = gap;
-            if (gap <= EXACT || (gap <= ENOUGH && !(gap < 0.1 * last)))
+            if (gap <= EXACT || (!(gap < 0.1 * last) && gap <= (there ? ROUGH : ENOUGH)))
                 return QP_SOLVED;
         }
         if (!(gap < INFINITY) || (still > 3 && !(gap < 0.5 * last)))

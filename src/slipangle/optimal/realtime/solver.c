@@ -4,9 +4,12 @@
 #define MAT(name) ((double *)s->name)
 
 #ifdef RICCATI
-static int by_stages_now(const Work *s), prepare_stages(Work *s), solve_long(Work *s, int warm);
+static int by_stages_now(const Work *s), prepare_stages(Work *s), solve_long(Work *s, int warm), solve_inside(Work *s);
 static void expect(Work *s, int many, int later), bend_stages(Work *s);
 static const double *force(Work *s);
+#ifdef CURVED
+static int solve_saddle(Work *s);
+#endif
 #endif
 
 /* ---- problem data of a row of the QP -------------------------------------------------------------------------- */
@@ -257,6 +260,7 @@ static int condense(Work *s, int learn)
     double top = 0;
     for (int a = 0; a < N * NU; a++)
         top = larger(H[a * QL + a], top);
+    s->top = top;
     if (!(top < INFINITY))
         return 0;
     if (s->damp > 0)
@@ -423,9 +427,10 @@ static double merit(const Work *s, double *cost, double *violation)
 static void raise_penalties(Work *s)
 {
     const Qp *q = &s->qp;
-    for (int i = 0; i < (NS + 1) * NX; i++) { /* those of early, wild steps are slowly forgotten */
+    double kept = s->step <= SETTLED ? 0 : 0.8; /* those of early, wild steps are slowly forgotten, and at once at the end */
+    for (int i = 0; i < (NS + 1) * NX; i++) {
         double least = 1.5 * fabs(s->pi[i]);
-        s->penalty[i] = larger(0.8 * s->penalty[i] + 0.2 * least, least);
+        s->penalty[i] = larger(kept * s->penalty[i] + (1 - kept) * least, least);
     }
     for (int row = 0; row < N_LIMITS; row++)
         if (!(q->plain[QN + QR + row] < INFINITY))
@@ -621,19 +626,32 @@ static void ends(Work *s, int part)
     s->took[part] = s->took[part] > 0 ? smaller(took, 2 * s->took[part]) : took;
 }
 
+/* Whether the next step is tried with all curvature of the Lagrangian, negative one too, which has an answer where that of
+   the rows that are held is positive. */
+static int all_curvature(const Work *s)
+{
+#ifdef CURVED
+    return s->saddle && s->damp == 0;
+#else
+    (void)s;
+    return 0;
+#endif
+}
+
 /* The quadratic program at the iterate, without what depends on the state now: condensed or, if that may be, by stages.
    If it is to `learn`, the last step is remembered. */
 static int pose(Work *s, int by_stages, int learn)
 {
 #ifdef RICCATI
-    s->by_stages = by_stages && s->pairs + learn <= FEW && by_stages_now(s);
+    s->by_stages = by_stages && (s->damp == 0 || N >= MANY) && s->pairs + learn <= FEW && by_stages_now(s);
+    s->by_stages |= by_stages && all_curvature(s);
     if (s->by_stages) {
         if (!begins(s, BY_STAGES))
             return TIME_OUT;
         s->by_stages = prepare_stages(s);
         if (s->by_stages && learn)
             feed(s), remember(s), learn = 0;
-        if (s->by_stages)
+        if (s->by_stages && !all_curvature(s))
             bend_stages(s);
         ends(s, BY_STAGES);
         if (s->by_stages)
@@ -765,12 +783,39 @@ static void forget_rows(Work *s)
 #endif
 }
 
-#define MANY 60 /* stages, over which states of a plant that is not stable lose their digits where they are eliminated */
+#define FRAIL 1e10 /* curvature of states that inputs only steer, over that where they also hold them: the digits lost */
+
+#ifdef RICCATI
+/* What condensing does not solve, by an interior point; or still so. */
+static int another_way(Work *s, int status)
+{
+    if (!prepare_stages(s))
+        return status;
+    int other = solve_inside(s);
+    s->qp_iterations += s->qp.iterations;
+    s->by_stages = other == QP_SOLVED;
+    return other == QP_SOLVED || other == QP_LATE ? other : status;
+}
+#endif
 
 static int solve_qp(Work *s, int warm)
 {
     feed(s);
     int status = QP_NUMBER;
+    s->frail = 0;
+#if defined RICCATI && defined CURVED
+    s->tried = s->saddle && s->by_stages, s->saddle = s->tried;
+    if (s->tried) {
+        status = solve_saddle(s);
+        s->qp_iterations += s->qp.iterations;
+        if (status == QP_NUMBER) {
+            s->saddle = 0;
+            int posed = pose(s, 1, 0);
+            if (posed != SOLVED)
+                return posed;
+        }
+    }
+#endif
 #ifdef RICCATI
     while (s->by_stages && status == QP_NUMBER) {
         status = solve_long(s, warm);
@@ -781,18 +826,29 @@ static int solve_qp(Work *s, int warm)
             int posed = pose(s, again, 0);
             if (posed != SOLVED)
                 return posed;
+            s->frail = !s->by_stages && s->top > FRAIL * s->stages.top;
         }
     }
-    if (!s->by_stages)
+    if (status == QP_NUMBER && !s->by_stages)
 #endif
     {
-        status = qp_solve(&s->qp, warm);
+#ifdef RICCATI
+        status = s->frail ? another_way(s, QP_NUMBER) : QP_NUMBER;
+        if (status != QP_NUMBER)
+            s->frail = 0;
+        else
+#endif
+            status = qp_solve(&s->qp, warm);
         s->qp_iterations += s->qp.iterations;
+        if (status == QP_NUMBER && s->qp.kkt <= 1e-6) /* wildly scaled, but good enough for a step; `residual` says it */
+            status = QP_SOLVED;
+#ifdef RICCATI
+        if ((status == QP_NUMBER || status == QP_LIMIT) && !s->frail)
+            status = another_way(s, status);
+#endif
     }
     keep_rows(s);
     static const int outcome[] = {SOLVED, INFEASIBLE, FAILED, TIME_OUT, FAILED};
-    if (status == QP_NUMBER && s->qp.kkt <= 1e-6) /* wildly scaled, but good enough for a step; `residual` says it */
-        status = QP_SOLVED;
     if (status == QP_SOLVED) {
         for (int a = 0; a < N * NU; a++)
             s->du[a] = SCALE[a % NU] * s->qp.u[a];
@@ -935,6 +991,20 @@ static int back(Work *s, double whole)
 #define TELLING 1e-5 /* of the merit, that no last step promises */
 #define HIDDEN 1e-3  /* of the cost, or of the merit at first, that what is missed may cost by its multipliers in the end */
 
+#ifdef CURVED
+#define LONGEST 4 /* steps between two tries of all curvature */
+
+/* All curvature is tried after whole steps; where that led nowhere, twice as many of them later as before. */
+static void choose_curvature(Work *s, double t)
+{
+    if (s->tried) {
+        s->failed = s->saddle && t == 1 ? 0 : s->failed + 1;
+        s->rest = s->failed == 0 ? 0 : s->failed > 2 ? LONGEST : s->failed;
+    }
+    s->saddle = t == 1 && s->rest-- <= 0 && has_negative(s);
+}
+#endif
+
 /* Iterate to convergence with a line search on an exact penalty function (weights per state, three steps of memory),
    damped after short steps; or, if `loose`, until the iterate is accepted. An unfinished iterate stays where it is. */
 static int converge(Work *s, int64_t most, int loose)
@@ -946,7 +1016,10 @@ static int converge(Work *s, int64_t most, int loose)
     double whole = INFINITY;                 /* size of the last step, if near and taken so */
     double begun = 0;                        /* merit at first */
     memset(s->penalty, 0, sizeof s->penalty);
-    s->curved = 0;
+    s->curved = 0, s->step = INFINITY;
+#ifdef CURVED
+    s->saddle = s->tried = s->failed = s->rest = 0;
+#endif
     s->hard_penalty = 0, s->pairs = 0, s->damp = 0;
     int calm = 0, soft = 0; /* soft: hard limits have their price even where a step keeps them */
     int settled = 0, stays = 0; /* at a lower price, just before; steps in a row that leave the excess at the highest one */
@@ -958,16 +1031,19 @@ static int converge(Work *s, int64_t most, int loose)
         return NOT_FINITE;
     ends(s, LINEARISE);
     for (int64_t n = 0; n < most;) {
-        int posed = pose(s, s->damp == 0, calm >= CALM); /* Gauss-Newton steps alone are slow where errors remain large */
+        int posed = pose(s, 1, calm >= CALM); /* Gauss-Newton steps alone are slow where errors remain large */
         if (posed != SOLVED)
             return posed;
         if (soft)
             price_limits(s, price);
         int done = solve_qp(s, n > 0 || !s->fresh), whole_price = 1;
+
         if ((done == INFEASIBLE || done == FAILED) && N_LIMITS > 0) { /* here: limits at a price may lead elsewhere */
             if (price == 0)
                 price = first_price(s), dearest = PRICES * price, priced = n;
             for (double part = 1; part > 1e-3 && (done == INFEASIBLE || done == FAILED); part *= 0.1) {
+                if (N >= MANY && !s->by_stages && (posed = pose(s, 1, 0)) != SOLVED)
+                    return posed;
                 price_limits(s, part * price);
                 whole_price = part == 1;
                 forget_rows(s);
@@ -997,7 +1073,7 @@ static int converge(Work *s, int64_t most, int loose)
         least = flat ? smaller(s->step, least) : least;
         int may_rise = miss > 1e-6 && price < dearest; /* of the price: the last digits are not worth their steps */
         int still = predicted <= TELLING * larger(here, begun); /* else curvature of multipliers long gone holds it there */
-        int last = near && ((may_rise ? s->step <= SETTLED : s->step <= s->tolerance && still) || idle >= IDLE);
+        int last = near && !s->frail && ((may_rise ? s->step <= SETTLED : s->step <= s->tolerance && still) || idle >= IDLE);
         past[(int)(n % 3)] = here;
         double allowed = fmax(fmax(past[0] < INFINITY ? past[0] : here, past[1] < INFINITY ? past[1] : here),
                               past[2] < INFINITY ? past[2] : here);
@@ -1052,6 +1128,9 @@ static int converge(Work *s, int64_t most, int loose)
             soft = 1, priced = n;
         }
         whole = near && t == 1 ? s->step : INFINITY;
+#ifdef CURVED
+        choose_curvature(s, t);
+#endif
         if (t == 1 && (!soft || here - there >= GAIN * predicted))
             s->damp = s->damp > 1e-4 ? 0.2 * s->damp : 0;
         else if (t <= 0.25 && s->step > FAR) { /* where the model of the step does not hold, nor remembered steps */
@@ -1064,11 +1143,35 @@ static int converge(Work *s, int64_t most, int loose)
     return accepted(s) && !paid ? ITERATED : ITERATION_LIMIT;
 }
 
-/* Iterate from other inputs, and states that need not follow from them yet. */
-static int begin_at(Work *s)
+/* States that stay go straight to where hard limits want them in the end. */
+static void head_for_end(Work *s)
+{
+    double by[NX] = {0};
+    evaluate_stage(s, N / LANES * LANES);
+    for (int row = 0; row < N_LIMITS; row++) {
+        int i, k, at = -1, parts = 0;
+        const double *b = limit_of(s, row, &i, &k), *x = s->LX + (i * NL + k) * NX, *u = s->LU + (i * NL + k) * NU;
+        double v = s->l[i * NL + k], way = larger(b[0] - v, 0) - larger(v - b[1], 0);
+        for (int a = 0; a < NX; a++)
+            if (x[a] != 0)
+                at = a, parts++;
+        for (int j = 0; j < NU; j++)
+            parts += u[j] != 0;
+        if (i == N && !(s->plain[row] < INFINITY) && parts == 1 && at >= 0 && fabs(way) < INFINITY)
+            by[at] = way / x[at];
+    }
+    for (int m = 1; m <= NS; m++)
+        for (int a = 0; a < NX; a++)
+            s->x[m * NX + a] += by[a] * m / NS;
+}
+
+/* Iterate from other inputs, and states that need not follow from them yet: they stay, or, if `ahead`, head for the end. */
+static int begin_at(Work *s, int ahead)
 {
     keep_inputs(s);
     stay(s);
+    if (ahead)
+        head_for_end(s);
     forget_rows(s);
     price_limits(s, 0);
     s->fresh = FROM_NOTHING, s->anew = 1, s->open_end = s->ahead = 0;
@@ -1076,16 +1179,48 @@ static int begin_at(Work *s)
     return converge(s, s->max_iterations - s->iterations, 0);
 }
 
+static int nowhere(const Work *s, int status)
+{
+    return status == NOT_FINITE || status == FAILED || (status == STALLED && !(s->violation <= FEASIBLE));
+}
+
+/* Whether a solve ended at a plan that keeps hard limits, finished or not. */
+static int leads_on(const Work *s, int status)
+{
+    int cut = status == ITERATION_LIMIT || status == TIME_OUT || status == STALLED;
+    return status == SOLVED || status == ITERATED || (cut && s->violation <= FEASIBLE);
+}
+
 /* A solve that led nowhere, such as from states that a plan before or inputs held lead to beyond all numbers, begins anew:
    the inputs held, and states that need not follow from them yet. */
 static int begin_anew(Work *s, int status)
 {
-    int nowhere = status == NOT_FINITE || status == FAILED || (status == STALLED && !(s->violation <= FEASIBLE));
-    if (!nowhere || s->iterations >= s->max_iterations)
+    if (!nowhere(s, status) || s->iterations >= s->max_iterations)
         return status;
     for (int i = 0; i < N; i++)
         memcpy(s->u + i * NU, s->applied, sizeof s->applied);
-    return begin_at(s);
+    return begin_at(s, 0);
+}
+
+/* Where that led nowhere either, or limits are missed, two last starts: inputs in the middle of their ranges, and states
+   that head for the end or stay. */
+static int begin_halfway(Work *s, int status)
+{
+    int64_t anew = s->anew;
+    int ended = status;
+    for (int ahead = 1; ahead >= 0; ahead--) {
+        if ((ended != INFEASIBLE && !nowhere(s, ended)) || s->iterations >= s->max_iterations)
+            break;
+        for (int a = 0; a < N * NU; a++) {
+            double middle = 0.5 * (INPUT_LOW[a % NU] + INPUT_HIGH[a % NU]);
+            s->u[a] = fabs(middle) < INFINITY ? middle : s->applied[a % NU];
+        }
+        ended = begin_at(s, ahead);
+    }
+    if (status != INFEASIBLE || leads_on(s, ended))
+        return ended;
+    s->anew = anew;
+    return status;
 }
 
 /* Hard limits that are missed by least where a solve ended may be kept elsewhere: it begins anew from the inputs there,
@@ -1101,9 +1236,8 @@ static int look_elsewhere(Work *s, int status)
         memcpy(s->u, missed, sizeof s->u);
         for (int i = 0; i < N; i++)
             s->u[i * NU + j] = (fabs(both) < INFINITY ? both : 0) - missed[i * NU + j];
-        int ended = begin_at(s);
-        int cut = ended == ITERATION_LIMIT || ended == TIME_OUT || ended == STALLED;
-        if (ended == SOLVED || ended == ITERATED || (cut && s->violation <= FEASIBLE))
+        int ended = begin_at(s, 0);
+        if (leads_on(s, ended))
             return ended;
     }
     s->anew = anew;
@@ -1261,7 +1395,7 @@ int rt_solve(Work *s)
     start(s);
     int status = NOT_FINITE;
     if (s->fresh || s->fixed == 0) {
-        status = look_elsewhere(s, begin_anew(s, converge(s, s->max_iterations, 0)));
+        status = begin_halfway(s, look_elsewhere(s, begin_anew(s, converge(s, s->max_iterations, 0))));
         keep_inputs(s);
     } else {
         for (int64_t i = 0; i < s->fixed; i++) {
