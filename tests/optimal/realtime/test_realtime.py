@@ -189,7 +189,7 @@ def agree(seeds, **options):
             assert_same(mine, theirs, seed)
         else:
             other += 1
-            assert projected_gradient(mpc, x, reference, before, mine.u) <= 1e-6, seed
+            assert projected_gradient(mpc.ocp, x, reference, before, mine.u) <= 1e-6, seed
             start = Start(x=x, applied=before, reference=reference, guess_u=theirs.u, guess_x=theirs.x)
             assert_same(mpc.engine.solve(start), theirs, seed)
     return same, other

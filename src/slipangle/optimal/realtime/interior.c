@@ -217,7 +217,7 @@ static int from_inside(Work *s)
     memcpy(v, r->v, sizeof v);
     memcpy(price, r->price, sizeof price);
     memcpy(mode, r->mode, sizeof mode);
-    int near = s->step > ON_THE_WAY && gradient_of_rows(s) <= ROUGH;
+    int near = s->step > ON_THE_WAY && gradient_of_rows(s) <= FEW_DIGITS;
     status = by_rows(s, MOST_FACTORS);
     if (status != QP_NUMBER || !near)
         return status;

@@ -638,7 +638,7 @@ class WorkArea(Engine):
                 return u, x, replace(iterate, status=Status.INFEASIBLE)
             settled = False
             kept = 0.0 if float(np.abs(step).max()) <= SETTLED else 0.8  # early, wild steps are slowly forgotten
-            penalty = np.maximum(least, kept * penalty + (1.0 - kept) * least)  # and at once at the end
+            penalty = np.fmax(least, kept * penalty + (1.0 - kept) * least)  # and at once at the end
             if (~self._soft).any():
                 strain = float(np.abs(multipliers[~self._soft]).max())
                 hard_penalty = max(hard_penalty, 1.5 * strain)

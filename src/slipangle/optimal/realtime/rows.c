@@ -16,7 +16,7 @@
 #define EXACT 1e-12       /* residual, relative to the size of its terms, with which an answer is one at once */
 #define ENOUGH 1e-9       /* the same where refinement gains nothing any more */
 #define RESTS 1e-13       /* of an input, relative to half its range, by which an answer that is found still moves */
-#define ROUGH 1e-6        /* residual with which that is one: its terms cancel, so that the digits that are left are few */
+#define FEW_DIGITS 1e-6   /* residual with which that is one: its terms cancel, so that the digits that are left are few */
 #define TOUCH 1e-12       /* of a multiplier at its bound, relative to that */
 
 /* ---- rows ----------------------------------------------------------------------------------------------------- */
@@ -334,7 +334,7 @@ static int by_rows(Work *s, int factors)
         if (gap <= ENOUGH) {
             int there = gap <= EXACT && rests(s);
             gap = larger(gradient_of_rows(s), gap), q->kkt = gap;
-            if (gap <= EXACT || (!(gap < 0.1 * last) && gap <= (there ? ROUGH : ENOUGH)))
+            if (gap <= EXACT || (!(gap < 0.1 * last) && gap <= (there ? FEW_DIGITS : ENOUGH)))
                 return QP_SOLVED;
         }
         if (!(gap < INFINITY) || (still > 3 && !(gap < 0.5 * last)))

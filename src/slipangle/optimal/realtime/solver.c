@@ -992,9 +992,9 @@ static int back(Work *s, double whole)
 #define HIDDEN 1e-3  /* of the cost, or of the merit at first, that what is missed may cost by its multipliers in the end */
 
 #ifdef CURVED
-#define LONGEST 4 /* steps between two tries of all curvature */
+#define LONGEST 4 /* most steps between two tries of all curvature */
 
-/* All curvature is tried after whole steps; where that led nowhere, twice as many of them later as before. */
+/* All curvature is tried after whole steps; where that led nowhere, one step later, then two, then four. */
 static void choose_curvature(Work *s, double t)
 {
     if (s->tried) {
@@ -1162,7 +1162,7 @@ static void head_for_end(Work *s)
     }
     for (int m = 1; m <= NS; m++)
         for (int a = 0; a < NX; a++)
-            s->x[m * NX + a] += by[a] * m / NS;
+            s->x[m * NX + a] += by[a] * ((double)m / (double)NS);
 }
 
 /* Iterate from other inputs, and states that need not follow from them yet: they stay, or, if `ahead`, head for the end. */
