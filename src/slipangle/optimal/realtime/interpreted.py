@@ -603,7 +603,9 @@ class WorkArea(Engine):
             H, g, G, L = self._condense(m, x, u)
             slope = g + multipliers @ L[:, :-1]
             if old is not None and calm >= CALM:
-                pairs = [*pairs, ((u.ravel() - old[0]) / np.tile(self._scale, n), slope - old[1])][-PAIRS:]
+                moved = (u.ravel() - old[0]) / np.tile(self._scale, n)
+                if np.abs(moved).max() > ROUNDED:  # else states moved alone, which is no curvature
+                    pairs = [*pairs, (moved, slope - old[1])][-PAIRS:]
             for step, change in pairs:
                 H = secant(H, step, change)
             H[np.diag_indices_from(H)] *= 1 + damp
