@@ -244,6 +244,7 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, pattern: ca.Spa
         "QD": len(rows),
         "N_LIMITS": len(rows),
         "JUMPS": len(ocp.jumps),
+        "TURNS": 0 if curved(ocp) is None else (n + 1) * (ocp.model.n_states + nu),
     }
     lines = ["#define EXPLICIT 0", "#define RADAU 1", "#define CALLED 2", f"#define ANY_INPUT {ANY!r}"]
     lines += [f"#define DYNAMICS {kinds[0]}", f"#define STAGE {kinds[1]}", "#define M1(n) ((n) > 0 ? (n) : 1)"]

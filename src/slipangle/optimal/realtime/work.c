@@ -75,11 +75,9 @@ typedef struct {
     int64_t ahead, spared; /* whether that is so; groups of columns that the last linearisation took from there */
     V G[2 * NX * QL / LANES], R[2 * M1(NE) * QL / LANES];
     int64_t curved; /* whether there are multipliers for the curvature beyond squares of errors */
-#ifdef CURVED
-    double turn[(N + 1) * (NX + NU)]; /* of the rows of this curvature, 1 or, where it is negative, -1 */
-    int64_t saddle, tried;            /* whether a step is to be, or was, one with all of it; whether that was tried */
-    int64_t failed, rest;             /* how often in a row that led nowhere; steps until it is tried again */
-#endif
+    double turn[M1(TURNS)]; /* of the rows of this curvature, 1 or, where it is negative, -1 */
+    int64_t saddle, tried;  /* whether a step is to be, or was, one with all of it; whether that was tried */
+    int64_t failed, rest;   /* how often in a row that led nowhere; steps until it is tried again */
     double damp; /* of inputs, relative to the curvature */
     double top;  /* largest curvature by an input, of the program condensed */
     int64_t frail; /* whether the last program was condensed with few digits */
