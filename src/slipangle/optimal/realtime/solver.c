@@ -628,7 +628,7 @@ static void ends(Work *s, int part)
 
 /* Whether the next step is tried with all curvature of the Lagrangian, negative one too, which has an answer where that of
    the rows that are held is positive. */
-static int all_curvature(const Work *s)
+INLINE int all_curvature(const Work *s)
 {
 #ifdef CURVED
     return s->saddle && s->damp == 0;
