@@ -387,8 +387,8 @@ MUTANTS = [
         [
             (
                 "solver in C: no second start where the first leads beyond all numbers",
-                "int nowhere = status == NOT_FINITE ||",
-                "int nowhere =",
+                "return status == NOT_FINITE || status == FAILED ||",
+                "return status == FAILED ||",
             )
         ],
     ),
@@ -398,7 +398,7 @@ MUTANTS = [
         [
             (
                 "solver in C: limits that are missed are not looked for elsewhere",
-                "int ended = begin_at(s);",
+                "int ended = begin_at(s, 0);",
                 "int ended = INFEASIBLE;",
             )
         ],
