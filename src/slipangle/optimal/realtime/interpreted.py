@@ -604,7 +604,7 @@ class WorkArea(Engine):
             slope = g + multipliers @ L[:, :-1]
             if old is not None and calm >= CALM:
                 moved = (u.ravel() - old[0]) / np.tile(self._scale, n)
-                if np.abs(moved).max() > ROUNDED:  # else states moved alone, which is no curvature
+                if np.abs(moved).max() > 1e-12:  # else states moved alone, which is no curvature
                     pairs = [*pairs, (moved, slope - old[1])][-PAIRS:]
             for step, change in pairs:
                 H = secant(H, step, change)

@@ -148,7 +148,7 @@ static void remember(Work *s)
         step[a] = (s->u[a] - s->u_from[a]) / SCALE[a % NU];
         size = larger(fabs(step[a]), size);
     }
-    s->pairs += size > ROUNDED; /* else states moved alone, which changes the gradient but is no curvature */
+    s->pairs += size > 1e-12; /* else states moved alone, which changes the gradient but is no curvature */
 }
 
 /* Column `at` of the identity, from the lane of `first` on. */
