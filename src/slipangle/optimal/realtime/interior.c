@@ -244,54 +244,54 @@ static void hand_over(Work *s)
     }
 }
 
-#ifdef CURVED
-/* The same with all curvature, from the rows that were held last; QP_NUMBER where it is not positive on those held here. */
-static int solve_saddle(Work *s)
+static void begin_program(Work *s, int warm)
 {
     Stages *r = &s->stages;
-    begin_rows(s);
-    expect_rows(s);
-    memset(r->v, 0, sizeof r->v);
-    memset(r->e, 0, sizeof r->e);
-    s->qp.iterations = 0, s->qp.kkt = INFINITY;
-    count_negative(s, 1);
-    price_rows(s);
-    memcpy(r->slope, r->wanted, sizeof r->slope);
-    int status = factor_stages(s, 0) ? by_rows(s, MOST_FACTORS) : QP_NUMBER;
-    if (status == QP_SOLVED)
-        hand_over(s);
-    else
-        count_negative(s, 0);
-    return status;
-}
-#endif
-
-/* u and lambda of the quadratic program, as `qp_solve`; QP_NUMBER where it takes too many steps. */
-static int solve_long(Work *s, int warm)
-{
-    Stages *r = &s->stages;
-    Qp *q = &s->qp;
     begin_rows(s);
     if (warm)
         expect_rows(s);
     memset(r->v, 0, sizeof r->v);
     memset(r->e, 0, sizeof r->e);
-    q->iterations = 0, q->kkt = INFINITY;
-    int status = by_rows(s, MOST_FACTORS);
-    if (status == QP_NUMBER && to_condense(s) > TO_INTERIOR * TO_FACTOR)
-        status = from_inside(s);
+    s->qp.iterations = 0, s->qp.kkt = INFINITY;
+}
+
+static int end_program(Work *s, int status)
+{
+    s->qp_iterations += s->qp.iterations;
     if (status == QP_SOLVED)
         hand_over(s);
     return status;
 }
 
+/* u and lambda of the quadratic program, as `qp_solve`; QP_NUMBER where it takes too many steps. */
+static int solve_long(Work *s, int warm)
+{
+    begin_program(s, warm);
+    int status = by_rows(s, MOST_FACTORS);
+    if (status == QP_NUMBER && to_condense(s) > TO_INTERIOR * TO_FACTOR)
+        status = from_inside(s);
+    return end_program(s, status);
+}
+
 /* The same where states that are eliminated are no way to an answer: by the interior point alone. */
 static int solve_inside(Work *s)
 {
-    begin_rows(s);
-    s->qp.iterations = 0, s->qp.kkt = INFINITY;
-    int status = from_inside(s);
-    if (status == QP_SOLVED)
-        hand_over(s);
-    return status;
+    begin_program(s, 0);
+    return end_program(s, from_inside(s));
 }
+
+#ifdef CURVED
+/* The same with all curvature, from the rows that were held last; QP_NUMBER where it is not positive on those held here. */
+static int solve_saddle(Work *s)
+{
+    Stages *r = &s->stages;
+    begin_program(s, 1);
+    count_negative(s, 1);
+    price_rows(s);
+    memcpy(r->slope, r->wanted, sizeof r->slope);
+    int status = factor_stages(s, 0) ? by_rows(s, MOST_FACTORS) : QP_NUMBER;
+    if (status != QP_SOLVED)
+        count_negative(s, 0);
+    return end_program(s, status);
+}
+#endif

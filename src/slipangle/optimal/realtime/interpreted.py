@@ -46,6 +46,7 @@ PAIRS, CALM = 24, 2  # remembered steps; iterations without a short one before t
 FLAT = 1e-6  # largest change of an input in units of its range whose effect on the cost may be lost in rounding
 _CUT = Status.ITERATION_LIMIT, Status.TIME_OUT, Status.STALLED  # of a solve that may have a plan without its optimum
 IDLE = 10  # such steps that are no smaller than the smallest before end the iterations
+BY_ROUNDING = 1e-12  # largest change of an input that may be rounding alone, where it stays at its bound
 ROUNDED = 1e-8  # largest change of an input by a whole step, before one that rounding makes useless
 PATIENCE = 40  # iterations at one price, or no nearer to limits without one, after which they get a higher one
 PRICES = 1e4  # largest price of a hard limit that no step keeps, over the first
@@ -133,6 +134,12 @@ class Functions(NamedTuple):
 def _leads_on(found: Solution) -> bool:
     """Whether a solve ended at a plan that keeps hard limits, finished or not."""
     return found.status.solved or (found.status in _CUT and found.violation <= FEASIBLE)
+
+
+def _still(found: Solution, before: Solution) -> Solution:
+    """What was found last, with what was said before."""
+    memory: Any = found.memory
+    return replace(found, status=before.status, detail=before.detail, memory=replace(memory, unfinished=0))
 
 
 class WorkArea(Engine):
@@ -311,8 +318,7 @@ class WorkArea(Engine):
             found = self._from(u, found.iterations, unfinished, ahead)
         if before.status is not Status.INFEASIBLE or _leads_on(found):
             return found
-        memory: Any = found.memory
-        return replace(found, status=before.status, detail=before.detail, memory=replace(memory, unfinished=0))
+        return _still(found, before)
 
     def _elsewhere(self, missed: Solution, unfinished: int) -> Solution:
         """Hard limits that are missed by least where a solve ended may be kept elsewhere.
@@ -329,8 +335,7 @@ class WorkArea(Engine):
             found = self._from(u, found.iterations, unfinished)
             if _leads_on(found):
                 return found
-        memory: Any = found.memory
-        return replace(found, status=missed.status, detail=missed.detail, memory=replace(memory, unfinished=0))
+        return _still(found, missed)
 
     def _staying(self, u: np.ndarray) -> np.ndarray:
         """States that stay where the vehicle is now, but for jumps."""
@@ -604,7 +609,7 @@ class WorkArea(Engine):
             slope = g + multipliers @ L[:, :-1]
             if old is not None and calm >= CALM:
                 moved = (u.ravel() - old[0]) / np.tile(self._scale, n)
-                if np.abs(moved).max() > 1e-12:  # else states moved alone, which is no curvature
+                if np.abs(moved).max() > BY_ROUNDING:  # else states moved alone, which is no curvature
                     pairs = [*pairs, (moved, slope - old[1])][-PAIRS:]
             for step, change in pairs:
                 H = secant(H, step, change)

@@ -148,7 +148,7 @@ static void remember(Work *s)
         step[a] = (s->u[a] - s->u_from[a]) / SCALE[a % NU];
         size = larger(fabs(step[a]), size);
     }
-    s->pairs += size > 1e-12; /* else states moved alone, which changes the gradient but is no curvature */
+    s->pairs += size > BY_ROUNDING; /* else states moved alone, which changes the gradient but is no curvature */
 }
 
 /* Column `at` of the identity, from the lane of `first` on. */
@@ -783,70 +783,80 @@ static void forget_rows(Work *s)
 #endif
 }
 
+#ifdef RICCATI
 #define FRAIL 1e10 /* curvature of states that inputs only steer, over that where they also hold them: the digits lost */
 
-#ifdef RICCATI
+/* By stages, as long as it is posed so: with all curvature, with what is remembered of earlier steps, and without. What is
+   condensed in the end, as that one says why or solves it, is QP_NUMBER; whether it could be is `posed`. */
+static int solve_by_stages(Work *s, int warm, int *posed)
+{
+    int status = QP_NUMBER;
+#ifdef CURVED
+    s->tried = s->saddle = s->by_stages && all_curvature(s);
+    if (s->tried) {
+        status = solve_saddle(s);
+        s->saddle = status == QP_SOLVED;
+        if (status == QP_NUMBER)
+            *posed = pose(s, 1, 0);
+    }
+#endif
+    while (s->by_stages && status == QP_NUMBER && *posed == SOLVED) {
+        status = solve_long(s, warm);
+        if (status == QP_NUMBER) {
+            int again = N >= MANY && s->stages.bends.count > 0;
+            s->pairs = again ? 0 : s->pairs;
+            *posed = pose(s, again, 0);
+            s->frail = !s->by_stages && s->top > FRAIL * s->stages.top;
+        }
+    }
+    return status;
+}
+
 /* What condensing does not solve, by an interior point; or still so. */
-static int another_way(Work *s, int status)
+static int solve_otherwise(Work *s, int status)
 {
     if (!prepare_stages(s))
         return status;
     int other = solve_inside(s);
-    s->qp_iterations += s->qp.iterations;
     s->by_stages = other == QP_SOLVED;
     return other == QP_SOLVED || other == QP_LATE ? other : status;
 }
 #endif
 
+static int solve_condensed(Work *s, int warm)
+{
+#ifdef RICCATI
+    if (s->frail) {
+        int status = solve_otherwise(s, QP_NUMBER);
+        s->frail = status == QP_NUMBER;
+        if (!s->frail)
+            return status;
+    }
+#endif
+    int status = qp_solve(&s->qp, warm);
+    s->qp_iterations += s->qp.iterations;
+    if (status == QP_NUMBER && s->qp.kkt <= 1e-6) /* wildly scaled, but good enough for a step; `residual` says it */
+        return QP_SOLVED;
+#ifdef RICCATI
+    if ((status == QP_NUMBER || status == QP_LIMIT) && !s->frail)
+        return solve_otherwise(s, status);
+#endif
+    return status;
+}
+
 static int solve_qp(Work *s, int warm)
 {
-    feed(s);
     int status = QP_NUMBER;
     s->frail = 0;
-#if defined RICCATI && defined CURVED
-    s->tried = s->saddle && s->by_stages, s->saddle = s->tried;
-    if (s->tried) {
-        status = solve_saddle(s);
-        s->qp_iterations += s->qp.iterations;
-        if (status == QP_NUMBER) {
-            s->saddle = 0;
-            int posed = pose(s, 1, 0);
-            if (posed != SOLVED)
-                return posed;
-        }
-    }
-#endif
+    feed(s);
 #ifdef RICCATI
-    while (s->by_stages && status == QP_NUMBER) {
-        status = solve_long(s, warm);
-        s->qp_iterations += s->qp.iterations;
-        if (status == QP_NUMBER) { /* without what is remembered of earlier steps; or the other one says why, or solves it */
-            int again = N >= MANY && s->stages.bends.count > 0;
-            s->pairs = again ? 0 : s->pairs;
-            int posed = pose(s, again, 0);
-            if (posed != SOLVED)
-                return posed;
-            s->frail = !s->by_stages && s->top > FRAIL * s->stages.top;
-        }
-    }
-    if (status == QP_NUMBER && !s->by_stages)
+    int posed = SOLVED;
+    status = solve_by_stages(s, warm, &posed);
+    if (posed != SOLVED)
+        return posed;
 #endif
-    {
-#ifdef RICCATI
-        status = s->frail ? another_way(s, QP_NUMBER) : QP_NUMBER;
-        if (status != QP_NUMBER)
-            s->frail = 0;
-        else
-#endif
-            status = qp_solve(&s->qp, warm);
-        s->qp_iterations += s->qp.iterations;
-        if (status == QP_NUMBER && s->qp.kkt <= 1e-6) /* wildly scaled, but good enough for a step; `residual` says it */
-            status = QP_SOLVED;
-#ifdef RICCATI
-        if ((status == QP_NUMBER || status == QP_LIMIT) && !s->frail)
-            status = another_way(s, status);
-#endif
-    }
+    if (status == QP_NUMBER)
+        status = solve_condensed(s, warm);
     keep_rows(s);
     static const int outcome[] = {SOLVED, INFEASIBLE, FAILED, TIME_OUT, FAILED};
     if (status == QP_SOLVED) {
@@ -999,7 +1009,7 @@ static void choose_curvature(Work *s, double t)
 {
     if (s->tried) {
         s->failed = s->saddle && t == 1 ? 0 : s->failed + 1;
-        s->rest = s->failed == 0 ? 0 : s->failed > 2 ? LONGEST : s->failed;
+        s->rest = s->failed > 2 ? LONGEST : s->failed;
     }
     s->saddle = t == 1 && s->rest-- <= 0 && has_negative(s);
 }
@@ -1037,7 +1047,6 @@ static int converge(Work *s, int64_t most, int loose)
         if (soft)
             price_limits(s, price);
         int done = solve_qp(s, n > 0 || !s->fresh), whole_price = 1;
-
         if ((done == INFEASIBLE || done == FAILED) && N_LIMITS > 0) { /* here: limits at a price may lead elsewhere */
             if (price == 0)
                 price = first_price(s), dearest = PRICES * price, priced = n;

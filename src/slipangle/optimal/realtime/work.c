@@ -30,6 +30,7 @@ enum { LINEARISE, CONDENSE, BY_STAGES, PARTS };
 #define CALM 2   /* iterations without a short step before remembered ones count; short: a quarter of one beyond FAR */
 #define FLAT 1e-6 /* largest change of an input in units of its range whose effect on the cost may be lost in rounding */
 #define IDLE 10  /* such steps that are no smaller than the smallest before end the iterations */
+#define BY_ROUNDING 1e-12 /* largest change of an input that may be rounding alone, where it stays at its bound */
 #define ROUNDED 1e-8 /* largest change of an input by a whole step, before one that rounding makes useless */
 #define PRICES 1e4 /* largest price of a hard limit that no step keeps, over the first */
 #define SETTLED 1e-5 /* largest change of an input in units of its range after which missed limits may get a higher price */
