@@ -167,15 +167,17 @@ SATURATING = CHASSIS | AXLES | dict(downforce_f=1.7, downforce_r=-0.6)
 SENSORS = dict(bias_r=0.013, bias_v_y=-0.11, bias_a_y=0.23, lever_v_y=-0.31, lever_a_y=0.43, gain_a_y=1.07)
 
 
-def test_saturating_bicycle():
+@pytest.mark.parametrize("half", [0.0, 0.71])
+def test_saturating_bicycle(half):
     unused = dict(relaxation_f=0.4, relaxation_r=0.6)
     params = SaturatingBicycleParams(**SATURATING, **STEERED, **SENSORS, **unused, cross_slope=0.06)
-    assert len(SATURATING | STEERED | SENSORS | unused) + 1 == len(fields(params))
+    params = replace(params, locked_half_track=half)
+    assert len(SATURATING | STEERED | SENSORS | unused) + 2 == len(fields(params))
     model = SaturatingBicycle(params=params, dt=0.01, outputs=("v_y", "r", "a_y"))
 
     def oracle(v_y, r, delta, v_x):
         slip = vehicles.small_slip(CHASSIS, v_y, r, vehicles.road_wheel(STEERED, delta), v_x)
-        found = vehicles.saturating_bicycle(SATURATING, v_y, r, *slip, v_x)
+        found = vehicles.saturating_bicycle(SATURATING | {"locked_half_track": half}, v_y, r, *slip, v_x)
         read = [v_y - 0.11 - 0.31 * r, r + 0.013, 1.07 * (found[2] + 0.43 * found[1]) + 0.23]
         return [found[0] - vehicles.G * np.sin(0.06), found[1], *read]  # an accelerometer feels no gravity
 
@@ -229,6 +231,55 @@ def test_a_run_of_a_car_with_downforce_begins_in_steady_cornering():
     slip = force / (p["C_r"] * carried / static)
     first = Dataset.from_arrays({"delta": [0.0, 0.0], "v_x": [v, v]}, {"r": [r, r]}, 0.01)
     assert model.initial_state(first) == pytest.approx([(p["wheelbase"] - p["l_f"]) * r - v * slip, r], rel=1e-12)
+
+
+LOCKED = {n: v for n, v in SATURATING.items() if not n.startswith("downforce")} | dict(locked_half_track=0.71)
+
+
+def test_a_run_of_a_car_with_a_locked_axle_begins_in_steady_cornering():
+    """At small slip its rates are none there, with the steering that holds it."""
+    model = SaturatingBicycle(params=SaturatingBicycleParams(**LOCKED), dt=0.01)
+    v, r = 25.0, 1e-4
+    v_y = model.initial_state(Dataset.from_arrays({"delta": [0.0, 0.0], "v_x": [v, v]}, {"r": [r, r]}, 0.01))[0]
+
+    def rates_at(delta):
+        return vehicles.saturating_bicycle(LOCKED, v_y, r, *vehicles.small_slip(LOCKED, v_y, r, delta, v), v)[:2]
+
+    at_rest = np.array(rates_at(0.0))
+    per_angle = (np.array(rates_at(1e-5)) - at_rest) / 1e-5
+    delta = -at_rest[1] / per_angle[1]
+    assert rates_at(delta) == pytest.approx([0.0, 0.0], abs=1e-6 * v * r)
+
+
+@pytest.mark.parametrize("v", [8.0, 33.0])
+def test_a_car_with_a_locked_axle_has_one_without_that_turns_alike_in_steady_bends(v):
+    """The steering that its oracle needs for a little yaw rate is that of the other's linear bicycle."""
+    other, r = SaturatingBicycleParams(**LOCKED, steering_gain=0.8).unlocked(), 1e-4
+
+    def residual(z):
+        slip = vehicles.small_slip(LOCKED, z[0], r, 0.8 * z[1], v)
+        return vehicles.saturating_bicycle(LOCKED, z[0], r, *slip, v)[:2]
+
+    columns = np.array([residual(e) for e in 1e-5 * np.eye(2)]).T - np.array(residual([0.0, 0.0]))[:, None]
+    delta = np.linalg.solve(columns / 1e-5, -np.array(residual([0.0, 0.0])))[1]
+    L, l_f = other.wheelbase, other.l_f
+    understeer = other.mass / L * ((L - l_f) / other.C_f - l_f / other.C_r)
+    assert other.locked_half_track == 0.0
+    assert delta == pytest.approx((L / v + understeer * v) * r / other.steering_gain, rel=1e-4)
+    assert replace(other, steering_gain=1.0).unlocked() == replace(other, steering_gain=1.0)
+
+
+def test_a_locked_axle_keeps_a_slow_car_within_its_steps():
+    """The speed below which slip is softened grows with its damping."""
+    wide = LOCKED | dict(locked_half_track=3.0, inertia_z=500.0)
+    L, l_f, m = wide["wheelbase"], wide["l_f"], wide["mass"]
+    turn = wide["C_f"] * l_f**2 + wide["C_r"] * ((L - l_f) ** 2 + 9.0)
+    lowest = ((wide["C_f"] + wide["C_r"]) / m + turn / wide["inertia_z"]) / 400
+    model = SaturatingBicycle(params=SaturatingBicycleParams(**wide), dt=0.01)
+    x = np.array([0.1, 0.2])
+    slow, limit, fast = (model.derivative(x, np.array([0.05, v])) for v in (0.1 * lowest, lowest, 1.1 * lowest))
+    assert slow == pytest.approx(limit, rel=1e-12)
+    assert fast[1] != pytest.approx(limit[1])
 
 
 def test_relaxing_bicycle():

@@ -110,16 +110,26 @@ def saturating_bicycle(car, v_y, r, alpha_f, alpha_r, v_x):
     """Rates of v_y and r, and a_y, from the slip angles that act: D sin(C arctan(B alpha)) of the axles' loads.
 
     Each carries its share of the weight and its downforce; stiffness and peak are in proportion to what it carries.
+    Rear wheels that turn as one have the spin of their centre: each slips along by what its hub is faster or slower,
+    and its force points against its slip, as large as the curve says for both slips together.
     """
     m, L, l_f = car["mass"], car["wheelbase"], car["l_f"]
-    forces = []
+    half, forces, resisting = car.get("locked_half_track", 0.0), [], 0.0
     for alpha, arm, end in ((alpha_f, L - l_f, "f"), (alpha_r, l_f, "r")):
         carried = m * G * arm / L + car.get(f"downforce_{end}", 0.0) * v_x**2
         stiffness = car[f"C_{end}"] * carried / (m * G * arm / L)
         D, C = car[f"mu_{end}"] * carried, car["shape"]
-        forces.append(D * np.sin(C * np.arctan(stiffness / (C * D) * alpha)))
+        across = 0.0
+        for side in (half, -half) if end == "r" and half else (0.0, 0.0):
+            along = ((v_x - side * r) - v_x) / v_x  # of the hub of a wheel ``side`` to the left, over its tread
+            slip = np.hypot(along, alpha)
+            force = 0.5 * D * np.sin(C * np.arctan(stiffness / (C * D) * slip)) / np.where(slip > 0, slip, 1.0)
+            across += force * alpha
+            resisting += moment(l_f - L, side, -force * along, 0.0)
+        forces.append(across)
     a_y = sum(forces) / m
-    return [a_y - v_x * r, (moment(l_f, 0, 0, forces[0]) + moment(l_f - L, 0, 0, forces[1])) / car["inertia_z"], a_y]
+    yaw = moment(l_f, 0, 0, forces[0]) + moment(l_f - L, 0, 0, forces[1]) + resisting
+    return [a_y - v_x * r, yaw / car["inertia_z"], a_y]
 
 
 def small_slip(car, v_y, r, delta, v_x):

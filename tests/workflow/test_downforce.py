@@ -1,4 +1,4 @@
-"""A car with downforce in a job: path followers know its stiffness where they drive, the stand-in has no downforce."""
+"""Downforce and a locked axle in a job: path followers know what they do where they drive, the stand-in has none."""
 
 import pytest
 
@@ -24,3 +24,16 @@ def test_a_path_follower_has_the_stiffness_of_its_speed():
 def test_the_stand_in_is_said_to_be_without_downforce():
     assert "without its downforce" in build_plant(PlantSettings(), car(downforce_r=0.48))[2]
     assert "downforce" not in build_plant(PlantSettings(), car())[2]
+
+
+def test_the_stand_in_is_said_to_have_wheels_that_turn_by_themselves():
+    assert "turn as one" in build_plant(PlantSettings(), car(locked_half_track=0.7))[2]
+    assert "turn as one" not in build_plant(PlantSettings(), car())[2]
+
+
+def test_a_path_follower_steers_as_much_as_a_locked_axle_asks():
+    wanted = ControllerSettings(model="car", kind="feedforward-feedback", v_x=50.0)
+    law = CONTROLLERS[wanted.kind](car(locked_half_track=0.7), wanted)
+    more = 1 + (0.7 / 3.0) ** 2 * (1 + 7e4 / 5e4)
+    assert law.params.steering_gain == pytest.approx(1 / more, rel=1e-9)
+    assert law.params.C_f == pytest.approx(5e4 * more, rel=1e-9)

@@ -212,6 +212,8 @@ def build_plant(wanted: PlantSettings, model: Model) -> tuple[Plant, SpeedDriver
         )
         if any(getattr(identified, name, 0.0) for name in ("downforce_f", "downforce_r")):
             text += ", but without its downforce"
+        if getattr(identified, "locked_half_track", 0.0):
+            text += ", but with wheels that turn by themselves where its rear ones turn as one"
     else:
         raise ConfigError(
             "[plant] has no catalogue name and the controller's model is no bicycle; expected one of both"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slipangle.identify.car.corrections import DOWNFORCE, corrections, friction_used
-from slipangle.identify.car.downforce import extrapolated, told
+from slipangle.identify.car.effects import extrapolated, told
 from slipangle.identify.car.identify_car import identify_car
 from slipangle.identify.car.sentences import wings
 from slipangle.identify.car.structures import STIFF, first_guess, fit
@@ -38,7 +38,7 @@ def test_only_what_wings_would_do_is_told(front, rear, wings):
     data = drives(true=TRUE | dict(downforce_f=front, downforce_r=rear), steering=at_once)
     final = fit(guess, (*STIFF, *DOWNFORCE), data)
     assert final.values["downforce_r"] == pytest.approx(rear, abs=1.0)  # the angle is held between samples
-    assert (told(final) > 1) == wings
+    assert (told(final, DOWNFORCE) > 1) == wings
 
 
 def test_values_at_rest_are_as_unsure_as_the_way_there_from_slow_driving():

@@ -13,6 +13,7 @@ from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycleParams
 
 RECORDING = "recording"  # channel that numbers the recording that a sample is of
 DOWNFORCE = ("downforce_f", "downforce_r")
+LOCKED = ("locked_half_track",)
 _LATE = {"delay_delta": 0.05, "steering_lag": 0.05}  # s, where a search that begins at none may never come to
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
 SLOW, FAST = 0.05, 0.95  # quantiles of the speeds that were driven
@@ -30,6 +31,7 @@ class Correction:
     own: tuple[str, ...] = ()  # of `free`, those with a value for each recording
     relaxing: bool = False  # the car becomes a `RelaxingBicycle`
     steered: bool = False  # the car becomes a `Steered` one
+    instead: tuple[str, ...] = ()  # parameters that may have stood in for it, and are not needed beside it
 
     def adds_nothing_to(self, free: tuple[str, ...], own: tuple[str, ...]) -> bool:
         """Whether its parameters are ``free`` with one value already, or in ``own`` those of each recording."""
@@ -67,6 +69,10 @@ def corrections(
         listed.insert(-1, Correction("the place of the v_y sensor is free", ("lever_v_y",)))
     if "a_y" in data.outputs:
         listed.insert(-1, Correction("place and scale of the a_y sensor are free", ("lever_a_y", "gain_a_y")))
+    if {"v_y", "a_y"} & {*data.outputs}:
+        listed.append(
+            Correction("the rear wheels turn as one", LOCKED, ({LOCKED[0]: 0.25 * wheelbase},), instead=("lever_v_y",))
+        )
     slow, fast = np.quantile(data["v_x"], (SLOW, FAST))
     if fast > _UNLIKE * slow:
         listed.append(Correction("the axles' loads grow with speed squared", DOWNFORCE))

@@ -21,11 +21,12 @@ from slipangle.errors import (
 )
 from slipangle.fields import Checked
 from slipangle.identify.car import sentences
-from slipangle.identify.car.corrections import DOWNFORCE, Correction, corrections
-from slipangle.identify.car.downforce import extrapolated, told
+from slipangle.identify.car.corrections import Correction, corrections
+from slipangle.identify.car.effects import extrapolated, told
 from slipangle.identify.car.recordings import settled
 from slipangle.identify.car.stretches import stretches, together
 from slipangle.identify.car.structures import (
+    AS_GOOD,
     ELSEWHERE,
     SLOWEST,
     STIFF,
@@ -48,8 +49,7 @@ from slipangle.numerics.blas import one_blas_thread
 from slipangle.shown import Shown
 
 _ROUNDS = 4  # over the corrections that did not help
-_AS_GOOD = 0.02  # of the held-out error by which another structure may be worse and still be believed by half
-_NONE = 1.5  # of that share, from which it is not believed at all; of `ELSEWHERE`, up to which a lever is one
+_NONE = 1.5  # of `AS_GOOD`, from which it is not believed at all; of `ELSEWHERE`, up to which a lever is one
 # What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
 # transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
 _FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
@@ -173,15 +173,14 @@ class WholeCar(Checked):
         if data.dt > LONGEST_STEP:
             raise SampleTimeError(suspect[0])
         outputs = self._outputs(data)
-        banked = "bank" in data.inputs
-        inputs = ("delta", "v_x", "bank") if banked else ("delta", "v_x")
+        inputs = ("delta", "v_x", *({"bank"} & {*data.inputs}))
         whole = stretches(data.select(inputs=inputs, outputs=outputs), SLOWEST * self.wheelbase)
         known = {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
         weight = weight_doubt(self.mass, self.wheelbase)
         with one_blas_thread(), warnings.catch_warnings():
             if weight:
                 warnings.simplefilter("ignore", ModelWarning)  # it is said once, below
-            start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, banked=banked)
+            start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, banked="bank" in inputs)
             elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
             first = _linear(start, own or (), elsewhere, whole.train)
             tried = corrections(whole.train, self.wheelbase, own, elsewhere)
@@ -200,6 +199,7 @@ class WholeCar(Checked):
             *sentences.elsewhere(final, others, limits),
             *sentences.between(final),
             *sentences.wings(final, limits, used),
+            *sentences.locked(final, limits),
             *sentences.bounds(final, used),
             *sentences.unsettled(final),
         )
@@ -275,9 +275,10 @@ def identify_car(
 
     From the linear bicycle with its steering's offset on, corrections are tried one after the other: the steering's
     delay and lag, its gain, saturation and the shape of its curve, the sensors' biases and the place of that of v_y,
-    relaxation of the tires, downforce where fast driving is 1.4 times slow driving. Each stays if it is worth its
-    parameters on three quarters of the log's stretches and does no harm on the held-out others; the last fit is to all
-    of them. Intervals take in what stretches, and structures that explain the log about as well, disagree on.
+    relaxation of the tires, rear wheels that turn as one where v_y or a_y is fitted, downforce where fast driving is
+    1.4 times slow driving. Each stays if it is worth its parameters on three quarters of the log's stretches and does
+    no harm on the held-out others; the last fit is to all of them. Intervals take in what stretches, and structures
+    that explain the log about as well, disagree on.
 
     Parameters
     ----------
@@ -317,7 +318,7 @@ def _climb(
     """The structure that predicts held-out stretches best; the stages on the way; the corrections that did not help."""
     best, at = first, errors(first, held)
     stages = [_stage("the linear bicycle with its steering's offset", True, first, at, 0.0)]
-    dropped, failed_on = list(tried), dict[str, Fitted]()
+    dropped, replaced, failed_on = list(tried), list[Correction](), dict[str, Fitted]()
     for _ in range(_ROUNDS):  # what did not help a poor model may help a better one
         waiting, dropped = dropped, []
         for correction in waiting:
@@ -328,14 +329,16 @@ def _climb(
                 continue
             other = corrected(best, correction, train)
             then = errors(other, held)
-            kept = helps(best, other, at, then) and (correction.free != DOWNFORCE or told(other) >= 1.0)
+            kept = helps(best, other, at, then) and told(other, correction.free) >= 1.0
             stages.append(_stage(correction.said, kept, other, then, change(at, then)[0]))
             if kept:
+                gone = {*best.free} - {*other.free} - {*other.own}
+                replaced += [c for c in tried if {*c.free} & gone]
                 best, at = other, then
             else:
                 failed_on[correction.said] = best
                 dropped.append(correction)
-    return best, stages, dropped
+    return best, stages, [*dropped, *replaced]
 
 
 def _limits(final: Fitted, others: list[tuple[Fitted, float]]) -> tuple[np.ndarray, np.ndarray, str]:
@@ -383,13 +386,13 @@ def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[tup
     trials = list[tuple[Fitted, float]]()
     for correction in (c for c in dropped if not c.own):
         other = corrected(final, correction, data)
-        trials.append((other, told(other) - 1.0 if correction.free == DOWNFORCE else 1.0))
+        trials.append((other, told(other, correction.free) - 1.0))
     if "lever_v_y" in final.free:
         moved = fit(final.model, (*final.free, "l_f"), data, **known)
         away = abs(moved.values["l_f"] - final.model.value("l_f")) / (ELSEWHERE * final.model.value("wheelbase"))
         trials.append((moved, away - _NONE))
     counted = []
     for other, share in trials:
-        worse = change(at, errors(other, data))[0] / _AS_GOOD
+        worse = change(at, errors(other, data))[0] / AS_GOOD
         counted.append((other, float(min(share, _NONE - worse, 1.0))))
     return [(other, share) for other, share in counted if share > 0]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from slipangle.identify.car.corrections import DOWNFORCE, FAST, friction_used, recordings
+from slipangle.identify.car.corrections import DOWNFORCE, FAST, LOCKED, friction_used, recordings
 from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Stage, settling
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import Scalar
@@ -254,6 +254,20 @@ def wings(final: Fitted, limits: np.ndarray, used: float) -> list[str]:
         f"{front:.3g} and {rear:.3g} times C_f, C_r, mu_f and mu_r, which are those at rest; that of wings is more, "
         "often several times, as tires gain less than in proportion to load, and a car without any has something else "
         "that grows with speed"
+    ]
+
+
+def locked(final: Fitted, limits: np.ndarray) -> list[str]:
+    """A rear axle that was found to resist the turn, with its limits, of shape (n_names, 2)."""
+    if not {*LOCKED} <= {*final.names}:
+        return []
+    (name,), p = LOCKED, final.model.ode.params
+    low, high = limits[final.names.index(name)]
+    return [
+        f"the rear wheels resist the turn as if they turned as one, by {100 * p.locked_share:.2g} % of what slip "
+        f"angles do: {name} = {final.values[name]:.2g} ({low:.2g} to {high:.2g}) m, about half the track where the "
+        "axle is solid or its differential locked; with an open differential in the car something else does it, and "
+        "yaw inertia and steering gain are less sure than their intervals say"
     ]
 
 

@@ -29,6 +29,7 @@ _AS_GIVEN = 1e-4  # of the width for the mass, for the recording whose mass was 
 _WINGS = 0.005  # standard deviation of an axle's downforce per speed squared, over mass per wheelbase
 _BELOW = 0.15  # standard deviation of how far the rear's friction may lie below the front's
 _WORTH = 0.05  # fall of the squared held-out error that is worth a correction by itself
+AS_GOOD = 0.02  # rise of the squared error by which another structure may be worse and still be believed by half
 _HARM = 0.01  # rise of the squared held-out error that a correction may bring
 _SETTLES = 1.0  # s, until an initial state that was guessed is forgotten
 _ROUNDS, _NEARLY = 4, (0.05, 0.2, np.inf)  # of weighing outputs and prior; moves of both, and of z, that end them
@@ -197,6 +198,7 @@ def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
         "shape": (1.4, 0.2, False),
         "downforce_f": (0.0, _WINGS * p.mass / p.wheelbase, False),
         "downforce_r": (0.0, _WINGS * p.mass / p.wheelbase, False),
+        "locked_half_track": (0.0, 0.3 * p.wheelbase, False),
         "relaxation_f": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "relaxation_r": (0.1 * p.wheelbase, 0.15 * p.wheelbase, False),
         "lever_v_y": (0.0, 0.1 * p.wheelbase, False),
@@ -261,12 +263,25 @@ def _thinning(error: np.ndarray, stretch: np.ndarray) -> float:
 
 
 def corrected(before: Fitted, by: Correction, data: Dataset) -> Fitted:
-    """The structure with one correction more, fitted from where it stood."""
+    """The structure with one correction more, fitted from where it stood; without what it does instead, if as good."""
     own = (*before.own, *by.own)
     free = tuple(dict.fromkeys(n for n in (*before.free, *by.free) if n not in own))
     model = _steered(before.model) if by.steered else _relaxing(before.model) if by.relaxing else before.model
-    tried = [fit(model.with_values(**start), free, data, before, own=own) for start in by.starts]
-    return min(tried, key=lambda fitted: float(np.log(fitted.sigma).sum()))
+
+    def best(model: Any, free: tuple[str, ...]) -> Fitted:
+        tried = [fit(model.with_values(**start), free, data, before, own=own) for start in by.starts]
+        return min(tried, key=_error)
+
+    found, idle = best(model, free), [n for n in by.instead if n in free]
+    if not idle:
+        return found
+    alone = best(model.with_values(**dict.fromkeys(idle, 0.0)), tuple(n for n in free if n not in idle))
+    return alone if 2.0 * (_error(alone) - _error(found)) < AS_GOOD * len(found.sigma) else found
+
+
+def _error(fitted: Fitted) -> float:
+    """Logarithm of the free-run errors, their sum over the outputs."""
+    return float(np.log(fitted.sigma).sum())
 
 
 def _steered(model: Any) -> Any:

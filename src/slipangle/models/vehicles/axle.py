@@ -34,13 +34,15 @@ def crawl(p: ChassisParams) -> float:
     return 0.2 * p.wheelbase
 
 
-def lowest_speed(p: ChassisParams, C_f: Scalar, C_r: Scalar) -> Scalar:
+def lowest_speed(p: ChassisParams, C_f: Scalar, C_r: Scalar, *, locked: Scalar = 0.0) -> Scalar:
     """Speed below which small slip angles keep it as their denominator, in proportion to the car. [m/s]
 
-    0.4 wheelbases a second, or more where explicit steps of up to 10 ms could not follow tires of the stiffness
-    ``C_f``, ``C_r`` [N/rad]: there the sum of the lateral modes' rates is 400 /s.
+    0.4 wheelbases a second, or more where explicit steps of up to 10 ms could not follow: where tires of the stiffness
+    ``C_f``, ``C_r`` [N/rad], and an axle whose wheels turn as one, with a damping of ``locked`` [N m2/rad], are too
+    quick, the sum of the lateral modes' rates beyond 400 /s.
     """
-    rates = (C_f + C_r) / p.mass + (C_f * p.l_f * p.l_f + C_r * p.l_r * p.l_r) / p.inertia_z  # times speed
+    turn = C_f * p.l_f * p.l_f + C_r * p.l_r * p.l_r + locked
+    rates = (C_f + C_r) / p.mass + turn / p.inertia_z  # times speed
     return maximum(0.4 * p.wheelbase, rates / 400.0)
 
 

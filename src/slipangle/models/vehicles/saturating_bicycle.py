@@ -11,21 +11,26 @@ from slipangle.data.dataset import Dataset
 from slipangle.models.ode import OdeModel
 from slipangle.models.vehicles.axle import lowest_speed, small_slip_angles
 from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams
-from slipangle.ops import Scalar, Vector, atan, maximum, sin, sqrt, stack
+from slipangle.ops import Scalar, Vector, atan, is_symbolic, is_traced, maximum, sin, sqrt, stack
 from slipangle.units import SI
 
 _QUICKEST = 0.005  # s, the shortest time in which a tire's force builds up
 _LIGHTEST = 0.1  # of its load at rest, the least that lift leaves an axle
+_NO_SLIP = 1e-6  # rad, that keeps a quotient of force and slip from being none of both
 _NEW: Any = {"may be missing in a file": True}
 
 
 @dataclass(frozen=True, kw_only=True)
 class SaturatingBicycleParams(BicycleParams):
-    """The linear bicycle's, per axle friction, relaxation length and downforce, where sensors are, the road's slope.
+    """The linear bicycle's, per axle friction, relaxation and downforce, a locked axle, places of sensors, the slope.
 
     Stiffness and largest force of an axle are in proportion to its load, and ``C_f``, ``C_r`` those at rest. Tires that
     gain less from load act as if there were less downforce: one that was fitted is what the tires make of it, down to a
     third of the air's. Below zero it is lift.
+
+    Rear wheels that turn as one, by a solid axle or a locked differential, slip along in a bend and resist the turn:
+    ``locked_half_track`` is half their track times the root of longitudinal over lateral stiffness, in between where
+    the differential locks in part. Wheels in front that do the same are in it. Zero is an open differential.
     """
 
     mu_f: Annotated[float, SI("-", "front peak friction", 0.05, 10.0)] = 1.0
@@ -51,6 +56,9 @@ class SaturatingBicycleParams(BicycleParams):
     downforce_r: Annotated[float, SI("kg/m", "rear downforce per speed squared", -5.0, 50.0)] = field(
         default=0.0, metadata=_NEW
     )
+    locked_half_track: Annotated[float, SI("m", "half the rear track if its wheels turn as one", 0.0, 5.0)] = field(
+        default=0.0, metadata=_NEW
+    )
 
     @property
     def static_loads(self) -> tuple[Scalar, Scalar]:
@@ -69,12 +77,27 @@ class SaturatingBicycleParams(BicycleParams):
         front, rear = self.load_ratios(v_x)
         return (front * self.l_r + rear * self.l_f) / self.wheelbase
 
+    @property
+    def locked_share(self) -> Scalar:
+        """Yaw damping of a locked axle over that of the tires' slip angles. [-]"""
+        across = self.C_f * self.l_f * self.l_f + self.C_r * self.l_r * self.l_r
+        return self.C_r * self.locked_half_track * self.locked_half_track / across
+
     def at_speed(self, v_x: float) -> Self:
-        """A car without downforce that is this one at a speed ``v_x`` [m/s], by its stiffness and friction there."""
+        """A car without downforce and locked axle that is this one at a speed ``v_x`` [m/s], see `unlocked`."""
         front, rear = self.load_ratios(v_x)
         of = {"C_f": front, "C_r": rear, "mu_f": front, "mu_r": rear}
         values = {name: getattr(self, name) * ratio for name, ratio in of.items()}
-        return replace(self, **values, downforce_f=0.0, downforce_r=0.0)
+        return replace(self, **values, downforce_f=0.0, downforce_r=0.0).unlocked()
+
+    def unlocked(self) -> Self:
+        """A car without locked axle that turns like this one in steady bends, at each speed, where tires are linear.
+
+        A locked axle asks for more steering by a share that hangs on no speed, as do a smaller gain and stiffer tires.
+        """
+        more = 1.0 + (self.locked_half_track / self.wheelbase) ** 2 * (1.0 + self.C_r / self.C_f)
+        as_much = {"C_f": self.C_f * more, "C_r": self.C_r * more, "steering_gain": self.steering_gain / more}
+        return replace(self, **as_much, locked_half_track=0.0) if self.locked_half_track else self
 
 
 def saturated(alpha: Scalar, load: Scalar, C: Scalar, mu: Scalar, shape: Scalar) -> Scalar:
@@ -108,7 +131,7 @@ class SaturatingBicycle(OdeModel):
 
     def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
         """Lateral acceleration of the centre of gravity."""
-        F_yf, F_yr = self._forces(self._acting(x, u), u[1])
+        F_yf, F_yr, _ = self._forces(x, u, self._acting(x, u))
         return {"a_y": (F_yf + F_yr) / self.params.mass}
 
     def output(self, x: Vector, u: Vector) -> Vector:
@@ -123,8 +146,8 @@ class SaturatingBicycle(OdeModel):
             return p.lever_v_y * x[1]
         if name != "a_y":
             return 0.0
-        F_yf, F_yr = self._forces(self._acting(x, u), u[1])
-        r_dot = (p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z
+        F_yf, F_yr, M_z = self._forces(x, u, self._acting(x, u))
+        r_dot = (p.l_f * F_yf - p.l_r * F_yr + M_z) / p.inertia_z
         return (p.gain_a_y - 1) * (F_yf + F_yr) / p.mass + p.gain_a_y * p.lever_a_y * r_dot
 
     def correct(self, x: Vector, u: Vector, y: Vector) -> Vector:
@@ -140,10 +163,12 @@ class SaturatingBicycle(OdeModel):
         if "v_y" in data:
             return np.array([self._start("v_y", data) - p.lever_v_y * r, r], dtype=float)
         C_r = p.C_r * p.load_ratios(v)[1]
-        return np.array([r * (p.l_r - p.mass * p.l_f * v * v / (p.wheelbase * C_r)), r], dtype=float)
+        arm = p.l_r + p.locked_half_track**2 / p.wheelbase - p.mass * p.l_f * v * v / (p.wheelbase * C_r)
+        return np.array([r * arm, r], dtype=float)
 
     def _speed(self, v_x: Scalar) -> Scalar:
-        return maximum(v_x, lowest_speed(self.params, self.params.C_f, self.params.C_r))
+        p = self.params
+        return maximum(v_x, lowest_speed(p, p.C_f, p.C_r, locked=p.C_r * p.locked_half_track * p.locked_half_track))
 
     def _slip(self, x: Vector, u: Vector) -> tuple[Scalar, Scalar]:
         """Slip angles of the motion."""
@@ -153,16 +178,26 @@ class SaturatingBicycle(OdeModel):
         """Slip angles that the forces follow."""
         return self._slip(x, u)
 
-    def _forces(self, alpha: tuple[Scalar, Scalar], v_x: Scalar) -> tuple[Scalar, Scalar]:
-        """Of the axles, which at any slip are in proportion to their loads."""
-        p, (load_f, load_r), (front, rear) = self.params, self.params.static_loads, self.params.load_ratios(v_x)
+    def _forces(self, x: Vector, u: Vector, alpha: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar, Scalar]:
+        """Across the axles [N], at any slip in proportion to their loads, and a locked axle's moment [N m].
+
+        Slip along and across share one curve, as of a tire that is alike both ways: H. B. Pacejka, Tire and Vehicle
+        Dynamics, 3rd ed., 2012, sec. 3.2.3.
+        """
+        p, (load_f, load_r), (front, rear) = self.params, self.params.static_loads, self.params.load_ratios(u[1])
         F_yf = front * saturated(alpha[0], load_f, p.C_f, p.mu_f, p.shape)
-        return F_yf, rear * saturated(alpha[1], load_r, p.C_r, p.mu_r, p.shape)
+        b: Any = p.locked_half_track
+        if not (is_symbolic(b) or is_traced(b)) and b == 0:
+            return F_yf, rear * saturated(alpha[1], load_r, p.C_r, p.mu_r, p.shape), 0.0
+        kappa = b * x[1] / self._speed(u[1])  # of the outer wheel, and as much the other way of the inner
+        slip = sqrt(alpha[1] * alpha[1] + kappa * kappa + _NO_SLIP * _NO_SLIP)
+        per_slip = rear * saturated(slip, load_r, p.C_r, p.mu_r, p.shape) / slip
+        return F_yf, per_slip * alpha[1], -b * per_slip * kappa
 
     def _rates(self, x: Vector, u: Vector, alpha: tuple[Scalar, Scalar]) -> list[Scalar]:
-        p, (F_yf, F_yr) = self.params, self._forces(alpha, u[1])
+        p, (F_yf, F_yr, M_z) = self.params, self._forces(x, u, alpha)
         across = (F_yf + F_yr) / p.mass - self._speed(u[1]) * x[1] - GRAVITY * sin(p.cross_slope)
-        return [across, (p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z]
+        return [across, (p.l_f * F_yf - p.l_r * F_yr + M_z) / p.inertia_z]
 
 
 @dataclass(frozen=True, kw_only=True)

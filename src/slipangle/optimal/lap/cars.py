@@ -78,6 +78,7 @@ def _(of: NonlinearBicycleParams) -> dict[str, float]:
 
 @known_limits.register
 def _(of: SaturatingBicycleParams) -> dict[str, float]:
+    of = of.unlocked()
     shared = {name: getattr(of, name) for name in LapCar.metadata() if name in of.metadata()}
     unknown = ("friction_load", "stiffness_load", "transfer_x", "transfer_f", "transfer_r", "drag")
     return {**dict.fromkeys(unknown, 0.0), **shared}
