@@ -21,7 +21,7 @@ def plan_many(
     controller: Controller,
     x: np.ndarray,
     reference: Ahead | Sequence[Ahead],
-    previous: Sequence[Plan | None] | None,
+    previous: Sequence[Any] | None,
     applied: np.ndarray | None,
     threads: int | None,
 ) -> list[Plan]:

@@ -17,6 +17,7 @@ from slipangle.control.fallback import Call, Fallbacks
 from slipangle.errors import ParameterError
 from slipangle.optimal.checks import health_of, is_numbers, require_plan, stuck
 from slipangle.optimal.engine import Start
+from slipangle.optimal.guess import Guess, guess
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.setpoints import setpoint, vary
 from slipangle.optimal.solution import (
@@ -65,7 +66,7 @@ class MPC(Fallbacks):
         the largest size of the standard channel of that name, 1e7 m for positions, 1e12 for names of your own.
     """
 
-    def prepare(self, reference: Reference | Preview | None = None, previous: Plan | None = None) -> None:
+    def prepare(self, reference: Reference | Preview | None = None, previous: Plan | Guess | None = None) -> None:
         """Do now what the next `plan` can do without.
 
         Parameters
@@ -76,7 +77,7 @@ class MPC(Fallbacks):
             plan counts that time as its own.
         """
         engine = self._engine
-        if reference is not None and previous is not None:
+        if reference is not None and previous is not None and not isinstance(previous, Guess):
             wanted = self.reference(reference) if isinstance(reference, Preview) else reference
             wanted = self.check_reference(wanted)
             require_plan(previous)
@@ -115,11 +116,41 @@ class MPC(Fallbacks):
         """
         return vary(self.ocp, reference, **of)
 
+    def guess(
+        self,
+        *,
+        x: np.ndarray | Mapping[str, Any] | None = None,
+        u: np.ndarray | Mapping[str, Any] | None = None,
+        decided: Mapping[str, float] | None = None,
+    ) -> Guess:
+        """An initial guess of your own for `plan`, as its ``previous``: it begins there, without a shift.
+
+        Parameters
+        ----------
+        x : array, shape (horizon + 1, n_states) or (2, n_states), or mapping, optional
+            States at `times`, or the first and the last with a straight line between them; or by name a number that
+            holds, horizon + 1 of them or a first and a last one, where states without a name stay as they are now. The
+            first row is replaced by the state now. By default the states that the inputs lead to. SI units.
+        u : array, shape (horizon, n_controls), or mapping, optional
+            Decided inputs; or by name a number that holds, or one per stage. What is not said is held as it was applied
+            before. They are brought within limits and rates when the plan begins. SI units.
+        decided : mapping of str to float, optional
+            Of what is decided once, as `Plan.decided` has it: free parameters, and the ``duration`` where it is free.
+            SI units.
+
+        Raises
+        ------
+        ParameterError
+            If nothing is given, a name is not known, values are no finite numbers of these shapes, or one of
+            ``decided`` is beyond its limits.
+        """
+        return guess(self.ocp, x=x, u=u, decided=decided)
+
     def plan(
         self,
         x: np.ndarray,
         reference: Ahead | None = None,
-        previous: Plan | None = None,
+        previous: Plan | Guess | None = None,
         *,
         applied: np.ndarray | None = None,
         **values: float | np.ndarray | Mapping[str, Any],
@@ -129,7 +160,7 @@ class MPC(Fallbacks):
         Parameters
         ----------
         x, reference, previous, applied
-            As there.
+            As there; instead of a plan before, a `guess`, after which nothing counts as planned before.
         **values : float or array, shape (horizon + 1,)
             Of tracked quantities, of exogenous inputs, which must all be there, and of decided inputs, from
             which R counts. Tracked quantities that are not named are wanted at zero, but a pose or a speed must be
@@ -145,6 +176,10 @@ class MPC(Fallbacks):
                 planned = self._lost(x, reference, previous, applied, begin)
             if planned is not None:
                 return planned
+        own = previous if isinstance(previous, Guess) else None
+        if own is not None:
+            own.require(self.ocp)
+        previous = None if isinstance(previous, Guess) else previous
         x, wanted = given(self, x, reference, previous)
         before = self._before(previous, applied)
         wrong = self._judge.status(x, wanted.tracked, wanted.exogenous)
@@ -157,7 +192,8 @@ class MPC(Fallbacks):
         if self.deadline is not None:
             self._engine.allow(self._left(begin) - self._pace[0])
         try:
-            solution = self._solve(x, self._unwound(wanted, x), self._known(previous), before)
+            known = self._known(previous) if own is None else own
+            solution = self._solve(x, self._unwound(wanted, x), known, before)
         except Exception as error:  # a solver from outside may stop with any
             return self._fallback(call, Status.FAILED, detail=str(error).partition("\n")[0] or type(error).__name__)
         return self._ended(call, solution)
@@ -166,7 +202,7 @@ class MPC(Fallbacks):
         self,
         x: np.ndarray,
         reference: Ahead | Sequence[Ahead],
-        previous: Sequence[Plan | None] | None = None,
+        previous: Sequence[Plan | Guess | None] | None = None,
         *,
         applied: np.ndarray | None = None,
         threads: int | None = None,
@@ -180,7 +216,7 @@ class MPC(Fallbacks):
         reference : Reference or Preview, or a sequence of them
             What to do from each state, or from all.
         previous : sequence of Plan or None, optional
-            Of each state, the plan of the step before.
+            Of each state, the plan of the step before, or a `guess`.
         applied : array, shape (n, n_controls), optional
             Inputs applied over the step before.
         threads : int, optional
@@ -279,8 +315,22 @@ class MPC(Fallbacks):
         tracked[:, column] += 2 * np.pi * turns
         return replace(wanted, tracked=tracked)
 
-    def _solve(self, x: np.ndarray, wanted: Reference, previous: Plan | None, before: np.ndarray) -> Solution:
-        engine, memory = self._engine, None
+    def _begun(self, x: np.ndarray, wanted: Reference, guess: Guess, before: np.ndarray) -> Start:
+        """What a guess of somebody's own begins with."""
+        u = within(guess.inputs(before, self.horizon), before, self.ocp.input_bounds, self.ocp.step_bounds)
+        states = guess.states_from(x)
+        if states is None:
+            states = self._engine.roll_out(x, u, wanted, guess.decided)
+        if states is None:
+            states = self._roll_out(x, u, wanted)
+        if not np.isfinite(states).all():
+            states = np.tile(x, (self.horizon + 1, 1))
+        return Start(x=x, applied=before, reference=wanted, guess_u=u, guess_x=states, decided=guess.decided)
+
+    def _solve(self, x: np.ndarray, wanted: Reference, previous: Plan | Guess | None, before: np.ndarray) -> Solution:
+        engine, memory, decided = self._engine, None, None
+        if isinstance(previous, Guess):
+            return engine.solve(self._begun(x, wanted, previous, before))
         resumed = engine.resume(x, before, wanted, previous)
         if resumed is not None:
             return resumed
@@ -298,10 +348,12 @@ class MPC(Fallbacks):
                 ).ravel()
             else:
                 states = self._roll_out(x, u, wanted)
-            memory = previous.memory
+            memory, decided = previous.memory, previous.decided
         if not np.isfinite(states).all():
             states, memory = np.tile(x, (self.horizon + 1, 1)), None
-        return engine.solve(Start(x=x, applied=before, reference=wanted, guess_u=u, guess_x=states, memory=memory))
+        return engine.solve(
+            Start(x=x, applied=before, reference=wanted, guess_u=u, guess_x=states, memory=memory, decided=decided)
+        )
 
 
 def _others_finite(reference: Reference) -> bool:

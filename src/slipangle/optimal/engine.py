@@ -5,6 +5,7 @@ A solver from outside is an `Engine` with a `solve`; everything else has a defau
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
 class Start:
     """What one solve starts from: state, last applied input, reference, and a guess of the answer.
 
-    The guess has a row per stage, and one for the end in its states.
+    The guess has a row per stage, and one for the end in its states; ``decided`` is that of what is decided once, by
+    name, for a solver that composes problems.
     """
 
     x: np.ndarray
@@ -30,6 +32,7 @@ class Start:
     guess_u: np.ndarray
     guess_x: np.ndarray
     memory: Any = None
+    decided: Mapping[str, float] | None = None
 
 
 class Followed(NamedTuple):
@@ -64,6 +67,12 @@ class Engine:
 
         It looks by itself at what it is given, and ends within so much time [s]. After None nothing has been done.
         """
+        return None
+
+    def roll_out(
+        self, x: np.ndarray, u: np.ndarray, reference: Reference, decided: Mapping[str, float]
+    ) -> np.ndarray | None:
+        """States that inputs lead to with what is decided once, where the solver composes the problem of that."""
         return None
 
     def prepare(self, applied: np.ndarray, reference: Reference, previous: Plan) -> None:

@@ -16,6 +16,7 @@ zero: what it writes in their derivatives adds to the curvature by states and in
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 from uuid import uuid4
@@ -24,6 +25,7 @@ import casadi as ca
 import numpy as np
 
 from slipangle.models.model import Model
+from slipangle.optimal.checks import is_numbers
 from slipangle.optimal.extended import Extension, extended
 from slipangle.optimal.ocp import OCP, Reference, at_nodes, middle
 
@@ -351,11 +353,13 @@ class Joined(OCP):
         """The state now with what is added, which is zero."""
         return np.concatenate([x, np.zeros(self.model.n_states - len(x))])
 
-    def guess(self, reference: Reference) -> np.ndarray:
-        """First values of what is decided once, shape (n_once,)."""
-        base, values = self.base, []
-        for name in base.decided_once:
-            if name in base.exogenous:
+    def guess(self, reference: Reference, decided: Mapping[str, float] | None = None) -> np.ndarray:
+        """First values of what is decided once, shape (n_once,): those that are given, if they are numbers."""
+        base, given, values = self.base, decided if isinstance(decided, Mapping) else {}, []
+        for name, (low, high) in zip(base.decided_once, self._ranges, strict=False):
+            if is_numbers(np.asarray(given.get(name)), ()):
+                values.append(float(np.clip(given[name], low, high)))
+            elif name in base.exogenous:
                 values.append(float(np.asarray(reference.exogenous)[0, base.exogenous.index(name)]))
             elif name == "duration":
                 values.append(middle(*base.duration) if base.duration else 0.0)

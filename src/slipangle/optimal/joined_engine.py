@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from slipangle.optimal.engine import Engine, Start
@@ -21,7 +23,7 @@ class JoinedEngine(Engine):
         problem = self.joined
         base, n = problem.base, problem.base.horizon
         reference = problem.spread(start.x, start.applied, start.reference)
-        once = problem.guess(start.reference)
+        once = problem.guess(start.reference, start.decided)
         rest = problem.resting(start.applied)
         rest[len(base.controls) : len(base.controls) + len(once)] = once
         u, x = np.tile(rest, (problem.horizon, 1)), np.zeros((problem.horizon + 1, problem.model.n_states))
@@ -52,6 +54,22 @@ class JoinedEngine(Engine):
             problem.state(x), problem.resting(applied), problem.spread(x, applied, reference), known
         )
         return None if found is None else self._apart(found)
+
+    def roll_out(
+        self, x: np.ndarray, u: np.ndarray, reference: Reference, decided: Mapping[str, float]
+    ) -> np.ndarray | None:
+        """States that inputs lead to with what is decided once, in the most probable scenario; see `Engine`."""
+        problem, n, nx = self.joined, len(u), len(x)
+        at, kept = int(problem.starts[np.argmax(problem.share)]), problem.state(x)
+        once = problem.guess(reference, decided)
+        kept[nx : nx + len(once)] = once
+        w = problem.spread(x, u[0], reference).exogenous
+        inputs = np.tile(problem.resting(u[0]), (n, 1))
+        inputs[:, : u.shape[1]] = u
+        states = np.tile(kept, (n + 1, 1))
+        for i in range(n):
+            states[i + 1, :nx] = np.asarray(problem.dynamics(states[i], inputs[i], w[at + i])).ravel()[:nx]
+        return states[:, :nx]
 
     def allow(self, seconds: float) -> None:
         """See `Engine`."""
