@@ -61,6 +61,22 @@ def test_a_wrong_applied_input_raises_a_sentence(mpc, applied):
         mpc.plan(*moment(mpc), applied=applied)
 
 
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e13])
+def test_an_applied_input_that_cannot_be_is_said_and_does_without(mpc, wrong):
+    x, reference = moment(mpc)
+    first = mpc.plan(x, reference)
+    for previous in (None, first):
+        plan, usual = (mpc.plan(x, reference, previous, applied=applied) for applied in (np.array([wrong]), None))
+        assert plan.status.solved
+        assert plan.u == pytest.approx(usual.u, abs=1e-9)
+        assert plan.detail.startswith(f"applied is {wrong:g} for '{mpc.controls[0]}', which no input can be; ")
+        assert plan.detail in plan.message
+        assert usual.detail == ""
+    lost = mpc.plan(np.full_like(x, np.nan), reference, first, applied=np.array([wrong]))
+    assert lost.age == 1
+    assert f"applied is {wrong:g}" in lost.message
+
+
 @pytest.mark.parametrize("applied", [0.1, [0.1], np.array(0.1), np.array([0.1], dtype=np.float32)])
 def test_numbers_lists_and_other_precisions_will_do(mpc, applied):
     x, reference = moment(mpc)

@@ -6,7 +6,7 @@ import numpy as np
 
 from slipangle.control.controller import Ahead, Controller
 from slipangle.optimal.arrays import applied_input, vector
-from slipangle.optimal.checks import believable, last_input, require_plan
+from slipangle.optimal.checks import ANY, believable, last_input, require_plan
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Plan
 from slipangle.paths.preview import Preview
@@ -28,6 +28,26 @@ def given(
     )
     require_plan(previous)
     return x, wanted
+
+
+def doubt(applied: np.ndarray | None, controls: tuple[str, ...]) -> str:
+    """What there is to say of an input applied that cannot be true, which `applied_before` does without; else empty.
+
+    Raises
+    ------
+    ParameterError
+        If ``applied`` has the wrong shape.
+    """
+    if applied is None:
+        return ""
+    asked = applied_input(applied, controls)
+    if believable(asked):
+        return ""
+    worst = int(np.argmax(~(np.abs(asked) <= ANY)))
+    return (
+        f"applied is {asked[worst]:g} for '{controls[worst]}', which no input can be; in its place counts what was "
+        "planned before, or an input at rest"
+    )
 
 
 def applied_before(

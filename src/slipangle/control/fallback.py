@@ -50,6 +50,11 @@ class Call(NamedTuple):
     before: np.ndarray
     begin: float
     sound: bool = True  # nothing in x or the reference is a fault
+    doubt: str = ""  # of the input applied, which cannot be true
+
+    def said(self, detail: str) -> str:
+        """What a solver said, and what there is to say of the call."""
+        return "; ".join(words for words in (detail, self.doubt) if words)
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -216,7 +221,8 @@ class Fallbacks(Checked, Led):
         if self.deadline is not None:
             needed = min(perf_counter() - begun, 2.0 * self._pace[0])  # not what another program took away
             self._pace[0] = min(0.8 * self._pace[0] + 0.2 * needed, 0.5 * self.deadline)
-        return self._fallen(call.begin, health_of(previous), way, status, source, iterations, detail, unfinished)
+        said = call.said(detail)
+        return self._fallen(call.begin, health_of(previous), way, status, source, iterations, said, unfinished)
 
     def _source(self, previous: Plan | None) -> Source:
         """Which fallback in a row this is, and what it follows; None for the stop law."""
@@ -252,7 +258,9 @@ class Fallbacks(Checked, Led):
             "memory": kept,
             "unfinished": unfinished,
             "times": self.times,
-            "health": health.after(True, self.deadline is not None and seconds > self.deadline, detail == ANEW),
+            "health": health.after(
+                True, self.deadline is not None and seconds > self.deadline, detail.startswith(ANEW)
+            ),
         }
         return quick(Plan, values)
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.control.batch import plan_many
-from slipangle.control.call import given
+from slipangle.control.call import doubt, given
 from slipangle.control.controller import Ahead
 from slipangle.control.fallback import Call, Fallbacks
 from slipangle.errors import ParameterError
@@ -160,7 +160,8 @@ class MPC(Fallbacks):
         Parameters
         ----------
         x, reference, previous, applied
-            As there; instead of a plan before, a `guess`, after which nothing counts as planned before.
+            As there; instead of a plan before, a `guess`, after which nothing counts as planned before. An input
+            applied that is no number is unknown: the plan before's counts, else zero, and `Plan.detail` says so.
         **values : float or array, shape (horizon + 1,)
             Of tracked quantities, of exogenous inputs, which must all be there, and of decided inputs, from
             which R counts. Tracked quantities that are not named are wanted at zero, but a pose or a speed must be
@@ -185,7 +186,7 @@ class MPC(Fallbacks):
         wrong = self._judge.status(x, wanted.tracked, wanted.exogenous)
         if wrong is None and not _others_finite(wanted):
             wrong = Status.NOT_FINITE
-        call = Call(x, wanted, previous, before, begin, wrong is None)
+        call = Call(x, wanted, previous, before, begin, wrong is None, doubt(applied, self.controls))
         if wrong is not None:
             detail = self._judge.fault(x, wanted.tracked, wanted.exogenous) if wrong is Status.IMPLAUSIBLE else ""
             return self._fallback(call, wrong, detail=detail)
@@ -289,7 +290,7 @@ class MPC(Fallbacks):
             "residual": solution.residual,
             "violation": solution.violation,
             "memory": solution.memory,
-            "detail": solution.detail,
+            "detail": call.said(solution.detail),
             "times": self.times,
             "health": health_of(previous).after(
                 False, self.deadline is not None and seconds > self.deadline, solution.detail == ANEW

@@ -120,7 +120,8 @@ class Plan(Shown):
     stopping : bool
         Whether u is the safe stop law, because no recent plan is left; the speed should go to zero.
     detail : str
-        What a solver that stopped said, or that it began anew because the plan before led nowhere.
+        What a solver that stopped said, or that it began anew because the plan before led nowhere; and that the input
+        applied before cannot be true.
     residual : float
         Of the optimality conditions at the end of the solve, as far as the solver knows it. [-] After real-time
         iterations
