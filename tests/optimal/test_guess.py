@@ -26,7 +26,13 @@ def settled(monkeypatch: pytest.MonkeyPatch, engine: str) -> Any:
 
 def mass(**settings: Any) -> sa.MPC:
     model = sa.Ode(f=lambda x, u, p: [x[1], u[0]], states=("s", "speed"), inputs=("a",), params={}, dt=0.1)
-    posed = {"horizon": N, "Q": sa.Weights(s=1.0), "R": sa.Weights(a=0.1), "limits": sa.Limits(a=2.0), **settings}
+    posed: dict[str, Any] = {
+        "horizon": N,
+        "Q": sa.Weights(s=1.0),
+        "R": sa.Weights(a=0.1),
+        "limits": sa.Limits(a=2.0),
+        **settings,
+    }
     return sa.MPC(model, **posed)
 
 

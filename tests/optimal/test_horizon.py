@@ -233,6 +233,7 @@ def test_what_changes_is_checked():
     for taken in ("phi", "a", "e_y"):
         with pytest.raises(ParameterError, match="parameters are"):
             replace(mpc, parameters=(taken,))
+    read = {"slip": lambda x, u, p: p.mu * x[0]}
     with pytest.raises(ParameterError, match="'mu'"):
-        replace(mpc, parameters=("mu",)).plan(np.zeros(2), wind=0.0)
+        replace(mpc, parameters=("mu",), terms=read, Q={"phi": 1.0, "slip": 1.0}).plan(np.zeros(2), wind=0.0)
     assert isinstance(mpc.ocp, OCP)

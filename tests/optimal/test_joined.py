@@ -329,7 +329,15 @@ def test_refused_with_a_sentence():
 
     with pytest.raises(ParameterError, match="cannot know the problem's scenarios"):
         replace(mpc, solver=Outside()).plan(np.zeros(2), p=0.0, v=0.0)
-    free = MPC(double_integrator(), horizon=3, Q={"p": 1.0}, controls=("a",), parameters=("k",), free={"k": (0.0, 1.0)})
+    free = MPC(
+        double_integrator(),
+        horizon=3,
+        Q={"p": 1.0, "off": 1.0},
+        terms={"off": lambda x, u, p: p.k - x[0]},
+        controls=("a",),
+        parameters=("k",),
+        free={"k": (0.0, 1.0)},
+    )
     assert free.ocp.presumed == {"k": 0.5}
     with pytest.raises(ParameterError, match="no ODE"):
         replace(free, duration=(1.0, 2.0))

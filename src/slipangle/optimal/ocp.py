@@ -23,6 +23,7 @@ from slipangle.models.ode import OdeModel
 from slipangle.ops import Scalar, Vector, atan2, cos, maximum, sin, stack
 from slipangle.optimal.arrays import array, short
 from slipangle.optimal.end import TerminalCost, lqr
+from slipangle.optimal.idle import require_effect
 from slipangle.optimal.scenarios import Scenarios
 from slipangle.optimal.terms import Limits, Read, Weights, coerce, evaluated, require_names, require_same
 from slipangle.paths.preview import Preview
@@ -190,7 +191,8 @@ class OCP(Checked):
     ------
     ParameterError
         If a name is not known (with the nearest ones), the horizon is below 1, steps do not fit it, nothing is tracked
-        or decided, a term is no function of numbers, or the model takes thousands of steps a sample.
+        or decided, a term is no function of numbers, nothing reads a parameter, or the model takes thousands of steps a
+        sample.
 
     References
     ----------
@@ -269,6 +271,7 @@ class OCP(Checked):
                 raise ParameterError(f"the rate limit of '{name}' is ({lower}, {upper}); expected one that contains 0")
         if self.terms:
             self._require_terms()
+        require_effect(self)
         if self.corridor is not None:
             require_names(("e_y",), trackable, "corridor", "use a model with X, Y and psi, such as OnGround(model)")
         if regulated:

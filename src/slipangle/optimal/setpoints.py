@@ -53,6 +53,12 @@ def setpoint(ocp: OCP, wanted: Mapping[str, Any]) -> Reference:
         raise ParameterError(
             f"the setpoint lacks '{lost[0]}', which is tracked; expected its value: say {lost[0]}=..., or use a path"
         )
+    idle = [name for name in wanted if name in ocp.controls and name not in ocp.R]
+    if idle:
+        raise ParameterError(
+            f"the setpoint names the input '{idle[0]}', which has no weight in R to bring it there; expected one: say "
+            f"R=Weights({idle[0]}=...), or leave it out"
+        )
     held = (*ocp.exogenous, *ocp.controls)
     columns = {name: _column(name, value, n, ends=name not in held) for name, value in wanted.items()}
     zero = np.zeros(n + 1)

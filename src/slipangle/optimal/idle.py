@@ -1,0 +1,63 @@
+"""`require_effect`: parameters that a problem is given, and nothing reads."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from slipangle.errors import ParameterError
+from slipangle.ops import is_symbolic
+from slipangle.optimal.end import TerminalCost
+from slipangle.optimal.terms import Read, evaluated
+
+
+def require_effect(ocp: Any) -> None:
+    """Raise unless terms, equations, weights or limits read every parameter that is declared, free or in scenarios.
+
+    Parameters
+    ----------
+    ocp : OCP
+        The problem, whose names and terms are known to make sense.
+
+    Raises
+    ------
+    ParameterError
+        With the first parameter that changes nothing.
+    """
+    varied = () if ocp.scenarios is None else tuple(ocp.scenarios.values)
+    own = tuple(n for n in (*ocp.free, *varied) if n not in (*ocp.parameters, *ocp.model.inputs))
+    end = ocp.terminal.names if isinstance(ocp.terminal, TerminalCost) else ocp.terminal or ()
+    used = {*ocp.Q, *end, *ocp.limits, *ocp.terminal_limits}
+    idle = [n for n in _unread(ocp, own) if n not in used]
+    if not idle:
+        return
+    name = idle[0]
+    if name in own:
+        where = "free names" if name in ocp.free else "scenarios name"
+        raise ParameterError(
+            f"{where} '{name}', on which neither the model's equations nor a term depend; expected a parameter that "
+            "changes something: leave it out"
+        )
+    raise ParameterError(
+        f"parameters name '{name}', which no term reads; expected p.{name} in one of "
+        f"{list(ocp.terms) or 'terms, of which there are none'}: leave it out, or read it"
+    )
+
+
+def _unread(ocp: Any, own: tuple[str, ...]) -> list[str]:
+    """Parameters of the problem, and ``own`` of the model, without an effect on equations, outputs and terms."""
+    kind, model = ocp._kind, ocp.model
+    symbols = {name: kind.sym(name) for name in (*ocp.parameters, *own)}
+    if not symbols:
+        return []
+    x, u = kind.sym("x", model.n_states), kind.sym("u", model.n_inputs)
+    found = []
+    if own:
+        model = model.with_values(**{name: symbols[name] for name in own})
+        found = [model.derivative(x, u), model.output(x, u)]
+    known = symbols if ocp.duration is None else {**symbols, "duration": kind.sym("duration")}
+    read = Read(getattr(model, "params", None), known)
+    found += [evaluated(name, term, x, u, read) for name, term in ocp.terms.items()]
+    together = ca.vertcat(*(ca.vec(value) for value in found if is_symbolic(value)))
+    return [name for name, symbol in symbols.items() if not (found and ca.depends_on(together, symbol))]
