@@ -1,5 +1,7 @@
 """Problems without a path: what is wanted is said by name; and many of them at once."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -98,3 +100,35 @@ def test_many_plans_need_one_of_each(masses):
         masses.plan_many(np.zeros((2, 4)), wanted, [None] * 3)
     with pytest.raises(ParameterError, match="threads is 0"):
         masses.plan_many(np.zeros((2, 4)), wanted, threads=0)
+
+
+def test_many_plans_have_names_as_one_has(masses):
+    rng = np.random.default_rng(1)
+    x, p1 = rng.standard_normal((5, 4)), rng.uniform(-1, 1, 5)
+    course = np.linspace(0.0, 1.0, masses.horizon + 1)
+    a1 = rng.uniform(-1, 1, (5, masses.horizon))
+    Q = [{"p1": float(k)} for k in range(1, 6)]
+    given: dict[str, Any] = {"p1": p1, "v2": 0.2, "p2": course[None], "a1": a1, "Q": Q, "R": {"a1": 2.0}}
+    plans = masses.plan_many(x, threads=2, **given)
+    for i, plan in enumerate(plans):
+        alone = masses.plan(x[i], p1=p1[i], v2=0.2, p2=course, a1=a1[i], Q=Q[i], R={"a1": 2.0})
+        assert plan.u.tobytes() == alone.u.tobytes()
+    same = masses.plan_many(x, p1=0.3)
+    assert same[2].u.tobytes() == masses.plan(x[2], p1=0.3).u.tobytes()
+    assert (
+        masses.plan_many(x[:1], p1=[0.3], p2=[course])[0].u.tobytes()
+        == masses.plan(x[0], p1=0.3, p2=course).u.tobytes()
+    )
+
+
+def test_many_plans_refuse_names_that_do_not_fit(masses):
+    x, course = np.zeros((3, 4)), np.zeros(masses.horizon + 1)
+    rows = masses.horizon + 1
+    with pytest.raises(ParameterError, match=f"'p1' has {rows} entries; expected one, or one for each of the 3 states"):
+        masses.plan_many(x, p1=course)
+    with pytest.raises(ParameterError, match="one of both"):
+        masses.plan_many(x, masses.setpoint(), p1=0.3)
+    with pytest.raises(ParameterError, match="the setpoint names 'p'"):
+        masses.plan_many(x, p=0.3)
+    with pytest.raises(ParameterError, match="the setpoint of 'p1'"):
+        masses.plan_many(x, p1=[[1.0], [2.0, 3.0], 1.0])

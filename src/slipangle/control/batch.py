@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -20,12 +20,14 @@ from slipangle.paths.preview import Preview
 def plan_many(
     controller: Controller,
     x: np.ndarray,
-    reference: Ahead | Sequence[Ahead],
+    reference: Ahead | Sequence[Ahead] | None,
     previous: Sequence[Any] | None,
     applied: np.ndarray | None,
     threads: int | None,
+    values: Mapping[str, Any],
+    said: Callable[[Ahead | None, dict[str, Any]], Reference],
 ) -> list[Plan]:
-    """See `slipangle.control.mpc.MPC.plan_many`; of any controller that threads may share."""
+    """See `slipangle.control.mpc.MPC.plan_many`; ``said`` makes the reference of one plan from values by name."""
     given = np.asarray(x, dtype=float) if np.ndim(x) == 2 else None
     if given is None:
         raise ParameterError(
@@ -33,7 +35,12 @@ def plan_many(
         )
     n = len(given)
     states = array(given, (n, len(controller.model.states)), controller.model.states, "x")
-    references = [reference] * n if isinstance(reference, Reference | Preview) else _one_each(reference, n, "reference")
+    if reference is None or values:
+        references = _said_of_each(values, n, reference, said)
+    elif isinstance(reference, Reference | Preview):
+        references = [reference] * n
+    else:
+        references = _one_each(reference, n, "reference")
     before = [None] * n if previous is None else _one_each(previous, n, "previous")
     inputs: Sequence[Any] = [None] * n
     if applied is not None:
@@ -50,6 +57,35 @@ def plan_many(
         return part(parts[0])
     with ThreadPoolExecutor(many) as pool:
         return [plan for found in pool.map(part, parts) for plan in found]
+
+
+def _said_of_each(
+    values: Mapping[str, Any], n: int, reference: Any, said: Callable[[Any, dict[str, Any]], Reference]
+) -> list[Reference]:
+    """The reference of each plan, from values that all share or that have an entry, or a row, for each.
+
+    Raises
+    ------
+    ParameterError
+        If there is a reference too, or there is not one of each.
+    """
+    shared, each = {}, {}
+    for name, value in values.items():
+        several = isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim > 0)
+        if not several:
+            shared[name] = value
+        elif len(value) == 1:
+            shared[name] = value[0]
+        elif len(value) == n:
+            each[name] = value
+        else:
+            raise ParameterError(
+                f"'{name}' has {len(value)} entries; expected one, or one for each of the {n} states: give what all "
+                f"follow over the horizon as one row, {name}=[values]"
+            )
+    if not each:
+        return [said(reference, shared)] * n
+    return [said(reference, shared | {name: value[i] for name, value in each.items()}) for i in range(n)]
 
 
 def _one_each(given: Any, n: int, what: str) -> Sequence[Any]:

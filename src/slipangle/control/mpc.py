@@ -202,11 +202,12 @@ class MPC(Fallbacks):
     def plan_many(
         self,
         x: np.ndarray,
-        reference: Ahead | Sequence[Ahead],
+        reference: Ahead | Sequence[Ahead] | None = None,
         previous: Sequence[Plan | Guess | None] | None = None,
         *,
         applied: np.ndarray | None = None,
         threads: int | None = None,
+        **values: float | np.ndarray | Mapping[str, Any] | Sequence[Any],
     ) -> list[Plan]:
         """Plan from many states side by side; every plan is the one that `plan` gives for it alone, to the last bit.
 
@@ -214,21 +215,24 @@ class MPC(Fallbacks):
         ----------
         x : array, shape (n, n_states)
             States.
-        reference : Reference or Preview, or a sequence of them
-            What to do from each state, or from all.
+        reference : Reference or Preview, or a sequence of them, optional
+            What to do from each state, or from all; without one it is said by name.
         previous : sequence of Plan or None, optional
             Of each state, the plan of the step before, or a `guess`.
         applied : array, shape (n, n_controls), optional
             Inputs applied over the step before.
         threads : int, optional
             Threads that share the work, each with a work area of its own; by default one per core.
+        **values : float, or array of shape (n,), (n, horizon + 1) or (1, horizon + 1)
+            As in `plan`: a number for all, one for each state, a row over the horizon for each, or one row for all.
+            ``limits``, ``Q``, ``R``, ``S`` and ``scenarios`` are a mapping for all, or a list of one for each.
 
         Raises
         ------
         ParameterError
             If there is not one of each for every state, or an argument is not as `plan` wants it.
         """
-        return plan_many(self, x, reference, previous, applied, threads)
+        return plan_many(self, x, reference, previous, applied, threads, values, self._said)
 
     # ---- the parts ---------------------------------------------------------------------------------------------
 
