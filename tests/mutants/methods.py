@@ -338,6 +338,18 @@ MUTANTS = [
         ],
     ),
     *mistakes(
+        "optimal/realtime/saddle.c",
+        "optimal/test_maxima.py::test_the_top_of_a_hill_is_left",
+        [
+            (
+                "exact Hessian: which sign of a pivot is a maximum",
+                "r->R[i * NU * NU + j * NU + j] < -FALLS * top",
+                "r->R[i * NU * NU + j * NU + j] > FALLS * top",
+            ),
+            ("exact Hessian: back to a maximum from what is better", "if (!better)", "if (better)"),
+        ],
+    ),
+    *mistakes(
         "optimal/realtime/interior.c",
         "optimal/realtime/test_riccati.py",
         [

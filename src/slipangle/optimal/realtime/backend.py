@@ -60,8 +60,9 @@ class RealTime(Checked):
     hessian : {"gauss-newton", "exact"}
         Curvature of a step: squares of errors alone, or with the second derivatives of dynamics, limits and errors by
         the multipliers of the step before: all of them where they are positive on what the held limits leave free,
-        else positive semidefinite node by node, without negative eigenvalues of what they add. "exact" is for costs
-        that are no squares, goes with ``iterations=0``, explicit integrators and a compiler.
+        else positive semidefinite node by node, without negative eigenvalues of what they add. Unless condensed, it
+        tells a maximum from an optimum, and leaves it. "exact" is for costs that are no squares, goes with
+        ``iterations=0``, explicit integrators and a compiler.
 
     References
     ----------

@@ -108,11 +108,14 @@ def _idle(ocp: OCP) -> bool:
 
 
 def by_stages(ocp: OCP, stage: ca.Function, qp: str) -> bool:
-    """Whether a source has the quadratic program by stages too, which decides between the two at every plan."""
+    """Whether a source has the quadratic program by stages too, which decides between the two at every plan.
+
+    With exact curvature it always has, unless told otherwise: only a factor by stages says whether that is positive.
+    """
     if qp != "auto":
         return qp == "riccati"
     condense, factor = _nanoseconds(ocp, stage)
-    return condense > 1.3 * factor  # less is not worth twice the code
+    return curved(ocp) is not None or condense > 1.3 * factor  # less is not worth twice the code
 
 
 def _nanoseconds(ocp: OCP, stage: ca.Function) -> tuple[float, float]:
@@ -150,6 +153,7 @@ def _files(ocp: OCP, stage: ca.Function, qp: str) -> Sequence[str]:
     memory, method = "", ""
     if by_stages(ocp, stage, qp):
         memory, method = "riccati_work.c", "riccati.c bends.c rows.c interior.c"
+        method += "" if curved(ocp) is None else " saddle.c"
     curve = "" if curved(ocp) is None else "curvature.c"
     return f"ranges.c qp.c {memory} work.c stages.c {curve} solver.c {method} fallback.c judge.c".split()
 
@@ -244,6 +248,7 @@ def _sizes(ocp: OCP, stage: ca.Function, parts: Implicit | None, pattern: ca.Spa
         "QD": len(rows),
         "N_LIMITS": len(rows),
         "JUMPS": len(ocp.jumps),
+        "SADDLE": int(curved(ocp) is not None),
         "TURNS": 0 if curved(ocp) is None else (n + 1) * (ocp.model.n_states + nu),
     }
     lines = ["#define EXPLICIT 0", "#define RADAU 1", "#define CALLED 2", f"#define ANY_INPUT {ANY!r}"]

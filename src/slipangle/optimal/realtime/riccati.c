@@ -113,7 +113,8 @@ INLINE void add_stage(const Work *s, int i, V *H)
     }
 }
 
-/* Rows S and R of the inputs of a stage from its curvature H: those of the factor. 0 where that is no number. */
+/* Rows S and R of the inputs of a stage from its curvature H: those of the factor. The first input at which that is no
+   number, or NU. */
 INLINE int factor_inputs(const V *H, const double *own, const double *change, double top, const V *unit, V *S, double *R)
 {
     const double *h = (const double *)H;
@@ -127,7 +128,7 @@ INLINE int factor_inputs(const V *H, const double *own, const double *change, do
     for (int j = 0; j < NU; j++) {
         double d = R[j * NU + j] + 1e-12 * top;
         if (!(d > 0 && d < INFINITY))
-            return 0;
+            return j;
         double inverse = 1 / sqrt(d);
         for (int k = j + 1; k < NU; k++)
             R[j * NU + k] *= inverse;
@@ -142,10 +143,10 @@ INLINE int factor_inputs(const V *H, const double *own, const double *change, do
                 S[AT(k) + b] -= w * S[AT(j) + b];
         }
     }
-    return 1;
+    return NU;
 }
 
-/* Backward recursion; 0 where the curvature is no number. `free` learns the size of the curvature by an input. */
+/* Backward recursion; 0 where the curvature is no number, and `fell` says at which input. `free` learns the size of the curvature by an input. */
 static int factor_stages(Work *s, int free)
 {
     Stages *r = &s->stages;
@@ -179,8 +180,11 @@ static int factor_stages(Work *s, int free)
             } else
                 own[j] += r->damped[a];
         }
-        if (!factor_inputs(H, own, change, top, unit, S, R))
+        int good = factor_inputs(H, own, change, top, unit, S, R);
+        if (good < NU) {
+            r->fell = i * NU + good;
             return 0;
+        }
         for (int a = 0; a < RZ; a++)
             for (int b = 0; b < ZV; b++) {
                 V sum = a < NX ? H[AT(a) + b] * unit[AT(NU) + b] : change[(a - NX + NU) % NU] * unit[AT((a - NX + NU) % NU) + b];

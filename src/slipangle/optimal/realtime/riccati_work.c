@@ -30,5 +30,5 @@ typedef struct {
     double top;
     Bends bends;
     int first[N + 2], rate[QN], row[QT], mode[QT], better[QT], coming[QT], how[QT], of[2 * QT];
-    int rows, expected, sides, side_vectors;
+    int rows, expected, sides, side_vectors, fell; /* fell: the input at which there was no factor */
 } Stages;

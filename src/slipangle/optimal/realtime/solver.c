@@ -8,7 +8,7 @@ static int by_stages_now(const Work *s), prepare_stages(Work *s), solve_long(Wor
 static void expect(Work *s, int many, int later), bend_stages(Work *s);
 static const double *force(Work *s);
 #ifdef CURVED
-static int solve_saddle(Work *s);
+static int solve_saddle(Work *s), leave_saddle(Work *s, int status);
 #endif
 #endif
 
@@ -1405,6 +1405,9 @@ int rt_solve(Work *s)
     int status = NOT_FINITE;
     if (s->fresh || s->fixed == 0) {
         status = begin_halfway(s, look_elsewhere(s, begin_anew(s, converge(s, s->max_iterations, 0))));
+#if defined RICCATI && defined CURVED
+        status = leave_saddle(s, status);
+#endif
         keep_inputs(s);
     } else {
         for (int64_t i = 0; i < s->fixed; i++) {

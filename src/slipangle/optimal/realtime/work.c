@@ -79,6 +79,10 @@ typedef struct {
     double turn[M1(TURNS)]; /* of the rows of this curvature, 1 or, where it is negative, -1 */
     int64_t saddle, tried;  /* whether a step is to be, or was, one with all of it; whether that was tried */
     int64_t failed, rest;   /* how often in a row that led nowhere; steps until it is tried again */
+    /* of saddle.c, if it is there: where the cost falls, and the plan from which that leads away */
+    double falls_u[M1(SADDLE * N * NU)], falls_x[M1(SADDLE * (NS + 1) * NX)];
+    double left_u[M1(SADDLE * N * NU)], left_x[M1(SADDLE * (NS + 1) * NX)], left_k[M1(SADDLE * (NS + 1) * NK)];
+    double left_working[M1(SADDLE * (1 + 2 * QT))], left_numbers[M1(SADDLE * 3)];
     double damp; /* of inputs, relative to the curvature */
     double top;  /* largest curvature by an input, of the program condensed */
     int64_t frail; /* whether the last program was condensed with few digits */
