@@ -146,7 +146,8 @@ INLINE int factor_inputs(const V *H, const double *own, const double *change, do
     return NU;
 }
 
-/* Backward recursion; 0 where the curvature is no number, and `fell` says at which input. `free` learns the size of the curvature by an input. */
+/* Backward recursion; 0 where the curvature is no number, and `fell` says at which input. `free` learns the size of the
+   curvature by an input. */
 static int factor_stages(Work *s, int free)
 {
     Stages *r = &s->stages;
