@@ -50,6 +50,13 @@ def doubt(applied: np.ndarray | None, controls: tuple[str, ...]) -> str:
     )
 
 
+def both(detail: str, doubt: str) -> str:
+    """What a solver said, and what there is to say of the call."""
+    if not doubt:
+        return detail
+    return f"{detail}; {doubt}" if detail else doubt
+
+
 def applied_before(
     previous: Plan | None,
     applied: np.ndarray | None,

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Unpack
 
 import numpy as np
 
-from slipangle.control.call import applied_before
+from slipangle.control.call import applied_before, both
 from slipangle.control.controller import Led
 from slipangle.errors import ParameterError, shown
 from slipangle.fields import Checked, Whole, Within
@@ -51,10 +51,6 @@ class Call(NamedTuple):
     begin: float
     sound: bool = True  # nothing in x or the reference is a fault
     doubt: str = ""  # of the input applied, which cannot be true
-
-    def said(self, detail: str) -> str:
-        """What a solver said, and what there is to say of the call."""
-        return "; ".join(words for words in (detail, self.doubt) if words)
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -221,7 +217,7 @@ class Fallbacks(Checked, Led):
         if self.deadline is not None:
             needed = min(perf_counter() - begun, 2.0 * self._pace[0])  # not what another program took away
             self._pace[0] = min(0.8 * self._pace[0] + 0.2 * needed, 0.5 * self.deadline)
-        said = call.said(detail)
+        said = both(detail, call.doubt)
         return self._fallen(call.begin, health_of(previous), way, status, source, iterations, said, unfinished)
 
     def _source(self, previous: Plan | None) -> Source:

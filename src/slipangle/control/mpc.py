@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from slipangle.control.batch import plan_many
-from slipangle.control.call import doubt, given
+from slipangle.control.call import both, doubt, given
 from slipangle.control.controller import Ahead
 from slipangle.control.fallback import Call, Fallbacks
 from slipangle.errors import ParameterError
@@ -294,7 +294,7 @@ class MPC(Fallbacks):
             "residual": solution.residual,
             "violation": solution.violation,
             "memory": solution.memory,
-            "detail": call.said(solution.detail),
+            "detail": both(solution.detail, call.doubt),
             "times": self.times,
             "health": health_of(previous).after(
                 False, self.deadline is not None and seconds > self.deadline, solution.detail == ANEW

@@ -146,6 +146,16 @@ def test_limits_rates_and_missing_measurements(follower):
 
 
 @EACH
+def test_an_angle_applied_that_cannot_be_is_said_and_does_without(follower):
+    ahead = straight_path().ahead(0.0, follower.horizon, follower.dt)
+    x = state(follower, Y=0.5)
+    plan, usual = (follower.plan(x, ahead, applied=applied) for applied in (np.array([np.inf]), None))
+    assert plan.u == pytest.approx(usual.u)
+    assert plan.detail.startswith("applied is inf for 'delta', which no input can be")
+    assert usual.detail == ""
+
+
+@EACH
 def test_steering_gain_and_offset_are_undone(follower):
     params = CAR.with_values(steering_gain=0.5, steering_offset=0.02)
     odd = replace(follower, params=params)

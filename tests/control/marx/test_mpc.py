@@ -308,6 +308,7 @@ def test_never_nan(mpc, hole):
         assert np.abs(plan.u).max() <= LIMIT
         if hole == "applied":
             assert plan.age == 0
+            assert plan.detail.startswith("applied is nan for 'delta', which no input can be")
             continue
         assert plan.status is Status.NOT_FINITE
         assert (plan.age, plan.stopping) == (k, k > 5)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from slipangle.control.call import applied_before, given
+from slipangle.control.call import applied_before, both, doubt, given
 from slipangle.control.controller import Ahead, SteeringController
 from slipangle.fields import Checked, Count, Positive
 from slipangle.models.model import Model
@@ -65,7 +65,10 @@ class SteeringLaw(SteeringController):
             iterations=0,
             controls=self.controls,
             age=0 if wrong is None else (1 if previous is None else counted(previous.age) + 1),
-            detail=judge.fault(x, wanted.tracked, wanted.exogenous) if wrong is Status.IMPLAUSIBLE else "",
+            detail=both(
+                judge.fault(x, wanted.tracked, wanted.exogenous) if wrong is Status.IMPLAUSIBLE else "",
+                doubt(applied, self.controls),
+            ),
             times=self.times,
             health=health_of(previous).after(wrong is not None, False),
         )

@@ -8,13 +8,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slipangle.control.call import applied_before, given
+from slipangle.control.call import applied_before, both, doubt, given
 from slipangle.control.controller import Ahead
 from slipangle.control.fallback import RELAX
 from slipangle.control.marx.blended import FASTEST, BlendedProblem
 from slipangle.control.marx.problem import Numbers
 from slipangle.optimal.arrays import DOUBLE
-from slipangle.optimal.checks import counted, health_of, is_numbers
+from slipangle.optimal.checks import ANY, counted, health_of, is_numbers
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import NEW, Health, Plan, Status, finite, quick, shifted, within
 
@@ -127,7 +127,8 @@ class MultiARXMPC(BlendedProblem):
         before = applied_before(previous, applied, self.controls, np.zeros(1), *self._range).item()
         v_x, path = wanted.exogenous, wanted.tracked
         speed = v_x.item(0)
-        call = Call(x=x, speed=speed, previous=previous, before=before, begin=begin, memory=memory)
+        said = doubt(applied, self.controls)
+        call = Call(x=x, speed=speed, previous=previous, before=before, begin=begin, memory=memory, doubt=said)
         wrong = self._judge.status(x, path, v_x)
         if wrong is not None:
             detail = self._judge.fault(x, path, v_x) if wrong is Status.IMPLAUSIBLE else ""
@@ -150,6 +151,7 @@ class MultiARXMPC(BlendedProblem):
             "iterations": answer.iterations,
             "controls": self.controls,
             "residual": answer.residual,
+            "detail": said,
             "memory": memory,
             "times": self.times,
             "health": health_of(previous).after(False, False),
@@ -184,6 +186,8 @@ class MultiARXMPC(BlendedProblem):
             if type(applied) is not np.ndarray or applied.shape != (1,) or applied.dtype is not DOUBLE:
                 return None
             before = applied.item()
+        if not abs(before) <= ANY:
+            return None
         if type(speed) is not np.ndarray or speed.ndim != 2:
             return None
         v_x = speed if len(speed) == self.horizon else speed[: self.horizon]
@@ -241,7 +245,7 @@ class MultiARXMPC(BlendedProblem):
             controls=self.controls,
             age=age,
             stopping=stopping,
-            detail=detail,
+            detail=both(detail, call.doubt),
             memory=call.memory,
             times=self.times,
             health=health_of(previous).after(True, False),
@@ -259,3 +263,4 @@ class Call(NamedTuple):
     before: float
     begin: float
     memory: Any
+    doubt: str = ""  # of the input applied, which cannot be true
