@@ -167,15 +167,16 @@ SATURATING = CHASSIS | AXLES | dict(downforce_f=1.7, downforce_r=-0.6)
 SENSORS = dict(bias_r=0.013, bias_v_y=-0.11, bias_a_y=0.23, lever_v_y=-0.31, lever_a_y=0.43, gain_a_y=1.07)
 
 
-@pytest.mark.parametrize("half", [0.0, 0.71])
-def test_saturating_bicycle(half):
+@pytest.mark.parametrize(("half", "gain"), [(0.0, 1.0), (0.71, 0.93)])
+def test_saturating_bicycle(half, gain):
     unused = dict(relaxation_f=0.4, relaxation_r=0.6)
     params = SaturatingBicycleParams(**SATURATING, **STEERED, **SENSORS, **unused, cross_slope=0.06)
-    params = replace(params, locked_half_track=half)
-    assert len(SATURATING | STEERED | SENSORS | unused) + 2 == len(fields(params))
+    params = replace(params, locked_half_track=half, gain_v_x=gain)
+    assert len(SATURATING | STEERED | SENSORS | unused) + 3 == len(fields(params))
     model = SaturatingBicycle(params=params, dt=0.01, outputs=("v_y", "r", "a_y"))
 
-    def oracle(v_y, r, delta, v_x):
+    def oracle(v_y, r, delta, logged):
+        v_x = gain * logged
         slip = vehicles.small_slip(CHASSIS, v_y, r, vehicles.road_wheel(STEERED, delta), v_x)
         found = vehicles.saturating_bicycle(SATURATING | {"locked_half_track": half}, v_y, r, *slip, v_x)
         read = [v_y - 0.11 - 0.31 * r, r + 0.013, 1.07 * (found[2] + 0.43 * found[1]) + 0.23]

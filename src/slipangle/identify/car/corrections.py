@@ -14,6 +14,7 @@ from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycleParams
 RECORDING = "recording"  # channel that numbers the recording that a sample is of
 DOWNFORCE = ("downforce_f", "downforce_r")
 LOCKED = ("locked_half_track",)
+SPEED = ("gain_v_x",)
 _LATE = {"delay_delta": 0.05, "steering_lag": 0.05}  # s, where a search that begins at none may never come to
 _SHARES = (1.1, 2.0)  # friction where its search starts, over the friction that was used
 SLOW, FAST = 0.05, 0.95  # quantiles of the speeds that were driven

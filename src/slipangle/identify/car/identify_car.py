@@ -22,12 +22,10 @@ from slipangle.errors import (
 from slipangle.fields import Checked
 from slipangle.identify.car import sentences
 from slipangle.identify.car.corrections import Correction, corrections
-from slipangle.identify.car.effects import extrapolated, told
+from slipangle.identify.car.effects import extrapolated, others_as_good, told
 from slipangle.identify.car.recordings import settled
 from slipangle.identify.car.stretches import stretches, together
 from slipangle.identify.car.structures import (
-    AS_GOOD,
-    ELSEWHERE,
     SLOWEST,
     STIFF,
     Fitted,
@@ -49,7 +47,6 @@ from slipangle.numerics.blas import one_blas_thread
 from slipangle.shown import Shown
 
 _ROUNDS = 4  # over the corrections that did not help
-_NONE = 1.5  # of `AS_GOOD`, from which it is not believed at all; of `ELSEWHERE`, up to which a lever is one
 # What roll, camber and load transfer, which a single track lacks, move a value by; from the yaw rate alone, where only
 # transients tell how stiff and how heavy a car is, by more; the gain by what small angles and driven wheels leave out.
 _FLOOR, _FLOOR_ALONE, _FLOOR_GAIN = 0.05, 0.2, 0.01
@@ -186,7 +183,7 @@ class WholeCar(Checked):
             tried = corrections(whole.train, self.wheelbase, own, elsewhere)
             best, stages, dropped = _climb(first, tried, whole.train, whole.held_out)
             final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
-            others = _others(final, dropped, whole.all)
+            others = others_as_good(final, dropped, whole.all)
             used = sentences.friction_reached(final)
         names = final.names
         spread, limits, how = _limits(final, others)
@@ -197,9 +194,9 @@ class WholeCar(Checked):
         unknown = (
             *sentences.ridges(names, final, spread, limits, separated),
             *sentences.elsewhere(final, others, limits),
+            *sentences.speed(others),
             *sentences.between(final),
-            *sentences.wings(final, limits, used),
-            *sentences.locked(final, limits),
+            *sentences.effects(final, limits, used),
             *sentences.bounds(final, used),
             *sentences.unsettled(final),
         )
@@ -373,26 +370,3 @@ def _hold(final: Fitted, limits: np.ndarray) -> None:
 def _stage(said: str, kept: bool, fitted: Fitted, squares: np.ndarray, moved: float) -> Stage:
     rms = np.sqrt(squares.mean(axis=0))
     return Stage(correction=said, kept=kept, error=rms, change=moved, values=fitted.values)
-
-
-def _others(final: Fitted, dropped: list[Correction], data: Dataset) -> list[tuple[Fitted, float]]:
-    """Structures that explain the data about as well as the chosen one, and how far each counts, 0 to 1.
-
-    With a correction more, such as tires of another shape; with a centre of gravity elsewhere too, which is hard to
-    tell from another place of the v_y sensor, if the data want it. Nothing counts all at once, so that no rounding
-    decides an interval.
-    """
-    at, known = errors(final, data), {"before": final, "own": final.own}
-    trials = list[tuple[Fitted, float]]()
-    for correction in (c for c in dropped if not c.own):
-        other = corrected(final, correction, data)
-        trials.append((other, told(other, correction.free) - 1.0))
-    if "lever_v_y" in final.free:
-        moved = fit(final.model, (*final.free, "l_f"), data, **known)
-        away = abs(moved.values["l_f"] - final.model.value("l_f")) / (ELSEWHERE * final.model.value("wheelbase"))
-        trials.append((moved, away - _NONE))
-    counted = []
-    for other, share in trials:
-        worse = change(at, errors(other, data))[0] / AS_GOOD
-        counted.append((other, float(min(share, _NONE - worse, 1.0))))
-    return [(other, share) for other, share in counted if share > 0]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from slipangle.identify.car.corrections import DOWNFORCE, FAST, LOCKED, friction_used, recordings
+from slipangle.identify.car.corrections import DOWNFORCE, FAST, LOCKED, SPEED, friction_used, recordings
 from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Stage, settling
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import Scalar
@@ -230,6 +230,23 @@ def elsewhere(final: Fitted, others: list[tuple[Fitted, float]], limits: np.ndar
         f"{l_f:.3g} m in place of {p.l_f:.3g} m, C_f about {short(C_f)} and C_r {short(C_r)} N/rad, and the intervals "
         "do not hold: check both places"
     ]
+
+
+def speed(others: list[tuple[Fitted, float]]) -> list[str]:
+    """A speed that is logged too large or too small, as the motion across tells."""
+    for other in (other for other, share in others if {*SPEED} <= {*other.free} and share > _HALF):
+        gain = other.values[SPEED[0]]
+        return [
+            f"v_x is logged {100 * abs(1 / gain - 1):.2g} % too {'small' if gain > 1 else 'large'}, as the motion "
+            f"across tells: if it is that of wheels, check their radius, or give v_x a scale of {gain:.3g}; stiffness "
+            "and inertia are off with it, and their intervals hold for either"
+        ]
+    return []
+
+
+def effects(final: Fitted, limits: np.ndarray, used: float) -> list[str]:
+    """What was found beside tires, downforce and a locked axle, with ``limits`` of shape (n_names, 2)."""
+    return [*wings(final, limits, used), *locked(final, limits)]
 
 
 def wings(final: Fitted, limits: np.ndarray, used: float) -> list[str]:

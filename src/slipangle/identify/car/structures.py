@@ -204,6 +204,7 @@ def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
         "lever_v_y": (0.0, 0.1 * p.wheelbase, False),
         "lever_a_y": (0.0, 0.1 * p.wheelbase, False),
         "gain_a_y": (1.0, 0.1, False),
+        "gain_v_x": (1.0, 0.05, False),
         "l_f": (p.l_f, ELSEWHERE * p.wheelbase, False),
         "delay_delta": (0.0, 0.1, False),
         "steering_lag": (0.0, 0.1, False),

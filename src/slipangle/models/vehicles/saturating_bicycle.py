@@ -47,6 +47,9 @@ class SaturatingBicycleParams(BicycleParams):
     gain_a_y: Annotated[float, SI("-", "measured over true lateral acceleration, such as by body roll", 0.5, 2.0)] = (
         field(default=1.0, metadata=_NEW)
     )
+    gain_v_x: Annotated[float, SI("-", "true over logged speed, such as of wheels of another radius", 0.5, 2.0)] = (
+        field(default=1.0, metadata=_NEW)
+    )
     cross_slope: Annotated[float, SI("rad", "cross slope of the road, positive: left edge higher", -0.3, 0.3)] = field(
         default=0.0, metadata=_NEW
     )
@@ -168,7 +171,9 @@ class SaturatingBicycle(OdeModel):
 
     def _speed(self, v_x: Scalar) -> Scalar:
         p = self.params
-        return maximum(v_x, lowest_speed(p, p.C_f, p.C_r, locked=p.C_r * p.locked_half_track * p.locked_half_track))
+        return maximum(
+            p.gain_v_x * v_x, lowest_speed(p, p.C_f, p.C_r, locked=p.C_r * p.locked_half_track * p.locked_half_track)
+        )
 
     def _slip(self, x: Vector, u: Vector) -> tuple[Scalar, Scalar]:
         """Slip angles of the motion."""
@@ -184,7 +189,8 @@ class SaturatingBicycle(OdeModel):
         Slip along and across share one curve, as of a tire that is alike both ways: H. B. Pacejka, Tire and Vehicle
         Dynamics, 3rd ed., 2012, sec. 3.2.3.
         """
-        p, (load_f, load_r), (front, rear) = self.params, self.params.static_loads, self.params.load_ratios(u[1])
+        p, (load_f, load_r) = self.params, self.params.static_loads
+        front, rear = p.load_ratios(p.gain_v_x * u[1])
         F_yf = front * saturated(alpha[0], load_f, p.C_f, p.mu_f, p.shape)
         b: Any = p.locked_half_track
         if not (is_symbolic(b) or is_traced(b)) and b == 0:
