@@ -13,7 +13,9 @@ _LEAST = 0.1  # of an axle's load at rest, the least that downforce adds in fast
 _RESISTS = 0.1  # of the tires' yaw damping, the least that a locked axle adds
 _SCALE = 0.03  # of the speed, the least by which it is said to be wrong
 _NONE = 1.5  # of `AS_GOOD`, from which a structure is not believed at all; of `ELSEWHERE`, up to which a lever is one
-_SURE = 1.96  # standard deviations from none
+# Standard deviations from none at which an effect just is one, and at which it counts whole; of a speed's scale they
+# are more, as cars that roll much asked for one by up to 3.7.
+_SURE, _SURE_SPEED = (1.96, 3.92), (4.0, 6.0)
 _ANY = 2.0  # of what needs no other proof than that it helps
 
 
@@ -32,10 +34,11 @@ def told(fitted: Fitted, names: tuple[str, ...]) -> float:
         size = np.abs([fitted.values[name] - 1.0 for name in names]) / _SCALE
     else:
         return _ANY
-    at, none = [fitted.names.index(name) for name in names], 1.0 if names == SPEED else 0.0
+    none, (just, whole) = (1.0, _SURE_SPEED) if names == SPEED else (0.0, _SURE)
+    at = [fitted.names.index(name) for name in names]
     std = np.sqrt(np.maximum(np.diag(covariance(fitted)[0])[at], 0.0))
-    sure = np.abs([fitted.values[name] - none for name in names]) / np.maximum(std, 1e-300)
-    return float(np.max(np.minimum(size, sure / _SURE)))
+    away = np.abs([fitted.values[name] - none for name in names]) / np.maximum(std, 1e-300)
+    return float(np.max(np.minimum(size, 1.0 + (away - just) / (whole - just))))
 
 
 def extrapolated(fitted: Fitted) -> dict[str, float]:
