@@ -65,7 +65,8 @@ def test_forces_are_those_of_the_model():
     forces = []
     for k in range(len(data.t)):
         x = data["v_y"][k], data["r"][k]
-        forces.append([float(f) for f in CAR_AT_LIMIT._forces(CAR_AT_LIMIT._slip(x, (data["delta"][k], 20.0)), 20.0)])
+        u = (data["delta"][k], 20.0)
+        forces.append([float(f) for f in CAR_AT_LIMIT._forces(x, u, CAR_AT_LIMIT._slip(x, u))[:2]])
     exact = np.array(forces)
     kept = slice(3, -3)  # forces jump where the held steering does; a central difference is the mean of both sides
     assert found.F_y_f[kept] == pytest.approx(exact[kept, 0], abs=6e-3 * np.abs(exact).max())
