@@ -281,7 +281,7 @@ def tire_use(data: Dataset, car: Any) -> TireUse:
     r') / wheelbase``, ``F_y_r = (mass l_f a_y - inertia_z r') / wheelbase``, along the car ``mass a_x`` and drag,
     shared as the car drives and brakes. What is available is the car's: peak friction at the load of each tire, after
     load transfer and downforce. The share used is that of the friction ellipse ([1]_ sec. 1.2.3). Rates of change are
-    central differences: filter a noisy log first.
+    central differences: filter a noisy log first. The moment of a locked axle counts as one of these forces.
 
     Raises ParameterError if the log has no v_x and r, or the car does not know what its tires can hold.
 
