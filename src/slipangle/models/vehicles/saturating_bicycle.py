@@ -81,10 +81,15 @@ class SaturatingBicycleParams(BicycleParams):
         return (front * self.l_r + rear * self.l_f) / self.wheelbase
 
     @property
+    def locked_damping(self) -> Scalar:
+        """Moment of a locked axle against the turn, over yaw rate and times speed, at small slip. [N m2/rad]"""
+        return self.C_r * self.locked_half_track * self.locked_half_track
+
+    @property
     def locked_share(self) -> Scalar:
         """Yaw damping of a locked axle over that of the tires' slip angles. [-]"""
         across = self.C_f * self.l_f * self.l_f + self.C_r * self.l_r * self.l_r
-        return self.C_r * self.locked_half_track * self.locked_half_track / across
+        return self.locked_damping / across
 
     def at_speed(self, v_x: float) -> Self:
         """A car without downforce and locked axle that is this one at a speed ``v_x`` [m/s], see `unlocked`."""

@@ -294,6 +294,27 @@ static void pull(Work *s)
     }
 }
 
+/* From what drives the inputs v, over the factor, to these inputs and the states r->x that move with them, from a stage
+   on; the inputs of the stage `held` stay as they are. */
+INLINE void move_on(Stages *r, double *v, int first, int held)
+{
+    for (int i = first; i < N; i++) {
+        const V *S = r->S + AT(i * NU);
+        const double *R = r->R + i * NU * NU, *x = (const double *)(r->x + AT(i));
+        double *y = v + i * NU;
+        for (int j = NU - 1; i != held && j >= 0; j--) {
+            double sum = -y[j] - dot((const double *)(S + AT(j)), x, ZL);
+            for (int k = j + 1; k < NU; k++)
+                sum -= R[j * NU + k] * y[k];
+            y[j] = sum * R[j * NU + j];
+        }
+        V next[ZV] = {0};
+        add_products(next, x, 1, r->T + AT(i * ZW), NX);
+        add_products(next, y, 1, r->T + AT(i * ZW + NX), NU);
+        memcpy(r->x + AT(i + 1), next, sizeof next);
+    }
+}
+
 /* The step r->dv from the gradient by the inputs that it holds and, if `staged`, by the multipliers r->after and what is
    tracked, and what moves with it. */
 static void sweep(Work *s, int staged)
@@ -326,20 +347,6 @@ static void sweep(Work *s, int staged)
         }
     }
     memset(r->x, 0, sizeof(V) * ZV);
-    for (int i = 0; i < N; i++) {
-        const V *S = r->S + AT(i * NU);
-        const double *R = r->R + i * NU * NU, *x = (const double *)(r->x + AT(i));
-        double *y = v + i * NU;
-        for (int j = NU - 1; j >= 0; j--) {
-            double sum = -y[j] - dot((const double *)(S + AT(j)), x, ZL);
-            for (int k = j + 1; k < NU; k++)
-                sum -= R[j * NU + k] * y[k];
-            y[j] = sum * R[j * NU + j];
-        }
-        V next[ZV] = {0};
-        add_products(next, x, 1, r->T + AT(i * ZW), NX);
-        add_products(next, y, 1, r->T + AT(i * ZW + NX), NU);
-        memcpy(r->x + AT(i + 1), next, sizeof next);
-    }
+    move_on(r, v, 0, -1);
     respond(s, v, (const double *)r->x);
 }

@@ -22,21 +22,7 @@ static void lead_down(Work *s, int i, int j)
             sum -= pivots[k * NU + m] * v[i * NU + m];
         v[i * NU + k] = sum * pivots[k * NU + k];
     }
-    for (int m = i; m < N; m++) {
-        const V *S = r->S + AT(m * NU);
-        const double *R = r->R + m * NU * NU, *x = (const double *)(r->x + AT(m));
-        double *y = v + m * NU;
-        for (int a = NU - 1; m > i && a >= 0; a--) {
-            double sum = -dot((const double *)(S + AT(a)), x, ZL);
-            for (int k = a + 1; k < NU; k++)
-                sum -= R[a * NU + k] * y[k];
-            y[a] = sum * R[a * NU + a];
-        }
-        V next[ZV] = {0};
-        add_products(next, x, 1, r->T + AT(m * ZW), NX);
-        add_products(next, y, 1, r->T + AT(m * ZW + NX), NU);
-        memcpy(r->x + AT(m + 1), next, sizeof next);
-    }
+    move_on(r, v, i, i);
 }
 
 /* Whether there is a direction of negative curvature at the iterate: steps of inputs and states, for `leave_saddle`. */
