@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 _FILE = "troubleshooting.md"
-_ENTRY = re.compile(r'^(\*\*".*?"\*\*(?:(?:, | \.\.\. )\*\*".*?"\*\*)*): (.*?)(?=\n\n|\Z)', re.S | re.M)
+_ENTRY = re.compile(r'^(\*\*"[^*]*"\*\*(?:(?:, | \.\.\. )\*\*"[^*]*"\*\*)*): (.*?)(?=\n\n|\Z)', re.S | re.M)
 _WORDS = re.compile(r'\*\*"(.*?)"\*\*')
 
 
