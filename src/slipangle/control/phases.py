@@ -6,23 +6,25 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from time import perf_counter
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError
+from slipangle.fields import Checked, Within
 from slipangle.models.model import without_caches
 from slipangle.numerics.per_thread import built
 from slipangle.optimal.arrays import applied_input, short, vector
 from slipangle.optimal.engine import Backend, Engine, Start
+from slipangle.optimal.guess import Guess
 from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.linked import Linked
 from slipangle.optimal.ocp import OCP, Reference
 from slipangle.optimal.realtime import RealTime
 from slipangle.optimal.setpoints import setpoint
 from slipangle.optimal.solution import Plan, Solution, Status, finite
-from slipangle.shown import Brief, Shown
+from slipangle.shown import Shown
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,7 +95,7 @@ class PhasedPlan(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Phases(Brief):
+class Phases(Checked):
     """Several optimal control problems one behind the other, of different models too, solved as one.
 
     Each phase has its own model, horizon, weights, limits, Huber costs, free parameters and duration; the cost is the
@@ -113,18 +115,23 @@ class Phases(Brief):
         `slipangle.ops`. By default the next phase begins in the same state, which must then have the same names.
     solver : {"realtime", "ipopt"} or Backend
         The solver, or its settings.
+    deadline : float, optional
+        For a plan, by default none; one that ends by it is named `TIME_OUT`. [s]
 
     Raises
     ------
     ParameterError
-        If there are fewer than two phases, or not a link for each junction, or a phase has what it must not.
+        If there are fewer than two phases, or not a link for each junction, a phase has what it must not, or the
+        deadline is no time.
     """
 
     problems: Sequence[MPC | OCP]
     links: Sequence[Callable[[Any], Any]] | None = None
     solver: Any = "realtime"
+    deadline: Annotated[float, Within(0, unit="s", open="low")] | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         given = list(self.problems) if isinstance(self.problems, Sequence) else []
         phases = tuple(p.ocp if isinstance(p, MPC) else p for p in given)
         if len(phases) < 2 or not all(isinstance(p, OCP) for p in phases):
@@ -156,13 +163,13 @@ class Phases(Brief):
         named: dict[str, Backend] = {"ipopt": Ipopt(), "realtime": RealTime()}
         linked: Any = Linked(self.problems, self.links)  # type: ignore[arg-type]
         backend = named[self.solver] if isinstance(self.solver, str) else self.solver
-        return linked, backend.build(linked, None)
+        return linked, backend.build(linked, self.deadline)
 
     def plan(
         self,
         x: np.ndarray,
         wanted: Sequence[Reference | Mapping[str, Any]],
-        previous: PhasedPlan | None = None,
+        previous: PhasedPlan | Sequence[Guess | None] | None = None,
         *,
         applied: np.ndarray | None = None,
     ) -> PhasedPlan:
@@ -174,15 +181,17 @@ class Phases(Brief):
             State of the first phase now, SI units.
         wanted : sequence of Reference or mapping
             Of each phase, what is wanted; by name as in `MPC.plan`.
-        previous : PhasedPlan, optional
-            A plan of the same phases to start from.
+        previous : PhasedPlan or sequence of Guess, optional
+            A plan of the same phases to start from; or for each phase a guess of your own by `MPC.guess`, None where
+            there is none. The first states of a guess count, but in the first phase; what is held goes on from the
+            phase before.
         applied : array, shape (n_controls,), optional
             Inputs of the first phase before; zero by default.
 
         Raises
         ------
         ParameterError
-            If an argument has another shape, or a phase lacks its wanted values.
+            If an argument has another shape, a phase lacks its wanted values, or a guess is of another problem.
         """
         begin = perf_counter()
         phases: Any = self.problems
@@ -200,24 +209,49 @@ class Phases(Brief):
             p.check_reference(r) if isinstance(r, Reference) else setpoint(p, r)
             for p, r in zip(phases, wanted, strict=True)
         ]
+        known = previous if isinstance(previous, PhasedPlan) else None
+        guesses = [None] * len(phases) if previous is None or known is not None else _each(previous, phases)
+        begin -= perf_counter()  # what is built once is not the plan's time
         linked, engine = self._parts
-        u0 = linked.resting(before, references)
+        begin += perf_counter()
+        u0 = linked.resting(before, references, guesses)
         reference = linked.spread(u0, references)
         state = np.zeros(linked.model.n_states)
         state[: len(x)] = x
-        found = None
-        if previous is not None:
-            found = engine.resume(state, u0, reference, previous.start)
+        if self.deadline is not None:
+            engine.allow(self.deadline - (perf_counter() - begin))
+        found = None if known is None else engine.resume(state, u0, reference, known.start)
         if found is None:
-            u = np.tile(u0, (linked.horizon, 1))
-            states = linked.roll_out(x, u, reference.exogenous)
-            states = states if np.isfinite(states).all() else np.tile(state, (linked.horizon + 1, 1))
+            u, states = linked.begin(x, u0, reference.exogenous, guesses)
             found = engine.solve(Start(x=state, applied=u0, reference=reference, guess_u=u, guess_x=states))
         return _taken_apart(linked, found, begin)
 
 
 def _same(x: Any) -> Any:
     return x
+
+
+def _each(given: Any, phases: Sequence[OCP]) -> list[Guess | None]:
+    """A guess or None for each phase.
+
+    Raises
+    ------
+    ParameterError
+        If these are none, or one is of another problem.
+    """
+    if not isinstance(given, list | tuple) or not all(g is None or isinstance(g, Guess) for g in given):
+        raise ParameterError(
+            f"previous is {short(given)}; expected a plan of these phases, or a list of {len(phases)} guesses by "
+            "MPC.guess, one per phase, None where there is none"
+        )
+    if len(given) != len(phases):
+        raise ParameterError(
+            f"previous has {len(given)} guesses; expected one or None for each of {len(phases)} phases"
+        )
+    for k, (own, phase) in enumerate(zip(given, phases, strict=True)):
+        if own is not None:
+            own.require(phase, f"phase {k}")
+    return list(given)
 
 
 def _taken_apart(linked: Linked, found: Solution, begin: float) -> PhasedPlan:

@@ -44,16 +44,20 @@ class Guess(Brief):
         held = np.tile(applied, (horizon, 1))
         return held if self.u is None else np.where(np.isnan(self.u), held, self.u)
 
-    def states_from(self, x: np.ndarray) -> np.ndarray | None:
-        """States from the one now on, shape (n_states,): shape (horizon + 1, n_states); None where none are said."""
+    def states_from(self, x: np.ndarray, *, keep: bool = False) -> np.ndarray | None:
+        """States from the one now on, shape (n_states,): shape (horizon + 1, n_states); None where none are said.
+
+        The first one is that now, or with ``keep`` as said.
+        """
         if self.x is None:
             return None
         states = np.where(np.isnan(self.x), x, self.x)
-        states[0] = x
+        if not keep:
+            states[0] = x
         return states
 
-    def require(self, ocp: OCP) -> None:
-        """Raise unless this is of a problem with the same states, inputs and horizon.
+    def require(self, ocp: OCP, of: str = "this controller") -> None:
+        """Raise unless this is of a problem with the same states, inputs and horizon; ``of`` names that.
 
         Raises
         ------
@@ -65,15 +69,15 @@ class Guess(Brief):
             if own[what] != tuple(names):
                 raise ParameterError(
                     f"the guess is of a problem with the {what} {list(own[what])}; expected {list(names)}: "
-                    "make it by the guess(...) of this controller"
+                    f"make it by the guess(...) of {of}"
                 )
         stages = {*([] if self.u is None else [len(self.u)]), *([] if self.x is None else [len(self.x) - 1])}
         if stages - {ocp.horizon}:
             raise ParameterError(
                 f"the guess is of another horizon; expected one of {ocp.horizon} stages: make it by the guess(...) of "
-                "this controller"
+                f"{of}"
             )
-        require_names(self.decided, ocp.decided_once, "the guess", "make it by the guess(...) of this controller")
+        require_names(self.decided, ocp.decided_once, "the guess", f"make it by the guess(...) of {of}")
 
 
 def guess(

@@ -20,8 +20,10 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.models.model import Model
 from slipangle.ops import Vector, is_symbolic
+from slipangle.optimal.guess import Guess
 from slipangle.optimal.joined import FLAT, Joined
 from slipangle.optimal.ocp import OCP, Reference, at_nodes
+from slipangle.optimal.solution import finite, within
 from slipangle.optimal.terms import Weights
 
 Link = Callable[[Vector], Any]
@@ -289,26 +291,65 @@ class Linked(OCP):
         q, r, s = self._weights(weights)
         return Reference(tracked=wanted, exogenous=w, inputs=inputs, limits=self._limits(limits), Q=q, R=r, S=s)
 
-    def resting(self, applied: np.ndarray, references: Sequence[Reference]) -> np.ndarray:
+    def resting(
+        self, applied: np.ndarray, references: Sequence[Reference], guesses: Sequence[Guess | None]
+    ) -> np.ndarray:
         """Inputs to begin with: those of the first phase as applied before, others near zero, shape (n_controls,)."""
         u = np.zeros(len(self.controls))
         for k in reversed(range(len(self.parts))):
-            part, base = self.parts[k], self.bases[k]
+            part, base, own = self.parts[k], self.bases[k], guesses[k]
             if isinstance(part, Joined):
                 u[self.slots[k]] = part.resting(np.zeros(len(base.controls)))
                 once = self.slots[k][len(base.controls) :][: len(base.decided_once)]
-                u[once] = part.guess(references[k])
+                u[once] = part.guess(references[k], None if own is None else own.decided)
         u[self.slots[0][: len(applied)]] = applied
         return np.clip(u, *self.input_bounds.T)
 
-    def roll_out(self, x: np.ndarray, u: np.ndarray, w: np.ndarray) -> np.ndarray:
-        """States that inputs, shape (horizon, n_controls), lead to, shape (horizon + 1, n_states)."""
-        states = np.zeros((self.horizon + 1, self.model.n_states))
+    def begin(
+        self, x: np.ndarray, applied: np.ndarray, w: np.ndarray, guesses: Sequence[Guess | None]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs and states that a plan begins with, shapes (horizon, n_controls) and (horizon + 1, n_states).
+
+        Inputs are held and states are those that they lead to, in phases with a guess what that says: its first state
+        too, but in the first phase.
+
+        Parameters
+        ----------
+        x : array
+            State of the first phase now.
+        applied : array, shape (n_controls,)
+            As `resting` has it.
+        w : array, shape (horizon + 1, n_exogenous)
+            What is known of the stages.
+        guesses : sequence of Guess or None
+            One per phase.
+        """
+        u, states = np.tile(applied, (self.horizon, 1)), np.zeros((self.horizon + 1, self.model.n_states))
         states[0, : len(x)] = x
-        for i in range(self.horizon):
+        for k, own in enumerate(guesses):
+            base, start = self.bases[k], int(self.starts[k])
+            first, end = start + self.parts[k].horizon - base.horizon, start + self.parts[k].horizon
+            stages, n, slots = slice(first, end), base.model.n_states, self.slots[k][: len(base.controls)]
+            if own is not None:
+                given = own.inputs(u[first, slots], base.horizon)
+                u[stages, slots] = within(given, u[first, slots], base.input_bounds, self.step_bounds[stages, slots])
+                u[end:, slots] = u[end - 1, slots]
+            self._roll_out(states, u, w, start, first)
+            said = None if own is None else own.states_from(states[first, :n], keep=k > 0)
+            if said is None:
+                self._roll_out(states, u, w, first, end)
+            else:
+                states[first : end + 1] = states[first]
+                states[first : end + 1, :n] = said
+            self._roll_out(states, u, w, end, min(end + 1, self.horizon))
+        return u, states
+
+    def _roll_out(self, states: np.ndarray, u: np.ndarray, w: np.ndarray, first: int, end: int) -> None:
+        """Fill in the states that inputs lead to after these stages; where they are no numbers, the ones before."""
+        for i in range(first, end):
             after = self.jump if i in self.jumps else self.dynamics
-            states[i + 1] = np.asarray(after(states[i], u[i], w[i])).ravel()
-        return states
+            later = np.asarray(after(states[i], u[i], w[i])).ravel()
+            states[i + 1] = later if finite(later) else states[i]
 
 
 def _slots(bases: Sequence[OCP], parts: Sequence[OCP]) -> tuple[tuple[list[int], ...], tuple[str, ...], np.ndarray]:
