@@ -72,6 +72,8 @@ from slipangle.models.tires.simple import LinearTire as LinearTire
 from slipangle.models.tires.simple import MagicCurve as MagicCurve
 from slipangle.models.tires.simple import SimpleMagicFormula as SimpleMagicFormula
 from slipangle.models.tires.simple import Tire as Tire
+from slipangle.models.vehicles.aided import RearSteered as RearSteered
+from slipangle.models.vehicles.aided import TorqueVectored as TorqueVectored
 from slipangle.models.vehicles.banked import Banked as Banked
 from slipangle.models.vehicles.bicycle import Bicycle as Bicycle
 from slipangle.models.vehicles.dual_track.dual_track import DualTrack as DualTrack

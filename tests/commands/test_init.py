@@ -198,6 +198,25 @@ def test_channels_are_known_by_the_names_of_control_units(heading, tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("front", "rear", "unit"),
+    [("delta", "delta_r", "rad"), ("delta_rad", "RearSteerAngle", "deg"), ("Lenkwinkel", "Hinterachslenkung", "deg")],
+)
+def test_rear_wheels_are_not_taken_for_front_ones(front, rear, unit, tmp_path, capsys):
+    """Whichever comes first; they, and a yaw moment, become inputs of a car."""
+    lines = [f"t,{rear},{front},v_x,r,Yaw Moment"]
+    scale = np.degrees(1) if unit == "deg" else 1
+    rows = zip(MADE.t, 0.3 * scale * MADE.delta, MADE.delta, MADE.v_x, MADE.r, 900 * MADE.r, strict=True)
+    lines += [",".join(f"{v:.6g}" for v in row) for row in rows]
+    path = tmp_path / "rear.csv"
+    path.write_text("\n".join(lines))
+    found = {g.channel: g.column for g in survey(open_log(path)).guesses}
+    assert (found["delta"].source, found["delta_r"].source, found["M_z"].source) == (front, rear, "Yaw Moment")
+    assert (found["delta_r"].unit, found["M_z"].unit) == (unit, "N m")
+    assert main(["init", str(path), "--out", str(tmp_path / "job.toml"), "--mass", "1340", "--wheelbase", "2.57"]) == 0
+    assert tomllib.loads((tmp_path / "job.toml").read_text())["data"]["inputs"] == ["delta", "v_x", "delta_r", "M_z"]
+
+
 def test_a_clock_that_shakes_is_written_into_the_job(tmp_path, capsys):
     """Steps that vary by a third are refused unless asked for; the job that is written asks."""
     t = MADE.t + 0.0012 * np.random.default_rng(3).uniform(-1, 1, len(MADE.t))

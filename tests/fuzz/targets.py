@@ -383,6 +383,8 @@ _MODELS = """
 name = "ekf"
 kind = "relaxing-bicycle"
 banked = true
+rear_steered = true
+torque_vectored = true
 free = ["C_f", "steering_lag"]
 fit = { kind = "ekf", noise_std = { r = 0.01 }, late = { r = 0.1 }, patience = 3 }
 [[model]]

@@ -15,6 +15,7 @@ from slipangle.models.black_box.statespace import StateSpaceModel
 from slipangle.models.custom import Ode
 from slipangle.models.tires.neural import NeuralCurve, NeuralTire
 from slipangle.models.tires.simple import LinearTire
+from slipangle.models.vehicles.aided import RearSteered, TorqueVectored
 from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import (
@@ -126,6 +127,8 @@ ALL_MODELS = {
         outputs=("v_y", "r", "a_y"),
     ),
     "steered bicycle": Steered(Bicycle(params=FERRARI_250LM, dt=0.02), steering_lag=0.05),
+    "rear-steered bicycle": RearSteered(Bicycle(params=FERRARI_250LM, dt=0.02, outputs=("a_y", "r"))),
+    "torque-vectored, banked": Banked(TorqueVectored(SaturatingBicycle(params=AXLES, dt=0.02), gain_M_z=0.9)),
     "banked bicycle": Banked(Bicycle(params=FERRARI_250LM, dt=0.02, outputs=("a_y", "r"))),
     "steered, banked": Steered(Banked(SaturatingBicycle(params=AXLES, dt=0.02)), steering_lag=0.05),
     "steered, rate limit, delayed": Delayed(

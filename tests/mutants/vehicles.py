@@ -2,6 +2,7 @@
 
 from tests.mutants.listed import mistakes
 
+AIDED = "oracles/test_aided.py"
 ORACLE = "oracles/test_vehicles.py"
 DUAL = "oracles/test_dual_track.py"
 MOTION = "oracles/test_motion.py"
@@ -140,8 +141,8 @@ MUTANTS = [
             ),
             (
                 "saturating bicycle: rotating frame",
-                "/ p.mass - self._speed(u[1]) * x[1]",
-                "/ p.mass + self._speed(u[1]) * x[1]",
+                "/ p.mass - self.slip_speed(u[1]) * x[1]",
+                "/ p.mass + self.slip_speed(u[1]) * x[1]",
             ),
             ("saturating bicycle: peak without the load", "peak = mu * load", "peak = mu"),
             (
@@ -151,6 +152,18 @@ MUTANTS = [
             ),
             ("relaxing bicycle: time for length", "(length / v) ** 2", "(length * v) ** 2"),
             ("relaxing bicycle: slip runs away", "(now[i] - x[2 + i]) / tau[i]", "(x[2 + i] - now[i]) / tau[i]"),
+        ],
+    ),
+    *mistakes(
+        "models/vehicles/aided.py",
+        AIDED,
+        [
+            ("rear steering: the wrong way", "x[i] - away if", "x[i] + away if"),
+            ("rear steering: front wheels as they were", "given[i] - turn if", "given[i] if"),
+            ("rear steering: the gain of the front", "turn = angle / self.params.steering_gain", "turn = angle"),
+            ("rear steering: v_y is that of straight wheels", "read if name in self.states else felt", "felt"),
+            ("yaw moment: no scale", "self.gain_M_z * moment", "moment"),
+            ("yaw moment: not felt ahead", "y[i] + felt if", "y[i] if"),
         ],
     ),
     *mistakes(

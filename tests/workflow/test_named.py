@@ -26,6 +26,8 @@ FROM_KEYS = {  # made where a key or another one asks for them
     sa.Delayed: "free = ['delay_delta']",
     sa.Steered: "free = ['steering_lag']",
     sa.Banked: "banked = true",
+    sa.RearSteered: "rear_steered = true",
+    sa.TorqueVectored: "torque_vectored = true",
     sa.OnGround: "every controller poses its model",
     sa.Disturbed: "kind = 'driver' has it inside",
     sa.Lagging: "kind = 'driver' has it inside",

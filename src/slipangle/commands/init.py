@@ -123,6 +123,7 @@ def job_text(
     fastest = max((c.rate for c in found.channels), default=0.0)
     rate = max((r for r in _RATES if r <= 0.6 * fastest), default=None)
     there = [n for n in ("r", "v_y", "a_y") if any(g.channel == n for g in guesses)]
+    inputs = [*_NEEDED[:2], *(n for n in ("delta_r", "M_z") if any(g.channel == n for g in guesses) and kind == "car")]
     outputs = [n for n in there if n != "a_y" or (kind == "car" and "v_y" not in there)]  # what that kind fits
     lines = [
         f"# A job for {log.name}, by 'slipangle init'. Lines with GUESS want a look; then: slipangle run {out.name}",
@@ -132,7 +133,7 @@ def job_text(
         "[data]",
         f"file = {quoted(near)}",
         *(f"{line}  # GUESS: {why}" for line, why in found.settings),
-        'inputs = ["delta", "v_x"]',
+        f"inputs = [{', '.join(map(quoted, inputs))}]",
         f"outputs = [{', '.join(map(quoted, outputs))}]",
         *([f"rate = {rate:.1f}  # Hz, after a zero-phase low-pass"] if rate else []),
         'hold = "mean"  # the steering moves between samples',

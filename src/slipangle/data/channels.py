@@ -19,6 +19,7 @@ STANDARD: Mapping[str, Quantity] = MappingProxyType(
     {
         "t": Quantity("s", "time"),
         "delta": Quantity("rad", "steering angle of the front road wheels, positive to the left", 1.6),
+        "delta_r": Quantity("rad", "steering angle of the rear road wheels, positive to the left", 1.6),
         "delta_sw": Quantity("rad", "steering-wheel angle, positive to the left", 30.0),
         "v_x": Quantity("m/s", "longitudinal velocity of the centre of gravity", 150.0),
         "v_y": Quantity("m/s", "lateral velocity of the centre of gravity, positive to the left", 60.0),
@@ -34,6 +35,7 @@ STANDARD: Mapping[str, Quantity] = MappingProxyType(
         "psi": Quantity("rad", "heading from X to the vehicle's x, counter-clockwise"),
         "T_f": Quantity("N m", "drive torque on the front axle"),
         "T_r": Quantity("N m", "drive torque on the rear axle"),
+        "M_z": Quantity("N m", "yaw moment of drive and brakes on the car, positive to the left"),
         "pedal": Quantity("-", "throttle minus brake, -1 to 1", 1.001),
         "throttle": Quantity("-", "throttle, 0 to 1", 1.001),
         "brake": Quantity("Pa", "brake pressure, commanded or measured", 1e8),

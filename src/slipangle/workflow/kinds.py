@@ -43,6 +43,7 @@ from slipangle.models.ode import OdeModel
 from slipangle.models.parameters import ParameterSet
 from slipangle.models.storage import load
 from slipangle.models.vehicles import catalogue
+from slipangle.models.vehicles.aided import RearSteered, TorqueVectored
 from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.kinematic import Kinematic
@@ -130,6 +131,10 @@ class PhysicsEntries:
         Parameters with one value for each file, and for each stretch of a file between gaps.
     banked : bool
         The road has a cross slope: an input ``bank``, a channel of the log. [rad]
+    rear_steered : bool
+        The rear wheels are steered too: an input ``delta_r``, a channel of the log. [rad]
+    torque_vectored : bool
+        Drive or brakes turn the car: an input ``M_z``, their yaw moment, a channel of the log. [N m]
     fit : table
         How it is fitted; by default by the free-run error.
     """
@@ -139,6 +144,8 @@ class PhysicsEntries:
     free: tuple[str, ...] = ()
     per_experiment: tuple[str, ...] = ()
     banked: bool = False
+    rear_steered: bool = False
+    torque_vectored: bool = False
     fit: FitSettings = field(default_factory=FitSettings)
 
 
@@ -230,7 +237,7 @@ def check_entries(kind: str, table: dict[str, Any], where: str) -> dict[str, Any
     physics = as_physics(thing)
     if physics is not None:
         entries = vars(record(PhysicsEntries, table, where))
-        known = (*physics.parameters.metadata(), *Steered.own)
+        known = (*physics.parameters.metadata(), *Steered.own, *TorqueVectored.own)
         for name in entries["car"]:
             if name not in known:
                 near = nearest(name[:60], known, every=True)
@@ -330,9 +337,12 @@ def as_physics(thing: Any) -> Physics | None:
 
 
 def _actuated(start: OdeModel, wanted: PhysicsEntries, physics: Physics) -> OdeModel:
-    """The car on a banked road and behind an actuator of the steering, where the job speaks of them."""
-    car = Banked(start) if wanted.banked else start
+    """The car with steered rear wheels, a yaw moment, on a banked road, behind a steering, where the job says so."""
     named = {*wanted.free, *wanted.per_experiment, *wanted.car}
+    car = RearSteered(start) if wanted.rear_steered else start
+    if wanted.torque_vectored:
+        car = TorqueVectored(car, gain_M_z=wanted.car.get("gain_M_z", 1.0))
+    car = Banked(car) if wanted.banked else car
     own = [n for n in Steered.own if n in named and n not in physics.parameters.metadata()]
     if not own:
         return car

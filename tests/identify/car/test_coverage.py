@@ -25,7 +25,7 @@ def test_intervals_hold_whatever_the_colour(pole, outputs):
     """150 noises on the linearised fit about the truth: 90 % and more inside, and not far wider than the scatter."""
     drives = (log(speed, seed, noise=0.0, outputs=outputs) for seed, speed in enumerate(SPEEDS))
     data = stretches(join(*drives).hold_mean(), structures.SLOWEST * KNOWN["wheelbase"]).all
-    guess = structures.first_guess(**KNOWN, dt=DT, outputs=outputs, gain=1.0, banked=False)
+    guess = structures.first_guess(**KNOWN, dt=DT, outputs=outputs, gain=1.0)
     known = {n: TRUE[n] for n in (*structures.STIFF, "mu_f", "mu_r")}
     known |= {"delay_delta": STEERING["delay"], "steering_lag": STEERING["lag"]}
     known |= {"steering_gain": STEERING["gain"], "steering_offset": STEERING["offset"]}

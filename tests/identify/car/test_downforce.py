@@ -33,7 +33,7 @@ def test_it_is_found_with_the_stiffness_at_rest():
 @pytest.mark.parametrize(("front", "rear", "wings"), [(3.0, 5.0, True), (0.0, 0.0, False), (-3.0, -4.0, False)])
 def test_only_what_wings_would_do_is_told(front, rear, wings):
     """Neither the little that noise makes of none nor lift that takes a third of a load."""
-    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, banked=False).with_values(mu_f=0.9, mu_r=1.0)
+    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0).with_values(mu_f=0.9, mu_r=1.0)
     at_once = dict(delay=0.0, lag=0.002, gain=1.0, offset=0.0)
     data = drives(true=TRUE | dict(downforce_f=front, downforce_r=rear), steering=at_once)
     final = fit(guess, (*STIFF, *DOWNFORCE), data)
@@ -42,7 +42,7 @@ def test_only_what_wings_would_do_is_told(front, rear, wings):
 
 
 def test_values_at_rest_are_as_unsure_as_the_way_there_from_slow_driving():
-    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, banked=False)
+    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0)
     final = fit(guess, STIFF, drives())
     assert extrapolated(final) == {}
     winged = replace(final, free=(*STIFF, *DOWNFORCE), model=final.model.with_values(downforce_f=2.0, downforce_r=-1.0))
@@ -58,7 +58,7 @@ def test_it_is_tried_only_where_speeds_differ():
 
 
 def test_friction_beyond_tires_is_said_to_need_wings_and_with_downforce_it_is_that_of_the_load():
-    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, banked=False)
+    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0)
     fast = log(40.0, 0, noise=0.0).hold_mean()
     final = fit(guess, STIFF, fast)
     assert wings(final, np.zeros((3, 2)), 1.2) == []

@@ -201,7 +201,7 @@ def test_a_delay_that_a_fit_left_at_nothing_stops_no_later_search(car):
 def test_where_the_wheels_follow_at_once_no_lag_is_made_up():
     """One of two steps of the integrator, which nothing had asked for, was taken off the inertia."""
     prompt = drives(noise=0.0, amplitude=0.01, steering=dict(delay=0.0, lag=1e-9, gain=1.0, offset=0.0))
-    found = fit(first_guess(**KNOWN, dt=DT, outputs=("v_y", "r"), gain=1.0, banked=False), STIFF, prompt)
+    found = fit(first_guess(**KNOWN, dt=DT, outputs=("v_y", "r"), gain=1.0), STIFF, prompt)
     for name in STIFF:
         assert found.model.value(name) == pytest.approx(TRUE[name], rel=0.02)
 
@@ -250,7 +250,7 @@ def test_a_yaw_rate_in_degrees_is_named_whatever_friction_it_asks_for():
 
 
 def test_values_that_no_car_has_are_doubted_only_where_their_whole_interval_is_such(car):
-    guess = first_guess(**KNOWN, dt=DT, outputs=("v_y", "r"), gain=1.0, banked=False)
+    guess = first_guess(**KNOWN, dt=DT, outputs=("v_y", "r"), gain=1.0)
     final = fit(guess.with_values(mu_f=0.3, mu_r=0.9), (*STIFF, "mu_f", "mu_r"), drives(), prior={})
     at = dict(zip(final.names, range(5), strict=True))
     limits = np.array([[0.9, 1.1]]) * np.array([[final.values[n]] for n in final.names])
@@ -271,7 +271,7 @@ def test_the_friction_that_a_log_uses_is_not_that_of_v_x_r_in_a_swerve():
     data = log(30.0, 0, amplitude=0.12, outputs=("v_y", "r", "a_y"), steering=steering).hold_mean()
     used = np.quantile(np.abs(data["a_y"] / 1.08 - 0.4 * np.gradient(data["r"], DT)), 0.999) / 9.81
     assert np.quantile(np.abs(data["v_x"] * data["r"]), 0.999) / 9.81 > 1.3 * used
-    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, banked=False).with_values(mu_f=0.9, mu_r=0.9)
+    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0).with_values(mu_f=0.9, mu_r=0.9)
     final = fit(guess, (*STIFF, "mu_f", "mu_r"), data.select(outputs=OUTPUTS))
     assert friction_reached(final) == pytest.approx(used, rel=0.05)
     assert any(
@@ -282,7 +282,7 @@ def test_the_friction_that_a_log_uses_is_not_that_of_v_x_r_in_a_swerve():
 def test_a_rear_that_holds_more_than_the_front_may_one_that_holds_less_is_drawn_up():
     """By a log that tells nothing of friction; the front's is known, the rear's within 0.2."""
     data = drives(amplitude=0.004)
-    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, banked=False)
+    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0)
 
     def rear(front, back):
         known = {"mu_f": (front, 0.01, False), "mu_r": (back, 0.2, False)}

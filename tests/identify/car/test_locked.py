@@ -40,7 +40,7 @@ def test_a_sensor_away_from_the_centre_of_gravity_is_not_taken_for_it():
 
 @pytest.mark.parametrize(("half", "locked"), [(0.8, True), (0.0, False), (0.25, False)])
 def test_only_what_a_locked_axle_would_do_is_told(half, locked):
-    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, banked=False).with_values(
+    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0).with_values(
         mu_f=0.9, mu_r=1.0, locked_half_track=0.4
     )
     at_once = dict(delay=0.0, lag=0.002, gain=1.0, offset=0.0)

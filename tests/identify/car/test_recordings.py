@@ -58,7 +58,7 @@ def car():
 
 
 def guess():
-    return first_guess(**KNOWN, dt=DT, outputs=("v_y", "r"), gain=1.0, banked=False)
+    return first_guess(**KNOWN, dt=DT, outputs=("v_y", "r"), gain=1.0)
 
 
 def fits(model, test):
@@ -91,7 +91,7 @@ def test_slopes_of_the_road_and_biases_of_a_y_are_found_for_each():
         part = join(*drives)
         numbered = part.with_channel(RECORDING, np.full(len(part), float(k)))
         parts.append(numbered.with_channel("a_y", part["a_y"] + biases[k], "m/s2"))
-    start = first_guess(**KNOWN, dt=DT, outputs=ALL, gain=1.0, banked=False).with_values(gain_a_y=1.08, lever_a_y=0.4)
+    start = first_guess(**KNOWN, dt=DT, outputs=ALL, gain=1.0).with_values(gain_a_y=1.08, lever_a_y=0.4)
     found = fit(start, STIFF, join(*parts), own=("cross_slope", "bias_a_y"))
     for k in range(2):
         assert found.values[f"cross_slope[{k}]"] == pytest.approx(slopes[k], abs=2e-3)
@@ -109,7 +109,7 @@ def test_a_channel_that_only_one_log_has_is_asked_for():
         {n: level[n] for n in ("v_y", "r")},
         DT,
     )
-    with pytest.raises(MissingColumnError, match=r"has an input bank and .* none: add it, 0 on a level road"):
+    with pytest.raises(MissingColumnError, match=r"has an input bank and .* none: add it, 0 where there was none"):
         identify_car([level, sloped], **KNOWN)
 
 

@@ -33,7 +33,7 @@ def test_it_is_said_with_its_scale_and_intervals_hold(gain, word):
 
 @pytest.mark.parametrize(("gain", "wrong"), [(0.93, True), (1.0, False)])
 def test_only_what_is_more_than_a_few_percent_is_told(gain, wrong):
-    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, banked=False).with_values(mu_f=0.9, mu_r=1.0)
+    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0).with_values(mu_f=0.9, mu_r=1.0)
     at_once = dict(delay=0.0, lag=0.002, gain=1.0, offset=0.0)
     final = fit(guess, (*STIFF, *SPEED), scaled(gain, steering=at_once))
     assert final.values["gain_v_x"] == pytest.approx(gain, abs=0.02)  # the angle is held between samples

@@ -30,7 +30,7 @@ def drive(seed):
     return Dataset.from_arrays({"delta": u[:, 0], "v_x": u[:, 1]}, {"r": r}, DT)
 
 
-GUESS = first_guess(**KNOWN, dt=DT, outputs=("r",), gain=GAIN, banked=False)
+GUESS = first_guess(**KNOWN, dt=DT, outputs=("r",), gain=GAIN)
 
 
 @pytest.fixture(scope="module")

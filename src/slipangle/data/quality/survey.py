@@ -14,6 +14,7 @@ import numpy as np
 from slipangle import units
 from slipangle.data.channels import STANDARD
 from slipangle.data.clock import GAP, JITTER
+from slipangle.data.quality.vocabulary import QUANTITY, WORDS
 from slipangle.data.readers.column import Column
 from slipangle.data.readers.columns import in_days
 from slipangle.data.readers.recording import Recording
@@ -24,6 +25,7 @@ _GAP = 2.5  # usual steps without a sample
 _HAND_WHEEL = 0.75  # rad that no road wheel of a car on a track reaches
 _BY_HAND = re.compile("(?<!road)wheel|swa|lenkrad|stwhl|strwhl")  # names of the hand wheel, plain
 _TURNS = 10.0  # rad that it may turn and more degrees than it hardly does
+_REAR = 0.35  # rad, further than which no rear wheels are steered
 _RATIO = 15.0  # of a steering whose hand wheel is logged, if nobody says
 _SPARSE = 0.2  # share of empty cells from which a column has a rate of its own
 _AGAINST = -0.5  # correlation of delta v_x and r below which one has the wrong sign
@@ -31,93 +33,6 @@ _TURNING = ("delta", "v_x", "r", "a_y")
 _CLOCK = ("t", "time", "timestamp", "timestamps", "stamp", "zeit", "tempo", "tiempo", "temps", "interval", "utc")
 _COMMANDS = ("cmd", "command", "setpoint", "target", "desired")  # what was asked for, not what was measured
 _EARTH = ("gps", "gnss", "fix", "enu", "ned", "utm")  # whose x and y are not those of the car
-_WORDS = {  # what a channel is called, by the standard name; the first that fits is taken, and none of the second list
-    "delta": (
-        (
-            "delta",
-            "roadwheelangle",
-            "steerangle",
-            "steeringangle",
-            "steeredangle",
-            "lenkwinkel",
-            "swa",
-            "steer",
-            "lenk",
-            "stwhl",
-            "strwhl",
-        ),
-        ("torque", "moment", "rate", "speed", "vel", "force"),
-    ),
-    "v_x": (
-        (
-            "vx",
-            "wheelbasedvehiclespeed",
-            "groundspeed",
-            "vehiclespeed",
-            "gpsspeed",
-            "corrspeed",
-            "vcar",
-            "vveh",
-            "vehspd",
-            "vehspeed",
-            "vehv",
-            *("velocityx", "linearx", "speed", "velocity"),
-            "geschwindigkeit",
-        ),
-        (
-            "wheel",
-            "yaw",
-            "engine",
-            "rpm",
-            "angular",
-            "wind",
-            "gyro",
-            "steer",
-            "vy",
-            "lat",
-            "fan",
-            "turbo",
-            "velocityy",
-            "velocityz",
-        ),
-    ),
-    "r": (
-        (
-            "yawrate",
-            "yawvel",
-            "gyroyaw",
-            "gyroz",
-            "angularvelocityz",
-            "ratez",
-            "angularz",
-            "gierrate",
-            "wz",
-            "psidot",
-            "yaw",
-            "r",
-        ),
-        ("acc", "angle", "moment", "pos"),
-    ),
-    "a_y": (
-        (
-            "ay",
-            "latacc",
-            "lateralacc",
-            "accy",
-            "accely",
-            "glat",
-            "glateral",
-            "accelerationy",
-            "gforcelat",
-            "gforcey",
-            "queracc",
-            "acclat",
-        ),
-        ("angular",),
-    ),
-    "v_y": (("vy", "lateralvel", "latvel", "lateralspeed", "velocityy", "lineary"), ("angular", "gyro", "acc")),
-}
-_QUANTITY = {"delta": "angle", "v_x": "speed", "r": "angular rate", "a_y": "acceleration", "v_y": "speed"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,7 +137,7 @@ def survey(log: Recording) -> Survey:
             settings.append(('nan = "merge"', why))
     if clock is not None and not any(line.startswith("nan") for line, _ in settings):
         settings += _uneven(clock)
-    guesses = tuple(g for channel in _WORDS if (g := _guess(channel, channels, values, asked)) is not None)
+    guesses = tuple(g for channel in WORDS if (g := _guess(channel, channels, values, asked)) is not None)
     guesses = _signed(log, guesses, time, settings)
     return Survey(channels=tuple(channels), guesses=guesses, time=time, settings=tuple(settings), notes=tuple(notes))
 
@@ -320,18 +235,18 @@ def _plain(name: str) -> str:
 
 def _guess(channel: str, seen: Sequence[Seen], values: dict[str, np.ndarray], asked: Container[str]) -> Guess | None:
     """The column that is called most like a channel and whose unit does not contradict it, commands last."""
-    wanted, never = _WORDS[channel]
+    wanted, never = WORDS[channel]
     ranked = [(word, one) for late in (False, True) for word in wanted for one in seen if (one.name in asked) == late]
     for word, one in ranked:
         name, last = _plain(one.name), _plain(re.split(r"[./]", one.name)[-1])
         called = word in (name, last) or (len(word) == 2 and name.endswith(word))
-        fits = called if len(word) <= 2 else word in name
-        if not fits or any(w in name for w in never if w not in word) or "constant" in one.remarks:
+        fits = called if len(word) <= 2 else word in f"{name}$"
+        if not fits or any(w in f"{name}$" for w in never if w not in word) or "constant" in one.remarks:
             continue
         if word.endswith(("velocityx", "velocityy", "linearx", "lineary")) and any(w in name for w in _EARTH):
             continue
         known = one.unit is not None and units.known(one.unit)
-        if known and units.quantity(str(one.unit)) != _QUANTITY[channel]:
+        if known and units.quantity(str(one.unit)) != QUANTITY[channel]:
             continue
         guess = _with_unit(channel, one, known, float(np.quantile(np.abs(values[one.name]), 0.999)))
         late = ("what was asked for, no measurement: take a measured one if there is",) if one.name in asked else ()
@@ -346,6 +261,8 @@ def _with_unit(channel: str, one: Seen, known: bool, size: float) -> Guess:
     if not known:
         unit = {
             "delta": "deg" if size > (_TURNS if _BY_HAND.search(_plain(one.name)) else 1.6) else "rad",
+            "delta_r": "deg" if size > _REAR else "rad",
+            "M_z": "N m",
             "r": "deg/s" if size > 3 else "rad/s",
             "v_x": "km/h" if size > 60 else "m/s",
             "v_y": "km/h" if size > 60 else "m/s",
@@ -394,5 +311,5 @@ def _odd(signals: dict[str, np.ndarray]) -> dict[str, str]:
     return odd
 
 
-KNOWN = tuple(n for n in _WORDS if n in STANDARD)
+KNOWN = tuple(n for n in WORDS if n in STANDARD)
 """Channels that are looked for."""

@@ -26,6 +26,7 @@ from slipangle.identify.car.effects import extrapolated, others_as_good, told
 from slipangle.identify.car.recordings import settled
 from slipangle.identify.car.stretches import stretches, together
 from slipangle.identify.car.structures import (
+    ADDED,
     SLOWEST,
     STIFF,
     Fitted,
@@ -165,19 +166,19 @@ class WholeCar(Checked):
         """See `identify_car`; raises MissingColumnError, SampleTimeError and the others named there."""
         began, own = time.perf_counter(), self._own
         self._check(data)
-        turned = data.with_channel("delta", self.steering_gain * data["delta"], "rad")
+        turned = self._turned(data)
         suspect = doubts(turned, wheelbase=self.wheelbase)
         if data.dt > LONGEST_STEP:
             raise SampleTimeError(suspect[0])
         outputs = self._outputs(data)
-        inputs = ("delta", "v_x", *({"bank"} & {*data.inputs}))
+        inputs = ("delta", "v_x", *(name for name in ADDED if name in data))
         whole = stretches(data.select(inputs=inputs, outputs=outputs), SLOWEST * self.wheelbase)
         known = {"mass": self.mass, "wheelbase": self.wheelbase, "l_f": self.l_f}
         weight = weight_doubt(self.mass, self.wheelbase)
         with one_blas_thread(), warnings.catch_warnings():
             if weight:
                 warnings.simplefilter("ignore", ModelWarning)  # it is said once, below
-            start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, banked="bank" in inputs)
+            start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, added=inputs)
             elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
             first = _linear(start, own or (), elsewhere, whole.train)
             tried = corrections(whole.train, self.wheelbase, own, elsewhere)
@@ -219,7 +220,7 @@ class WholeCar(Checked):
             model=replace(final.model, fit_info=info),
             stages=tuple(stages),
             doubts=wrong,
-            sentences=(*wrong, *changed, *unknown, self._of_the_mass()),
+            sentences=(*wrong, *changed, *unknown, self._of_the_mass(sentences.moment_found(names, final, limits))),
             separated=separated,
         )
 
@@ -238,6 +239,11 @@ class WholeCar(Checked):
                     f"per_experiment names '{name}', and '{data.name}' has no output {channel}; expected one"
                 )
 
+    def _turned(self, data: Dataset) -> Dataset:
+        """The data with the angle of the front road wheels over the rear ones, as given, in place of delta."""
+        rear = data["delta_r"] if "delta_r" in data else 0.0
+        return data.with_channel("delta", self.steering_gain * data["delta"] - rear, "rad")
+
     def _outputs(self, data: Dataset) -> tuple[str, ...]:
         """The yaw rate, v_y where measured; a_y where v_y is not or its bias is asked for, see `identify_car`."""
         without_a_y = "v_y" in data.outputs and "bias_a_y" not in (self._own or ())
@@ -252,10 +258,12 @@ class WholeCar(Checked):
         gain = float(np.clip(over * self.steering_gain, limits.lower, limits.upper))
         return {"steering_gain": gain} | {name: start.value(name) for name in STIFF}
 
-    def _of_the_mass(self) -> str:
+    def _of_the_mass(self, moment: str) -> str:
+        """What only scales can tell, or how a yaw moment acts, ``moment``, if that was logged."""
+        check = f"which M_z can check as far as its own scale is known: it acts as {moment} times what was logged"
         return (
-            f"C_f, C_r and inertia_z are in proportion to the mass that was given, {self.mass:g} kg, which no log of "
-            "the motion can check: weigh the car as it was driven"
+            f"C_f, C_r and inertia_z are in proportion to the mass that was given, {self.mass:g} kg, "
+            f"{check if moment else 'which no log of the motion can check'}: weigh the car as it was driven"
         )
 
 
@@ -284,8 +292,10 @@ def identify_car(
         as recordings. With channels delta [rad] (as logged), v_x [m/s], r [rad/s]; axes of ISO 8855. Where v_y [m/s],
         or else a_y [m/s2] (as an accelerometer reads it), is among the outputs it is fitted too, and tells stiffness
         and inertia apart as the yaw rate alone can hardly do. Beside v_y, a_y is fitted where ``per_experiment`` names
-        its bias only: the body's roll, which a single track lacks, is in it. An input bank [rad], positive with the
-        left edge higher, is the road's cross slope. Where the steering moves between the samples, `Dataset.hold_mean`
+        its bias only: the body's roll, which a single track lacks, is in it. Where there are channels delta_r [rad],
+        M_z [N m] and bank [rad], they are the angle of steered rear wheels, the yaw moment of torque vectoring (times
+        a scale that is found) and the road's cross slope, positive with the left edge higher, see `RearSteered`,
+        `TorqueVectored` and `Banked`. Where the steering moves between the samples, `Dataset.hold_mean`
         first, here as for every later simulation.
     mass, wheelbase, l_f, steering_gain, per_experiment
         See `WholeCar`.
@@ -305,7 +315,8 @@ def identify_car(
 
 def _linear(start: Any, own: tuple[str, ...], elsewhere: dict[str, float], train: Dataset) -> Fitted:
     """The linear bicycle with its steering's offset; a gain of each recording's own starts ``elsewhere``, if it may."""
-    shared = tuple(n for n in (*STIFF, "steering_offset") if n not in own)
+    scaled = ("gain_M_z",) if "M_z" in train.inputs else ()
+    shared = tuple(n for n in (*STIFF, "steering_offset", *scaled) if n not in own)
     return fit(start.with_values(**elsewhere) if "steering_gain" in own else start, shared, train, own=own)
 
 

@@ -18,6 +18,7 @@ _WIDE = 0.25  # half of an interval over the value, from which a parameter count
 _MOVED = 0.05  # change of a parameter that is worth a sentence
 _OFFSET = 0.2  # of a sensor, over the standard deviation of its channel, from which it is told
 _GAIN = (0.75, 1.33)  # of the steering, found over given, that needs no word
+_MOMENT = (0.9, 1.11)  # of what a logged yaw moment does over what it says, that needs no word
 _BEYOND = 1.2  # friction found over friction used, from which a limit is extrapolated
 _SHOWN = 6  # values of single recordings that a sentence lists
 _LATE = 0.25  # s, of delay and lag together, that no steering has
@@ -141,12 +142,34 @@ def sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
     return said
 
 
+def moment_found(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> str:
+    """How a yaw moment acts that was logged, over what it says, with ``limits`` of shape (n_names, 2); "" of none."""
+    if "gain_M_z" not in names:
+        return ""
+    low, high = limits[names.index("gain_M_z")]
+    return f"{final.values['gain_M_z']:.2g} ({low:.2g} to {high:.2g})"
+
+
+def moment(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> list[str]:
+    """A logged yaw moment that acts otherwise than it says; ``limits`` has shape (n_names, 2)."""
+    found = moment_found(names, final, limits)
+    low, high = limits[names.index("gain_M_z")] if found else (1.0, 1.0)
+    if low <= _MOMENT[1] and high >= _MOMENT[0]:
+        return []
+    return [
+        f"M_z turns the car as {found} times the moment that was logged would, at the mass that was given; expected "
+        "about as much: check its sign, unit and scale, and the mass"
+    ]
+
+
 def impossible(names: tuple[str, ...], final: Fitted, limits: np.ndarray, used: float) -> list[str]:
     """Values that no car has, wherever in their intervals, shape (n_names, 2), they lie; a log that tells nothing.
 
+    A yaw moment that acts otherwise than it was logged is among them, see `moment`.
+
     ``used`` is the friction that the log reached. [-]
     """
-    p, said = final.model.ode.params, []
+    p, said = final.model.ode.params, moment(names, final, limits)
     load = GRAVITY * p.mass / p.wheelbase
     for name, unit, words, (least, most) in (
         ("C_f", load * p.l_r, "the front axle's load per radian", _STIFFEST),

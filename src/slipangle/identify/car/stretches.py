@@ -11,6 +11,7 @@ import numpy as np
 from slipangle.data.dataset import Dataset, join
 from slipangle.errors import MissingColumnError, TooShortError
 from slipangle.identify.car.corrections import RECORDING
+from slipangle.identify.car.structures import ADDED
 
 _SHORTEST = 4.0  # s, of a stretch that is worth a free run
 _WANTED, _ENOUGH = 20, 8  # stretches that recordings are cut into; so many recordings stay whole
@@ -71,12 +72,12 @@ def together(data: Dataset | Sequence[Dataset]) -> Dataset:
     """Several logs as one whose samples know of which they are."""
     if isinstance(data, Dataset):
         return data
-    for name, kind in (("bank", "input"), ("v_y", "output"), ("a_y", "output")):
-        has = [name in (part.inputs if kind == "input" else part.outputs) for part in data]
+    for name, kind in (*dict.fromkeys(ADDED, "input").items(), ("v_y", "output"), ("a_y", "output")):
+        has = [name in (part if kind == "input" else part.outputs) for part in data]
         if any(has) and not all(has):
             raise MissingColumnError(
                 f"'{data[has.index(True)].name}' has an {kind} {name} and '{data[has.index(False)].name}' has none; "
-                f"expected all logs to have it, or none: add it{', 0 on a level road' if name == 'bank' else ''}"
+                f"expected all logs to have it, or none: add it{', 0 where there was none' if kind == 'input' else ''}"
             )
     numbered = [part.with_channel(RECORDING, np.full(part.n_samples, float(k))) for k, part in enumerate(data)]
     return join(*numbered, name=", ".join(dict.fromkeys(part.name for part in data)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,6 +13,8 @@ from slipangle.data.dataset import Dataset
 from slipangle.identify.car.corrections import Correction, recordings
 from slipangle.identify.physics.grey_box import nominal
 from slipangle.identify.physics.simulation_error import FreeRunProblem
+from slipangle.models.ode import OdeModel
+from slipangle.models.vehicles.aided import RearSteered, TorqueVectored
 from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, SaturatingBicycle, SaturatingBicycleParams
@@ -21,6 +23,8 @@ from slipangle.models.wrappers.delayed import Delayed
 
 SLOWEST = 1.0  # wheelbases a second: slower, steering and speed sensors say little
 ELSEWHERE = 0.05  # wheelbases, standard deviation of the centre of gravity about where it was said to be
+ADDED: dict[str, Callable[[Any], OdeModel]] = {"delta_r": RearSteered, "M_z": TorqueVectored, "bank": Banked}
+"""Inputs that a car may have beside its steering and speed, and what makes one with them, from the inside out."""
 STIFF = ("C_f", "C_r", "inertia_z")
 _LINEAR = 8.0  # peak friction at which an axle is as good as linear
 _LONGEST = 0.3  # s, of a steering delay
@@ -44,12 +48,19 @@ Pull = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def first_guess(
-    *, mass: float, wheelbase: float, l_f: float, dt: float, outputs: tuple[str, ...], gain: float, banked: bool
+    *,
+    mass: float,
+    wheelbase: float,
+    l_f: float,
+    dt: float,
+    outputs: tuple[str, ...],
+    gain: float,
+    added: Iterable[str] = (),
 ) -> Delayed:
-    """A car of ordinary tires for its size, its wheels where the steering is."""
+    """A car of ordinary tires for its size, its wheels where the steering is; ``added`` are inputs of `ADDED`."""
     load = GRAVITY * mass / wheelbase
     l_r = wheelbase - l_f
-    car = SaturatingBicycle(
+    car: OdeModel = SaturatingBicycle(
         params=SaturatingBicycleParams(
             **dict(mass=mass, wheelbase=wheelbase, l_f=l_f, inertia_z=mass * l_f * l_r),
             **dict(C_f=10.0 * load * l_r, C_r=12.0 * load * l_f, steering_gain=gain, mu_f=_LINEAR, mu_r=_LINEAR),
@@ -57,7 +68,9 @@ def first_guess(
         dt=dt,
         outputs=outputs,
     )
-    return Delayed(Banked(car) if banked else car, delays={"delta": 0.0}, longest=_LONGEST)
+    for name, around in ADDED.items():
+        car = around(car) if name in added else car
+    return Delayed(car, delays={"delta": 0.0}, longest=_LONGEST)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,6 +219,7 @@ def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
         "gain_a_y": (1.0, 0.1, False),
         "gain_v_x": (1.0, 0.05, False),
         "l_f": (p.l_f, ELSEWHERE * p.wheelbase, False),
+        "gain_M_z": (1.0, 0.2, False),
         "delay_delta": (0.0, 0.1, False),
         "steering_lag": (0.0, 0.1, False),
         "bias_r": (0.0, 0.03, False),
@@ -292,13 +306,10 @@ def _steered(model: Any) -> Any:
 
 
 def _relaxing(model: Any) -> Any:
-    driven = model.model
-    lagging = "steering_lag" in driven.parameter_names
-    on_road = driven.model if lagging else driven
-    late: Any = RelaxingBicycle(params=on_road.params, dt=on_road.dt, outputs=on_road.outputs)
-    if "bank" in on_road.inputs:
-        late = Banked(late)
-    return replace(model, model=replace(driven, model=late) if lagging else late)
+    """With tires that relax, whatever is around the car."""
+    if isinstance(model, SaturatingBicycle):
+        return RelaxingBicycle(params=model.params, dt=model.dt, outputs=model.outputs)
+    return replace(model, model=_relaxing(model.model))
 
 
 def errors(fitted: Fitted, data: Dataset) -> np.ndarray:

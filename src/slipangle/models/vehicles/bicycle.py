@@ -43,3 +43,7 @@ class Bicycle(OdeModel):
     def signals(self, x: Vector, u: Vector) -> dict[str, Scalar]:
         """Lateral acceleration of the centre of gravity."""
         return {"a_y": self.derivative(x, u)[0] + u[1] * x[1]}
+
+    def slip_speed(self, v_x: Scalar) -> Scalar:
+        """Speed that slip angles are told over, at one as logged. [m/s]"""
+        return maximum(v_x, lowest_speed(self.params, self.params.C_f, self.params.C_r))

@@ -167,14 +167,15 @@ class SaturatingBicycle(OdeModel):
     def initial_state(self, data: Dataset) -> np.ndarray:
         """State of the first sample, with the v_y of steady cornering unless it was measured."""
         p, r = self.params, self._start("r", data)
-        v = self._speed(float(data["v_x"][0]))
+        v = self.slip_speed(float(data["v_x"][0]))
         if "v_y" in data:
             return np.array([self._start("v_y", data) - p.lever_v_y * r, r], dtype=float)
         C_r = p.C_r * p.load_ratios(v)[1]
         arm = p.l_r + p.locked_half_track**2 / p.wheelbase - p.mass * p.l_f * v * v / (p.wheelbase * C_r)
         return np.array([r * arm, r], dtype=float)
 
-    def _speed(self, v_x: Scalar) -> Scalar:
+    def slip_speed(self, v_x: Scalar) -> Scalar:
+        """Speed that slip angles are told over, at one as logged. [m/s]"""
         p = self.params
         return maximum(
             p.gain_v_x * v_x, lowest_speed(p, p.C_f, p.C_r, locked=p.C_r * p.locked_half_track * p.locked_half_track)
@@ -182,7 +183,7 @@ class SaturatingBicycle(OdeModel):
 
     def _slip(self, x: Vector, u: Vector) -> tuple[Scalar, Scalar]:
         """Slip angles of the motion."""
-        return small_slip_angles(self._speed(u[1]), x[0], x[1], self.params.road_wheel(u[0]), self.params)
+        return small_slip_angles(self.slip_speed(u[1]), x[0], x[1], self.params.road_wheel(u[0]), self.params)
 
     def _acting(self, x: Vector, u: Vector) -> tuple[Scalar, Scalar]:
         """Slip angles that the forces follow."""
@@ -200,14 +201,14 @@ class SaturatingBicycle(OdeModel):
         b: Any = p.locked_half_track
         if not (is_symbolic(b) or is_traced(b)) and b == 0:
             return F_yf, rear * saturated(alpha[1], load_r, p.C_r, p.mu_r, p.shape), 0.0
-        kappa = b * x[1] / self._speed(u[1])  # of the outer wheel, and as much the other way of the inner
+        kappa = b * x[1] / self.slip_speed(u[1])  # of the outer wheel, and as much the other way of the inner
         slip = sqrt(alpha[1] * alpha[1] + kappa * kappa + _NO_SLIP * _NO_SLIP)
         per_slip = rear * saturated(slip, load_r, p.C_r, p.mu_r, p.shape) / slip
         return F_yf, per_slip * alpha[1], -b * per_slip * kappa
 
     def _rates(self, x: Vector, u: Vector, alpha: tuple[Scalar, Scalar]) -> list[Scalar]:
         p, (F_yf, F_yr, M_z) = self.params, self._forces(x, u, alpha)
-        across = (F_yf + F_yr) / p.mass - self._speed(u[1]) * x[1] - GRAVITY * sin(p.cross_slope)
+        across = (F_yf + F_yr) / p.mass - self.slip_speed(u[1]) * x[1] - GRAVITY * sin(p.cross_slope)
         return [across, (p.l_f * F_yf - p.l_r * F_yr + M_z) / p.inertia_z]
 
 
@@ -225,7 +226,7 @@ class RelaxingBicycle(SaturatingBicycle):
 
     def derivative(self, x: Vector, u: Vector) -> Vector:
         """Rates of v_y [m/s2], r [rad/s2] and the two slip angles [rad/s]."""
-        p, v, now = self.params, self._speed(u[1]), self._slip(x, u)
+        p, v, now = self.params, self.slip_speed(u[1]), self._slip(x, u)
         tau = [sqrt((length / v) ** 2 + _QUICKEST**2) for length in (p.relaxation_f, p.relaxation_r)]
         late = [(now[i] - x[2 + i]) / tau[i] for i in range(2)]
         return stack([*self._rates(x, u, self._acting(x, u)), *late])
