@@ -142,7 +142,7 @@ def _controller(file: str, bar: Bar) -> tuple[Any, Drive]:
     from slipangle.export import DriverRecorder, Recorder
     from slipangle.simulate.drive import drive
     from slipangle.simulate.loop import closed_loop
-    from slipangle.workflow.drive import CONTROLLERS, build_path, build_plant, whole_driver
+    from slipangle.workflow.drive import CONTROLLERS, build_path, build_plant, unmoved, whole_driver
     from slipangle.workflow.job import identify_named
 
     settings, logs = read_job(file)
@@ -162,5 +162,6 @@ def _controller(file: str, bar: Bar) -> tuple[Any, Drive]:
         drive(plant, whole, width=wanted.width)  # type: ignore[arg-type]
         return whole.driver, whole.drive
     recorder = Recorder(controller)
-    closed_loop(plant, recorder, build_path(wanted), driver=driver, width=wanted.width)  # type: ignore[arg-type]
+    how: Any = {"driver": driver, "held": unmoved(plant, controller), "width": wanted.width}
+    closed_loop(plant, recorder, build_path(wanted), **how)  # type: ignore[arg-type]
     return controller, recorder.drive

@@ -35,7 +35,7 @@ STANDARD: Mapping[str, Quantity] = MappingProxyType(
         "psi": Quantity("rad", "heading from X to the vehicle's x, counter-clockwise"),
         "T_f": Quantity("N m", "drive torque on the front axle"),
         "T_r": Quantity("N m", "drive torque on the rear axle"),
-        "M_z": Quantity("N m", "yaw moment of drive and brakes on the car, positive to the left"),
+        "M_z": Quantity("N m", "yaw moment by drive and brakes, positive to the left"),
         "pedal": Quantity("-", "throttle minus brake, -1 to 1", 1.001),
         "throttle": Quantity("-", "throttle, 0 to 1", 1.001),
         "brake": Quantity("Pa", "brake pressure, commanded or measured", 1e8),

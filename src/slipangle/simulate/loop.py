@@ -71,7 +71,8 @@ def closed_loop(
         Knows the state of the controller's model from channels that are noisy, slow, late or missing; its sample time
         may be shorter than the controller's. The outputs of the controller's model need not be measured then.
     held : Values, optional
-        Constant inputs that nobody else sets.
+        Constant inputs that nobody else sets: of the plant, and those of the controller's model that the plant does not
+        measure.
     x0 : array, shape (n_states,), optional
         Where the plant starts; by default straight ahead at the path's start and speed.
     width, sample : float
@@ -140,13 +141,16 @@ class _Loop:
         self.observed = None
         if self.estimator is not None:
             self.per_estimate = _ratio(self.estimator.dt, self.sample, "the estimator's step", "that of the run")
-            self.observed = Observed(self.estimator, self.controller.model, plant.channels)
+            self.observed = Observed(self.estimator, self.controller.model, (*plant.channels, *self.held))
+        self.constant = {n: v for n, v in self.held.items() if n not in plant.channels}
         needed = dict.fromkeys(("X", "Y", "psi", *model.outputs) if self.observed is None else ())
         needed |= dict.fromkeys(self.controller.exogenous)
-        require_names(needed, (*plant.channels, "v_x"), "the controller", "use a plant that measures it, see OnGround")
+        told = (*plant.channels, *self.constant, "v_x")
+        require_names(needed, told, "the controller", "use a plant that measures it, see OnGround")
         require_names(("v_x",), plant.channels, "the loop", "use a plant that measures its speed")
         require_names(self.controller.controls, plant.model.inputs, "the controller", "use a plant with this input")
-        require_names(self.held, plant.model.inputs, "held", "use an input of the plant")
+        settable = (*plant.model.inputs, *self.controller.exogenous)
+        require_names(self.held, settable, "held", "use an input of the plant or of the controller's model")
         shares = self.driver.inputs(0.0) if self.driver is not None else {}
         require_names(shares, plant.model.inputs, "the driver", "share its output over inputs of the plant")
         self.place = {name: j for j, name in enumerate(plant.model.inputs)}
@@ -191,7 +195,7 @@ class _Loop:
 
     def plan(self, simulation: Simulation) -> None:
         """Measure, estimate the state of the controller's model, plan."""
-        controller, measured = self.controller, simulation.measure()
+        controller, measured = self.controller, self.measure(simulation)
         model = controller.model
         inputs = self.estimate(measured)
         v_x = measured["v_x"] if math.isfinite(measured["v_x"]) else self.speed(self.s)
@@ -214,6 +218,10 @@ class _Loop:
         wanted = self.speed(self.s)  # until the next plan
         slope = 0.0 if self.driver is None else (self.speed(self.s + 0.5) - self.speed(self.s - 0.5)) * wanted
         self.wanted = wanted, slope
+
+    def measure(self, simulation: Simulation) -> dict[str, float]:
+        """What the plant measures now, and what is held of the controller's model."""
+        return {**self.constant, **simulation.measure()}
 
     def estimate(self, measured: Mapping[str, float]) -> np.ndarray:
         """Bring ``x`` to now; inputs of the controller's model now, those that it decides as applied before."""
@@ -267,7 +275,7 @@ class _Loop:
         simulation.advance(u, self.per_sample)
         self.tick += 1
         if self.observed is not None and self.tick % self.per_plan and self.tick % self.per_estimate == 0:
-            self.estimate(simulation.measure())
+            self.estimate(self.measure(simulation))
 
     def record(self, simulation: Simulation, limit: float, *, stop_at_end: bool) -> End | None:
         """Note the state of the plant; why the drive is over, if it is."""

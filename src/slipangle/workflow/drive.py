@@ -103,6 +103,7 @@ class PlantSettings:
         return wanted
 
 
+_UNMOVED = {"delta_r": "its rear wheels straight", "M_z": "no yaw moment by its drive", "bank": "on a level road"}
 PLANTS: Registry[Callable[..., Model | PlantProtocol]] = Registry("plant", "slipangle.plants")
 """What ``kind`` in a job's ``[plant]`` may be: functions that return a vehicle."""
 
@@ -123,10 +124,21 @@ def drive(
         else:
             knows = ESTIMATORS[estimator.kind](controller.model, **estimator.entries) if estimator else None
             how: Any = {"driver": speed, "estimator": knows, "width": wanted.width, "progress": progress}
-            run = closed_loop(plant, controller, build_path(wanted), **how)
+            run = closed_loop(plant, controller, build_path(wanted), held=unmoved(plant, controller), **how)
     finally:
         getattr(getattr(plant.model, "system", None), "close", int)()
-    return run, description, controller
+    return run, description + _unmoved_said(plant, model), controller
+
+
+def unmoved(plant: Plant, controller: Any) -> Values:
+    """Zero for what a plant has not of a controller's steered rear wheels, torque vectoring and road."""
+    return Values(dict.fromkeys((n for n in controller.exogenous if n in _UNMOVED and n not in plant.channels), 0.0))
+
+
+def _unmoved_said(plant: Plant, model: Model) -> str:
+    """The same in words, for the end of a sentence."""
+    words = [said for name, said in _UNMOVED.items() if name in model.inputs and name not in plant.channels]
+    return f", and {', '.join(words)}" if words else ""
 
 
 def whole_driver(driver: Driver, speed: SpeedDriver | None, estimator: EstimatorSettings | None) -> Driver:
