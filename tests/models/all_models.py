@@ -326,6 +326,14 @@ ALL_MODELS = {
     ),
     "ARX, direct": ARXModel(A=[-0.7], B=[0.2], nk=0, dt=0.1, inputs=("delta",), outputs=("r",)),
     "dual track, front drive": DualTrack(params=SOUSA_CAR_7, dt=0.001, tire_f=PASSENGER_TIRE, tire_r=PASSENGER_TIRE),
+    "dual track, aided": DualTrack(
+        params=SOUSA_CAR_7,
+        dt=0.001,
+        tire_f=PASSENGER_TIRE,
+        tire_r=PASSENGER_TIRE,
+        rear_steered=True,
+        torque_vectored=True,
+    ),
     "dual track, limited slip, linear tires in front": DualTrack(
         params=BMW_320I,
         dt=0.002,

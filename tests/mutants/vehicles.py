@@ -258,6 +258,13 @@ MUTANTS = [
         "models/vehicles/dual_track/dual_track.py",
         DUAL,
         [
+            ("rear steering: left wheels only", "turned += 2 * [", "turned += [(1.0, 0.0)] + ["),
+            (
+                "torque vectoring: the wrong way",
+                "driven[2] - shift, driven[3] + shift",
+                "driven[2] + shift, driven[3] - shift",
+            ),
+            ("torque vectoring: half the lever", "* p.radius / p.track_r", "* p.radius / (0.5 * p.track_r)"),
             (
                 "dual track: load moves inward",
                 "[maximum(half - lean, 0.0), maximum(half + lean, 0.0)]",

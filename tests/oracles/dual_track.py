@@ -112,6 +112,7 @@ def rates(p, tire, road, x, u):
     grade, bank = (np.interp(x["distance"], road["places"], road[k]) for k in ("grade", "bank"))
     F_z = loads(p, x, grade, bank)
     angles = steer_angles(p, x["delta_w"] + x["delta_c"])
+    angles |= {w: u["delta_r"] for w in ("rl", "rr") if "delta_r" in u}
     F, moment, found, M, rolled = np.zeros((2, len(x["r"]))), 0.0, {}, {}, {}
     for w in WHEELS:
         px, py = at[w]
@@ -128,7 +129,7 @@ def rates(p, tire, road, x, u):
     found["v_x"] = a_x - air - G * np.sin(grade) + x["v_y"] * x["r"]
     found["v_y"] = a_y - G * np.cos(grade) * np.sin(bank) - x["v_x"] * x["r"]
     found["r"] = moment / p["inertia_z"]
-    found |= _spins(p, x, F_z, rolled)
+    found |= _spins(p, x, F_z, rolled, u.get("M_z", 0.0))
 
     c, s = np.cos(x["psi"]), np.sin(x["psi"])
     found |= {"X": x["v_x"] * c - x["v_y"] * s, "Y": x["v_x"] * s + x["v_y"] * c, "psi": x["r"], "distance": x["v_x"]}
@@ -162,10 +163,15 @@ def rates(p, tire, road, x, u):
     return found | {"a_x": a_x - air, "a_y": a_y} | {"F_z_" + w: F_z[w] for w in WHEELS}
 
 
-def _spins(p, x, F_z, rolled):
-    """Angular accelerations: the engine's inertia turns with the wheels, as a full matrix."""
+def _spins(p, x, F_z, rolled, wanted):
+    """Angular accelerations: the engine's inertia turns with the wheels, as a full matrix.
+
+    A ``wanted`` yaw moment is a pair of forces along the car at the rear wheels, by their torques.
+    """
     ratio, k = gearbox(p, x["gear"]), p["driveline"]["front_share"]
     drive = axle_torques(p, x, ratio)
+    push = wanted / (places(p)["rl"][1] - places(p)["rr"][1]) * p["radius"]
+    drive |= {"rl": drive["rl"] - push, "rr": drive["rr"] + push}
     share = np.array([k / 2, k / 2, (1 - k) / 2, (1 - k) / 2])
     own = np.array([p["inertia_wheel_f"], p["inertia_wheel_f"], p["inertia_wheel_r"], p["inertia_wheel_r"]]) / 2
     torque = []

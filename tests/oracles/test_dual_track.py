@@ -67,23 +67,23 @@ RANGES = {
     **{f"omega_{w}": (2.0, 130.0) for w in dual_track.WHEELS},
     **{f"slip_{w}": (-0.3, 0.3) for w in dual_track.WHEELS},
     **{f"side_{w}": (-0.4, 0.4) for w in dual_track.WHEELS},
-    **dict(delta=(-0.5, 0.5), throttle=(-0.5, 1.0), brake=(0.0, 1.0)),
+    **dict(delta=(-0.5, 0.5), throttle=(-0.5, 1.0), brake=(0.0, 1.0), delta_r=(-0.2, 0.2), M_z=(-4e3, 4e3)),
 }
 INPUTS = ("delta", "throttle", "brake")
 NAMES = (*STATES, *INPUTS)
 SIGNALS = ("a_x", "a_y", "F_z_fl", "F_z_fr", "F_z_rl", "F_z_rr")
 
 
-def samples(seed, n, **changed):
+def samples(seed, n, *more, **changed):
     ranges = RANGES | changed
-    points = uniform(seed, n, *(ranges[name] for name in NAMES))
+    points = uniform(seed, n, *(ranges[name] for name in (*NAMES, *more)))
     points[:, NAMES.index("gear")] = np.round(points[:, NAMES.index("gear")])
     return points
 
 
-def oracle(p):
+def oracle(p, *more):
     def found(*z):
-        named = dict(zip(NAMES, z, strict=True))
+        named = dict(zip((*NAMES, *more), z, strict=True))
         rates = dual_track.rates(p, forces, SMOOTH, named, named)
         return [rates[name] for name in (*STATES, *SIGNALS)]
 
@@ -105,6 +105,14 @@ def test_every_rate_of_the_dual_track(speed):
     wheel = (0.5, 7.0) if speed[1] < 3 else (2.0, 130.0)
     points = samples(0, 300, v_x=speed, **{f"omega_{w}": wheel for w in dual_track.WHEELS})
     agree(ours(car), oracle(asdict(CAR)), points, tol=1e-9)
+
+
+@pytest.mark.parametrize("more", [("delta_r", "M_z"), ("delta_r",), ("M_z",)])
+def test_steered_rear_wheels_and_torque_vectoring_of_the_dual_track(more):
+    aids = {"rear_steered": "delta_r" in more, "torque_vectored": "M_z" in more}
+    car = DualTrack(params=CAR, tire_f=Seen(), tire_r=Seen(), road=ROAD, dt=0.001, **aids)
+    assert car.inputs == (*INPUTS, *more)
+    agree(ours(car), oracle(asdict(CAR), *more), samples(1, 300, *more), tol=1e-9)
 
 
 def test_loads_carry_the_car():

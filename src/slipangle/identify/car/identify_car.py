@@ -27,6 +27,7 @@ from slipangle.identify.car.recordings import settled
 from slipangle.identify.car.stretches import stretches, together
 from slipangle.identify.car.structures import (
     ADDED,
+    AIDS_LATE,
     SLOWEST,
     STIFF,
     Fitted,
@@ -220,7 +221,7 @@ class WholeCar(Checked):
             model=replace(final.model, fit_info=info),
             stages=tuple(stages),
             doubts=wrong,
-            sentences=(*wrong, *changed, *unknown, self._of_the_mass(sentences.moment_found(names, final, limits))),
+            sentences=(*wrong, *changed, *unknown, self._of_the_mass(sentences.acting(names, final, limits))),
             separated=separated,
         )
 
@@ -260,7 +261,7 @@ class WholeCar(Checked):
 
     def _of_the_mass(self, moment: str) -> str:
         """What only scales can tell, or how a yaw moment acts, ``moment``, if that was logged."""
-        check = f"which M_z can check as far as its own scale is known: it acts as {moment} times what was logged"
+        check = f"which M_z can check as far as its own scale is known: it turns the car as {moment}"
         return (
             f"C_f, C_r and inertia_z are in proportion to the mass that was given, {self.mass:g} kg, "
             f"{check if moment else 'which no log of the motion can check'}: weigh the car as it was driven"
@@ -315,8 +316,9 @@ def identify_car(
 
 def _linear(start: Any, own: tuple[str, ...], elsewhere: dict[str, float], train: Dataset) -> Fitted:
     """The linear bicycle with its steering's offset; a gain of each recording's own starts ``elsewhere``, if it may."""
+    late = (f"delay_{name}" for name in AIDS_LATE if name in train.inputs)  # 5 ms of rear wheels make a moment of 1.4
     scaled = ("gain_M_z",) if "M_z" in train.inputs else ()
-    shared = tuple(n for n in (*STIFF, "steering_offset", *scaled) if n not in own)
+    shared = tuple(n for n in (*STIFF, "steering_offset", *late, *scaled) if n not in own)
     return fit(start.with_values(**elsewhere) if "steering_gain" in own else start, shared, train, own=own)
 
 
@@ -353,7 +355,7 @@ def _limits(final: Fitted, others: list[tuple[Fitted, float]]) -> tuple[np.ndarr
     """Covariance, 95 % limits no narrower than what a single track leaves out, and how they were found."""
     spread, limits, how = hull(final.names, final, others)
     stiff = _FLOOR if "v_y" in final.model.outputs else _FLOOR_ALONE
-    floors, at_rest = dict.fromkeys(STIFF, stiff) | {"steering_gain": _FLOOR_GAIN}, extrapolated(final)
+    floors, at_rest = dict.fromkeys((*STIFF, "gain_M_z"), stiff) | {"steering_gain": _FLOOR_GAIN}, extrapolated(final)
     for i, name in enumerate(final.names):
         share = floors.get(name, 0.0) + at_rest.get(name, 0.0)
         limits[i] += np.array([-1.0, 1.0]) * share * abs(final.values[name])

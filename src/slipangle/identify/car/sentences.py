@@ -142,23 +142,26 @@ def sensors(final: Fitted, spread: np.ndarray, first: float) -> list[str]:
     return said
 
 
-def moment_found(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> str:
+def acting(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> str:
     """How a yaw moment acts that was logged, over what it says, with ``limits`` of shape (n_names, 2); "" of none."""
     if "gain_M_z" not in names:
         return ""
-    low, high = limits[names.index("gain_M_z")]
-    return f"{final.values['gain_M_z']:.2g} ({low:.2g} to {high:.2g})"
+    (low, high), (soon, late) = limits[names.index("gain_M_z")], 1000 * limits[names.index("delay_M_z")]
+    return (
+        f"{final.values['gain_M_z']:.2g} ({low:.2g} to {high:.2g}) times the moment that was logged, "
+        f"{1000 * final.values['delay_M_z']:.0f} ({soon:.0f} to {late:.0f}) ms later"
+    )
 
 
 def moment(names: tuple[str, ...], final: Fitted, limits: np.ndarray) -> list[str]:
     """A logged yaw moment that acts otherwise than it says; ``limits`` has shape (n_names, 2)."""
-    found = moment_found(names, final, limits)
+    found = acting(names, final, limits)
     low, high = limits[names.index("gain_M_z")] if found else (1.0, 1.0)
     if low <= _MOMENT[1] and high >= _MOMENT[0]:
         return []
     return [
-        f"M_z turns the car as {found} times the moment that was logged would, at the mass that was given; expected "
-        "about as much: check its sign, unit and scale, and the mass"
+        f"M_z turns the car as {found}, at the mass that was given; expected about as much: check its sign, unit and "
+        "scale, and the mass"
     ]
 
 
@@ -329,6 +332,8 @@ def bounds(final: Fitted, used: float) -> list[str]:
             )
         elif min(abs(value - si.lower), abs(value - si.upper)) < 1e-6 * max(abs(value), 1e-3) and base not in (
             "delay_delta",
+            "delay_delta_r",
+            "delay_M_z",
             "relaxation_f",
             "relaxation_r",
             "shape",

@@ -28,6 +28,7 @@ ADDED: dict[str, Callable[[Any], OdeModel]] = {"delta_r": RearSteered, "M_z": To
 STIFF = ("C_f", "C_r", "inertia_z")
 _LINEAR = 8.0  # peak friction at which an axle is as good as linear
 _LONGEST = 0.3  # s, of a steering delay
+AIDS_LATE = {"delta_r": 0.01, "M_z": 0.02}  # s, that these act after they are logged, where a search begins
 _ITERATIONS, _FLAT = 60, 1e-7  # of a fit, and the relative gain of its last step
 _AS_GIVEN = 1e-4  # of the width for the mass, for the recording whose mass was given
 _WINGS = 0.005  # standard deviation of an axle's downforce per speed squared, over mass per wheelbase
@@ -70,7 +71,8 @@ def first_guess(
     )
     for name, around in ADDED.items():
         car = around(car) if name in added else car
-    return Delayed(car, delays={"delta": 0.0}, longest=_LONGEST)
+    delays = {"delta": 0.0, **{name: late for name, late in AIDS_LATE.items() if name in added}}
+    return Delayed(car, delays=delays, longest=_LONGEST)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,6 +222,7 @@ def ordinary(model: Any, free: tuple[str, ...]) -> Prior:
         "gain_v_x": (1.0, 0.05, False),
         "l_f": (p.l_f, ELSEWHERE * p.wheelbase, False),
         "gain_M_z": (1.0, 0.2, False),
+        **{f"delay_{name}": (late, 0.02, False) for name, late in AIDS_LATE.items()},
         "delay_delta": (0.0, 0.1, False),
         "steering_lag": (0.0, 0.1, False),
         "bias_r": (0.0, 0.03, False),

@@ -46,7 +46,8 @@ class DualTrack(StartsRolling):
 
     States, see docs/nomenclature.md: planar motion, wheel spins, relaxed slips, pose, roll and pitch, lagged
     accelerations, actuators, gear and distance. Inputs: delta [rad], throttle (-1 to 1, below zero backwards), brake
-    (0 to 1). Outputs by default: v_x, v_y, r, X, Y, psi; `signals` names the others.
+    (0 to 1); delta_r [rad] of a car that is ``rear_steered``, M_z [N m] of one that is ``torque_vectored``. Outputs by
+    default: v_x, v_y, r, X, Y, psi; `signals` names the others.
 
     The brakes and rolling resistance are Coulomb friction: their direction is fixed over a step, a wheel that would be
     pushed past zero stops, and stays until a larger torque moves it. Body roll and pitch follow the accelerations and
@@ -60,6 +61,11 @@ class DualTrack(StartsRolling):
         used beyond the limits of their files too, as a plant must go on whatever happens.
     road : Road
         Friction per wheel, grade and bank.
+    rear_steered : bool
+        The rear wheels turn by ``delta_r`` at once, positive to the left.
+    torque_vectored : bool
+        The right rear wheel gets a torque more and the left one as much less that would turn the car by ``M_z``,
+        positive to the left, if the tires bore it and no wheel had inertia.
     dt, outputs, method, substeps
         As for every `OdeModel`, explicit methods only. At a millisecond a step of "rk4" is accurate to 1e-5 or better.
     """
@@ -72,8 +78,12 @@ class DualTrack(StartsRolling):
     tire_r: Tire
     road: Road = field(default_factory=Road)
     outputs: tuple[str, ...] = ("v_x", "v_y", "r", "X", "Y", "psi")
+    rear_steered: bool = field(default=False, metadata={"may be missing in a file": True})
+    torque_vectored: bool = field(default=False, metadata={"may be missing in a file": True})
 
     def __post_init__(self) -> None:
+        more = {"delta_r": self.rear_steered, "M_z": self.torque_vectored}
+        object.__setattr__(self, "inputs", (*DualTrack.inputs, *(name for name, there in more.items() if there)))
         if self.method == "radau":
             raise ParameterError('the dual track has stick and slip, which "radau" cannot step over; expected "rk4"')
         if not is_symbolic(self.params.mass_sprung) and self.params.mass_sprung <= 0:
@@ -114,14 +124,16 @@ class DualTrack(StartsRolling):
         return wheel_loads
 
     def patches(self, x: Vector, u: Vector) -> tuple[list[Patch], list[Scalar]]:
-        """Every wheel's motion and load, and cosine and sine of the left and right road-wheel angle."""
+        """Every wheel's motion and load, and cosine and sine of the road-wheel angles: front left and right, rear."""
         p, a = self.params, _AT
         steered = (
             clip(p.road_wheel(u[0]), -p.steering.limit, p.steering.limit) if not p.steering.lag else x[a["delta_w"]]
         )
         if p.steering.compliance:
             steered = steered + x[a["delta_c"]]
-        (cos_l, sin_l), (cos_r, sin_r) = p.steering.wheels(steered, p.track_f, p.wheelbase)
+        turned = [*p.steering.wheels(steered, p.track_f, p.wheelbase)]
+        if self.rear_steered:
+            turned += 2 * [(cos(u[self.inputs.index("delta_r")]), sin(u[self.inputs.index("delta_r")]))]
         v_x, v_y, r, place, phi = x[a["v_x"]], x[a["v_y"]], x[a["r"]], x[a["distance"]], x[a["phi"]]
         loads = self.loads(x)
         places = []
@@ -129,8 +141,8 @@ class DualTrack(StartsRolling):
             front, left = i < 2, i % 2 == 0
             track, arm = (p.track_f, p.l_f) if front else (p.track_r, -p.l_r)
             along, across = v_x - (0.5 if left else -0.5) * track * r, v_y + arm * r
-            if front:
-                c, s = (cos_l, sin_l) if left else (cos_r, sin_r)
+            if i < len(turned):
+                c, s = turned[i]
                 along, across = along * c + across * s, across * c - along * s
             static, roll = (p.camber_f, p.camber_roll_f) if front else (p.camber_r, p.camber_roll_r)
             camber = (-static if left else static) + roll * phi if static or roll else 0.0
@@ -146,7 +158,7 @@ class DualTrack(StartsRolling):
                     camber=camber,
                 )
             )
-        return places, [cos_l, sin_l, cos_r, sin_r]
+        return places, [part for wheel in turned for part in wheel]
 
     def contact(self, wheel: int, patch: Patch) -> Contact:
         """Forces and slip rates of one wheel at its ``patch`` of road, see `contact`."""
@@ -156,7 +168,7 @@ class DualTrack(StartsRolling):
     def forces(self, contacts: Sequence[Contact], angles: Sequence[Scalar]) -> tuple[Scalar, Scalar, Scalar]:
         """Force of the tires along and across the car [N] and their moment about the vertical axis [N m].
 
-        ``contacts`` are those of the four wheels, ``angles`` [rad] their steering angles.
+        ``contacts`` are those of the four wheels, ``angles`` cosine and sine of the angles of those that are steered.
         """
         p = self.params
         F_x, F_y, M_z = 0.0, 0.0, 0.0
@@ -164,8 +176,8 @@ class DualTrack(StartsRolling):
             front, left = i < 2, i % 2 == 0
             track, arm = (p.track_f, p.l_f) if front else (p.track_r, -p.l_r)
             along, across = tire.F_x, tire.F_y
-            if front:
-                c, s = (angles[0], angles[1]) if left else (angles[2], angles[3])
+            if 2 * i < len(angles):
+                c, s = angles[2 * i], angles[2 * i + 1]
                 along, across = along * c - across * s, along * s + across * c
             F_x, F_y = F_x + along, F_y + across
             M_z = M_z + arm * across - (0.5 if left else -0.5) * track * along + tire.M_z
@@ -176,7 +188,7 @@ class DualTrack(StartsRolling):
     ) -> Vector:
         """State derivative from the forces of the tires; ``start`` is the state at the start of the step.
 
-        ``loads`` [N], ``contacts`` and steering ``angles`` [rad] are those of the four wheels.
+        ``loads`` [N] and ``contacts`` are those of the four wheels, ``angles`` as of `forces`.
         """
         p, a, drive = self.params, _AT, self.params.driveline
         F_x, F_y, M_z = self.forces(contacts, angles)
@@ -191,7 +203,10 @@ class DualTrack(StartsRolling):
 
         gear, spins = x[a["gear"]], [x[a["omega_fl"] + i] for i in range(4)]
         T_e = x[a["T_e"]] if drive.engine.lag else drive.engine.torque(u[1], drive.engine_speed(spins, gear))
-        driven = drive.wheel_torques(spins, T_e, gear)
+        driven = [*drive.wheel_torques(spins, T_e, gear)]
+        if self.torque_vectored:
+            shift = u[self.inputs.index("M_z")] * p.radius / p.track_r
+            driven[2], driven[3] = driven[2] - shift, driven[3] + shift
         torques, freedom = [], []
         for i, (most, inertia) in enumerate(zip(self._friction(x, u, loads), self._spin_inertias, strict=True)):
             other = driven[i] - contacts[i].F_x * p.radius

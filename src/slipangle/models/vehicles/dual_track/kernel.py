@@ -55,9 +55,9 @@ def _parts(model: _Car, varied: Sequence[str]) -> _Parts:
             patch = patch._replace(camber=0.0)
         done = ca.vertcat(*map(ca.SX, own.contact(i, patch)))
         wheels.append(ca.Function("wheel", [one], [ca.cse(ca.densify(done))]))
-    loads, tires, carried = ca.SX.sym("loads", 4), ca.SX.sym("tires", 4 * _N_CONTACT), ca.SX.sym("angles", 4)
+    loads, tires, carried = ca.SX.sym("loads", 4), ca.SX.sym("tires", 4 * _N_CONTACT), ca.SX.sym("angles", len(angles))
     contacts = [Contact(*[tires[4 * k + i] for k in range(_N_CONTACT)]) for i in range(4)]
-    rates = car.rates(x, u, start, [loads[i] for i in range(4)], contacts, [carried[i] for i in range(4)])
+    rates = car.rates(x, u, start, [loads[i] for i in range(4)], contacts, [carried[i] for i in range(len(angles))])
     after = ca.Function("after", [x, u, start, loads, tires, carried], [ca.cse(ca.densify(rates))])
     finish = ca.Function("finish", [start, x, u], [ca.cse(ca.densify(car.finish(start, x, u)))])
     return _Parts(before, tuple(wheels), after, finish)
@@ -73,7 +73,7 @@ def _with(model: _Car, chosen: Mapping[str, ca.SX]) -> _Car:
     params = model.params.with_values(**top) if top else model.params
     friction = tuple(chosen.get(n, mu) for n, mu in zip(_FRICTION, model.road.friction, strict=True))
     made = object.__new__(type(model))
-    for name in model.__dataclass_fields__:
+    for name in (*model.__dataclass_fields__, "inputs"):
         object.__setattr__(made, name, getattr(model, name))
     object.__setattr__(made, "params", params)
     object.__setattr__(made, "road", replace(model.road, friction=friction))
@@ -83,7 +83,7 @@ def _with(model: _Car, chosen: Mapping[str, ca.SX]) -> _Car:
 _STEP = """\
 static void rates_{t}(const {T} *x, const {T} *u, const {T} *start, {T} *rate)
 {{
-    {T} patch[{P}], angles[4], tires[{C}];
+    {T} patch[{P}], angles[{A}], tires[{C}];
     before_{t}(x, u, patch, angles);
 {wheels}
     after_{t}(x, u, start, patch + {load}, tires, angles, rate);
@@ -140,7 +140,8 @@ def source(model: _Car, varied: Sequence[str] = ()) -> str:
         wheels = (_four_wheels if t == "d" else _wheel_by_wheel)(parts, groups, n_patch)
         rates = f"rates_{t}({{x}}, u, start, {{k}})"
         method = explicit_step(model.method, rates, n=model.n_states, h=model.dt / model.substeps, out="y")
-        sizes = {"P": 4 * n_patch, "C": 4 * _N_CONTACT, "load": 4 * Patch._fields.index("load")}
+        angles = parts.before.numel_out(1)
+        sizes = {"A": angles, "P": 4 * n_patch, "C": 4 * _N_CONTACT, "load": 4 * Patch._fields.index("load")}
         text.append(_STEP.format(t=t, T=T, n=model.n_states, wheels=wheels, method=method, **sizes))
     m = model.n_inputs + len(varied)
     text.append(_DRIVE.format(n=model.n_states, m=m, substeps=model.substeps, W=WIDE, T=f"v{WIDE}"))
