@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -44,6 +45,11 @@ def fitted(model: Any, info: FitInfo) -> Any:
     return model if model.off_ground is model else replace(model, model=fitted(model.off_ground, info))
 
 
+def _exp(v: float) -> float:
+    """As the C library has it, to the last bit; infinite where it overflows."""
+    return math.exp(v) if v < 709.0 else math.inf
+
+
 class Scales:
     """Between parameters p and what the filter estimates: ``log(p / p0)`` of positive ones, ``p - p0`` of others."""
 
@@ -65,7 +71,7 @@ class Scales:
 
     def values(self, q: Any) -> list[Any]:
         """Parameters, from numbers or symbols."""
-        exp = ca.exp if isinstance(q, (ca.SX, ca.MX)) else np.exp
+        exp = ca.exp if isinstance(q, (ca.SX, ca.MX)) else _exp
         pairs = zip(self.start, self.positive, strict=True)
         return [p * exp(q[i]) if positive else p + q[i] for i, (p, positive) in enumerate(pairs)]
 

@@ -171,6 +171,34 @@ def test_a_lap_is_slow_enough_for_the_gearbox():
     assert racer.lap.v_x.min() < 0.97 * slowest
 
 
+@pytest.mark.parametrize(
+    ("between", "corners", "laps"), [(True, True, True), ("sectors", True, False), (False, False, False)]
+)
+def test_at_the_start_line_changes_what_was_said(between, corners, laps):
+    racer = sa.Racer(believed(), circuit(), PEDALS, lap=first_lap(), margin=MARGIN, share=0.9, between=between)
+    racer._count_laps(1.0)
+    racer.learned.grip, racer.sectors.times[:], racer.sectors.room[:] = 1.04, 5.0, 1.0
+    sectors = racer.sectors
+    racer._count_laps(racer.track.length + 1.0)
+    assert (racer.lap is not first_lap()) == laps
+    assert bool((sectors.faster > 0).all()) == corners
+
+
+def test_where_no_plan_is_found_it_follows_the_last_one_and_then_stops():
+    car = believed()
+    planner = Planner(car, circuit(), PEDALS, dt=0.05, horizon=40)
+    planner.follow(first_lap(), 0.5 * car.width + 0.15)
+    x, plan = planner.at(np.array([100.0]))[0], None
+    ages = []
+    for _ in range(8):
+        plan = planner.plan(x, 100.0, 1.0, lambda s, v: PEDALS.most(v), EXPLAINED, plan)
+        ages.append((plan.age, plan.stopping))
+        x = np.where(np.arange(len(x)) == 1, np.nan, x)
+    assert ages == [(0, False), *((k, False) for k in range(1, 6)), (6, True), (7, True)]
+    x[1] = 0.0
+    assert planner.plan(x, 100.0, 1.0, lambda s, v: PEDALS.most(v), EXPLAINED, plan).age == 0
+
+
 def test_a_plan_from_beyond_the_edge_leads_back_between_them():
     car, track, lap = believed(), circuit(), first_lap()
     planner = Planner(car, track, PEDALS, dt=0.05, horizon=40)
@@ -277,6 +305,7 @@ def test_before_the_first_pose_it_waits():
         ({"track": straight()}, "closed track"),
         ({"share": 0.0}, "share is 0"),
         ({"dt": 0.033}, "whole multiple"),
+        ({"between": "laps"}, "between is 'laps'; expected True, False or \"sectors\""),
         ({"sample": 0.0}, "sample is 0.0 s"),
         ({"sample": float("nan")}, "sample is nan s"),
         ({"dt": -0.05}, "dt -0.05 s"),

@@ -14,6 +14,7 @@ PLACE = 10.0  # m of track that share what full throttle gives
 LEAST, MOST = 0.2, 2.0  # of what full throttle is believed to give
 SETTLED = 0.3  # s of full throttle before its force is believed
 GAIN = 0.1  # of new values of a place, each hundredth of a second
+SUREST = 1e-4  # standard deviation that no grip is more sure than
 MEMORY = 20.0  # s, of what is known of the grip while driving
 BELIEVED = 5.0  # s of samples as sure as the believed grip, that this counts for
 
@@ -38,13 +39,15 @@ class Learned:
         count = max(1, round(length / (PLACE * size)))
         self._shares, self._seen, self._nearest = np.ones(count), np.zeros(count, dtype=bool), np.arange(count)
         self._pressed = 0.0
-        self._known = BELIEVED * root / max(grip_std, 1e-4) ** 2
+        self._known = BELIEVED * root / max(grip_std, SUREST) ** 2
         self._mean = 1.0
         self.begin_lap()
 
     def begin_lap(self) -> None:
         """Forget what only counts for one lap."""
-        self._grips: list[tuple[float, float]] = []
+        self._samples = 0
+        self._weights = self._average = self._spread = 0.0  # sum of weights, weighted mean, weighted squares about it
+        self._latest: tuple[float, float] | None = None
 
     def most(self, s: float | np.ndarray, believed: float | np.ndarray) -> np.ndarray:
         """Force at full throttle at places [m], as much of that ``believed`` [N] as was seen there or nearest. [N]"""
@@ -63,8 +66,12 @@ class Learned:
 
     def see(self, s: float, share: float, throttle: float, grip: tuple[float, float], dt: float) -> None:
         """A sample: place [m], force over that of full throttle, throttle, grip and its deviation, sample time. [s]"""
-        self._grips.append(grip)
-        sure = dt / max(grip[1], 1e-4) ** 2
+        std = max(grip[1], SUREST)
+        weight, off = 1.0 / (std * std), grip[0] - self._average
+        self._latest, self._samples, self._weights = grip, self._samples + 1, self._weights + weight
+        self._average += weight / self._weights * off
+        self._spread += weight * off * (grip[0] - self._average)
+        sure = dt * weight
         self._known = self._known * (1.0 - dt / self._memory) + sure
         self._mean += sure / self._known * (grip[0] - self._mean)
         self._pressed = self._pressed + dt if throttle > 0.99 else 0.0
@@ -81,17 +88,14 @@ class Learned:
 
     def end_lap(self) -> None:
         """Take the lap's mean grip, each sample by how sure it is; how far it wandered, at least the filter's own."""
-        if self._grips:
-            grip, std = np.array(self._grips).T
-            known = 1.0 / np.maximum(std, 1e-4) ** 2
-            self.grip = float(np.average(grip, weights=known))
-            wandering = float(np.sqrt(np.average((grip - self.grip) ** 2, weights=known)))
-            self.grip_std = max(wandering, float(np.mean(known) ** -0.5))
+        if self._samples:
+            self.grip = self._average
+            self.grip_std = max(math.sqrt(self._spread / self._weights), math.sqrt(self._samples / self._weights))
 
     @property
     def latest(self) -> tuple[float, float]:
         """Grip as the filter read it last, and its deviation; as of the lap before where nothing was read yet. [-]"""
-        return self._grips[-1] if self._grips else (self.grip, self.grip_std)
+        return self._latest or (self.grip, self.grip_std)
 
     @property
     def sure(self) -> float:

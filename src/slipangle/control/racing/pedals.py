@@ -16,7 +16,7 @@ from slipangle.optimal.lap.car import size_of
 
 WHEELS = 0.06  # s, until wheels of a car of usual size, in a bend, have the slip that their force needs
 _SPEEDS = np.arange(0.0, 121.0, 1.0)  # m/s, of that car
-_NONE = 1e-4  # of full brakes, force that is none
+NONE = 1e-4  # of full brakes, force that is none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -107,7 +107,7 @@ class Pedals(Checked):
         neither drives nor drags, so that the brakes alone share the force between the axles.
         """
         closed, full = (float(self._force(table, v_x, gear)) for table in (self.closed, self.brake))
-        throttle = (max(F_x, 0.0) - closed) / max(most - closed, _NONE * full)
+        throttle = (max(F_x, 0.0) - closed) / max(most - closed, NONE * full)
         brake = -F_x / full if F_x < 0 else 0.0
         return min(max(throttle, 0.0), 1.0), min(brake, 1.0)
 

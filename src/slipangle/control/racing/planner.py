@@ -5,22 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from slipangle.control.mpc import MPC
-from slipangle.control.racing.along_track import AlongTrack, along_track
+from slipangle.control.racing.along_track import AlongTrack, LateAlongTrack, along_track
 from slipangle.control.racing.on_road import slowest
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.sectors import Sectors
 from slipangle.ops import Scalar, Vector
+from slipangle.optimal.guess import Guess
 from slipangle.optimal.lap.car import LapCar, forces, held, slip
 from slipangle.optimal.lap.lap import Lap
 from slipangle.optimal.lap.program import saturation, without_peak
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.realtime.backend import RealTime
-from slipangle.optimal.solution import Plan, Status
+from slipangle.optimal.solution import Plan
 from slipangle.optimal.terms import Limits, Weights
 from slipangle.paths.path import Path
 
@@ -69,7 +72,8 @@ class Planner:
     ) -> None:
         self.car, self.track, self.dt, self.horizon = car, track, dt, horizon
         force, size = 0.5 * car.weight, float(car.size)
-        self._slowest, self._ahead, self._fade = float(slowest(car)), AHEAD * math.sqrt(size), FADE * math.sqrt(size)
+        self._slowest, self._ahead = float(slowest(car)), AHEAD * math.sqrt(size)
+        self._fading = np.exp(-dt / (FADE * math.sqrt(size)) * np.arange(horizon + 1))
         units = {"F_asked": force, "n": size}
         prices = {k: (p[0] / units.get(k, 1.0) ** 2, p[1] / units.get(k, 1.0)) for k, p in PRICES.items()}
         weights = {name: value * size ** POWER.get(name, 0.0) for name, value in FROM_LAP.items()}
@@ -97,6 +101,11 @@ class Planner:
             slack_linear=Weights({name: price[1] for name, price in prices.items()}),
             solver=RealTime(iterations=2, accept=1e6, max_iterations=30),
         )
+
+    @property
+    def lag(self) -> float:
+        """How late the steering follows, as far as that counts. [s]"""
+        return self.mpc.model.steering_lag if isinstance(self.mpc.model, LateAlongTrack) else 0.0
 
     def follow(self, lap: Lap, room: float, sectors: Sectors | None = None) -> None:
         """The lap to drive, the room between the car's centre and an edge [m], and how its corners differ by now."""
@@ -136,13 +145,17 @@ class Planner:
         unexplained : mapping of str to float
             Accelerations that the car has now beyond its model's, ``d_v_x`` [m/s2] and ``d_r`` [rad/s2].
         previous : Plan, optional
-            The plan before. Where that leads nowhere, the lap itself is the first guess.
+            The plan before. Where that leads nowhere, the lap itself is the first guess; if that does not either, the
+            plan is the fallback of `MPC.plan`.
         """
         x, nodes = x[: self.mpc.model.n_states], self._nodes(s, float(x[2]))
         wanted = self._within_reach(self.at(nodes), nodes, float(x[2]), most)
         reference = self._reference(nodes, wanted, grip, most, unexplained)
         plan = self.mpc.plan(x, reference, previous)
-        return plan if plan.age == 0 else self.mpc.plan(x, reference, self._as_before(wanted, plan))
+        if plan.age == 0:
+            return plan
+        anew = self.mpc.plan(x, reference, self._along(wanted))
+        return replace(anew, health=plan.health) if anew.age == 0 else replace(plan, unfinished=None)
 
     def ahead(
         self, x: np.ndarray, s: float, coming: np.ndarray, sample: float, grip: float, unexplained: Mapping[str, float]
@@ -154,16 +167,22 @@ class Planner:
         coming : np.ndarray
             Rates [rad/s, N/s], shape (n, 2), each for a ``sample``. [s]
         """
-        model, car = self.mpc.model, self.car
-        x = x[: model.n_states]
+        car, (step, pace) = self.car, self.moving
+        x = x[: self.mpc.model.n_states]
         for turn, rise in coming:
-            here = self.track.at(np.array([s]))
-            curvature = float(here.curvature[0])
-            way = sample / float(model.pace(x[0], x[1], x[2], x[3], curvature))
+            curvature = float(self.track.at(np.array([s])).curvature[0])
+            way = sample / float(pace(x, curvature))
             given = [turn, rise, curvature, way, grip * car.mu_f, grip * car.mu_r]
-            x = model.step(x, np.array([*given, unexplained["d_v_x"], unexplained["d_r"]]))
+            x = step(x, np.array([*given, unexplained["d_v_x"], unexplained["d_r"]])).full().ravel()
             s += way
         return x, s
+
+    @cached_property
+    def moving(self) -> tuple[ca.Function, ca.Function]:
+        """The model's step, and the time per metre [s/m] at a state and a curvature. [1/m]"""
+        model, x, curvature = self.mpc.model, ca.SX.sym("x", self.mpc.model.n_states), ca.SX.sym("curvature")
+        pace = model.pace(x[0], x[1], x[2], x[3], curvature)
+        return model.functions[0], ca.Function("pace", [x, curvature], [pace])
 
     def _within_reach(
         self, wanted: np.ndarray, nodes: np.ndarray, v_x: float, most: Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -201,16 +220,13 @@ class Planner:
     ) -> Reference:
         ocp, car, here = self.mpc.ocp, self.car, self.track.at(nodes)
         stage = np.diff(nodes)
-        bend = np.diff(np.unwrap(here.psi)) / stage
+        bend = np.diff(here.psi) / stage
         same = np.ones(len(nodes))
         given = {
             "curvature": np.append(bend, here.curvature[-1]),
             "stage": np.append(stage, stage[-1]),
             **{name: grip * getattr(car, name) * same for name in ("mu_f", "mu_r")},
-            **{
-                name: value * np.exp(-self.dt / self._fade * np.arange(len(nodes)))
-                for name, value in unexplained.items()
-            },
+            **{name: value * self._fading for name, value in unexplained.items()},
         }
         limits = ocp.limits_at_nodes.copy()
         n, F = ocp.limited.index("n"), ocp.limited.index("F_asked")
@@ -225,12 +241,10 @@ class Planner:
             limits=limits,
         )
 
-    def _as_before(self, wanted: np.ndarray, failed: Plan) -> Plan:
-        """The lap as if it had been planned a step before."""
-        bounds, later = self.mpc.ocp.input_bounds, np.diff(wanted[:, [5, 7]], axis=0) / self.dt
-        u = np.clip(np.vstack([later[:1], later[:-1]]), bounds[:, 0], bounds[:, 1])
-        x = np.vstack([wanted[:1], wanted[:-1]])
-        return replace(failed, u=u, x=x, status=Status.SOLVED, age=0, stopping=False, memory=None, unfinished=None)
+    def _along(self, wanted: np.ndarray) -> Guess:
+        """The lap as a guess."""
+        bounds, rates = self.mpc.ocp.input_bounds, np.diff(wanted[:, [5, 7]], axis=0) / self.dt
+        return self.mpc.guess(x=wanted, u=np.clip(rates, bounds[:, 0], bounds[:, 1]))
 
 
 def _at_speed(states: np.ndarray, faster: np.ndarray) -> np.ndarray:

@@ -6,19 +6,18 @@ import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from slipangle.control.commands import HINDERED, STAY, Commands
 from slipangle.control.racing.actuators import Actuators
-from slipangle.control.racing.along_track import LateAlongTrack
 from slipangle.control.racing.learning import Learned
 from slipangle.control.racing.pedals import Pedals
 from slipangle.control.racing.planner import Planner
 from slipangle.control.racing.sectors import Sectors
 from slipangle.control.racing.sensing import Sensing
-from slipangle.errors import ParameterError, SolverError
+from slipangle.errors import ParameterError, SolverError, shown
 from slipangle.optimal.lap.car import LapCar
 from slipangle.optimal.lap.fastest_lap import fastest_lap
 from slipangle.optimal.lap.lap import Lap
@@ -53,7 +52,7 @@ class Racer(Brief):
     faster within the grip that is sure by then (`slipangle.control.racing.learning.Learned`), and goes back to what was
     quickest or, where the car came near an edge, slower and further from it (`slipangle.control.racing.sectors`).
     Where the grip differs by more than 2 % from that of the lap, a new one is planned, which takes as long as a
-    `fastest_lap`, a second or more; with ``between=False`` all of that is left to calls of `learn`.
+    `fastest_lap`, a second or more: a car that cannot wait for it says ``between="sectors"``.
 
     No glitch of a sensor is believed (`slipangle.control.racing.sensing.Sensing`): a value that no car reads is as good
     as missing, one that is far from what the filter expects is an outlier, and the rest counts. The filter goes on
@@ -97,8 +96,9 @@ class Racer(Brief):
         for others as the root of the wheelbase. [s]
     horizon : int
         Plans ahead, each ``dt`` long.
-    between : bool
-        Whether the next lap is planned at the start line.
+    between : bool or str
+        What changes at the start line: ``"sectors"``, how fast each corner is taken, which takes no time; True, where
+        the grip differs too much for that, the lap too; False, nothing before a call of `learn`.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class Racer(Brief):
         sample: float | None = None,
         dt: float | None = None,
         horizon: int = 40,
-        between: bool = True,
+        between: bool | Literal["sectors"] = True,
     ) -> None:
         if not track.closed:
             raise ParameterError(f"'{track.name}' is open; expected a closed track to race on")
@@ -148,6 +148,8 @@ class Racer(Brief):
         for name, value, low, high in (("share", share, 0.3, 1.0), ("grip_std", grip_std, 0.0, 0.5), *late):
             if not low <= value <= high:
                 raise ParameterError(f"{name} is {value:g}; expected {low:g} to {high:g}")
+        if between not in (True, False, "sectors"):
+            raise ParameterError(f'between is {shown(between)}; expected True, False or "sectors"')
         size = float(car.size)
         margin = MARGIN * size if margin is None else margin
         if not all(value is None or 0.0 < value < math.inf for value in (sample, dt)):
@@ -160,8 +162,7 @@ class Racer(Brief):
         self.car, self.track, self.pedals = car, track, pedals
         self.share, self.grip_std, self.margin, self.sample, self.between = share, grip_std, margin, sample, between
         self._planner = Planner(car, track, pedals, dt=dt, horizon=horizon, steering_lag=steering_lag)
-        lag = steering_lag if isinstance(self._planner.mpc.model, LateAlongTrack) else 0.0
-        self._late = {"delay": steering_delay, "lag": lag}
+        self._late = {"delay": steering_delay, "lag": self._planner.lag}
         self.sensing = Sensing(car, grip_std=grip_std, noise=noise or {}, gate=gate, patience=patience, sample=sample)
         self.learned = Learned(track.length, grip_std, size)
         if lap is None:
@@ -186,17 +187,17 @@ class Racer(Brief):
         self._gear = 1
         self._beyond = {"d_v_x": 0.0, "d_r": 0.0}
 
-    def learn(self) -> None:
+    def learn(self, *, plan: bool = True) -> None:
         """Say how the next lap is driven by what is known by now.
 
-        Corners are tried faster or slower one by one; where the grip differs too much for that, a new lap is planned
-        like the one before. If there is none, that is driven on.
+        Corners are tried faster or slower one by one; where the grip differs too much for that and ``plan`` says so, a
+        new lap is planned like the one before. If there is none, that is driven on.
         """
         self.learned.end_lap()
         car, now = self._sure(), self.lap.car
         asked = BOLD * self.learned.sure * self.car.mu_f / now.mu_f
         self.sectors.end_lap(0.5 * (asked - 1.0))
-        if abs(car.mu_f / now.mu_f - 1.0) > CHANGED:
+        if plan and abs(car.mu_f / now.mu_f - 1.0) > CHANGED:
             with suppress(SolverError):
                 self._follow(self._plan_lap(car, self.lap))
         self.learned.begin_lap()
@@ -276,7 +277,7 @@ class Racer(Brief):
             self._begun, self._turns = s, math.floor(s / length)
         turns = math.floor(s / length)
         if turns > self._turns and s - self._begun > 0.5 * length and self.between:
-            self.learn()
+            self.learn(plan=self.between is True)
         self._turns = max(turns, self._turns)
 
     def _beside(self, s: float, e_y: float) -> float:

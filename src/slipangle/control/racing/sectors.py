@@ -34,10 +34,13 @@ class Sectors:
 
     def __init__(self, lap: Lap, margin: float) -> None:
         self.length, self.margin, size = lap.track.length, margin, float(lap.car.size)
-        self._blend, self._narrower, self._better = BLEND * size, NARROWER * size, BETTER * size**0.5
+        self._narrower, self._better = NARROWER * size, BETTER * size**0.5
         places = np.linspace(0.0, self.length, max(round(self.length / size), 2) + 1)
         inner = places[between_corners(np.interp(places, lap.s, lap.v_x, period=self.length), RISE * size**0.5)]
         self.ends = np.append(inner, self.length)
+        half = np.minimum(BLEND * size, 0.4 * np.diff(self.ends, prepend=0.0))
+        begin = np.concatenate([[0.0], self.ends[:-1]])
+        self._places = np.column_stack([begin + half, self.ends - half]).ravel()
         count = len(self.ends)
         self.faster, self.narrower = np.zeros(count), np.zeros(count)  # of speed [-], of the track on each side [m]
         self._best, self._step = np.zeros(count), np.full(count, STEP)
@@ -60,10 +63,7 @@ class Sectors:
 
     def _along(self, values: np.ndarray, s: float | np.ndarray) -> np.ndarray:
         """Values of the sectors, which blend into each other."""
-        half = np.minimum(self._blend, 0.4 * np.diff(self.ends, prepend=0.0))
-        begin = np.concatenate([[0.0], self.ends[:-1]])
-        places = np.column_stack([begin + half, self.ends - half]).ravel()
-        return np.asarray(np.interp(s, places, np.repeat(values, 2), period=self.length))
+        return np.asarray(np.interp(s, self._places, np.repeat(values, 2), period=self.length))
 
     def see(self, s: float, t: float, room: float) -> None:
         """A sample of the drive: arc length, going on over the start line [m], time [s], room beside the car. [m]"""

@@ -21,9 +21,9 @@ GRIP_WANDER = 0.002  # relative, per root of a second
 # Of the size of the car, that what is above goes with; what wanders in a root of a second by a quarter less.
 POWER = {"X": 1.0, "Y": 1.0, "v_x": 0.5, "v_y": 0.5, "r": -0.5, "d_r": -1.0}
 POSE = ("X", "Y", "psi", "v_x")  # without which there is no start
-_WANTED = (*POSE, "r")  # of channels that the state begins with
-_RANGES = Plausible(tuple(NOISE)).by_name
-_WHOLE = Plausible(RacingCar.states)
+WANTED = (*POSE, "r")  # of channels that the state begins with
+RANGES = Plausible(tuple(NOISE)).by_name
+WHOLE = Plausible(RacingCar.states)
 
 
 def usual_noise(size: float) -> dict[str, float]:
@@ -104,9 +104,9 @@ class Sensing:
 
     def _possible(self, name: str, value: float) -> bool:
         """Whether a sensor that works can read that of a car; a value that it cannot counts as refused."""
-        if name not in _RANGES or math.isnan(value):
+        if name not in RANGES or math.isnan(value):
             return False
-        low, high = _RANGES[name]
+        low, high = RANGES[name]
         possible = low <= value <= high
         self._refused[name] += not possible
         return possible
@@ -118,10 +118,10 @@ class Sensing:
         except SimulationError:
             return False
         if self._agreed:
-            return _WHOLE.holds(tracker.state)
+            return WHOLE.holds(tracker.state)
         error, _ = tracker.innovation
         off = np.isfinite(error) & ~tracker.taken
-        return _WHOLE.holds(tracker.state) and not any(off[i] for i, name in enumerate(NOISE) if name in _WANTED)
+        return WHOLE.holds(tracker.state) and not any(off[i] for i, name in enumerate(NOISE) if name in WANTED)
 
     def _drop(self, tracker: RecursiveVehicle) -> None:
         self._refused = self._with(tracker)
