@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from importlib.resources import files
-from typing import Any
 
 import numpy as np
 
-from slipangle.control.commands import Commands
 from slipangle.control.default_drive import DOUBTED, SURE, TRUSTED, UNKNOWN
 from slipangle.control.default_drive import MOST as MOST_DOUBT
 from slipangle.control.driver import MOST, Driver
@@ -21,15 +16,12 @@ from slipangle.errors import ParameterError
 from slipangle.estimate.ekf import EKF
 from slipangle.estimate.measurements import plain_name
 from slipangle.estimate.moving_horizon import MHE
-from slipangle.export.controllers import LANES, limits_of, number, table
-from slipangle.export.drives import NO_DRIVE, Drive
+from slipangle.export.controllers import limits_of, number, table
+from slipangle.export.drives import Drive, DriverRecorder, channels
 from slipangle.export.estimators import filter_source
 from slipangle.export.joined import has_parts
-from slipangle.export.memory import size_of
-from slipangle.export.models import meaning
-from slipangle.export.mpc import mpc_project
-from slipangle.export.names import comment, constants
-from slipangle.export.project import Project, replay, template, with_prefix
+from slipangle.export.loops import NOTHING, Loop, line_tables, path_source
+from slipangle.export.project import Project, template, with_prefix
 from slipangle.export.windows import window_solver
 from slipangle.models.wrappers.on_ground import POSE
 from slipangle.paths.path import Path
@@ -41,117 +33,35 @@ NO_HEADING = -9  # no reference's code, where headings are taken as they are
 TRUST = {"SURE": SURE, "UNKNOWN": UNKNOWN, "DOUBTED_MOST": DOUBTED, "TRUSTED": TRUSTED, "TRUST_MOST": MOST_DOUBT}
 
 
-@dataclass
-class DriverRecorder:
-    """A `Driver` that writes down what it is told and what it wants; `slipangle.simulate.drive.drive` drives with it.
-
-    Parameters
-    ----------
-    driver : Driver
-        The one that decides.
-
-    Examples
-    --------
-    ``recorder = DriverRecorder(driver); drive(plant, recorder); driver.export("folder", drive=recorder.drive)``
-    """
-
-    driver: Driver
-    told: list[list[float]] = field(default_factory=list)
-    commands: list[list[float]] = field(default_factory=list)
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        return getattr(self.driver, name)
-
-    def reset(self) -> None:
-        """Forget the drive so far."""
-        self.driver.reset()
-        self.told.clear()
-        self.commands.clear()
-
-    def step(self, measurements: Mapping[str, float], t: float) -> Commands:
-        """As `Driver.step`."""
-        said = self.driver.step(measurements, t)
-        self.told.append([float(t), *(float(measurements.get(n, math.nan)) for n in channels(self.driver))])
-        self.commands.append([said[n] for n in self.driver.controls])
-        return said
-
-    @property
-    def drive(self) -> Drive:
-        """What has been recorded since the start or `reset`.
-
-        Raises ParameterError if that is nothing.
-        """
-        if not self.told:
-            raise ParameterError("nothing has been recorded; expected a drive: call step, or drive, first")
-        columns = ("t", *(comment(n) for n in channels(self.driver)))
-        return Drive(
-            columns=columns, asked=np.array(self.told), commands=np.array(self.commands), controls=self.driver.controls
-        )
-
-
-def channels(driver: Driver) -> tuple[str, ...]:
-    """What a driver may be told: measured outputs, pose, speed, inputs, and states that some instrument knows."""
-    model = driver.controller.model
-    states = map(plain_name, model.states)
-    return tuple(dict.fromkeys((*POSE, "v_x", *model.outputs, *model.inputs, *states, *model.states)))
-
-
 def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
     """The files of a driver; name and drive as for `project`.
 
     Raises ParameterError if a part of it has no C.
     """
     _require_known(driver)
-    planner = mpc_project(driver.controller, "car_planner", NO_DRIVE)
-    parts = [source.removesuffix(".c").replace("car", "car_planner") for source in planner.sources]
-    inner = {f"{part}.{suffix}": planner.everything[f"{part}.{suffix}"] for part in parts for suffix in "hc"}
-    if driver._trusts:
-        inner["car_planner.c"] += _trusting(driver.controller)
-    back = window_solver(driver.estimator) if isinstance(driver.estimator, MHE) else None
-    sizes = back.sizes if back else dict.fromkeys(LANES, 0)
-    inner |= back.files if back else {}
-    source = _source(driver)
-    title = f"driver along '{driver.path.name}', a plan every {driver.dt:g} s"
-    header = _header(driver, title)
-    model, planned = driver.controller.model, planner.facts["interface"]
-    bytes_ = size_of("\n".join([inner["car_planner.h"], header, source]), "Driver", 1)
-    most = bytes_ + planner.facts["sizes"]["BYTES"] + max(sizes.values())
-    return Project(
-        name=name,
+    model, back = driver.controller.model, None
+    if isinstance(driver.estimator, MHE):
+        back = window_solver(driver.estimator)
+    loop = Loop(
+        driver=driver,
+        planner=driver.controller,
         kind="driver",
-        sentence=f"A {comment(title)}.",
-        files={
-            "car.h": header.replace("@BYTES@", str(bytes_)),
-            "car.hpp": template("driver.hpp"),
-            "car.c": f'#include "car.h"\n{source}',
-            **inner,
-            "car_block.h": template("driver_block.h"),
-            "main.c": replay("driver_main.c"),
-        },
-        sources=("car.c", *(n for n in inner if n.endswith(".c"))),
-        drive=drive.text(),
-        about=_about(driver, most),
-        readme="DRIVER.md",
-        facts={
-            "dt": driver.dt,
-            "horizon": driver.controller.horizon,
-            "drive": {"steps": len(drive.commands)},
-            "interface": {
-                "channels": list(channels(driver)),
-                "controls": list(driver.controls),
-                "states": list(model.states),
-                "outputs": list(model.outputs),
-                "planned": planned["controls"],
-                "decided": planned["decided"],
-                "times": planned["times"],
-            },
-            "sizes": {"planner": planner.facts["sizes"], "BYTES": most + 64},
-            "bytes": {lanes: size + bytes_ + sizes[lanes] for lanes, size in planner.facts["bytes"].items()},
-        },
-        flags=planner.flags,
+        title=f"driver along '{driver.path.name}', a plan every {driver.dt:g} s",
+        when="time from plan to plan [s]; car_step may be called more often, and less",
+        dt=driver.dt,
+        states=model.states,
+        outputs=model.outputs,
+        ranges=driver._ranges,
+        bounds=_bounds(driver),
+        source=_source(driver),
+        added=_trusting(driver.controller) if driver._trusts else "",
+        included='#include "car_window.h"\n' if back else "",
+        member="    car_window window;\n" if back else "",
+        counts={},
+        window=back.files if back else {},
+        sizes=back.sizes if back else NOTHING,
     )
+    return loop.project(name, drive)
 
 
 def _require_known(driver: Driver) -> None:
@@ -186,12 +96,6 @@ def _trusting(planner: MPC) -> str:
     return "\n".join(["", *tables, with_prefix(template("trusting.c"), "car_planner")])
 
 
-def _counts(driver: Driver) -> dict[str, int]:
-    model = driver.controller.model
-    listed = {"CHANNELS": channels(driver), "COMMANDS": driver.controls}
-    return {k: len(v) for k, v in {**listed, "STATES": model.states, "OUTPUTS": model.outputs}.items()}
-
-
 def _source(driver: Driver) -> str:
     """What stands after the header in ``car.c``."""
     functions = {"model_step": driver.controller.model.functions[0]}
@@ -207,19 +111,13 @@ def _source(driver: Driver) -> str:
         *_of_speed(driver),
     ]
     codes = CODES if driver._turns else CODES | {"HEADING": NO_HEADING}
-    return "\n".join([*parts, *(f"#define {k} ({v})" for k, v in codes.items()), _period(driver), template("driver.c")])
+    code = template("driver.c").replace("@MEMORY@", template("driver_memory.c"))
+    return "\n".join([*parts, *(f"#define {k} ({v})" for k, v in codes.items()), _period(driver), code])
 
 
 def _period(driver: Driver) -> str:
     """The time from plan to plan as the header has it, exact where numbers are of single precision too."""
     return f"#define PERIOD ((car_seconds){driver.dt!r})"
-
-
-def path_source() -> str:
-    """C of what a loop asks of a path: the foot of a point, the speed at a place, the look ahead."""
-    line = (files("slipangle.paths") / "line.c").read_text(encoding="utf-8")
-    unasked = line.index("/* The line at places"), line.index("/* Rows ahead")
-    return (line[: unasked[0]] + line[unasked[1] :]).replace("\nvoid line_ahead", "\nstatic void line_ahead")
 
 
 def _of_model(driver: Driver) -> list[str]:
@@ -266,12 +164,8 @@ def _of_path(driver: Driver) -> list[str]:
 
 def path_tables(path: Path, planner: MPC, exogenous: Mapping[str, int]) -> list[str]:
     """The path, and what of it the planner looks at; ``exogenous`` says what its exogenous inputs are."""
-    free = np.full_like(path.s, np.inf)
-    lane = [free if edge is None else edge for edge in (path.right, path.left)]
-    rows = np.column_stack([path.X, path.Y, path.psi, path.curvature, np.asarray(path.v_x), *lane, *_turned(path.psi)])
     strides = strides_between(np.asarray(planner.times, dtype=float).tobytes())
-    lines = [table("LINE", rows), table("SIZE", [path.spacing, path.length])]
-    lines += [table("SHAPE", [len(rows), path.closed], "long"), table("COUNTS", [n for n, _ in strides], "long")]
+    lines = [*line_tables(path), table("COUNTS", [n for n, _ in strides], "long")]
     lines.append(table("STRIDES", [h for _, h in strides]))
     if planner.references:
         codes = AHEAD | {"r": CODES["YAW_RATE"]}
@@ -279,10 +173,6 @@ def path_tables(path: Path, planner: MPC, exogenous: Mapping[str, int]) -> list[
     if planner.exogenous:
         lines += [table("EXOGENOUS", [exogenous[n] for n in planner.exogenous], "int"), table("TIMES", planner.times)]
     return lines
-
-
-def _turned(psi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return np.cos(psi), np.sin(psi)
 
 
 def _of_speed(driver: Driver) -> list[str]:
@@ -302,37 +192,14 @@ def _of_speed(driver: Driver) -> list[str]:
     return [*lines, f"#define N_GAINS {len(law.speeds)}", f"#define N_SHARES {len(shares)}"]
 
 
-def _header(driver: Driver, title: str) -> str:
-    """The text of ``car.h`` but for the size of its memory."""
-    model, bounds = driver.controller.model, limits_of(driver.controller)
+def _bounds(driver: Driver) -> dict[str, tuple[float, float]]:
+    """Lowest and highest of each command, where it is bounded."""
+    bounds = limits_of(driver.controller)
     if driver.speed is not None:
         low, high = driver.speed.limits
         for n, drive, brake in driver.speed._shares:
             bounds[n] = min(high * drive, low * brake, 0.0), max(high * drive, low * brake, 0.0)
-    ranges = {n: driver._ranges[n] for n in channels(driver) if n in driver._ranges}
-    text = template("driver.h").replace("@TITLE@", comment(title))
-    back = isinstance(driver.estimator, MHE)
-    text = text.replace("@INCLUDED@", '#include "car_window.h"\n' if back else "")
-    text = text.replace("@WINDOW@", "    car_window window;\n" if back else "")
-    text = text.replace("@COUNTS@", "\n".join(f"#define CAR_{k} {v}" for k, v in _counts(driver).items()))
-    text = text.replace("@DT@", repr(driver.dt))
-    places = {"@CHANNELS@": ("M", channels(driver), ranges), "@COMMANDS@": ("C", driver.controls, bounds)}
-    places |= {"@STATES@": ("X", model.states, {}), "@OUTPUTS@": ("Y", model.outputs, {})}
-    for mark, (letter, names, known) in places.items():
-        lines = []
-        for i, (n, c) in enumerate(constants(f"CAR_{letter}", names).items()):
-            said = f", {known[n][0]:.6g} to {known[n][1]:.6g}" if n in known else ""
-            lines.append(f"#define {c} {i} /* {meaning(n)}{said} */")
-        text = text.replace(mark, "\n".join(lines))
-    return text
-
-
-def _about(driver: Driver, bytes_: int) -> str:
-    listed = {"measured": channels(driver), "commands": driver.controls, "state": driver.controller.model.states}
-    lines = [f"- {what}: {', '.join(comment(n) for n in names)}" for what, names in listed.items()]
-    path = driver.path
-    lines.append(f"- path: {len(path.s)} samples over {path.length:.6g} m, constants of {72 * len(path.s)} bytes")
-    return "\n".join([*lines, f"- memory: {bytes_} bytes at most, by the vectors of the processor"])
+    return bounds
 
 
 def standard_driver_drive(driver: Driver, steps: int) -> Drive:

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from slipangle.control.commands import Commands
 from slipangle.control.controller import Ahead, Controller
+from slipangle.control.driver import Driver
+from slipangle.control.racing.racer import Racer
 from slipangle.errors import ParameterError
+from slipangle.estimate.measurements import plain_name
+from slipangle.export.names import comment
+from slipangle.models.wrappers.on_ground import POSE
 from slipangle.optimal.ocp import Reference
 from slipangle.optimal.solution import Plan
 from slipangle.paths.lane_change import double_lane_change
@@ -100,6 +107,65 @@ class Recorder:
         controls = tuple(self.controller.controls)
         columns = tuple(f"asked {i}" for i in range(len(self.asked[0])))
         return Drive(columns=columns, asked=np.array(self.asked), commands=np.array(self.commands), controls=controls)
+
+
+@dataclass
+class DriverRecorder:
+    """A driver that writes down what it is told and what it wants; `slipangle.simulate.drive.drive` drives with it.
+
+    Parameters
+    ----------
+    driver : Driver or Racer
+        The one that decides.
+
+    Examples
+    --------
+    ``recorder = DriverRecorder(driver); drive(plant, recorder); driver.export("folder", drive=recorder.drive)``
+    """
+
+    driver: Driver | Racer
+    told: list[list[float]] = field(default_factory=list)
+    commands: list[list[float]] = field(default_factory=list)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.driver, name)
+
+    def reset(self) -> None:
+        """Forget the drive so far."""
+        self.driver.reset()
+        self.told.clear()
+        self.commands.clear()
+
+    def step(self, measurements: Mapping[str, float], t: float) -> Commands:
+        """As `Driver.step`."""
+        said = self.driver.step(measurements, t)
+        self.told.append([float(t), *(float(measurements.get(n, math.nan)) for n in channels(self.driver))])
+        self.commands.append([said[n] for n in self.driver.controls])
+        return said
+
+    @property
+    def drive(self) -> Drive:
+        """What has been recorded since the start or `reset`.
+
+        Raises ParameterError if that is nothing.
+        """
+        if not self.told:
+            raise ParameterError("nothing has been recorded; expected a drive: call step, or drive, first")
+        columns = ("t", *(comment(n) for n in channels(self.driver)))
+        return Drive(
+            columns=columns, asked=np.array(self.told), commands=np.array(self.commands), controls=self.driver.controls
+        )
+
+
+def channels(driver: Driver | Racer) -> tuple[str, ...]:
+    """What a driver may be told: measured outputs, pose, speed, inputs, and states that some instrument knows."""
+    if isinstance(driver, Racer):
+        return driver.sensing.filter.model.outputs
+    model = driver.controller.model
+    states = map(plain_name, model.states)
+    return tuple(dict.fromkeys((*POSE, "v_x", *model.outputs, *model.inputs, *states, *model.states)))
 
 
 def standard_drive(controller: Controller, steps: int = DEFAULT_STEPS) -> Drive:

@@ -25,9 +25,10 @@ from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError
 from slipangle.export.controllers import table
-from slipangle.export.drivers import path_source, path_tables
+from slipangle.export.drivers import path_tables
 from slipangle.export.drives import NO_DRIVE
 from slipangle.export.joined import has_parts
+from slipangle.export.loops import path_source
 from slipangle.export.models import sourced
 from slipangle.export.mpc import mpc_project
 from slipangle.export.project import template

@@ -12,8 +12,8 @@ from slipangle.control.mpc import MPC
 from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError
 from slipangle.export.controllers import table
-from slipangle.export.drivers import channels, driver_project
-from slipangle.export.drives import NO_DRIVE
+from slipangle.export.drivers import driver_project
+from slipangle.export.drives import NO_DRIVE, channels
 from slipangle.export.live import Live
 from slipangle.export.names import with_prefix
 from slipangle.export.project import template

@@ -1,10 +1,7 @@
 /* From measurements to commands. The same decisions as those of `Driver.step`. */
 
 #define LONGEST_GAP 1.0 /* s between two calls, after which the estimator starts anew */
-#define WINDOW 15       /* m around the last place on the path, in which the next one is looked for */
-#define LATEST ((car_seconds)1e9)
 #define QUARTER ((car_seconds)0.25)
-#define TOGETHER ((car_seconds)1e-9)
 
 typedef struct {
     Filter filter;
@@ -23,28 +20,12 @@ typedef struct {
     car_commands last;
 } Driver;
 
-typedef char car_bytes_are_enough[sizeof(Driver) <= CAR_BYTES ? 1 : -1];
-
-static Driver *own(car_driver *memory)
-{
-    Driver *d = (Driver *)(void *)memory->memory;
-#ifdef HORIZON
-    d->filter.past.solver = &memory->window;
-#endif
-    return d;
-}
-
+@MEMORY@
 /* Whole samples in a time, a quarter of one before it is over. */
 static int64_t ticks(car_seconds t)
 {
     car_seconds n = t / PERIOD + QUARTER, whole = (car_seconds)(int64_t)n;
     return (int64_t)n - (n < whole);
-}
-
-static double within(double v, double low, double high)
-{
-    double raised = low > v ? low : v;
-    return high < raised ? high : raised;
 }
 
 int car_start(car_driver *memory, size_t bytes)
@@ -67,18 +48,6 @@ int car_start(car_driver *memory, size_t bytes)
     d->surprise = UNKNOWN;
 #endif
     return CAR_OK;
-}
-
-void car_deadline(car_driver *memory, int iterations, car_seconds seconds, car_seconds (*clock)(void *), void *of)
-{
-    Driver *d = own(memory);
-    d->iterations = iterations, d->seconds = (double)seconds, d->clock = clock, d->of = of;
-    car_planner_deadline(&memory->planner, iterations, seconds, clock, of);
-}
-
-const car_planner_output *car_last_plan(const car_driver *memory)
-{
-    return &((const Driver *)(const void *)memory->memory)->plan;
 }
 
 /* ---- measurements ---------------------------------------------------------------------------------------------- */
@@ -167,14 +136,6 @@ static int take(Driver *d, int fresh)
     return filter_take(&d->filter, y, u);
 }
 
-static int plausible(const double *x)
-{
-    int all = 1;
-    for (int a = 0; a < NX; a++)
-        all &= x[a] >= STATE_LOW[a] && x[a] <= STATE_HIGH[a];
-    return all;
-}
-
 /* Brings the estimate to now, `behind` samples after the last; what hinders, CAR_PLANNED if nothing does. */
 static int observe(Driver *d, int64_t behind)
 {
@@ -211,16 +172,6 @@ static int observe(Driver *d, int64_t behind)
 }
 
 /* ---- plan ------------------------------------------------------------------------------------------------------ */
-
-/* Finds the place on the path; the distance to its left. [m] */
-static double project(Driver *d, double X, double Y)
-{
-    double found[3];
-    int near = is_finite(d->s);
-    foot(LINE, SHAPE, SIZE, X, Y, near ? d->s : 0, near ? WINDOW : -1, found);
-    d->s = found[0];
-    return found[1];
-}
 
 static double speed(double s) { return speed_at(LINE, SHAPE, SIZE, s); }
 
@@ -271,10 +222,8 @@ static void plan(car_driver *memory, Driver *d)
 #endif
     }
     in->applied[0] = d->steered, in->applied_known = 1;
-    if (!d->planned) {
-        (void)car_planner_start(&memory->planner, sizeof memory->planner);
-        car_planner_deadline(&memory->planner, d->iterations, d->seconds, d->clock, d->of);
-    }
+    if (!d->planned)
+        plan_anew(memory, d);
 #ifdef TRUSTED
     car_planner_trust(&memory->planner, within(d->surprise / SURE, 1, TRUST_MOST));
 #endif
@@ -341,12 +290,13 @@ static void hold_speed(Driver *d, double wanted) { (void)d, (void)wanted; }
 static void decide(car_driver *memory, Driver *d, int hindered)
 {
     car_commands *c = &d->last;
+    double found[3];
     memset(c, 0, sizeof *c);
     c->reason = hindered;
     if (hindered) {
         double X = d->raw[POSE[0]], Y = d->raw[POSE[1]];
         if (X == X && Y == Y)
-            project(d, X, Y);
+            project(d, X, Y, found);
         int placed = is_finite(d->s);
         c->s = placed ? d->s : 0;
         c->wanted_v_x = d->v_x == d->v_x && placed ? speed(c->s) : 0;
@@ -354,14 +304,11 @@ static void decide(car_driver *memory, Driver *d, int hindered)
             c->state_std[a] = INFINITY;
     } else {
         double most = 0;
-        for (int a = 0; a < NX; a++) {
-            c->state[a] = d->filter.now.z[a];
-            c->state_std[a] = sqrt(d->filter.now.P[a * NZ + a]);
-        }
+        say_state(d, c);
         for (int k = 0; k < 2; k++)
             most = c->state_std[MOTION[k]] > most ? c->state_std[MOTION[k]] : most;
-        c->e_y = project(d, c->state[MOTION[0]], c->state[MOTION[1]]);
-        c->s = d->s;
+        project(d, c->state[MOTION[0]], c->state[MOTION[1]], found);
+        c->s = d->s, c->e_y = found[1];
         plan(memory, d);
         c->reason = most > LOST ? CAR_LOST : CAR_PLANNED;
         c->wanted_v_x = d->plan.stopping || most > LOST ? 0 : speed(d->s);
@@ -370,11 +317,8 @@ static void decide(car_driver *memory, Driver *d, int hindered)
     hold_speed(d, c->wanted_v_x);
     for (int i = 0; i < NY; i++)
         c->age[i] = (double)(d->now - d->seen[i]);
-    c->restarts = d->restarts, c->planned = d->planned;
-    if (d->planned) {
-        c->status = d->plan.status, c->plan_age = d->plan.age, c->stopping = d->plan.stopping;
-        c->health = d->plan.health;
-    }
+    c->restarts = d->restarts;
+    say_plan(d, c);
 }
 
 int car_step(car_driver *memory, const car_measurements *measured, car_commands *commands)
@@ -382,7 +326,7 @@ int car_step(car_driver *memory, const car_measurements *measured, car_commands 
     Driver *d = own(memory);
     car_seconds t = measured->t;
     int code = CAR_WRONG_TIME;
-    if (t >= -LATEST && t <= LATEST && !(d->begun && t < d->now - TOGETHER)) {
+    if (in_order(d, t)) {
         if (!d->begun)
             d->t0 = t;
         d->now = t;

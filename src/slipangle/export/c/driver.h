@@ -17,7 +17,7 @@ extern "C" {
 
 @COUNTS@
 #define CAR_BYTES @BYTES@ /* beside those of the controller */
-#define CAR_DT @DT@ /* time from plan to plan [s]; car_step may be called more often, and less */
+#define CAR_DT @DT@ /* @WHEN@ */
 
 typedef double car_seconds; /* of a clock */
 
@@ -78,7 +78,7 @@ int car_step(car_driver *driver, const car_measurements *measured, car_commands 
 
 /* The last plan; all zero before the first. */
 const car_planner_output *car_last_plan(const car_driver *driver);
-
+@MORE@
 #ifdef __cplusplus
 }
 #endif

@@ -174,6 +174,26 @@ static void fall_back(Controller *c, const double *before, int known)
     memset(c->x, 0, sizeof c->x);
 }
 
+/* Whether what the solver has is a plan; where the next solve may go on from it, that is in c->found. */
+static int is_plan(Controller *c, int status)
+{
+    const Work *s = &c->work;
+    int started = (status == ITERATION_LIMIT || status == STALLED || status == TIME_OUT) && s->iterations > 0 &&
+                  s->violation <= FEASIBLE && moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX);
+    c->found = status == SOLVED || status == ITERATED || started || status == ITERATION_LIMIT || status == TIME_OUT;
+    return status == SOLVED || status == ITERATED || started;
+}
+
+/* Takes what the solver has for the plan. */
+static void keep_plan(Controller *c)
+{
+    const Work *s = &c->work;
+    memcpy(c->u, s->u, sizeof c->u);
+    for (int i = 0; i <= N; i++)
+        memcpy(c->x + i * NX, s->x + NODE(i) * NX, sizeof s->x0);
+    c->age = c->kept = c->stopping = 0;
+}
+
 static int decide(Controller *c, const car_input *in, car_output *out)
 {
     Work *s = &c->work;
@@ -199,10 +219,7 @@ static int decide(Controller *c, const car_input *in, car_output *out)
         s->time_limit = larger(limit - now(&s->qp) - c->pace, 0);
         status = solve(c);
         out->iterations = (int)s->iterations, out->begun_anew = s->anew != 0;
-        int started = (status == ITERATION_LIMIT || status == STALLED || status == TIME_OUT) && s->iterations > 0 &&
-                      s->violation <= FEASIBLE && moderate(s->u, N * NU) && moderate(s->x, (NS + 1) * NX);
-        c->found = status == SOLVED || status == ITERATED || started || status == ITERATION_LIMIT || status == TIME_OUT;
-        fell = !(status == SOLVED || status == ITERATED || started);
+        fell = !is_plan(c, status);
     } else
         c->found = 0;
     if (fell) {
@@ -212,12 +229,8 @@ static int decide(Controller *c, const car_input *in, car_output *out)
         fall_back(c, before, known);
         if (limit < INFINITY)
             c->pace = smaller(0.8 * c->pace + 0.2 * smaller(now(&s->qp) - start, 2 * c->pace), 0.5 * limit);
-    } else {
-        memcpy(c->u, s->u, sizeof c->u);
-        for (int i = 0; i <= N; i++)
-            memcpy(c->x + i * NX, s->x + NODE(i) * NX, sizeof s->x0);
-        c->age = c->kept = c->stopping = 0;
-    }
+    } else
+        keep_plan(c);
     c->stuck = stuck(status, c->age);
     memcpy(out->x, c->x, sizeof c->x);
 #if CAR_DECIDED > 0
