@@ -99,7 +99,8 @@ static const double *force(Work *s)
     memset(r->v, 0, sizeof r->v);
     memset(r->e, 0, sizeof r->e);
     memcpy(r->after, s->qp.lambda, sizeof r->after);
-    memset(r->after, 0, sizeof(double) * (QN + QR));
+    for (int a = 0; a < QN + QR; a++)
+        r->after[a] = 0;
     pull(s);
     return r->forces;
 }
