@@ -81,6 +81,7 @@ class LoadedDriver:
             return of_kind(*lengths, kind=kind)
 
         files = project.everything
+        self.header, self.kind = files["car.h"], kind
         for name, text in files.items():
             (folder / name).write_text(text)
         flags = (*project.flags, *compiler._levels()[0], "-shared", "-fPIC", "-std=gnu11")
@@ -98,7 +99,7 @@ class LoadedDriver:
         self.Commands = type("Commands", (ctypes.Structure,), {"_fields_": [*listed, ("health", Health)]})
         _, self.Plan = given_and_made(inner, kind)
         self.library.car_last_plan.restype = ctypes.POINTER(self.Plan)
-        self.bytes = n["BYTES"] + 2_000_000
+        self.bytes = n["BYTES"] + 4_000_000
         self.memory = np.zeros(self.bytes + 64, dtype=np.uint8)
         self.at = ctypes.c_void_p(self.memory.ctypes.data + -self.memory.ctypes.data % 64)
         self.start()

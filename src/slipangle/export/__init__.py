@@ -33,7 +33,7 @@ def export(
     budget: int = 0,
     force: bool = False,
 ) -> Path:
-    """Write a driver, a controller or a model as self-contained C99 into a folder.
+    """Write a driver, a racer, a controller or a model as self-contained C99 into a folder.
 
     The folder has the source, a header with units and ranges, a wrapper for C++17, a program that replays a recorded
     drive, a Makefile, CMakeLists.txt, a README and a manifest with checksums. The code allocates nothing, opens no
@@ -41,16 +41,17 @@ def export(
 
     Parameters
     ----------
-    thing : Model, EKF, MHE, LearnedSideSlip, RecursiveARX, MPC, MultiARXMPC, PathFollower or Driver
-        What to export; an MPC is one solved in real time. A driver is estimator, path, controller and speed law in one.
+    thing : Model, EKF, MHE, LearnedSideSlip, RecursiveARX, MPC, MultiARXMPC, PathFollower, Driver or Racer
+        What to export; an MPC is one solved in real time. A driver is estimator, path, controller and speed law in one,
+        a racer one that drives a lap at the limit, its ``between`` "sectors" or False.
     folder : str or Path
         Where; a new or an empty folder.
     name : str, optional
         With which files and functions begin; by default what is exported, such as ``mpc``.
     drive : Drive, Dataset or int
-        What the program replays. Of a controller or a driver: what a `Recorder` or a `DriverRecorder` wrote down. Of a
-        model: data, from whose start and inputs it runs free. Of an estimator: data that it goes over. Or so many steps
-        of a drive of its own.
+        What the program replays. Of a controller, a driver or a racer: what a `Recorder` or a `DriverRecorder` wrote
+        down. Of a model: data, from whose start and inputs it runs free. Of an estimator: data that it goes over. Or so
+        many steps of a drive of its own.
     precision : str
         Of all numbers in C: ``"double"`` or ``"single"``, for processors that know no double; see docs/export.md.
     budget : int

@@ -14,6 +14,7 @@ from typing import Any
 
 from slipangle.codegen import compiler
 from slipangle.errors import ConfigError, ParameterError
+from slipangle.export.loops import LOOPS
 from slipangle.export.names import with_prefix
 from slipangle.export.project import Project, template
 
@@ -139,7 +140,7 @@ def measured(project: Project, states: int = STATES) -> Budget:
     ParameterError
         If the project is of another kind.
     """
-    kind = "step" if project.kind == "driver" else "plan" if "interface" in project.facts else ""
+    kind = "step" if project.kind in LOOPS else "plan" if "interface" in project.facts else ""
     if not kind:
         raise ParameterError(f"a {project.kind} has no budget; expected a controller or a driver: export those with it")
     if states < 1:

@@ -10,12 +10,14 @@ from typing import Any
 from slipangle.codegen import compiler
 from slipangle.control.controller import Controller
 from slipangle.control.driver import Driver
+from slipangle.control.racing.racer import Racer
 from slipangle.errors import ParameterError
 from slipangle.export.built_controller import BuiltController
 from slipangle.export.built_driver import BuiltDriver, keep_path
 from slipangle.export.built_folder import BuiltFolder, machine
 from slipangle.export.drives import DEFAULT_STEPS, Drive
 from slipangle.export.kinds import project_of
+from slipangle.export.loops import LOOPS
 from slipangle.export.names import checked, with_prefix
 from slipangle.export.project import write
 from slipangle.files import write_atomic
@@ -23,7 +25,7 @@ from slipangle.models.storage import save as save_record
 
 
 def build(
-    controller: Controller | Driver,
+    controller: Controller | Driver | Racer,
     folder: str | Path,
     *,
     name: str = "",
@@ -31,14 +33,14 @@ def build(
     portable: bool = False,
     force: bool = False,
 ) -> Path:
-    """Export a controller or a whole driver and compile it for machines like this one.
+    """Export a controller, a whole driver or a racer and compile it for machines like this one.
 
     Beside the files of `slipangle.export.export` the folder has the library, the model, and a manifest that says from
     which source, by which compiler and flags and for which processor it was made; `load` checks all of it.
 
     Parameters
     ----------
-    controller : Controller or Driver
+    controller : Controller, Driver or Racer
         What to compile.
     folder, name, drive, force
         As for `slipangle.export.export`.
@@ -66,13 +68,14 @@ def build(
     library = f"{project.name}{compiler.SUFFIX}"
     sources = [target / with_prefix(name, project.name) for name in project.sources]
     made = compiler.compile_file(sources, target / library, flags=project.flags, portable=portable)
+    whole = isinstance(controller, Driver | Racer)
     record = json.loads((target / "manifest.json").read_text(encoding="utf-8"))
     record["build"] = {
         "library": library,
         "sha256": _sum(target / library),
         **made,
         **machine(portable),
-        **(keep_path(controller.path, target) if isinstance(controller, Driver) else _keep_model(controller, target)),
+        **(keep_path(controller.path, target) if whole else _keep_model(controller, target)),
     }
     write_atomic(target / "manifest.json", json.dumps(record, indent=2) + "\n")
     return target
@@ -117,4 +120,4 @@ def load(folder: str | Path) -> BuiltController | BuiltDriver:
         If it was built for another machine, or decides otherwise here.
     """
     made = BuiltFolder(folder)
-    return BuiltDriver(made) if made.record["kind"] == "driver" else BuiltController(made)
+    return BuiltDriver(made) if made.record["kind"] in LOOPS else BuiltController(made)

@@ -15,6 +15,7 @@ import casadi as ca
 
 from slipangle.codegen import compiler
 from slipangle.control.driver import Driver
+from slipangle.control.racing.racer import Racer
 from slipangle.errors import ParameterError, WriteError
 from slipangle.estimate.filter import moving, parametrised
 from slipangle.export.controllers import table
@@ -69,7 +70,7 @@ def export_fmu(
 
     Parameters
     ----------
-    thing : Model, MPC, MultiARXMPC, PathFollower or Driver
+    thing : Model, MPC, MultiARXMPC, PathFollower, Driver or Racer
         What to export.
     path : str or Path
         The file, such as ``"car.fmu"``.
@@ -127,7 +128,7 @@ def export_fmu(
 
 def _part(thing: Any, project: Project) -> Part:
     """What an FMU has of its own by its kind."""
-    if isinstance(thing, Driver):
+    if isinstance(thing, Driver | Racer):
         return _of_driver(thing, project)
     if "interface" in project.facts:
         return _of_controller(project)
@@ -220,7 +221,7 @@ def _of_controller(project: Project) -> Part:
     return Part(code="\n".join([code, "#define PARAMETERS 0", part]), variables=unique(listed))
 
 
-def _of_driver(driver: Driver, project: Project) -> Part:
+def _of_driver(driver: Driver | Racer, project: Project) -> Part:
     """A shell around the files of a driver, and the variables: what is measured, then what it wants and believes."""
     names = project.facts["interface"]
     told = (channel(f"measured.{n}", "input", n, start=NOT_MEASURED) for n in names["channels"])

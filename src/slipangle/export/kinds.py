@@ -13,6 +13,7 @@ from slipangle.control.followers.followers import PathFollower
 from slipangle.control.marx.adaptation import AdaptiveMultiARXMPC
 from slipangle.control.marx.mpc import MultiARXMPC
 from slipangle.control.mpc import MPC
+from slipangle.control.racing.racer import Racer
 from slipangle.control.switched import SwitchedMPC
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
@@ -26,6 +27,7 @@ from slipangle.export.marx import marx_project
 from slipangle.export.models import model_project
 from slipangle.export.mpc import mpc_project
 from slipangle.export.project import Project
+from slipangle.export.racers import racer_project, standard_racer_drive
 from slipangle.export.recursions import recursion_project
 from slipangle.export.sensors import sensor_project
 from slipangle.export.switched import switched_project
@@ -53,7 +55,7 @@ def project_of(thing: Any, name: str, drive: Drive | Dataset | int) -> Project:
     """
     raise ParameterError(
         f"a {type(thing).__name__} has no C; expected a model, an MPC solved in real time, a MultiARXMPC, a path "
-        "follower, an EKF, an MHE, a learned SideSlipSensor, a RecursiveARX or a Driver"
+        "follower, an EKF, an MHE, a learned SideSlipSensor, a RecursiveARX, a Driver or a Racer"
     )
 
 
@@ -106,6 +108,11 @@ def _(thing: Compensated, name: str, drive: Drive | Dataset | int) -> Project:
 @project_of.register
 def _(thing: Driver, name: str, drive: Drive | Dataset | int) -> Project:
     return driver_project(thing, name or "driver", _driven(thing, drive, standard_driver_drive))
+
+
+@project_of.register
+def _(thing: Racer, name: str, drive: Drive | Dataset | int) -> Project:
+    return racer_project(thing, name or "racer", _driven(thing, drive, standard_racer_drive))
 
 
 @project_of.register

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
+from importlib import import_module
+from pathlib import Path as FilePath
 from typing import Any, Literal
 
 import numpy as np
@@ -52,7 +54,8 @@ class Racer(Brief):
     faster within the grip that is sure by then (`slipangle.control.racing.learning.Learned`), and goes back to what was
     quickest or, where the car came near an edge, slower and further from it (`slipangle.control.racing.sectors`).
     Where the grip differs by more than 2 % from that of the lap, a new one is planned, which takes as long as a
-    `fastest_lap`, a second or more: a car that cannot wait for it says ``between="sectors"``.
+    `fastest_lap`, a second or more: a car that cannot wait for it says ``between="sectors"``. That racer has C, see
+    `export`.
 
     No glitch of a sensor is believed (`slipangle.control.racing.sensing.Sensing`): a value that no car reads is as good
     as missing, one that is far from what the filter expects is an outlier, and the rest counts. The filter goes on
@@ -186,6 +189,14 @@ class Racer(Brief):
         self._actuators = Actuators(self.car, self.pedals, sample=self.sample, **self._late)
         self._gear = 1
         self._beyond = {"d_v_x": 0.0, "d_r": 0.0}
+
+    def export(self, folder: str | FilePath, **settings: Any) -> FilePath:
+        """Write the racer as C that runs without Python; see `slipangle.export.export`, also for its settings.
+
+        It begins as after `reset`, on the first lap. Raises ParameterError unless ``between`` leaves the lap as it is,
+        WriteError if the folder is not empty or cannot be written.
+        """
+        return import_module("slipangle.export").export(self, folder, **settings)  # a room above this one
 
     def learn(self, *, plan: bool = True) -> None:
         """Say how the next lap is driven by what is known by now.
