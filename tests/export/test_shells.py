@@ -11,7 +11,7 @@ from slipangle.codegen import compiler
 from slipangle.export.kinds import project_of
 from slipangle.export.precision import as_precision
 from tests.control.marx.test_mpc import BY_POSE
-from tests.export import test_drivers, test_estimators
+from tests.export import test_drivers, test_estimators, test_racers
 from tests.export.test_mpc import STANLEY, controller
 from tests.export.tools import STRICT, needs, run
 from tests.models.all_models import ALL_MODELS
@@ -25,12 +25,14 @@ THINGS = {  # what it is, how many columns of its drive come before its inputs
     "model without inputs that are told": (lambda: ALL_MODELS["NARX"], lambda n: n["STATES"]),
     "estimator": (lambda: test_estimators.VARIANTS["parameters"], lambda n: 0),
     "driver": (test_drivers.VARIANTS["plain"], lambda n: 1),
+    "racer": (lambda: test_racers.racer(horizon=6), lambda n: 1),
 }
+LOOPS = ("driver", "racer")
 PRECISIONS = {"double": 1e-9, "single": 1e-3}
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", [n if n != "driver" else pytest.param(n, marks=pytest.mark.slow) for n in THINGS])
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LOOPS)) for n in THINGS])
 @pytest.mark.parametrize("precision", ["double", pytest.param("single", marks=pytest.mark.slow)])
 def test_a_drive_through_both(name, precision, tmp_path, monkeypatch):
     """Two blocks side by side, and a node with messages of a wrong size between and silence at the end."""
@@ -71,7 +73,7 @@ def test_a_drive_through_both(name, precision, tmp_path, monkeypatch):
 
 
 def _commands(kind, header):
-    return header["STATES"] if kind == "estimator" else header["COMMANDS"] if kind == "driver" else header["CONTROLS"]
+    return header["STATES"] if kind == "estimator" else header["COMMANDS"] if kind in LOOPS else header["CONTROLS"]
 
 
 def _numbers(text):

@@ -10,7 +10,7 @@ from slipangle.export.fmi import export_fmu
 from slipangle.export.kinds import project_of
 from slipangle.paths.lane_change import double_lane_change
 from tests.control.marx.test_mpc import BY_POSE
-from tests.export import test_joined, test_marx_learns, test_sensors, test_switched, test_windows
+from tests.export import test_joined, test_marx_learns, test_racers, test_sensors, test_switched, test_windows
 from tests.export.test_drivers import driver
 from tests.export.test_estimators import VARIANTS
 from tests.export.test_mpc import KINDS, STANLEY, controller
@@ -32,6 +32,7 @@ EXPORTED = {
     "MPC": lambda: controller(**KINDS["corridor and soft limits"]),
     "scenarios": test_joined.KINDS["a corridor at two speeds"],
     "driver": lambda: driver(double_lane_change(20.0), horizon=6),
+    "racer": lambda: test_racers.racer(horizon=6),
 }
 LONG = {*EXPORTED} - {"path follower", "model"}
 EACH = pytest.mark.parametrize(

@@ -45,7 +45,7 @@ def fitted(model: Any, info: FitInfo) -> Any:
     return model if model.off_ground is model else replace(model, model=fitted(model.off_ground, info))
 
 
-def _exp(v: float) -> float:
+def _exp(v: Any) -> float:
     """As the C library has it, to the last bit; infinite where it overflows."""
     return math.exp(v) if v < 709.0 else math.inf
 

@@ -151,7 +151,7 @@ class Loop:
         return "\n".join([*lines, f"- memory: {bytes_} bytes at most, by the vectors of the processor"])
 
 
-NOTHING = dict.fromkeys(LANES, 0)
+NOTHING: dict[int, int] = dict.fromkeys(LANES, 0)
 
 
 def path_source(*, ahead: bool = True) -> str:

@@ -1,4 +1,4 @@
-/* From measurements to commands of a car at its limit. The same decisions as those of `Racer.step`. */
+/* From measurements to commands of a vehicle at its limit. The same decisions as those of `Racer.step`. */
 
 #define FULL_TURN 6.283185307179586
 
@@ -28,7 +28,7 @@ typedef struct {
     Sectors sectors;
     double read[NY]; /* what each channel read when it was taken in last, NaN before */
     Asked asked, heard, coming[WAITING]; /* of steering and pedals, last, as far as it came, and between, a ring */
-    double steered, driving, braking;      /* what the car has done of it */
+    double steered, driving, braking;      /* what the vehicle has done of it */
     double s, from, turns, d_v_x, d_r;     /* from: where the drive began; d: what the model does not explain */
     car_seconds seen[NY], now;
     int64_t tick, asks, laps, restarts;
@@ -62,7 +62,7 @@ int car_start(car_driver *memory, size_t bytes)
 
 /* ---- measurements ---------------------------------------------------------------------------------------------- */
 
-/* Takes in what a sensor can read, NaN for nothing; whether the state stays a car's and, before a second pose, agrees
+/* Takes in what a sensor can read, NaN for nothing; whether the state stays a vehicle's and, before a second pose, agrees
    with what is measured of it. What reads exactly as before is held by its instrument. */
 static int follows(Driver *d, const double *given)
 {
@@ -79,7 +79,7 @@ static int follows(Driver *d, const double *given)
     return agrees || d->agreed;
 }
 
-/* Forgets an estimate that is no car's any more. */
+/* Forgets an estimate that is no vehicle's any more. */
 static void drop(Driver *d) { d->tracking = d->agreed = 0, d->restarts++; }
 
 /* Whether a state is known with what was measured now. */
@@ -115,7 +115,7 @@ static int sense(Driver *d, const double *value)
 @PLANS@
 /* ---- steering and pedals --------------------------------------------------------------------------------------- */
 
-/* Asks for rates of the road-wheel angle and of the force along the car, over a sample; throttle and brake for that. */
+/* Asks for rates of the road-wheel angle and of the force along the vehicle, over a sample; throttle and brake for that. */
 static void ask(Driver *d, double turn, double rise, double v_x, double most, double *pedals)
 {
     Asked a = {within(d->asked.delta + CAR_DT * turn, -DELTA_MAX, DELTA_MAX), 0};
@@ -136,7 +136,7 @@ static void ask(Driver *d, double turn, double rise, double v_x, double most, do
     d->braking += (-pedals[1] * full - d->braking) * BRAKE_SHARE;
 }
 
-/* Commands of a sample, and what the car does with them. */
+/* Commands of a sample, and what the vehicle does with them. */
 static void act(Driver *d, const double *grip, car_commands *c)
 {
     const double *x = d->filter.now.z;
@@ -153,7 +153,7 @@ static void act(Driver *d, const double *grip, car_commands *c)
 
 /* ---- commands -------------------------------------------------------------------------------------------------- */
 
-/* Says how the next lap is driven where the car crosses the start line. */
+/* Says how the next lap is driven where the vehicle crosses the start line. */
 static void count_laps(Driver *d)
 {
     double turns = floor(d->s / SIZE[1]);

@@ -143,7 +143,7 @@ static double along(const double *values, double s)
 
 static double faster_at(const Sectors *r, double s) { return 1 + along(r->faster, s); }
 
-/* A sample of the drive: arc length, going on over the start line, time, room beside the car. */
+/* A sample of the drive: arc length, going on over the start line, time, room beside the vehicle. */
 static void see_sector(Sectors *r, double s, car_seconds t, double room)
 {
     int now = last_up_to(ENDS, SECTORS, on_lap(s)) + 1;

@@ -43,7 +43,7 @@ static void drive_on(Driver *d, double *x, double *s, double grip)
 #endif
 }
 
-/* Arc lengths of the stages: at the lap's speeds, as much faster or slower as the car is now. */
+/* Arc lengths of the stages: at the lap's speeds, as much faster or slower as the vehicle is now. */
 static void nodes_from(const Driver *d, double s, double v_x, double *nodes)
 {
     double now[NXP], faster = faster_at(&d->sectors, s);
@@ -57,7 +57,7 @@ static void nodes_from(const Driver *d, double s, double v_x, double *nodes)
     }
 }
 
-/* Force at full throttle at the nodes and the speeds there, from the gear that the car is in on. */
+/* Force at full throttle at the nodes and the speeds there, from the gear that the vehicle is in on. */
 static void most_at(const Driver *d, const double *nodes, double (*wanted)[NXP], double *most)
 {
     int gear = d->gear;
@@ -67,7 +67,7 @@ static void most_at(const Driver *d, const double *nodes, double (*wanted)[NXP],
     }
 }
 
-/* No state of the lap is much faster than full throttle makes the car from now on. */
+/* No state of the lap is much faster than full throttle makes the vehicle from now on. */
 static void keep_within_reach(const Driver *d, const double *nodes, double v, double (*wanted)[NXP])
 {
     double most[CAR_PLANNER_NODES];
