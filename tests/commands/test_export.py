@@ -13,6 +13,8 @@ from slipangle.models.storage import save
 from tests.commands.test_log import folder  # noqa: F401  # a fixture
 from tests.export.tools import needs, run
 from tests.models.all_models import ALL_MODELS
+from tests.workflow.test_race import LAP
+from tests.workflow.test_race import job as race_job
 
 CONTROLLER = """
 [controller]
@@ -38,6 +40,22 @@ def test_controller_of_a_job(folder, capsys):  # noqa: F811
     assert np.abs(drive[:, -1]).max() > 0.01  # the job's manoeuvre
     assert main(["export", "c", str(job), *out]) == 2
     assert "is not empty" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_racer_of_a_job(tmp_path, capsys):
+    """Its program repeats a lap on the job's plant."""
+    needs("gcc", "make")
+    made, more = tmp_path / "made", LAP.replace("1.5e5", "1.2e5, mu_f = 1.1, mu_r = 1.15, C_f = 1.2e5, C_r = 1.6e5")
+    assert main(["export", "c", race_job(tmp_path, f"{more}[race]\n"), "--out", str(made), "--json"]) == 0
+    assert {"racer.c", "racer_planner.c"} < set(json.loads(capsys.readouterr().out)["files"])
+    drive = np.loadtxt(made / "drive.csv", delimiter=",", skiprows=1)
+    assert len(drive) > 2000
+    said = run("make", "-s", "replay", "CC=gcc", folder=made)
+    assert f"{len(drive)} calls in" in said
+    no_track = race_job(tmp_path, "[race]\n")
+    assert main(["export", "c", no_track, "--out", str(tmp_path / "none")]) == 2
+    assert "names no track; expected one: add [lap] with track" in capsys.readouterr().err
 
 
 @pytest.mark.slow

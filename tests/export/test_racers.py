@@ -14,8 +14,10 @@ from slipangle.control.racing.sensing import NOISE
 from slipangle.errors import ParameterError
 from slipangle.export import DriverRecorder, build, load
 from slipangle.export.drives import NO_DRIVE, channels
+from slipangle.export.fmi import export_fmu
 from slipangle.export.kinds import project_of
 from slipangle.export.precision import as_precision
+from slipangle.export.racers import standard_racer_drive
 from slipangle.simulate.drive import drive
 from tests.control.racing.test_racer import (
     FRICTION,
@@ -204,6 +206,24 @@ def test_a_racer_built_ahead_of_time_drives_a_lap(tmp_path):
     assert runs[1].fallbacks == 0
     assert runs[1].s[-1] > circuit().length
     assert np.array_equal(runs[0].states, runs[1].states)
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("version", [2, 3])
+def test_an_fmu_repeats_a_drive(version, tmp_path):
+    validation = pytest.importorskip("fmpy.validation")
+    from tests.export.test_fmi import Slave
+
+    whole = racer(horizon=6)
+    file = export_fmu(whole, tmp_path / "pilot.fmu", version=version)
+    assert validation.validate_fmu(str(file)) == []
+    slave, recorded = Slave(file, tmp_path / "pilot"), standard_racer_drive(whole, 60)
+    for row, wanted in zip(recorded.asked, recorded.commands, strict=True):
+        slave.set(**{f"measured.{n}": v for n, v in zip(channels(whole), row[1:], strict=True)})
+        slave.step()
+        assert slave.get(*whole.controls) == pytest.approx(wanted, rel=1e-9, abs=1e-9)
+    slave.end()
 
 
 @needs_compiler

@@ -15,6 +15,8 @@ from slipangle.files import check_output
 
 if TYPE_CHECKING:
     from slipangle.export import Drive
+    from slipangle.workflow.race_settings import RaceSettings
+    from slipangle.workflow.settings import Settings
 
 
 def add(commands: Commands) -> None:
@@ -49,7 +51,7 @@ def add(commands: Commands) -> None:
 
 def _options(sub: argparse.ArgumentParser, what: str, out: str, names: str) -> None:
     """Options of all that is written."""
-    files = "a job with a [controller]" + (", or a model's file" if "MODEL" in what else "")
+    files = "a job with a [controller] or a [race]" + (", or a model's file" if "MODEL" in what else "")
     sub.add_argument("what", metavar=what, help=files)
     sub.add_argument("--out", help=f"where to write it (default: {out})")
     sub.add_argument("--name", help=f"with which files and functions begin (default: {names})")
@@ -75,7 +77,8 @@ def _thing(options: argparse.Namespace, bar: Bar) -> tuple[Any, dict[str, Any]]:
 def _c(options: argparse.Namespace) -> Answer:
     """Write the controller of JOB.toml, on the model that the job identifies, or the model of MODEL.json as C99.
 
-    The program in the folder replays the job's manoeuvre, recorded here, wherever it is compiled.
+    The program in the folder replays the job's manoeuvre, recorded here, wherever it is compiled. Of a job with a
+    [race] and no [controller] it is the racer, on its first lap.
     """
     from slipangle.export import export
 
@@ -134,9 +137,9 @@ def _build(options: argparse.Namespace) -> Answer:
 
 
 def _controller(file: str, bar: Bar) -> tuple[Any, Drive]:
-    """The controller of a job, or its whole driver, and the drive of its manoeuvre.
+    """The controller of a job, or its whole driver, and the drive of its manoeuvre; without them its racer and a lap.
 
-    Raises ConfigError if the job has none, before anything is identified.
+    Raises ConfigError if the job has none of them, before anything is identified.
     """
     from slipangle.control.driver import Driver
     from slipangle.export import DriverRecorder, Recorder
@@ -147,10 +150,12 @@ def _controller(file: str, bar: Bar) -> tuple[Any, Drive]:
 
     settings, logs = read_job(file)
     wanted = settings.controller
+    if wanted is None and settings.race is not None:
+        return _racer(file, settings, settings.race, bar)
     if wanted is None:
         raise ConfigError(
-            f"'{file}' has no [controller]; expected one to export: add it, or name a model that 'slipangle identify' "
-            "wrote"
+            f"'{file}' has no [controller]; expected one to export, or a [race]: add it, or name a model that "
+            "'slipangle identify' wrote"
         )
     bar(0.1, f"identifying {wanted.model}")
     model = identify_named(settings, wanted.model, logs)
@@ -165,3 +170,28 @@ def _controller(file: str, bar: Bar) -> tuple[Any, Drive]:
     how: Any = {"driver": driver, "held": unmoved(plant, controller), "width": wanted.width}
     closed_loop(plant, recorder, build_path(wanted), **how)  # type: ignore[arg-type]
     return controller, recorder.drive
+
+
+def _racer(file: str, settings: Settings, wanted: RaceSettings, bar: Bar) -> tuple[Any, Drive]:
+    """The racer of a job, which keeps its first lap, and a lap on the job's plant.
+
+    Raises ConfigError if the job names no track.
+    """
+    from slipangle.export import DriverRecorder
+    from slipangle.paths.path import Path as Track
+    from slipangle.simulate.race import race
+    from slipangle.workflow.lap import identified_car
+    from slipangle.workflow.race import racer_on
+
+    lap = settings.lap
+    if lap.track is None:
+        raise ConfigError(f"'{file}' names no track; expected one: add [lap] with track")
+    bar(0.1, "identifying the car")
+    model, car = identified_car(settings, lap.model or None, lap.set)
+    bar(0.4, "fitting the racer's car to the plant")
+    track = Track.from_file(lap.track)
+    racer, plant, _ = racer_on(wanted, settings.plant, model, car, track, lap.points, between="sectors")
+    bar(0.7, "driving a lap")
+    recorder = DriverRecorder(racer)
+    race(recorder, plant, 1)  # type: ignore[arg-type]
+    return racer, recorder.drive

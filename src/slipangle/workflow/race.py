@@ -85,22 +85,39 @@ def raced(
     ``model`` and ``car`` are the job's; ``points`` are those of laps that are not planned by the racer. Raises
     ConfigError if no plant can be made, ParameterError, SolverError and SimulationError as `Racer` and `race_car`.
     """
+    progress(0.0, "fitting the racer's car to the plant")
+    racer, plant, said = racer_on(wanted, plant_settings, model, car, track, points)
+    progress(0.3, "finding what the plant's road allows")
+    fastest = optimum(racer.car, track, wanted.friction, points)
+    progress(0.4, f"driving {wanted.laps} laps")
+    return Raced(race=race(racer, plant, wanted.laps), fastest=fastest, plant=said, settings=wanted)
+
+
+def racer_on(
+    wanted: RaceSettings,
+    plant_settings: PlantSettings,
+    model: Model,
+    car: LapCar,
+    track: Path,
+    points: int | None,
+    **more: Any,
+) -> tuple[Racer, Plant, str]:
+    """A racer whose car is fitted to a plant, that plant, and what it is in words; ``more`` are settings of `Racer`.
+
+    Raises as `raced`.
+    """
     real, said = plant_of(wanted, plant_settings, model, car)
     size = float(size_of(real.params))
     noise = {**usual_noise(size), **wanted.noise}
-    progress(0.0, "fitting the racer's car to the plant")
     margin = _MARGIN * size if wanted.margin is None else wanted.margin
     believed = race_car(real, track, margin=margin, points=points)
-    progress(0.3, "finding what the plant's road allows")
-    fastest = optimum(believed, track, wanted.friction, points)
-    progress(0.4, f"driving {wanted.laps} laps")
     how: dict[str, Any] = {name: getattr(wanted, name) for name in ("share", "grip_std")}
     delay, lag = (Values() if wanted.plant else late(model, name) for name in ("delay_delta", "steering_lag"))
     how["steering_delay"] = delay.get("delta", 0.0)
     how["steering_lag"] = real.params.steering.lag + lag.get("delta", 0.0)
-    racer = Racer(believed, track, Pedals.of(real.params), noise=noise, margin=margin, **how)
+    racer = Racer(believed, track, Pedals.of(real.params), noise=noise, margin=margin, **how, **more)
     plant = Plant(on_road(real, wanted.friction), noise=Values(**noise), delay=delay, lag=lag, seed=wanted.seed)
-    return Raced(race=race(racer, plant, wanted.laps), fastest=fastest, plant=said, settings=wanted)
+    return racer, plant, said
 
 
 def plant_of(wanted: RaceSettings, settings: PlantSettings, model: Model, car: LapCar) -> tuple[DualTrack, str]:
