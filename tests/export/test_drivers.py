@@ -26,7 +26,7 @@ from slipangle.paths.path import Path
 from slipangle.simulate.drive import drive
 from slipangle.simulate.plant import Plant
 from tests.export.loaded import Health, defines, given_and_made, of_kind, same
-from tests.export.tools import MACHINES, STRICT, built_and_run, needs, run
+from tests.export.tools import MACHINES, STRICT, needs, repeated_on, run
 
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
 KNOWN = Bicycle(params=SOUSA_TABLE_7_2, dt=0.02, outputs=("r",))
@@ -266,12 +266,6 @@ def test_two_thousand_calls_on_every_machine(name, tmp_path):
     """The same commands to 1e-10 from every compiler and processor."""
     needs()
     made = project_of(driver(circle(), LAGGED, late=LATE, speed=PEDALS), "car", 2000)
-    for file, content in made.everything.items():
-        (tmp_path / file).write_text(content)
-    said = built_and_run(name, [*made.sources, "main.c"], tmp_path, "--commands", stdin=tmp_path / "drive.csv")
-    rows = np.array([line.split(",") for line in said.split()], dtype=float)
-    asked = np.loadtxt(tmp_path / "drive.csv", delimiter=",", skiprows=1)
-    wanted = asked[:, -rows.shape[1] :]
-    assert len(rows) == 2000
+    said, wanted = repeated_on(name, made, tmp_path)
     assert np.abs(wanted[:, 0]).max() > 0.02
-    assert (np.abs(rows - wanted) / (1 + np.abs(wanted))).max() <= 1e-10
+    assert (np.abs(said - wanted) / (1 + np.abs(wanted))).max() <= 1e-10

@@ -31,7 +31,7 @@ from tests.control.racing.test_racer import (
 )
 from tests.export.loaded import array, defines
 from tests.export.test_drivers import LoadedDriver, alike
-from tests.export.tools import STRICT, needs, run
+from tests.export.tools import MACHINES, STRICT, needs, repeated_on, run
 
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
 LATE = {"steering_delay": 0.08, "steering_lag": 0.06}
@@ -206,6 +206,16 @@ def test_a_racer_built_ahead_of_time_drives_a_lap(tmp_path):
     assert runs[1].fallbacks == 0
     assert runs[1].s[-1] > circuit().length
     assert np.array_equal(runs[0].states, runs[1].states)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MACHINES)
+def test_two_thousand_calls_on_every_machine(name, tmp_path):
+    """The same commands to 1e-10 from every compiler and processor."""
+    needs()
+    said, wanted = repeated_on(name, project_of(racer(), "car", 2000), tmp_path)
+    assert len(said) == 2000
+    assert (np.abs(said - wanted) / (1 + np.abs(wanted))).max() <= 1e-10
 
 
 @needs_compiler

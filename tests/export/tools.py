@@ -153,3 +153,14 @@ def driven_on(name, controller, folder, steps=2000):
     commands = np.array(said.split(), dtype=float)
     assert commands.shape == (steps,)
     return commands, drive.commands[:, 0]
+
+
+def repeated_on(name, made, folder):
+    """Commands of the recorded drive of a driver: what its C says on a machine, and what was recorded."""
+    for file, content in made.everything.items():
+        (folder / file).write_text(content)
+    said = built_and_run(name, [*made.sources, "main.c"], folder, "--commands", stdin=folder / "drive.csv")
+    rows = np.array([line.split(",") for line in said.split()], dtype=float)
+    wanted = np.loadtxt(folder / "drive.csv", delimiter=",", skiprows=1)[:, -rows.shape[1] :]
+    assert rows.shape == wanted.shape
+    return rows, wanted

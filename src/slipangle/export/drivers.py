@@ -57,6 +57,7 @@ def driver_project(driver: Driver, name: str, drive: Drive) -> Project:
         added=_trusting(driver.controller) if driver._trusts else "",
         included='#include "car_window.h"\n' if back else "",
         member="    car_window window;\n" if back else "",
+        meanings={},
         counts={},
         window=back.files if back else {},
         sizes=back.sizes if back else NOTHING,

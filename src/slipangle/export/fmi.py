@@ -226,11 +226,12 @@ def _of_driver(driver: Driver | Racer, project: Project) -> Part:
     names = project.facts["interface"]
     told = (channel(f"measured.{n}", "input", n, start=NOT_MEASURED) for n in names["channels"])
     listed = [replace(v, doc=f"{v.doc}; {NOT_NEW}".removeprefix("; ")) for v in told]
-    listed += [channel(n, "output", n) for n in names["controls"]]
+    pedals = {"brake": "brake pedal, 0 to 1"} if project.kind == "racer" else {}
+    listed += [channel(n, "output", "" if n in pedals else n) for n in names["controls"]]
     listed += [channel(n, "output", of) for n, of in (("wanted_v_x", "v_x"), ("s", "X"), ("e_y", "Y"))]
     for what in ("state", "state_std"):
         listed += [channel(f"{what}.{n}", "output", n) for n in names["states"]]
-    listed = [replace(v, doc=DRIVER_DOCS.get(v.name, v.doc)) for v in listed]
+    listed = [replace(v, doc=(DRIVER_DOCS | pedals).get(v.name, v.doc)) for v in listed]
     listed += [replace(channel(n, "output", ""), doc=DRIVER_DOCS[n]) for n in DRIVER_NUMBERS]
     files = {n: text for n, text in project.everything.items() if n.endswith((".c", ".h")) and n in _compiled(project)}
     part = with_prefix(_template("driver.c"), project.name)

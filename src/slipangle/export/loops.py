@@ -42,6 +42,8 @@ class Loop:
         Of the estimator.
     ranges, bounds : mapping of str to (float, float)
         Beyond which a measurement is taken for a fault, and of the commands.
+    meanings : mapping of str to str
+        Of names that are not what the table of channels says, with their units.
     source : str
         What stands after the header in ``car.c``.
     added : str
@@ -68,6 +70,7 @@ class Loop:
     bounds: Ranges
     source: str
     added: str = ""
+    meanings: Mapping[str, str]
     included: str = ""
     member: str = ""
     more: str = ""
@@ -136,7 +139,7 @@ class Loop:
             lines = []
             for i, (n, c) in enumerate(constants(f"CAR_{letter}", names).items()):
                 said = f", {known[n][0]:.6g} to {known[n][1]:.6g}" if n in known else ""
-                lines.append(f"#define {c} {i} /* {meaning(n)}{said} */")
+                lines.append(f"#define {c} {i} /* {self.meanings.get(n) or meaning(n)}{said} */")
             marks[mark] = "\n".join(lines)
         text = template("driver.h")
         for mark, value in marks.items():

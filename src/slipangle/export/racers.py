@@ -26,6 +26,12 @@ from slipangle.export.project import Project, template, with_prefix
 
 EXOGENOUS = ("curvature", "stage", "mu_f", "mu_r", "d_v_x", "d_r")  # in the order of ``c/racer_plans.c``
 
+MEANINGS = {
+    "brake": "brake: pedal [-]",
+    "d_v_x": "d_v_x: acceleration along the vehicle that its equations leave out [m/s2]",
+    "d_r": "d_r: yaw acceleration that its equations leave out [rad/s2]",
+}
+
 
 def racer_project(racer: Racer, name: str, drive: Drive) -> Project:
     """The files of a racer; name and drive as for `project`.
@@ -42,7 +48,7 @@ def racer_project(racer: Racer, name: str, drive: Drive) -> Project:
         planner=racer._planner.mpc,
         kind="racer",
         title=f"racer on '{racer.track.name}', a plan every {every:g} s",
-        when=f"time from call to call of car_step [s]; every {racer._every} of them are a plan",
+        when=f"time from call to call of car_step [s]; one of every {racer._every} plans",
         dt=racer.sample,
         states=model.states,
         outputs=model.outputs,
@@ -51,6 +57,7 @@ def racer_project(racer: Racer, name: str, drive: Drive) -> Project:
         source=_source(made),
         added=f"\n{with_prefix(template('planned_anew.c'), 'car_planner')}",
         more=f"\n{template('racer_learned.h')}",
+        meanings=MEANINGS,
         counts={"SECTORS": len(made.sectors.ends)},
         window={},
         sizes=NOTHING,

@@ -151,7 +151,7 @@ class Racer(Brief):
         for name, value, low, high in (("share", share, 0.3, 1.0), ("grip_std", grip_std, 0.0, 0.5), *late):
             if not low <= value <= high:
                 raise ParameterError(f"{name} is {value:g}; expected {low:g} to {high:g}")
-        if between not in (True, False, "sectors"):
+        if not (isinstance(between, bool) or between == "sectors"):
             raise ParameterError(f'between is {shown(between)}; expected True, False or "sectors"')
         size = float(car.size)
         margin = MARGIN * size if margin is None else margin
