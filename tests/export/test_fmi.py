@@ -181,6 +181,8 @@ def test_directional_derivatives_are_those_of_finite_differences(name, version, 
     slave = Slave(export_fmu(model, tmp_path / "model.fmu", version=version), tmp_path / "at")
     known = [v.name for v in slave.description.modelVariables if v.causality in ("local", "input", "parameter")]
     starts = slave.get(*known) + np.array([0.01 * rng.normal() * (n.startswith("state")) for n in known])
+    least = {v.name: float(v.min) for v in slave.description.modelVariables if v.causality == "parameter" and v.min}
+    starts = np.maximum(starts, [least.get(n, -np.inf) + 0.01 for n in known])  # none at its bound, to move both ways
     slave.set(**dict(zip(known, starts, strict=True)))
     for _ in range(4):
         along = rng.normal(size=len(known)) * 1e-2 * np.maximum(np.abs(starts), 1e-2)
