@@ -128,6 +128,7 @@ ALL_MODELS = {
     ),
     "steered bicycle": Steered(Bicycle(params=FERRARI_250LM, dt=0.02), steering_lag=0.05),
     "rear-steered bicycle": RearSteered(Bicycle(params=FERRARI_250LM, dt=0.02, outputs=("a_y", "r"))),
+    "torque-vectored bicycle": TorqueVectored(Bicycle(params=FERRARI_250LM, dt=0.02, outputs=("a_y", "r"))),
     "torque-vectored, banked": Banked(TorqueVectored(SaturatingBicycle(params=AXLES, dt=0.02), gain_M_z=0.9)),
     "banked bicycle": Banked(Bicycle(params=FERRARI_250LM, dt=0.02, outputs=("a_y", "r"))),
     "steered, banked": Steered(Banked(SaturatingBicycle(params=AXLES, dt=0.02)), steering_lag=0.05),

@@ -310,9 +310,9 @@ def _steered(model: Any) -> Any:
 
 def _relaxing(model: Any) -> Any:
     """With tires that relax, whatever is around the car."""
-    if isinstance(model, SaturatingBicycle):
-        return RelaxingBicycle(params=model.params, dt=model.dt, outputs=model.outputs)
-    return replace(model, model=_relaxing(model.model))
+    if hasattr(model, "model"):
+        return replace(model, model=_relaxing(model.model))
+    return RelaxingBicycle(params=model.params, dt=model.dt, outputs=model.outputs)
 
 
 def errors(fitted: Fitted, data: Dataset) -> np.ndarray:

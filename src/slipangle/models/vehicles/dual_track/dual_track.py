@@ -83,7 +83,7 @@ class DualTrack(StartsRolling):
 
     def __post_init__(self) -> None:
         more = {"delta_r": self.rear_steered, "M_z": self.torque_vectored}
-        object.__setattr__(self, "inputs", (*DualTrack.inputs, *(name for name, there in more.items() if there)))
+        object.__setattr__(self, "inputs", (*type(self).inputs, *(name for name, there in more.items() if there)))
         if self.method == "radau":
             raise ParameterError('the dual track has stick and slip, which "radau" cannot step over; expected "rk4"')
         if not is_symbolic(self.params.mass_sprung) and self.params.mass_sprung <= 0:
