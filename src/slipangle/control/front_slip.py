@@ -15,7 +15,7 @@ from scipy import optimize
 from slipangle.models.model import Model
 from slipangle.models.ode import Parametrised
 from slipangle.models.tires.magic_formula.terms import curved
-from slipangle.models.vehicles.axle import lowest_speed, small_slip_angles
+from slipangle.models.vehicles.axle import slip_speed, small_slip_angles
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.models.wrappers.wrapper import Wrapper
 from slipangle.ops import Scalar, Vector, fabs, maximum, minimum, sin, sqrt, where
@@ -57,7 +57,7 @@ class FrontSlip:
         """The slip angle of the motion, without relaxation."""
         p = self.params
         angle = u[-1 - self.steering] if self.steering < 0 else x[self.steering]
-        v = maximum(u[self.speed], lowest_speed(p, p.C_f, p.C_r))
+        v = slip_speed(u[self.speed], p)
         return small_slip_angles(
             v, x[self.places[0]], x[self.places[1]], p.road_wheel(angle) if self.geared else angle, p
         )[0]
@@ -78,7 +78,7 @@ class RearSlip(FrontSlip):
     def __call__(self, x: Vector, u: Vector, _: Any) -> Scalar:
         """The slip angle of the motion, without relaxation."""
         p = self.params
-        v = maximum(u[self.speed], lowest_speed(p, p.C_f, p.C_r))
+        v = slip_speed(u[self.speed], p)
         return small_slip_angles(v, x[self.places[0]], x[self.places[1]], 0.0, p)[1]
 
 

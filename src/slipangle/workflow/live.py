@@ -21,7 +21,7 @@ from slipangle.report.playback import Beside, LiveDrive, Slider
 from slipangle.simulate.loop import closed_loop
 from slipangle.units import deg, read_in
 from slipangle.workflow.controllers import ControllerSettings, EstimatorSettings, build_path, identified_bicycle
-from slipangle.workflow.drive import PlantSettings, build_plant, unmoved, whole_driver
+from slipangle.workflow.drive import PlantSettings, build_plant, whole_driver
 
 _NAMED = {
     "X": "along X",
@@ -52,7 +52,7 @@ def other_law(wanted: ControllerSettings, plant_settings: PlantSettings, model: 
     law = FeedforwardFeedback(params=params.at_speed(wanted.v_x), dt=wanted.dt, **limits)
     try:
         plant, driver, _ = build_plant(plant_settings, model)
-        run = closed_loop(plant, law, build_path(wanted), driver=driver, held=unmoved(plant, law), width=wanted.width)
+        run = closed_loop(plant, law, build_path(wanted), driver=driver, width=wanted.width)
     except SlipangleError:  # what it is compared to is worth no lost page
         return None
     rows = np.searchsorted(run.t, run.t_plan - 1e-9).clip(0, len(run.t) - 1)

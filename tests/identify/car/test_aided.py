@@ -14,7 +14,7 @@ from slipangle.identify.car import sentences, structures
 from slipangle.identify.car.identify_car import identify_car
 from slipangle.identify.car.structures import STIFF, first_guess, fit
 from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle
-from tests.identify.car.test_identify_car import DT, FINE, KNOWN, OUTPUTS, STEERING, TRUE
+from tests.identify.car.test_identify_car import DT, FINE, KNOWN, OUTPUTS, STEERING, TRUE, multisine
 from tests.oracles import vehicles
 
 SCALE = 0.87  # of the moment that acts over the one that is logged
@@ -30,9 +30,7 @@ def log(speed, seed, *, noise=1.0, seconds=16.0):
     """A drive with multisine steering; rear wheels follow the front ones, and the moment an error of the yaw rate."""
     rng, h = np.random.default_rng(seed), DT / FINE
     t = np.arange(round(seconds / h)) * h
-    f = np.arange(1, 40) * 0.06
-    wave = sum(np.cos(2 * np.pi * (k * t + p)) for k, p in zip(f, rng.uniform(0, 1, len(f)), strict=True))
-    logged = 0.08 / speed * 12.0 * wave / np.abs(wave).max()
+    logged = 0.08 / speed * 12.0 * multisine(rng, t)
     late = np.interp(t - STEERING["delay"], t, logged)
     wheel, v_y, r, rear, moment, rows = 0.0, 0.0, 0.0, 0.0, 0.0, []
     l_r = TRUE["wheelbase"] - TRUE["l_f"]

@@ -32,6 +32,13 @@ DT, FINE = 0.02, 10
 OUTPUTS = ("v_y", "r")
 
 
+def multisine(rng, t):
+    """Of 39 frequencies up to 2.3 Hz with phases of their own, at most one."""
+    f = np.arange(1, 40) * 0.06
+    wave = sum(np.cos(2 * np.pi * (k * t + p)) for k, p in zip(f, rng.uniform(0, 1, len(f)), strict=True))
+    return wave / np.abs(wave).max()
+
+
 def log(
     speed,
     seed,
@@ -52,9 +59,7 @@ def log(
     rng = np.random.default_rng(seed)
     h = DT / FINE
     t = np.arange(round(seconds / h)) * h
-    f = np.arange(1, 40) * 0.06
-    wave = sum(np.cos(2 * np.pi * (k * t + p)) for k, p in zip(f, rng.uniform(0, 1, len(f)), strict=True))
-    logged = amplitude / speed * 12.0 * wave / np.abs(wave).max()
+    logged = amplitude / speed * 12.0 * multisine(rng, t)
     late = np.interp(t - steering["delay"], t, logged)
     wheel, v_y, r, rows = logged[0] - steering["offset"], 0.0, 0.0, []
     for k in range(len(t)):

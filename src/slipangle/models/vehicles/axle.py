@@ -3,6 +3,8 @@
 .. [1] L. C. Sousa, PhD thesis, PUC-Rio, 2023.
 """
 
+from typing import Any
+
 from slipangle.models.vehicles.parameters import ChassisParams
 from slipangle.ops import Scalar, atan2, cos, maximum, sin, speed_floor
 
@@ -44,6 +46,11 @@ def lowest_speed(p: ChassisParams, C_f: Scalar, C_r: Scalar, *, locked: Scalar =
     turn = C_f * p.l_f * p.l_f + C_r * p.l_r * p.l_r + locked
     rates = (C_f + C_r) / p.mass + turn / p.inertia_z  # times speed
     return maximum(0.4 * p.wheelbase, rates / 400.0)
+
+
+def slip_speed(v_x: Scalar, p: Any) -> Scalar:
+    """Speed that small slip angles of a car with ``C_f`` and ``C_r`` are told over, see `lowest_speed`. [m/s]"""
+    return maximum(v_x, lowest_speed(p, p.C_f, p.C_r))
 
 
 def steered(F_x: Scalar, F_y: Scalar, delta: Scalar) -> tuple[Scalar, Scalar]:

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 from slipangle.models.ode import OdeModel
-from slipangle.models.vehicles.axle import lowest_speed, small_slip_angles
+from slipangle.models.vehicles.axle import slip_speed, small_slip_angles
 from slipangle.models.vehicles.parameters import BicycleParams
-from slipangle.ops import Scalar, Vector, maximum, stack
+from slipangle.ops import Scalar, Vector, stack
 
 
 def bicycle(v_y: Scalar, r: Scalar, delta: Scalar, v_x: Scalar, p: BicycleParams) -> Vector:
@@ -17,7 +17,7 @@ def bicycle(v_y: Scalar, r: Scalar, delta: Scalar, v_x: Scalar, p: BicycleParams
     Source: L. C. Sousa, PhD thesis, PUC-Rio, 2023, eqs. 3-19, 3-20, yaw damping corrected: eq. 3-20 prints it with
     C_r l_r^2 subtracted and a spurious v_x.
     """
-    v = maximum(v_x, lowest_speed(p, p.C_f, p.C_r))
+    v = slip_speed(v_x, p)
     alpha_f, alpha_r = small_slip_angles(v, v_y, r, delta, p)
     F_yf, F_yr = p.C_f * alpha_f, p.C_r * alpha_r
     return stack([(F_yf + F_yr) / p.mass - v_x * r, (p.l_f * F_yf - p.l_r * F_yr) / p.inertia_z])
@@ -46,4 +46,4 @@ class Bicycle(OdeModel):
 
     def slip_speed(self, v_x: Scalar) -> Scalar:
         """Speed that slip angles are told over, at one as logged. [m/s]"""
-        return maximum(v_x, lowest_speed(self.params, self.params.C_f, self.params.C_r))
+        return slip_speed(v_x, self.params)

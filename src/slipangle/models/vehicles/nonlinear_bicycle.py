@@ -9,9 +9,9 @@ from slipangle.data.dataset import Dataset
 from slipangle.errors import ParameterError
 from slipangle.models.ode import OdeModel
 from slipangle.models.tires.magic_formula.terms import curved
-from slipangle.models.vehicles.axle import lowest_speed, small_slip_angles
+from slipangle.models.vehicles.axle import slip_speed, small_slip_angles
 from slipangle.models.vehicles.parameters import GRAVITY, ChassisParams
-from slipangle.ops import Scalar, Vector, maximum, sin, sqrt, stack
+from slipangle.ops import Scalar, Vector, sin, sqrt, stack
 from slipangle.units import SI
 
 
@@ -102,7 +102,7 @@ def nonlinear_bicycle(
     angles are those there. ``tires`` replaces the parameters' coefficients.
     """
     t = p if tires is None else tires
-    v = maximum(v_x, lowest_speed(p, p.C_f, p.C_r))
+    v = slip_speed(v_x, p)
     alpha_f, alpha_r = small_slip_angles(v, v_y, r, delta, p)
     static_f, static_r = p.mass * GRAVITY * p.l_r / p.wheelbase, p.mass * GRAVITY * p.l_f / p.wheelbase
     forward = p.mass * v_x_dot * p.transfer_x

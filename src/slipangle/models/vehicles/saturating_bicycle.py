@@ -177,9 +177,7 @@ class SaturatingBicycle(OdeModel):
     def slip_speed(self, v_x: Scalar) -> Scalar:
         """Speed that slip angles are told over, at one as logged. [m/s]"""
         p = self.params
-        return maximum(
-            p.gain_v_x * v_x, lowest_speed(p, p.C_f, p.C_r, locked=p.C_r * p.locked_half_track * p.locked_half_track)
-        )
+        return maximum(p.gain_v_x * v_x, lowest_speed(p, p.C_f, p.C_r, locked=p.locked_damping))
 
     def _slip(self, x: Vector, u: Vector) -> tuple[Scalar, Scalar]:
         """Slip angles of the motion."""

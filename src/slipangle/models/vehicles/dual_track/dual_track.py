@@ -133,7 +133,8 @@ class DualTrack(StartsRolling):
             steered = steered + x[a["delta_c"]]
         turned = [*p.steering.wheels(steered, p.track_f, p.wheelbase)]
         if self.rear_steered:
-            turned += 2 * [(cos(u[self.inputs.index("delta_r")]), sin(u[self.inputs.index("delta_r")]))]
+            rear = u[self.inputs.index("delta_r")]
+            turned += 2 * [(cos(rear), sin(rear))]
         v_x, v_y, r, place, phi = x[a["v_x"]], x[a["v_y"]], x[a["r"]], x[a["distance"]], x[a["phi"]]
         loads = self.loads(x)
         places = []
