@@ -11,6 +11,7 @@ from slipangle.control.default_drive import default_controller, driven_model
 from slipangle.control.driver import Driver
 from slipangle.control.front_slip import front_slip, grip_left, rear_slip
 from slipangle.control.speed.driver import SpeedDriver
+from slipangle.models.vehicles.aided import RearSteered
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.models.vehicles.nonlinear_bicycle import NonlinearBicycle, NonlinearBicycleParams, axle_force
@@ -48,6 +49,19 @@ def test_the_peak_is_that_of_the_axle_force():
     q = NonlinearBicycleParams(**CHASSIS, E_f=-2.0, friction_load=0.0, stiffness_load=0.0)
     curve = axle_force(SLIPS, load, load, 0.0, 0.0, q.C_f, q.mu_f, q.E_f, q)
     assert front_slip(NonlinearBicycle(params=q, dt=0.02)).peak == pytest.approx(SLIPS[curve.argmax()], rel=0.01)
+
+
+def test_steered_rear_wheels_slip_by_their_angle_more():
+    """They slip not at all where they point along their axle's way; the front ones are as they were."""
+    model = OnGround(late(RearSteered(SaturatingBicycle(params=CAR, dt=0.02))))
+    x, u = np.zeros(model.n_states), np.zeros(model.n_inputs)
+    x[[model.states.index(n) for n in ("v_y", "r")]] = 0.4, 0.3
+    u[[model.inputs.index(n) for n in ("v_x", "delta_r")]] = 20.0, (0.4 - CAR.l_r * 0.3) / 20.0
+    assert rear_slip(model)(x, u, None) == pytest.approx(0.0, abs=1e-15)
+    straight = OnGround(late(SaturatingBicycle(params=CAR, dt=0.02)))
+    without = np.delete(u, model.inputs.index("delta_r"))
+    assert rear_slip(straight)(x, without, None) == pytest.approx(-u[model.inputs.index("delta_r")])
+    assert front_slip(model)(x, u, None) == pytest.approx(front_slip(straight)(x, without, None))
 
 
 def test_what_has_no_peak_has_no_limit():

@@ -42,6 +42,8 @@ class FrontSlip:
         Geometry, steering gain and offset, cornering stiffness.
     peak : float
         Slip angle at which the axle's force is largest. [rad]
+    rear : int
+        Place of the steered rear wheels' angle in the inputs; below zero: they are straight.
     """
 
     places: tuple[int, int]
@@ -50,6 +52,7 @@ class FrontSlip:
     geared: bool
     params: Any
     peak: float
+    rear: int
 
     axle: ClassVar[str] = "f"
 
@@ -79,7 +82,8 @@ class RearSlip(FrontSlip):
         """The slip angle of the motion, without relaxation."""
         p = self.params
         v = slip_speed(u[self.speed], p)
-        return small_slip_angles(v, x[self.places[0]], x[self.places[1]], 0.0, p)[1]
+        angle = small_slip_angles(v, x[self.places[0]], x[self.places[1]], 0.0, p)[1]
+        return angle if self.rear < 0 else angle + u[self.rear]
 
 
 def front_slip(model: Model, control: str = "delta") -> FrontSlip | None:
@@ -122,6 +126,7 @@ def _slip(kind: type[FrontSlip], model: Model, control: str) -> FrontSlip | None
         geared=_STEERING[late[0]] if late else True,
         params=params,
         peak=peak,
+        rear=model.inputs.index("delta_r") if "delta_r" in model.inputs else -1,
     )
 
 
