@@ -7,12 +7,14 @@ import fnmatch
 import json
 import math
 import os
+import signal
 import subprocess
 import sys
 import time
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from typing import Any
 
 from slipangle.errors import MissingFileError
 from tests.machines.combinations import Combination, design
@@ -44,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"not on this processor: {combination}")
     wrong = _matrix({n: fits[n] for n in names}, [Combination(), *combinations], given.jobs, given.limit)
     if given.tests:
-        wrong += [f"tests under {c}" for c in combinations if _tests(c, given.jobs)]
+        wrong += [f"tests under {c}" for c in combinations if _tests(c, given.jobs, given.limit)]
     print("\n".join(["", *(f"FAILED: {line}" for line in wrong)]) if wrong else "\nthe same on every machine")
     return int(bool(wrong))
 
@@ -142,15 +144,21 @@ def _run(name: str, combination: Combination, limit: float) -> Errors | str | No
     return json.loads(lines[-1].removeprefix(_MARK))
 
 
-def _tests(combination: Combination, jobs: int) -> int:
-    """The fast tests of all that fits, on one machine, so many at a time; pytest's exit code."""
+def _tests(combination: Combination, jobs: int, limit: float) -> int:
+    """The fast tests of all that fits on one machine, so many at a time; pytest's exit code, or 1 after ``limit`` s."""
     command = [sys.executable, "-m", "pytest", "-q", "-m", "not slow", "-p", "no:cacheprovider", "-n", str(jobs)]
-    command += ["tests/identify", "tests/reproduce"]
-    done = subprocess.run(command, env=combination.environment(), capture_output=True, text=True, check=False)
-    lines = done.stdout.strip().splitlines()
-    failed = [line for line in lines if line.startswith(("FAILED", "ERROR"))]
-    print(f"\ntests under {combination}: {lines[-1] if lines else 'nothing said'}", *failed, sep="\n  ", flush=True)
-    return done.returncode
+    command += ["tests/identify", "tests/reproduce", "--durations=10"]
+    pipe: Any = {"stdout": subprocess.PIPE, "text": True, "start_new_session": True}
+    with subprocess.Popen(command, env=combination.environment(), **pipe) as process:
+        try:
+            said, code = process.communicate(timeout=limit)[0], process.returncode
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)  # pytest and its workers
+            said, code = f"{process.communicate()[0]}\nnot done after {limit:g} s", 1
+    lines = said.strip().splitlines()
+    told = [line for line in lines if line.startswith(("FAILED", "ERROR")) or " call " in line or " setup " in line]
+    print(f"\ntests under {combination}: {lines[-1] if lines else 'nothing said'}", *told, sep="\n  ", flush=True)
+    return code
 
 
 if __name__ == "__main__":

@@ -54,6 +54,16 @@ def test_a_fit_that_crashes_is_a_failure(monkeypatch):
     assert machines._run("any", Combination(), 10.0).startswith("exit code 1")
 
 
+def test_tests_that_do_not_end_are_a_failure(monkeypatch, capsys):
+    class Wrong(Combination):
+        def environment(self):
+            return {**super().environment(), "PYTEST_ADDOPTS": "--help-me"}
+
+    assert machines._tests(Wrong("Zen"), 1, 60.0) != 0  # an option that pytest does not know
+    assert machines._tests(Combination("Zen", c="none", xla="AVX2"), 1, 0.5) == 1
+    assert "not done after 0.5 s" in capsys.readouterr().out
+
+
 def test_there_are_fits_of_every_kind():
     names = " ".join(load())
     for kind in ("Lure", "NARX", "NARX by its free run", "neural state space", "Magic Formula", "state space", "ARMAX"):

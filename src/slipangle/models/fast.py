@@ -7,6 +7,8 @@ from typing import Any, Protocol
 import casadi as ca
 import numpy as np
 
+_CHUNK, _FEWEST = 256, 32  # samples per call of the virtual machine: most, and what fewer are made up to a whole of
+
 
 class Steps(Protocol):
     """Compiled steps in a row."""
@@ -67,7 +69,7 @@ def roll_out(step: ca.Function, x0: np.ndarray, u: np.ndarray) -> np.ndarray:
     x[0] = x0
     if len(u) == 0:
         return x
-    chunk = 256  # samples per call of the virtual machine
+    chunk = min(_CHUNK, -(-len(u) // _FEWEST) * _FEWEST)
     now = np.array(x0, dtype=float)
     inputs = np.empty((chunk, u.shape[1]))
     out = np.empty((chunk, len(x0)))

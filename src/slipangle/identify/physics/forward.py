@@ -154,7 +154,9 @@ def of_map(symbols: tuple[ca.SX, ca.SX, ca.SX], later: Any, y: Any) -> ForwardRu
     """The free run of ``x(k+1) = later``, with outputs ``y``, of the symbols x, w and p, all of them free."""
     later, y = ca.densify(later), ca.densify(y)
     loaded = library(_text(symbols, later, y, symbols[2].shape[0], "map"), name="free_run")
-    return _on_machine(symbols, later, y) if loaded is None else _compiled(loaded, np.empty(0), y.shape[0])
+    if loaded is None:
+        return _on_machine(symbols, _chained(symbols, later), y)
+    return _compiled(loaded, np.empty(0), y.shape[0])
 
 
 # ---- without a compiler --------------------------------------------------------------------------------------------
@@ -171,30 +173,66 @@ def _interpreted(model: Any, free: tuple[str, ...]) -> ForwardRun:
         varied = at(drive[nw:])
         return varied.ode.derivative(state, varied.drive(drive[:nw]))
 
-    n = {"n_states": ode.n_states, "n_inputs": nw + n_p}
-    step = discretise(rate, ode.dt, method=ode.method, substeps=ode.substeps, **n)
+    def step_of(f: Any, n_states: int) -> Any:
+        n = {"n_states": n_states, "n_inputs": nw + n_p}
+        return discretise(f, ode.dt, method=ode.method, substeps=ode.substeps, **n)
+
     x, w, p = kind.sym("x", ode.n_states), kind.sym("w", nw), kind.sym("p", n_p)
-    varied = at(p)
-    return _on_machine((x, w, p), step(x, ca.vertcat(w, p)), varied.ode.output(x, varied.drive(w)))
+    drive, varied = ca.vertcat(w, p), at(p)
+    output = varied.ode.output(x, varied.drive(w))
+    if ode.method == "radau":
+        return _on_machine((x, w, p), _chained((x, w, p), step_of(rate, ode.n_states)(x, drive)), output)
+    now = rate(x, drive)
+    rates = ca.Function("rates", [x, drive], [now, *_slopes(now, x, p)], {"cse": True})
+
+    def later(s: Any) -> Any:
+        """An explicit step of states and derivatives together is that step and its derivatives, in fewer operations."""
+        m = s.shape[1]
+
+        def both(state: Any, driven: Any) -> Any:
+            f, of_x, of_p = rates.call([state[: ode.n_states], driven], True, False)
+            if m == 0:
+                return f
+            moves = ca.mtimes(of_x, ca.reshape(state[ode.n_states :], ode.n_states, m))
+            return ca.vertcat(f, ca.vec(moves + ca.horzcat(of_p, ca.SX(ode.n_states, m - n_p))))
+
+        return step_of(both, ode.n_states * (1 + m))(ca.vertcat(x, ca.vec(s)), drive)
+
+    return _on_machine((x, w, p), later, output)
 
 
-def _on_machine(symbols: tuple[Any, Any, Any], later: Any, y: Any) -> ForwardRun:
-    """A run on CasADi's virtual machine by step and output of ``[x; vec(S)]``, made for the columns of S."""
+def _slopes(value: Any, x: Any, p: Any) -> tuple[Any, Any]:
+    return ca.jacobian(value, x), ca.jacobian(value, p)
+
+
+def _chained(symbols: tuple[Any, Any, Any], value: Any) -> Callable[[Any], Any]:
+    """``[value; vec(derivatives)]`` for columns s of derivatives of the state, of which the first are by all of p."""
+    x, _, p = symbols
+    of_x, of_p = _slopes(value, x, p)
+
+    def along(s: Any) -> Any:
+        m = s.shape[1]
+        if m == 0:
+            return value
+        slope = ca.mtimes(of_x, s) + ca.horzcat(of_p, type(x)(value.shape[0], m - p.shape[0]))
+        return ca.vertcat(value, ca.vec(slope))
+
+    return along
+
+
+def _on_machine(symbols: tuple[Any, Any, Any], later: Callable[[Any], Any], y: Any) -> ForwardRun:
+    """A run on CasADi's virtual machine by step and output of ``[x; vec(S)]``, made for the columns of S.
+
+    ``later`` gives the step for columns s, see `_chained`.
+    """
     x, w, p = symbols
-    drive, n_p, ny = ca.vertcat(w, p), p.shape[0], y.shape[0]
+    drive, n_p, ny, seen = ca.vertcat(w, p), p.shape[0], y.shape[0], _chained(symbols, y)
 
     @cache
     def functions(m: int) -> list[ca.Function]:
         s = type(x).sym("s", x.shape[0], m)
-
-        def with_slopes(value: Any) -> Any:
-            if m == 0:
-                return value
-            of_p = ca.horzcat(ca.jacobian(value, p), type(x).zeros(value.shape[0], m - n_p))
-            return ca.vertcat(value, ca.vec(ca.mtimes(ca.jacobian(value, x), s) + of_p))
-
         state = ca.vertcat(x, ca.vec(s))
-        return [ca.Function("f", [state, drive], [ca.densify(with_slopes(value))]) for value in (later, y)]
+        return [ca.Function("f", [state, drive], [ca.densify(of(s))]) for of in (later, seen)]
 
     def run(x0: np.ndarray, S0: np.ndarray, rows: np.ndarray, p: np.ndarray) -> np.ndarray:
         advance, output = functions(S0.shape[1])
