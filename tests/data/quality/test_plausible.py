@@ -7,7 +7,7 @@ import pytest
 
 from slipangle.data.dataset import Dataset, join
 from slipangle.data.quality.inspect import resting
-from slipangle.data.quality.plausible import doubts
+from slipangle.data.quality.plausible import doubts, kinematic_gain
 
 LENGTH = 2.7
 
@@ -70,6 +70,22 @@ PLANTED = {
     "steering stuck": (changed("delta", stuck), "delta is stuck at one value for 6 s while the car turns"),
     "milliseconds": (replace(clean(), dt=20.0, start_times=(0.0, 1e5, 2e5, 3e5)), "ms"),
 }
+
+
+def with_rear(size):
+    """Rear wheels that turn against the front ones at low speed and with them at high speed, logged times ``size``."""
+    data = clean()
+    rear = np.where(data["v_x"] < 17.0, -0.3, 0.3) * data["delta"]
+    data = data.with_channel("delta", data["delta"] + rear, "rad")
+    return data.with_channel("delta_r", size * rear, "rad")
+
+
+def test_steered_rear_wheels_are_part_of_the_steering():
+    assert doubts(with_rear(1.0), wheelbase=LENGTH) == ()
+    (said,) = doubts(with_rear(180 / np.pi), wheelbase=LENGTH)
+    assert said.startswith("delta_r is up to 0.93 rad")
+    assert "declare its unit as deg" in said
+    assert kinematic_gain(with_rear(1.0), wheelbase=LENGTH) == pytest.approx(1.0, rel=0.35)
 
 
 @pytest.mark.parametrize("name", PLANTED)

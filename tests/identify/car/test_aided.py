@@ -1,6 +1,7 @@
 """A car with steered rear wheels and torque vectoring, both by controllers of their own, from a log of it."""
 
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,8 @@ from slipangle.data.dataset import Dataset, join
 from slipangle.errors import MissingColumnError
 from slipangle.identify.car import sentences, structures
 from slipangle.identify.car.identify_car import identify_car
+from slipangle.identify.car.rear_wheels import doubts_with_rear
+from slipangle.identify.car.stretches import stretches
 from slipangle.identify.car.structures import STIFF, first_guess, fit
 from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle
 from tests.identify.car.test_identify_car import DT, FINE, KNOWN, OUTPUTS, STEERING, TRUE, multisine
@@ -71,6 +74,37 @@ def test_stiffness_inertia_and_the_scale_of_the_moment_are_found():
     (said,) = (s for s in found.sentences if "in proportion to the mass that was given" in s)
     assert "which M_z can check as far as its own scale is known: it turns the car as 0.8" in said
     assert found.interval("delay_M_z")[0] < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (1.0, ()),
+        (-1.0, ("of the other sign", "set sign = -1 for delta_r")),
+        (180 / np.pi, ("read as degrees", "declare its unit as deg")),
+        (np.pi / 180, ("57 times as large", "declare its unit as rad")),
+    ],
+)
+def test_rear_wheels_logged_with_another_sign_or_unit_are_named(factor, said):
+    """The sign showed nowhere but as front wheels that turn 2.5 times; degrees as stiffness that no tire has."""
+    data = join(*(log(speed, seed) for seed, speed in enumerate((11.0, 22.0)))).hold_mean()
+    data = data.with_channel("delta_r", factor * data["delta_r"], "rad")
+    whole = stretches(data, 1.0)
+    start = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, added=data.inputs)
+    free = (*STIFF, "steering_offset", "gain_M_z")
+    fitted = partial(fit, start, free)
+    words = doubts_with_rear(data, TRUE["wheelbase"], fitted(whole.train), fitted, whole)
+    assert len(words) == bool(said)
+    assert all(part in words[0] for part in said)
+
+
+def test_rear_wheels_that_say_nothing_of_themselves_are_not_doubted():
+    """Behind front ones that they follow everywhere alike, no sign of theirs is better than another."""
+    data = join(*(log(12.0, seed) for seed in (0, 1))).hold_mean()
+    data = data.with_channel("delta_r", -0.3 * STEERING["gain"] * data["delta"], "rad")
+    start = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, added=data.inputs)
+    whole, fitted = stretches(data, 1.0), partial(fit, start, (*STIFF, "steering_offset", "gain_M_z"))
+    assert not any("delta_r" in s for s in doubts_with_rear(data, 2.6, fitted(whole.train), fitted, whole))
 
 
 def dual_track_log(name):

@@ -35,15 +35,16 @@ _LEADS, _TIED = 0.5, 0.5  # wheelbases that a_y is ahead of r, and agreement fro
 _OUTSIDE = 1.35  # wheelbases ahead of the rear axle, where no v_y is measured
 _SHORT = 0.25  # s, wheelbase over speed up to which v_y is far smaller than v_x r
 _ZERO, _BLOCKS = 0.09, 12  # offset of r [rad/s] that a fit hardly reaches, and blocks of a drive
+REAR = 0.35  # rad, further than which hardly any rear wheels are steered
 LONGEST_STEP = 0.5  # s, between samples of a car that is steered
 
 
 def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
     """Sentences about channels that contradict each other, each with what to change; none for a sound log.
 
-    Kinematics ties delta, v_x and r together, ``r wheelbase / v_x = gain delta`` at low speed, and v_x, r and a_y,
-    ``a_y = v_x r`` in steady cornering. ``data`` has delta [rad], v_x [m/s], r [rad/s], and v_y, a_y where measured;
-    ``wheelbase`` is in m.
+    Kinematics ties delta, v_x and r together, ``r wheelbase / v_x = gain delta`` at low speed, less ``delta_r`` of
+    steered rear wheels, and v_x, r and a_y, ``a_y = v_x r`` in steady cornering. ``data`` has delta [rad], v_x [m/s],
+    r [rad/s], and v_y, a_y, delta_r [rad] where measured; ``wheelbase`` is in m.
     """
     if data.dt > LONGEST_STEP:
         return (
@@ -65,7 +66,9 @@ def doubts(data: Dataset, *, wheelbase: float) -> tuple[str, ...]:
         return tuple(said)
     cornering, about_r = _cornering(fast, smooth, wheelbase)
     said += cornering
-    if not about_r:
+    rear = _rear(smooth)
+    said += rear
+    if not about_r and not rear:
         speed = "" if _speed_agrees(smooth) else _SPEED
         about = (_steering(smooth, wheelbase, drives, speed), _sideways(smooth, wheelbase, drives))
         if all("wrong sign" in said for each in about for said in each or ("",)):
@@ -79,14 +82,15 @@ def kinematic_gain(data: Dataset, *, wheelbase: float) -> float:
 
     0 where r does not follow delta, up or down, or the drives are too short to tell. Channels and units as in `doubts`.
     """
-    parts, smooth, drives = _smoothed(_without(data, _stuck(data)), ("delta", "v_x", "r"))
+    names = [n for n in ("delta", "v_x", "r", "delta_r") if n in data.names]
+    parts, smooth, drives = _smoothed(_without(data, _stuck(data)), names)
     if not parts or np.quantile(data["v_x"], 0.9) <= 0:
         return 0.0
     gain, agree, _ = _asked(smooth, wheelbase, drives)
     return gain / _SHARE if abs(agree) > _AGREE else 0.0
 
 
-_CHANNELS = ("delta", "v_x", "r", "v_y", "a_y")
+_CHANNELS = ("delta", "v_x", "r", "v_y", "a_y", "delta_r")
 
 
 def _without(data: Dataset, stuck: dict[str, list[tuple[int, int]]]) -> list[Dataset]:
@@ -194,12 +198,24 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
     ]
 
 
+def _rear(smooth: dict[str, np.ndarray]) -> list[str]:
+    """A sentence on the angle of steered rear wheels by its size."""
+    largest = float(np.quantile(np.abs(smooth.get("delta_r", np.zeros(1))), 0.99))
+    if largest <= REAR:
+        return []
+    return [
+        f"delta_r is up to {largest:.2g} rad; expected at most {REAR:g} rad of rear road wheels: if it is logged in "
+        "degrees, declare its unit as deg"
+    ]
+
+
 def _asked(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) -> tuple[float, float, bool]:
     """Share of delta that r wheelbase / v_x is, their correlation, and whether speeds differ enough to tell understeer.
 
+    Where rear wheels are steered, delta is that of the front ones over them, which is what turns a car.
     Each drive has an offset of its own, as its steering sensor may, where the steering moves enough inside drives.
     """
-    v, r, delta = smooth["v_x"], smooth["r"], smooth["delta"]
+    v, r, delta = smooth["v_x"], smooth["r"], _over_the_rear(smooth)
     fast = v > 0.3 * np.quantile(v, 0.9)
     v, r, delta, drives = v[fast], r[fast], delta[fast], drives[fast]
     asked = r * wheelbase / v
@@ -216,6 +232,10 @@ def _asked(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) 
     return gain, agree, speeds
 
 
+def _over_the_rear(smooth: dict[str, np.ndarray]) -> np.ndarray:
+    return smooth["delta"] - smooth.get("delta_r", 0.0)
+
+
 def _inside(x: np.ndarray, drives: np.ndarray) -> np.ndarray:
     """The signal about its mean in each drive."""
     count = np.maximum(np.bincount(drives), 1)
@@ -228,7 +248,7 @@ def _zero(smooth: dict[str, np.ndarray], drives: np.ndarray) -> list[str]:
     An offset of the steering counts for more the faster the car is, one of the sensor does not; its standard error is
     that of a jackknife over blocks of the drive (R. G. Miller, The jackknife: a review, Biometrika 61, 1974).
     """
-    v, r, delta = smooth["v_x"], smooth["r"], smooth["delta"]
+    v, r, delta = smooth["v_x"], smooth["r"], _over_the_rear(smooth)
     if np.ptp(v) < _SPEEDS * v.mean():  # at one speed, offsets of delta and r are one
         return []
     table = np.column_stack([v * delta, v * v * r, v, np.ones(len(v)), r])

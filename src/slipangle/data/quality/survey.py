@@ -14,6 +14,7 @@ import numpy as np
 from slipangle import units
 from slipangle.data.channels import STANDARD
 from slipangle.data.clock import GAP, JITTER
+from slipangle.data.quality.plausible import REAR
 from slipangle.data.quality.vocabulary import QUANTITY, WORDS
 from slipangle.data.readers.column import Column
 from slipangle.data.readers.columns import in_days
@@ -25,7 +26,6 @@ _GAP = 2.5  # usual steps without a sample
 _HAND_WHEEL = 0.75  # rad that no road wheel of a car on a track reaches
 _BY_HAND = re.compile("(?<!road)wheel|swa|lenkrad|stwhl|strwhl")  # names of the hand wheel, plain
 _TURNS = 10.0  # rad that it may turn and more degrees than it hardly does
-_REAR = 0.35  # rad, further than which no rear wheels are steered
 _RATIO = 15.0  # of a steering whose hand wheel is logged, if nobody says
 _SPARSE = 0.2  # share of empty cells from which a column has a rate of its own
 _AGAINST = -0.5  # correlation of delta v_x and r below which one has the wrong sign
@@ -261,7 +261,7 @@ def _with_unit(channel: str, one: Seen, known: bool, size: float) -> Guess:
     if not known:
         unit = {
             "delta": "deg" if size > (_TURNS if _BY_HAND.search(_plain(one.name)) else 1.6) else "rad",
-            "delta_r": "deg" if size > _REAR else "rad",
+            "delta_r": "deg" if size > REAR else "rad",
             "M_z": "N m",
             "r": "deg/s" if size > 3 else "rad/s",
             "v_x": "km/h" if size > 60 else "m/s",

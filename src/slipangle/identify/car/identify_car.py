@@ -6,6 +6,7 @@ import time
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -23,6 +24,7 @@ from slipangle.fields import Checked
 from slipangle.identify.car import sentences
 from slipangle.identify.car.corrections import Correction, corrections
 from slipangle.identify.car.effects import extrapolated, others_as_good, told
+from slipangle.identify.car.rear_wheels import doubts_with_rear
 from slipangle.identify.car.recordings import settled
 from slipangle.identify.car.stretches import stretches, together
 from slipangle.identify.car.structures import (
@@ -167,10 +169,7 @@ class WholeCar(Checked):
         """See `identify_car`; raises MissingColumnError, SampleTimeError and the others named there."""
         began, own = time.perf_counter(), self._own
         self._check(data)
-        turned = self._turned(data)
-        suspect = doubts(turned, wheelbase=self.wheelbase)
-        if data.dt > LONGEST_STEP:
-            raise SampleTimeError(suspect[0])
+        turned = data.with_channel("delta", self.steering_gain * data["delta"], "rad")
         outputs = self._outputs(data)
         inputs = ("delta", "v_x", *(name for name in ADDED if name in data))
         whole = stretches(data.select(inputs=inputs, outputs=outputs), SLOWEST * self.wheelbase)
@@ -181,7 +180,9 @@ class WholeCar(Checked):
                 warnings.simplefilter("ignore", ModelWarning)  # it is said once, below
             start = first_guess(**known, dt=data.dt, outputs=outputs, gain=self.steering_gain, added=inputs)
             elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
-            first = _linear(start, own or (), elsewhere, whole.train)
+            linear = partial(_linear, start, own or (), elsewhere)
+            first = linear(whole.train)
+            suspect = doubts_with_rear(turned, self.wheelbase, first, linear, whole)
             tried = corrections(whole.train, self.wheelbase, own, elsewhere)
             best, stages, dropped = _climb(first, tried, whole.train, whole.held_out)
             final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
@@ -226,24 +227,21 @@ class WholeCar(Checked):
         )
 
     def _check(self, data: Dataset) -> None:
-        """Raise MissingColumnError unless the data have the channels that are needed."""
+        """Raise MissingColumnError or SampleTimeError unless the data have the channels needed, often enough."""
         for name in ("delta", "v_x", "r"):
             if name not in data:
                 raise MissingColumnError(
                     f"'{data.name}' has no channel '{name}'; expected delta, v_x and r at least: name the columns so "
                     "when reading the log"
                 )
+        if data.dt > LONGEST_STEP:
+            raise SampleTimeError(doubts(data, wheelbase=self.wheelbase)[0])
         for name in self._own or ():
             channel = name.removeprefix("bias_").removeprefix("lever_")
             if channel in ("v_y", "a_y") and channel not in data.outputs:
                 raise MissingColumnError(
                     f"per_experiment names '{name}', and '{data.name}' has no output {channel}; expected one"
                 )
-
-    def _turned(self, data: Dataset) -> Dataset:
-        """The data with the angle of the front road wheels over the rear ones, as given, in place of delta."""
-        rear = data["delta_r"] if "delta_r" in data else 0.0
-        return data.with_channel("delta", self.steering_gain * data["delta"] - rear, "rad")
 
     def _outputs(self, data: Dataset) -> tuple[str, ...]:
         """The yaw rate, v_y where measured; a_y where v_y is not or its bias is asked for, see `identify_car`."""
