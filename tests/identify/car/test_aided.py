@@ -93,7 +93,7 @@ def test_rear_wheels_logged_with_another_sign_or_unit_are_named(factor, said):
     start = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, added=data.inputs)
     free = (*STIFF, "steering_offset", "gain_M_z")
     fitted = partial(fit, start, free)
-    words = doubts_with_rear(data, TRUE["wheelbase"], fitted(whole.train), fitted, whole)
+    words = doubts_with_rear(data, TRUE["wheelbase"], fitted, whole)
     assert len(words) == bool(said)
     assert all(part in words[0] for part in said)
 
@@ -104,7 +104,7 @@ def test_rear_wheels_that_say_nothing_of_themselves_are_not_doubted():
     data = data.with_channel("delta_r", -0.3 * STEERING["gain"] * data["delta"], "rad")
     start = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, added=data.inputs)
     whole, fitted = stretches(data, 1.0), partial(fit, start, (*STIFF, "steering_offset", "gain_M_z"))
-    assert not any("delta_r" in s for s in doubts_with_rear(data, 2.6, fitted(whole.train), fitted, whole))
+    assert not any("delta_r" in s for s in doubts_with_rear(data, 2.6, fitted, whole))
 
 
 def dual_track_log(name):

@@ -182,7 +182,7 @@ class WholeCar(Checked):
             elsewhere = self._elsewhere(start, kinematic_gain(turned, wheelbase=self.wheelbase))
             linear = partial(_linear, start, own or (), elsewhere)
             first = linear(whole.train)
-            suspect = doubts_with_rear(turned, self.wheelbase, first, linear, whole)
+            suspect = doubts_with_rear(turned, self.wheelbase, linear, whole)
             tried = corrections(whole.train, self.wheelbase, own, elsewhere)
             best, stages, dropped = _climb(first, tried, whole.train, whole.held_out)
             final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
