@@ -15,12 +15,14 @@ from slipangle.control.speed.driver import SpeedDriver
 from slipangle.errors import ParameterError
 from slipangle.export.drivers import DriverRecorder, channels
 from slipangle.export.kinds import project_of
+from slipangle.models.vehicles.aided import RearSteered, TorqueVectored
+from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.models.vehicles.saturating_bicycle import SaturatingBicycle, SaturatingBicycleParams
 from slipangle.models.vehicles.steering import Steered
 from slipangle.models.wrappers.delayed import Delayed
-from slipangle.optimal.terms import Values
+from slipangle.optimal.terms import Values, Weights
 from slipangle.paths.lane_change import double_lane_change
 from slipangle.paths.path import Path
 from slipangle.simulate.drive import drive
@@ -30,6 +32,7 @@ from tests.export.tools import MACHINES, STRICT, needs, repeated_on, run
 
 needs_compiler = pytest.mark.skipif(compiler.compiler() is None, reason=compiler.sentence())
 KNOWN = Bicycle(params=SOUSA_TABLE_7_2, dt=0.02, outputs=("r",))
+AROUND = {"delta_r": 0.02, "M_z": 600.0, "bank": 0.04}  # largest of what else may be measured
 LAGGED = Delayed(Steered(KNOWN, steering_lag=0.05), delays={"delta": 0.02}, longest=0.04)
 SHORT = SaturatingBicycleParams(mass=900.0, inertia_z=900.0, wheelbase=2.0, l_f=0.95, C_f=7e4, C_r=8e4, mu_f=0.9)
 SATURATING = Steered(SaturatingBicycle(params=SHORT, dt=0.02, outputs=("r",)), steering_lag=0.05)
@@ -55,8 +58,8 @@ def circle():
     )
 
 
-def driver(path, model=KNOWN, horizon=None, **more):
-    """One that plans fewer stages than by default compiles sooner."""
+def driver(path, model=KNOWN, horizon=None, Q=None, **more):
+    """One that plans fewer stages than by default compiles sooner; ``Q`` are other weights of its errors."""
     whole = driven_model(model, 0.02)
     controller = default_controller(whole)
     if horizon:
@@ -64,7 +67,7 @@ def driver(path, model=KNOWN, horizon=None, **more):
             whole,
             horizon=horizon,
             controls=("delta",),
-            Q=controller.ocp.Q,
+            Q=Q or controller.ocp.Q,
             S=controller.ocp.S,
             limits=controller.ocp.limits,
             rates=controller.ocp.rates,
@@ -149,10 +152,13 @@ def told_by(plant, x, t, k, rng):
 VARIANTS = {
     "plain": lambda: driver(double_lane_change(20.0), horizon=6),
     "late, lagged, pedals": lambda: Driver(LAGGED, circle(), noise=NOISE, late=LATE, speed=PEDALS),
+    "rear wheels, moment, bank": lambda: driver(
+        double_lane_change(20.0), Banked(TorqueVectored(RearSteered(KNOWN))), 6, Weights(e_y=1.0, e_psi=10.0)
+    ),
     "short, saturating": lambda: driver(double_lane_change(20.0), SATURATING, speed=PEDALS),
 }
 EACH = pytest.mark.parametrize(
-    "variant", ["plain", *(pytest.param(n, marks=pytest.mark.slow) for n in [*VARIANTS][1:])]
+    "variant", [pytest.param(n, marks=() if "," not in n or "bank" in n else pytest.mark.slow) for n in VARIANTS]
 )
 
 
@@ -170,6 +176,8 @@ def test_same_as_python_to_the_last_bit_whatever_it_is_told(variant, tmp_path, m
     t = 0.0
     for k in range(460):
         told = told_by(model, x, t, k, rng) if k > 3 or k == 1 else {"r": 0.0} if k == 0 else {"v_x": 20.0 + 1e-3 * k}
+        around = {n: AROUND[n] * math.sin(3.0 * t + len(n)) for n in model.inputs if n in AROUND}
+        told |= {n: v for n, v in around.items() if k % 7}
         if 300 < k:
             told = {n: v for n, v in told.items() if n not in ("X", "Y", "psi")}
         said = whole.step(told, t)
@@ -177,7 +185,7 @@ def test_same_as_python_to_the_last_bit_whatever_it_is_told(variant, tmp_path, m
         assert code == 0
         assert alike(out, plan, said, whole), (k, said.message)
         seen.add(out.reason)
-        u = np.array([said["delta"] if n == "delta" else 20.0 for n in model.inputs])
+        u = np.array([said["delta"] if n == "delta" else around.get(n, 20.0) for n in model.inputs])
         x = np.asarray(model.step(x, u))
         t += {100: 0.5, 200: 2.0}.get(k, 0.8 if k > 330 else 0.02 if k % 3 else 0.01)
     assert exported.step([math.nan] * len(names), t - 1.0)[0] == 3

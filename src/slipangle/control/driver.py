@@ -320,7 +320,8 @@ class Driver(Brief):
         given = {n: ahead.get(n, self._inputs[n]) for n in self.controller.exogenous}
         reference = self.controller.reference(preview, **given)
         if self._turns:
-            d = x[list(self._targets.disturbances)]
+            measured = [self._inputs[self._model.inputs[i]] for i in self._targets.measured]
+            d = np.concatenate([x[list(self._targets.disturbances)], measured])
             v_y, _ = self._targets(self._v_x, preview.r, d)
             tracked = np.array(reference.tracked, dtype=float)
             slips = zip(v_y.tolist(), np.maximum(preview.v_x, self._slowest).tolist(), strict=True)

@@ -140,7 +140,7 @@ def _of_model(driver: Driver) -> list[str]:
         "MOTION": at(POSE, model.states),
         "POSE_OF_OUTPUT": pose,
         "SAME_INPUT": at(model.outputs, model.inputs),
-        "PUSHES": driver._targets.disturbances,
+        "PUSHES": [*driver._targets.disturbances, *driver._targets.measured],
     }
     late = [driver.estimator.late.get(n, 0.0) for n in model.outputs]
     real = {"LOWEST": low, "HIGHEST": high, "STATE_LOW": lowest, "STATE_HIGH": highest, "LATE_SECONDS": late}
@@ -160,7 +160,8 @@ def _of_path(driver: Driver) -> list[str]:
     codes = {"v_x": CODES["SPEED_AHEAD"], "v_x_dot": CODES["SPEED_CHANGE"]}
     of = {n: codes[n] if n in codes else model.inputs.index(n) for n in planner.exogenous}
     lines = [*path_tables(path, planner, of), table("SPEEDS", speeds), table("SLIPS", slips)]
-    return [*lines, f"#define N_SPEEDS {len(speeds)}", f"#define N_SLIPS {slips.shape[1]}"]
+    sizes = {"N_SPEEDS": len(speeds), "N_SLIPS": slips.shape[1], "N_STATES_PUSH": len(driver._targets.disturbances)}
+    return [*lines, *(f"#define {n} {size}" for n, size in sizes.items())]
 
 
 def path_tables(path: Path, planner: MPC, exogenous: Mapping[str, int]) -> list[str]:

@@ -6,6 +6,8 @@ import pytest
 from slipangle.control.targets import SteadyStates
 from slipangle.errors import ParameterError
 from slipangle.identify.linear.arx import ARX
+from slipangle.models.vehicles.aided import RearSteered, TorqueVectored
+from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import SOUSA_TABLE_7_2
 from slipangle.models.vehicles.steering import Steered
@@ -59,6 +61,23 @@ def test_a_steady_state_is_one(model):
         x = pushed.functions[0](x, [delta[0], 20.0]).full()[:, 0]
     y = np.asarray(pushed.output(x, np.array([delta[0], 20.0])))
     assert y == pytest.approx([v_y[0], 0.1], abs=1e-8)
+
+
+def test_a_steady_state_is_one_with_what_is_measured_around_the_car():
+    aided = Steered(Banked(TorqueVectored(RearSteered(CAR))), steering_lag=0.05)
+    model = Delayed(aided, delays={"delta": 0.02, "delta_r": 0.01}, longest=0.04)
+    pushed, around = Disturbed(model), {"delta_r": 0.015, "M_z": 900.0, "bank": 1e-4}
+    targets = SteadyStates(OnGround(pushed))
+    assert {pushed.inputs[i] for i in targets.measured} == {*around}
+    d = np.array([0.2, -0.05, *(around[pushed.inputs[i]] for i in targets.measured)])
+    v_y, delta = targets(20.0, np.array([0.1]), d)
+    x, known = np.append(np.zeros(model.n_states), d[:2]), around | {"delta": delta[0], "v_x": 20.0}
+    u = np.array([known[n] for n in pushed.inputs])
+    for _ in range(2500):
+        x = pushed.functions[0](x, u).full()[:, 0]
+    assert np.asarray(pushed.output(x, u)) == pytest.approx([v_y[0], 0.1], abs=1e-6)
+    straight, _ = targets(20.0, np.array([0.1]), np.append(d[:2], np.zeros(3)))
+    assert v_y[0] - straight[0] == pytest.approx(0.015 * 20.0, abs=0.1)
 
 
 def test_the_steady_state_of_the_bicycle_is_that_of_the_understeer_gradient():

@@ -198,7 +198,7 @@ static void plan(car_driver *memory, Driver *d)
     memcpy(in->x, x, sizeof in->x);
     steady(d->v_x, slip);
     for (int k = 2; k < N_SLIPS; k++)
-        push += slip[k] * x[PUSHES[k - 2]];
+        push += slip[k] * (k - 2 < N_STATES_PUSH ? x : d->inputs)[PUSHES[k - 2]];
     for (int k = 0; k < ROWS; k++) {
 #if CAR_PLANNER_REFERENCES > 0
         for (int p = 0; p < CAR_PLANNER_REFERENCES; p++) {
