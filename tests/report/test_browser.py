@@ -15,7 +15,7 @@ from slipangle.report.page import figures
 from slipangle.report.playback import Beside, LiveDrive, Playback, Slider
 from slipangle.report.robust import CHANGES, shares_by_change
 from slipangle.simulate.loop import closed_loop
-from slipangle.simulate.robust import Trials
+from slipangle.simulate.trials import Trials
 from tests.export.test_live import CASES, loop
 from tests.export.tools import needs
 from tests.report.browser import BROWSER, Browser

@@ -11,8 +11,8 @@ from slipangle.models.model import ProfileInfo
 from slipangle.report import Heading, Row, Table
 from slipangle.report.drawn import figure
 from slipangle.report.shown import table
-from slipangle.simulate.robust import Trials
 from slipangle.simulate.run import End, Run
+from slipangle.simulate.trials import Trials
 from tests.models.all_models import ALL_MODELS
 from tests.report.example import fit_info
 

@@ -9,6 +9,8 @@ from slipangle.codegen.compiler import compiler
 from slipangle.control.driver import Driver
 from slipangle.control.mpc import MPC
 from slipangle.errors import ParameterError, SampleTimeError
+from slipangle.models.vehicles.aided import RearSteered, TorqueVectored
+from slipangle.models.vehicles.banked import Banked
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.parameters import GRAVITY, BicycleParams
 from slipangle.models.vehicles.saturating_bicycle import RelaxingBicycle, SaturatingBicycleParams
@@ -19,7 +21,9 @@ from slipangle.paths.path import Path
 from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.perturbed import Fleet, Spread
 from slipangle.simulate.plant import Plant
-from slipangle.simulate.robust import Trial, Trials, cause, try_on
+from slipangle.simulate.robust import Trial, cause, try_on
+from slipangle.simulate.trials import Trials
+from slipangle.workflow.robustness import sentence
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
 CAR = BicycleParams(mass=1500, inertia_z=2500, wheelbase=2.7, l_f=1.2, C_f=9e4, C_r=1.1e5)
@@ -94,9 +98,9 @@ def test_crosswind_pushes_with_its_force():
     assert after[cars.states.index("v_y")] == pytest.approx(0.5 * 0.02, rel=0.15)
 
 
-def trial(v_x=15.0, **options):
+def trial(v_x=15.0, around=lambda car: car, **options):
     mpc = MPC(
-        OnGround(Bicycle(params=CAR, dt=0.05, outputs=("v_y", "r"))),
+        OnGround(around(Bicycle(params=CAR, dt=0.05, outputs=("v_y", "r")))),
         horizon=15,
         controls=("delta",),
         Q=Weights(X=0.1, Y=1.0, psi=1.0),
@@ -183,6 +187,33 @@ def test_a_car_that_crawls_has_the_time_to_arrive():
     crawl = Trial(controller=mpc, path=Path.from_points(x, 0.0 * x).with_speed(0.2), bicycle=small, width=0.2)
     assert crawl.steps * mpc.dt > 15.0
     assert try_on(crawl, [0], changes=np.zeros((1, len(NAMES)))).column("finished")[0] == 1
+
+
+def aided(car):
+    return Banked(TorqueVectored(RearSteered(car)))
+
+
+def test_what_the_cars_have_not_stays_zero_and_is_said():
+    """A controller that knows of rear wheels, a moment and the bank drives them as one that does not."""
+    changes = np.zeros((2, len(NAMES)))
+    changes[1, NAMES.index("stiffness_f")] = -0.15
+    plain, knowing = (try_on(trial(noise=NOISE, around=w), [0, 1], changes=changes) for w in (lambda car: car, aided))
+    assert knowing.column("finished").all()
+    assert knowing.column("e_y") == pytest.approx(plain.column("e_y"), abs=0.05)  # of other draws of the noise
+    assert knowing.without == ("delta_r", "M_z", "bank")
+    assert sentence(knowing).endswith(" They have no delta_r and no M_z and no bank: these stayed zero.")
+    assert plain.lacking == ""
+    exact = [try_on(trial(around=w), [0], changes=changes[:1]) for w in (lambda car: car, aided)]
+    assert exact[0].results == pytest.approx(exact[1].results, abs=1e-6)
+
+
+def test_a_driver_of_such_a_car_is_tried_too():
+    path = double_lane_change(15.0)
+    told = {n: NOISE[n] for n in ("r", "X", "Y", "psi")}
+    driver = Driver(aided(Bicycle(params=CAR, dt=0.02, outputs=("r",))), path, noise=told)
+    found = try_on(Trial(controller=driver, path=path, bicycle=CAR), [0], changes=np.zeros((1, len(NAMES))))
+    assert found.column("inside").all()
+    assert found.without == ("delta_r", "M_z", "bank")
 
 
 def test_bad_trials():

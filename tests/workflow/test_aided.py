@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from slipangle.codegen import compiler as compiled
 from slipangle.control.mpc import MPC
 from slipangle.data.dataset import Dataset
 from slipangle.errors import ConfigError, ParameterError
@@ -17,6 +18,7 @@ from slipangle.simulate.plant import Plant
 from slipangle.workflow.controllers import ControllerSettings
 from slipangle.workflow.drive import PlantSettings, drive
 from slipangle.workflow.kinds import KINDS, check_entries, fitted
+from slipangle.workflow.robustness import tried
 
 KNOWN = dict(mass=1300.0, inertia_z=1900.0, wheelbase=2.6, l_f=1.2)
 TRUE = BicycleParams(**KNOWN, C_f=9e4, C_r=1.2e5)
@@ -76,3 +78,13 @@ def test_a_job_drives_on_a_stand_in_without_and_says_so():
     assert said.endswith(", and its rear wheels straight, no yaw moment by its drive")
     plain = Bicycle(params=TRUE, dt=0.02, outputs=("r", "v_y"))
     assert "rear wheels" not in drive(wanted, PlantSettings(), plain, lambda share: None)[1]
+
+
+@pytest.mark.skipif(compiled.compiler() is None, reason="cars are driven side by side in compiled code only")
+def test_a_job_tries_it_on_cars_without_and_says_so():
+    wanted = ControllerSettings(model="car", kind="mpc", v_x=15.0, cars=2)
+    plant, quiet = PlantSettings(), lambda share: None
+    _, _, controller = drive(wanted, plant, car(0.02), quiet)
+    found = tried(wanted, plant, car(0.02), controller, quiet)
+    assert found.trials.lacking == "They have no delta_r and no M_z: these stayed zero."
+    assert found.trials.metrics()["without"] == ["delta_r", "M_z"]

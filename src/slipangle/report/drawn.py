@@ -37,8 +37,8 @@ from slipangle.report.robust import breaking_map
 from slipangle.report.search import parallel_coordinates
 from slipangle.report.shown import UNITS, spans
 from slipangle.report.style import BLUE, new_figure, template, thin, unit_title
-from slipangle.simulate.robust import Trials
 from slipangle.simulate.run import Run
+from slipangle.simulate.trials import Trials
 from slipangle.units import read_in
 
 

@@ -11,7 +11,7 @@ from plotly.subplots import make_subplots
 from slipangle.errors import ParameterError
 from slipangle.report.style import BLUE, INK, SLATE, VERMILION, compact, template, unit_title
 from slipangle.report.tables import Cell, Heading, Row, Table
-from slipangle.simulate.robust import ENOUGH, Trials
+from slipangle.simulate.trials import ENOUGH, Trials
 
 CHANGES = {  # in words, unit shown, factor from SI
     "stiffness_f": ("front stiffness", "%", 100.0),

@@ -32,8 +32,8 @@ from slipangle.report.search import search_table
 from slipangle.report.style import pretty_unit
 from slipangle.report.tables import Heading, Row, ScoreRow, Table, score_table
 from slipangle.shown import Brief, said
-from slipangle.simulate.robust import Trials
 from slipangle.simulate.run import Run
+from slipangle.simulate.trials import Trials
 from slipangle.units import read_in
 
 UNITS = {"r": "rad/s", "a_y": "m/s2", "a_x": "m/s2", "beta": "rad", "psi": "rad", "delta": "rad", "X": "m", "Y": "m"}

@@ -1,4 +1,4 @@
-"""`try_on`: one controller on many cars that differ from its model, side by side; `Trials`: what came of it.
+"""`try_on`: one controller on many cars that differ from its model, side by side; `Trials` is what came of it.
 
 The nominal car is the identified bicycle as a dual track with saturating tires; how far others are from it says a
 `Spread`. Whatever the number of cars in hand, each one's draw, noise and drive are the same: results are equal for
@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -21,17 +21,16 @@ from slipangle.models.fast import bind, evaluate
 from slipangle.models.vehicles.parameters import BicycleParams
 from slipangle.optimal.terms import Values, require_names
 from slipangle.paths.path import Path
-from slipangle.shown import Shown
 from slipangle.simulate.compiled import Crew
 from slipangle.simulate.loop import FAR, Starts
 from slipangle.simulate.perturbed import Fleet, Spread
+from slipangle.simulate.trials import COLUMNS, Trials
 
-ENOUGH = 0.97  # share of the cars inside their lanes that makes a controller good
-FAIR = 0.8  # below this it is poor
 STEP = 0.001  # s, of the plant
 EVERY = 10  # steps between samples of the record
 AHEAD = ("v_x_dot",)  # what the path says of the time to come
 SIDE = 0.5  # m, from a path without lanes
+UNMOVED = ("delta_r", "M_z", "bank")  # inputs of a model that these cars have not, which they measure as zero
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,15 +80,20 @@ class Trial:
         seen = ("X", "Y", "psi", "v_x", "v_y", "r", "a_y")
         if controls != ("delta",):
             raise ParameterError(f"the controller decides {list(controls)}; expected delta alone: the speed is held")
-        known = (*seen, *AHEAD) if self.planner is not self.controller else seen
+        known = (*seen, *UNMOVED, *(AHEAD if self.planner is not self.controller else ()))
         require_names((*model.outputs, *self.planner.exogenous), known, "the controller", "use what is measured")
-        require_names(model.inputs, ("delta", "v_x"), "the controller's model", "use these inputs")
+        require_names(model.inputs, ("delta", "v_x", *UNMOVED), "the controller's model", "use these inputs")
         require_names(self.noise, seen, "noise", "use what is measured")
         if self.path.v_x is None:
             raise ParameterError(f"'{self.path.name}' has no speed profile; expected one: use path.with_speed(20.0)")
         per_plan = self.planner.dt / (STEP * EVERY)
         if round(per_plan) < 1 or abs(per_plan - round(per_plan)) > 1e-6:
             raise SampleTimeError(f"the controller's step is {self.planner.dt:g} s; expected a multiple of 0.01 s")
+
+    @property
+    def without(self) -> tuple[str, ...]:
+        """What the controller knows and these cars have not."""
+        return tuple(n for n in UNMOVED if n in (*self.planner.model.inputs, *self.planner.exogenous))
 
     @property
     def planner(self) -> Any:
@@ -112,97 +116,6 @@ class Trial:
 def _speeds(v_x: Any) -> np.ndarray:
     """Speeds along a path with a profile, none so near to rest that its end is never reached. [m/s]"""
     return np.maximum(v_x, min(0.5, 0.1 * float(np.max(v_x))) or 0.5)
-
-
-COLUMNS = ("inside", "margin", "e_y", "finished", "fallbacks")
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Trials(Shown):
-    """Cars with their changes and what came of them; one row per car in all arrays.
-
-    Parameters
-    ----------
-    names : tuple of str
-        The changes: columns of `changes`, shape (n, n_names), see `Spread`.
-    results : array, shape (n, 5)
-        Whether it stayed in its lanes (0 or 1), least distance of its side to an edge, negative beyond [m], largest
-        distance from the path [m], whether it reached the end (0 or 1), commands that came from an older plan.
-    seconds : array, shape (n_plans,)
-        Wall time of plans; empty where it was not kept. [s]
-    """
-
-    names: tuple[str, ...]
-    changes: np.ndarray
-    results: np.ndarray
-    seconds: np.ndarray = field(default_factory=lambda: np.empty(0))
-
-    def _words(self) -> str:
-        inside = int(self.column("inside").sum())
-        return f"{inside} of {len(self)} cars stay inside; they differ by {', '.join(self.names)}"
-
-    def __len__(self) -> int:
-        return len(self.results)
-
-    def column(self, name: str) -> np.ndarray:
-        """One of the results, or of the changes, shape (n,)."""
-        if name in COLUMNS:
-            return self.results[:, COLUMNS.index(name)]
-        return self.changes[:, self.names.index(name)]
-
-    @property
-    def share(self) -> float:
-        """Share of the cars that stayed in their lanes."""
-        return float(self.column("inside").mean())
-
-    @property
-    def good(self) -> bool:
-        """Whether that is enough."""
-        return self.share >= ENOUGH
-
-    @property
-    def word(self) -> Literal["good", "fair", "poor"]:
-        """The verdict, in one word."""
-        return "good" if self.good else "fair" if self.share >= FAIR else "poor"
-
-    @property
-    def worst(self) -> int:
-        """Row of the car with the least margin; of those, that farthest from the path."""
-        return int(np.lexsort((-self.column("e_y"), self.column("margin")))[0])
-
-    def metrics(self) -> dict[str, Any]:
-        """Numbers for machines; the changes of the worst car."""
-        row = self.worst
-        drawn = dict(zip(self.names, self.changes[row].tolist(), strict=True))
-        return {
-            "cars": len(self),
-            "share_inside": self.share,
-            "worst": {"number": row, "changes": drawn} | dict(zip(COLUMNS, self.results[row].tolist(), strict=True)),
-            "influence": self.influence,
-        }
-
-    @property
-    def influence(self) -> dict[str, float]:
-        """How much of the margin's variance goes with each change, the largest first; of ranks, up and down apart. [-]
-
-        The share that a straight line through the ranks of the change, or of its size, explains, the larger of the two.
-        """
-        y = _ranks(np.maximum(self.column("margin"), -FAR))
-        shares = {}
-        for j, name in enumerate(self.names):
-            x = self.changes[:, j]
-            shares[name] = max(_correlation(_ranks(kind), y) ** 2 for kind in (x, np.abs(x)))
-        return dict(sorted(shares.items(), key=lambda item: -item[1]))
-
-
-def _ranks(x: np.ndarray) -> np.ndarray:
-    return np.unique(x, return_inverse=True)[1].astype(float)
-
-
-def _correlation(x: np.ndarray, y: np.ndarray) -> float:
-    x, y = x - x.mean(), y - y.mean()
-    size = float(np.sqrt((x @ x) * (y @ y)))
-    return float(x @ y) / size if size > 0 else 0.0
 
 
 def try_on(
@@ -235,7 +148,8 @@ def try_on(
             progress((k + 1) / steps)
         if race.over.all():
             break
-    return Trials(names=trial.spread.names, changes=drawn, results=race.results(), seconds=np.array(race.seconds))
+    known = {"names": trial.spread.names, "without": trial.without}
+    return Trials(**known, changes=drawn, results=race.results(), seconds=np.array(race.seconds))
 
 
 def cause(trial: Trial, trials: Trials, numbers: Sequence[int], row: int) -> tuple[str, float]:
@@ -264,8 +178,7 @@ class _Race:
         lag = trial.lag + column["lag"]
         self.share = np.where(lag > 0, -np.expm1(-STEP / np.maximum(lag, 1e-9)), 1.0)
         self.actuator, self.past = np.zeros(n), np.zeros((int(self.late.max(initial=0)), n))
-        self.seen = tuple(dict.fromkeys(("X", "Y", "psi", "v_x", *model.outputs)))
-        self.columns = [at(name) for name in self.seen if name != "a_y"]
+        self.seen = tuple(dict.fromkeys(("X", "Y", "psi", "v_x", *model.outputs, *trial.without)))
         self.a_y = np.zeros(n)  # m/s2, in the plant's last step
         self.noise = np.array([trial.noise.get(n, 0.0) for n in self.seen]) * (1 + column["noise"])[:, None]
         self.rngs = [np.random.default_rng([trial.seed, k, 1]) for k in numbers]
@@ -288,10 +201,9 @@ class _Race:
         """Measure, plan and drive for one step of the controller."""
         with np.errstate(all="ignore"):
             draws = np.array([rng.standard_normal(len(self.seen)) for rng in self.rngs])
-            true = self.x[:, self.columns]
-            if "a_y" in self.seen:
-                true = np.insert(true, self.seen.index("a_y"), self.a_y, axis=1)
-            measured = true + self.noise * draws
+            now = dict(zip(self.fleet.states, self.x.T, strict=True)) | {"a_y": self.a_y}
+            true = np.array([now.get(name, np.zeros(len(self.x))) for name in self.seen]).T
+            measured = np.ascontiguousarray(true) + self.noise * draws
             if self.crew is not None:
                 command = self._steered(k, *self.crew.step(k * self.controller.dt, measured, ~self.over))
             elif self.drivers:
@@ -340,7 +252,8 @@ class _Race:
         if self.s[i] >= self.path.length or abs(float(self.x[i, self.pose[1]])) > 1e6:
             self.over[i] = True
         preview = self.path.ahead(float(self.s[i]), controller.times, v_x=float(v_x))
-        plan = self.plans[i] = controller.plan(self.known[i], controller.reference(preview), before)
+        given = dict.fromkeys((name for name in self.trial.without if name in controller.exogenous), 0.0)
+        plan = self.plans[i] = controller.plan(self.known[i], controller.reference(preview, **given), before)
         self.fallbacks[i] += plan.age > 0
         if before is not None:
             self.seconds.append(plan.seconds)

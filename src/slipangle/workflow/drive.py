@@ -30,6 +30,7 @@ from slipangle.simulate.foreign import PlantProtocol
 from slipangle.simulate.loop import closed_loop
 from slipangle.simulate.plant import Plant
 from slipangle.simulate.process import PlantProcess
+from slipangle.simulate.robust import UNMOVED
 from slipangle.simulate.run import Run
 from slipangle.workflow.controllers import CONTROLLERS as CONTROLLERS
 from slipangle.workflow.controllers import ESTIMATORS, ControllerSettings, EstimatorSettings, build_path
@@ -103,7 +104,8 @@ class PlantSettings:
         return wanted
 
 
-_UNMOVED = {"delta_r": "its rear wheels straight", "M_z": "no yaw moment by its drive", "bank": "on a level road"}
+_STILL = "its rear wheels straight", "no yaw moment by its drive", "on a level road"
+_UNMOVED = dict(zip(UNMOVED, _STILL, strict=True))
 PLANTS: Registry[Callable[..., Model | PlantProtocol]] = Registry("plant", "slipangle.plants")
 """What ``kind`` in a job's ``[plant]`` may be: functions that return a vehicle."""
 

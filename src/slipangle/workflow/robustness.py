@@ -24,7 +24,8 @@ from slipangle.models.model import Model
 from slipangle.optimal.terms import Values
 from slipangle.report import Figure, Number, Page, Section, Verdict
 from slipangle.report.robust import CHANGES, breaking_map, shares_by_change, worst_cars
-from slipangle.simulate.robust import COLUMNS, ENOUGH, Trial, Trials, cause, try_on
+from slipangle.simulate.robust import Trial, cause, try_on
+from slipangle.simulate.trials import COLUMNS, ENOUGH, Trials
 from slipangle.workflow.drive import (
     NOISE,
     ControllerSettings,
@@ -179,7 +180,7 @@ def try_many(
             pool.close()
     results = np.concatenate([kept[k][: b - a] for k, (a, b) in enumerate(edges)])
     changes = trial.spread.draw(range(cars), trial.seed)
-    return Trials(names=trial.spread.names, changes=changes, results=results)
+    return Trials(names=trial.spread.names, changes=changes, results=results, without=trial.without)
 
 
 def _worked(pool: Any, objective: Batches, tasks: Sequence[Task]) -> Iterator[tuple[int, np.ndarray]]:
@@ -233,8 +234,8 @@ def sentence(trials: Trials) -> str:
     return (
         f"{share} of {len(trials)} cars that differ from the model stay inside their lanes, "
         f"{100 * trials.share:.1f} %; good needs {100 * ENOUGH:g} %. The margin goes most with the {CHANGES[most][0]}; "
-        f"car {row} is the worst, {abs(margin):.2f} m {'inside' if margin >= 0 else 'outside'}."
-    )
+        f"car {row} is the worst, {abs(margin):.2f} m {'inside' if margin >= 0 else 'outside'}. {trials.lacking}"
+    ).strip()
 
 
 def page(trials: Trials, settings: Settings, command: str) -> Page:

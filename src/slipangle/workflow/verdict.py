@@ -10,7 +10,7 @@ from slipangle.report import Findings, Number, Section, Verdict
 from slipangle.report.page import Block
 from slipangle.report.robust import CHANGES
 from slipangle.report.tables import Tone
-from slipangle.simulate.robust import ENOUGH
+from slipangle.simulate.trials import ENOUGH
 from slipangle.units import read_in, speed_said
 from slipangle.workflow.job import Outcome
 from slipangle.workflow.overview import overview
@@ -130,7 +130,7 @@ def _on_others(others: Tried) -> str:
     said = f"{round(count * trials.share)} of {count} cars that differ from the model stay inside."
     end = f"{100 * margin:.0f} cm from its lane's edge" if margin >= 0 else "leaves its lanes"
     why = f", most of all by its {CHANGES[name][0]}" if gain > 0 else ""
-    return f"{said} The worst of them {'stays ' if margin >= 0 else ''}{end}{why}."
+    return f"{said} The worst of them {'stays ' if margin >= 0 else ''}{end}{why}. {trials.lacking}".strip()
 
 
 _MANOEUVRE = {
