@@ -52,15 +52,12 @@ class SteadyStates:
         x, u = np.zeros(n), np.array([v_x if name == "v_x" else 0.0 for name in base.inputs])
         later, y, A, B, C, D = (np.asarray(m.full()) for m in self._slopes(x, u))
         own = [i for i in range(n) if i not in self.disturbances]
-        b = B[:, self._control]
-
-        by = list(self.measured)
+        b, by = B[:, self._control], list(self.measured)
 
         def row(name: str) -> tuple[np.ndarray, np.ndarray, float]:
             """Of a channel: over own states and the input, over the measured inputs, and at no state; none unknown."""
             if name in base.states:
-                own_row = np.append(np.eye(n)[base.states.index(name)][own], 0.0)
-                return own_row, np.zeros(len(by)), 0.0
+                return np.append(np.eye(n)[base.states.index(name)][own], 0.0), np.zeros(len(by)), 0.0
             if name in base.outputs:
                 i = base.outputs.index(name)
                 return np.append(C[i, own], D[i, self._control]), D[i, by], y[i, 0]

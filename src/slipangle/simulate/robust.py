@@ -179,6 +179,7 @@ class _Race:
         self.share = np.where(lag > 0, -np.expm1(-STEP / np.maximum(lag, 1e-9)), 1.0)
         self.actuator, self.past = np.zeros(n), np.zeros((int(self.late.max(initial=0)), n))
         self.seen = tuple(dict.fromkeys(("X", "Y", "psi", "v_x", *model.outputs, *trial.without)))
+        self.given = {name: 0.0 for name in trial.without if name in self.controller.exogenous}
         self.a_y = np.zeros(n)  # m/s2, in the plant's last step
         self.noise = np.array([trial.noise.get(n, 0.0) for n in self.seen]) * (1 + column["noise"])[:, None]
         self.rngs = [np.random.default_rng([trial.seed, k, 1]) for k in numbers]
@@ -202,8 +203,8 @@ class _Race:
         with np.errstate(all="ignore"):
             draws = np.array([rng.standard_normal(len(self.seen)) for rng in self.rngs])
             now = dict(zip(self.fleet.states, self.x.T, strict=True)) | {"a_y": self.a_y}
-            true = np.array([now.get(name, np.zeros(len(self.x))) for name in self.seen]).T
-            measured = np.ascontiguousarray(true) + self.noise * draws
+            true = np.stack([now.get(name, np.zeros(len(self.x))) for name in self.seen], axis=1)
+            measured = true + self.noise * draws
             if self.crew is not None:
                 command = self._steered(k, *self.crew.step(k * self.controller.dt, measured, ~self.over))
             elif self.drivers:
@@ -252,8 +253,7 @@ class _Race:
         if self.s[i] >= self.path.length or abs(float(self.x[i, self.pose[1]])) > 1e6:
             self.over[i] = True
         preview = self.path.ahead(float(self.s[i]), controller.times, v_x=float(v_x))
-        given = dict.fromkeys((name for name in self.trial.without if name in controller.exogenous), 0.0)
-        plan = self.plans[i] = controller.plan(self.known[i], controller.reference(preview, **given), before)
+        plan = self.plans[i] = controller.plan(self.known[i], controller.reference(preview, **self.given), before)
         self.fallbacks[i] += plan.age > 0
         if before is not None:
             self.seconds.append(plan.seconds)
