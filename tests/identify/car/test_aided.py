@@ -107,6 +107,16 @@ def test_rear_wheels_that_say_nothing_of_themselves_are_not_doubted():
     assert not any("delta_r" in s for s in doubts_with_rear(data, 2.6, fitted, whole))
 
 
+def test_rear_wheels_that_have_nothing_to_do_with_the_car_are_not_taken_for_degrees():
+    """An angle that stays at 0.6 degrees was said to be logged in degrees: the smaller it is read, the better."""
+    data = join(*(log(speed, seed) for seed, speed in enumerate((11.0, 22.0)))).hold_mean()
+    data = data.with_channel("delta_r", np.full(data.n_samples, 0.01), "rad")
+    start = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0, added=data.inputs)
+    fitted = partial(fit, start, (*STIFF, "steering_offset", "gain_M_z"))
+    words = doubts_with_rear(data, TRUE["wheelbase"], fitted, stretches(data, 1.0))
+    assert words == ("the car moves as if delta_r were not there: check its column, and its zero",)
+
+
 def dual_track_log(name):
     """The drives of a dual track of the fleet, whose rear wheels follow the front ones and motors the yaw rate.
 

@@ -12,10 +12,11 @@ from slipangle.identify.car.stretches import Stretches
 from slipangle.identify.car.structures import Fitted, change, errors
 
 _BETTER = 0.4, 2.0  # fall of the error's logarithm, and that over its scatter, from which another reading is told
+_DEGREES = np.pi / 180
 _FEW = 2  # stretches, fewer of which do not tell how far they scatter
 _OTHERS = (
     (-1.0, "of the other sign", "it has the wrong sign; set sign = -1 for delta_r, left is positive"),
-    (np.pi / 180, "read as degrees", "it is logged in degrees; declare its unit as deg"),
+    (_DEGREES, "read as degrees", "it is logged in degrees; declare its unit as deg"),
     (180 / np.pi, "57 times as large", "it is logged in rad, and was declared as deg: declare its unit as rad"),
 )
 
@@ -42,6 +43,10 @@ def doubts_with_rear(
             share = 100 * np.exp(moved / 2)
             said = (f"with delta_r {how} the error is {share:.2g} % of what it is as logged: {fix}",)
             best, factor = moved, other
+    if factor == _DEGREES:  # a channel that has nothing to do with the car is better the smaller it is read
+        none, read = _scaled(some, 0.0), _scaled(some, factor)
+        if change(errors(fitted(none), none), errors(fitted(read), read))[0] > -_BETTER[0]:
+            said, factor = ("the car moves as if delta_r were not there: check its column, and its zero",), 0.0
     return (*said, *doubts(_scaled(data, factor), wheelbase=wheelbase))
 
 
