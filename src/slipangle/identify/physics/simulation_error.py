@@ -20,6 +20,7 @@ MOST_ROUNDS = 12  # of weighing the outputs by their errors and solving again
 _SETTLED = 1e-6  # relative change of the weights that ends this
 _FOLLOWS = 0.05  # difference of free run and given states over the error, both RMS, up to which they are the same
 _STEEPEST = 1e100  # derivative of a free run about to diverge, whose square is still a number
+_KEPT = 64  # models with values that states at first samples were read with
 _WORST = 1e6  # error in standard deviations that a diverging free run counts
 
 
@@ -71,6 +72,7 @@ class FreeRunProblem:
         self.n_p = len(shared) + len(own) * len(self.recordings)
         require_identifiable(self.data, self.n_p, scheduling=("v_x",))
         self.n_x0 = self.n_x if free_initial_state else 0
+        self._varied: dict[tuple[float, ...], Any] = {}  # the experiments of a recording have the same
         first = model.memory - 1
         self.rows = [model.drive_rows(part) for part in self.parts]
         self.measured = [part.y[first:] for part in self.parts]
@@ -133,8 +135,17 @@ class FreeRunProblem:
         return names
 
     def _read_state(self, i: int, p: np.ndarray) -> np.ndarray:
-        varied = self.model.with_values(**dict(zip(self.free, map(float, p), strict=True)))
-        return np.asarray(varied.ode.initial_state(self.heads[i]), dtype=float)
+        return np.asarray(self._with(tuple(map(float, p))).ode.initial_state(self.heads[i]), dtype=float)
+
+    def _with(self, values: tuple[float, ...]) -> Any:
+        """The model with these values of the free parameters, one of the last few where it is there already."""
+        varied = self._varied.get(values)
+        if varied is None:
+            if len(self._varied) >= _KEPT:
+                self._varied.clear()
+            varied = self.model.with_values(**dict(zip(self.free, values, strict=True)))
+            self._varied[values] = varied
+        return varied
 
     def columns(self, i: int) -> np.ndarray:
         """Places in z of the free parameters and, where free, the initial state of experiment ``i``."""
