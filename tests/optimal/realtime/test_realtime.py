@@ -15,7 +15,7 @@ from slipangle.models.vehicles.single_track import SingleTrack
 from slipangle.models.wrappers.on_ground import OnGround
 from slipangle.optimal.engine import Start
 from slipangle.optimal.ocp import Reference
-from slipangle.optimal.realtime import RealTime
+from slipangle.optimal.realtime import RealTime, backend
 from slipangle.optimal.realtime.program import source
 from slipangle.optimal.solution import Status
 from slipangle.optimal.terms import Limits, Weights
@@ -390,6 +390,17 @@ def test_times_of_both_parts_are_that_of_the_whole():
     spent = mpc.engine.timing
     assert min(spent.prepare, spent.feedback) > 0
     assert spent.total == pytest.approx(spent.prepare + spent.feedback, rel=1e-9)
+
+
+def test_another_deadline_writes_and_compiles_nothing(monkeypatch):
+    """Which took half a second a controller."""
+    mpc = car(4)
+    assert mpc.engine is mpc.engine
+    monkeypatch.setattr(backend, "source", None)
+    other = replace(mpc, deadline=0.05, solver=RealTime(max_iterations=50))
+    assert other.engine is not mpc.engine
+    reference = other.reference(double_lane_change(20.0, blend=12.0).ahead(0.0, 4, 0.1), T_r=0.0)
+    assert other.plan(other.model.straight(19.0), reference).status.solved
 
 
 def test_weights_are_data():

@@ -6,6 +6,7 @@ import warnings
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, ClassVar, Literal
+from weakref import WeakKeyDictionary
 
 from slipangle.codegen.compiler import compiler, library, sentence
 from slipangle.errors import ModelWarning, ParameterError
@@ -16,12 +17,16 @@ from slipangle.optimal.joined_engine import JoinedEngine
 from slipangle.optimal.ocp import OCP
 from slipangle.optimal.realtime.curvature import require_curvature
 from slipangle.optimal.realtime.engine import CompiledEngine
-from slipangle.optimal.realtime.interpreted import InterpretedEngine
+from slipangle.optimal.realtime.interpreted import Functions, InterpretedEngine
 from slipangle.optimal.realtime.program import source
 
 # Scheduling before registers are given out: networks in the model gain a twentieth. Straight-line code is vectors
 # already: looking for more of them took a sixth of the compiler's time and found nothing.
 FLAGS = ("-fschedule-insns", "-fno-tree-slp-vectorize")
+
+# Of problems in use: their C, by how quadratic programs are solved, and what runs without a compiler.
+_WRITTEN: WeakKeyDictionary[OCP, dict[str, str]] = WeakKeyDictionary()
+_READY: WeakKeyDictionary[OCP, Functions] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +113,7 @@ class RealTime(Checked):
         if (ocp.composed or exact) and not isinstance(ocp, Joined):
             joined = Joined(ocp, curved=exact)
             return JoinedEngine(joined, self.build(joined, deadline))
-        loaded = library(source(ocp, qp=self.qp), name="mpc", flags=FLAGS) if compiler() else None
+        loaded = library(_source_of(ocp, self.qp), name="mpc", flags=FLAGS) if compiler() else None
         if loaded is not None:
             return CompiledEngine(ocp, loaded, self, deadline)
         if exact:
@@ -118,7 +123,23 @@ class RealTime(Checked):
             )
         if not compiler():  # a compiler that failed has been named already
             _say_once(sentence())
-        return InterpretedEngine(ocp, self, deadline)
+        return InterpretedEngine(ocp, self, deadline, _functions_of(ocp))
+
+
+def _source_of(ocp: OCP, qp: Literal["auto", "condensed", "riccati"]) -> str:
+    """The problem's C, written once: another deadline or tolerance changes nothing of it."""
+    written = _WRITTEN.setdefault(ocp, {})
+    if qp not in written:
+        written[qp] = source(ocp, qp=qp)
+    return written[qp]
+
+
+def _functions_of(ocp: OCP) -> Functions:
+    """The problem's functions for CasADi's virtual machine, made once."""
+    made = _READY.get(ocp)
+    if made is None:
+        made = _READY[ocp] = Functions.of(ocp)
+    return made
 
 
 @cache

@@ -741,6 +741,6 @@ class WorkArea(Engine):
 class InterpretedEngine(EngineOfThreads):
     """Engine of `RealTime` on a computer without a C compiler, a work area for each thread."""
 
-    def __init__(self, ocp: OCP, settings: Any, deadline: float | None) -> None:
-        functions = Functions.of(ocp)
-        super().__init__(lambda: WorkArea(ocp, functions, settings, deadline))
+    def __init__(self, ocp: OCP, settings: Any, deadline: float | None, functions: Functions | None = None) -> None:
+        shared = functions or Functions.of(ocp)
+        super().__init__(lambda: WorkArea(ocp, shared, settings, deadline))
