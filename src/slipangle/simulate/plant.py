@@ -97,7 +97,7 @@ class Plant(Checked):
         x, a, u = ca.MX.sym("x", model.n_states), ca.MX.sym("a", model.n_inputs), ca.MX.sym("u", model.n_inputs)
         moved = a + ca.DM(self._share) * (u - a)
         state = ca.vertcat(x, a)
-        return ca.Function("plant", [state, u], [ca.vertcat(model.functions[0](x, moved), moved)])
+        return ca.Function("plant", [state, u], [ca.densify(ca.vertcat(model.functions[0](x, moved), moved))])
 
 
 def _draws(rng: np.random.Generator) -> Iterator[float]:
@@ -132,7 +132,7 @@ class Simulation:
         self._computed |= len(set(self._names)) < len(self._names)
         self._true: dict[str, float] | None = None  # every channel now, once somebody asked
         self._past = np.tile(inputs, (max(self._delay, default=0), 1))
-        self._many: dict[int, ca.Function] = {}
+        self._many: dict[int, tuple[Callable[[], None], np.ndarray, np.ndarray, np.ndarray]] = {}
         self._output: Callable[[], None] | None = None
         names = sorted(plant.channels)
         self._noise = [
@@ -205,8 +205,13 @@ class Simulation:
             states, first = kernel.run(self.x, table), 1 if self._streams else steps  # without sensors the last will do
             return np.concatenate([states[first:], table[first - 1 :]], axis=1)
         if steps not in self._many:
-            self._many[steps] = self._plant._step.mapaccum("many", steps, {"base": 4})
-        return np.asarray(self._many[steps](self._state, table.T).full()).T
+            now, commands, after = np.empty_like(self._state), np.empty_like(table), np.empty((steps, len(self._state)))
+            many = self._plant._step.mapaccum("many", steps, {"base": 4})
+            self._many[steps] = bind(many, [now, commands], after), now, commands, after
+        call, now, commands, after = self._many[steps]
+        now[:], commands[:] = self._state, table
+        call()
+        return after.copy()
 
     def _sense(self, states: np.ndarray) -> None:
         """Let the sensors sample the steps after now, shape (steps, n_states + n_inputs)."""
