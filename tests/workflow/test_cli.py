@@ -15,7 +15,6 @@ from slipangle.cli import main
 from slipangle.models.vehicles.bicycle import Bicycle
 from slipangle.models.vehicles.catalogue import FERRARI_250LM, SOUSA_TABLE_6_1, SOUSA_TABLE_6_2
 from slipangle.models.vehicles.parameters import GRAVITY
-from slipangle.workflow.demo import prepare_demo
 from slipangle.workflow.drive import ControllerSettings, build_mpc
 
 JOB = """
@@ -123,9 +122,9 @@ def test_demo_can_be_run_again_from_its_own_files(demo, tmp_path, capsys):
     assert again["free_run"]["r"].keys() >= {"fit", "vaf", "rmse"}
 
 
-def test_the_log_is_made_of_what_sensors_see(tmp_path):
-    text = prepare_demo(tmp_path).read_text()
-    head = (tmp_path / "drive_log.csv").read_text().splitlines()[0]
+def test_the_log_is_made_of_what_sensors_see(demo):
+    text = (demo / "demo.toml").read_text()
+    head = (demo / "drive_log.csv").read_text().splitlines()[0]
     assert head.startswith("time [s],steer [deg],speed [km/h]")
     assert not re.search(r"(C_f|C_r|inertia_z|steering_gain) *=", text)  # what is to be found out
 
