@@ -24,6 +24,7 @@ Cell = str | float | int | bool | None
 
 _UNIT = r"(?:%|°|[kmµ]?[msgNV]|Hz|rad|deg|km|kg|bar|rpm)(?:/(?:s|h|rad|deg)[²2]?|[ ]?m[²2])?"
 _BEFORE_UNIT = re.compile(rf"(\d) ({_UNIT})(?![\w/])")
+_IN_NUMBER = re.compile(r"(?<=\d) (?=\d{3}(?!\d))")  # between thousands
 
 
 def number(value: Cell, digits: int = 4) -> str:
@@ -218,12 +219,13 @@ def latex(text: str) -> str:
 
 
 def typeset(text: str) -> str:
-    r"""Escaped text in which no line breaks between a number and its unit, with ± for +-.
+    r"""Escaped text in which no line breaks inside a number or between it and its unit, with ± for +-.
 
-    >>> typeset("5 < 165 s of <b>").split(" ")[2:]
-    ['165\xa0s', 'of', '&lt;b&gt;']
+    >>> typeset("5 < 165 s of <b> 12 300").split(" ")[2:]
+    ['165\xa0s', 'of', '&lt;b&gt;', '12\xa0300']
     """
-    return html.escape(_BEFORE_UNIT.sub("\\1\u00a0\\2", text.replace(" +- ", " ± ")))
+    whole = _BEFORE_UNIT.sub("\\1\u00a0\\2", text.replace(" +- ", " ± "))
+    return html.escape(_IN_NUMBER.sub("\u00a0", whole))
 
 
 def command_html(command: str) -> str:
