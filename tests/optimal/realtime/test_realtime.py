@@ -381,7 +381,7 @@ def test_vectors_are_half_as_wide_where_half_of_one_would_be_idle():
     for mpc in (car(10), explicit):
         assert "#define HALF_IDLE" in source(mpc.ocp)
         assert "#define HALF_IDLE" not in source(replace(mpc, horizon=14).ocp)
-    assert ['sched-pressure")' in source(mpc.ocp) for mpc in (car(10), explicit)] == [True, False]
+        assert 'sched-pressure")' in source(mpc.ocp)
 
 
 def test_times_of_both_parts_are_that_of_the_whole():

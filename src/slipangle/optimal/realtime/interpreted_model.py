@@ -8,6 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from slipangle.codegen.derivatives import jacobians
 from slipangle.codegen.expression import arguments, fewer_divisions
 from slipangle.numerics.integrate import RADAU_A
 from slipangle.optimal.ocp import OCP
@@ -94,7 +95,7 @@ def _rest(parts: Implicit, nx: int, h: float) -> ca.Function:
             place[a] = z[3 * c + j]
         places.append(place)
     q = rest_after(parts.derivative, parts.rest, h, x, u, w, places)
-    return ca.Function("rest", [z, x, u, w], [q, *(ca.jacobian(q, v) for v in (z, x, u))])
+    return ca.Function("rest", [z, x, u, w], [q, *jacobians([q], [z, x, u])])
 
 
 def _eliminate(matrix: Any, right: Any) -> Any:

@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from slipangle.codegen.derivatives import jacobians
 from slipangle.codegen.expression import scalars
 from slipangle.models.ode import OdeModel
 from slipangle.numerics.integrate import RADAU_A, RETRY, discretise
@@ -57,7 +58,7 @@ def implicit(ocp: OCP) -> Implicit | None:
     behind = [a for a in range(len(pattern)) if a not in core]  # which no cycle goes through
     rest = tuple(TopologicalSorter({a: [b for b in behind if pattern[a, b]] for a in behind}).static_order())
     f = rate[list(core)]
-    slopes = ca.Function("core", [x, u, w], [ca.densify(f), ca.jacobian(f, x[list(core)]), ca.jacobian(f, u)])
+    slopes = ca.Function("core", [x, u, w], [ca.densify(f), *jacobians([f], [x[list(core)], u])])
     quadrature, short = (
         _quadrature(name, derivative, core, rest, h) for name, h in (("whole", model.dt), ("short", model.dt / RETRY))
     )
@@ -78,7 +79,7 @@ def _quadrature(
             places[j][a] = x[a] + z[j, c]
     q = rest_after(derivative, rest, h, x, u, w, places)
     flat = ca.vec(z)
-    return ca.Function(name, [flat, x, u, w], [q, *(ca.jacobian(q, v) for v in (flat, x, u))])
+    return ca.Function(name, [flat, x, u, w], [q, *jacobians([q], [flat, x, u])])
 
 
 def rest_after(
@@ -112,8 +113,7 @@ def stage_function(ocp: OCP) -> ca.Function:
     base = scalars(ocp.stage)
     x, u, w, _, p = ocp.symbols(ca.SX if base is not None else ca.MX)
     error, limited = (base or ocp.stage)(x, u, w, p)
-    parts = [error, limited, *(ca.jacobian(v, z) for v in (error, limited) for z in (x, u))]
-    return ca.Function("stage", [x, u, w, p], parts)
+    return ca.Function("stage", [x, u, w, p], [error, limited, *jacobians([error, limited], [x, u])])
 
 
 def dynamics_function(ocp: OCP) -> ca.Function:
@@ -124,7 +124,7 @@ def dynamics_function(ocp: OCP) -> ca.Function:
         return _repeated(short, times)
     x, u, w, _, _ = ocp.symbols(ca.SX if base is not None else ca.MX)
     later = (base or ocp.dynamics)(x, u, w)
-    return ca.Function("dynamics", [x, u, w], [later, ca.jacobian(later, x), ca.jacobian(later, u)])
+    return ca.Function("dynamics", [x, u, w], [later, *jacobians([later], [x, u])])
 
 
 def _explicit_step(ocp: OCP) -> tuple[ca.Function | None, int]:
@@ -136,8 +136,7 @@ def _explicit_step(ocp: OCP) -> tuple[ca.Function | None, int]:
     sizes = {"n_states": model.n_states, "n_inputs": model.n_inputs}
     step = discretise(model.derivative, model.dt / model.substeps, method=model.method, substeps=1, **sizes)
     later = step(x, full)
-    parts = [later, ca.jacobian(later, x), ca.jacobian(later, u)]
-    return ca.Function("short_step", [x, u, w], parts, _NOT_INLINED), model.substeps
+    return ca.Function("short_step", [x, u, w], [later, *jacobians([later], [x, u])], _NOT_INLINED), model.substeps
 
 
 def _repeated(step: ca.Function, times: int) -> ca.Function:
@@ -155,7 +154,7 @@ def jump_function(ocp: OCP) -> ca.Function:
     x, u, w, _, _ = ocp.symbols(ca.SX)
     jump: Any = ocp.jump
     later = jump(x, u, w)
-    return ca.Function("jump", [x, u, w], [later, ca.jacobian(later, x), ca.jacobian(later, u)])
+    return ca.Function("jump", [x, u, w], [later, *jacobians([later], [x, u])])
 
 
 def limit_rows(ocp: OCP) -> list[tuple[int, int]]:

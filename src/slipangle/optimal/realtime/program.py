@@ -82,8 +82,8 @@ def source(ocp: OCP, *, lanes: int = 0, caller: bool = False, qp: str = "auto") 
     kinds.append("EXPLICIT" if stage_lanes is not None else "CALLED")
     head = [f"#define LANES {lanes}"] if lanes else []
     head += ["#define HALF_IDLE"] if kinds[0] != "CALLED" and _idle(ocp) else []
-    # Newton's steps gain a thirtieth where what is scheduled early still fits the registers; other code loses as much.
-    effort = "O1" if sum(map(len, code)) > LONG else "sched-pressure" if parts else ""
+    # Straight-line code gains a twentieth where what is scheduled early still fits the registers; other code loses.
+    effort = "O1" if sum(map(len, code)) > LONG else "sched-pressure" if kinds[0] != "CALLED" else ""
     return "\n".join(
         [
             "/* Generated from one optimal control problem. */",
