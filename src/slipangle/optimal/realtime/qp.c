@@ -300,6 +300,22 @@ static void refine(Qp *q)
     add(q->u, 1.0, z, Q_N);
 }
 
+/* The largest force that a price has on one input. Such forces may balance each other to the last digit, where inputs
+   themselves cost next to nothing; multipliers of hard rows, which may be anything, are no measure. */
+static double dearest_row(const Qp *q)
+{
+    double most = 0;
+    for (int i = 0; i < Q_N + Q_R + Q_D; i++) {
+        double part = i < Q_N + Q_R ? 1 : 0;
+        if (!(q->plain[i] < INFINITY) || q->lambda[i] == 0)
+            continue;
+        for (int a = 0; i >= Q_N + Q_R && a < Q_N; a++)
+            part = larger(fabs(((const double *)q->C)[(i - Q_N - Q_R) * QL + a]), part);
+        most = larger(part * fabs(q->lambda[i]), most);
+    }
+    return most;
+}
+
 /* Largest violation of the optimality conditions, relative to the size of their terms: gradient, Hessian times step,
    and multipliers. Where tracking is exact the first is zero. */
 static double qp_residual(Qp *q)
@@ -318,6 +334,8 @@ static double qp_residual(Qp *q)
         size = larger(fabs(q->g[a]) + fabs(z[a]) + fabs(forces[a]), size);
     for (int a = 0; a < Q_N; a++)
         worst = larger(fabs(z[a] + q->g[a] + forces[a]), worst);
+    if (worst > 1e-8 * size)
+        size = larger(dearest_row(q), size);
     worst /= size;
     for (int i = 0; i < Q_N + Q_R + Q_D; i++) {
         double v = row_value(q, i, q->u), l = q->lambda[i];
