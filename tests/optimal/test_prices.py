@@ -7,6 +7,7 @@ from scipy.optimize import linprog
 from slipangle.codegen.compiler import compiler, sentence
 from slipangle.control.mpc import MPC
 from slipangle.models.custom import Ode
+from slipangle.optimal.ipopt import Ipopt
 from slipangle.optimal.realtime import RealTime, backend
 from slipangle.optimal.solution import Status
 from slipangle.optimal.terms import Limits, Weights
@@ -53,3 +54,32 @@ def test_least_fuel_is_found_however_little_the_square_of_an_input_costs(solver)
             plan = mpc.plan(np.array(start), R={"a": weight})
             assert plan.status is Status.SOLVED
             assert least - 1e-9 < plan.cost < least + STAGES * weight + 1e-9
+
+
+def unstable(solver):
+    """Two inputs hold a plant that flees a millionfold within the horizon at zero, which costs in proportion alone."""
+    return MPC(
+        Ode(
+            f=lambda x, u, p: [5.0 * x[0] + x[1] + u[0], 2.0 * x[1] + u[1]],
+            states=("a", "b"),
+            inputs=("u", "v"),
+            params={},
+            dt=0.05,
+        ),
+        horizon=60,
+        Q={},
+        R=Weights(u=1e-6, v=1e-6),
+        limits=Limits(u=10.0, v=10.0, a=(0.0, 0.0)),
+        slack_linear=Weights(a=1.0),
+        solver=solver,
+    )
+
+
+@pytest.mark.skipif(compiler() is None, reason=sentence())
+def test_a_price_is_the_measure_of_an_unstable_plant_whose_inputs_cost_next_to_nothing():
+    """Failed before: an interior point began far below the price, and forces that balance each other left no digits."""
+    ours, theirs = (unstable(solver) for solver in (RealTime(iterations=0), Ipopt(tolerance=1e-12)))
+    for start in ([0.9, 0.3], [-0.8, 0.6]):
+        plan, reference = (mpc.plan(np.array(start)) for mpc in (ours, theirs))
+        assert plan.status is reference.status is Status.SOLVED
+        assert plan.cost == pytest.approx(reference.cost, rel=1e-8)

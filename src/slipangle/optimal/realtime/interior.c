@@ -16,15 +16,31 @@
 
 #define SIDE(name) ((double *)s->stages.name)
 
+/* The size of the gradient, by which products are small. */
+static double small_force(const Work *s)
+{
+    double size = 0;
+    for (int a = 0; a < QN; a++)
+        size = larger(fabs(s->qp.g[a]), size);
+    return larger(size, 1e-6 * s->stages.top);
+}
+
+/* The lowest price of an excess. */
+static double lowest_price(const Work *s)
+{
+    const Stages *r = &s->stages;
+    double least = INFINITY;
+    for (int k = 0; k < r->rows; k++)
+        least = s->qp.plain[r->row[k]] > 0 ? smaller(s->qp.plain[r->row[k]], least) : least;
+    return least;
+}
+
 static void begin_sides(Work *s, double more)
 {
     Stages *r = &s->stages;
     const Qp *q = &s->qp;
-    double size = 0;
     int n = 0;
-    for (int a = 0; a < QN; a++)
-        size = larger(fabs(q->g[a]), size);
-    double product = more * 10 * larger(size, 1e-6 * r->top);
+    double product = more * 10 * small_force(s);
     for (int k = 0; k < r->rows; k++)
         for (int side = 1, i = r->row[k]; side >= -1; side -= 2) {
             double limit = side > 0 ? q->hi[i] : -q->lo[i], room = 0.1 * sqrt(STIFF * r->top / r->stiff[i]);
@@ -180,10 +196,10 @@ static int from_products(Work *s, double more)
     return QP_SOLVED;
 }
 
-static int by_interior(Work *s)
+static int by_interior(Work *s, double more)
 {
     int status = s->stages.bends.count ? QP_NUMBER : -1;
-    for (double more = 1; status < 0; more *= 1e3)
+    for (; status < 0; more *= 1e3)
         status = from_products(s, more);
     return status;
 }
@@ -205,11 +221,11 @@ static void guess_modes(Work *s)
 }
 
 /* The exact answer from an interior point; or that point itself on the way, where rows that are held depend on each other. */
-static int from_inside(Work *s)
+static int from_point(Work *s, double more)
 {
     Stages *r = &s->stages;
     double v[QN], price[QT];
-    int mode[QT], status = by_interior(s);
+    int mode[QT], status = by_interior(s, more);
     if (status != QP_SOLVED)
         return status;
     guess_modes(s);
@@ -217,7 +233,7 @@ static int from_inside(Work *s)
     memcpy(v, r->v, sizeof v);
     memcpy(price, r->price, sizeof price);
     memcpy(mode, r->mode, sizeof mode);
-    int near = s->step > ON_THE_WAY && gradient_of_rows(s) <= FEW_DIGITS;
+    int near = s->step > ON_THE_WAY && (gradient_of_rows(s, 1e-300) <= FEW_DIGITS || balance_of_rows(s) <= FEW_DIGITS);
     status = by_rows(s, MOST_FACTORS);
     if (status != QP_NUMBER || !near)
         return status;
@@ -225,6 +241,14 @@ static int from_inside(Work *s)
     memcpy(r->after, price, sizeof price);
     memcpy(r->mode, mode, sizeof mode);
     return QP_SOLVED;
+}
+
+/* The same from small products or, where these lead nowhere as prices are far above all other forces, from theirs. */
+static int from_inside(Work *s)
+{
+    int status = from_point(s, 1);
+    double more = lowest_price(s) / small_force(s);
+    return status == QP_NUMBER && more > 1 && more < INFINITY ? from_point(s, more) : status;
 }
 
 /* The answer that was found, as `qp_solve` leaves it. */

@@ -16,6 +16,7 @@
 #define EXACT 1e-12       /* residual, relative to the size of its terms, with which an answer is one at once */
 #define ENOUGH 1e-9       /* the same where refinement gains nothing any more */
 #define RESTS 1e-13       /* of an input, relative to half its range, by which an answer that is found still moves */
+#define BALANCED 1e-11    /* the same where prices may balance each other, which are then the measure of a residual */
 #define FEW_DIGITS 1e-6   /* residual with which that is one: its terms cancel, so that the digits that are left are few */
 #define TOUCH 1e-12       /* of a multiplier at its bound, relative to that */
 
@@ -54,7 +55,7 @@ INLINE int better_mode(const Work *s, int i, double *off)
     double over = r->value[i] - q->hi[i], under = q->lo[i] - r->value[i];
     switch (r->mode[i]) {
     case KEPT:
-        if (price < 0)
+        if (price < 0 && !(q->hi[i] <= q->lo[i] && -price <= plain)) /* a row with one value is held from either side */
             return *off = -price / r->stiff[i], FREE;
         if (price > plain * (1 + TOUCH))
             return *off = (price - plain) / r->stiff[i], q->square[i] > 0 ? PAID : SPENT;
@@ -261,12 +262,12 @@ static double to_condense(const Work *s)
    ones right, against condensing. */
 static int by_stages_now(const Work *s) { return to_condense(s) > TO_FACTOR * (s->stages.expected > 0 ? 2.5 : 1.2); }
 
-/* The gradient by the inputs with the multipliers of now; how large it is, relative to its terms. */
-static double gradient_of_rows(Work *s)
+/* The gradient by the inputs with the multipliers of now; how large it is, relative to its terms, or to `size` if larger. */
+static double gradient_of_rows(Work *s, double size)
 {
     Stages *r = &s->stages;
     const Qp *q = &s->qp;
-    double size = 1e-300, worst = 0;
+    double worst = 0;
     pull(s);
     for (int a = 0; a < QN; a++) {
         double bent = r->bent[a] + r->damped[a] * r->v[a], left = fabs(q->g[a] + bent + r->forces[a]);
@@ -288,13 +289,39 @@ static void move_rows(Work *s, double t)
 }
 
 /* Whether the inputs hardly move any more. */
-static int rests(const Work *s)
+static int rests(const Work *s, double how)
 {
     double most = 0;
     for (int a = 0; a < QN; a++)
         most = larger(fabs(s->stages.dv[a]), most);
-    return most <= RESTS;
+    return most <= how;
 }
+
+/* The largest force on one input of the row of the highest price that is paid or held. */
+static double dearest_force(Work *s)
+{
+    Stages *r = &s->stages;
+    double most = 0, after[QT];
+    int dearest = -1;
+    for (int k = 0; k < r->rows; k++) {
+        int i = r->row[k];
+        if (s->qp.plain[i] < INFINITY && r->after[i] != 0 && (dearest < 0 || fabs(r->after[i]) >= fabs(r->after[dearest])))
+            dearest = i;
+    }
+    if (dearest < 0)
+        return 0;
+    memcpy(after, r->after, sizeof after);
+    memset(r->after, 0, sizeof r->after);
+    r->after[dearest] = after[dearest];
+    pull(s);
+    for (int a = 0; a < QN; a++)
+        most = larger(fabs(r->forces[a]), most);
+    memcpy(r->after, after, sizeof after);
+    return most;
+}
+
+/* The gradient relative to that force too: where inputs cost next to nothing, prices balance each other. */
+static double balance_of_rows(Work *s) { return gradient_of_rows(s, larger(dearest_force(s), 1e-300)); }
 
 /* ---- method --------------------------------------------------------------------------------------------------- */
 
@@ -332,8 +359,11 @@ static int by_rows(Work *s, int factors)
         }
         double gap = update_prices(s, still > 1);
         if (gap <= ENOUGH) {
-            int there = gap <= EXACT && rests(s);
-            gap = larger(gradient_of_rows(s), gap), q->kkt = gap;
+            int there = gap <= EXACT && rests(s, RESTS);
+            double slope = gradient_of_rows(s, 1e-300);
+            if (slope > FEW_DIGITS && rests(s, BALANCED))
+                slope = balance_of_rows(s);
+            gap = larger(slope, gap), q->kkt = gap;
             if (gap <= EXACT || (!(gap < 0.1 * last) && gap <= (there ? FEW_DIGITS : ENOUGH)))
                 return QP_SOLVED;
         }

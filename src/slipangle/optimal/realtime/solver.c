@@ -935,6 +935,14 @@ static void price_limits(Work *s, double price)
             s->qp.plain[QN + QR + row] = price > 0 ? price : INFINITY;
 }
 
+static int has_hard(const Work *s)
+{
+    int many = 0;
+    for (int row = 0; row < N_LIMITS; row++)
+        many += !(s->plain[row] < INFINITY);
+    return many > 0;
+}
+
 /* What hard limits cost at first: more than any input gains by missing them here. */
 static double first_price(const Work *s)
 {
@@ -1050,7 +1058,8 @@ static int converge(Work *s, int64_t most, int loose)
         if ((done == INFEASIBLE || done == FAILED) && N_LIMITS > 0) { /* here: limits at a price may lead elsewhere */
             if (price == 0)
                 price = first_price(s), dearest = PRICES * price, priced = n;
-            for (double part = 1; part > 1e-3 && (done == INFEASIBLE || done == FAILED); part *= 0.1) {
+            double last_part = has_hard(s) ? 1e-3 : 0.5; /* without any, a price changes nothing */
+            for (double part = 1; part > last_part && (done == INFEASIBLE || done == FAILED); part *= 0.1) {
                 if (N >= MANY && !s->by_stages && (posed = pose(s, 1, 0)) != SOLVED)
                     return posed;
                 price_limits(s, part * price);
