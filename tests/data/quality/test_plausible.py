@@ -236,3 +236,24 @@ def test_drives_of_one_angle_each_show_units_together():
     assert doubts(data, wheelbase=LENGTH) == ()
     (said,) = doubts(data.with_channel("delta", np.rad2deg(data["delta"])), wheelbase=LENGTH)
     assert "degrees" in said
+
+
+@pytest.mark.parametrize("late", [0.1, 0.3, 0.5])
+@pytest.mark.parametrize("gain", [1.0, 1 / 15])
+def test_lane_changes_of_a_car_that_answers_late_are_no_hand_wheels(late, gain):
+    """What is late looks small beside the steering; a lorry at one speed was said to log its hand wheel."""
+    rng, dt = np.random.default_rng(3), 0.02
+    t = np.arange(6000) * dt
+    delta = 0.03 * np.sin(2 * np.pi * t / 3.0) * (np.mod(t, 9.0) < 3.0) * np.sign(np.sin(2 * np.pi * t / 18.0))
+    delta += 0.002 * np.sin(2 * np.pi * 0.11 * t)
+    speed = 18.0 + 2.0 * np.sin(2 * np.pi * t / 50.0)
+    wheels, follows = 0.0, np.empty(len(t))
+    for k, angle in enumerate(delta):
+        wheels += (angle - wheels) * dt / late
+        follows[k] = wheels
+    r = follows * speed / LENGTH / (1 + (speed / 28.0) ** 2) + 0.003 * rng.standard_normal(len(t))
+    data = Dataset.from_arrays({"delta": delta / gain, "v_x": speed}, {"r": r}, dt)
+    said = doubts(data, wheelbase=LENGTH)
+    assert [s for s in said if "hand wheel" not in s] == []
+    assert len(said) == (gain != 1.0)
+    assert kinematic_gain(data, wheelbase=LENGTH) == pytest.approx(gain, rel=1 / 3)

@@ -11,8 +11,8 @@ from slipangle.data.dataset import Dataset
 from slipangle.data.quality.inspect import resting
 
 _SLOW = 0.7  # Hz, below which a car nearly follows its steering
-# Share of the logged angle that the motion asks for, about half of the truth to all of it where lags are long, and what
-# explains it.
+# Share of the logged angle that the motion asks for, about half of the truth to all of it where understeer cannot be
+# told, and what explains it.
 _SHARES = (
     (0.0, 0.024, "delta is logged in degrees: declare its unit as deg"),
     (0.024, 0.115, "delta is the angle of the hand wheel: give the steering ratio, about {ratio:.0f}"),
@@ -21,7 +21,7 @@ _SHARES = (
 )
 _IN_DEGREES = "r is logged in deg/s: declare its unit as deg/s"
 _IN_RADIANS = "delta is logged in rad, and was declared as deg: declare its unit as rad"  # where r turns as a car may
-_SHARE = 0.8  # of the truth, in the mean
+_CERTAIN = 2.0  # standard errors of a share, within which it has to stay where none is usual
 _SPEED = "v_x is logged in km/h: declare its unit as km/h, or "  # where no a_y says that it is right
 _SPEEDS = 0.2  # range of speeds over their mean, from which understeer and offsets show
 _MOVING = 0.3  # share of the steering's variance inside drives, from which they tell the gain by themselves
@@ -86,8 +86,8 @@ def kinematic_gain(data: Dataset, *, wheelbase: float) -> float:
     parts, smooth, drives = _smoothed(_without(data, _stuck(data)), names)
     if not parts or np.quantile(data["v_x"], 0.9) <= 0:
         return 0.0
-    gain, agree, _ = _asked(smooth, wheelbase, drives)
-    return gain / _SHARE if abs(agree) > _AGREE else 0.0
+    gain, agree, _, _ = _asked(smooth, wheelbase, drives)
+    return gain if abs(agree) > _AGREE else 0.0
 
 
 _CHANNELS = ("delta", "v_x", "r", "v_y", "a_y", "delta_r")
@@ -180,19 +180,20 @@ def _steering(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarra
 
     ``speed`` is what may be wrong with the speed, where that may be.
     """
-    gain, agree, speeds = _asked(smooth, wheelbase, drives)
+    gain, agree, speeds, error = _asked(smooth, wheelbase, drives)
     if agree < -0.6:
         return [
             f"r moves against delta (agreement {agree:.2f}): one has the wrong sign; set sign = -1 for delta, left is "
             "positive"
         ]
-    if agree < _AGREE:
+    sure = _CERTAIN * error
+    if agree < _AGREE or _SHARES[-2][1] - sure < gain < _SHARES[-1][0] + sure:
         return []
     turns = float(np.quantile(np.abs(smooth["v_x"] * smooth["r"]), 0.99)) > _SIDEWAYS
     wrong = _IN_DEGREES if turns else _IN_RADIANS
     return [
         f"r wheelbase / v_x is about {gain:.2g} of delta: "
-        f"{words.format(ratio=_SHARE / gain, gain=gain / _SHARE, speed=speed, wrong=wrong)}"
+        f"{words.format(ratio=1 / gain, gain=gain, speed=speed, wrong=wrong)}"
         for low, high, words in _SHARES
         if low < gain <= high and (speeds or "command" not in words)
     ]
@@ -209,27 +210,55 @@ def _rear(smooth: dict[str, np.ndarray]) -> list[str]:
     ]
 
 
-def _asked(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) -> tuple[float, float, bool]:
-    """Share of delta that r wheelbase / v_x is, their correlation, and whether speeds differ enough to tell understeer.
+def _asked(smooth: dict[str, np.ndarray], wheelbase: float, drives: np.ndarray) -> tuple[float, float, bool, float]:
+    """Share of delta that r wheelbase / v_x is, their correlation, whether speeds differ enough, and its error.
 
-    Where rear wheels are steered, delta is that of the front ones over them, which is what turns a car.
-    Each drive has an offset of its own, as its steering sensor may, where the steering moves enough inside drives.
+    Where rear wheels are steered, delta is that of the front ones over them, which is what turns a car. Each drive has
+    an offset of its own, as its steering sensor may, where the steering moves enough inside drives. Understeer is told
+    from the share where speeds differ, and how late the car is, to first order, always: what is late looks smaller.
+    The error is a standard one, of a jackknife over blocks.
     """
     v, r, delta = smooth["v_x"], smooth["r"], _over_the_rear(smooth)
     fast = v > 0.3 * np.quantile(v, 0.9)
-    v, r, delta, drives = v[fast], r[fast], delta[fast], drives[fast]
-    asked = r * wheelbase / v
+    turn = r * wheelbase / np.where(fast, v, np.inf)
+    ends = np.flatnonzero(np.diff(drives)) + 1
+    later = np.concatenate([np.gradient(part) for part in np.split(turn, ends)])[fast]
+    v, r, delta, drives, asked = v[fast], r[fast], delta[fast], drives[fast], turn[fast]
     _, agree = _slope(delta, asked)
     inside = _inside(delta, drives)
     if np.sum(inside**2) < _MOVING * np.sum((delta - delta.mean()) ** 2):
         drives = np.zeros_like(drives)
-    columns, speeds = [delta], float(np.ptp(v)) > _SPEEDS * float(v.mean())
+    columns, speeds = [delta, -later], float(np.ptp(v)) > _SPEEDS * float(v.mean())
     if speeds:  # understeer, which at one speed cannot be told from the steering's gain
         columns.append(-v * r * wheelbase)
-    table = np.column_stack([_inside(column, drives) for column in columns])
-    scale = np.maximum(np.abs(table).max(axis=0), 1e-300)
-    gain = float(np.linalg.lstsq(table / scale, _inside(asked, drives), rcond=None)[0][0] / scale[0])
-    return gain, agree, speeds
+    table = np.column_stack([_inside(column, drives) for column in (*columns, asked)])
+    gain, error = _coefficient(_blocks(table, drives))
+    return gain, agree, speeds, error
+
+
+def _blocks(table: np.ndarray, drives: np.ndarray) -> np.ndarray:
+    """Products of the columns of a table, summed over blocks of the drives, shape (n_blocks, n, n)."""
+    rows = np.split(table, np.flatnonzero(np.diff(drives)) + 1)
+    blocks = [b for part in rows for b in np.array_split(part, max(1, _BLOCKS // len(rows)))]
+    return np.array([b.T @ b for b in blocks])
+
+
+def _coefficient(squares: np.ndarray, which: int = 0) -> tuple[float, float]:
+    """A coefficient of the last column's regression on the others, and its standard error, of a jackknife over blocks.
+
+    The error is infinite of three blocks or fewer (R. G. Miller, The jackknife: a review, Biometrika 61, 1974).
+    """
+    size = np.sqrt(np.maximum(np.diagonal(squares.sum(axis=0)), 1e-300))
+    squares = squares / np.outer(size, size)
+
+    def of(total: np.ndarray) -> float:
+        found = np.linalg.lstsq(total[:-1, :-1], total[:-1, -1], rcond=1e-9)[0]
+        return float(found[which] * size[-1] / size[which])
+
+    whole, n = squares.sum(axis=0), len(squares)
+    others = np.array([of(whole - one) for one in squares])
+    error = float(np.sqrt((n - 1) / n * np.sum((others - others.mean()) ** 2))) if n > 3 else np.inf
+    return of(whole), error
 
 
 def _over_the_rear(smooth: dict[str, np.ndarray]) -> np.ndarray:
@@ -245,25 +274,13 @@ def _inside(x: np.ndarray, drives: np.ndarray) -> np.ndarray:
 def _zero(smooth: dict[str, np.ndarray], drives: np.ndarray) -> list[str]:
     """A sentence on an offset of r beyond what a fit corrects: what delta, v_x and understeer do not explain.
 
-    An offset of the steering counts for more the faster the car is, one of the sensor does not; its standard error is
-    that of a jackknife over blocks of the drive (R. G. Miller, The jackknife: a review, Biometrika 61, 1974).
+    An offset of the steering counts for more the faster the car is, one of the sensor does not.
     """
     v, r, delta = smooth["v_x"], smooth["r"], _over_the_rear(smooth)
     if np.ptp(v) < _SPEEDS * v.mean():  # at one speed, offsets of delta and r are one
         return []
     table = np.column_stack([v * delta, v * v * r, v, np.ones(len(v)), r])
-    rows = np.split(table, np.flatnonzero(np.diff(drives)) + 1)
-    blocks = [b for part in rows for b in np.array_split(part, max(1, _BLOCKS // len(rows)))]
-    squares = np.array([b.T @ b for b in blocks])
-    size = np.sqrt(np.maximum(np.diagonal(squares.sum(axis=0)), 1e-300))
-    squares /= np.outer(size, size)
-
-    def offset(total: np.ndarray) -> float:
-        return float(np.linalg.lstsq(total[:4, :4], total[:4, 4], rcond=1e-9)[0][3] * size[4] / size[3])
-
-    whole, n = squares.sum(axis=0), len(blocks)
-    value, others = offset(whole), np.array([offset(whole - one) for one in squares])
-    error = float(np.sqrt((n - 1) / n * np.sum((others - others.mean()) ** 2))) if n > 3 else np.inf
+    value, error = _coefficient(_blocks(table, drives), 3)
     if abs(value) < max(_ZERO, 5 * error):
         return []
     return [f"r reads {value:.2g} rad/s on a straight: its sensor has an offset; subtract it"]
