@@ -194,7 +194,10 @@ WARNS = {
     "identify/adapt.py": (1, ("the model is left as it is",)),
     "identify/car/identify_car.py": (
         1,
-        ("cannot be separated:", "ends at its bound", "differs between the recordings:"),
+        (
+            *("cannot be separated:", "ends at its bound", "differs between the recordings:"),
+            "as the motion of the car tells",
+        ),
     ),
     "identify/judge/validate.py": (1, ("whether the model was fitted to some of these data cannot be told",)),
     "identify/lure/lure.py": (1, ("the fit stopped at its limit of", "starts reached the best minimum; expected two")),

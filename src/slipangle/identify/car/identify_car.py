@@ -24,6 +24,7 @@ from slipangle.fields import Checked
 from slipangle.identify.car import sentences
 from slipangle.identify.car.corrections import Correction, corrections
 from slipangle.identify.car.effects import extrapolated, others_as_good, told
+from slipangle.identify.car.late import with_lateness
 from slipangle.identify.car.rear_wheels import doubts_with_rear
 from slipangle.identify.car.recordings import settled
 from slipangle.identify.car.stretches import stretches, together
@@ -186,18 +187,18 @@ class WholeCar(Checked):
             tried = corrections(whole.train, self.wheelbase, own, elsewhere)
             best, stages, dropped = _climb(first, tried, whole.train, whole.held_out)
             final = fit(best.model, best.free, whole.all, best, own=best.own, last=True)
-            others = others_as_good(final, dropped, whole.all)
+            others, behind = with_lateness(final, others_as_good(final, dropped, whole.all), whole.all)
             used = sentences.friction_reached(final)
         names = final.names
         spread, limits, how = _limits(final, others)
         separated = sentences.separated(names, final, limits)
-        left, told = sentences.left_out(whole.unused), sentences.sensors(final, spread, self.steering_gain)
+        left, told = [*behind, *sentences.left_out(whole.unused)], sentences.sensors(final, spread, self.steering_gain)
         wrong = (*left, *suspect, *filter(None, [weight]), *told, *sentences.impossible(names, final, limits, used))
         changed = [*sentences.changes(stages), *sentences.steering(names, final, spread, limits)]
         unknown = (
             *sentences.ridges(names, final, spread, limits, separated),
             *sentences.elsewhere(final, others, limits),
-            *sentences.speed(others),
+            *sentences.speed(final, others),
             *sentences.between(final),
             *sentences.effects(final, limits, used),
             *sentences.bounds(final, used),

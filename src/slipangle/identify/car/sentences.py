@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from slipangle.identify.car.corrections import DOWNFORCE, FAST, LOCKED, SPEED, friction_used, recordings
-from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Stage, settling
+from slipangle.identify.car.structures import ELSEWHERE, STIFF, Fitted, Stage, settling, worth
 from slipangle.models.vehicles.parameters import GRAVITY
 from slipangle.ops import Scalar
 
@@ -258,9 +258,11 @@ def elsewhere(final: Fitted, others: list[tuple[Fitted, float]], limits: np.ndar
     ]
 
 
-def speed(others: list[tuple[Fitted, float]]) -> list[str]:
-    """A speed that is logged too large or too small, as the motion across tells."""
+def speed(final: Fitted, others: list[tuple[Fitted, float]]) -> list[str]:
+    """A speed that is logged too large or too small, as the motion across tells, and worth its parameters."""
     for other in (other for other, share in others if {*SPEED} <= {*other.free} and share > _HALF):
+        if worth(final, other, len(other.names) - len(final.names)) <= 0:
+            continue
         gain = other.values[SPEED[0]]
         return [
             f"v_x is logged {100 * abs(1 / gain - 1):.2g} % too {'small' if gain > 1 else 'large'}, as the motion "

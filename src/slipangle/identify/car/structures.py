@@ -343,10 +343,14 @@ def helps(before: Fitted, after: Fitted, held_before: np.ndarray, held_after: np
     Worth by the Bayesian information criterion with as many samples as are independent; where a poor structure colours
     its errors so much that few are, also by what it brings on nearly every held-out stretch.
     """
-    independent = len(after.error) / after.thinning
-    gain = -2.0 * independent * float(np.log(after.sigma / before.sigma).sum())
-    price = (len(after.names) - len(before.names)) * np.log(independent)
     moved, scatter = change(held_before, held_after)
     together = float(np.log(held_after.mean(axis=0) / held_before.mean(axis=0)).mean())
     no_harm = max(moved, together) < max(_HARM, scatter)
-    return bool((gain > price and no_harm) or (moved < -max(_WORTH, 2.0 * scatter) and together < 0))
+    gain = worth(before, after, len(after.names) - len(before.names))
+    return bool((gain > 0 and no_harm) or (moved < -max(_WORTH, 2.0 * scatter) and together < 0))
+
+
+def worth(before: Fitted, after: Fitted, more: int) -> float:
+    """Fall of the Bayesian information criterion with ``more`` parameters, of as many samples as are independent."""
+    independent = len(after.error) / after.thinning
+    return -2.0 * independent * float(np.log(after.sigma / before.sigma).sum()) - more * float(np.log(independent))

@@ -44,13 +44,18 @@ def covariance(fitted: Fitted) -> tuple[np.ndarray, str]:
     count = len(moves)
     spread = np.array(moves) - np.mean(moves, axis=0)
     jackknife = spread.T @ spread * (count - 1) / count
-    wide = student.ppf(0.975, count - 1) / student.ppf(0.975, np.inf)  # few stretches tell their own spread badly
+    wide = few(count)
     std = np.maximum(np.sqrt(np.maximum(np.diag(coloured), 0.0)), wide * np.sqrt(np.diag(jackknife)))
     along = np.sqrt(np.maximum(np.diag(coloured), 1e-300))
     scaled = coloured / np.outer(along, along) * np.outer(std, std)
     scale = fitted.problem.scale
     how = uncertainty.coloured(lags) if lags else "covariance for white residuals"
     return scaled * np.outer(scale, scale), f"{how} or jackknife over {count} stretches, the larger"
+
+
+def few(count: int) -> float:
+    """By how much wider a 95 % interval is whose spread so many stretches tell: few tell their own badly."""
+    return float(student.ppf(0.975, count - 1) / student.ppf(0.975, np.inf))
 
 
 def _inverse(information: np.ndarray) -> np.ndarray:

@@ -1,0 +1,91 @@
+"""Whether v_y is logged later than the yaw rate, or earlier, as the motion of the car tells."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slipangle.data.dataset import Dataset, join
+from slipangle.identify.car.corrections import SPEED
+from slipangle.identify.car.structures import Fitted, change, errors, fit, settling, worth
+from slipangle.identify.car.uncertainty import few
+
+_SURE = 3.92  # standard deviations from none at which a sensor is late, as effects count whole there
+_LEAST, _MOST = 0.05, 0.5  # s, that roll and the hold between samples may make up, and beyond which nothing is sought
+_SEARCHES = 3  # refits, each from where the last one says
+Others = list[tuple[Fitted, float]]
+
+
+def with_lateness(final: Fitted, others: Others, data: Dataset) -> tuple[Others, list[str]]:
+    """Structures as good as a final fit, one with v_y as late as the motion says among them, and a sentence on it.
+
+    Where v_y is late, by more than chance and by more than is worth a parameter, a speed of another scale, which
+    explains a part of that, is none of the structures.
+    """
+    found = late(final, data)
+    if found is None:
+        return others, []
+    seconds, on_time = found
+    behind, before = ("v_y", "r") if seconds > 0 else ("r", "v_y")
+    said = (
+        f"{behind} comes {abs(seconds):.2g} s behind {before}, as the motion of the car tells: it is logged late; "
+        "shift it, or take another sensor; the intervals of C_f, C_r and inertia_z hold for either"
+    )
+    return [*(other for other in others if not {*SPEED} <= {*other[0].free}), (on_time, 1.0)], [said]
+
+
+def late(final: Fitted, data: Dataset) -> tuple[float, Fitted] | None:
+    """How late v_y is, negative if early [s], and the fit to it on time; None where it is not, or was not measured."""
+    if "v_y" not in final.model.outputs:
+        return None
+    seconds, found = 0.0, final
+    for _ in range(_SEARCHES):
+        more, std = _lateness(found)
+        seconds += more
+        if not max(_SURE * std, _LEAST) < abs(seconds) < _MOST:
+            return None
+        found = fit(final.model, final.free, _earlier(data, seconds), final, own=final.own)
+        if abs(more) < std:
+            break
+    squares = (errors(f, _earlier(data, s, abs(seconds))) for f, s in ((final, 0.0), (found, seconds)))
+    moved, scatter = change(*squares)
+    return (seconds, found) if worth(final, found, 1) > 0 and moved < -2.0 * scatter else None
+
+
+def _lateness(fitted: Fitted) -> tuple[float, float]:
+    """How late v_y is by what it leaves of the errors, as all else is free to move with it, and a standard error. [s]
+
+    What a late output adds to the errors is its rate as the model has it, to first order. The error is of a jackknife
+    over stretches.
+    """
+    problem, dt = fitted.problem, fitted.model.dt
+    column, rates = fitted.model.outputs.index("v_y"), []
+    for i, y in enumerate(problem.measured):
+        run = problem.simulate(i, fitted.z)[:, column, 0]
+        rates.append(np.gradient(run, dt)[1:][settling(len(y) - 1, dt) :])
+    rate = np.zeros_like(fitted.error)
+    rate[:, column] = np.concatenate(rates) / problem.sigma[column]
+    table = np.concatenate([fitted.jacobian, -rate[:, :, None], fitted.error[:, :, None]], axis=2)
+    count = len(np.unique(fitted.stretch))
+    pull = np.zeros((fitted.pull.shape[1] + 2,) * 2)
+    pull[:-2, :-2] = fitted.pull.T @ fitted.pull
+    each = np.array([np.einsum("iaj,iak->jk", t, t) for t in (table[fitted.stretch == k] for k in range(count))])
+
+    def of(squares: np.ndarray) -> float:
+        size = np.sqrt(np.maximum(np.diag(squares), 1e-300))
+        even = squares / np.outer(size, size)
+        return -float(np.linalg.lstsq(even[:-1, :-1], even[:-1, -1], rcond=1e-12)[0][-1] * size[-1] / size[-2])
+
+    whole = each.sum(axis=0) + pull
+    others = np.array([of(whole - one) for one in each])
+    return of(whole), few(count) * float(np.sqrt((count - 1) / count * np.sum((others - others.mean()) ** 2)))
+
+
+def _earlier(data: Dataset, seconds: float, cut: float | None = None) -> Dataset:
+    """Every stretch with v_y as it was so much later, without ``cut`` seconds, by default as many, at both ends."""
+    samples = int(np.ceil(round(abs(seconds if cut is None else cut) / data.dt, 6)))
+    parts = []
+    for part in data.experiments:
+        t = np.arange(part.n_samples) * part.dt
+        moved = part.with_channel("v_y", np.interp(t + seconds, t, part["v_y"]), part.unit("v_y"))
+        parts.append(moved.rows(samples, part.n_samples - samples))
+    return join(*parts)

@@ -1,0 +1,58 @@
+"""A lateral velocity that is logged late, as from GPS beside a gyro: said with its time, counted in the intervals."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from slipangle.data.dataset import join
+from slipangle.identify.car.corrections import SPEED
+from slipangle.identify.car.late import late, with_lateness
+from slipangle.identify.car.sentences import speed
+from slipangle.identify.car.structures import STIFF, first_guess, fit
+from tests.identify.car.test_identify_car import DT, KNOWN, OUTPUTS, TRUE, log
+
+AT_ONCE = dict(delay=0.0, lag=0.002, gain=1.0, offset=0.0)
+
+
+def drives(**behind):
+    """Six drives at speeds of their own, channels ``behind`` by so many seconds."""
+    parts = [log(v, k, seconds=8.0, steering=AT_ONCE).hold_mean() for k, v in enumerate((9, 13, 17, 21, 25, 29))]
+    for name, seconds in behind.items():
+        n = round(seconds / DT)
+        parts = [p.with_channel(name, np.append(np.full(n, p[name][0]), p[name][:-n]), p.unit(name)) for p in parts]
+    return join(*parts)
+
+
+def fitted(data, *more):
+    guess = first_guess(**KNOWN, dt=DT, outputs=OUTPUTS, gain=1.0).with_values(mu_f=0.9, mu_r=1.0)
+    return fit(guess, (*STIFF, *more), data)
+
+
+def test_it_is_found_said_and_counted():
+    seconds = 0.2
+    data = drives(v_y=seconds)
+    final = fitted(data)
+    found, on_time = late(final, data)
+    assert found == pytest.approx(seconds, abs=0.01)
+    for name in STIFF:
+        assert on_time.values[name] == pytest.approx(TRUE[name], rel=0.05), name
+    others, (said,) = with_lateness(final, [(SimpleNamespace(free=SPEED), 1.0)], data)
+    assert [set(other.free) for other, _ in others] == [{*STIFF}]  # the speed's scale explains a part of it only
+    assert said.startswith(f"v_y comes {seconds:.2g} s behind r, as the motion of the car tells")
+
+
+def test_a_yaw_rate_that_is_late_is_told_from_it():
+    data = drives(r=0.1, delta=0.1)
+    _, (said,) = with_lateness(fitted(data), [], data)
+    seconds = float(said.removeprefix("r comes ").split(" s behind v_y")[0])
+    assert seconds == pytest.approx(0.1, abs=0.01)
+
+
+def test_sensors_on_time_are_not_said_to_be_late_nor_a_speed_that_explains_no_more_to_be_wrong():
+    data = drives()
+    final, other = fitted(data), fitted(data, *SPEED)
+    assert late(final, data) is None
+    assert speed(final, [(replace(other, sigma=0.999 * final.sigma), 1.0)]) == []
+    assert len(speed(final, [(replace(other, sigma=0.9 * final.sigma), 1.0)])) == 1
