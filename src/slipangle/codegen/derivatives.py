@@ -17,6 +17,8 @@ from typing import Any
 
 import casadi as ca
 
+from slipangle.codegen.inline import applied
+
 
 def jacobians(results: Sequence[Any], variables: Sequence[Any]) -> list[Any]:
     """Of each result by each variable, those of the first result first.
@@ -159,12 +161,8 @@ def _graph(function: ca.Function, given: Sequence[Any]) -> _Graph | None:
             work[outputs[0]] = ca.SX(function.instruction_constant(k)), None
         else:
             expressions, values = zip(*(work[i] for i in inputs), strict=True)
-            work[outputs[0]] = _applied(op, expressions), _added(graph, op, expressions, values)
+            work[outputs[0]] = applied(op, expressions), _added(graph, op, expressions, values)
     return graph
-
-
-def _applied(op: int, given: Sequence[Any]) -> Any:
-    return ca.SX.binary(op, *given) if len(given) == 2 else ca.SX.unary(op, *given)
 
 
 def _added(graph: _Graph, op: int, given: Sequence[Any], values: Sequence[int | None]) -> int | None:
@@ -216,7 +214,7 @@ _NUMBERS = {ca.OP_ADD: (1.0, 1.0), ca.OP_SUB: (1.0, -1.0), ca.OP_NEG: (-1.0,), c
 def _rule(op: int, n: int) -> ca.Function:
     """Derivatives of one operation as CasADi knows them."""
     given = [ca.SX.sym(f"a{i}") for i in range(n)]
-    value = _applied(op, given)
+    value = applied(op, given)
     return ca.Function("rule", given, [ca.densify(ca.jacobian(value, a)) for a in given])
 
 

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from slipangle.codegen.inline import inlined
+from slipangle.codegen.inline import applied, inlined
 from slipangle.errors import ParameterError
 
 _SIMPLE = {
@@ -196,10 +196,8 @@ def _by_reciprocals(function: ca.Function) -> ca.Function:
             key = bottom.element_hash()
             inverse.setdefault(key, 1 / float(bottom) if bottom.is_constant() else ca.SX.unary(ca.OP_INV, bottom))
             value = work[inputs[0]] * inverse[key]
-        elif len(inputs) == 2:
-            value = ca.SX.binary(op, work[inputs[0]], work[inputs[1]])
         else:
-            value = ca.SX.unary(op, work[inputs[0]])
+            value = applied(op, [work[i] for i in inputs])
         work[outputs[0]] = value
     dense = [ca.SX(function.sparsity_out(i), ca.vertcat(*r) if r else ca.SX(0, 1)) for i, r in enumerate(results)]
     return ca.Function(function.name(), given, ca.cse(dense), function.name_in(), function.name_out())

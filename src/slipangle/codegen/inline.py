@@ -33,6 +33,11 @@ def elements(matrix: Any) -> list[Any]:
     return [matrix.nz[i] for i in range(matrix.nnz())]
 
 
+def applied(op: int, given: Sequence[Any]) -> Any:
+    """The result of one of CasADi's operations on one or two scalars."""
+    return ca.SX.binary(op, *given) if len(given) == 2 else ca.SX.unary(op, *given)
+
+
 def _write_out(wanted: Sequence[Any], known: dict[int, Any]) -> bool:
     """Expressions by the hash of what they were, without calls; whether all that is called can be written out."""
     waiting, called = [*reversed(wanted)], {}
@@ -61,7 +66,7 @@ def _write_out(wanted: Sequence[Any], known: dict[int, Any]) -> bool:
                 called[same] = evaluated(function, new)
             known[key] = called[same][e.which_output() if e.is_output() else 0]
         else:
-            known[key] = ca.SX.binary(e.op(), *new) if len(new) == 2 else ca.SX.unary(e.op(), *new)
+            known[key] = applied(e.op(), new)
     return True
 
 
@@ -82,8 +87,6 @@ def evaluated(function: ca.Function, given: Sequence[Any]) -> list[Any]:
             work[outputs[0]] = given[first[inputs[0]] + inputs[1]]
         elif op == ca.OP_CONST:
             work[outputs[0]] = ca.SX(function.instruction_constant(k))
-        elif len(inputs) == 2:
-            work[outputs[0]] = ca.SX.binary(op, work[inputs[0]], work[inputs[1]])
         else:
-            work[outputs[0]] = ca.SX.unary(op, work[inputs[0]])
+            work[outputs[0]] = applied(op, [work[i] for i in inputs])
     return results
